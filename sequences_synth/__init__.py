@@ -1,0 +1,1 @@
+"""Textured worlds with exact truth, seen by real feature detectors."""
