@@ -21,6 +21,13 @@ from slam_init.types import Floats
 
 __all__ = ["Camera"]
 
+# Newton's method doubles its digits each step; lenses in use need 4 to 8, those near turning back more.
+_NEWTON_STEPS = 30
+# Residual on the plane z = 1 of a pixel that counts as undistorted: 1e-7 px for a focal length of 1000 px.
+_SOLVED = 1e-10
+# Rays are kept on the plane z = 1, which ends at 90 degrees.
+_MAX_FISHEYE_ANGLE_RAD = math.radians(89.0)
+
 _DISTORTION_SIZES = {"pinhole": (0,), "radtan": (4, 5), "fisheye": (4,)}
 
 
@@ -65,11 +72,15 @@ class Camera:
         for name in ("fx", "fy"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
-                raise CalibrationError(f"focal length {name} is {value!r}: it must be a positive number of pixels")
+                raise CalibrationError(
+                    f"focal length {name} is {value!r}: it must be a positive number of pixels"
+                )
         for name in ("cx", "cy"):
             value = getattr(self, name)
             if not math.isfinite(value):
-                raise CalibrationError(f"principal point {name} is {value!r}: it must be a finite number of pixels")
+                raise CalibrationError(
+                    f"principal point {name} is {value!r}: it must be a finite number of pixels"
+                )
         if self.width <= 0 or self.height <= 0:
             raise CalibrationError(f"image size {self.width}x{self.height}: both sides must be positive")
         if len(self.distortion) not in _DISTORTION_SIZES[self.model]:
@@ -108,49 +119,147 @@ class Camera:
         )
 
     def normalize(self, pixels: Floats) -> Floats:
-        """Undistort raw pixels (N, 2) to the plane z = 1 (N, 2)."""
+        """Undistort raw pixels (N, 2) to the plane z = 1 (N, 2).
+
+        The distortion is inverted by Newton's method to machine precision; OpenCV's fixed-point iteration
+        stops 0.1 px short in the corners of a strong lens.
+
+        Returns
+        -------
+        (N, 2) float
+            NaN for pixels that no ray reaches: beyond the radius at which the lens polynomial turns back, and
+            for fisheye cameras beyond 89 degrees from the optical axis.
+        """
         pixels = np.asarray(pixels, float).reshape(-1, 2)
         centred = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
-        if not self.is_distorted or len(pixels) == 0:
-            return centred
-        import cv2
-
-        points, coefficients = pixels[:, None], np.asarray(self.distortion)
         if self.model == "fisheye":
-            return np.asarray(cv2.fisheye.undistortPoints(points, self.K, coefficients)[:, 0], float)
-        # OpenCV's default of five fixed-point steps leaves 0.1 px at the corner of a strong lens.
-        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-10)
-        undistorted = cv2.undistortPointsIter(points, self.K, coefficients, None, None, criteria)  # type: ignore[call-overload]
-        return np.asarray(undistorted[:, 0], float)
+            return _undistort_fisheye(centred, self.distortion)
+        return _undistort_radtan(centred, self.distortion) if self.is_distorted else centred
 
     def bearings(self, pixels: Floats) -> Floats:
-        """Unit rays (N, 3) of raw pixels (N, 2), in the camera frame."""
+        """Unit rays (N, 3) of raw pixels (N, 2), in the camera frame; NaN where :meth:`normalize` is."""
         xy = self.normalize(pixels)
         rays = np.column_stack([xy, np.ones(len(xy))])
         return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
     def project(self, points: Floats) -> Floats:
-        """Raw pixels (N, 2) of points (N, 3) in the camera frame; NaN for points not in front."""
+        """Raw pixels (N, 2) of points (N, 3) in the camera frame.
+
+        Returns
+        -------
+        (N, 2) float
+            NaN for points that the lens does not see: not in front, or beyond the radius at which the lens
+            polynomial turns back and would fold them into the image.
+        """
         points = np.asarray(points, float).reshape(-1, 3)
         in_front = points[:, 2] > 0
-        z = np.where(in_front, points[:, 2], 1.0)
-        x, y = points[:, 0] / z, points[:, 1] / z
+        xy = points[:, :2] / np.where(in_front, points[:, 2], 1.0)[:, None]
+        seen = in_front
         if self.model == "fisheye":
-            r = np.hypot(x, y)
-            theta = np.arctan(r)
-            k1, k2, k3, k4 = self.distortion
-            t2 = theta * theta
-            theta_d = theta * (1 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
-            scale = np.where(r > 1e-12, theta_d / np.maximum(r, 1e-12), 1.0)
-            x, y = x * scale, y * scale
-        elif self.model == "radtan":
-            k1, k2, p1, p2, k3 = (*self.distortion, 0.0)[:5]
+            angle = np.arctan(np.hypot(xy[:, 0], xy[:, 1]))
+            seen = in_front & (angle < _turning_radius(self.distortion, _MAX_FISHEYE_ANGLE_RAD))
+            xy = _distort_fisheye(xy, self.distortion)
+        elif self.is_distorted:
+            seen = in_front & (
+                np.hypot(xy[:, 0], xy[:, 1]) < _turning_radius(_radial(self.distortion), np.inf)
+            )
+            xy = _distort_radtan(xy, self.distortion)
+        pixels = xy * (self.fx, self.fy) + (self.cx, self.cy)
+        pixels[~seen] = np.nan
+        return np.asarray(pixels)
+
+
+def _radial(distortion: tuple[float, ...]) -> tuple[float, ...]:
+    """``k1, k2[, k3]`` of radtan coefficients."""
+    return (*distortion[:2], *distortion[4:])
+
+
+def _polynomial(k: tuple[float, ...], r: Floats) -> tuple[Floats, Floats]:
+    """Value and derivative of ``r (1 + k1 r^2 + k2 r^4 + ...)``."""
+    value, slope = np.ones_like(r), np.ones_like(r)
+    for i, ki in enumerate(k, start=1):
+        power = r ** (2 * i)
+        value = value + ki * power
+        slope = slope + (2 * i + 1) * ki * power
+    return r * value, slope
+
+
+def _turning_radius(k: tuple[float, ...], limit: float) -> float:
+    """Radius at which ``r (1 + k1 r^2 + ...)`` stops growing; ``limit`` where that comes first."""
+    # The slope is a polynomial in s = r^2: its smallest positive root is where the lens model turns back.
+    coefficients = [(2 * i + 1) * ki for i, ki in enumerate(k, start=1)]
+    roots = np.roots([*reversed(coefficients), 1.0])
+    real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
+    return min(limit, float(np.sqrt(real.min()))) if len(real) else limit
+
+
+def _distort_radtan(xy: Floats, distortion: tuple[float, ...]) -> Floats:
+    """Distorted plane coordinates (N, 2) of ideal ones (N, 2); OpenCV's ``k1, k2, p1, p2[, k3]``."""
+    k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
+    x, y = xy[:, 0], xy[:, 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return np.column_stack(
+        [
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        ]
+    )
+
+
+def _undistort_radtan(distorted: Floats, distortion: tuple[float, ...]) -> Floats:
+    """Inverse of :func:`_distort_radtan`; NaN where there is none.
+
+    Newton's method from the distorted point. On the purely radial part it converges monotonically for barrel
+    and for pincushion lenses (the profile is concave or convex), and the tangential part is small.
+    """
+    k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
+    xy = distorted.copy()
+    with np.errstate(all="ignore"):  # points without a ray may overflow; they end as NaN
+        for _ in range(_NEWTON_STEPS):
+            x, y = xy[:, 0], xy[:, 1]
             r2 = x * x + y * y
             radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-            x, y = (
-                x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-                y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+            radial_slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial / d r2, times 2
+            residual = _distort_radtan(xy, distortion) - distorted
+            jxx = radial + x * x * radial_slope + 2 * p1 * y + 6 * p2 * x
+            jxy = x * y * radial_slope + 2 * p1 * x + 2 * p2 * y
+            jyy = radial + y * y * radial_slope + 6 * p1 * y + 2 * p2 * x
+            determinant = jxx * jyy - jxy * jxy
+            step = np.column_stack(
+                [
+                    (jyy * residual[:, 0] - jxy * residual[:, 1]) / determinant,
+                    (jxx * residual[:, 1] - jxy * residual[:, 0]) / determinant,
+                ]
             )
-        pixels = np.column_stack([self.fx * x + self.cx, self.fy * y + self.cy])
-        pixels[~in_front] = np.nan
-        return np.asarray(pixels)
+            xy = xy - step
+            if np.all(np.abs(step) < 1e-13):
+                break
+        residual = _distort_radtan(xy, distortion) - distorted
+        solved = np.abs(residual).max(axis=1, initial=0.0) < _SOLVED
+        # A root beyond the turning radius is a different ray that happens to end in the same pixel.
+        seen = np.hypot(xy[:, 0], xy[:, 1]) < _turning_radius(_radial(distortion), np.inf)
+    xy[~(solved & seen)] = np.nan
+    return xy
+
+
+def _distort_fisheye(xy: Floats, distortion: tuple[float, ...]) -> Floats:
+    """Distorted plane coordinates (N, 2) of ideal ones: the angle from the axis becomes the radius."""
+    radius = np.hypot(xy[:, 0], xy[:, 1])
+    distorted, _ = _polynomial(distortion, np.arctan(radius))
+    return np.asarray(xy * np.where(radius > 1e-12, distorted / np.maximum(radius, 1e-12), 1.0)[:, None])
+
+
+def _undistort_fisheye(distorted: Floats, distortion: tuple[float, ...]) -> Floats:
+    """Inverse of :func:`_distort_fisheye`; NaN where there is none."""
+    radius = np.hypot(distorted[:, 0], distorted[:, 1])
+    limit = _turning_radius(distortion, _MAX_FISHEYE_ANGLE_RAD)
+    angle = np.minimum(radius, limit)
+    with np.errstate(all="ignore"):  # points without a ray end as NaN
+        for _ in range(_NEWTON_STEPS):
+            value, slope = _polynomial(distortion, angle)
+            angle = np.clip(angle - (value - radius) / slope, 0.0, limit)
+        value, _ = _polynomial(distortion, angle)
+        solved = (np.abs(value - radius) < _SOLVED) & (angle < limit)
+        scale = np.where(radius > 1e-12, np.tan(angle) / np.maximum(radius, 1e-12), 1.0)
+    return np.where(solved[:, None], distorted * scale[:, None], np.nan)
