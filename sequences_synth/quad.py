@@ -1,0 +1,144 @@
+"""Textured parallelograms, the only thing that worlds are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sequences_synth.texture import Texture
+
+__all__ = ["Painter", "Quad", "box"]
+
+Floats = NDArray[np.float64]
+
+# Textures of a world are at most this large (texels a side): beyond, painting takes longer than the sequence.
+_MAX_TEXELS = 4096
+# Light comes from above, and a little from the front left.
+_SUN = np.array([-0.35, -0.5, 0.79])
+
+
+@dataclass(frozen=True, eq=False)
+class Quad:
+    """A textured parallelogram ``corner + a edge_u + b edge_v``, a and b in [0, 1].
+
+    Attributes
+    ----------
+    corner, edge_u, edge_v : (3,) float
+        World frame, metres. Texel (s, t) lies at a = s / (width - 1), b = t / (height - 1).
+    texture : Texture
+    light : float
+        Factor on the texture's grey levels.
+    one_sided : bool
+        Seen only where ``edge_u x edge_v`` points away from the camera, as u right, v down does (faces of closed boxes).
+    displacement : callable or None
+        Moving objects: frame number -> displacement (3,) in metres.
+    """
+
+    corner: Floats
+    edge_u: Floats
+    edge_v: Floats
+    texture: Texture
+    light: float = 1.0
+    one_sided: bool = False
+    displacement: Callable[[float], Floats] | None = None
+
+    @property
+    def normal(self) -> Floats:
+        """Unit normal (3,)."""
+        n = np.cross(self.edge_u, self.edge_v)
+        return np.asarray(n / np.linalg.norm(n))
+
+    def corner_at(self, frame: float) -> Floats:
+        """Where the corner (3,) is at a (real-valued) frame."""
+        return self.corner if self.displacement is None else self.corner + self.displacement(frame)
+
+    def world_from_texel(self, frame: float) -> Floats:
+        """(3, 3) matrix that takes (s, t, 1) to world points."""
+        u = self.edge_u / (self.texture.width - 1)
+        v = self.edge_v / (self.texture.height - 1)
+        return np.column_stack([u, v, self.corner_at(frame)])
+
+
+@dataclass(eq=False)
+class Painter:
+    """Makes quads whose textures are all different and just fine enough for where they are seen from.
+
+    Attributes
+    ----------
+    seed : tuple of int
+        Entropy of the world; each texture adds its number.
+    focal_px : float
+        Focal length of the camera that will look.
+    viewpoint : (3,) float
+        Where it looks from, about.
+    nearest_m : float
+        Nothing is looked at from less than this.
+    """
+
+    seed: tuple[int, ...]
+    focal_px: float
+    viewpoint: Floats
+    nearest_m: float
+    count: int = 0
+
+    def quad(
+        self,
+        corner: Floats,
+        edge_u: Floats,
+        edge_v: Floats,
+        look: str,
+        light: float = 1.0,
+        one_sided: bool = False,
+        displacement: Callable[[float], Floats] | None = None,
+    ) -> Quad:
+        """A quad with a texture of its own, about 1.1 texels to a pixel where it is nearest to the viewpoint."""
+        corner, edge_u, edge_v = (np.asarray(x, float) for x in (corner, edge_u, edge_v))
+        grid = np.linspace(0, 1, 9)
+        a, b = (x.ravel()[:, None] for x in np.meshgrid(grid, grid))
+        distance = np.linalg.norm(corner + a * edge_u + b * edge_v - self.viewpoint, axis=1).min()
+        density = 1.1 * self.focal_px / max(float(distance), self.nearest_m)
+        width, height = (
+            int(np.clip(round(density * float(np.linalg.norm(edge))), 24, _MAX_TEXELS))
+            for edge in (edge_u, edge_v)
+        )
+        texture = Texture((*self.seed, self.count), width, height, look)
+        self.count += 1
+        return Quad(corner, edge_u, edge_v, texture, light, one_sided, displacement)
+
+
+def box(
+    painter: Painter, centre: Floats, size: Floats, yaw_rad: float, look: str, floating: bool = False
+) -> list[Quad]:
+    """The faces of an upright box: four sides and the top; the bottom too where it floats.
+
+    Parameters
+    ----------
+    painter : Painter
+    centre : (3,) float
+        Centre of the bottom face, metres.
+    size : (3,) float
+        Width, depth, height in metres.
+    yaw_rad : float
+        Turn about the vertical.
+    look : str
+    floating : bool
+    """
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    x, y, z = size[0] * np.array([c, s, 0]), size[1] * np.array([-s, c, 0]), size[2] * np.array([0, 0, 1.0])
+    corner = np.asarray(centre, float) - 0.5 * x - 0.5 * y
+    # From outside, u runs right and v runs down.
+    faces = [
+        (corner + z, x, -z), (corner + x + z, y, -z), (corner + x + y + z, -x, -z), (corner + y + z, -y, -z),
+        (corner + y + z, x, -y),
+    ]  # fmt: skip
+    if floating:
+        faces.append((corner, x, y))
+    quads = []
+    for start, u, v in faces:
+        outwards = -np.cross(u, v) / np.linalg.norm(np.cross(u, v))
+        light = 0.78 + 0.22 * float(outwards @ _SUN)
+        quads.append(painter.quad(start, u, v, look, light, one_sided=True))
+    return quads

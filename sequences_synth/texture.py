@@ -1,0 +1,252 @@
+"""Procedural textures: 1/f clouds under shapes, lines and letters of many sizes, never repeated.
+
+Feature detectors need corners at every scale from which a surface may be seen, and matchers need each corner to look
+unlike its neighbours. So sizes follow a power law (as many marks per octave as fit) and nothing is tiled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["LOOKS", "Look", "Texture"]
+
+Image = NDArray[np.uint8]
+Floats32 = NDArray[np.float32]
+Color = tuple[float, float, float]
+
+# One mark to so many texels on average: with about one texel to a pixel, 640x480 pixels show some 700 marks.
+_TEXELS_PER_MARK = 450
+# Smallest and largest radius of a mark in texels.
+_RADII = (2.0, 140.0)
+# Marks are drawn with 4 binary places below the texel.
+_SHIFT = 4
+_GLYPHS = "ABCDEFGHJKLMNPQRSTUVWXYZ0123456789&%?#@"
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a surface is made of.
+
+    Attributes
+    ----------
+    base : tuple of BGR colours
+        One of them is the ground colour of a surface.
+    accents : tuple of BGR colours
+        Marks take one of these, moved a little at random.
+    clouds : float
+        Standard deviation of the 1/f noise in grey levels.
+    grain : float
+        Standard deviation of the texel-to-texel noise in grey levels.
+    marks : dict of str to float
+        Relative frequency of ``rectangle``, ``ellipse``, ``polygon``, ``line``, ``glyph``.
+    blend : float
+        How far a mark's colour moves from the ground colour to the accent: 1 for prints, less for stains.
+    """
+
+    base: tuple[Color, ...]
+    accents: tuple[Color, ...]
+    clouds: float
+    grain: float
+    marks: dict[str, float] = field(hash=False)
+    blend: float = 0.8
+
+
+_PRINTS: tuple[Color, ...] = (
+    (45, 45, 50), (60, 60, 170), (150, 80, 40), (70, 130, 60), (40, 150, 205), (215, 225, 230), (130, 120, 110),
+    (95, 70, 130), (190, 175, 150), (30, 70, 110),
+)  # fmt: skip
+
+LOOKS: dict[str, Look] = {
+    "wall": Look(
+        base=((170, 190, 200), (185, 180, 165), (165, 185, 170), (150, 165, 190)),
+        accents=_PRINTS,
+        clouds=16,
+        grain=5,
+        marks={"rectangle": 4, "ellipse": 2, "polygon": 3, "line": 1, "glyph": 4},
+        blend=0.6,
+    ),
+    "print": Look(
+        base=((225, 230, 232), (120, 80, 50), (60, 75, 150), (70, 110, 80), (50, 140, 190)),
+        accents=_PRINTS,
+        clouds=10,
+        grain=4,
+        marks={"rectangle": 4, "ellipse": 3, "polygon": 3, "line": 1, "glyph": 8},
+        blend=0.9,
+    ),
+    "wood": Look(
+        base=((70, 110, 155), (85, 120, 150), (60, 90, 130), (110, 140, 170)),
+        accents=((30, 50, 80), (130, 175, 215), (45, 70, 105), (200, 210, 215), (50, 50, 60)),
+        clouds=20,
+        grain=6,
+        marks={"rectangle": 3, "ellipse": 4, "polygon": 4, "line": 2, "glyph": 1},
+        blend=0.55,
+    ),
+    "ceiling": Look(
+        base=((205, 210, 212), (190, 200, 205)),
+        accents=((120, 125, 130), (230, 235, 238), (90, 100, 120), (150, 165, 180)),
+        clouds=12,
+        grain=4,
+        marks={"rectangle": 4, "ellipse": 2, "polygon": 3, "line": 2},
+        blend=0.6,
+    ),
+    "ground": Look(
+        base=((70, 115, 105), (85, 120, 130), (75, 105, 90)),
+        accents=(
+            (40, 75, 50),
+            (60, 105, 75),
+            (120, 150, 165),
+            (165, 175, 180),
+            (80, 95, 150),
+            (95, 100, 105),
+            (90, 140, 160),
+            (35, 60, 45),
+            (205, 210, 215),
+        ),  # fmt: skip
+        clouds=22,
+        grain=7,
+        marks={"rectangle": 3, "ellipse": 6, "polygon": 4, "line": 1},
+        blend=0.75,
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """A texture that is painted when first seen, the same whenever that is.
+
+    Attributes
+    ----------
+    seed : sequence of int
+        Entropy of this texture alone.
+    width, height : int
+        Size in texels.
+    look : str
+        Key of :data:`LOOKS`.
+    """
+
+    seed: Sequence[int]
+    width: int
+    height: int
+    look: str
+
+    @cached_property
+    def levels(self) -> list[Image]:
+        """(H, W, 3) uint8 BGR images, each half the size of the one before: texel s of level 0 is s / 2^k of level k."""
+        import cv2
+
+        # pyrDown keeps texel 2 s at s, so a level is a pure scaling of coordinates, with no half-texel shift.
+        levels = [_paint(np.random.default_rng(list(self.seed)), self.height, self.width, LOOKS[self.look])]
+        while min(levels[-1].shape[:2]) > 8:
+            levels.append(cast(Image, cv2.pyrDown(levels[-1])))
+        return levels
+
+
+def _paint(rng: np.random.Generator, height: int, width: int, look: Look) -> Image:
+    """Paint one surface, (height, width, 3) uint8 BGR."""
+    import cv2
+
+    base = np.asarray(look.base[rng.integers(len(look.base))]) + rng.normal(0, 8, 3)
+    clouds = look.clouds * _fractal_noise(rng, height, width, octaves=8)
+    canvas = np.clip(clouds[..., None] + base.astype(np.float32), 0, 255).astype(np.uint8)
+    _draw_marks(rng, canvas, base, look)
+    # A lens never passes an edge as sharp as one texel, and bilinear sampling is exact only on what is smooth.
+    canvas = cast(Image, cv2.GaussianBlur(canvas, (0, 0), 0.7))
+    grain = look.grain * _fractal_noise(rng, height, width, octaves=3)
+    return np.clip(canvas + grain[..., None], 0, 255).astype(np.uint8)
+
+
+def _fractal_noise(rng: np.random.Generator, height: int, width: int, octaves: int) -> Floats32:
+    """(height, width) noise of unit variance, amplitude growing with wavelength, finest wavelength about 2 texels."""
+    import cv2
+
+    noise: Floats32 = np.zeros((1, 1), np.float32)
+    for octave in reversed(range(octaves)):
+        shape = (-(-height // 2**octave) + 1, -(-width // 2**octave) + 1)
+        detail = rng.standard_normal(shape, np.float32)
+        noise = (
+            cast(Floats32, cv2.resize(noise, shape[::-1], interpolation=cv2.INTER_LINEAR))
+            + 1.4**octave * detail
+        )
+    noise = noise[:height, :width]
+    return noise / np.float32(max(float(noise.std()), 1e-6))
+
+
+def _draw_marks(rng: np.random.Generator, canvas: Image, base: NDArray[np.float64], look: Look) -> None:
+    """Draw marks of all sizes, large ones first."""
+    height, width = canvas.shape[:2]
+    count = max(12, height * width // _TEXELS_PER_MARK)
+    largest = min(_RADII[1], 0.3 * min(height, width))
+    # Density of radii ~ r^-2.6: a little less area in each finer octave, many more marks.
+    low, high = _RADII[0] ** -1.6, max(largest, _RADII[0] + 1) ** -1.6
+    radii = np.sort((low + rng.random(count) * (high - low)) ** (-1 / 1.6))[::-1]
+    centres = rng.random((count, 2)) * (width, height)
+    angles = rng.uniform(0, np.pi, count)
+    kinds = rng.choice(
+        list(look.marks), count, p=np.array(list(look.marks.values())) / sum(look.marks.values())
+    )
+    accents = np.asarray(look.accents)[rng.integers(len(look.accents), size=count)]
+    colors = np.clip(base + look.blend * (accents - base) + rng.normal(0, 12, (count, 3)), 0, 255)
+    for radius, centre, angle, kind, color in zip(
+        radii, centres, angles, kinds, colors.tolist(), strict=True
+    ):
+        _draw_mark(rng, canvas, str(kind), centre, float(radius), float(angle), color)
+
+
+def _draw_mark(
+    rng: np.random.Generator,
+    canvas: Image,
+    kind: str,
+    centre: NDArray[np.float64],
+    radius: float,
+    angle: float,
+    color: list[float],
+) -> None:
+    """Draw one mark, edges anti-aliased."""
+    import cv2
+
+    if kind == "glyph" and radius > 4:
+        text = "".join(rng.choice(list(_GLYPHS), rng.integers(1, 5)))
+        scale = min(radius, 60.0) / 22
+        origin = (int(centre[0]), int(centre[1]))
+        cv2.putText(
+            canvas,
+            text,
+            origin,
+            int(rng.integers(0, 5)),
+            scale,
+            color,
+            max(1, round(scale * 2.2)),
+            cv2.LINE_AA,
+        )
+        return
+    if kind == "line":
+        reach = 3 * radius * np.array([np.cos(angle), np.sin(angle)])
+        ends: Any = np.round((centre + np.stack([-reach, reach])) * 2**_SHIFT).astype(int)
+        thickness = max(1, round(radius / 12))
+        cv2.line(
+            canvas, tuple(ends[0].tolist()), tuple(ends[1].tolist()), color, thickness, cv2.LINE_AA, _SHIFT
+        )
+        return
+    if kind == "ellipse":
+        middle: Any = np.round(centre * 2**_SHIFT).astype(int).tolist()
+        axes: Any = np.round(radius * rng.uniform(0.5, 1, 2) * 2**_SHIFT).astype(int).tolist()
+        cv2.ellipse(canvas, middle, axes, float(np.degrees(angle)), 0, 360, color, -1, cv2.LINE_AA, _SHIFT)
+        return
+    if kind == "polygon":
+        turns = angle + np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 7))))
+        outline = (
+            radius * np.column_stack([np.cos(turns), np.sin(turns)]) * rng.uniform(0.6, 1, (len(turns), 1))
+        )
+    else:
+        # Rectangles, and glyphs too small to be letters: things made by people are mostly upright.
+        tilt = rng.normal(0, 0.05) if rng.random() < 0.6 else angle
+        half = radius * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * rng.uniform(0.3, 1, 2)
+        outline = half @ np.array([[np.cos(tilt), np.sin(tilt)], [-np.sin(tilt), np.cos(tilt)]])
+    points = np.round((centre + outline) * 2**_SHIFT).astype(np.int32)
+    cv2.fillPoly(canvas, [points], color, cv2.LINE_AA, _SHIFT)
