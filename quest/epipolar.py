@@ -1,0 +1,150 @@
+"""Epipolar geometry of bearings: two views obey ``u R m + t = v n``.
+
+Everything here takes unit rays, so that views wider than 180 degrees are served like any other, and many
+hypotheses (R, t) at once, through matrix products: with E = [t]x R the scalars ``n . E m`` of H hypotheses
+and N matches are one product of an (H, 9) by a (9, N) matrix.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "as_matches",
+    "depths_from_pose",
+    "essential_from_pose",
+    "parallax_angles",
+    "sampson_error",
+]
+
+Floats = NDArray[np.float64]
+
+
+def as_matches(m: ArrayLike, n: ArrayLike, at_least: int) -> tuple[Floats, Floats]:
+    """Check matched bearings and give them unit norm.
+
+    Parameters
+    ----------
+    m, n : (N, 3) or (B, N, 3) float
+        Rays in camera 1 and camera 2, of any norm but zero.
+    at_least : int
+        Smallest N allowed.
+
+    Returns
+    -------
+    m, n : float
+        Of the same shape, unit norm.
+
+    Raises
+    ------
+    ValueError
+        Where the shapes differ or are not as above, or a number is not finite, or a ray is zero.
+    """
+    m, n = np.asarray(m, float), np.asarray(n, float)
+    if m.shape != n.shape or m.ndim not in (2, 3) or m.shape[-1] != 3:
+        raise ValueError(
+            f"bearings of shape {m.shape} and {n.shape}: give two arrays of one shape (N, 3) or (B, N, 3)"
+        )
+    if m.shape[-2] < at_least:
+        raise ValueError(f"{m.shape[-2]} matches in a sample: give at least {at_least}")
+    if not (np.isfinite(m).all() and np.isfinite(n).all()):
+        raise ValueError("bearings hold a number that is not finite: remove those matches")
+    norm_m, norm_n = (np.linalg.norm(a, axis=-1, keepdims=True) for a in (m, n))
+    if not (norm_m.all() and norm_n.all()):
+        raise ValueError("a bearing is zero: it has no direction, remove that match")
+    return m / norm_m, n / norm_n
+
+
+def essential_from_pose(R: ArrayLike, t: ArrayLike) -> Floats:
+    """Essential matrices ``E = [t]x R`` (..., 3, 3) of poses cam2_from_cam1, so that ``n . E m = 0``."""
+    R, t = np.asarray(R, float), np.asarray(t, float)
+    return np.asarray(np.cross(t[..., :, None], R, axis=-2))
+
+
+def sampson_error(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> Floats:
+    """Signed distance in radians of matches from obeying a pose, to first order, alike in both views.
+
+    The Sampson distance of the epipolar constraint ``n . E m = 0`` on the product of two unit spheres: the
+    smallest common tangential change of m and n that fulfils it. For rays near the optical axis it is the
+    usual Sampson error divided by the focal length; it stays finite and meaningful beyond 90 degrees from
+    the axis.
+
+    Parameters
+    ----------
+    R : (..., 3, 3) float
+        Rotations cam2_from_cam1 of any number of hypotheses.
+    t : (..., 3) float
+        Translations, of any norm but zero.
+    m, n : (N, 3) float
+        Unit bearings.
+
+    Returns
+    -------
+    (..., N) float
+        Zero where the match lies on both epipoles, where every change obeys the constraint.
+
+    References
+    ----------
+    P. D. Sampson, "Fitting conic sections to very scattered data", CGIP 1982; on rays as in Hartley and
+    Zisserman, "Multiple View Geometry", section 11.4.3.
+    """
+    t = np.asarray(t, float)
+    E = essential_from_pose(R, t / np.linalg.norm(t, axis=-1, keepdims=True))
+    m, n = np.asarray(m, float), np.asarray(n, float)
+    residual = E.reshape(*E.shape[:-2], 9) @ (n[:, :, None] * m[:, None, :]).reshape(-1, 9).T
+    # |E m| and |E^T n| are quadratic forms in m and n; the part along the ray is the residual itself.
+    r2 = residual**2
+    squared = _squared_norms(E.swapaxes(-1, -2) @ E, m) + _squared_norms(E @ E.swapaxes(-1, -2), n) - 2 * r2
+    # 1e-18 rad^2 is far under the noise of any camera and keeps matches at the epipoles from dividing by
+    # zero.
+    return np.asarray(residual / np.sqrt(np.maximum(squared, 1e-18)))
+
+
+def _squared_norms(forms: Floats, rays: Floats) -> Floats:
+    """``ray . form ray`` of symmetric forms (..., 3, 3) and rays (N, 3): (..., N)."""
+    x, y, z = rays.T
+    products = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z])
+    return np.asarray(forms[..., [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]] @ products)
+
+
+def depths_from_pose(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> tuple[Floats, Floats]:
+    """Depths of matches along their rays for given poses: least squares of ``|u R m + t - v n|``.
+
+    With ``c = (R m) . n`` the normal equations of each match are 2x2 and their solution is the midpoint of
+    the common perpendicular of the two rays::
+
+        u = (c (n . t) - (R m . t)) / (1 - c^2)        v = ((n . t) - c (R m . t)) / (1 - c^2)
+
+    Parameters
+    ----------
+    R : (..., 3, 3) float
+        Rotations cam2_from_cam1.
+    t : (..., 3) float
+        Translations; the depths come in their unit.
+    m, n : (N, 3) float
+        Unit bearings.
+
+    Returns
+    -------
+    u, v : (..., N) float
+        Depths in camera 1 and camera 2, negative for a point behind. Infinite or NaN for parallel rays.
+    """
+    R, t, m, n = (np.asarray(a, float) for a in (R, t, m, n))
+    flat = R.reshape(*R.shape[:-2], 9)
+    c = flat @ (n[:, :, None] * m[:, None, :]).reshape(-1, 9).T
+    m_t = (t[..., None, :] @ R)[..., 0, :] @ m.T  # (R m) . t = m . R^T t
+    n_t = t @ n.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # (1 - c)(1 + c) keeps the digits of small angles that 1 - c^2 would lose.
+        scale = 1 / ((1 - c) * (1 + c))
+        return (c * n_t - m_t) * scale, (n_t - c * m_t) * scale
+
+
+def parallax_angles(R: ArrayLike, m: ArrayLike, n: ArrayLike) -> Floats:
+    """Angles in radians (..., N) between the rays R m and n of each match: zero for a point at infinity."""
+    R, m, n = (np.asarray(a, float) for a in (R, m, n))
+    rotated = m @ R.swapaxes(-1, -2)
+    # Half the chord: accurate for small angles, where the arc cosine is not, and near 180 degrees.
+    chord, sum_ = np.linalg.norm(rotated - n, axis=-1), np.linalg.norm(rotated + n, axis=-1)
+    return np.asarray(2 * np.arctan2(chord, sum_))
