@@ -13,5 +13,6 @@ Scenes: ``room`` (general), ``wall`` (one tilted plane), ``nadir`` (straight fli
 
 from sequences_synth.scene import SCENES
 from sequences_synth.sequence import PinholeCamera, SynthOptions, SynthSequence, make_sequence
+from sequences_synth.writer import write_tum
 
-__all__ = ["SCENES", "PinholeCamera", "SynthOptions", "SynthSequence", "make_sequence"]
+__all__ = ["SCENES", "PinholeCamera", "SynthOptions", "SynthSequence", "make_sequence", "write_tum"]

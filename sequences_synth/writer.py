@@ -1,0 +1,133 @@
+"""Write a sequence as an ordinary TUM-style folder."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sequences_synth.sequence import SynthSequence
+
+__all__ = ["DEPTH_FACTOR", "write_tum"]
+
+Floats = NDArray[np.float64]
+
+# TUM RGB-D: a grey level of a 16-bit depth image is 1 / 5000 m. It reaches 13 m.
+DEPTH_FACTOR = 5000.0
+_MOST_DEPTH = 65535
+
+
+def write_tum(sequence: SynthSequence, folder: str | Path, progress: Callable[[int], None] | None = None) -> None:
+    """Write a sequence in the layout of TUM RGB-D.
+
+    ``rgb.txt`` and ``depth.txt`` (time stamp, file), ``groundtruth.txt`` (time stamp, tx ty tz, qx qy qz qw;
+    world_from_cam, metres), ``camera.yaml`` (the stated camera), ``images/000000.png`` (BGR), ``depth/000000.png``
+    (16 bit, z-depth in metres times 5000, as TUM does, or
+    a tenth of it and so on where that does not reach; a comment in ``camera.yaml`` states it; 0 where there is none).
+
+    The folder appears whole or not at all: everything is written beside it and renamed at the end.
+
+    Parameters
+    ----------
+    sequence : SynthSequence
+    folder : path
+        Must not exist, or be an empty folder.
+    progress : callable, optional
+        Called with the number of frames written so far, after each.
+
+    Raises
+    ------
+    FileExistsError
+        Where ``folder`` is a file, or a folder that holds something.
+    OSError
+        Where an image cannot be written.
+    """
+    folder = Path(folder)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise FileExistsError(f"{folder} exists already: name a new or an empty folder")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    # Beside the target, so that the rename stays on one file system.
+    partial = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    try:
+        _write(sequence, partial, progress)
+        partial.chmod(0o755)  # mkdtemp makes private folders
+        partial.replace(folder)
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+
+
+def _write(sequence: SynthSequence, folder: Path, progress: Callable[[int], None] | None) -> None:
+    for name in ("images", "depth"):
+        (folder / name).mkdir()
+    factor = _depth_factor(sequence)
+    for index, _, image, depth, _ in sequence.frames():
+        _write_png(folder / "images" / f"{index:06d}.png", image)
+        levels = np.round(depth * factor)
+        levels[levels > _MOST_DEPTH] = 0  # out of the range of the format: no measurement
+        _write_png(folder / "depth" / f"{index:06d}.png", levels.astype(np.uint16))
+        if progress is not None:
+            progress(index + 1)
+
+    times = sequence.timestamps_s
+    (folder / "camera.yaml").write_text(_camera_text(sequence, factor))
+    poses = "".join(_pose_line(time, pose) for time, pose in zip(times, sequence.poses, strict=True))
+    header = "# camera-to-world (T_wc), quaternion order x y z w, optical frame: x right, y down, z forward\n"
+    (folder / "groundtruth.txt").write_text(header + "# timestamp tx ty tz qx qy qz qw\n" + poses)
+    for name, sub in (("depth.txt", "depth"), ("rgb.txt", "images")):
+        lines = "".join(f"{time:.6f} {sub}/{index:06d}.png\n" for index, time in enumerate(times))
+        (folder / name).write_text("# timestamp filename\n" + lines)
+
+
+def _write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
+    import cv2
+
+    # Level 1: noise does not compress, and the default takes three times as long.
+    if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
+        raise OSError(f"cannot write {path}")
+
+
+def _depth_factor(sequence: SynthSequence) -> float:
+    """TUM's factor, or the largest smaller decimal one that reaches the deepest point of the first and last frame."""
+    deepest = max(float(sequence.render(index)[1].max()) for index in {0, len(sequence) - 1})
+    factor = DEPTH_FACTOR
+    while 1.5 * deepest * factor > _MOST_DEPTH:
+        factor /= 10
+    return factor
+
+
+def _camera_text(sequence: SynthSequence, factor: float) -> str:
+    camera = sequence.camera
+    return (
+        "model: pinhole\n"
+        f"width: {camera.width}\nheight: {camera.height}\n"
+        f"fx: {camera.fx!r}\nfy: {camera.fy!r}\ncx: {camera.cx!r}\ncy: {camera.cy!r}\n"
+        "distortion_model: none\ndistortion: []\n"
+        f"# depth images: metres times {factor:g}, 16 bit, 0 where there is none\n"
+    )
+
+
+def _pose_line(timestamp_s: float, world_from_cam: Floats) -> str:
+    x, y, z = world_from_cam[:3, 3]
+    qx, qy, qz, qw = _quaternion_xyzw(world_from_cam[:3, :3])
+    return f"{timestamp_s:.6f} {x:.9f} {y:.9f} {z:.9f} {qx:.9f} {qy:.9f} {qz:.9f} {qw:.9f}\n"
+
+
+def _quaternion_xyzw(R: Floats) -> Floats:
+    """Unit quaternion x y z w, w >= 0, of a rotation matrix: the leading eigenvector of Bar-Itzhack's matrix (2000)."""
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    symmetric = np.array(
+        [
+            [a - e - i, b + d, c + g, h - f],
+            [b + d, e - a - i, f + h, c - g],
+            [c + g, f + h, i - a - e, d - b],
+            [h - f, c - g, d - b, a + e + i],
+        ]
+    )
+    q = np.linalg.eigh(symmetric)[1][:, -1]
+    return cast(Floats, q if q[3] >= 0 else -q)
