@@ -76,7 +76,7 @@ def sampson_error(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> Flo
         Rotations cam2_from_cam1 of any number of hypotheses.
     t : (..., 3) float
         Translations, of any norm but zero.
-    m, n : (N, 3) float
+    m, n : (N, 3) float, or broadcasting as (B, N, 3) with R (B, H, 3, 3)
         Unit bearings.
 
     Returns
@@ -92,7 +92,7 @@ def sampson_error(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> Flo
     t = np.asarray(t, float)
     E = essential_from_pose(R, t / np.linalg.norm(t, axis=-1, keepdims=True))
     m, n = np.asarray(m, float), np.asarray(n, float)
-    residual = E.reshape(*E.shape[:-2], 9) @ (n[:, :, None] * m[:, None, :]).reshape(-1, 9).T
+    residual = _flat(E) @ _outer(n, m)
     # |E m| and |E^T n| are quadratic forms in m and n; the part along the ray is the residual itself.
     r2 = residual**2
     squared = _squared_norms(E.swapaxes(-1, -2) @ E, m) + _squared_norms(E @ E.swapaxes(-1, -2), n) - 2 * r2
@@ -102,10 +102,19 @@ def sampson_error(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> Flo
 
 
 def _squared_norms(forms: Floats, rays: Floats) -> Floats:
-    """``ray . form ray`` of symmetric forms (..., 3, 3) and rays (N, 3): (..., N)."""
-    x, y, z = rays.T
-    products = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z])
+    """``ray . form ray`` of symmetric forms (..., 3, 3) and rays (..., N, 3): (..., N)."""
+    x, y, z = np.moveaxis(rays, -1, 0)
+    products = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z], axis=-2)
     return np.asarray(forms[..., [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]] @ products)
+
+
+def _flat(matrices: Floats) -> Floats:
+    """Matrices (..., 3, 3) as rows (..., 9)."""
+    return matrices.reshape(*matrices.shape[:-2], 9)
+
+
+def _outer(n: Floats, m: Floats) -> Floats:
+    """Outer products of rays (..., N, 3) as columns (..., 9, N), so that ``_flat(X) @ _outer(n, m)`` is n . X m."""
 
 
 def depths_from_pose(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> tuple[Floats, Floats]:
@@ -122,7 +131,7 @@ def depths_from_pose(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> 
         Rotations cam2_from_cam1.
     t : (..., 3) float
         Translations; the depths come in their unit.
-    m, n : (N, 3) float
+    m, n : (N, 3) float, or broadcasting as (B, N, 3) with R (B, H, 3, 3)
         Unit bearings.
 
     Returns
@@ -131,10 +140,9 @@ def depths_from_pose(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> 
         Depths in camera 1 and camera 2, negative for a point behind. Infinite or NaN for parallel rays.
     """
     R, t, m, n = (np.asarray(a, float) for a in (R, t, m, n))
-    flat = R.reshape(*R.shape[:-2], 9)
-    c = flat @ (n[:, :, None] * m[:, None, :]).reshape(-1, 9).T
-    m_t = (t[..., None, :] @ R)[..., 0, :] @ m.T  # (R m) . t = m . R^T t
-    n_t = t @ n.T
+    c = _flat(R) @ _outer(n, m)
+    m_t = (t[..., None, :] @ R)[..., 0, :] @ m.swapaxes(-1, -2)  # (R m) . t = m . R^T t
+    n_t = t @ n.swapaxes(-1, -2)
     with np.errstate(divide="ignore", invalid="ignore"):
         # (1 - c)(1 + c) keeps the digits of small angles that 1 - c^2 would lose.
         scale = 1 / ((1 - c) * (1 + c))
