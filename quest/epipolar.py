@@ -114,7 +114,9 @@ def _flat(matrices: Floats) -> Floats:
 
 
 def _outer(n: Floats, m: Floats) -> Floats:
-    """Outer products of rays (..., N, 3) as columns (..., 9, N), so that ``_flat(X) @ _outer(n, m)`` is n . X m."""
+    """Outer products of rays (..., N, 3) as columns (..., 9, N): ``_flat(X) @ _outer(n, m)`` is n . X m."""
+    products = n[..., :, None] * m[..., None, :]
+    return products.reshape(*n.shape[:-1], 9).swapaxes(-1, -2)
 
 
 def depths_from_pose(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> tuple[Floats, Floats]:

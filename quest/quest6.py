@@ -112,7 +112,7 @@ def _powers(A: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     A1, A2 = A[..., :20], A[..., 20:]
     Q, R = np.linalg.qr(A2)
     pivots = np.abs(np.diagonal(R, axis1=-2, axis2=-1))
-    regular = pivots.min(axis=-1) > _SINGULAR * np.maximum(pivots.max(axis=-1), 1e-300)
+    regular = pivots.min(axis=-1) > _SINGULAR * np.maximum(pivots.max(axis=-1), 1e-200)
     R = np.where(regular[:, None, None], R, np.eye(15))
     B = -np.linalg.solve(R, Q.swapaxes(-1, -2) @ A1)  # B' = -pinv(A2) A1
     return np.concatenate([np.broadcast_to(np.eye(20), (len(A), 20, 20)), B], axis=1), regular
