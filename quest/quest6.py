@@ -37,7 +37,7 @@ from quest.epipolar import as_matches
 from quest.monomials import QUARTICS, coefficient_rows, quartic_index
 from quest.quaternion import canonical, conjugate, matrix_from_quaternion, multiply
 
-__all__ = ["PRE_ROTATION", "quest6", "rotation_alone"]
+__all__ = ["LETTERS", "PRE_ROTATION", "TIMES", "quest6", "rotation_alone"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -51,7 +51,8 @@ PRE_ROTATION: tuple[float, float, float, float] = (
     0.5126932324975441,
 )
 
-_LETTERS = {"x": 1, "y": 2, "z": 3}
+#: Position of the letters of lambda in a quaternion wxyz.
+LETTERS = {"x": 1, "y": 2, "z": 3}
 
 # R of a QR decomposition of A2 with a pivot this small relative to its largest has lost rank: rounding
 # leaves about 1e-14, a translation of 1e-6 of the depths 1e-8.
@@ -59,7 +60,7 @@ _SINGULAR = 1e-11
 
 
 #: For a letter a, where in the 35 monomials the 20 of ``(a / w) x1`` are.
-_TIMES: Ints = np.array([[quartic_index(a, *letters[1:]) for letters in QUARTICS[:20]] for a in range(4)])
+TIMES: Ints = np.array([[quartic_index(a, *letters[1:]) for letters in QUARTICS[:20]] for a in range(4)])
 
 #: For a pivot a, where in x1 the monomials ``w a^2 (w, x, y, z)`` are.
 _RATIOS: Ints = np.array([[quartic_index(0, a, a, b) for b in range(4)] for a in range(4)])
@@ -92,7 +93,7 @@ def quest6(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
     ----------
     [F17] Fathian et al., arXiv:1704.02672, QuEst with six points; departures in the module docstring.
     """
-    if not lambdas or set(lambdas) - set(_LETTERS):
+    if not lambdas or set(lambdas) - set(LETTERS):
         raise ValueError(f"lambdas is {lambdas!r}: give letters of 'xyz'")
     m, n = as_matches(m, n, at_least=6)
     single = m.ndim == 2
@@ -101,7 +102,7 @@ def quest6(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
     still = rotation_alone(m, n)
     powers, regular = _powers(coefficient_rows(m, n, PRE_ROTATION))
     regular &= np.isnan(still[:, 0])
-    q = np.concatenate([_candidates(powers, regular, _LETTERS[a]) for a in lambdas], axis=1)
+    q = np.concatenate([_candidates(powers, regular, LETTERS[a]) for a in lambdas], axis=1)
     q = canonical(multiply(conjugate(PRE_ROTATION), q))
     q[~regular, 0] = still[~regular]
     return q[0][np.isfinite(q[0, :, 0])] if single else q
@@ -120,7 +121,7 @@ def _powers(A: Floats) -> tuple[Floats, NDArray[np.bool_]]:
 
 def _candidates(powers: Floats, regular: NDArray[np.bool_], letter: int) -> Floats:
     """Rotations (B, 20, 4): eigenvectors of multiplication by ``letter / w``, NaN where there is none."""
-    B = powers[:, _TIMES[letter]]
+    B = powers[:, TIMES[letter]]
     values, vectors = np.linalg.eig(np.where(regular[:, None, None], B, 0.0))
     q = _quaternions(vectors.swapaxes(-1, -2))
     keep = regular[:, None] & (values.imag >= 0)

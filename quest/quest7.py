@@ -1,0 +1,91 @@
+"""QuEst 7: the relative rotation from seven matches that do not lie on a plane.
+
+[F17] (see :mod:`quest.monomials`), in its letters. Seven matches have 35 triples, hence 35 quartics. With x1
+the four monomials ``w^3 (w, x, y, z)`` and x2 the other 31::
+
+    A1 x1 + A2 x2 = 0      so      x2 = -pinv(A2) A1 x1
+
+Multiplied by ``lambda = x^3 / w^3``, x1 turns into ``x^3 (w, x, y, z)``, four entries of x2. Their rows of
+``-pinv(A2) A1`` are the matrix B of an eigenproblem of size 4 only, ``lambda x1 = B x1``, and its
+eigenvectors are proportional to q. ``y^3 / w^3`` and ``z^3 / w^3`` serve as well.
+
+It asks that A, 35x35, have rank 31. Points on a plane leave a rank of 20: the pseudo-inverse then picks a
+solution of the monomials that belongs to no rotation, and the candidates are wrong, as [F17] says.
+:func:`quest.quest6.quest6` serves planes.
+
+Departures from [F17]: the unknown is ``q' = p q`` as in :mod:`quest.quest6`, the three lambdas are
+united, and without translation the rotation that turns all rays m into n is given.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quest.epipolar import as_matches
+from quest.monomials import coefficient_rows, quartic_index
+from quest.quaternion import canonical, conjugate, multiply
+from quest.quest6 import LETTERS, PRE_ROTATION, rotation_alone
+
+__all__ = ["cubed_eigenproblem", "quest7"]
+
+Floats = NDArray[np.float64]
+
+
+def quest7(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
+    """Rotations cam2_from_cam1 that seven matches off a plane allow, by QuEst 7 [F17].
+
+    Parameters
+    ----------
+    m, n : (N, 3) or (B, N, 3) float
+        Bearings in camera 1 and camera 2, of any norm, N >= 7; all triples are used.
+    lambdas : str
+        Which of the eigenproblems x^3/w^3, y^3/w^3, z^3/w^3 to solve and unite.
+
+    Returns
+    -------
+    (K, 4) or (B, K, 4) float
+        Unit quaternions wxyz, canonical in sign; K at most 4 for each lambda. One sample: only the
+        candidates. A batch: padded with NaN. On points of a plane all candidates are wrong.
+
+    Raises
+    ------
+    ValueError
+        Where the shapes do not fit, N < 7, a number is not finite, a ray is zero, or a lambda unknown.
+
+    References
+    ----------
+    [F17] Fathian et al., arXiv:1704.02672, QuEst with seven points; departures in the module docstring.
+    """
+    if not lambdas or set(lambdas) - set(LETTERS):
+        raise ValueError(f"lambdas is {lambdas!r}: give letters of 'xyz'")
+    m, n = as_matches(m, n, at_least=7)
+    single = m.ndim == 2
+    if single:
+        m, n = m[None], n[None]
+    still = rotation_alone(m, n)
+    A = coefficient_rows(m, n, PRE_ROTATION)
+    q = np.concatenate([_candidates(B) for B in cubed_eigenproblem(A, lambdas)], axis=1)
+    q = canonical(multiply(conjugate(PRE_ROTATION), q))
+    turned = np.isfinite(still[:, 0])
+    q[turned] = np.nan
+    q[turned, 0] = still[turned]
+    return q[0][np.isfinite(q[0, :, 0])] if single else q
+
+
+def cubed_eigenproblem(A: Floats, lambdas: str) -> list[Floats]:
+    """Matrices B (S, 4, 4) of ``lambda x1 = B x1``, one for each lambda, from A (S, T, 35)."""
+    x2 = -np.linalg.pinv(A[..., 4:]) @ A[..., :4]
+    return [
+        x2[:, [quartic_index(a, a, a, b) - 4 for b in range(4)]] for a in (LETTERS[name] for name in lambdas)
+    ]
+
+
+def _candidates(B: Floats) -> Floats:
+    """Quaternions (S, 4, 4) of the eigenvectors, one of each complex pair by its real part; else NaN."""
+    values, vectors = np.linalg.eig(B)
+    q = vectors.swapaxes(-1, -2)
+    pivot = np.argmax(np.abs(q), axis=-1)[..., None]
+    real = (q / np.take_along_axis(q, pivot, axis=-1)).real
+    unit = real / np.linalg.norm(real, axis=-1, keepdims=True)
+    return np.where((values.imag >= 0)[..., None], unit, np.nan)
