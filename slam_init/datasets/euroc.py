@@ -1,0 +1,97 @@
+"""EuRoC MAV sequences (the ASL folder layout).
+
+``mav0/cam0/data.csv`` lists ``timestamp [ns],filename``, ``sensor.yaml`` holds the calibration and ``T_BS``
+(body_from_cam), ``mav0/state_groundtruth_estimate0/data.csv`` the poses world_from_body, so that
+``world_from_cam = world_from_body @ body_from_cam``.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from slam_init.calibration import load_camera, load_yaml
+from slam_init.datasets.image_files import ImageFileSource, read_image
+from slam_init.datasets.text import numbers, pose_from_matrix, pose_from_quaternion, read_rows, trajectory
+from slam_init.errors import SourceError
+from slam_init.types import Pose, Trajectory
+
+__all__ = ["find_euroc_camera", "open_euroc"]
+
+
+def find_euroc_camera(folder: Path) -> Path | None:
+    """The folder that holds the first camera's ``data.csv``: of a sequence, a ``mav0`` or a camera folder."""
+    for candidate in (folder / "mav0" / "cam0", folder / "cam0", folder):
+        if (candidate / "data.csv").is_file():
+            return candidate
+    return None
+
+
+def open_euroc(folder: Path) -> ImageFileSource:
+    """Open a EuRoC sequence by its own path, that of ``mav0`` or that of ``cam0``.
+
+    Raises
+    ------
+    SourceError, CalibrationError
+        Where a file of the sequence is broken; names file and line.
+    """
+    found = find_euroc_camera(folder)
+    if found is None:
+        raise SourceError(f"{folder}: no cam0/data.csv in it")
+    camera_folder = found.resolve()
+    paths: list[Path] = []
+    timestamps_s: list[float] = []
+    for row in read_rows(camera_folder / "data.csv"):
+        fields = [field.strip() for field in row[1].split(",")]
+        stamp_s = _seconds(row, fields)
+        if len(fields) < 2 or not fields[1]:
+            raise SourceError(f"{row[0]}: expected timestamp,filename, found {row[1][:60]!r}")
+        if timestamps_s and stamp_s <= timestamps_s[-1]:
+            raise SourceError(f"{row[0]}: timestamp {fields[0]} does not come after the one before")
+        paths.append(camera_folder / "data" / fields[1])
+        timestamps_s.append(stamp_s)
+    if not paths:
+        raise SourceError(f"{camera_folder / 'data.csv'}: lists no image")
+    sensor = camera_folder / "sensor.yaml"
+    camera, body_from_cam = None, Pose.identity()
+    if sensor.is_file():
+        height, width = read_image(paths[0]).shape[:2]
+        camera = load_camera(sensor, (width, height))
+        body_from_cam = _read_body_from_cam(sensor)
+    mav = camera_folder.parent
+    truth_file = mav / "state_groundtruth_estimate0" / "data.csv"
+    truth = _read_truth(truth_file, body_from_cam) if truth_file.is_file() else None
+    name = mav.parent.name if mav.name == "mav0" else mav.name
+    return ImageFileSource(name, "euroc", tuple(paths), np.array(timestamps_s), camera, truth)
+
+
+def _seconds(row: tuple[str, str], fields: list[str]) -> float:
+    """Nanoseconds of the first column as seconds, divided once so that no digit is lost on the way."""
+    if not fields[0].isdecimal():
+        raise SourceError(f"{row[0]}: expected a timestamp in nanoseconds, found {row[1][:60]!r}")
+    return int(fields[0]) / 1e9
+
+
+def _read_body_from_cam(sensor: Path) -> Pose:
+    content = load_yaml(sensor)
+    entry = content.get("T_BS") if isinstance(content, dict) else None
+    data = entry.get("data") if isinstance(entry, dict) else entry
+    if data is None:
+        return Pose.identity()
+    try:
+        matrix = np.array(data, float).reshape(4, 4)
+    except (TypeError, ValueError):
+        raise SourceError(f"{sensor}: T_BS is not a matrix of 16 numbers") from None
+    return pose_from_matrix(f"{sensor}: T_BS", matrix)
+
+
+def _read_truth(path: Path, body_from_cam: Pose) -> Trajectory | None:
+    stamped = []
+    for row in read_rows(path):
+        fields = [field.strip() for field in row[1].split(",")]
+        stamp_s = _seconds(row, fields)
+        tx, ty, tz, qw, qx, qy, qz = numbers(row, fields[1:], 7, "timestamp,px,py,pz,qw,qx,qy,qz")
+        world_from_body = pose_from_quaternion(row, [tx, ty, tz], [qw, qx, qy, qz])
+        stamped.append((stamp_s, world_from_body @ body_from_cam))
+    return trajectory(stamped)

@@ -1,0 +1,102 @@
+"""KITTI odometry sequences.
+
+``sequences/NN/image_0`` (or ``image_1`` to ``image_3``), ``times.txt``, ``calib.txt`` (projection matrices
+``P0`` to ``P3``) and ``poses/NN.txt`` beside ``sequences`` or ``poses.txt`` in the sequence: 3x4 matrices
+world_from_cam0. Camera i sees ``P_i = K [I | t]``: ``cam_i_from_cam0`` is the translation t.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from slam_init.camera import Camera
+from slam_init.datasets.image_files import ImageFileSource, list_images, read_image, stored_camera
+from slam_init.datasets.text import numbers, pose_from_matrix, read_rows, trajectory
+from slam_init.errors import SourceError
+from slam_init.types import Floats, Pose, Trajectory
+
+__all__ = ["find_kitti_images", "open_kitti"]
+
+# The cameras were triggered at 10 Hz; used where times.txt is missing.
+_NOMINAL_RATE_HZ = 10.0
+
+
+def find_kitti_images(folder: Path) -> Path | None:
+    """The image folder of a sequence (left grey before left colour), or the folder itself where it is one."""
+    for name in ("image_0", "image_2"):
+        if (folder / name).is_dir():
+            return folder / name
+    resolved = folder.resolve()
+    beside = any((resolved.parent / name).is_file() for name in ("calib.txt", "times.txt"))
+    return resolved if beside and re.fullmatch(r"image_[0-3]", resolved.name) else None
+
+
+def open_kitti(folder: Path) -> ImageFileSource:
+    """Open a KITTI odometry sequence, or one image folder of it.
+
+    Raises
+    ------
+    SourceError, CalibrationError
+        Where a file of the sequence is broken or has the wrong number of lines.
+    """
+    found = find_kitti_images(folder)
+    if found is None:
+        raise SourceError(f"{folder}: no image_0 or image_2 in it")
+    images = found.resolve()
+    sequence = images.parent
+    paths = list_images(images)
+    if not paths:
+        raise SourceError(f"{images}: holds no image")
+    times = sequence / "times.txt"
+    if times.is_file():
+        timestamps_s = [numbers(row, row[1].split(), 1, "a time in seconds")[0] for row in read_rows(times)]
+        if len(timestamps_s) != len(paths):
+            raise SourceError(f"{times}: {len(timestamps_s)} times for {len(paths)} images in {images.name}")
+        if np.any(np.diff(timestamps_s) <= 0):
+            raise SourceError(f"{times}: times do not increase")
+    else:
+        timestamps_s = [i / _NOMINAL_RATE_HZ for i in range(len(paths))]
+    camera = stored_camera(sequence, paths[0])
+    cam_from_cam0 = Pose.identity()
+    if (sequence / "calib.txt").is_file():
+        projection = _read_projection(sequence / "calib.txt", f"P{images.name[-1]}")
+        K = projection[:, :3]
+        height, width = read_image(paths[0]).shape[:2]
+        camera = camera or Camera(
+            "pinhole", width, height, float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
+        )
+        cam_from_cam0 = Pose(np.eye(3), np.asarray(np.linalg.solve(K, projection[:, 3]), float))
+    truth = _read_truth(sequence, timestamps_s, cam_from_cam0.inverse())
+    name = f"{sequence.name}/{images.name}"
+    return ImageFileSource(name, "kitti", tuple(paths), np.array(timestamps_s), camera, truth)
+
+
+def _read_projection(path: Path, key: str) -> Floats:
+    """The (3, 4) projection matrix of one camera."""
+    for row in read_rows(path):
+        name, _, rest = row[1].partition(":")
+        if name.strip() == key:
+            values = np.array(numbers(row, rest.split(), 12, f"{key}: and 12 numbers")).reshape(3, 4)
+            if not (values[0, 0] > 0 and values[1, 1] > 0 and values[2, 2] > 0):
+                raise SourceError(f"{row[0]}: {key} has no positive focal length")
+            return np.asarray(values / values[2, 2])
+    raise SourceError(f"{path}: no line {key}:")
+
+
+def _read_truth(sequence: Path, timestamps_s: list[float], cam0_from_cam: Pose) -> Trajectory | None:
+    candidates = (sequence.parent.parent / "poses" / f"{sequence.name}.txt", sequence / "poses.txt")
+    path = next((candidate for candidate in candidates if candidate.is_file()), None)
+    if path is None:
+        return None
+    poses = [
+        pose_from_matrix(
+            row[0], np.array(numbers(row, row[1].split(), 12, "12 numbers of a 3x4 pose")).reshape(3, 4)
+        )
+        for row in read_rows(path)
+    ]
+    if len(poses) != len(timestamps_s):
+        raise SourceError(f"{path}: {len(poses)} poses for {len(timestamps_s)} images")
+    return trajectory([(t, pose @ cam0_from_cam) for t, pose in zip(timestamps_s, poses, strict=True)])

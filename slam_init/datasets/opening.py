@@ -1,0 +1,105 @@
+"""From what the user typed to a source: the one place that tells the kinds apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+from slam_init.datasets.euroc import find_euroc_camera, open_euroc
+from slam_init.datasets.folder import find_images, open_folder
+from slam_init.datasets.image_files import IMAGE_SUFFIXES
+from slam_init.datasets.kitti import find_kitti_images, open_kitti
+from slam_init.datasets.synth import PREFIX, open_synth
+from slam_init.datasets.tum import INDEX_FILES, open_tum
+from slam_init.datasets.video import open_video
+from slam_init.errors import SourceError
+from slam_init.types import Floats, Source
+
+__all__ = ["TimedSource", "detect_kind", "open_source"]
+
+
+class TimedSource(Source, Protocol):
+    """A source that knows its time stamps without reading its images."""
+
+    @property
+    def timestamps_s(self) -> Floats:
+        """(N,) float, strictly increasing."""
+        ...
+
+
+def open_source(text: str, seed: int = 0) -> TimedSource:
+    """Open a folder, a video file or ``synth:NAME``.
+
+    Parameters
+    ----------
+    text : str
+        What the user typed.
+    seed : int
+        Seed of a synthetic world; real data have none.
+
+    Raises
+    ------
+    SourceError, CalibrationError
+        Where there is nothing to read or a file of it is broken; one line that says what to do.
+    """
+    kind = detect_kind(text)
+    if kind == "synth":
+        return open_synth(text, seed)
+    path = Path(text).expanduser()
+    openers: dict[str, Callable[[Path], TimedSource]] = {
+        "tum": open_tum,
+        "euroc": open_euroc,
+        "kitti": open_kitti,
+        "images": open_folder,
+        "video": open_video,
+    }
+    try:
+        return openers[kind](path)
+    except OSError as error:
+        raise SourceError(f"{error.filename or path}: cannot be read ({error.strerror})") from None
+
+
+def detect_kind(text: str) -> str:
+    """``tum``, ``euroc``, ``kitti``, ``images``, ``video`` or ``synth``; the first layout that fits.
+
+    Raises
+    ------
+    SourceError
+        Where nothing fits: says what was looked for.
+    """
+    if text.startswith(PREFIX):
+        return "synth"
+    path = Path(text).expanduser()
+    try:
+        if path.is_dir():
+            return _detect_folder(path)
+        if path.is_file():
+            return _detect_file(path)
+        missing = not path.exists()
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the name
+        raise SourceError(f"{text!r}: cannot be read ({error})") from None
+    if missing:
+        raise SourceError(f"{text!r}: no such file or folder; give one, or synth:NAME")
+    raise SourceError(f"{path}: neither a file nor a folder")
+
+
+def _detect_folder(path: Path) -> str:
+    if any((path / name).is_file() for name in INDEX_FILES):
+        return "tum"
+    if find_euroc_camera(path):
+        return "euroc"
+    if find_kitti_images(path):
+        return "kitti"
+    if find_images(path):
+        return "images"
+    raise SourceError(
+        f"{path}: no sequence in this folder; looked for {', '.join(INDEX_FILES)} (TUM), "
+        "mav0/cam0/data.csv (EuRoC), image_0 or image_2 (KITTI), images in it or in images/"
+    )
+
+
+def _detect_file(path: Path) -> str:
+    if path.suffix.lower() in IMAGE_SUFFIXES:
+        raise SourceError(f"{path}: one image is no sequence; give the folder {path.parent}")
+    return "video"

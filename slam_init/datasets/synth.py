@@ -1,0 +1,100 @@
+"""Synthetic worlds as a source: ``synth:NAME``, or with options ``synth:NAME?frames=50&noise=4``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+from urllib.parse import parse_qsl
+
+from slam_init.camera import Camera
+from slam_init.datasets.image_files import frame_range
+from slam_init.datasets.text import pose_from_matrix
+from slam_init.errors import SourceError
+from slam_init.types import Floats, Frame, Trajectory
+
+if TYPE_CHECKING:
+    from sequences_synth import SynthOptions, SynthSequence
+
+__all__ = ["PREFIX", "SynthSource", "make_synth", "open_synth"]
+
+PREFIX = "synth:"
+
+
+@dataclass(frozen=True, eq=False)
+class SynthSource:
+    """A :class:`slam_init.types.Source` that renders a frame when it is asked for."""
+
+    sequence: SynthSequence
+
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return self.sequence.name
+
+    @property
+    def kind(self) -> str:
+        """``synth``."""
+        return "synth"
+
+    @property
+    def camera(self) -> Camera:
+        """The camera as stated; wrong where the option ``focal_error`` says so."""
+        c = self.sequence.camera
+        return Camera("pinhole", c.width, c.height, c.fx, c.fy, c.cx, c.cy)
+
+    @property
+    def groundtruth(self) -> Trajectory:
+        """The exact trajectory."""
+        poses = (pose_from_matrix(self.name, matrix) for matrix in self.sequence.poses)
+        return Trajectory(self.sequence.timestamps_s, tuple(poses))
+
+    @property
+    def timestamps_s(self) -> Floats:
+        """(N,) float."""
+        return self.sequence.timestamps_s
+
+    def __len__(self) -> int:
+        return len(self.sequence)
+
+    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
+        """Yield frames in order, each rendered when it is reached."""
+        for index in frame_range(len(self), start, max_frames, self.name):
+            image, _ = self.sequence.render(index)
+            yield Frame(index, float(self.sequence.timestamps_s[index]), f"frame-{index:06d}", image)
+
+
+def open_synth(text: str, seed: int) -> SynthSource:
+    """Open ``synth:NAME[?option=value&...]``.
+
+    Raises
+    ------
+    SourceError
+        Where the scene or an option is unknown, or a value is none.
+    """
+    from sequences_synth import SynthOptions
+
+    name, _, query = text.removeprefix(PREFIX).partition("?")
+    defaults = SynthOptions()
+    known = [field.name for field in fields(defaults)]
+    values: dict[str, float] = {}
+    for key, value in parse_qsl(query, keep_blank_values=True):
+        if key not in known:
+            raise SourceError(f"{text}: unknown option {key!r}: use one of {', '.join(known)}")
+        kind = type(getattr(defaults, key))
+        try:
+            values[key] = kind(value)
+        except ValueError:
+            raise SourceError(f"{text}: {key} is {value!r}: give a number") from None
+    return SynthSource(make_synth(name, seed, values))
+
+
+def make_synth(name: str, seed: int, values: dict[str, float]) -> SynthSequence:
+    """A synthetic sequence with some options changed; what it refuses is a :class:`SourceError`."""
+    import sequences_synth
+
+    try:
+        options: SynthOptions = sequences_synth.SynthOptions(**values)  # type: ignore[arg-type]
+        return sequences_synth.make_sequence(name, seed, options)
+    except ValueError as error:
+        raise SourceError(str(error)) from None

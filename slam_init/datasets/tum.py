@@ -1,0 +1,120 @@
+"""TUM RGB-D folders, and ICL-NUIM in its TUM-compatible form.
+
+A folder holds ``rgb.txt`` (``timestamp filename``) or ``associations.txt`` (``timestamp filename timestamp
+filename``, colour and depth in either order), and ``groundtruth.txt`` (``timestamp tx ty tz qx qy qz qw``,
+world_from_cam). ``camera.yaml`` beside them is the calibration; without it the published ones of TUM RGB-D
+(freiburg 1 to 3, told by the folder's name) and of ICL-NUIM serve.
+
+ICL-NUIM is rendered in a frame whose y axis points up, which its authors write as a negative focal length
+``fy``. Its TUM-compatible images are stored top down like all others, so the camera here has ``fy = +480``
+and the poses of ``*.gt.freiburg`` are reflected: with ``F = diag(1, -1, 1)``, ``R <- F R F``, ``t <- F t``.
+The first column of its files is a frame number, turned into seconds at the published 30 Hz.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from slam_init.camera import Camera
+from slam_init.datasets.image_files import ImageFileSource, stored_camera
+from slam_init.datasets.text import numbers, read_rows, read_tum_trajectory
+from slam_init.errors import SourceError
+from slam_init.types import Pose, Trajectory
+
+__all__ = ["INDEX_FILES", "open_tum"]
+
+#: Lists of images, the first that exists is read.
+INDEX_FILES = ("rgb.txt", "associations.txt", "associated.txt")
+
+# Published with the data sets: the colour cameras of TUM RGB-D's three Kinects (the images of the third are
+# already undistorted) and ICL-NUIM's renderer.
+_FREIBURG = {
+    "1": Camera(
+        "radtan",
+        640,
+        480,
+        517.306408,
+        516.469215,
+        318.64304,
+        255.313989,
+        (0.262383, -0.953104, -0.005358, 0.002628, 1.163314),
+    ),
+    "2": Camera(
+        "radtan",
+        640,
+        480,
+        520.908620,
+        521.007327,
+        325.141442,
+        249.701764,
+        (0.231222, -0.784899, -0.003257, -0.000105, 0.917205),
+    ),
+    "3": Camera("pinhole", 640, 480, 535.4, 539.2, 320.1, 247.6),
+}
+_ICL_NUIM = Camera("pinhole", 640, 480, 481.2, 480.0, 319.5, 239.5)
+_ICL_NUIM_RATE_HZ = 30.0
+
+
+def open_tum(folder: Path) -> ImageFileSource:
+    """Open a TUM RGB-D or ICL-NUIM folder.
+
+    Raises
+    ------
+    SourceError, CalibrationError
+        Where a file of the folder is broken; names file and line.
+    """
+    icl_truths = sorted(folder.glob("*.gt.freiburg"))
+    if len(icl_truths) > 1:
+        raise SourceError(f"{folder}: several *.gt.freiburg: keep the one that belongs to the images")
+    unit_s = 1 / _ICL_NUIM_RATE_HZ if icl_truths else 1.0
+    paths, timestamps_s = _read_index(folder, unit_s)
+    camera = stored_camera(folder, paths[0])
+    truth: Trajectory | None = None
+    if icl_truths:
+        camera = camera or _ICL_NUIM
+        truth = _reflected(read_tum_trajectory(icl_truths[0]), unit_s)
+    else:
+        named = re.search(r"freiburg([123])", folder.resolve().name)
+        camera = camera or (_FREIBURG[named[1]] if named else None)
+        if (folder / "groundtruth.txt").is_file():
+            truth = read_tum_trajectory(folder / "groundtruth.txt")
+    return ImageFileSource(folder.resolve().name, "tum", paths, np.array(timestamps_s), camera, truth)
+
+
+def _read_index(folder: Path, unit_s: float) -> tuple[tuple[Path, ...], tuple[float, ...]]:
+    """Paths and time stamps of the images that the folder lists."""
+    index = next(folder / name for name in INDEX_FILES if (folder / name).is_file())
+    paths: list[Path] = []
+    timestamps_s: list[float] = []
+    for row in read_rows(index):
+        place, text = row
+        if index.name == "rgb.txt":
+            fields = text.split(maxsplit=1)  # file names may hold spaces
+        else:
+            fields = text.split()
+            if len(fields) >= 4 and fields[1].lower().startswith("depth"):
+                fields = fields[2:]
+        (stamp,) = numbers(row, fields, 1, "a timestamp and a file name")
+        if len(fields) < 2:
+            raise SourceError(f"{place}: expected a timestamp and a file name, found {text[:60]!r}")
+        if timestamps_s and stamp * unit_s <= timestamps_s[-1]:
+            raise SourceError(
+                f"{place}: timestamp {fields[0]} does not come after the one before: sort the file"
+            )
+        paths.append(folder / fields[1])
+        timestamps_s.append(stamp * unit_s)
+    if not paths:
+        raise SourceError(f"{index}: lists no image")
+    return tuple(paths), tuple(timestamps_s)
+
+
+def _reflected(truth: Trajectory | None, unit_s: float) -> Trajectory | None:
+    """ICL-NUIM's poses in a world and camera whose y axes point down."""
+    if truth is None:
+        return None
+    F = np.diag([1.0, -1.0, 1.0])
+    poses = tuple(Pose(F @ pose.R @ F, F @ pose.t) for pose in truth.world_from_cam)
+    return Trajectory(truth.timestamps_s * unit_s, poses)

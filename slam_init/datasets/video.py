@@ -1,0 +1,143 @@
+"""Video files, through OpenCV."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from slam_init.camera import Camera
+from slam_init.datasets.image_files import check_size, frame_range
+from slam_init.errors import SourceError
+from slam_init.types import Floats, Frame, Image, Trajectory
+
+if TYPE_CHECKING:
+    import cv2
+
+__all__ = ["VideoSource", "open_video"]
+
+# Where the header gives no believable rate.
+_NOMINAL_RATE_HZ = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class VideoSource:
+    """A :class:`slam_init.types.Source` over a video file; time stamps are index over frame rate.
+
+    Attributes
+    ----------
+    path : Path
+    length : int
+        Frames as the header says, or as counted where it says nothing.
+    rate_hz : float
+    size : (int, int)
+        Width and height in pixels.
+    """
+
+    path: Path
+    length: int
+    rate_hz: float
+    size: tuple[int, int]
+
+    @property
+    def name(self) -> str:
+        """File name."""
+        return self.path.name
+
+    @property
+    def kind(self) -> str:
+        """``video``."""
+        return "video"
+
+    @property
+    def camera(self) -> Camera | None:
+        """None: videos carry no calibration."""
+        return None
+
+    @property
+    def groundtruth(self) -> Trajectory | None:
+        """None."""
+        return None
+
+    @property
+    def timestamps_s(self) -> Floats:
+        """(N,) float: index over frame rate."""
+        return np.arange(self.length) / self.rate_hz
+
+    def __len__(self) -> int:
+        return self.length
+
+    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
+        """Yield frames in order; the video is decoded from its beginning, since seeking is inexact.
+
+        A stream that ends before its header says is a shorter video, unless it ends before the first frame
+        wanted.
+
+        Raises
+        ------
+        SourceError
+            Where no frame can be decoded at ``start``.
+        """
+        wanted = frame_range(self.length, start, max_frames, self.name)
+        capture = _capture(self.path)
+        try:
+            for _ in range(wanted.start):
+                capture.grab()
+            for index in wanted:
+                decoded, image = capture.read()
+                if not decoded:
+                    if index == wanted.start:
+                        raise SourceError(f"{self.path}: the video ends before frame {index}")
+                    return
+                check_size(f"{self.path}, frame {index}", image.shape[1::-1], self.size, "the first frame")
+                yield Frame(index, index / self.rate_hz, f"frame-{index:06d}", _as_bytes(image))
+        finally:
+            capture.release()
+
+
+def open_video(path: Path) -> VideoSource:
+    """Open a video file and decode its first frame.
+
+    Raises
+    ------
+    SourceError
+        Where OpenCV cannot read the file or it has no frame.
+    """
+    import cv2
+
+    capture = _capture(path)
+    try:
+        decoded, image = capture.read()
+        if not decoded:
+            raise SourceError(f"{path}: not a readable video, or one without frames")
+        rate_hz = capture.get(cv2.CAP_PROP_FPS)
+        length = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        if length < 1:
+            length = 1
+            while capture.grab():
+                length += 1
+    finally:
+        capture.release()
+    believable = np.isfinite(rate_hz) and 0 < rate_hz <= 1000
+    return VideoSource(path, length, rate_hz if believable else _NOMINAL_RATE_HZ, image.shape[1::-1])
+
+
+def _capture(path: Path) -> cv2.VideoCapture:
+    import cv2
+
+    # OpenCV reads a name with a % as a pattern of image names.
+    if "%" in path.name:
+        raise SourceError(f"{path}: rename the video, OpenCV cannot open names that hold a %")
+    capture = cv2.VideoCapture(str(path))
+    # Calibrations speak of pixels as stored: no rotation by the phone's idea of up.
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+    if not capture.isOpened():
+        raise SourceError(f"{path}: not a readable video; give a video file, or a folder of images")
+    return capture
+
+
+def _as_bytes(image: object) -> Image:
+    return cast(Image, np.asarray(image, np.uint8))
