@@ -5,4 +5,29 @@ One convention for the whole package: two views of a scene obey ::
     u R m + t = v n
 
 with m, n the rays of one point in camera 1 and camera 2, u, v its depths along them, ``R, t = cam2_from_cam1``.
+Quaternions are Hamilton, ordered wxyz. The package knows bearings, no images and no pixels.
+
+* :func:`quest6`, :func:`quest7`: rotations from six or seven matches, planes included for six.
+* :func:`translation_and_depths`: translation and depths of a rotation.
+* :func:`estimate_relative_pose`: the motion between two views from matches with outliers, and what else explains them.
+
+References
+----------
+.. [F17] K. Fathian, J. P. Ramirez-Paredes, E. A. Doucette, J. W. Curtis, N. R. Gans, "Quaternion Based Camera Pose Estimation
+   From Matched Feature Points", arXiv:1704.02672, 2017.
 """
+
+from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
+from quest.quest6 import quest6
+from quest.quest7 import quest7
+from quest.translation import translation_and_depths
+
+__all__ = [
+    "Hypothesis",
+    "NoPose",
+    "RelativePose",
+    "estimate_relative_pose",
+    "quest6",
+    "quest7",
+    "translation_and_depths",
+]

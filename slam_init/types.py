@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -106,14 +107,14 @@ class Frame:
     name: str
     image: Image
 
-    @property
+    @cached_property
     def gray(self) -> Image:
         """(H, W) uint8 luminance."""
         if self.image.ndim == 2:
             return self.image
-        # ITU-R BT.601, the weights OpenCV uses; integer arithmetic keeps it exact and free of cv2 here.
-        b, g, r = (self.image[..., c].astype(np.uint32) for c in range(3))
-        return ((1868 * b + 9617 * g + 4899 * r + 8192) >> 14).astype(np.uint8)
+        import cv2
+
+        return np.asarray(cv2.cvtColor(self.image, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,6 +188,8 @@ class Observations:
         As measured in the raw image.
     bearings : (N, 3) float
         Unit rays in the camera frame (undistorted once, here).
+    colors : (N, 3) uint8
+        RGB of the image there.
     """
 
     frame: int
@@ -195,6 +198,7 @@ class Observations:
     track_ids: Ints
     pixels: Floats
     bearings: Floats
+    colors: Image = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
 
     def __len__(self) -> int:
         return len(self.track_ids)

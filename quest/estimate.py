@@ -1,0 +1,516 @@
+"""Relative pose of two calibrated views from matches with outliers: pose, depths, alternatives, kind.
+
+The order of the function :func:`estimate_relative_pose` is the order of the questions:
+
+1. Which rigid motion explains most matches? Samples of six matches, QuEst 6, cheirality, locally optimized RANSAC.
+2. Is that more than chance would explain? Else there is no pose.
+3. Is the translation observable, or does a rotation alone explain the matches as well? Then the kind is "rotation".
+4. Do the points lie on a plane, and does the plane's twin explain them as well? Then the twin is an alternative. Any other
+   mode that RANSAC met and that explains the matches as well is one too.
+
+Every "as well" is a count of matches that one hypothesis explains and the other does not, compared with the
+fluctuation of such a count (:func:`decides`). Counts are used rather than sums of squares since a few systematic
+residuals (moving objects, lens) would dominate a sum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quest.epipolar import depths_from_pose
+from quest.homography import decompose_homography, fit_homography, homography_residuals
+from quest.quaternion import canonical, matrix_from_quaternion, quaternion_from_matrix
+from quest.quest6 import quest6
+from quest.ransac import draw_samples, ransac
+from quest.refine import refine_pose, refine_rotation, sampson_jacobian
+from quest.selection import select_candidates
+
+__all__ = ["Hypothesis", "NoPose", "RelativePose", "decides", "estimate_relative_pose"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+#: A Gaussian error exceeds three standard deviations in 0.3 % of the cases.
+_GATE_SIGMAS = 3.0
+#: Fewer than this many matches cannot confirm a motion of five unknowns that six matches proposed.
+_MIN_MATCHES = 10
+#: Two modes nearer than this are one: refinement ends within it of the optimum on data with observable parallax.
+_SAME_ROTATION_RAD = np.deg2rad(0.3)
+_SAME_DIRECTION_RAD = np.deg2rad(5.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """One motion: ``u R m + t = v n`` with |t| = 1.
+
+    Attributes
+    ----------
+    q_wxyz : (4,) float
+    R : (3, 3) float
+    t : (3,) float
+    inliers : (N,) bool
+        The matches that it explains, in front of both cameras.
+    """
+
+    q_wxyz: Floats
+    R: Floats
+    t: Floats
+    inliers: Bools
+
+
+@dataclass(frozen=True, eq=False)
+class RelativePose:
+    """A relative pose, ``cam2_from_cam1``, and what is known about it. Truthy.
+
+    Attributes
+    ----------
+    q_wxyz : (4,) float
+        Unit quaternion, w >= 0.
+    R : (3, 3) float
+    t : (3,) float
+        Unit norm; zero where ``kind`` is "rotation".
+    inliers : (N,) bool
+    depths1, depths2 : (N,) float
+        Depths along the unit bearings, in units of |t|; NaN where a match is no inlier and for kind "rotation".
+    kind : str
+        "general", "planar" (one plane explains the inliers) or "rotation" (no translation is observable).
+    alternatives : tuple of Hypothesis
+        Other poses that explain the matches as well: at most three, on a plane at most one.
+    noise_rad : float
+        Standard deviation of a bearing as estimated from the residuals of the inliers.
+    parallax_rad : float
+        Median over the inliers of the angle between the two rays of a match, after the rotation is removed.
+    covariance : (5, 5) float
+        Of a rotation vector applied to R from the left and of t in the basis ``refine.tangent_basis(t)``, in rad^2, from
+        the residuals' noise; NaN for kind "rotation".
+    evidence : dict
+        The counts behind the decisions.
+    """
+
+    q_wxyz: Floats
+    R: Floats
+    t: Floats
+    inliers: Bools
+    depths1: Floats
+    depths2: Floats
+    kind: str
+    alternatives: tuple[Hypothesis, ...]
+    noise_rad: float
+    parallax_rad: float
+    covariance: Floats
+    evidence: dict[str, float] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return True
+
+    @property
+    def direction_sigma_rad(self) -> float:
+        """Standard deviation of the direction of t where it is least certain."""
+        tangent = self.covariance[3:, 3:]
+        return float(np.sqrt(np.linalg.eigvalsh(tangent)[-1])) if np.isfinite(tangent).all() else float("inf")
+
+
+@dataclass(frozen=True, eq=False)
+class NoPose:
+    """There is no pose. Falsy.
+
+    Attributes
+    ----------
+    reason : str
+        "too_few_matches" or "no_consistent_motion" (no motion explains more matches than chance would).
+    evidence : dict
+    """
+
+    reason: str
+    evidence: dict[str, float] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return False
+
+
+def decides(votes_for: int, votes_against: int, total: int) -> bool:
+    """Whether counts of matches that only one of two hypotheses explains decide between them.
+
+    Under the null hypothesis that neither is better, each such vote is a fair coin, and the difference has the standard
+    deviation sqrt(for + against): four of them are exceeded once in 30 000. Twelve votes, and 3 % of all matches, are
+    asked for besides, since votes that come from one small moving object or a repeated texture are not independent.
+    """
+    difference = votes_for - votes_against
+    return difference >= max(12.0, 0.03 * total, 4.0 * np.sqrt(votes_for + votes_against))
+
+
+class _RelativePoseProblem:
+    """What :func:`quest.ransac.ransac` asks: models are rows (q_wxyz, t), data are matches of unit bearings."""
+
+    sample_size = 6
+
+    def __init__(self, m: Floats, n: Floats, threshold_rad: float) -> None:
+        self.m, self.n, self.threshold_rad = m, n, threshold_rad
+        # n_a m_b of every match, so that n . E m and n . R m of all hypotheses are two matrix products.
+        self._outer = (n[:, :, None] * m[:, None, :]).reshape(-1, 9).T
+
+    def __len__(self) -> int:
+        return len(self.m)
+
+    def solve(self, samples: Ints) -> Floats:
+        m, n = self.m[samples], self.n[samples]
+        q, t = select_candidates(quest6(m, n, lambdas="x"), m, n)
+        models = np.concatenate([q, t], axis=-1).reshape(-1, 7)
+        return models[np.isfinite(models).all(axis=1)]
+
+    def residuals(self, models: Floats) -> tuple[Floats, Bools]:
+        """Squared Sampson errors (H, N) in rad^2, and where a match lies behind a camera beyond doubt (H, N)."""
+        R = matrix_from_quaternion(models[:, :4])
+        t = models[:, 4:]
+        zero = np.zeros(len(t))
+        tx = np.stack(
+            [
+                np.stack([zero, -t[:, 2], t[:, 1]], axis=1),
+                np.stack([t[:, 2], zero, -t[:, 0]], axis=1),
+                np.stack([-t[:, 1], t[:, 0], zero], axis=1),
+            ],
+            axis=1,
+        )
+        e = (tx @ R).reshape(-1, 9) @ self._outer
+        c = R.reshape(-1, 9) @ self._outer  # cosine of the parallax
+        p = np.einsum("hi,hij->hj", t, R) @ self.m.T  # t . R m
+        s = t @ self.n.T
+        e2 = e * e
+        r2 = e2 / np.maximum(2 - p * p - s * s - 2 * e2, 1e-12)
+        # The depths have the signs of c s - p and s - c p. A parallax below the noise says nothing about them: the
+        # angle between two noisy rays of a distant point has the standard deviation sqrt(2) times that of one.
+        observable = 1 - c * c > 2 * self.threshold_rad**2
+        behind = observable & ((c * s < p) | (s < c * p))
+        return r2, behind
+
+    def costs(self, models: Floats) -> tuple[Floats, Ints]:
+        r2, behind = self.residuals(models)
+        limit = self.threshold_rad**2
+        r2[behind] = limit
+        return np.minimum(r2, limit).sum(axis=1), (r2 < limit).sum(axis=1)
+
+    def explained(self, model: Floats, gate_rad: float) -> Bools:
+        r2, behind = self.residuals(model[None])
+        return np.asarray((r2[0] < gate_rad**2) & ~behind[0])
+
+    def polish(self, model: Floats) -> Floats:
+        r2, behind = self.residuals(model[None])
+        # Twice the gate: a model from six noisy matches misses many of its own inliers by a little.
+        near = (r2[0] < (2 * self.threshold_rad) ** 2) & ~behind[0]
+        return self.refine(model, near, 0.5 * self.threshold_rad) if near.sum() >= 6 else model
+
+    def refine(self, model: Floats, use: Bools, scale_rad: float) -> Floats:
+        R, t = refine_pose(matrix_from_quaternion(model[:4]), model[4:], self.m[use], self.n[use], scale_rad)
+        return np.concatenate([quaternion_from_matrix(R), t])
+
+
+def estimate_relative_pose(
+    bearings1: ArrayLike,
+    bearings2: ArrayLike,
+    *,
+    threshold_rad: float = 2e-3,
+    seed: int = 0,
+    confidence: float = 0.999,
+    max_samples: int = 2000,
+) -> RelativePose | NoPose:
+    """Estimate the motion between two calibrated views from matches that hold outliers.
+
+    Parameters
+    ----------
+    bearings1, bearings2 : (N, 3) array_like
+        Matched rays in camera 1 and camera 2, any non-zero length.
+    threshold_rad : float
+        A match farther than this from its epipolar geometry (Sampson error) is an outlier, in radians: about three times
+        the standard deviation of a bearing. It is lowered where the data turn out to be less noisy.
+    seed : int
+        Same data and seed, same result.
+    confidence : float
+        With which RANSAC finds the best motion.
+    max_samples : int
+        Bound on the number of samples, hence on the time.
+
+    Returns
+    -------
+    RelativePose or NoPose
+        See there. Where it is truthy, ``u R m + t = v n`` with ``R, t = cam2_from_cam1``.
+
+    Raises
+    ------
+    ValueError
+        Where the shapes differ or are not (N, 3), a bearing is zero or not finite, or the threshold is not positive.
+
+    References
+    ----------
+    .. [F17] K. Fathian et al., "Quaternion Based Camera Pose Estimation From Matched Feature Points", 2017.
+    """
+    m, n = _unit_bearings(bearings1, bearings2)
+    if not (np.isfinite(threshold_rad) and threshold_rad > 0):
+        raise ValueError(f"threshold_rad is {threshold_rad!r}: give a positive angle in radians")
+    total = len(m)
+    if total < _MIN_MATCHES:
+        return NoPose("too_few_matches", {"matches": total, "needed": _MIN_MATCHES})
+    rng = np.random.default_rng(seed)
+    problem = _RelativePoseProblem(m, n, threshold_rad)
+
+    R0, rotation_r2 = _fit_rotation(m, n, threshold_rad, rng)
+    report = ransac(problem, rng, confidence=confidence, max_samples=max_samples)
+    if report is None:
+        # Every sample was singular, as exact pure rotations are.
+        return _rotation_or_nothing(R0, rotation_r2, threshold_rad, total, {"matches": total})
+
+    best, noise_rad = _tighten(problem, report.models[0])
+    gate_rad = min(threshold_rad, _GATE_SIGMAS * noise_rad)
+    inliers = problem.explained(best, gate_rad)
+    evidence: dict[str, float] = {
+        "matches": total,
+        "samples": report.samples,
+        "inliers": int(inliers.sum()),
+        "noise_rad": noise_rad,
+    }
+
+    # Is there parallax? A match votes for it where it fits the motion but is off the rotation by more than the noise
+    # of two rays; and against it where it fits the epipolar line but on the side of negative depths.
+    off_rotation = rotation_r2 > (_GATE_SIGMAS * noise_rad) ** 2
+    r2, behind = problem.residuals(best[None])
+    # A motion that is chosen among thousands agrees with up to a tenth of arbitrary outliers: more is asked for.
+    votes_for = int((inliers & off_rotation).sum())
+    votes_against = int((behind[0] & (r2[0] < gate_rad**2) & off_rotation).sum())
+    evidence |= {"parallax_votes_for": votes_for, "parallax_votes_against": votes_against}
+    if votes_for < 0.15 * off_rotation.sum() or not decides(votes_for, votes_against, int(inliers.sum())):
+        return _rotation_or_nothing(R0, rotation_r2, gate_rad, total, evidence)
+
+    chance = _chance_inliers(problem, best, gate_rad, rng)
+    evidence["chance_inliers"] = chance
+    # Six inliers are the sample's own; the best of thousands of random motions lies about four standard deviations
+    # above the mean of a Poisson count.
+    if inliers.sum() < max(_MIN_MATCHES, 6 + chance + 4 * np.sqrt(chance + 1)):
+        return NoPose("no_consistent_motion", evidence)
+
+    planar, solutions = _dominant_plane(problem, best, inliers, noise_rad, evidence)
+    if planar:
+        # The plane's own two poses: with its constraint they are several times more accurate than epipolar lines alone,
+        # and have the same residuals, so only the depths' signs tell them apart.
+        order = np.argsort(problem.costs(np.array(solutions))[0], kind="stable")
+        best, *modes = (solutions[k] for k in order)
+        inliers = problem.explained(best, gate_rad)
+    else:
+        # Off the plane, a rival must follow all matches.
+        rivals = [*solutions[1:], *(problem.polish(model) for model in _spread_out(report.models[1:], best))]
+        modes = [
+            problem.refine(rival, problem.explained(rival, threshold_rad), noise_rad) for rival in rivals
+        ]
+    alternatives: list[Hypothesis] = []
+    for model in modes:
+        explained = problem.explained(model, gate_rad)
+        known = [best, *(np.concatenate([h.q_wxyz, h.t]) for h in alternatives)]
+        if any(_same_mode(model, other) for other in known):
+            continue
+        if decides(int((inliers & ~explained).sum()), int((explained & ~inliers).sum()), int(inliers.sum())):
+            continue
+        alternatives.append(_hypothesis(model, explained))
+    alternatives.sort(key=lambda h: -int(h.inliers.sum()))
+    first = _hypothesis(best, inliers)
+    depths1, depths2 = depths_from_pose(first.R, first.t, m, n)
+    cosine = np.einsum("ij,ij->i", m[inliers] @ first.R.T, n[inliers])
+    return RelativePose(
+        q_wxyz=first.q_wxyz,
+        R=first.R,
+        t=first.t,
+        inliers=inliers,
+        depths1=np.where(inliers, depths1, np.nan),
+        depths2=np.where(inliers, depths2, np.nan),
+        kind="planar" if planar else "general",
+        alternatives=tuple(alternatives[: 1 if planar else 3]),
+        noise_rad=noise_rad,
+        parallax_rad=float(np.median(np.arccos(np.clip(cosine, -1, 1)))),
+        covariance=_covariance(first, m, n, noise_rad),
+        evidence=evidence,
+    )
+
+
+def _unit_bearings(bearings1: ArrayLike, bearings2: ArrayLike) -> tuple[Floats, Floats]:
+    m, n = np.asarray(bearings1, float), np.asarray(bearings2, float)
+    if m.ndim != 2 or m.shape[1:] != (3,) or m.shape != n.shape:
+        raise ValueError(f"bearings have shapes {m.shape} and {n.shape}: give two arrays (N, 3)")
+    norm1, norm2 = (np.linalg.norm(x, axis=1, keepdims=True) for x in (m, n))
+    if not (np.isfinite(norm1).all() and np.isfinite(norm2).all()):
+        raise ValueError("bearings hold a number that is not finite: drop those matches first")
+    if not ((norm1 > 0).all() and (norm2 > 0).all()):
+        raise ValueError("bearings hold a zero vector: a ray needs a direction")
+    return m / norm1, n / norm2
+
+
+def _hypothesis(model: Floats, inliers: Bools) -> Hypothesis:
+    q = canonical(model[:4])
+    return Hypothesis(q, matrix_from_quaternion(q), model[4:], inliers)
+
+
+def _covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: float) -> Floats:
+    inliers = hypothesis.inliers
+    _, J = sampson_jacobian(hypothesis.R, hypothesis.t, m[inliers], n[inliers])
+    return np.asarray(noise_rad**2 * np.linalg.pinv(J.T @ J, hermitian=True))
+
+
+def _tighten(problem: _RelativePoseProblem, model: Floats) -> tuple[Floats, float]:
+    """Refine with the noise that the residuals show in place of the caller's threshold; return both."""
+    noise_rad = problem.threshold_rad / _GATE_SIGMAS
+    for _ in range(3):
+        r2, behind = problem.residuals(model[None])
+        inlying = (r2[0] < problem.threshold_rad**2) & ~behind[0]
+        if inlying.sum() < 6:
+            break
+        # Median absolute deviation of a Gaussian; exact data keep a floor so that gates never close to nothing.
+        noise_rad = max(1.4826 * float(np.sqrt(np.median(r2[0][inlying]))), 1e-3 * problem.threshold_rad)
+        model = problem.refine(model, inlying, _GATE_SIGMAS * noise_rad)
+    return model, noise_rad
+
+
+def _fit_rotation(
+    m: Floats, n: Floats, threshold_rad: float, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """The rotation that explains most matches, and its squared residuals (N,) per bearing in rad^2."""
+    # 200 pairs find a pair of inliers with 99.99 % where a fifth of the matches are inliers.
+    pairs = draw_samples(rng, len(m), 2, 200)
+    frames = []
+    for rays in (m[pairs], n[pairs]):
+        across = np.cross(rays[:, 0], rays[:, 1])
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+        middle = rays[:, 0] + rays[:, 1]
+        middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
+        frames.append(np.stack([across, middle, np.cross(across, middle)], axis=-1))
+    R = frames[1] @ np.swapaxes(frames[0], 1, 2)
+    # |n - R m|^2 / 2 = 1 - n . R m.
+    r2 = 1 - R.reshape(-1, 9) @ (n[:, :, None] * m[:, None, :]).reshape(-1, 9).T
+    best = R[int(np.argmin(np.minimum(r2, 4 * threshold_rad**2).sum(axis=1)))]
+    # Wide first, so that a scene with a little parallax is still fitted as a whole.
+    for scale_rad in (4 * threshold_rad, threshold_rad, 0.5 * threshold_rad):
+        best = refine_rotation(best, m, n, scale_rad)
+    return best, 0.5 * np.sum((n - m @ best.T) ** 2, axis=1)
+
+
+def _rotation_or_nothing(
+    R: Floats, rotation_r2: Floats, gate_rad: float, total: int, evidence: dict[str, float]
+) -> RelativePose | NoPose:
+    # Two components per residual where the Sampson error has one: the same gate per component.
+    inliers = rotation_r2 < 2 * gate_rad**2
+    count = int(inliers.sum())
+    evidence = evidence | {"rotation_inliers": count}
+    # A rotation is fixed by two matches, and a random match agrees with it in two components: a chance agreement of even
+    # a tenth of the matches does not happen, but a tenth may be one moving object.
+    if count < max(_MIN_MATCHES, 0.3 * total):
+        return NoPose("no_consistent_motion", evidence)
+    nan = np.full(total, np.nan)
+    noise_rad = float(
+        np.sqrt(np.median(rotation_r2[inliers]) / (2 * np.log(2)))
+    )  # Rayleigh: median^2 = 2 ln 2 sigma^2
+    return RelativePose(
+        q_wxyz=quaternion_from_matrix(R),
+        R=R,
+        t=np.zeros(3),
+        inliers=inliers,
+        depths1=nan,
+        depths2=nan.copy(),
+        kind="rotation",
+        alternatives=(),
+        noise_rad=noise_rad,
+        parallax_rad=0.0,
+        covariance=np.full((5, 5), np.nan),
+        evidence=evidence,
+    )
+
+
+def _chance_inliers(
+    problem: _RelativePoseProblem, model: Floats, gate_rad: float, rng: np.random.Generator
+) -> float:
+    """How many matches the motion explains when the matches are shuffled, on average."""
+    counts = []
+    for _ in range(3):
+        shuffled = _RelativePoseProblem(
+            problem.m, problem.n[rng.permutation(len(problem))], problem.threshold_rad
+        )
+        counts.append(int(shuffled.explained(model, gate_rad).sum()))
+    return float(np.mean(counts))
+
+
+def _dominant_plane(
+    problem: _RelativePoseProblem, model: Floats, inliers: Bools, noise_rad: float, evidence: dict[str, float]
+) -> tuple[bool, list[Floats]]:
+    """Whether one plane explains the inliers, and the two poses that its homography allows, nearest to the model first."""
+    m, n = problem.m[inliers], problem.n[inliers]
+    R, t = matrix_from_quaternion(model[:4]), model[4:]
+    # The inverse depth of a point on a plane is k . m: project n x (R m + t (k . m)) = 0 on the epipolar line.
+    a = m @ R.T
+    n_cross_t = np.cross(n, t)
+    lhs = -np.einsum("ij,ij->i", n_cross_t, np.cross(n, a))
+    gain = np.einsum("ij,ij->i", n_cross_t, n_cross_t)
+    k = _robust_plane(m, lhs, gain, noise_rad, np.random.default_rng(0))
+    if k is None:
+        return False, []
+    gate2 = 2 * (_GATE_SIGMAS * noise_rad) ** 2
+    H = R + np.outer(t, k)
+    on_plane = np.sum(homography_residuals(H, m, n) ** 2, axis=1) < 2 * gate2
+    for _ in range(3):
+        if on_plane.sum() < 8:
+            return False, []
+        H = fit_homography(m[on_plane], n[on_plane])
+        on_plane = np.sum(homography_residuals(H, m, n) ** 2, axis=1) < gate2
+    off = int((~on_plane).sum())
+    evidence |= {"on_plane": int(on_plane.sum()), "off_plane": off}
+    solutions = [
+        np.concatenate([quaternion_from_matrix(R_i), t_i / np.linalg.norm(t_i)])
+        for R_i, t_i, _ in decompose_homography(H, m[on_plane])
+        if np.linalg.norm(t_i) > 0
+    ]
+    # One of the two is the motion itself, up to noise; the other is its twin.
+    solutions.sort(key=lambda other: _mode_distance(other, model))
+    # A plane leaves no match over, but for the tails of the noise (the gate passes 98.9 % of two components).
+    planar = len(solutions) == 2 and not decides(off, int(0.02 * len(m)), len(m))
+    return planar, solutions
+
+
+def _robust_plane(
+    m: Floats, lhs: Floats, gain: Floats, noise_rad: float, rng: np.random.Generator
+) -> Floats | None:
+    """k (3,) with ``gain (k . m) = lhs`` for most points, in the least-median sense over samples of three."""
+    if len(m) < 8:
+        return None
+    samples = draw_samples(rng, len(m), 3, 64)
+    A = m[samples] * gain[samples][..., None]
+    keep = np.abs(np.linalg.det(A)) > 1e-30
+    if not keep.any():
+        return None
+    planes = np.linalg.solve(A[keep], lhs[samples][keep][..., None])[..., 0]
+    # Displacement along the epipolar line, in units of one bearing's noise.
+    root = np.sqrt(np.maximum(gain, 1e-300))
+    residual = np.abs((planes @ m.T) * root - lhs / root) / np.sqrt(2.0)
+    limit = _GATE_SIGMAS * noise_rad
+    return np.asarray(planes[int(np.argmin(np.minimum(residual, limit).sum(axis=1)))])
+
+
+def _mode_distance(a: Floats, b: Floats) -> float:
+    """Angle between two rotations plus angle between two directions, radians."""
+    rotation = 2 * np.arccos(min(1.0, abs(float(a[:4] @ b[:4]))))
+    direction = np.arccos(np.clip(float(a[4:] @ b[4:]), -1, 1))
+    return float(rotation + direction)
+
+
+def _same_mode(a: Floats, b: Floats) -> bool:
+    rotation = 2 * np.arccos(min(1.0, abs(float(a[:4] @ b[:4]))))
+    direction = np.arccos(np.clip(float(a[4:] @ b[4:]), -1, 1))
+    return bool(rotation < _SAME_ROTATION_RAD and direction < _SAME_DIRECTION_RAD)
+
+
+def _spread_out(models: Floats, best: Floats, count: int = 3) -> list[Floats]:
+    """Up to ``count`` of the models (in order of cost) that differ from the best and from each other."""
+    chosen: list[Floats] = []
+    for model in models:
+        # Raw models scatter by several degrees about their mode: only what is clearly elsewhere is worth a refinement.
+        if all(_mode_distance(model, other) > np.deg2rad(15.0) for other in [best, *chosen]):
+            chosen.append(model)
+        if len(chosen) == count:
+            break
+    return chosen

@@ -1,0 +1,103 @@
+"""Whether a map is good enough to be handed over: a list of gates, each with its value, its threshold and its reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slam_init.bundle import BundleSolution
+from slam_init.camera import Camera
+from slam_init.config import AcceptanceConfig
+from slam_init.reasons import ACCEPTED
+
+__all__ = ["Gate", "check", "depth_sigma", "direction_sigma_deg"]
+
+#: Views nearer to the first than this share of the longest baseline have no direction worth a statement.
+_SHORT_BASELINE = 0.3
+
+
+@dataclass(frozen=True)
+class Gate:
+    """One condition. It passes when the value is at least (or at most) the threshold.
+
+    Attributes
+    ----------
+    name : str
+    value, threshold : float
+    at_least : bool
+    reason : str
+        Reported when the gate does not pass.
+    """
+
+    name: str
+    value: float
+    threshold: float
+    at_least: bool
+    reason: str
+
+    def passes(self) -> bool:
+        """NaN never passes."""
+        return self.value >= self.threshold if self.at_least else self.value <= self.threshold
+
+
+def check(
+    camera: Camera, bundle: BundleSolution, matches: int, agreement: float, config: AcceptanceConfig
+) -> tuple[str, list[Gate]]:
+    """The verdict on an adjusted map, and all gates.
+
+    Parameters
+    ----------
+    camera : Camera
+    bundle : BundleSolution
+    matches : int
+        Tracks common to the pair, outliers included.
+    agreement : float
+        Share of observations by further views that agreed with the two-view map; NaN where there is no further view.
+    config : AcceptanceConfig
+    """
+    gates = [
+        Gate("landmarks", len(bundle.problem.points), config.min_landmarks, True, "too_few_landmarks"),
+        Gate(
+            "explained_share",
+            len(bundle.problem.points) / max(matches, 1),
+            config.min_explained,
+            True,
+            "no_consistent_motion",
+        ),
+        Gate(
+            "direction_sigma_deg",
+            direction_sigma_deg(bundle),
+            config.max_direction_sigma_deg,
+            False,
+            "low_parallax",
+        ),
+        Gate(
+            "depth_sigma", depth_sigma(camera, bundle), config.max_median_depth_sigma, False, "low_parallax"
+        ),
+        Gate("further_views", len(bundle.problem.frames) - 2, 1, True, "no_third_view"),
+        Gate("further_agreement", agreement, config.min_further_agreement, True, "no_third_view"),
+    ]
+    failed = [gate for gate in gates if not gate.passes()]
+    return (failed[0].reason if failed else ACCEPTED), gates
+
+
+def direction_sigma_deg(bundle: BundleSolution) -> float:
+    """Standard deviation of the direction of the baseline from the first view, the worst of all views, in degrees."""
+    poses = bundle.problem.world_from_cam
+    baselines = np.array([np.linalg.norm(pose.t - poses[0].t) for pose in poses])
+    worst = 0.0
+    for pose, covariance, length in zip(poses, bundle.pose_covariances, baselines, strict=True):
+        if length < _SHORT_BASELINE * baselines.max() or length == 0:
+            continue
+        along = (pose.t - poses[0].t) / length
+        across = np.eye(3) - np.outer(along, along)
+        in_world = across @ pose.R @ covariance[3:, 3:] @ pose.R.T @ across
+        worst = max(worst, float(np.degrees(np.sqrt(np.linalg.eigvalsh(in_world)[-1]) / length)))
+    return worst
+
+
+def depth_sigma(camera: Camera, bundle: BundleSolution) -> float:
+    """Median over the landmarks of the relative standard deviation of the depth, from parallax and noise."""
+    parallax = bundle.problem.parallax_rad()
+    return float(np.median(np.sqrt(2) * bundle.noise_px / camera.focal_px / np.maximum(parallax, 1e-12)))

@@ -1,0 +1,193 @@
+"""Every number that a user may want to change, with the reason for its default.
+
+The tree is written as ``config.toml`` beside the results and read back with ``--config``; unknown keys are refused.
+Lengths in the image are relative to the image width or in multiples of the measured noise wherever possible, so that
+the defaults hold from 640x480 video to 12-megapixel photographs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from slam_init.errors import ConfigError
+
+__all__ = [
+    "METHODS",
+    "AcceptanceConfig",
+    "Config",
+    "KeyframeConfig",
+    "MapConfig",
+    "TrackingConfig",
+    "TwoViewConfig",
+    "config_toml",
+    "load_config",
+]
+
+#: Ways to initialize.
+METHODS = ("quest",)
+
+
+@dataclass(frozen=True)
+class TrackingConfig:
+    """Features and tracks (:mod:`slam_init.tracks`)."""
+
+    #: Corners followed at a time. The direction of the baseline gets more certain with their square root; 800 keep
+    #: one core within a 30 Hz frame.
+    max_tracks: int = 800
+    #: Corners are kept this far apart, as a share of the image width: 8 px of 640, so that they spread.
+    min_distance: float = 0.0125
+    #: New corners are sought when this share of the wanted ones is lost.
+    refill_share: float = 0.25
+    #: Window and pyramid of the Lucas-Kanade tracker: a 21 px window over 4 octaves follows 80 px of motion.
+    window_px: int = 21
+    pyramid_levels: int = 3
+    #: Forward and backward tracks must meet within this: a track off by more is not a 1 px measurement.
+    forward_backward_px: float = 0.7
+    #: Below this share of surviving tracks, descriptors are tried as well and the better link wins: half of the tracks
+    #: gone from one frame to the next is not video any more (or a cut, a blurred frame).
+    flow_survival: float = 0.5
+    #: SIFT keypoints an image, Lowe's ratio, and how many of the last frames a new frame is matched with.
+    sift_features: int = 2500
+    sift_ratio: float = 0.8
+    sift_frames: int = 4
+
+
+@dataclass(frozen=True)
+class KeyframeConfig:
+    """Keyframe manager (:mod:`slam_init.keyframes`)."""
+
+    #: Candidate reference frames kept at a time: enough to reach back over 15 to 100 frames of video; memory and
+    #: time stay bounded.
+    window: int = 8
+    #: A frame becomes a candidate when it shares less than this with the last candidate ...
+    new_overlap: float = 0.8
+    #: ... or, in a slow video, after so many frames.
+    new_after_frames: int = 10
+    #: A pair needs this many common tracks: the epipolar geometry has five unknowns, a decision between two motions
+    #: needs votes by the dozen (see quest.estimate.decides).
+    min_matches: int = 40
+    #: A pair is tried again when it promises this much more than its last failure: trying each frame costs time and
+    #: brings the same answer.
+    retry_gain: float = 1.15
+
+
+@dataclass(frozen=True)
+class TwoViewConfig:
+    """Two-view bootstrap (:mod:`slam_init.bootstrap`)."""
+
+    #: Outlier threshold in pixels: three standard deviations of a 0.7 px feature. The estimator lowers it where the
+    #: tracks are better.
+    threshold_px: float = 2.0
+    #: The motion must explain this share of the common tracks: a scene of which more moves by itself is not one that a
+    #: single rigid motion describes.
+    min_inlier_share: float = 0.5
+
+
+@dataclass(frozen=True)
+class MapConfig:
+    """Triangulation, further views and bundle adjustment."""
+
+    #: Views in the map besides the pair: enough to tell a plane from its twin and to average the tracks' noise; every
+    #: one costs bundle adjustment time.
+    max_further_views: int = 4
+    #: A further view must see this many of the map's landmarks.
+    min_resected: int = 20
+    #: Landmarks whose relative depth is less certain than this are left out (one standard deviation).
+    max_depth_sigma: float = 0.2
+    #: Residuals beyond this many standard deviations are outliers: 1 % of a 2-D Gaussian.
+    outlier_sigmas: float = 3.0
+    #: Noise that a track is given before the residuals tell better; also its floor, as correlated errors of tracks
+    #: (drift, lens) are not seen in the residuals of a short baseline.
+    noise_px: float = 0.5
+    min_noise_px: float = 0.1
+
+
+@dataclass(frozen=True)
+class AcceptanceConfig:
+    """When a map is handed over (:mod:`slam_init.acceptance`)."""
+
+    min_landmarks: int = 40
+    #: One standard deviation of the direction of the baseline: three of them stay within the 5 degrees that make an
+    #: initialization correct in the strict sense.
+    max_direction_sigma_deg: float = 1.6
+    #: Median relative uncertainty of the landmarks' depths (one standard deviation).
+    max_median_depth_sigma: float = 0.1
+    #: Share of the pair's matches that the map still explains in all its views.
+    min_explained: float = 0.5
+    #: Share of the landmarks' observations by further views that agree with the map.
+    min_further_agreement: float = 0.7
+
+
+@dataclass(frozen=True)
+class Config:
+    """All options of a run."""
+
+    method: str = "quest"
+    seed: int = 0
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    keyframes: KeyframeConfig = field(default_factory=KeyframeConfig)
+    two_view: TwoViewConfig = field(default_factory=TwoViewConfig)
+    map: MapConfig = field(default_factory=MapConfig)
+    acceptance: AcceptanceConfig = field(default_factory=AcceptanceConfig)
+
+
+def load_config(path: Path | None, overrides: dict[str, Any] | None = None) -> Config:
+    """Read a TOML file over the defaults, then apply top-level overrides (None values are ignored).
+
+    Raises
+    ------
+    ConfigError
+        Where the file cannot be read or parsed, or holds an unknown key or a value of the wrong type.
+    """
+    table: dict[str, Any] = {}
+    if path is not None:
+        try:
+            table = tomllib.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ConfigError(f"cannot read {path}: {error.strerror or error}") from None
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise ConfigError(f"{path} is not valid TOML: {error}") from None
+    table |= {key: value for key, value in (overrides or {}).items() if value is not None}
+    config = _build(Config, table, where=str(path) if path else "options", prefix="")
+    if config.method not in METHODS:
+        raise ConfigError(f"unknown method {config.method!r}: use one of {', '.join(METHODS)}")
+    return config
+
+
+def config_toml(config: Config) -> str:
+    """The resolved configuration as TOML text that :func:`load_config` reads back."""
+    import tomli_w
+
+    return tomli_w.dumps(dataclasses.asdict(config))
+
+
+def _build(cls: Any, table: dict[str, Any], where: str, prefix: str) -> Any:
+    types = get_type_hints(cls)
+    values = {}
+    for key, value in table.items():
+        if key not in types:
+            known = ", ".join(types)
+            raise ConfigError(f"{where}: unknown key {prefix + key!r}; known here: {known}")
+        wanted = types[key]
+        if dataclasses.is_dataclass(wanted):
+            if not isinstance(value, dict):
+                raise ConfigError(f"{where}: {prefix + key} must be a table")
+            values[key] = _build(wanted, value, where, f"{prefix}{key}.")
+        else:
+            values[key] = _number_or_text(wanted, value, where, prefix + key)
+    return cls(**values)
+
+
+def _number_or_text(wanted: type, value: Any, where: str, key: str) -> Any:
+    if wanted is float and type(value) is int:
+        value = float(value)
+    if type(value) is not wanted:
+        raise ConfigError(f"{where}: {key} must be of type {wanted.__name__}, not {value!r}")
+    # Sizes, counts and thresholds all are positive numbers; the seed may be zero.
+    if wanted is not str and not (value > 0 or (key == "seed" and value == 0)):
+        raise ConfigError(f"{where}: {key} is {value!r}: it must be a positive number")
+    return value

@@ -1,0 +1,151 @@
+"""Keyframe manager: which earlier frame to pair the current one with.
+
+A bounded window of candidate reference frames is kept. For each, the rotation that best aligns the common tracks is
+removed; what is left over is parallax (and noise). Pairs are ranked by what they promise for the direction of the
+baseline, whose standard deviation goes as noise / (parallax sqrt(n)): the promise is parallax times the square root of
+the number of tracks, less where they crowd in a part of the image.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quest.quaternion import rotation_angle
+from quest.refine import refine_rotation
+from slam_init.camera import Camera
+from slam_init.config import Config
+from slam_init.tracks import History, common_tracks
+from slam_init.types import Observations
+
+__all__ = ["KeyframeManager", "PairPreview", "preview_pair"]
+
+#: The spread of the tracks is counted on this grid of the image.
+_GRID = (8, 6)
+
+
+@dataclass(frozen=True)
+class PairPreview:
+    """What is known about a pair of frames before any epipolar geometry.
+
+    Attributes
+    ----------
+    reference, current : int
+        Absolute frame indices.
+    matches : int
+        Common tracks.
+    overlap : float
+        Common tracks, as a share of those in the reference.
+    motion_px : float
+        90th percentile of the displacement of the tracks.
+    rotation_deg : float
+        Angle of the rotation that aligns the tracks best.
+    parallax_px : float
+        Median displacement that this rotation leaves.
+    parallax_share : float
+        Share of the tracks that are displaced by more than noise after the rotation is removed.
+    spread : float
+        Share of the image's grid cells that hold a common track, in (0, 1].
+    """
+
+    reference: int
+    current: int
+    matches: int
+    overlap: float
+    motion_px: float
+    rotation_deg: float
+    parallax_px: float
+    parallax_share: float
+    spread: float
+
+    @property
+    def promise(self) -> float:
+        """Grows as the direction of the baseline gets more certain."""
+        return self.parallax_px * float(np.sqrt(self.matches * self.spread))
+
+
+def preview_pair(
+    camera: Camera, reference: Observations, current: Observations, noise_px: float
+) -> PairPreview:
+    """Remove the best rotation between two frames and measure what is left."""
+    i, j = common_tracks(reference, current)
+    if len(i) < 3:
+        return PairPreview(reference.frame, current.frame, len(i), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    m, n = reference.bearings[i], current.bearings[j]
+    motion_px = float(np.percentile(np.linalg.norm(current.pixels[j] - reference.pixels[i], axis=1), 90))
+    gate_px = 3 * np.sqrt(2) * noise_px  # three standard deviations of the difference of two noisy points
+    R = np.eye(3)
+    # From a scale at which every track has a say down to the noise.
+    for scale_px in (0.1 * camera.focal_px, 8 * gate_px, gate_px):
+        R = refine_rotation(R, m, n, scale_px / camera.focal_px, iterations=4)
+    left_px = np.linalg.norm(n - m @ R.T, axis=1) * camera.focal_px
+    cells = (current.pixels[j] / (camera.width, camera.height) * _GRID).astype(int)
+    return PairPreview(
+        reference=reference.frame,
+        current=current.frame,
+        matches=len(i),
+        overlap=len(i) / len(reference),
+        motion_px=motion_px,
+        rotation_deg=float(np.degrees(rotation_angle(R))),
+        parallax_px=float(np.median(left_px)),
+        parallax_share=float(np.mean(left_px > gate_px)),
+        spread=len(np.unique(cells, axis=0)) / (_GRID[0] * _GRID[1]),
+    )
+
+
+class KeyframeManager:
+    """Keeps the candidate references and offers pairs with the current frame.
+
+    Parameters
+    ----------
+    camera : Camera
+    config : Config
+    """
+
+    def __init__(self, camera: Camera, config: Config) -> None:
+        self._camera = camera
+        self._config = config
+        self.candidates: list[int] = []
+        self._failed: dict[int, tuple[float, int]] = {}  # reference -> promise and frame of its last failure
+
+    def preview(self, history: History, current: Observations) -> list[PairPreview]:
+        """Pairs of the candidates with the current frame, the most promising first."""
+        noise_px = self._config.map.noise_px
+        pairs = [preview_pair(self._camera, history[f], current, noise_px) for f in self.candidates]
+        return sorted(pairs, key=lambda pair: -pair.promise)
+
+    def worth_trying(self, pairs: list[PairPreview]) -> PairPreview | None:
+        """The best pair that has not failed with about the same promise before."""
+        settings = self._config.keyframes
+        for pair in pairs:
+            if pair.matches < settings.min_matches:
+                continue
+            promise, frame = self._failed.get(pair.reference, (0.0, pair.current))
+            aged = pair.current - frame >= settings.new_after_frames
+            if pair.promise >= settings.retry_gain * promise or aged:
+                return pair
+        return None
+
+    def failed(self, pair: PairPreview) -> None:
+        """Remember that the pair did not lead to a map."""
+        self._failed[pair.reference] = (pair.promise, pair.current)
+
+    def update(self, current: Observations, pairs: list[PairPreview]) -> None:
+        """Let the current frame become a candidate where the newest one grows old, and drop a useless one if full."""
+        settings = self._config.keyframes
+        if self.candidates:
+            newest = max(self.candidates)
+            to_newest = next(pair for pair in pairs if pair.reference == newest)
+            if (
+                to_newest.overlap >= settings.new_overlap
+                and current.frame - newest < settings.new_after_frames
+            ):
+                return
+        self.candidates.append(current.frame)
+        if len(self.candidates) > settings.window:
+            # A candidate that lost its tracks is of no use any more; else the one that promises least.
+            by_use = sorted(pairs, key=lambda p: (p.matches >= settings.min_matches, p.promise, -p.reference))
+            dropped = by_use[0].reference
+            self.candidates.remove(dropped)
+            self._failed.pop(dropped, None)

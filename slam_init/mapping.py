@@ -1,0 +1,254 @@
+"""From one two-view hypothesis to an adjusted map with further views, and the comparison of two such maps.
+
+A plane seen in two views has two explanations that fit equally well; each is carried to a map of its own here, and the
+views between and around the pair vote by how well its points predict them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quest.estimate import Hypothesis, RelativePose
+from quest.quaternion import rotation_angle
+from slam_init.bundle import BundleFailure, BundleProblem, BundleSolution, adjust, min_parallax_rad
+from slam_init.camera import Camera
+from slam_init.config import Config, MapConfig
+from slam_init.tracks import History, common_tracks
+from slam_init.triangulation import resect, triangulate
+from slam_init.types import Bools, Floats, Ints, Observations, Pose
+
+__all__ = [
+    "MapCandidate",
+    "Margin",
+    "TrackTable",
+    "build_candidate",
+    "further_views",
+    "margin",
+    "rank",
+    "same_map",
+    "table_of",
+]
+
+#: Two adjusted maps nearer than this are one: an order below what makes an initialization wrong.
+_SAME_ROTATION_RAD = np.deg2rad(0.3)
+_SAME_DIRECTION_RAD = np.deg2rad(2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class TrackTable:
+    """The tracks common to a pair, as seen in the pair (first two rows) and in further views.
+
+    Attributes
+    ----------
+    frames : tuple of V int
+    track_ids : (T,) int
+    pixels : (V, T, 2) float
+        NaN where a view does not see a track.
+    bearings : (V, T, 3) float
+    """
+
+    frames: tuple[int, ...]
+    track_ids: Ints
+    pixels: Floats
+    bearings: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class MapCandidate:
+    """A hypothesis that was carried to a map, or why it could not be.
+
+    Attributes
+    ----------
+    hypothesis : Hypothesis or RelativePose
+    bundle : BundleSolution or BundleFailure
+    table : TrackTable
+    agreement : float
+        Share of the landmarks' observations by further views that agree with the two-view map; NaN without any.
+    """
+
+    hypothesis: Hypothesis | RelativePose
+    bundle: BundleSolution | BundleFailure
+    table: TrackTable
+    agreement: float
+
+
+@dataclass(frozen=True)
+class Margin:
+    """By how much one map explains the tracks better than another.
+
+    Attributes
+    ----------
+    log_likelihood : float
+        Difference of the truncated Gaussian log-likelihoods, in nats.
+    z : float
+        The same as a sum over tracks in units of its own fluctuation (Vuong 1989): tracks vote, each by as much as it
+        knows, and the scatter of the votes says how far their sum can be trusted.
+    """
+
+    log_likelihood: float
+    z: float
+
+    def decides(self) -> bool:
+        """One chance in 30 000 for a fair coin, and odds that a wrong noise level by a factor of two does not turn."""
+        return self.z > 4.0 and self.log_likelihood > 20.0
+
+
+def table_of(reference: Observations, current: Observations, further: list[Observations]) -> TrackTable:
+    """Gather the tracks that a pair has in common, in all views."""
+    i, j = common_tracks(reference, current)
+    track_ids = reference.track_ids[i]
+    views = [reference, current, *further]
+    pixels = np.full((len(views), len(i), 2), np.nan)
+    bearings = np.full((len(views), len(i), 3), np.nan)
+    for k, view in enumerate(views):
+        _, at, of = np.intersect1d(track_ids, view.track_ids, assume_unique=True, return_indices=True)
+        pixels[k, at], bearings[k, at] = view.pixels[of], view.bearings[of]
+    return TrackTable(tuple(view.frame for view in views), track_ids, pixels, bearings)
+
+
+def further_views(
+    history: History, reference: Observations, current: Observations, config: MapConfig
+) -> list[Observations]:
+    """Views that can vote on a pair: evenly spaced between its frames, else the nearest ones before it."""
+    pair_ids = np.intersect1d(reference.track_ids, current.track_ids, assume_unique=True)
+
+    def useful(view: Observations) -> bool:
+        return len(np.intersect1d(pair_ids, view.track_ids, assume_unique=True)) >= config.min_resected
+
+    between = [view for view in history.between(reference.frame, current.frame) if useful(view)]
+    if between:
+        count = min(len(between), config.max_further_views)
+        # Evenly spaced interior points of the interval.
+        picks = np.unique(np.linspace(0, len(between) + 1, count + 2)[1:-1].round().astype(int) - 1)
+        return [between[k] for k in picks]
+    earlier = [view for view in history.between(-1, reference.frame) if useful(view)]
+    return earlier[-config.max_further_views :]
+
+
+def build_candidate(
+    camera: Camera, config: Config, table: TrackTable, hypothesis: Hypothesis | RelativePose
+) -> MapCandidate:
+    """Triangulate the pair, resect the further views, adjust everything."""
+    threshold_rad = config.two_view.threshold_px / camera.focal_px
+    cam2_from_cam1 = Pose(hypothesis.R, hypothesis.t)
+    poses = {0: Pose.identity(), 1: cam2_from_cam1.inverse()}  # view -> world_from_cam
+    points = triangulate([poses[0], poses[1]], table.bearings[:2])
+    usable = hypothesis.inliers & _before_all(points, poses, table)
+    usable &= _parallax_rad(points, poses) > min_parallax_rad(camera, config.map.min_noise_px, config.map)
+    seen, agreeing = 0, 0
+    for k in range(2, len(table.frames)):
+        visible = usable & np.isfinite(table.bearings[k, :, 0])
+        if visible.sum() < config.map.min_resected:
+            continue
+        resected = resect(points[visible], table.bearings[k, visible], threshold_rad)
+        seen += int(visible.sum())
+        if resected is None:
+            continue
+        cam_from_world, inliers = resected
+        agreeing += int(inliers.sum())
+        if inliers.sum() >= config.map.min_resected:
+            poses[k] = cam_from_world.inverse()
+    agreement = agreeing / seen if seen else float("nan")
+    # In time order: the first view is the world.
+    views = sorted(poses, key=lambda k: table.frames[k])
+    first_from_world = poses[views[0]].inverse()
+    observed = np.isfinite(table.bearings[views, :, 0]) & usable
+    view_index, track_index = np.nonzero(observed)
+    kept_tracks = np.flatnonzero(usable)
+    position = np.full(len(usable), -1)
+    position[kept_tracks] = np.arange(len(kept_tracks))
+    problem = BundleProblem(
+        frames=tuple(table.frames[k] for k in views),
+        world_from_cam=tuple(first_from_world @ poses[k] for k in views),
+        points=first_from_world.apply(points[kept_tracks]),
+        track_ids=table.track_ids[kept_tracks],
+        views=view_index.astype(np.int64),
+        landmarks=position[track_index].astype(np.int64),
+        pixels=table.pixels[views][observed],
+    )
+    if len(kept_tracks) < 6:
+        bundle: BundleSolution | BundleFailure = BundleFailure(
+            f"only {len(kept_tracks)} points can be triangulated"
+        )
+    else:
+        bundle = adjust(camera, problem, config.map)
+    return MapCandidate(hypothesis, bundle, table, agreement)
+
+
+def margin(camera: Camera, config: Config, better: MapCandidate, worse: MapCandidate) -> Margin:
+    """How clearly the tracks prefer one map to another, in the views of the better one."""
+    if not isinstance(better.bundle, BundleSolution):
+        return Margin(0.0, 0.0)
+    gate2 = config.map.outlier_sigmas**2
+    cost_better = _track_costs(camera, better, better.bundle.problem.frames, better.bundle.noise_px, gate2)
+    cost_worse = _track_costs(camera, worse, better.bundle.problem.frames, better.bundle.noise_px, gate2)
+    difference = cost_worse - cost_better
+    scatter = float(np.sqrt(np.sum(difference**2)))
+    return Margin(0.5 * float(difference.sum()), float(difference.sum()) / scatter if scatter > 0 else 0.0)
+
+
+def rank(camera: Camera, config: Config, candidates: list[MapCandidate]) -> list[MapCandidate]:
+    """The candidates in order of what they leave unexplained, with one noise level for all; failures last."""
+    solved = [c.bundle.noise_px for c in candidates if isinstance(c.bundle, BundleSolution)]
+    if not solved:
+        return candidates
+    gate2 = config.map.outlier_sigmas**2
+    return sorted(
+        candidates, key=lambda c: float(_track_costs(camera, c, c.table.frames, min(solved), gate2).sum())
+    )
+
+
+def same_map(a: MapCandidate, b: MapCandidate) -> bool:
+    """Whether two hypotheses ended in the same optimum."""
+    if not (isinstance(a.bundle, BundleSolution) and isinstance(b.bundle, BundleSolution)):
+        return False
+    if a.bundle.problem.frames != b.bundle.problem.frames:
+        return False
+    for p, q in zip(a.bundle.problem.world_from_cam[1:], b.bundle.problem.world_from_cam[1:], strict=True):
+        if rotation_angle(p.R.T @ q.R) > _SAME_ROTATION_RAD:
+            return False
+        cosine = float(p.t @ q.t) / max(float(np.linalg.norm(p.t) * np.linalg.norm(q.t)), 1e-300)
+        if cosine < np.cos(_SAME_DIRECTION_RAD):
+            return False
+    return True
+
+
+def _track_costs(
+    camera: Camera, candidate: MapCandidate, frames: tuple[int, ...], noise_px: float, gate2: float
+) -> Floats:
+    """Cost (T,) of each track of the table: squared residuals in units of the noise, each truncated at the gate.
+
+    The tracks are triangulated anew from the adjusted poses, so that a point which one map left out is judged alike in
+    both. A view that the map could not place costs the gate for each of its observations.
+    """
+    table = candidate.table
+    rows = [k for k, frame in enumerate(table.frames) if frame in frames]
+    observed = np.isfinite(table.pixels[rows, :, 0])
+    cost = np.where(observed, gate2, 0.0)
+    if isinstance(candidate.bundle, BundleSolution):
+        problem = candidate.bundle.problem
+        pose_of = dict(zip(problem.frames, problem.world_from_cam, strict=True))
+        placed = [k for k in rows if table.frames[k] in pose_of]
+        points = triangulate([pose_of[table.frames[k]] for k in placed], table.bearings[placed])
+        for k in placed:
+            predicted = camera.project(pose_of[table.frames[k]].inverse().apply(points))
+            r2 = np.sum((predicted - table.pixels[k]) ** 2, axis=1) / noise_px**2
+            cost[rows.index(k)] = np.where(observed[rows.index(k)], np.fmin(r2, gate2), 0.0)
+    return np.asarray(cost.sum(axis=0))
+
+
+def _before_all(points: Floats, poses: dict[int, Pose], table: TrackTable) -> Bools:
+    """Points that lie along their rays, not behind the cameras."""
+    before = np.isfinite(points).all(axis=1)
+    for k, world_from_cam in poses.items():
+        in_camera = world_from_cam.inverse().apply(points)
+        before &= np.einsum("ij,ij->i", in_camera, np.nan_to_num(table.bearings[k])) > 0
+    return before
+
+
+def _parallax_rad(points: Floats, poses: dict[int, Pose]) -> Floats:
+    rays = [points - pose.t for pose in (poses[0], poses[1])]
+    a, b = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
+    return np.arccos(np.clip(np.einsum("ij,ij->i", a, b), -1, 1))

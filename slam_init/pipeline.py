@@ -1,0 +1,281 @@
+"""The pipeline, to be read from top to bottom.
+
+A frame arrives; its tracks are followed; the keyframe manager offers pairs with earlier frames; the best pair is tried:
+two-view geometry through QuEst, a map for each hypothesis, the vote of further views, bundle adjustment, gates. The first
+map that passes all of them ends the initialization. What is refused is refused for a reason, with its evidence.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+
+from quest.estimate import NoPose, RelativePose, estimate_relative_pose
+from slam_init import acceptance
+from slam_init.bundle import BundleSolution
+from slam_init.camera import Camera
+from slam_init.config import Config
+from slam_init.keyframes import KeyframeManager, PairPreview
+from slam_init.mapping import MapCandidate, build_candidate, further_views, margin, rank, same_map, table_of
+from slam_init.reasons import ACCEPTED, ADVICE, REASONS
+from slam_init.recording import Recorder
+from slam_init.timing import Stopwatch
+from slam_init.tracks import Tracker, common_tracks
+from slam_init.types import Attempt, Frame, InitialMap, Keyframe, Observations, Result
+
+__all__ = ["Initializer"]
+
+Evidence = dict[str, float | int | str]
+
+
+class Initializer:
+    """Feed it frames until it has a map.
+
+    Parameters
+    ----------
+    camera : Camera
+    config : Config, optional
+    recorder : Recorder, optional
+        Is told of every frame, attempt and map.
+
+    Attributes
+    ----------
+    map : InitialMap or None
+        Set when a map was accepted.
+    """
+
+    def __init__(
+        self, camera: Camera, config: Config | None = None, recorder: Recorder | None = None
+    ) -> None:
+        self.camera = camera
+        self.config = config or Config()
+        self.recorder = recorder or Recorder()
+        self.tracker = Tracker(camera, self.config.tracking)
+        self.keyframes = KeyframeManager(camera, self.config)
+        self.stopwatch = Stopwatch()
+        self.map: InitialMap | None = None
+        self._frames_read = 0
+        self._attempts: list[Attempt] = []
+        self._two_views_only: tuple[Attempt, BundleSolution, str] | None = None
+
+    def process(self, frame: Frame) -> Attempt | None:
+        """Take in the next frame; return the attempt that it led to, if any. After an accepted one ``map`` is set."""
+        self._frames_read += 1
+        with self.stopwatch("track"):
+            current = self.tracker.track(frame)
+        self.recorder.frame(frame, current)
+        with self.stopwatch("pairs"):
+            pairs = self.keyframes.preview(self.tracker.history, current)
+            chosen = self.keyframes.worth_trying(pairs)
+        attempt = self._screen(current, pairs)
+        if attempt is None and chosen is not None:
+            attempt = self._try(chosen, current)
+            if attempt.verdict != ACCEPTED:
+                self.keyframes.failed(chosen)
+        if attempt is not None:
+            self._remember(attempt)
+        self.keyframes.update(current, pairs)
+        self.tracker.history.forget(keep=self.keyframes.candidates)
+        return attempt
+
+    def finish(self) -> Result:
+        """No more frames: the map, or the reason why there is none."""
+        if self.map is None and self._two_views_only is not None:
+            # The sequence has no third view for a pair that two views decide beyond doubt.
+            attempt, bundle, scene = self._two_views_only
+            self._accept(bundle, scene)
+            self._remember(replace(attempt, verdict=ACCEPTED, advice=""))
+        return Result(
+            map=self.map,
+            reason=None if self.map is not None else self._reason(),
+            frames_read=self._frames_read,
+            frames_to_init=self._frames_read if self.map is not None else None,
+            attempts=tuple(self._attempts),
+            timing_ms=self.stopwatch.summary(),
+        )
+
+    # -- one frame --------------------------------------------------------------------------------
+
+    def _screen(self, current: Observations, pairs: list[PairPreview]) -> Attempt | None:
+        """Refuse at a glance what no pair can yield: no tracks, no motion, no parallax."""
+        if not pairs:
+            return None
+        needed = self.config.keyframes.min_matches
+        usable = [pair for pair in pairs if pair.matches >= needed]
+        pair = (usable or pairs)[0]
+        evidence = _preview_evidence(pair)
+        frames = (pair.reference, pair.current)
+        if len(current) < needed:
+            return _refusal(
+                frames, "too_few_features", evidence | {"features": len(current), "features_needed": needed}
+            )
+        if not usable:
+            return _refusal(frames, "too_few_matches", evidence | {"matches_needed": needed})
+        # Three standard deviations of the difference of two noisy points.
+        noise_gate_px = 3 * float(np.sqrt(2)) * self.config.map.noise_px
+        if max(p.motion_px for p in usable) < noise_gate_px:
+            return _refusal(frames, "static_camera", evidence | {"motion_gate_px": noise_gate_px})
+        # A tenth of the tracks may be mistaken; more of them displaced against the rotation is a motion to look at.
+        if max(p.parallax_share for p in usable) < 0.1:
+            return _refusal(frames, "pure_rotation", evidence | {"parallax_share_needed": 0.1})
+        return None
+
+    def _try(self, pair: PairPreview, current: Observations) -> Attempt:
+        """Two-view geometry, a map for each hypothesis, the vote, the gates."""
+        reference = self.tracker.history[pair.reference]
+        i, j = common_tracks(reference, current)
+        threshold_rad = self.config.two_view.threshold_px / self.camera.focal_px
+        with self.stopwatch("two_view"):
+            pose = estimate_relative_pose(
+                reference.bearings[i], current.bearings[j], threshold_rad=threshold_rad, seed=self.config.seed
+            )
+        attempt = Attempt(
+            frames=(pair.reference, pair.current),
+            verdict=ACCEPTED,
+            evidence=_preview_evidence(pair) | _pose_evidence(pose, self.camera),
+            pixels1=reference.pixels[i],
+            pixels2=current.pixels[j],
+            inliers=pose.inliers if isinstance(pose, RelativePose) else np.zeros(len(i), bool),
+        )
+        verdict = self._two_view_verdict(pose)
+        if verdict != ACCEPTED or not isinstance(pose, RelativePose):
+            return _refused(attempt, verdict)
+        with self.stopwatch("map"):
+            views = further_views(self.tracker.history, reference, current, self.config.map)
+            table = table_of(reference, current, views)
+            hypotheses = (pose, *pose.alternatives)
+            candidates = [
+                build_candidate(self.camera, self.config, table, hypothesis) for hypothesis in hypotheses
+            ]
+            candidates = rank(self.camera, self.config, candidates)
+        attempt = replace(attempt, frames=(*attempt.frames, *table.frames[2:]))
+        best = candidates[0]
+        if not isinstance(best.bundle, BundleSolution):
+            return _refused(attempt, "bundle_adjustment_failed", {"cause": best.bundle.cause})
+        verdict, evidence = self._vote(candidates)
+        attempt = replace(attempt, evidence=attempt.evidence | evidence)
+        if verdict != ACCEPTED:
+            return _refused(attempt, verdict)
+        verdict, gates = acceptance.check(
+            self.camera, best.bundle, len(table.track_ids), best.agreement, self.config.acceptance
+        )
+        evidence = {gate.name: gate.value for gate in gates} | {f"{g.name}_gate": g.threshold for g in gates}
+        evidence["reprojection_rmse_px"] = best.bundle.rmse_px
+        attempt = replace(attempt, evidence=attempt.evidence | evidence)
+        if verdict == ACCEPTED:
+            self._accept(best.bundle, pose.kind)
+            return attempt
+        if verdict == "no_third_view" and len(table.frames) == 2 and len(candidates) == 1:
+            self._two_views_only = attempt, best.bundle, pose.kind
+        return _refused(attempt, verdict)
+
+    def _two_view_verdict(self, pose: RelativePose | NoPose) -> str:
+        if isinstance(pose, NoPose):
+            return pose.reason
+        if pose.kind == "rotation":
+            return "pure_rotation"
+        if pose.inliers.mean() < self.config.two_view.min_inlier_share:
+            return "no_consistent_motion"
+        # The further views and the adjustment bring the uncertainty down by about the square root of their number;
+        # beyond twice the gate they cannot.
+        if np.degrees(pose.direction_sigma_rad) > 2 * self.config.acceptance.max_direction_sigma_deg:
+            return "low_parallax"
+        return ACCEPTED
+
+    def _vote(self, candidates: list[MapCandidate]) -> tuple[str, Evidence]:
+        """Whether the best map is better than each of its rivals, beyond doubt."""
+        best, *rivals = candidates
+        verdict, evidence = ACCEPTED, Evidence()
+        for k, rival in enumerate(rivals, start=1):
+            if same_map(best, rival):
+                continue
+            m = margin(self.camera, self.config, best, rival)
+            evidence |= {f"rival{k}_log_likelihood": m.log_likelihood, f"rival{k}_z": m.z}
+            if not m.decides():
+                verdict = "ambiguous_plane"
+        return verdict, evidence
+
+    # -- outcome ----------------------------------------------------------------------------------
+
+    def _accept(self, bundle: BundleSolution, kind: str) -> None:
+        history = self.tracker.history
+        views = [history[frame] for frame in bundle.problem.frames]
+        problem = bundle.problem
+        _, at, of = np.intersect1d(problem.track_ids, views[-1].track_ids, return_indices=True)
+        colors = np.full((len(problem.points), 3), 128, np.uint8)
+        colors[at] = views[-1].colors[of]
+        self.map = InitialMap(
+            keyframes=tuple(
+                Keyframe(view.frame, view.timestamp_s, view.name, pose)
+                for view, pose in zip(views, problem.world_from_cam, strict=True)
+            ),
+            points=problem.points,
+            track_ids=problem.track_ids,
+            observation_keyframes=problem.views,
+            observation_landmarks=problem.landmarks,
+            observation_pixels=problem.pixels,
+            colors=colors,
+            pose_covariances=bundle.pose_covariances,
+            gauge=bundle.gauge,
+            graph=bundle.graph,
+            values=bundle.values,
+            points_before=bundle.before.points,
+            keyframes_before=bundle.before.world_from_cam,
+            bundle_errors=bundle.errors,
+            reprojection_rmse_px=bundle.rmse_px,
+            median_parallax_deg=float(np.degrees(np.median(problem.parallax_rad()))),
+            noise_px=bundle.noise_px,
+            scene=kind,
+        )
+        self.recorder.initialized(self.map, views)
+
+    def _remember(self, attempt: Attempt) -> None:
+        self.recorder.attempt(attempt)
+        # The matches go to the recording only: memory must not grow with the length of the video by megabytes.
+        none = np.zeros((0, 2))
+        self._attempts.append(replace(attempt, pixels1=none, pixels2=none, inliers=np.zeros(0, bool)))
+
+    def _reason(self) -> str:
+        """What the second half of the attempts mostly said; the slow start of a video says little."""
+        if not self._attempts:
+            return "too_few_frames"
+        verdicts = Counter(attempt.verdict for attempt in self._attempts[len(self._attempts) // 2 :])
+        return min(verdicts, key=lambda verdict: (-verdicts[verdict], REASONS.index(verdict)))
+
+
+def _refusal(frames: tuple[int, ...], verdict: str, evidence: Evidence) -> Attempt:
+    return Attempt(frames, verdict, evidence, ADVICE[verdict])
+
+
+def _refused(attempt: Attempt, verdict: str, evidence: Evidence | None = None) -> Attempt:
+    return replace(
+        attempt, verdict=verdict, advice=ADVICE[verdict], evidence=attempt.evidence | (evidence or {})
+    )
+
+
+def _preview_evidence(pair: PairPreview) -> Evidence:
+    return {
+        "matches": pair.matches,
+        "motion_px": pair.motion_px,
+        "rotation_deg": pair.rotation_deg,
+        "parallax_px": pair.parallax_px,
+        "parallax_share": pair.parallax_share,
+        "spread": pair.spread,
+    }
+
+
+def _pose_evidence(pose: RelativePose | NoPose, camera: Camera) -> Evidence:
+    evidence: Evidence = {
+        f"two_view_{name}": value for name, value in pose.evidence.items() if name != "noise_rad"
+    }
+    if isinstance(pose, RelativePose):
+        evidence |= {
+            "two_view_kind": pose.kind,
+            "two_view_alternatives": len(pose.alternatives),
+            "two_view_noise_px": pose.noise_rad * camera.focal_px,
+            "two_view_parallax_deg": float(np.degrees(pose.parallax_rad)),
+            "two_view_direction_sigma_deg": float(np.degrees(pose.direction_sigma_rad)),
+        }
+    return evidence

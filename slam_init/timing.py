@@ -1,0 +1,39 @@
+"""How long the stages of the pipeline take."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+__all__ = ["Stopwatch"]
+
+
+class Stopwatch:
+    """Collects wall-clock times by stage: ``with stopwatch("track"): ...``."""
+
+    def __init__(self) -> None:
+        self._samples_ms: dict[str, list[float]] = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        """Time the body of a with statement."""
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            self._samples_ms.setdefault(stage, []).append(1e3 * (time.perf_counter() - begin))
+
+    def summary(self) -> dict[str, dict[str, float]]:
+        """Stage -> median, 95th percentile, total (ms) and number of calls."""
+        return {
+            stage: {
+                "median": round(float(np.median(samples)), 3),
+                "p95": round(float(np.percentile(samples, 95)), 3),
+                "total": round(float(np.sum(samples)), 3),
+                "calls": len(samples),
+            }
+            for stage, samples in self._samples_ms.items()
+        }
