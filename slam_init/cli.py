@@ -1,0 +1,321 @@
+"""The command line: ``slam-init run``, ``slam-init synth``, ``slam-init info``.
+
+Exit codes: 0 initialized (or done), 2 bad usage or input, 3 the data never allowed initialization, 130
+interrupted. Whatever is wrong is told in one line on stderr.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+from slam_init.errors import CalibrationError, OutputError, SlamInitError
+
+if TYPE_CHECKING:
+    from slam_init.camera import Camera
+    from slam_init.types import Source
+
+__all__ = ["entry_point", "main"]
+
+_DONE, _BAD_INPUT, _NOT_INITIALIZED, _INTERRUPTED = 0, 2, 3, 130
+_DEFAULT_SOURCE = "synth:room"
+_DEFAULT_OUT = "slam-init-out"
+
+
+class _UsageError(SlamInitError):
+    """The command line itself is wrong."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, told by :func:`main` like all others."""
+
+    def error(self, message: str) -> NoReturn:
+        raise _UsageError(f"{message} (see {self.prog} --help)")
+
+
+class _Version(argparse.Action):
+    """Print the version; looked up only then, as the look-up costs more than the parser."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            print(f"slam-init {version('slam-init')}")
+        except PackageNotFoundError:
+            raise _UsageError("the version is known once the package is installed: pip install .") from None
+        parser.exit()
+
+
+def entry_point() -> NoReturn:
+    """The console script."""
+    sys.exit(main())
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments without the program's name; those of the process by default.
+    """
+    try:
+        arguments = _parser().parse_args(argv)
+        with _NativeStderrSilenced():
+            code: int = arguments.command(arguments)
+        sys.stdout.flush()
+    except SlamInitError as error:
+        _complain(f"error: {error}")
+        return _BAD_INPUT
+    except KeyboardInterrupt:
+        _complain("interrupted")
+        return _INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read stdout has seen enough. Python would complain once more when it flushes at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        return _DONE
+    except SystemExit as done:  # --help and --version
+        return int(done.code or 0)
+    return code
+
+
+def _parser() -> _Parser:
+    parser = _Parser(
+        prog="slam-init",
+        description="Monocular SLAM initialization: from a video to a bundle-adjusted map, or why not.",
+        epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized, 130 interrupted.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="run, synth or info")
+
+    run = commands.add_parser("run", help="initialize from a sequence", allow_abbrev=False)
+    run.description = "Read frames until a map is found; write it, and a recording of how, to a folder."
+    run.set_defaults(command=_run)
+    _add_source(run, default=_DEFAULT_SOURCE)
+    run.add_argument("--out", metavar="DIR", default=_DEFAULT_OUT, help="results (default: %(default)s)")
+    run.add_argument("--method", metavar="NAME", help="relative pose from: quest (default)")
+    run.add_argument(
+        "--seed", type=int, metavar="N", help="of random draws and synthetic worlds (default: 0)"
+    )
+    run.add_argument("--start", type=int, default=0, metavar="K", help="skip the first K frames")
+    run.add_argument("--max-frames", type=int, metavar="N", help="give up after N frames")
+    run.add_argument(
+        "--continue",
+        type=int,
+        default=0,
+        metavar="N",
+        dest="continue_frames",
+        help="then resect the next N frames with the map",
+    )
+    run.add_argument("--config", metavar="FILE", help="options in TOML, as in DIR/config.toml")
+    run.add_argument("--json", action="store_true", help="print the summary as JSON and nothing else")
+    run.add_argument("--quiet", action="store_true", help="print nothing but errors (and --json)")
+
+    synth = commands.add_parser("synth", help="write a synthetic sequence", allow_abbrev=False)
+    synth.description = "Render a synthetic sequence into a folder in the layout of TUM RGB-D."
+    synth.set_defaults(command=_synth)
+    synth.add_argument(
+        "scene", metavar="NAME", help="room, wall, desk, corridor, ...; a wrong name lists all"
+    )
+    synth.add_argument("--out", metavar="DIR", required=True, help="a new or empty folder")
+    synth.add_argument("--seed", type=int, default=0, metavar="N", help="of the world (default: 0)")
+    synth.add_argument("--frames", type=int, metavar="N", help="number of frames (default: 100)")
+
+    info = commands.add_parser("info", help="tell what a sequence holds", allow_abbrev=False)
+    info.set_defaults(command=_info)
+    _add_source(info, default=None)
+    info.add_argument("--json", action="store_true", help="print it as JSON")
+    return parser
+
+
+def _add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
+    parser.add_argument(
+        "source",
+        metavar="SOURCE",
+        nargs="?" if default else None,
+        default=default,
+        help="a folder (TUM, EuRoC, KITTI, images), a video, or synth:NAME"
+        + (f" (default: {default})" if default else ""),
+    )
+    parser.add_argument("--camera", metavar="FILE", help="calibration; 'guess' guesses the focal length")
+
+
+# -- commands ------------------------------------------------------------------------------------------
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    """``slam-init run``."""
+    _at_least("--start", arguments.start, 0)
+    _at_least("--max-frames", arguments.max_frames, 1)
+    _at_least("--continue", arguments.continue_frames, 0)
+    _at_least("--seed", arguments.seed, 0)
+    out = Path(arguments.out).expanduser()
+    _check_out(out)
+
+    from slam_init.config import load_config
+    from slam_init.datasets import open_source
+
+    config_path = Path(arguments.config).expanduser() if arguments.config else None
+    config = load_config(config_path, {"method": arguments.method, "seed": arguments.seed})
+    _not_inside_source(out, arguments.source)
+    source = open_source(arguments.source, config.seed)
+    camera = _camera(arguments, source, arguments.start)
+    if camera is None:
+        raise CalibrationError(
+            f"{arguments.source} has no calibration: give --camera FILE, or --camera guess"
+        )
+    notes = (
+        ("the focal length is a guess (1.2 times the longer image side): expect a bent map",)
+        if camera.guessed
+        else ()
+    )
+
+    from slam_init.pipeline import run
+
+    _, summary = run(
+        source,
+        camera,
+        config,
+        out=out,
+        start=arguments.start,
+        max_frames=arguments.max_frames,
+        continue_frames=arguments.continue_frames,
+        progress=not arguments.quiet and sys.stderr.isatty(),
+        notes=notes,
+    )
+    if arguments.json:
+        from slam_init.export import summary_text
+
+        sys.stdout.write(summary_text(summary))
+    elif not arguments.quiet:
+        from slam_init.report import report_text
+
+        sys.stdout.write(report_text(summary, out))
+    return _DONE if summary["status"] == "initialized" else _NOT_INITIALIZED
+
+
+def _synth(arguments: argparse.Namespace) -> int:
+    """``slam-init synth``."""
+    _at_least("--frames", arguments.frames, 1)
+    _at_least("--seed", arguments.seed, 0)
+    out = Path(arguments.out).expanduser()
+    _check_out(out)
+    try:
+        if out.is_dir() and any(out.iterdir()):
+            raise OutputError(f"--out {out} is not empty: give a new or an empty folder")
+    except OSError as error:
+        raise OutputError(f"--out {out} cannot be read ({error.strerror})") from None
+
+    from tqdm import tqdm
+
+    from sequences_synth import write_tum
+    from slam_init.datasets.synth import make_synth
+
+    values = {} if arguments.frames is None else {"frames": arguments.frames}
+    sequence = make_synth(arguments.scene, arguments.seed, values)
+    # disable=None: silent where stderr is no terminal.
+    with tqdm(total=len(sequence), unit="frame", disable=None, leave=False) as bar:
+        try:
+            write_tum(sequence, out, progress=lambda done: bar.update(done - bar.n))
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            raise OutputError(f"--out {out} cannot be written ({error.strerror or error})") from None
+    sys.stdout.write(f"wrote {len(sequence)} frames of {arguments.scene} to {out}\n")
+    return _DONE
+
+
+def _info(arguments: argparse.Namespace) -> int:
+    """``slam-init info``."""
+    from slam_init.datasets import open_source
+    from slam_init.info import describe, describe_text
+
+    source = open_source(arguments.source)
+    info = describe(source, _camera(arguments, source, 0))
+    if arguments.json:
+        import json
+
+        sys.stdout.write(json.dumps(info, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+    else:
+        sys.stdout.write(describe_text(info))
+    return _DONE
+
+
+# -- checks --------------------------------------------------------------------------------------------
+
+
+def _camera(arguments: argparse.Namespace, source: Source, start: int) -> Camera | None:
+    """The calibration that was asked for, else that of the source; checked against the first image used."""
+    frame = next(source.frames(start, 1))
+    if arguments.camera is None:
+        return source.camera
+    from slam_init.calibration import load_camera
+
+    return load_camera(arguments.camera, (frame.image.shape[1], frame.image.shape[0]))
+
+
+def _at_least(option: str, value: int | None, least: int) -> None:
+    if value is not None and value < least:
+        raise _UsageError(f"{option} is {value}: it must be at least {least}")
+
+
+def _check_out(out: Path) -> None:
+    """Refuse a place that cannot be written before any work is done, without creating anything."""
+    try:
+        if out.exists() and not out.is_dir():
+            raise OutputError(f"--out {out} is a file: give a folder")
+        existing = next(parent for parent in (out, *out.resolve().parents) if parent.exists())
+    except (OSError, ValueError) as error:
+        raise OutputError(f"--out {str(out)!r} cannot be used ({error})") from None
+    if not existing.is_dir():
+        raise OutputError(f"--out {out}: {existing} is a file, not a folder")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise OutputError(f"--out {out}: no permission to write in {existing}")
+
+
+def _not_inside_source(out: Path, source: str) -> None:
+    """Results named like data (``trajectory.txt``, ``colmap/``) must not land on the data."""
+    folder = Path(source).expanduser()
+    # os.path: False, not an error, for names that no file can have.
+    if os.path.isdir(folder) and out.resolve() == folder.resolve():  # noqa: PTH112
+        raise OutputError(f"--out {out} is the folder of the data: give another one")
+
+
+# -- stderr --------------------------------------------------------------------------------------------
+
+
+def _complain(message: str) -> None:
+    print("slam-init:", " ".join(message.splitlines()), file=sys.stderr)
+
+
+class _NativeStderrSilenced:
+    """While open, what C libraries print on file descriptor 2 goes nowhere; Python's own stderr still works.
+
+    The decoders inside OpenCV describe a broken file in lines of their own, which no log level stops.
+    """
+
+    def __enter__(self) -> None:
+        sys.stderr.flush()
+        self._original = os.dup(2)
+        self._stderr = sys.stderr
+        try:
+            redirect = sys.stderr.fileno() == 2
+        except (OSError, ValueError):  # a stderr that is no file
+            redirect = False
+        if redirect:
+            sys.stderr = os.fdopen(os.dup(2), "w", buffering=1, errors="backslashreplace")
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, 2)
+        os.close(null)
+
+    def __exit__(self, *_: object) -> None:
+        os.dup2(self._original, 2)
+        os.close(self._original)
+        if sys.stderr is not self._stderr:
+            sys.stderr.close()
+            sys.stderr = self._stderr
