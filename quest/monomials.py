@@ -19,8 +19,8 @@ The same with k in place of j eliminates the depths of i and leaves the quartic 
 made of quadratics. It is evaluated at 35 fixed unit quaternions and interpolated by the inverse of their
 matrix of monomials, so that a whole batch of samples takes two matrix products.
 
-This departs from [F17], which expands the coefficients symbolically; its printed expansion of Example 2 is
-wrong even up to scale, and the tests hold the right one.
+This departs from [F17], which expands the coefficients symbolically; the expansion printed in its Example 2
+is not that of its points, not even up to scale.
 """
 
 from __future__ import annotations
