@@ -69,8 +69,8 @@ _TAIL_FRAMES = 3
 _MAX_LINES = 250
 #: Chunks end after this many bytes and never by the clock, so that two runs write the same ones.
 _CHUNK_BYTES = 1 << 19
-#: Size of a frustum in units of the map, whose median depth is 1.
-_FRUSTUM = 0.08
+#: Size of a frustum in units of the map, whose median depth is 1; smaller where it would hide a short path.
+_FRUSTUM, _SMALLEST_FRUSTUM = 0.08, 0.04
 
 
 class Recorder:
@@ -146,6 +146,7 @@ class RerunRecorder(Recorder):
         self._camera = camera
         self._groundtruth = groundtruth
         self._scale = min(1.0, _LONG_SIDE_PX / max(camera.width, camera.height))
+        self._frustum = _FRUSTUM
         self._frames = 0
         self._recent: OrderedDict[int, Image] = OrderedDict()
         self._tails: deque[Observations] = deque(maxlen=_TAIL_FRAMES + 1)
@@ -164,7 +165,6 @@ class RerunRecorder(Recorder):
         self._rec.save(path, default_blueprint=blueprint())
         self._rec.send_recording_name(f"slam-init {source_name}")
         self._rec.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
-        self._log_pinhole("world/camera/image", _LONG_SIDE_PX, _YELLOW, static=True)
         for entity, name, color in (
             ("stats/tracks", "tracks", _EST),
             ("stats/bundle/error", "error of the graph", _EST),
@@ -182,6 +182,8 @@ class RerunRecorder(Recorder):
         if self._frames % (1 + self._frames // _FRAMES_AT_FULL_RATE) == 0:
             rec.log("world/camera/image", _jpeg(_reduced(frame.image, _LONG_SIDE_PX)))
         self._frames += 1
+        if self._frames == 1:
+            self._log_pinhole("world/camera/image", _LONG_SIDE_PX, _YELLOW)
 
         self._tails.append(observations)
         oldest = self._tails[0]
@@ -226,7 +228,10 @@ class RerunRecorder(Recorder):
             ),
         )
         poses_after = tuple(keyframe.world_from_cam for keyframe in map_.keyframes)
+        path = max(float(np.linalg.norm(pose.t - poses_after[0].t)) for pose in poses_after)
+        self._frustum = float(np.clip(path, _SMALLEST_FRUSTUM, _FRUSTUM))
         rec.set_time("stage", sequence=0)
+        self._log_pinhole("world/camera/image", _LONG_SIDE_PX, _YELLOW)
         for view in map_.keyframes:
             entity = f"world/keyframes/{view.frame}/image"
             self._log_pinhole(entity, _LONG_SIDE_PX // 2, _EST)
@@ -273,9 +278,7 @@ class RerunRecorder(Recorder):
         """Raw pixels (..., 2) in the reduced image; rerun has pixel centres at half-integers."""
         return (pixels + 0.5) * self._scale
 
-    def _log_pinhole(
-        self, entity: str, long_side_px: int, color: tuple[int, int, int], static: bool = False
-    ) -> None:
+    def _log_pinhole(self, entity: str, long_side_px: int, color: tuple[int, int, int]) -> None:
         """A frustum for images of that size. Lens distortion is not drawn: the rays at the border are off."""
         rr, camera = self._rr, self._camera
         small = camera.scaled(min(1.0, long_side_px / max(camera.width, camera.height)))
@@ -283,11 +286,11 @@ class RerunRecorder(Recorder):
             resolution=[small.width, small.height],
             focal_length=[small.fx, small.fy],
             principal_point=[small.cx + 0.5, small.cy + 0.5],
-            image_plane_distance=_FRUSTUM,
+            image_plane_distance=self._frustum,
             color=color,
             line_width=rr.Radius.ui_points(1.0),
         )
-        self._rec.log(entity, pinhole, static=static)
+        self._rec.log(entity, pinhole)
 
     def _log_camera(self, world_from_cam: Pose) -> None:
         self._rec.log("world/camera", _transform(world_from_cam))
