@@ -1,14 +1,15 @@
 """Textured worlds with exact truth, seen by real feature detectors.
 
-A sequence is a world of textured planes, a smooth camera path and a sensor, all drawn from one seed. Poses are
-``world_from_cam`` in metres, camera frames optical (x right, y down, z forward), pixel centres at integers ::
+A sequence is a world of textured planes, a smooth camera path and a sensor, all drawn from one seed. Poses
+are ``world_from_cam`` in metres, camera frames optical (x right, y down, z forward), pixel centres at
+integers ::
 
     sequence = make_sequence("room", seed=3)
     image, depth = sequence.render(12)
 
-Scenes: ``room`` (general), ``wall`` (one tilted plane), ``nadir`` (straight flight over flat ground), ``nadir-turn``
-(the same in a turn), ``corridor`` (forward motion), ``desk`` (dominant plane with objects), ``rotation`` (pure),
-``rotate-then-move`` and ``static``.
+Scenes: ``room`` (general), ``wall`` (one tilted plane), ``nadir`` (straight flight over flat ground),
+``nadir-turn`` (the same in a turn), ``corridor`` (forward motion), ``desk`` (dominant plane with objects),
+``rotation`` (pure), ``rotate-then-move`` and ``static``.
 """
 
 from sequences_synth.scene import SCENES

@@ -16,7 +16,8 @@ Image = NDArray[np.uint8]
 _LEAST_BLUR_PX = 0.1
 # Samples along a blur: one a pixel, no more than this many.
 _MOST_TAPS = 9
-# Share of the noise variance at mid grey that is read noise; the rest is shot noise, proportional to the light.
+# Share of the noise variance at mid grey that is read noise; the rest is shot noise, proportional to the
+# light.
 _READ_SHARE = 0.3
 _MID_GREY = 128.0
 
@@ -59,8 +60,8 @@ def expose(image: Image, gain: float, noise: float, rng: np.random.Generator) ->
     gain : float
         Factor on the light.
     noise : float
-        Standard deviation of the luminance at mid grey, grey levels: shot noise grows with the root of the light, read
-        noise does not depend on it.
+        Standard deviation of the luminance at mid grey, grey levels: shot noise grows with the root of the
+        light, read noise does not depend on it.
     rng : numpy.random.Generator
         Of this frame alone.
     """
@@ -70,8 +71,8 @@ def expose(image: Image, gain: float, noise: float, rng: np.random.Generator) ->
         return image if gain == 1.0 else cast(Image, cv2.convertScaleAbs(image, alpha=gain))
     grey = np.arange(256) * gain
     sigma = noise * np.sqrt(_READ_SHARE + (1 - _READ_SHARE) * grey / _MID_GREY)
-    # One draw for the three channels: the noise of the luminance is then what the caller asked for, at a third of the
-    # cost. The green channel stands for the light.
+    # One draw for the three channels: the noise of the luminance is then what the caller asked for, at a
+    # third of the cost. The green channel stands for the light.
     grain = rng.standard_normal(image.shape[:2], np.float32) * sigma.astype(np.float32)[image[..., 1]]
     noisy = cv2.merge([grain, grain, grain])
     noisy = cv2.scaleAdd(image.astype(np.float32), gain, noisy)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,8 @@ class Quad:
     light : float
         Factor on the texture's grey levels.
     one_sided : bool
-        Seen only where ``edge_u x edge_v`` points away from the camera, as u right, v down does (faces of closed boxes).
+        Seen only where ``edge_u x edge_v`` points away from the camera, as u right, v down does (faces of
+        closed boxes).
     displacement : callable or None
         Moving objects: frame number -> displacement (3,) in metres.
     """
@@ -45,21 +47,26 @@ class Quad:
     one_sided: bool = False
     displacement: Callable[[float], Floats] | None = None
 
-    @property
-    def normal(self) -> Floats:
-        """Unit normal (3,)."""
-        n = np.cross(self.edge_u, self.edge_v)
-        return np.asarray(n / np.linalg.norm(n))
-
     def corner_at(self, frame: float) -> Floats:
         """Where the corner (3,) is at a (real-valued) frame."""
         return self.corner if self.displacement is None else self.corner + self.displacement(frame)
 
     def world_from_texel(self, frame: float) -> Floats:
         """(3, 3) matrix that takes (s, t, 1) to world points."""
+        if self.displacement is None:
+            return self._texel_frame
+        return np.column_stack([self._texel_frame[:, :2], self.corner_at(frame)])
+
+    @cached_property
+    def texel_area(self) -> float:
+        """Area of a texel in square metres."""
+        return float(np.linalg.norm(np.cross(self._texel_frame[:, 0], self._texel_frame[:, 1])))
+
+    @cached_property
+    def _texel_frame(self) -> Floats:
         u = self.edge_u / (self.texture.width - 1)
         v = self.edge_v / (self.texture.height - 1)
-        return np.column_stack([u, v, self.corner_at(frame)])
+        return np.column_stack([u, v, self.corner])
 
 
 @dataclass(eq=False)

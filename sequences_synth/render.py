@@ -1,13 +1,14 @@
 """Rendering textured quads: exact homographies, mipmaps, a depth buffer with four samples a pixel.
 
-A quad's texels map to pixels by the homography ``H = K cam_from_world [edge_u | edge_v | corner]``, so a world point
-lands exactly where its texel does (pixel centres at integers). Inverse depth is affine in the pixel on a plane, which
-makes the depth buffer cheap and exact. Visibility is decided at four samples a pixel, colour once a pixel and quad;
-pixels on silhouettes mix the quads by the samples they won, as a lens would.
+A quad's texels map to pixels by the homography ``H = K cam_from_world [edge_u | edge_v | corner]``, so a
+world point lands exactly where its texel does (pixel centres at integers). Inverse depth is affine in the
+pixel on a plane, which makes the depth buffer cheap and exact. Visibility is decided at four samples a pixel,
+colour once a pixel and quad; pixels on silhouettes mix the quads by the samples they won, as a lens would.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
@@ -27,8 +28,10 @@ Ids = NDArray[np.int16]
 # Nothing is drawn nearer than this, metres: what is nearer would fill the view.
 _NEAR_M = 0.05
 _NOTHING = -1
+# A plane seen from nearer than this (metres) is seen edge-on.
+_EDGE_ON_M = 1e-6
 # The level of detail is smooth: computed on a coarse grid of so many nodes a side, then interpolated.
-_GRID = 24
+_GRID = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +55,15 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """A quad in front of the camera: homography and inverse depth, its outline in pixels."""
+    """A quad in front of the camera: its homography, and its outline in pixels."""
 
-    pixel_from_texel: Floats
-    inverse_depth: Floats  # (3,): dot with (x, y, 1)
-    outline: Floats  # (N, 2) convex, pixels
+    texel_from_pixel: Floats  # applied to (x, y, 1): (s, t, 1) / z
+    outline: list[tuple[float, float]]  # convex
+
+    @property
+    def inverse_depth(self) -> Floats:
+        """(3,) whose dot product with (x, y, 1) is 1 / z."""
+        return self.texel_from_pixel[2]
 
 
 def render(
@@ -75,7 +82,7 @@ def render(
     width, height : int
         Image size in pixels.
     """
-    seen = {i: s for i, quad in enumerate(quads) if (s := _see(quad, K, cam_from_world, frame)) is not None}
+    seen = _project(quads, K, cam_from_world, frame)
     depth_samples = np.zeros((2 * height, 2 * width), np.float32)
     id_samples = np.full((2 * height, 2 * width), _NOTHING, np.int16)
     for i, s in seen.items():
@@ -83,24 +90,28 @@ def render(
     return _shade(quads, seen, depth_samples, id_samples)
 
 
-def _see(quad: Quad, K: Floats, cam_from_world: Floats, frame: float) -> _Seen | None:
-    """Clip a quad at the near plane and project it; None where nothing of it is in front."""
+def _project(quads: Sequence[Quad], K: Floats, cam_from_world: Floats, frame: float) -> dict[int, _Seen]:
+    """The quads that have a part in front of the camera and do not turn their back to it, clipped and projected."""
     R, t = cam_from_world[:3, :3], cam_from_world[:3, 3]
-    texel = quad.world_from_texel(frame)
-    cam_from_texel = np.column_stack([R @ texel[:, 0], R @ texel[:, 1], R @ texel[:, 2] + t])
-    normal, point = R @ quad.normal, cam_from_texel[:, 2]
-    distance = float(normal @ point)
-    # Edge-on quads have no area; one-sided ones are invisible from behind (their normal then points at us).
-    if abs(distance) < 1e-9 or (quad.one_sided and distance < 0):
-        return None
-    w, h = quad.texture.width - 1, quad.texture.height - 1
-    corners = np.array([[0, 0, 1], [w, 0, 1], [w, h, 1], [0, h, 1]], float) @ cam_from_texel.T
-    corners = _clip_near(corners)
-    if len(corners) < 3:
-        return None
-    projected = corners @ K.T
-    inverse_depth = np.asarray(np.linalg.solve(K.T, normal / distance), float)  # n . X = distance, X = z K^-1 (x, y, 1)
-    return _Seen(K @ cam_from_texel, inverse_depth, projected[:, :2] / projected[:, 2:])
+    cam_from_texel = R @ np.stack([quad.world_from_texel(frame) for quad in quads])
+    cam_from_texel[:, :, 2] += t
+    # The triple product u x v . corner: the distance to the plane times the area of a texel.
+    facing = np.linalg.det(cam_from_texel)
+    distance = facing / np.array([quad.texel_area for quad in quads])
+    one_sided = np.array([quad.one_sided for quad in quads])
+    visible = np.where(one_sided, distance, np.abs(distance)) > _EDGE_ON_M
+    seen = {}
+    for i in np.nonzero(visible)[0].tolist():
+        w, h = quads[i].texture.width - 1, quads[i].texture.height - 1
+        corners = np.array([[0, 0, 1], [w, 0, 1], [w, h, 1], [0, h, 1]], float) @ cam_from_texel[i].T
+        if corners[:, 2].min() < _NEAR_M:
+            corners = _clip_near(corners)
+        if len(corners) < 3:
+            continue
+        projected = corners @ K.T
+        outline = [(x / z, y / z) for x, y, z in projected.tolist()]
+        seen[i] = _Seen(np.asarray(np.linalg.inv(K @ cam_from_texel[i]), float), outline)
+    return seen
 
 
 def _clip_near(polygon: Floats) -> Floats:
@@ -117,13 +128,13 @@ def _clip_near(polygon: Floats) -> Floats:
 def _fill(seen: _Seen, identity: int, depth_samples: Floats32, id_samples: Ids) -> None:
     """Enter one quad into the depth buffer, whose sample (i, j) lies at pixel (j / 2 - 1/4, i / 2 - 1/4)."""
     rows, columns = depth_samples.shape
-    outline = 2 * seen.outline + 0.5
-    top = max(0, int(np.ceil(outline[:, 1].min())))
-    bottom = min(rows, int(np.floor(outline[:, 1].max())) + 1)
-    if top >= bottom:
+    outline = [(2 * x + 0.5, 2 * y + 0.5) for x, y in seen.outline]
+    top = max(0, math.ceil(min(y for _, y in outline)))
+    bottom = min(rows, math.floor(max(y for _, y in outline)) + 1)
+    if top >= bottom or max(x for x, _ in outline) < 0 or min(x for x, _ in outline) > columns - 1:
         return
-    left, right = _spans(outline, np.arange(top, bottom))
-    first, last = max(0, int(np.ceil(left.min()))), min(columns, int(np.floor(right.max())) + 1)
+    left, right = _spans(outline, top, bottom)
+    first, last = max(0, math.ceil(left.min())), min(columns, math.floor(right.max()) + 1)
     if first >= last:
         return
     a, b, c = seen.inverse_depth
@@ -141,16 +152,17 @@ def _fill(seen: _Seen, identity: int, depth_samples: Floats32, id_samples: Ids) 
     np.copyto(id_samples[top:bottom, first:last], np.int16(identity), where=wins)
 
 
-def _spans(outline: Floats, rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
-    """Where each row enters and leaves a convex outline; rows (N,) -> left, right (N,)."""
-    left, right = np.full(len(rows), np.inf), np.full(len(rows), -np.inf)
-    for (xa, ya), (xb, yb) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
-        if ya == yb:
+def _spans(outline: list[tuple[float, float]], top: int, bottom: int) -> tuple[Floats, Floats]:
+    """Where the rows from top to before bottom enter and leave a convex outline that all of them cross."""
+    left, right = np.full(bottom - top, np.inf), np.full(bottom - top, -np.inf)
+    for (xa, ya), (xb, yb) in zip(outline, outline[1:] + outline[:1], strict=True):
+        first, last = max(top, math.ceil(min(ya, yb))), min(bottom, math.floor(max(ya, yb)) + 1)
+        if ya == yb or first >= last:
             continue
-        crossed = (rows >= min(ya, yb)) & (rows <= max(ya, yb))
-        x = xa + (rows[crossed] - ya) * ((xb - xa) / (yb - ya))
-        left[crossed] = np.minimum(left[crossed], x)
-        right[crossed] = np.maximum(right[crossed], x)
+        x = xa + (np.arange(first, last) - ya) * ((xb - xa) / (yb - ya))
+        crossed = slice(first - top, last - top)
+        np.minimum(left[crossed], x, out=left[crossed])
+        np.maximum(right[crossed], x, out=right[crossed])
     return left, right
 
 
@@ -162,34 +174,53 @@ def _shade(quads: Sequence[Quad], seen: dict[int, _Seen], depth_samples: Floats3
     ids = corners[0].copy()
     mixed = (corners[1] != ids) | (corners[2] != ids) | (corners[3] != ids)
     height, width = ids.shape
-    # The mean of four samples of an affine function is its value at the pixel centre; on a silhouette, where samples
-    # come from several planes, the plane of the first sample is evaluated there.
+    # The mean of four samples of an affine function is its value at the pixel centre; on a silhouette, where
+    # samples come from several planes, the plane of the first sample is evaluated there.
     inverse_depth = cast(Floats32, cv2.resize(depth_samples, (width, height), interpolation=cv2.INTER_AREA))
-    planes = np.zeros((len(quads) + 1, 3))
+    planes = np.zeros((len(quads) + 1, 3))  # the last row stands for nothing, id -1
     for i, s in seen.items():
         planes[i] = s.inverse_depth
     y, x = np.nonzero(mixed)
-    inverse_depth[y, x] = np.sum(planes[ids[y, x]] * np.column_stack([x, y, np.ones(len(x))]), axis=1)
+    at_centre = np.sum(planes[ids[y, x]] * np.column_stack([x, y, np.ones(len(x))]), axis=1)
+    inverse_depth[y, x] = np.maximum(at_centre, 0)
 
     image: Image = np.zeros((height, width, 3), np.uint8)
-    silhouette = np.zeros((len(x), 3), np.float32)
-    sides = np.stack([corner[y, x] for corner in corners], axis=1)
-    visible_ids = np.union1d(np.unique(ids), np.unique(sides))
-    for i in visible_ids[visible_ids != _NOTHING].tolist():
-        own = (ids == i).view(np.uint8)
-        share = np.count_nonzero(sides == i, axis=1)
-        touched = share > 0
-        own[y[touched], x[touched]] = 1
+    # The samples of the silhouette pixels, four to a pixel, grouped by quad.
+    side_ids = np.stack([corner[y, x] for corner in corners], axis=1).ravel()
+    side_colors = np.zeros((len(side_ids), 3), np.float32)
+    order = np.argsort(side_ids, kind="stable")
+    starts = np.searchsorted(side_ids[order], np.arange(len(quads) + 1))
+    for i, s in seen.items():
+        window = _window(s.outline, width, height)
+        own = (ids[window] == i).view(np.uint8)
+        if own.size == 0:
+            continue
+        sides = order[starts[i] : starts[i + 1]]
+        side_x, side_y = x[sides // 4], y[sides // 4]
+        own[side_y - window[0].start, side_x - window[1].start] = 1
         left, top, w, h = cv2.boundingRect(own)
+        if w == 0:
+            continue
         own = own[top : top + h, left : left + w]
-        patch = _sample(quads[i], seen[i].pixel_from_texel, left, top, own)
+        left, top = left + window[1].start, top + window[0].start
+        patch = _sample(quads[i], s.texel_from_pixel, left, top, own)
         cv2.copyTo(patch, own, image[top : top + h, left : left + w])
-        silhouette[touched] += 0.25 * share[touched, None] * patch[y[touched] - top, x[touched] - left]
-    image[y, x] = np.round(silhouette)
+        side_colors[sides] = patch[side_y - top, side_x - left]
+    image[y, x] = np.round(side_colors.reshape(-1, 4, 3).mean(axis=1))
     return View(image, inverse_depth, ids)
 
 
-def _sample(quad: Quad, pixel_from_texel: Floats, left: int, top: int, mask: Image) -> Image:
+def _window(outline: list[tuple[float, float]], width: int, height: int) -> tuple[slice, slice]:
+    """Rows and columns of the image that hold every pixel with a sample inside an outline; empty where it is outside."""
+    columns, rows = (
+        # Samples lie a quarter of a pixel from the centre; half a pixel is on the safe side.
+        slice(min(size, max(0, math.ceil(min(c) - 0.5))), max(0, min(size, math.floor(max(c) + 0.5) + 1)))
+        for c, size in zip(zip(*outline, strict=True), (width, height), strict=True)
+    )
+    return rows, columns
+
+
+def _sample(quad: Quad, texel_from_pixel: Floats, left: int, top: int, mask: Image) -> Image:
     """The quad's texture as seen in a window of the image, trilinear: (height, width, 3) uint8.
 
     The mask (height, width) of the window tells where it will be used.
@@ -198,7 +229,6 @@ def _sample(quad: Quad, pixel_from_texel: Floats, left: int, top: int, mask: Ima
 
     height, width = mask.shape
     levels = quad.texture.levels
-    texel_from_pixel = np.asarray(np.linalg.inv(pixel_from_texel), float)
     detail = np.clip(_level_of_detail(texel_from_pixel, left, top, width, height), 0, len(levels) - 1)
     # Outside the mask the plane may run to its horizon, whose levels nobody needs.
     used = detail[cv2.resize(255 * mask, (_GRID, _GRID), interpolation=cv2.INTER_AREA) > 0]
@@ -230,8 +260,8 @@ def _sample(quad: Quad, pixel_from_texel: Floats, left: int, top: int, mask: Ima
 def _level_of_detail(texel_from_pixel: Floats, left: int, top: int, width: int, height: int) -> Floats32:
     """log2 of the texels that a pixel spans, on a coarse grid over a window.
 
-    Between the geometric mean and the longer side of the pixel's footprint: the longer side alone blurs slanted
-    surfaces more than a lens does, the mean alone lets them flicker.
+    Between the geometric mean and the longer side of the pixel's footprint: the longer side alone blurs
+    slanted surfaces more than a lens does, the mean alone lets them flicker.
     """
     # Nodes where cv2.resize puts them when it enlarges the grid to the window.
     nodes = (np.arange(_GRID) + 0.5) / _GRID

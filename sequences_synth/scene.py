@@ -410,7 +410,7 @@ def _desk(setup: _Setup) -> tuple[list[Quad], Path]:
             np.array([-wide, deep, desk_z]),
             np.array([2 * wide, 0, 0]),
             np.array([0, -deep - 0.7, 0]),
-            "print",
+            "desk",
         ),
         painter.quad(np.array([-4, 3, 0]), np.array([8.0, 0, 0]), np.array([0, -5.0, 0]), "wood", 0.7),
         painter.quad(np.array([-4, 2.2, 3]), np.array([8.0, 0, 0]), np.array([0, 0, -3.0]), "wall", 0.9),
@@ -444,7 +444,7 @@ def _moving_cards(setup: _Setup, path: Path, quads: list[Quad], share: float) ->
     pose = path.steady(0.0, 0.0)
     right, down, ahead = pose[:3, 0], pose[:3, 1], pose[:3, 2]
     # Clearly nearer than the scene, so that they are never inside of it.
-    distance = 0.5 * _nearest_ahead(quads, pose)
+    distance = 0.6 * _nearest_ahead(setup, quads, pose)
     view_w, view_h = distance * setup.width / setup.K[0, 0], distance * setup.height / setup.K[1, 1]
     count = 3
     painter = setup.painter(pose[:3, 3], distance)
@@ -473,17 +473,18 @@ def _moving_cards(setup: _Setup, path: Path, quads: list[Quad], share: float) ->
     return cards
 
 
-def _nearest_ahead(quads: list[Quad], pose: Floats) -> float:
-    """Depth of the nearest plane that the optical axis meets."""
-    origin, axis = pose[:3, 3], pose[:3, 2]
+def _nearest_ahead(setup: _Setup, quads: list[Quad], pose: Floats) -> float:
+    """Least depth among rays spread over the view."""
+    x, y = np.meshgrid(np.linspace(0, setup.width - 1, 7), np.linspace(0, setup.height - 1, 7))
+    rays = pose[:3, :3] @ np.linalg.inv(setup.K) @ np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
     depths = []
     for quad in quads:
-        edges = np.column_stack([quad.edge_u, quad.edge_v, -axis])
-        if abs(np.linalg.det(edges)) > 1e-12:
-            a, b, depth = np.linalg.solve(edges, origin - quad.corner)
-            if 0 <= a <= 1 and 0 <= b <= 1 and depth > 0:
-                depths.append(float(depth))
-    return min(depths)
+        edges = np.column_stack([quad.edge_u, quad.edge_v])
+        normal = np.cross(*edges.T)
+        depth = (normal @ (quad.corner - pose[:3, 3])) / (normal @ rays)
+        a, b = np.linalg.pinv(edges) @ (pose[:3, 3:] + depth * rays - quad.corner[:, None])
+        depths.append(depth[(depth > 0) & (a >= 0) & (a <= 1) & (b >= 0) & (b <= 1)])
+    return float(np.concatenate(depths).min())
 
 
 _BUILDERS: dict[str, Callable[[_Setup], tuple[list[Quad], Path]]] = {

@@ -47,6 +47,8 @@ class Look:
         Relative frequency of ``rectangle``, ``ellipse``, ``polygon``, ``line``, ``glyph``.
     blend : float
         How far a mark's colour moves from the ground colour to the accent: 1 for prints, less for stains.
+    patch_texels : int
+        Size of the patches of different colour under the marks, as of fields seen from above; 0 for none.
     """
 
     base: tuple[Color, ...]
@@ -55,6 +57,7 @@ class Look:
     grain: float
     marks: dict[str, float] = field(hash=False)
     blend: float = 0.8
+    patch_texels: int = 0
 
 
 _PRINTS: tuple[Color, ...] = (
@@ -78,6 +81,15 @@ LOOKS: dict[str, Look] = {
         grain=4,
         marks={"rectangle": 4, "ellipse": 3, "polygon": 3, "line": 1, "glyph": 8},
         blend=0.9,
+    ),
+    "desk": Look(
+        base=((95, 120, 150), (110, 115, 120), (80, 105, 140), (125, 140, 150)),
+        accents=_PRINTS,
+        clouds=14,
+        grain=5,
+        marks={"rectangle": 6, "ellipse": 2, "polygon": 2, "line": 1, "glyph": 7},
+        blend=0.85,
+        patch_texels=260,
     ),
     "wood": Look(
         base=((70, 110, 155), (85, 120, 150), (60, 90, 130), (110, 140, 170)),
@@ -112,6 +124,7 @@ LOOKS: dict[str, Look] = {
         grain=7,
         marks={"rectangle": 3, "ellipse": 6, "polygon": 4, "line": 1},
         blend=0.75,
+        patch_texels=170,
     ),
 }
 
@@ -151,14 +164,41 @@ def _paint(rng: np.random.Generator, height: int, width: int, look: Look) -> Ima
     """Paint one surface, (height, width, 3) uint8 BGR."""
     import cv2
 
-    base = np.asarray(look.base[rng.integers(len(look.base))]) + rng.normal(0, 8, 3)
+    base = np.asarray(look.base[rng.integers(len(look.base))]) + rng.normal(0, 8) + rng.normal(0, 4, 3)
     clouds = look.clouds * _fractal_noise(rng, height, width, octaves=8)
-    canvas = np.clip(clouds[..., None] + base.astype(np.float32), 0, 255).astype(np.uint8)
+    ground = base.astype(np.float32)
+    if look.patch_texels:
+        ground = ground + _patches(rng, height, width, look)
+    canvas = np.clip(clouds[..., None] + ground, 0, 255).astype(np.uint8)
     _draw_marks(rng, canvas, base, look)
     # A lens never passes an edge as sharp as one texel, and bilinear sampling is exact only on what is smooth.
     canvas = cast(Image, cv2.GaussianBlur(canvas, (0, 0), 0.7))
     grain = look.grain * _fractal_noise(rng, height, width, octaves=3)
     return np.clip(canvas + grain[..., None], 0, 255).astype(np.uint8)
+
+
+def _patches(rng: np.random.Generator, height: int, width: int, look: Look) -> Floats32:
+    """(height, width, 3) colour offsets, constant on irregular patches: the cells of random points."""
+    import cv2
+
+    step = 4  # the outlines of fields need not be sharper than this
+    rows, columns = -(-height // step), -(-width // step)
+    count = max(2, height * width // look.patch_texels**2)
+    points = rng.random((count, 2)) * (columns, rows)
+    accents = np.asarray(look.accents)[rng.integers(len(look.accents), size=count)] - np.asarray(look.base[0])
+    offsets = (0.45 * accents + rng.normal(0, 12, (count, 1)) + rng.normal(0, 4, (count, 3))).astype(
+        np.float32
+    )
+    y, x = np.mgrid[:rows, :columns].astype(np.float32)
+    # Straight borders look drawn: bend them.
+    x += 4 * _fractal_noise(rng, rows, columns, octaves=5)
+    nearest = np.full((rows, columns), np.inf, np.float32)
+    cells = np.zeros((rows, columns), np.intp)
+    for i, (px, py) in enumerate(points.astype(np.float32)):
+        distance = np.abs(x - px) + np.abs(y - py)
+        closer = distance < nearest
+        nearest[closer], cells[closer] = distance[closer], i
+    return cast(Floats32, cv2.resize(offsets[cells], (width, height), interpolation=cv2.INTER_LINEAR))
 
 
 def _fractal_noise(rng: np.random.Generator, height: int, width: int, octaves: int) -> Floats32:
