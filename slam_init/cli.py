@@ -220,8 +220,13 @@ def _synth(arguments: argparse.Namespace) -> int:
     sequence = make_synth(arguments.scene, arguments.seed, values)
     # disable=None: silent where stderr is no terminal.
     with tqdm(total=len(sequence), unit="frame", disable=None, leave=False) as bar:
+
+
+        def advance(done: int) -> None:
+            bar.update(done - bar.n)
+
         try:
-            write_tum(sequence, out, progress=lambda done: bar.update(done - bar.n))
+            write_tum(sequence, out, progress=advance)
         except BrokenPipeError:
             raise
         except OSError as error:
