@@ -13,8 +13,9 @@ It asks that A, 35x35, have rank 31. Points on a plane leave a rank of 20: the p
 solution of the monomials that belongs to no rotation, and the candidates are wrong, as [F17] says.
 :func:`quest.quest6.quest6` serves planes.
 
-Departures from [F17]: the unknown is ``q' = p q`` as in :mod:`quest.quest6`, the three lambdas are
-united, and without translation the rotation that turns all rays m into n is given.
+Departures from [F17]: the unknown is ``q' = p q`` as in :mod:`quest.quest6`; the three lambdas are united;
+candidates are polished on the quartics, since four monomials out of 35 bear all of the rounding and noise;
+without translation the rotation that turns all rays m into n is given.
 """
 
 from __future__ import annotations
@@ -24,12 +25,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.epipolar import as_matches
 from quest.monomials import coefficient_rows, quartic_index
+from quest.newton import polish_on_quartics
 from quest.quaternion import canonical, conjugate, multiply
 from quest.quest6 import LETTERS, PRE_ROTATION, rotation_alone
 
 __all__ = ["cubed_eigenproblem", "quest7"]
 
 Floats = NDArray[np.float64]
+
+# Without noise the first step brings the error from 1e-11 to rounding, and forward motion from 1e-4 to 1e-5;
+# under noise of 0.5 px two lower the mean error from .019 to .014.
+_POLISHING_STEPS = 2
 
 
 def quest7(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
@@ -66,6 +72,7 @@ def quest7(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
     still = rotation_alone(m, n)
     A = coefficient_rows(m, n, PRE_ROTATION)
     q = np.concatenate([_candidates(B) for B in cubed_eigenproblem(A, lambdas)], axis=1)
+    q = polish_on_quartics(A, q, steps=_POLISHING_STEPS)
     q = canonical(multiply(conjugate(PRE_ROTATION), q))
     turned = np.isfinite(still[:, 0])
     q[turned] = np.nan
