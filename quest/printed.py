@@ -66,7 +66,7 @@ def quest7_printed(m: ArrayLike, n: ArrayLike) -> Floats:
         As :func:`quest.quest7.quest7`.
     """
     m, n = as_matches(m, n, at_least=7)
-    (B,) = cubed_eigenproblem(coefficient_rows(m[None], n[None]), "x")
+    (B,), _ = cubed_eigenproblem(coefficient_rows(m[None], n[None]), "x")
     return _unit(_real_eigenvectors(B[0]))
 
 

@@ -17,7 +17,7 @@ solutions.
 Departures from [F17]
 
 * q is read off the eigenvector by ratios of monomials, ``a^2 (w, x, y, z)`` with a the largest of the four,
-  not by cube roots, which average nothing and lose half of the accuracy under noise.
+  not by cube roots, which lose half of the accuracy under noise.
 * The unknown is ``q' = p q`` with a fixed p: dividing by w fails at 180 degrees, the commonest rotation
   that has w = 0, and ``lambda = x / w`` is a multiple eigenvalue at the identity. :mod:`quest.printed`
   keeps the literal form.

@@ -37,6 +37,18 @@ Floats = NDArray[np.float64]
 # under noise of 0.5 px two lower the mean error from .019 to .014.
 _POLISHING_STEPS = 2
 
+# i p: its w' is the -x' of the other, so that a rotation in the blind spot w' = 0 of the one, where
+# x1 = w'^3 q' vanishes and A2 loses its rank, is not in that of the other but by a second chance.
+_OTHER_PRE_ROTATION = (
+    -PRE_ROTATION[1],
+    PRE_ROTATION[0],
+    -PRE_ROTATION[3],
+    PRE_ROTATION[2],
+)
+
+# The median inverse condition number is 1e-7; under this one, candidates lose what polishing needs.
+_BAD_CONDITION = 1e-11
+
 
 def quest7(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
     """Rotations cam2_from_cam1 that seven matches off a plane allow, by QuEst 7 [F17].
@@ -70,22 +82,46 @@ def quest7(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
     if single:
         m, n = m[None], n[None]
     still = rotation_alone(m, n)
-    A = coefficient_rows(m, n, PRE_ROTATION)
-    q = np.concatenate([_candidates(B) for B in cubed_eigenproblem(A, lambdas)], axis=1)
-    q = polish_on_quartics(A, q, steps=_POLISHING_STEPS)
-    q = canonical(multiply(conjugate(PRE_ROTATION), q))
+    q, condition = _solve_turned(m, n, lambdas, PRE_ROTATION)
+    bad = condition < _BAD_CONDITION
+    if bad.any():
+        again, condition_again = _solve_turned(m[bad], n[bad], lambdas, _OTHER_PRE_ROTATION)
+        better = condition_again > condition[bad]
+        q[bad] = np.where(better[:, None, None], again, q[bad])
     turned = np.isfinite(still[:, 0])
     q[turned] = np.nan
     q[turned, 0] = still[turned]
     return q[0][np.isfinite(q[0, :, 0])] if single else q
 
 
-def cubed_eigenproblem(A: Floats, lambdas: str) -> list[Floats]:
-    """Matrices B (S, 4, 4) of ``lambda x1 = B x1``, one for each lambda, from A (S, T, 35)."""
-    x2 = -np.linalg.pinv(A[..., 4:]) @ A[..., :4]
-    return [
-        x2[:, [quartic_index(a, a, a, b) - 4 for b in range(4)]] for a in (LETTERS[name] for name in lambdas)
-    ]
+def _solve_turned(
+    m: Floats, n: Floats, lambdas: str, before: tuple[float, float, float, float]
+) -> tuple[Floats, Floats]:
+    """Candidates (S, K, 4) through ``q' = p q``, p = before, and inverse condition numbers (S,) of A2."""
+    A = coefficient_rows(m, n, before)
+    problems, condition = cubed_eigenproblem(A, lambdas)
+    q = np.concatenate([_candidates(B) for B in problems], axis=1)
+    q = polish_on_quartics(A, q, steps=_POLISHING_STEPS)
+    return canonical(multiply(conjugate(before), q)), condition
+
+
+def cubed_eigenproblem(A: Floats, lambdas: str) -> tuple[list[Floats], Floats]:
+    """The matrices of ``lambda x1 = B x1`` from A (S, T, 35), and how well they are determined.
+
+    Returns
+    -------
+    B : list of (S, 4, 4) float
+        One for each lambda.
+    condition : (S,) float
+        Inverse condition number of A2.
+    """
+    U, s, Vt = np.linalg.svd(A[..., 4:], full_matrices=False)
+    largest = np.maximum(s[:, :1], 1e-100)
+    # The cut of numpy.linalg.pinv, by which planes get the solution of least norm.
+    inverse = np.where(s > 1e-15 * largest, 1 / np.maximum(s, 1e-15 * largest), 0.0)
+    x2 = -(Vt.swapaxes(-1, -2) * inverse[:, None]) @ (U.swapaxes(-1, -2) @ A[..., :4])
+    rows = {name: [quartic_index(a, a, a, b) - 4 for b in range(4)] for name, a in LETTERS.items()}
+    return [x2[:, rows[name]] for name in lambdas], s[:, -1] / largest[:, 0]
 
 
 def _candidates(B: Floats) -> Floats:
