@@ -39,15 +39,15 @@ def blur_along(image: Image, half_flow: Floats32) -> Image:
         return image
     taps = int(np.clip(np.ceil(2 * longest), 2, _MOST_TAPS))
     height, width = image.shape[:2]
-    grid = np.stack(
-        np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)), axis=-1
-    )
+    x, y = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)[:, None]
+    u, v = np.ascontiguousarray(half_flow[..., 0]), np.ascontiguousarray(half_flow[..., 1])
     total = np.zeros(image.shape, np.uint16)
     # Middles of equal parts of the exposure.
-    for instant in (2 * np.arange(taps) + 1) / taps - 1:
-        where = grid + np.float32(instant) * half_flow
-        moved = cv2.remap(image, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-        total += moved
+    for instant in ((2 * np.arange(taps) + 1) / taps - 1).astype(np.float32):
+        moved = cv2.remap(
+            image, x + instant * u, y + instant * v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        total += cast(Image, moved)
     return cast(Image, cv2.convertScaleAbs(total, alpha=1 / taps))
 
 

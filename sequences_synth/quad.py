@@ -101,7 +101,7 @@ class Painter:
         one_sided: bool = False,
         displacement: Callable[[float], Floats] | None = None,
     ) -> Quad:
-        """A quad with a texture of its own, about 1.1 texels to a pixel where it is nearest to the viewpoint."""
+        """A quad with its own texture, about 1.1 texels to a pixel where it is nearest to the viewpoint."""
         corner, edge_u, edge_v = (np.asarray(x, float) for x in (corner, edge_u, edge_v))
         grid = np.linspace(0, 1, 9)
         a, b = (x.ravel()[:, None] for x in np.meshgrid(grid, grid))

@@ -63,7 +63,7 @@ class _Seen:
     @property
     def inverse_depth(self) -> Floats:
         """(3,) whose dot product with (x, y, 1) is 1 / z."""
-        return self.texel_from_pixel[2]
+        return np.asarray(self.texel_from_pixel[2], float)
 
 
 def render(
@@ -91,7 +91,7 @@ def render(
 
 
 def _project(quads: Sequence[Quad], K: Floats, cam_from_world: Floats, frame: float) -> dict[int, _Seen]:
-    """The quads that have a part in front of the camera and do not turn their back to it, clipped and projected."""
+    """Clip and project the quads; left out are those behind the camera or with their back to it."""
     R, t = cam_from_world[:3, :3], cam_from_world[:3, 3]
     cam_from_texel = R @ np.stack([quad.world_from_texel(frame) for quad in quads])
     cam_from_texel[:, :, 2] += t
@@ -115,7 +115,7 @@ def _project(quads: Sequence[Quad], K: Floats, cam_from_world: Floats, frame: fl
 
 
 def _clip_near(polygon: Floats) -> Floats:
-    """Cut off what lies before the near plane (Sutherland and Hodgman 1974); (N, 3) camera points in and out."""
+    """Cut (N, 3) camera points of a polygon at the near plane (Sutherland and Hodgman 1974)."""
     kept = []
     for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         if a[2] >= _NEAR_M:
@@ -211,7 +211,7 @@ def _shade(quads: Sequence[Quad], seen: dict[int, _Seen], depth_samples: Floats3
 
 
 def _window(outline: list[tuple[float, float]], width: int, height: int) -> tuple[slice, slice]:
-    """Rows and columns of the image that hold every pixel with a sample inside an outline; empty where it is outside."""
+    """Rows and columns that hold every pixel with a sample inside an outline; empty where it is outside."""
     columns, rows = (
         # Samples lie a quarter of a pixel from the centre; half a pixel is on the safe side.
         slice(min(size, max(0, math.ceil(min(c) - 0.5))), max(0, min(size, math.floor(max(c) + 0.5) + 1)))

@@ -65,9 +65,9 @@ class SynthOptions:
 
     def __post_init__(self) -> None:
         limits: dict[str, tuple[float, float]] = {
-            "frames": (1, 100_000), "width": (64, 4096), "height": (64, 4096), "fps": (1e-3, 1e4), "noise": (0, 100),
-            "motion_blur": (0, 1), "exposure_change": (0, 0.9), "focal_error": (-0.9, 10), "moving_objects": (0, 0.8),
-            "slow_start": (0, 100_000),
+            "frames": (1, 100_000), "width": (64, 4096), "height": (64, 4096), "fps": (1e-3, 1e4), "noise":
+            (0, 100), "motion_blur": (0, 1), "exposure_change": (0, 0.9), "focal_error": (-0.9, 10),
+            "moving_objects": (0, 0.8), "slow_start": (0, 100_000),
         }  # fmt: skip
         for name in (f.name for f in fields(self)):
             value, (low, high) = getattr(self, name), limits[name]
@@ -147,7 +147,7 @@ class SynthSequence:
     def frames(
         self, start: int = 0, stop: int | None = None
     ) -> Iterator[tuple[int, float, Image, Floats32, Floats]]:
-        """Yield (index, timestamp_s, image, depth, world_from_cam) from ``start`` up to, not including, ``stop``."""
+        """Yield (index, timestamp_s, image, depth, world_from_cam) from ``start`` to before ``stop``."""
         for index in range(len(self))[start:stop]:
             image, depth = self.render(index)
             yield index, float(self.timestamps_s[index]), image, depth, self.poses[index]

@@ -1,7 +1,8 @@
 """Procedural textures: 1/f clouds under shapes, lines and letters of many sizes, never repeated.
 
-Feature detectors need corners at every scale from which a surface may be seen, and matchers need each corner to look
-unlike its neighbours. So sizes follow a power law (as many marks per octave as fit) and nothing is tiled.
+Feature detectors need corners at every scale from which a surface may be seen, and matchers need each corner
+to look unlike its neighbours. So sizes follow a power law (as many marks per octave as fit) and nothing is
+tiled.
 """
 
 from __future__ import annotations
@@ -61,8 +62,8 @@ class Look:
 
 
 _PRINTS: tuple[Color, ...] = (
-    (45, 45, 50), (60, 60, 170), (150, 80, 40), (70, 130, 60), (40, 150, 205), (215, 225, 230), (130, 120, 110),
-    (95, 70, 130), (190, 175, 150), (30, 70, 110),
+    (45, 45, 50), (60, 60, 170), (150, 80, 40), (70, 130, 60), (40, 150, 205), (215, 225, 230), (130, 120,
+    110), (95, 70, 130), (190, 175, 150), (30, 70, 110),
 )  # fmt: skip
 
 LOOKS: dict[str, Look] = {
@@ -119,7 +120,7 @@ LOOKS: dict[str, Look] = {
             (90, 140, 160),
             (35, 60, 45),
             (205, 210, 215),
-        ),  # fmt: skip
+        ),
         clouds=22,
         grain=7,
         marks={"rectangle": 3, "ellipse": 6, "polygon": 4, "line": 1},
@@ -150,7 +151,7 @@ class Texture:
 
     @cached_property
     def levels(self) -> list[Image]:
-        """(H, W, 3) uint8 BGR images, each half the size of the one before: texel s of level 0 is s / 2^k of level k."""
+        """(H, W, 3) uint8 BGR images, each half as large: texel s of level 0 is s / 2^k of level k."""
         import cv2
 
         # pyrDown keeps texel 2 s at s, so a level is a pure scaling of coordinates, with no half-texel shift.
@@ -171,7 +172,8 @@ def _paint(rng: np.random.Generator, height: int, width: int, look: Look) -> Ima
         ground = ground + _patches(rng, height, width, look)
     canvas = np.clip(clouds[..., None] + ground, 0, 255).astype(np.uint8)
     _draw_marks(rng, canvas, base, look)
-    # A lens never passes an edge as sharp as one texel, and bilinear sampling is exact only on what is smooth.
+    # A lens never passes an edge as sharp as one texel, and bilinear sampling is exact only on what is
+    # smooth.
     canvas = cast(Image, cv2.GaussianBlur(canvas, (0, 0), 0.7))
     grain = look.grain * _fractal_noise(rng, height, width, octaves=3)
     return np.clip(canvas + grain[..., None], 0, 255).astype(np.uint8)
@@ -202,7 +204,7 @@ def _patches(rng: np.random.Generator, height: int, width: int, look: Look) -> F
 
 
 def _fractal_noise(rng: np.random.Generator, height: int, width: int, octaves: int) -> Floats32:
-    """(height, width) noise of unit variance, amplitude growing with wavelength, finest wavelength about 2 texels."""
+    """(height, width) noise of unit variance whose amplitude grows with the wavelength, from 2 texels up."""
     import cv2
 
     noise: Floats32 = np.zeros((1, 1), np.float32)

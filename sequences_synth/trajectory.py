@@ -1,7 +1,7 @@
 """Smooth camera paths: where a hand, a drone or a tripod carries the camera.
 
-World frames are z up; camera frames are optical (x right, y down, z forward). A path answers for every real-valued
-frame number, so that motion blur can look between the frames.
+World frames are z up; camera frames are optical (x right, y down, z forward). A path answers for every
+real-valued frame number, so that motion blur can look between the frames.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ Floats = NDArray[np.float64]
 
 # A path is laid out for 100 frames: progress runs from 0 to about 1 in them.
 _FRAMES = 100.0
-# Longer sequences turn back instead of leaving the scene: progress is a sine whose slope is nearly 1 over the first
-# 100 frames, and these are the values that it can ever take.
+# Longer sequences turn back instead of leaving the scene: progress is a sine whose slope is nearly 1 over the
+# first 100 frames, and these are the values that it can ever take.
 _PHASE = 0.5
 PROGRESS_RANGE = (float(np.sin(_PHASE)) - 1.0, float(np.sin(_PHASE)) + 1.0)
 
@@ -46,7 +46,7 @@ def progress(frame: float, slow_start: float) -> float:
 
 
 def orientation(yaw_rad: float, pitch_rad: float, roll_rad: float = 0.0) -> Floats:
-    """(3, 3) world_from_cam rotation; zero looks along world y, yaw turns left, pitch looks up, roll turns the image."""
+    """(3, 3) world_from_cam rotation: zero looks along world y, yaw turns left, pitch looks up."""
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     yaw = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     c, s = np.cos(pitch_rad), np.sin(pitch_rad)

@@ -28,9 +28,10 @@ def write_tum(
     """Write a sequence in the layout of TUM RGB-D.
 
     ``rgb.txt`` and ``depth.txt`` (time stamp, file), ``groundtruth.txt`` (time stamp, tx ty tz, qx qy qz qw;
-    world_from_cam, metres), ``camera.yaml`` (the stated camera), ``images/000000.png`` (BGR), ``depth/000000.png``
-    (16 bit, z-depth in metres times 5000, as TUM does, or
-    a tenth of it and so on where that does not reach; a comment in ``camera.yaml`` states it; 0 where there is none).
+    world_from_cam, metres), ``camera.yaml`` (the stated camera), ``images/000000.png`` (BGR),
+    ``depth/000000.png`` (16 bit, z-depth in metres times 5000, as TUM does, or
+    a tenth of it and so on where that does not reach; a comment in ``camera.yaml`` states it; 0 where there
+    is none).
 
     The folder appears whole or not at all: everything is written beside it and renamed at the end.
 
@@ -95,7 +96,7 @@ def _write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> Non
 
 
 def _depth_factor(sequence: SynthSequence) -> float:
-    """TUM's factor, or the largest smaller decimal one that reaches the deepest point of the first and last frame."""
+    """TUM's factor, or a tenth of it and so on until the deepest point of the first and last frame fits."""
     deepest = max(float(sequence.render(index)[1].max()) for index in {0, len(sequence) - 1})
     factor = DEPTH_FACTOR
     while 1.5 * deepest * factor > _MOST_DEPTH:
@@ -121,7 +122,7 @@ def _pose_line(timestamp_s: float, world_from_cam: Floats) -> str:
 
 
 def _quaternion_xyzw(R: Floats) -> Floats:
-    """Unit quaternion x y z w, w >= 0, of a rotation matrix: the leading eigenvector of Bar-Itzhack's matrix (2000)."""
+    """Unit quaternion x y z w, w >= 0: the leading eigenvector of the matrix of Bar-Itzhack (2000)."""
     (a, b, c), (d, e, f), (g, h, i) = R.tolist()
     symmetric = np.array(
         [

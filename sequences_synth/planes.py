@@ -1,0 +1,108 @@
+"""Scenes that are one plane: `wall`, `nadir`, `nadir-turn`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sequences_synth.builder import Setup, hand, sweep, turning
+from sequences_synth.quad import Quad
+from sequences_synth.trajectory import PROGRESS_RANGE, Jitter, Path
+
+__all__ = ["nadir", "nadir_turn", "wall"]
+
+Floats = NDArray[np.float64]
+
+# A drone's gimbal trembles less than a hand; the wind moves the drone.
+_GIMBAL_DEG, _GIMBAL_M = 0.08, 0.03
+
+
+def _plane(
+    setup: Setup, path: Path, origin: Floats, u: Floats, v: Floats, look: str, nearest_m: float
+) -> Quad:
+    """One quad on the plane ``origin + a u + b v`` (u, v orthonormal), large enough to fill every view."""
+    corners = np.array([[x, y, 1] for x in (0, setup.width - 1) for y in (0, setup.height - 1)], float)
+    rays = corners @ np.linalg.inv(setup.K).T
+    spots = []
+    normal = np.cross(u, v)
+    for p in np.linspace(*PROGRESS_RANGE, 25):
+        pose = path.steady(p, p)
+        directions = rays @ pose[:3, :3].T
+        reach = ((origin - pose[:3, 3]) @ normal) / (directions @ normal)
+        spots.append(pose[:3, 3] + reach[:, None] * directions - origin)
+    ab = np.concatenate(spots) @ np.column_stack([u, v])
+    low, high = ab.min(axis=0), ab.max(axis=0)
+    # Jitter is not in the steady path: a margin of 5 % is many times what it moves.
+    margin = 0.05 * (high - low)
+    low, high = low - margin, high + margin
+    viewpoint = path.centre(0.0)
+    painter = setup.painter(viewpoint, nearest_m)
+    return painter.quad(
+        origin + low[0] * u + low[1] * v, (high[0] - low[0]) * u, (high[1] - low[1]) * v, look
+    )
+
+
+def wall(setup: Setup) -> tuple[list[Quad], Path]:
+    """One tilted wall and nothing else; a hand carries the camera in a curve."""
+    rng = setup.rng
+    distance = rng.uniform(1.8, 3.5)
+    # Normal of the wall 12 to 32 degrees off the optical axis, in any direction but kept upright enough to be
+    # a wall.
+    turned, leaning = setup.sign() * np.radians(rng.uniform(12, 30)), np.radians(rng.uniform(-10, 10))
+    u = np.array([np.cos(turned), np.sin(turned), 0])
+    v = np.array([-np.sin(turned) * np.sin(leaning), np.cos(turned) * np.sin(leaning), -np.cos(leaning)])
+    origin = np.array([0, distance, 1.5])
+    heading = rng.uniform(0, 2 * np.pi)
+    reach = distance * rng.uniform(0.26, 0.36)
+    # In the image plane mostly; a curve, since a straight slide along a plane is the `nadir` scene.
+    along = reach * np.array([np.cos(heading), rng.uniform(-0.2, 0.35), 0.6 * np.sin(heading)])
+    bend = (
+        0.25
+        * reach
+        * setup.sign()
+        * np.array([-np.sin(heading), rng.uniform(-0.3, 0.3), 0.6 * np.cos(heading)])
+    )
+    start = np.array([0, 0, 1.5]) - 0.5 * along
+    turn_by = np.radians([rng.uniform(-8, 8), rng.uniform(-5, 5), rng.uniform(-6, 6)])
+    turn_from = np.radians([rng.uniform(-3, 3), rng.uniform(-3, 3), rng.uniform(-3, 3)])
+    path = Path(
+        sweep(start, along, bend), turning(turn_from, turn_by), setup.slow_start, jitter=hand(setup, distance)
+    )
+    return [_plane(setup, path, origin, u, v, "wall", 0.75 * distance)], path
+
+
+def _flight(setup: Setup, turn_deg: float) -> tuple[list[Quad], Path]:
+    """A drone over flat ground; heading and velocity turn by ``turn_deg`` in 100 frames."""
+    rng = setup.rng
+    height = rng.uniform(15, 35)
+    reach = height * rng.uniform(0.30, 0.38)
+    climb = reach * rng.uniform(0, 0.2)
+    pitch = np.radians(-90 + rng.uniform(0, 30))
+    # Drones fly where they look, or sideways, or backwards.
+    course, yaw = rng.uniform(0, 2 * np.pi, 2)
+    turn = np.radians(turn_deg)
+
+    def centre(p: float) -> Floats:
+        # An arc: the velocity turns evenly. np.sinc keeps the straight line, its limit, free of 0 / 0.
+        ahead = p * np.sinc(turn * p / np.pi)
+        aside = 0.5 * turn * p * p * np.sinc(0.5 * turn * p / np.pi) ** 2
+        c, s = np.cos(course), np.sin(course)
+        flat = np.array([c * ahead - s * aside, s * ahead + c * aside])
+        return np.array([*(reach * flat), height + climb * p])
+
+    roll = np.radians(rng.uniform(-2, 2))
+    angles = turning(np.array([yaw, pitch, roll]), np.array([turn, 0, 0]))
+    jitter = Jitter.draw(rng, _GIMBAL_DEG, _GIMBAL_M)
+    path = Path(centre, angles, setup.slow_start, jitter=jitter)
+    u, v = np.array([np.cos(yaw), np.sin(yaw), 0]), np.array([np.sin(yaw), -np.cos(yaw), 0])
+    return [_plane(setup, path, np.zeros(3), u, v, "ground", 0.9 * height)], path
+
+
+def nadir(setup: Setup) -> tuple[list[Quad], Path]:
+    """Straight flight over flat ground: two poses explain it, and later views do not decide."""
+    return _flight(setup, 0.0)
+
+
+def nadir_turn(setup: Setup) -> tuple[list[Quad], Path]:
+    """The same ground in a turn: later views decide between the two poses."""
+    return _flight(setup, setup.sign() * float(setup.rng.uniform(45, 90)))

@@ -1,0 +1,213 @@
+"""Synthetic sequences: determinism, exact geometry, and that each scene is what its name says."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from sequences_synth import SCENES, SynthOptions, make_sequence
+
+CLEAN = SynthOptions(width=320, height=240, noise=0, motion_blur=0, exposure_change=0)
+MOVING = [name for name in SCENES if name not in ("static", "rotation")]
+
+
+def transfer(sequence, i, j):
+    """Pixels of frame i, seen in frame j through depth and poses, (H, W, 2), and their depth there."""
+    depth = sequence.render(i)[1].astype(float)
+    K = sequence.true_camera.K
+    y, x = np.mgrid[: depth.shape[0], : depth.shape[1]]
+    points = depth[..., None] * (np.stack([x, y, np.ones_like(x)], -1) @ np.linalg.inv(K).T)
+    j_from_i = np.linalg.inv(sequence.poses[j]) @ sequence.poses[i]
+    moved = points @ j_from_i[:3, :3].T + j_from_i[:3, 3]
+    projected = moved @ K.T
+    return (projected[..., :2] / projected[..., 2:]).astype(np.float32), moved[..., 2]
+
+
+def plane_residual(sequence, index):
+    """Largest distance of the frame's points from their best plane, over the median depth."""
+    depth = sequence.render(index)[1].astype(float)
+    y, x = np.mgrid[: depth.shape[0], : depth.shape[1]]
+    rays = np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3) @ np.linalg.inv(sequence.true_camera.K).T
+    points = rays * depth.reshape(-1, 1)
+    centred = points - points.mean(axis=0)
+    normal = np.linalg.svd(centred, full_matrices=False)[2][2]
+    return np.abs(centred @ normal).max() / np.median(depth)
+
+
+def test_unknown_scene_is_named_with_those_there_are():
+    with pytest.raises(ValueError, match=r"'moon'.*room, wall, nadir"):
+        make_sequence("moon")
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"frames": 0}, {"noise": -1.0}, {"motion_blur": float("nan")}, {"moving_objects": 2.0}]
+)
+def test_options_out_of_range_are_refused_by_name(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        SynthOptions(**wrong)
+
+
+def test_a_frame_is_the_same_whatever_was_rendered_before_and_however_long_the_sequence():
+    options = SynthOptions(width=160, height=120)
+    first = make_sequence("room", 3, options)
+    first.render(0)
+    image, depth = first.render(30)
+    shorter = make_sequence("room", 3, SynthOptions(width=160, height=120, frames=31))
+    again, depth_again = shorter.render(30)
+    assert np.array_equal(image, again)
+    assert np.array_equal(depth, depth_again)
+    assert np.array_equal(shorter.poses, first.poses[:31])
+
+
+def test_a_seed_changes_world_and_path():
+    a, b = (make_sequence("desk", seed, CLEAN) for seed in (0, 1))
+    assert not np.allclose(a.poses[50], b.poses[50], atol=1e-3)
+    assert np.mean(np.abs(a.render(0)[0].astype(int) - b.render(0)[0])) > 10
+
+
+@pytest.mark.parametrize("name", MOVING)
+def test_images_agree_with_depth_and_poses(name):
+    import cv2
+
+    sequence = make_sequence(name, 1, CLEAN)
+    i, j = 20, 60
+    where, there = transfer(sequence, i, j)
+    image, _ = sequence.render(i)
+    other, depth = sequence.render(j)
+    warped = cv2.remap(other, where, None, cv2.INTER_LINEAR)
+    seen_depth = cv2.remap(depth, where, None, cv2.INTER_NEAREST)
+    inside = np.all((where > 1) & (where < (318, 238)), axis=-1)
+    visible = inside & (np.abs(seen_depth - there) < 0.02 * there)
+    assert visible.mean() > 0.4
+    # A shift of a third of a pixel already costs more than this on these textures.
+    error = np.abs(warped.astype(float) - image).mean(axis=-1)[visible]
+    shifted = cv2.remap(other, where + np.float32(0.35), None, cv2.INTER_LINEAR)
+    shifted_error = np.abs(shifted.astype(float) - image).mean(axis=-1)[visible]
+    assert error.mean() < 4
+    assert error.mean() < 0.7 * shifted_error.mean()
+
+
+@pytest.mark.parametrize("name", MOVING)
+def test_tracked_corners_obey_the_true_epipolar_geometry(name):
+    import cv2
+
+    sequence = make_sequence(name, 2, SynthOptions(noise=0, motion_blur=0, exposure_change=0))
+    indices = range(60, 69, 2)
+    greys = [cv2.cvtColor(sequence.render(k)[0], cv2.COLOR_BGR2GRAY) for k in indices]
+    start = cv2.goodFeaturesToTrack(greys[0], 500, 0.005, 8)
+    points, alive = start, np.ones(len(start), bool)
+    for before, after in pairwise(greys):
+        points, status, _ = cv2.calcOpticalFlowPyrLK(before, after, points, None)
+        alive &= status[:, 0] > 0
+    assert alive.sum() > 250
+    K_inverse = np.linalg.inv(sequence.true_camera.K)
+    motion = np.linalg.inv(sequence.poses[indices[-1]]) @ sequence.poses[indices[0]]
+    F = K_inverse.T @ np.cross(np.eye(3), motion[:3, 3]) @ motion[:3, :3] @ K_inverse
+    a, b = (np.column_stack([p[alive, 0], np.ones(alive.sum())]) for p in (start, points))
+    lines2, lines1 = a @ F.T, b @ F
+    scale = np.sqrt(np.sum(lines1[:, :2] ** 2 + lines2[:, :2] ** 2, axis=1))
+    assert np.median(np.abs(np.sum(lines2 * b, axis=1)) / scale) < 0.15
+
+
+@pytest.mark.parametrize("name", ["wall", "nadir", "nadir-turn"])
+@pytest.mark.parametrize("seed", range(3))
+def test_planar_scenes_are_one_plane_that_fills_every_view(name, seed):
+    sequence = make_sequence(name, seed, CLEAN)
+    for index in (0, 99):
+        assert (sequence.render(index)[1] > 0).all()
+        assert plane_residual(sequence, index) < 1e-4
+
+
+@pytest.mark.parametrize("name", ["room", "corridor", "desk"])
+def test_scenes_with_structure_are_no_plane_and_have_no_holes(name):
+    sequence = make_sequence(name, 0, CLEAN)
+    assert (sequence.render(50)[1] > 0).all()
+    assert plane_residual(sequence, 50) > 0.05
+
+
+@pytest.mark.parametrize("name", MOVING)
+@pytest.mark.parametrize("seed", range(4))
+def test_moving_scenes_move_far_enough_and_smoothly(name, seed):
+    sequence = make_sequence(name, seed, SynthOptions(width=160, height=120))
+    centres = sequence.poses[:, :3, 3]
+    depth = np.median(sequence.render(0)[1])
+    assert np.linalg.norm(centres - centres[0], axis=1).max() > 0.1 * depth
+    assert np.linalg.norm(np.diff(centres, n=2, axis=0), axis=1).max() < 0.003 * depth
+
+
+def test_rotation_has_no_baseline_and_static_no_motion_but_noise():
+    turning = make_sequence("rotation", 4).poses
+    assert np.ptp(turning[:, :3, 3], axis=0).max() == 0
+    assert np.degrees(np.arccos((np.trace(turning[0, :3, :3].T @ turning[-1, :3, :3]) - 1) / 2)) > 15
+    still = make_sequence("static", 4, SynthOptions(width=160, height=120))
+    assert np.array_equal(still.poses, np.broadcast_to(still.poses[0], still.poses.shape))
+    assert not np.array_equal(still.render(0)[0], still.render(1)[0])
+
+
+def test_rotate_then_move_turns_first():
+    sequence = make_sequence("rotate-then-move", 5)
+    assert np.ptp(sequence.poses[:40, :3, 3], axis=0).max() == 0
+    assert np.linalg.norm(sequence.poses[99, :3, 3] - sequence.poses[0, :3, 3]) > 0.4
+
+
+def test_nadir_turn_turns_and_nadir_flies_straight():
+    for name, straight in (("nadir", True), ("nadir-turn", False)):
+        centres = make_sequence(name, 1).poses[:, :2, 3]
+        first, last = centres[40] - centres[15], centres[99] - centres[74]
+        cosine = first @ last / np.linalg.norm(first) / np.linalg.norm(last)
+        assert (cosine > np.cos(np.radians(6))) == straight
+
+
+def test_focal_error_changes_the_stated_camera_alone():
+    true = make_sequence("wall", 0, CLEAN)
+    wrong = make_sequence("wall", 0, SynthOptions(**{**vars(CLEAN), "focal_error": 0.05}))
+    assert wrong.camera.fx == pytest.approx(1.05 * true.camera.fx)
+    assert wrong.true_camera == true.true_camera
+    assert np.array_equal(wrong.render(5)[0], true.render(5)[0])
+
+
+@pytest.mark.parametrize("name", ["corridor", "nadir"])
+def test_moving_objects_cover_about_their_share_and_move_on_their_own(name):
+    sequence = make_sequence(name, 2, SynthOptions(**{**vars(CLEAN), "moving_objects": 0.25}))
+    masks = [sequence.moving_mask(index) for index in (0, 50)]
+    assert all(0.12 < mask.mean() < 0.4 for mask in masks)
+    where, there = transfer(sequence, 0, 50)
+    depth = sequence.render(50)[1]
+    inside = np.all((where > 0) & (where < (319, 239)), axis=-1)
+    x, y = np.round(where[inside]).astype(int).T
+    misplaced = np.abs(depth[np.minimum(y, 239), np.minimum(x, 319)] - there[inside]) > 0.05 * there[inside]
+    assert misplaced[masks[0][inside]].mean() > 0.1
+    assert np.array_equal(make_sequence(name, 2, CLEAN).poses, sequence.poses)
+
+
+def test_noise_has_the_stated_size_and_no_two_frames_share_it():
+    options = SynthOptions(width=320, height=240, noise=4, motion_blur=0, exposure_change=0)
+    noisy, clean = make_sequence("static", 0, options), make_sequence("static", 0, CLEAN)
+    base = clean.render(0)[0].astype(float)
+    mid = np.all(np.abs(base - 128) < 25, axis=-1)
+    first, second = (noisy.render(i)[0].astype(float)[mid].mean(axis=-1) for i in (0, 1))
+    assert np.std(first - base[mid].mean(axis=-1)) == pytest.approx(4, rel=0.1)
+    assert abs(np.corrcoef(first - base[mid].mean(-1), second - base[mid].mean(-1))[0, 1]) < 0.1
+
+
+def test_motion_blur_softens_and_does_not_shift():
+    import cv2
+
+    blurred = make_sequence("rotation", 0, SynthOptions(**{**vars(CLEAN), "motion_blur": 1.0})).render(60)[0]
+    sharp = make_sequence("rotation", 0, CLEAN).render(60)[0]
+    a, b = (cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32) for image in (sharp, blurred))
+    assert np.abs(np.diff(b)).mean() < 0.85 * np.abs(np.diff(a)).mean()
+    (dx, dy), _ = cv2.phaseCorrelate(a, b, cv2.createHanningWindow((320, 240), cv2.CV_32F))
+    assert np.hypot(dx, dy) < 0.1
+
+
+def test_worlds_know_nothing_of_the_pipeline_or_the_solvers():
+    code = (
+        "import sequences_synth, sys; print([m for m in sys.modules if m in ('slam_init', 'quest', 'cv2')])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

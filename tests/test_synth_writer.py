@@ -1,0 +1,63 @@
+"""Sequences on disk: what is read back is what was rendered, and no half folder looks whole."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sequences_synth import SynthOptions, make_sequence, write_tum
+
+SMALL = SynthOptions(frames=3, width=160, height=120)
+
+
+@pytest.mark.parametrize("name", ["room", "nadir"])
+def test_a_written_folder_reads_back(tmp_path, name):
+    import cv2
+    import yaml
+
+    sequence = make_sequence(name, 1, SMALL)
+    told = []
+    write_tum(sequence, tmp_path / "a" / "b", told.append)
+    folder = tmp_path / "a" / "b"
+    assert told == [1, 2, 3]
+    rows = [line.split() for line in (folder / "rgb.txt").read_text().splitlines() if line[0] != "#"]
+    depths = [line.split() for line in (folder / "depth.txt").read_text().splitlines() if line[0] != "#"]
+    truth = np.loadtxt(folder / "groundtruth.txt")
+    text = (folder / "camera.yaml").read_text()
+    factor = float(text.split("metres times ")[1].split(",")[0])
+    for i, (row, depth_row) in enumerate(zip(rows, depths, strict=True)):
+        image, depth = sequence.render(i)
+        assert np.array_equal(cv2.imread(str(folder / row[1]), cv2.IMREAD_UNCHANGED), image)
+        read = cv2.imread(str(folder / depth_row[1]), cv2.IMREAD_UNCHANGED)
+        assert read.dtype == np.uint16
+        assert np.abs(read / factor - depth).max() <= 0.51 / factor
+        assert float(row[0]) == pytest.approx(sequence.timestamps_s[i], abs=1e-6)
+        assert np.allclose(truth[i, 1:4], sequence.poses[i, :3, 3], atol=1e-8)
+        x, y, z, w = truth[i, 4:]
+        R = np.eye(3) + 2 * w * np.cross(np.eye(3), [x, y, z])
+        R += 2 * (np.outer([x, y, z], [x, y, z]) - (x * x + y * y + z * z) * np.eye(3))
+        assert np.allclose(R, sequence.poses[i, :3, :3], atol=1e-7)
+    camera = yaml.safe_load(text)
+    assert (camera["model"], camera["distortion_model"], camera["distortion"]) == ("pinhole", "none", [])
+    for key in ("width", "height", "fx", "fy", "cx", "cy"):
+        assert camera[key] == getattr(sequence.camera, key)
+
+
+def test_a_crash_leaves_nothing_behind(tmp_path):
+    def crash(done):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_tum(make_sequence("wall", 0, SMALL), tmp_path / "out", crash)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_is_overwritten(tmp_path):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("keep")
+    (tmp_path / "file").write_text("keep")
+    for name in ("full", "file"):
+        with pytest.raises(FileExistsError, match="name a new or an empty folder"):
+            write_tum(make_sequence("wall", 0, SMALL), tmp_path / name)
+    assert (tmp_path / "full" / "mine.txt").read_text() == (tmp_path / "file").read_text() == "keep"
