@@ -1,6 +1,6 @@
 """Unit quaternions and rotation matrices.
 
-Hamilton convention, ordered ``wxyz``. ``q`` and ``-q`` are the same rotation; the representative returned here has
+Hamilton convention, ordered ``wxyz``. ``q`` and ``-q`` are the same rotation; the one returned here has
 ``w >= 0``, and where w is zero its first non-zero entry is positive.
 
 [F17] prints the rotation matrix with four signs exchanged (R13, R23, R31, R32); this is the correct one.
@@ -26,9 +26,8 @@ Floats = NDArray[np.float64]
 
 def matrix_from_quaternion(q: ArrayLike) -> Floats:
     """Rotation matrices (..., 3, 3) of quaternions (..., 4), which need not have unit norm."""
-    q = np.asarray(q, float)
-    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    w, x, y, z = np.moveaxis(q, -1, 0)
+    a = np.asarray(q, float)
+    w, x, y, z = np.moveaxis(a / np.linalg.norm(a, axis=-1, keepdims=True), -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
@@ -40,8 +39,8 @@ def matrix_from_quaternion(q: ArrayLike) -> Floats:
 def quaternion_from_matrix(R: ArrayLike) -> Floats:
     """Unit quaternions (..., 4) of rotation matrices (..., 3, 3), canonical in sign.
 
-    The four squared components are read off the diagonal and the largest is the pivot, so that nothing is divided by
-    a small number whatever the angle (Shepperd 1978).
+    The four squared components are read off the diagonal and the largest is the pivot, so that nothing is
+    divided by a small number whatever the angle (Shepperd 1978).
     """
     R = np.asarray(R, float)
     m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
@@ -64,16 +63,16 @@ def quaternion_from_matrix(R: ArrayLike) -> Floats:
 
 def canonical(q: ArrayLike) -> Floats:
     """The same rotations with ``w >= 0`` (where w = 0: first non-zero entry positive)."""
-    q = np.asarray(q, float)
+    a = np.asarray(q, float)
     # The sign of the first non-zero entry; NaN rows pass through.
-    first = np.argmax(q != 0, axis=-1)
-    sign = np.sign(np.take_along_axis(q, first[..., None], axis=-1))
-    return q * np.where(sign < 0, -1.0, 1.0)
+    first = np.argmax(a != 0, axis=-1)
+    sign = np.sign(np.take_along_axis(a, first[..., None], axis=-1))
+    return np.asarray(a * np.where(sign < 0, -1.0, 1.0))
 
 
 def conjugate(q: ArrayLike) -> Floats:
     """The inverse rotation of a unit quaternion."""
-    return np.asarray(q, float) * np.array([1.0, -1.0, -1.0, -1.0])
+    return np.asarray(np.asarray(q, float) * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
 def multiply(p: ArrayLike, q: ArrayLike) -> Floats:
