@@ -13,6 +13,7 @@ YAML goes through PyYAML's safe loader only; its tags ``!!opencv-matrix`` are re
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +26,10 @@ __all__ = ["GUESS", "guess_camera", "load_camera", "load_yaml"]
 #: What to give instead of a file to have the focal length guessed.
 GUESS = "guess"
 
-# The largest calibration files in use (Kalibr results of a rig) are 20 kB; reading a video by mistake must
-# not hang.
-_MAX_BYTES = 1_000_000
+# The largest calibration files in use (Kalibr's of a rig) take 20 kB and four levels; a video or a bomb given by
+# mistake must not hang the parser, whose time grows with the square of the depth.
+_MAX_BYTES = 200_000
+_MAX_DEPTH = 20
 
 
 def guess_camera(image_size: tuple[int, int]) -> Camera:
@@ -132,9 +134,7 @@ def _parse_yaml(text: str) -> Any:
     lines = text.splitlines()
     body = "\n".join(line for line in lines if not line.startswith("%YAML"))
     try:
-        # Nested aliases blow a small file up to any size; calibrations do not use them.
-        if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(body, Loader=Loader)):
-            raise CalibrationError("broken YAML: a calibration needs no aliases")
+        _check_structure(yaml.scan(body, Loader=Loader))
         return yaml.load(body, Loader=Loader)
     except yaml.constructor.ConstructorError as error:
         mark = error.problem_mark
@@ -148,6 +148,22 @@ def _parse_yaml(text: str) -> Any:
         ) from None
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise CalibrationError(f"broken YAML: {_one_line(error)}") from None
+
+
+def _check_structure(tokens: Iterator[Any]) -> None:
+    """Refuse what would make a small file take long, before anything is built from it."""
+    import yaml
+
+    opening = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)
+    opening += (yaml.BlockSequenceStartToken, yaml.BlockMappingStartToken)
+    closing = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken, yaml.BlockEndToken)
+    depth = 0
+    for token in tokens:
+        depth += isinstance(token, opening) - isinstance(token, closing)
+        if isinstance(token, yaml.AliasToken):
+            raise CalibrationError("broken YAML: a calibration needs no aliases")
+        if depth > _MAX_DEPTH:
+            raise CalibrationError(f"broken YAML: nested deeper than {_MAX_DEPTH} levels")
 
 
 def _parse_xml(text: str) -> dict[str, Any]:

@@ -150,7 +150,10 @@ FORMATS = {
     "ros_rational.yaml": (ROS.format(model="rational_polynomial", distortion=R + ", 0, 0, 0, 0"), RADTAN),
     "ros_equidistant.yaml": (ROS.format(model="equidistant", distortion=F), FISHEYE),
     "camera_info.yaml": (ROS_TOPIC, RADTAN),
-    "cameras.txt": (f"# Camera list\n1 OPENCV 752 480 458.5 457.25 367.75 249 {R.replace(',', '')}\n", RADTAN),
+    "cameras.txt": (
+        f"# Camera list\n1 OPENCV 752 480 458.5 457.25 367.75 249 {R.replace(',', '')}\n",
+        RADTAN,
+    ),
     "cameras_fisheye.txt": (
         f"1 OPENCV_FISHEYE 752 480 458.5 457.25 367.75 249 {F.replace(',', '')}",
         FISHEYE,

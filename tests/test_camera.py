@@ -114,6 +114,14 @@ def test_scaled_camera_sees_the_same_rays_in_the_resized_image():
     ],
 )
 def test_impossible_calibrations_are_refused_by_name(change, word):
-    values = {"model": "pinhole", "width": 640, "height": 480, "fx": 500.0, "fy": 500.0, "cx": 320.0, "cy": 240.0}
+    values = {
+        "model": "pinhole",
+        "width": 640,
+        "height": 480,
+        "fx": 500.0,
+        "fy": 500.0,
+        "cx": 320.0,
+        "cy": 240.0,
+    }
     with pytest.raises(CalibrationError, match=word):
         Camera(**(values | change))
