@@ -26,8 +26,8 @@ __all__ = ["GUESS", "guess_camera", "load_camera", "load_yaml"]
 #: What to give instead of a file to have the focal length guessed.
 GUESS = "guess"
 
-# The largest calibration files in use (Kalibr's of a rig) take 20 kB and four levels; a video or a bomb given by
-# mistake must not hang the parser, whose time grows with the square of the depth.
+# The largest calibration files in use (Kalibr's of a rig) take 20 kB and four levels; a video or a bomb given
+# by mistake must not hang the parser, whose time grows with the square of the depth.
 _MAX_BYTES = 200_000
 _MAX_DEPTH = 20
 
@@ -154,8 +154,12 @@ def _check_structure(tokens: Iterator[Any]) -> None:
     """Refuse what would make a small file take long, before anything is built from it."""
     import yaml
 
-    opening = (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken)
-    opening += (yaml.BlockSequenceStartToken, yaml.BlockMappingStartToken)
+    opening = (
+        yaml.FlowSequenceStartToken,
+        yaml.FlowMappingStartToken,
+        yaml.BlockSequenceStartToken,
+        yaml.BlockMappingStartToken,
+    )
     closing = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken, yaml.BlockEndToken)
     depth = 0
     for token in tokens:
