@@ -100,13 +100,17 @@ class Painter:
         light: float = 1.0,
         one_sided: bool = False,
         displacement: Callable[[float], Floats] | None = None,
+        nearest_m: float = 0.0,
     ) -> Quad:
-        """A quad with its own texture, about 1.1 texels to a pixel where it is nearest to the viewpoint."""
+        """A quad with its own texture, about 1.1 texels to a pixel where it is nearest to the viewpoint.
+
+        ``nearest_m`` is for quads whose nearest part is never in view: the least distance of what is.
+        """
         corner, edge_u, edge_v = (np.asarray(x, float) for x in (corner, edge_u, edge_v))
         grid = np.linspace(0, 1, 9)
         a, b = (x.ravel()[:, None] for x in np.meshgrid(grid, grid))
         distance = np.linalg.norm(corner + a * edge_u + b * edge_v - self.viewpoint, axis=1).min()
-        density = 1.1 * self.focal_px / max(float(distance), self.nearest_m)
+        density = 1.1 * self.focal_px / max(float(distance), self.nearest_m, nearest_m)
         width, height = (
             int(np.clip(round(density * float(np.linalg.norm(edge))), 24, _MAX_TEXELS))
             for edge in (edge_u, edge_v)

@@ -15,6 +15,8 @@ __all__ = ["room", "rotate_then_move", "rotation", "static"]
 
 Floats = NDArray[np.float64]
 
+# Who stands and looks about level sees no floor nearer than this.
+_LEVEL_GAZE_M = 2.0
 # Frame at which `rotate-then-move` starts to move.
 _TURN_ONLY_FRAMES = (40.0, 50.0)
 
@@ -74,8 +76,8 @@ def _shell(
         painter.quad(np.array([right + m, back, top + m]), -x, -z, "wall", lights[1]),
         painter.quad(np.array([left, back - m, top + m]), y, -z, "wall", lights[2]),
         painter.quad(np.array([right, front + m, top + m]), -y, -z, "wall", lights[3]),
-        painter.quad(np.array([left - m, front + m, 0]), x, -y, "wood", 0.9),
-        painter.quad(np.array([left - m, back - m, top]), x, y, "ceiling", 0.85),
+        painter.quad(np.array([left - m, front + m, 0]), x, -y, "wood", 0.9, nearest_m=_LEVEL_GAZE_M),
+        painter.quad(np.array([left - m, back - m, top]), x, y, "ceiling", 0.85, nearest_m=_LEVEL_GAZE_M),
     ]
 
 

@@ -176,7 +176,7 @@ def _paint(rng: np.random.Generator, height: int, width: int, look: Look) -> Ima
     # smooth.
     canvas = cast(Image, cv2.GaussianBlur(canvas, (0, 0), 0.7))
     grain = look.grain * _fractal_noise(rng, height, width, octaves=3)
-    return np.clip(canvas + grain[..., None], 0, 255).astype(np.uint8)
+    return cast(Image, cv2.add(canvas, cv2.merge([grain, grain, grain]), dtype=cv2.CV_8U))  # saturates
 
 
 def _patches(rng: np.random.Generator, height: int, width: int, look: Look) -> Floats32:
