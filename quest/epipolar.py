@@ -43,9 +43,7 @@ def as_matches(m: ArrayLike, n: ArrayLike, at_least: int) -> tuple[Floats, Float
     """
     m, n = np.asarray(m, float), np.asarray(n, float)
     if m.shape != n.shape or m.ndim not in (2, 3) or m.shape[-1] != 3:
-        raise ValueError(
-            f"bearings of shape {m.shape} and {n.shape}: give two arrays of one shape (N, 3) or (B, N, 3)"
-        )
+        raise ValueError(f"bearings of shape {m.shape} and {n.shape}: give two arrays of one shape (N, 3) or (B, N, 3)")
     if m.shape[-2] < at_least:
         raise ValueError(f"{m.shape[-2]} matches in a sample: give at least {at_least}")
     if not (np.isfinite(m).all() and np.isfinite(n).all()):

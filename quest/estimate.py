@@ -300,9 +300,7 @@ def estimate_relative_pose(
     else:
         # Off the plane, a rival must follow all matches.
         rivals = [*solutions[1:], *(problem.polish(model) for model in _spread_out(report.models[1:], best))]
-        modes = [
-            problem.refine(rival, problem.explained(rival, threshold_rad), noise_rad) for rival in rivals
-        ]
+        modes = [problem.refine(rival, problem.explained(rival, threshold_rad), noise_rad) for rival in rivals]
     alternatives: list[Hypothesis] = []
     for model in modes:
         explained = problem.explained(model, gate_rad)
@@ -369,9 +367,7 @@ def _tighten(problem: _RelativePoseProblem, model: Floats) -> tuple[Floats, floa
     return model, noise_rad
 
 
-def _fit_rotation(
-    m: Floats, n: Floats, threshold_rad: float, rng: np.random.Generator
-) -> tuple[Floats, Floats]:
+def _fit_rotation(m: Floats, n: Floats, threshold_rad: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """The rotation that explains most matches, and its squared residuals (N,) per bearing in rad^2."""
     # 200 pairs find a pair of inliers with 99.99 % where a fifth of the matches are inliers.
     pairs = draw_samples(rng, len(m), 2, 200)
@@ -404,9 +400,7 @@ def _rotation_or_nothing(
     if count < max(_MIN_MATCHES, 0.3 * total):
         return NoPose("no_consistent_motion", evidence)
     nan = np.full(total, np.nan)
-    noise_rad = float(
-        np.sqrt(np.median(rotation_r2[inliers]) / (2 * np.log(2)))
-    )  # Rayleigh: median^2 = 2 ln 2 sigma^2
+    noise_rad = float(np.sqrt(np.median(rotation_r2[inliers]) / (2 * np.log(2))))  # Rayleigh: median^2 = 2 ln 2 sigma^2
     return RelativePose(
         q_wxyz=quaternion_from_matrix(R),
         R=R,
@@ -423,15 +417,11 @@ def _rotation_or_nothing(
     )
 
 
-def _chance_inliers(
-    problem: _RelativePoseProblem, model: Floats, gate_rad: float, rng: np.random.Generator
-) -> float:
+def _chance_inliers(problem: _RelativePoseProblem, model: Floats, gate_rad: float, rng: np.random.Generator) -> float:
     """How many matches the motion explains when the matches are shuffled, on average."""
     counts = []
     for _ in range(3):
-        shuffled = _RelativePoseProblem(
-            problem.m, problem.n[rng.permutation(len(problem))], problem.threshold_rad
-        )
+        shuffled = _RelativePoseProblem(problem.m, problem.n[rng.permutation(len(problem))], problem.threshold_rad)
         counts.append(int(shuffled.explained(model, gate_rad).sum()))
     return float(np.mean(counts))
 
@@ -472,9 +462,7 @@ def _dominant_plane(
     return planar, solutions
 
 
-def _robust_plane(
-    m: Floats, lhs: Floats, gain: Floats, noise_rad: float, rng: np.random.Generator
-) -> Floats | None:
+def _robust_plane(m: Floats, lhs: Floats, gain: Floats, noise_rad: float, rng: np.random.Generator) -> Floats | None:
     """k (3,) with ``gain (k . m) = lhs`` for most points, in the least-median sense over samples of three."""
     if len(m) < 8:
         return None

@@ -68,9 +68,7 @@ class RansacReport:
     samples: int
 
 
-def samples_needed(
-    inlier_share: float, sample_size: int, confidence: float, yield_per_sample: float
-) -> float:
+def samples_needed(inlier_share: float, sample_size: int, confidence: float, yield_per_sample: float) -> float:
     """How many samples to draw so that a good one is among them with the given confidence.
 
     Parameters

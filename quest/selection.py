@@ -82,9 +82,7 @@ def select_candidates(q: Floats, m: Floats, n: Floats, keep: int = 4) -> tuple[F
         cosine = np.abs((q @ q[sample, best][..., None])[..., 0])
         cost = np.where(cosine > np.cos(_SAME_ROTATION_RAD / 2), np.inf, cost)
     rows = sample[:, None]
-    return np.where(found[..., None], q[rows, chosen], np.nan), np.where(
-        found[..., None], t[rows, chosen], np.nan
-    )
+    return np.where(found[..., None], q[rows, chosen], np.nan), np.where(found[..., None], t[rows, chosen], np.nan)
 
 
 def _null_vectors(M: Floats) -> Floats:

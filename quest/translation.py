@@ -66,9 +66,7 @@ def translation_and_depths(q: ArrayLike, m: ArrayLike, n: ArrayLike) -> tuple[Fl
     m, n = as_matches(m, n, at_least=2)
     q = np.asarray(q, float)
     if m.ndim != 2 or q.ndim not in (1, 2) or q.shape[-1] != 4:
-        raise ValueError(
-            f"q of shape {q.shape} for bearings of shape {m.shape}: give (4,) or (K, 4), and (N, 3)"
-        )
+        raise ValueError(f"q of shape {q.shape} for bearings of shape {m.shape}: give (4,) or (K, 4), and (N, 3)")
     known = np.isfinite(q).all(axis=-1)
     R = matrix_from_quaternion(np.where(known[..., None], q, [1.0, 0.0, 0.0, 0.0]))
     normals = epipolar_normals(R, m, n)

@@ -38,9 +38,7 @@ def corridor(setup: Setup) -> tuple[list[Quad], Path]:
     return quads, path
 
 
-def _corridor_walls(
-    painter: Painter, rng: np.random.Generator, half: float, top: float, length: float
-) -> list[Quad]:
+def _corridor_walls(painter: Painter, rng: np.random.Generator, half: float, top: float, length: float) -> list[Quad]:
     """Walls, floor and ceiling in panels as fine as their distance asks; some door frames between them."""
     quads = []
     x, z, m = np.array([2 * half + 0.04, 0, 0]), np.array([0, 0, top + 0.04]), 0.02
@@ -76,16 +74,12 @@ def desk(setup: Setup) -> tuple[list[Quad], Path]:
     middle = np.array([0, 0, desk_z])
     start = middle + distance * np.array([0, -np.cos(pitch), -np.sin(pitch)])
     side = setup.sign()
-    along = (
-        distance * rng.uniform(0.27, 0.36) * np.array([side, rng.uniform(-0.3, 0.3), rng.uniform(-0.2, 0.2)])
-    )
+    along = distance * rng.uniform(0.27, 0.36) * np.array([side, rng.uniform(-0.3, 0.3), rng.uniform(-0.2, 0.2)])
     bend = distance * np.array([0, rng.uniform(-0.06, 0.06), rng.uniform(-0.05, 0.05)])
     turn_from = np.array([-side * np.radians(rng.uniform(-4, 4)), pitch, np.radians(rng.uniform(-4, 4))])
     turn_by = np.radians([side * rng.uniform(2, 14), rng.uniform(-3, 3), rng.uniform(-5, 5)])
     start = start - 0.5 * along
-    path = Path(
-        sweep(start, along, bend), turning(turn_from, turn_by), setup.slow_start, jitter=hand(setup, 1.0)
-    )
+    path = Path(sweep(start, along, bend), turning(turn_from, turn_by), setup.slow_start, jitter=hand(setup, 1.0))
     painter = setup.painter(start, 0.6)
     wide, deep = rng.uniform(1.0, 1.3), rng.uniform(0.75, 0.95)
     quads = [

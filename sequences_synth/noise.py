@@ -44,9 +44,7 @@ def blur_along(image: Image, half_flow: Floats32) -> Image:
     total = np.zeros(image.shape, np.uint16)
     # Middles of equal parts of the exposure.
     for instant in ((2 * np.arange(taps) + 1) / taps - 1).astype(np.float32):
-        moved = cv2.remap(
-            image, x + instant * u, y + instant * v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-        )
+        moved = cv2.remap(image, x + instant * u, y + instant * v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         total += cast(Image, moved)
     return cast(Image, cv2.convertScaleAbs(total, alpha=1 / taps))
 

@@ -17,9 +17,7 @@ Floats = NDArray[np.float64]
 _GIMBAL_DEG, _GIMBAL_M = 0.08, 0.03
 
 
-def _plane(
-    setup: Setup, path: Path, origin: Floats, u: Floats, v: Floats, look: str, nearest_m: float
-) -> Quad:
+def _plane(setup: Setup, path: Path, origin: Floats, u: Floats, v: Floats, look: str, nearest_m: float) -> Quad:
     """One quad on the plane ``origin + a u + b v`` (u, v orthonormal), large enough to fill every view."""
     corners = np.array([[x, y, 1] for x in (0, setup.width - 1) for y in (0, setup.height - 1)], float)
     rays = corners @ np.linalg.inv(setup.K).T
@@ -37,9 +35,7 @@ def _plane(
     low, high = low - margin, high + margin
     viewpoint = path.centre(0.0)
     painter = setup.painter(viewpoint, nearest_m)
-    return painter.quad(
-        origin + low[0] * u + low[1] * v, (high[0] - low[0]) * u, (high[1] - low[1]) * v, look
-    )
+    return painter.quad(origin + low[0] * u + low[1] * v, (high[0] - low[0]) * u, (high[1] - low[1]) * v, look)
 
 
 def wall(setup: Setup) -> tuple[list[Quad], Path]:
@@ -56,18 +52,11 @@ def wall(setup: Setup) -> tuple[list[Quad], Path]:
     reach = distance * rng.uniform(0.26, 0.36)
     # In the image plane mostly; a curve, since a straight slide along a plane is the `nadir` scene.
     along = reach * np.array([np.cos(heading), rng.uniform(-0.2, 0.35), 0.6 * np.sin(heading)])
-    bend = (
-        0.25
-        * reach
-        * setup.sign()
-        * np.array([-np.sin(heading), rng.uniform(-0.3, 0.3), 0.6 * np.cos(heading)])
-    )
+    bend = 0.25 * reach * setup.sign() * np.array([-np.sin(heading), rng.uniform(-0.3, 0.3), 0.6 * np.cos(heading)])
     start = np.array([0, 0, 1.5]) - 0.5 * along
     turn_by = np.radians([rng.uniform(-8, 8), rng.uniform(-5, 5), rng.uniform(-6, 6)])
     turn_from = np.radians([rng.uniform(-3, 3), rng.uniform(-3, 3), rng.uniform(-3, 3)])
-    path = Path(
-        sweep(start, along, bend), turning(turn_from, turn_by), setup.slow_start, jitter=hand(setup, distance)
-    )
+    path = Path(sweep(start, along, bend), turning(turn_from, turn_by), setup.slow_start, jitter=hand(setup, distance))
     return [_plane(setup, path, origin, u, v, "wall", 0.75 * distance)], path
 
 

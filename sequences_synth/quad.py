@@ -112,8 +112,7 @@ class Painter:
         distance = np.linalg.norm(corner + a * edge_u + b * edge_v - self.viewpoint, axis=1).min()
         density = 1.1 * self.focal_px / max(float(distance), self.nearest_m, nearest_m)
         width, height = (
-            int(np.clip(round(density * float(np.linalg.norm(edge))), 24, _MAX_TEXELS))
-            for edge in (edge_u, edge_v)
+            int(np.clip(round(density * float(np.linalg.norm(edge))), 24, _MAX_TEXELS)) for edge in (edge_u, edge_v)
         )
         texture = Texture((*self.seed, self.count), width, height, look)
         self.count += 1

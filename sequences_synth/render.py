@@ -66,9 +66,7 @@ class _Seen:
         return np.asarray(self.texel_from_pixel[2], float)
 
 
-def render(
-    quads: Sequence[Quad], K: Floats, cam_from_world: Floats, frame: float, width: int, height: int
-) -> View:
+def render(quads: Sequence[Quad], K: Floats, cam_from_world: Floats, frame: float, width: int, height: int) -> View:
     """Render the quads.
 
     Parameters
@@ -243,9 +241,7 @@ def _sample(quad: Quad, texel_from_pixel: Floats, left: int, top: int, mask: Ima
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         return cast(
             Image,
-            cv2.warpPerspective(
-                levels[level], matrix, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE
-            ),
+            cv2.warpPerspective(levels[level], matrix, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE),
         )
 
     patch = warp(lowest)

@@ -89,9 +89,7 @@ def _pictures(
     down = np.array([0, 0, -1.0])
     for _ in range(int(rng.integers(4, 7))):
         w, h, off = rng.uniform(0.5, 1.2), rng.uniform(0.4, 0.9), rng.uniform(0.02, 0.3)
-        corner = np.array(
-            [rng.uniform(left + 0.1, right - w - 0.1), front - off, rng.uniform(1.2, top - 0.1)]
-        )
+        corner = np.array([rng.uniform(left + 0.1, right - w - 0.1), front - off, rng.uniform(1.2, top - 0.1)])
         quads.append(painter.quad(corner, np.array([w, 0, 0]), h * down, "print", rng.uniform(0.8, 1.05)))
     for side, x in ((1, left), (-1, right)):
         for _ in range(2):
@@ -99,9 +97,7 @@ def _pictures(
             y = rng.uniform(1.5, front - w)
             start = y if side > 0 else y + w
             corner = np.array([x + side * off, start, rng.uniform(1.2, top - 0.1)])
-            quads.append(
-                painter.quad(corner, np.array([0, side * w, 0]), h * down, "print", rng.uniform(0.7, 0.95))
-            )
+            quads.append(painter.quad(corner, np.array([0, side * w, 0]), h * down, "print", rng.uniform(0.7, 0.95)))
     return quads
 
 

@@ -88,19 +88,14 @@ def _moving_cards(setup: Setup, path: Path, quads: list[Quad], share: float) -> 
         w, h = view_w * np.sqrt(share / count), view_h * np.sqrt(share / count)
         x = view_w * ((i + 0.5) / count - 0.5)
         y = rng.uniform(-0.5, 0.5) * (view_h - h)
-        corner = (
-            pose[:3, 3] + (1 - 0.05 * i) * distance * ahead + (x - 0.5 * w) * right + (y - 0.5 * h) * down
-        )
+        corner = pose[:3, 3] + (1 - 0.05 * i) * distance * ahead + (x - 0.5 * w) * right + (y - 0.5 * h) * down
         sway, rate, phase = 0.12 * view_w * setup.sign(), rng.uniform(0.05, 0.09), rng.uniform(0, 2 * np.pi)
 
-        def displacement(
-            frame: float, sway: float = sway, rate: float = rate, phase: float = phase
-        ) -> Floats:
+        def displacement(frame: float, sway: float = sway, rate: float = rate, phase: float = phase) -> Floats:
             moved = progress(frame - path.move_from, path.slow_start)
             carried = path.centre(moved) - path.centre(0.0)
             return np.asarray(
-                carried
-                + sway * (np.sin(phase + rate * frame) * right + 0.4 * np.cos(phase + rate * frame) * down)
+                carried + sway * (np.sin(phase + rate * frame) * right + 0.4 * np.cos(phase + rate * frame) * down)
             )
 
         cards.append(painter.quad(corner, w * right, h * down, "print", displacement=displacement))

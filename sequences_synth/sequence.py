@@ -134,9 +134,7 @@ class SynthSequence:
             Along the optical axis (z), metres, 0 where there is nothing.
         """
         view = self._view(index)
-        image = (
-            blur_along(view.image, self._half_flow(index, view)) if self.options.motion_blur else view.image
-        )
+        image = blur_along(view.image, self._half_flow(index, view)) if self.options.motion_blur else view.image
         # Entropy of the frame alone, so that a frame does not depend on those rendered before.
         rng = np.random.default_rng([self.seed, index, 1])
         image = expose(image, self._gain(index), self.options.noise, rng)
@@ -144,9 +142,7 @@ class SynthSequence:
         depth = np.divide(1, view.inverse_depth, out=np.zeros_like(view.inverse_depth), where=hit)
         return image, depth
 
-    def frames(
-        self, start: int = 0, stop: int | None = None
-    ) -> Iterator[tuple[int, float, Image, Floats32, Floats]]:
+    def frames(self, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, float, Image, Floats32, Floats]]:
         """Yield (index, timestamp_s, image, depth, world_from_cam) from ``start`` to before ``stop``."""
         for index in range(len(self))[start:stop]:
             image, depth = self.render(index)

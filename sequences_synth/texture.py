@@ -188,9 +188,7 @@ def _patches(rng: np.random.Generator, height: int, width: int, look: Look) -> F
     count = max(2, height * width // look.patch_texels**2)
     points = rng.random((count, 2)) * (columns, rows)
     accents = np.asarray(look.accents)[rng.integers(len(look.accents), size=count)] - np.asarray(look.base[0])
-    offsets = (0.45 * accents + rng.normal(0, 12, (count, 1)) + rng.normal(0, 4, (count, 3))).astype(
-        np.float32
-    )
+    offsets = (0.45 * accents + rng.normal(0, 12, (count, 1)) + rng.normal(0, 4, (count, 3))).astype(np.float32)
     y, x = np.mgrid[:rows, :columns].astype(np.float32)
     # Straight borders look drawn: bend them.
     x += 4 * _fractal_noise(rng, rows, columns, octaves=5)
@@ -211,10 +209,7 @@ def _fractal_noise(rng: np.random.Generator, height: int, width: int, octaves: i
     for octave in reversed(range(octaves)):
         shape = (-(-height // 2**octave) + 1, -(-width // 2**octave) + 1)
         detail = rng.standard_normal(shape, np.float32)
-        noise = (
-            cast(Floats32, cv2.resize(noise, shape[::-1], interpolation=cv2.INTER_LINEAR))
-            + 1.4**octave * detail
-        )
+        noise = cast(Floats32, cv2.resize(noise, shape[::-1], interpolation=cv2.INTER_LINEAR)) + 1.4**octave * detail
     noise = noise[:height, :width]
     return noise / np.float32(max(float(noise.std()), 1e-6))
 
@@ -229,14 +224,10 @@ def _draw_marks(rng: np.random.Generator, canvas: Image, base: NDArray[np.float6
     radii = np.sort((low + rng.random(count) * (high - low)) ** (-1 / 1.6))[::-1]
     centres = rng.random((count, 2)) * (width, height)
     angles = rng.uniform(0, np.pi, count)
-    kinds = rng.choice(
-        list(look.marks), count, p=np.array(list(look.marks.values())) / sum(look.marks.values())
-    )
+    kinds = rng.choice(list(look.marks), count, p=np.array(list(look.marks.values())) / sum(look.marks.values()))
     accents = np.asarray(look.accents)[rng.integers(len(look.accents), size=count)]
     colors = np.clip(base + look.blend * (accents - base) + rng.normal(0, 12, (count, 3)), 0, 255)
-    for radius, centre, angle, kind, color in zip(
-        radii, centres, angles, kinds, colors.tolist(), strict=True
-    ):
+    for radius, centre, angle, kind, color in zip(radii, centres, angles, kinds, colors.tolist(), strict=True):
         _draw_mark(rng, canvas, str(kind), centre, float(radius), float(angle), color)
 
 
@@ -271,9 +262,7 @@ def _draw_mark(
         reach = 3 * radius * np.array([np.cos(angle), np.sin(angle)])
         ends: Any = np.round((centre + np.stack([-reach, reach])) * 2**_SHIFT).astype(int)
         thickness = max(1, round(radius / 12))
-        cv2.line(
-            canvas, tuple(ends[0].tolist()), tuple(ends[1].tolist()), color, thickness, cv2.LINE_AA, _SHIFT
-        )
+        cv2.line(canvas, tuple(ends[0].tolist()), tuple(ends[1].tolist()), color, thickness, cv2.LINE_AA, _SHIFT)
         return
     if kind == "ellipse":
         middle: Any = np.round(centre * 2**_SHIFT).astype(int).tolist()
@@ -282,9 +271,7 @@ def _draw_mark(
         return
     if kind == "polygon":
         turns = angle + np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 7))))
-        outline = (
-            radius * np.column_stack([np.cos(turns), np.sin(turns)]) * rng.uniform(0.6, 1, (len(turns), 1))
-        )
+        outline = radius * np.column_stack([np.cos(turns), np.sin(turns)]) * rng.uniform(0.6, 1, (len(turns), 1))
     else:
         # Rectangles, and glyphs too small to be letters: things made by people are mostly upright.
         tilt = rng.normal(0, 0.05) if rng.random() < 0.6 else angle

@@ -90,9 +90,7 @@ class Jitter:
     def at(self, frame: float) -> tuple[Floats, Floats]:
         """Rotation vector (3,) in radians and offset (3,) in metres at a (real-valued) frame."""
         waves = np.sin(self.phases_rad + self.rates_rad * frame)
-        return np.sum(self.angles_rad * waves, axis=1), np.sum(
-            self.offsets_m * np.roll(waves, 1, axis=0), axis=1
-        )
+        return np.sum(self.angles_rad * waves, axis=1), np.sum(self.offsets_m * np.roll(waves, 1, axis=0), axis=1)
 
 
 @dataclass(frozen=True, eq=False)

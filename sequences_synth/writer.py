@@ -22,9 +22,7 @@ DEPTH_FACTOR = 5000.0
 _MOST_DEPTH = 65535
 
 
-def write_tum(
-    sequence: SynthSequence, folder: str | Path, progress: Callable[[int], None] | None = None
-) -> None:
+def write_tum(sequence: SynthSequence, folder: str | Path, progress: Callable[[int], None] | None = None) -> None:
     """Write a sequence in the layout of TUM RGB-D.
 
     ``rgb.txt`` and ``depth.txt`` (time stamp, file), ``groundtruth.txt`` (time stamp, tx ty tz, qx qy qz qw;

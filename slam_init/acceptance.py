@@ -11,7 +11,7 @@ from slam_init.camera import Camera
 from slam_init.config import AcceptanceConfig
 from slam_init.reasons import ACCEPTED
 
-__all__ = ["Gate", "check", "depth_sigma", "direction_sigma_deg"]
+__all__ = ["Gate", "check", "depth_sigma", "direction_bound_deg", "direction_sigma_deg"]
 
 #: Views nearer to the first than this share of the longest baseline have no direction worth a statement.
 _SHORT_BASELINE = 0.3
@@ -56,30 +56,35 @@ def check(
         Share of observations by further views that agreed with the two-view map; NaN where there is no further view.
     config : AcceptanceConfig
     """
+    points = len(bundle.problem.points)
     gates = [
-        Gate("landmarks", len(bundle.problem.points), config.min_landmarks, True, "too_few_landmarks"),
+        Gate("landmarks", points, config.min_landmarks, True, "too_few_landmarks"),
+        Gate("explained_share", points / max(matches, 1), config.min_explained, True, "no_consistent_motion"),
         Gate(
-            "explained_share",
-            len(bundle.problem.points) / max(matches, 1),
-            config.min_explained,
-            True,
-            "no_consistent_motion",
-        ),
-        Gate(
-            "direction_sigma_deg",
-            direction_sigma_deg(bundle),
-            config.max_direction_sigma_deg,
+            "direction_bound_deg",
+            direction_bound_deg(bundle, config),
+            config.max_direction_error_deg,
             False,
             "low_parallax",
         ),
-        Gate(
-            "depth_sigma", depth_sigma(camera, bundle), config.max_median_depth_sigma, False, "low_parallax"
-        ),
+        Gate("depth_sigma", depth_sigma(camera, bundle), config.max_median_depth_sigma, False, "low_parallax"),
         Gate("further_views", len(bundle.problem.frames) - 2, 1, True, "no_third_view"),
         Gate("further_agreement", agreement, config.min_further_agreement, True, "no_third_view"),
     ]
     failed = [gate for gate in gates if not gate.passes()]
     return (failed[0].reason if failed else ACCEPTED), gates
+
+
+def direction_bound_deg(bundle: BundleSolution, config: AcceptanceConfig) -> float:
+    """How far the direction of the baseline may be off: three standard deviations, and what no average removes.
+
+    An error that neighbouring tracks share (lens model, rolling shutter, blur) tilts the baseline by its ratio to the parallax,
+    however many tracks there are.
+    """
+    parallax = bundle.problem.parallax_rad()
+    rms = float(np.sqrt(np.mean(parallax**2)))
+    systematic_deg = float(np.degrees(1e-3 * config.systematic_error_mrad / max(rms, 1e-12)))
+    return 3 * direction_sigma_deg(bundle) + systematic_deg
 
 
 def direction_sigma_deg(bundle: BundleSolution) -> float:

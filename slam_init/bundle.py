@@ -116,7 +116,8 @@ class BundleSolution:
     rmse_px : float
         Root mean square of the 2-D residuals.
     errors : tuple of float
-        Error of the graph at the start and after each iteration.
+        Root mean square residual in pixels at the start and after each iteration; while the kernel is robust, of what
+        the kernel leaves of the residuals.
     graph, values
         gtsam objects: the final factor graph and its optimum.
     pose_covariances : (K, 6, 6) float
@@ -298,11 +299,15 @@ def _optimize(
     import gtsam
 
     graph, values = build_graph(camera, problem, noise_px, robust=robust)
-    errors = [float(graph.error(values))]
+
+    def rms_px(error: float) -> float:
+        return float(noise_px * np.sqrt(2 * error / len(problem.views)))
+
+    errors = [rms_px(graph.error(values))]
     params = gtsam.LevenbergMarquardtParams()
     params.setMaxIterations(iterations)
     params.setRelativeErrorTol(1e-5)
-    params.iterationHook = lambda _iteration, _old, new: errors.append(float(new))
+    params.iterationHook = lambda _iteration, _old, new: errors.append(rms_px(new))
     optimum = gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
     if not np.isfinite(graph.error(optimum)):
         raise RuntimeError("bundle adjustment diverged: the error is not finite")
@@ -335,9 +340,7 @@ def _cannot_be_solved(problem: BundleProblem) -> BundleFailure | None:
         return BundleFailure(f"only {len(problem.points)} landmarks are left after the outliers are out")
     if seen.min() < 6:
         weakest = problem.frames[int(np.argmin(seen))]
-        return BundleFailure(
-            f"frame {weakest} sees only {int(seen.min())} landmarks after the outliers are out"
-        )
+        return BundleFailure(f"frame {weakest} sees only {int(seen.min())} landmarks after the outliers are out")
     return None
 
 

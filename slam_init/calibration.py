@@ -36,9 +36,7 @@ def guess_camera(image_size: tuple[int, int]) -> Camera:
     """A pinhole with focal length ``1.2 max(width, height)``, COLMAP's default prior, for (width, height)."""
     width, height = image_size
     focal_px = 1.2 * max(width, height)
-    return Camera(
-        "pinhole", width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, guessed=True
-    )
+    return Camera("pinhole", width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, guessed=True)
 
 
 def load_camera(path: str | Path, image_size: tuple[int, int] | None = None) -> Camera:
@@ -93,9 +91,7 @@ def _read_text(path: Path) -> str:
             data = file.read(_MAX_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise CalibrationError(
-            f"{path}: cannot read this calibration ({reason}): give a file or {GUESS!r}"
-        ) from None
+        raise CalibrationError(f"{path}: cannot read this calibration ({reason}): give a file or {GUESS!r}") from None
     if len(data) > _MAX_BYTES:
         raise CalibrationError(f"{path}: more than {_MAX_BYTES // 1000} kB: this is no calibration")
     try:

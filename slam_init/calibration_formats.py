@@ -51,9 +51,7 @@ def parse_colmap(text: str) -> Camera:
         raise CalibrationError(f"{len(lines)} cameras: expected a COLMAP cameras.txt with exactly one")
     fields = lines[0]
     if len(fields) < 4 or fields[1] not in _COLMAP:
-        raise CalibrationError(
-            f"not a COLMAP camera: id, model of {', '.join(_COLMAP)}, width, height, params"
-        )
+        raise CalibrationError(f"not a COLMAP camera: id, model of {', '.join(_COLMAP)}, width, height, params")
     model, names = fields[1], _COLMAP[fields[1]].split()
     if len(fields) != 4 + len(names):
         raise CalibrationError(f"{model} takes {len(names)} parameters, found {len(fields) - 4}")
@@ -179,9 +177,7 @@ def _camera(model: str, size: tuple[int, int], focal: tuple[float, ...], distort
         k = []
     elif model == "fisheye":
         if len(k) != 4:
-            raise CalibrationError(
-                f"{len(k)} distortion coefficients for a fisheye camera: give k1, k2, k3, k4"
-            )
+            raise CalibrationError(f"{len(k)} distortion coefficients for a fisheye camera: give k1, k2, k3, k4")
     else:
         if any(k[5:]):
             raise CalibrationError(

@@ -66,21 +66,15 @@ class Camera:
 
     def __post_init__(self) -> None:
         if self.model not in _DISTORTION_SIZES:
-            raise CalibrationError(
-                f"unknown camera model {self.model!r}: use one of {', '.join(_DISTORTION_SIZES)}"
-            )
+            raise CalibrationError(f"unknown camera model {self.model!r}: use one of {', '.join(_DISTORTION_SIZES)}")
         for name in ("fx", "fy"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
-                raise CalibrationError(
-                    f"focal length {name} is {value!r}: it must be a positive number of pixels"
-                )
+                raise CalibrationError(f"focal length {name} is {value!r}: it must be a positive number of pixels")
         for name in ("cx", "cy"):
             value = getattr(self, name)
             if not math.isfinite(value):
-                raise CalibrationError(
-                    f"principal point {name} is {value!r}: it must be a finite number of pixels"
-                )
+                raise CalibrationError(f"principal point {name} is {value!r}: it must be a finite number of pixels")
         if self.width <= 0 or self.height <= 0:
             raise CalibrationError(f"image size {self.width}x{self.height}: both sides must be positive")
         if len(self.distortion) not in _DISTORTION_SIZES[self.model]:
@@ -160,9 +154,7 @@ class Camera:
             seen = in_front & (angle < _turning_radius(self.distortion, _MAX_FISHEYE_ANGLE_RAD))
             xy = _distort_fisheye(xy, self.distortion)
         elif self.is_distorted:
-            seen = in_front & (
-                np.hypot(xy[:, 0], xy[:, 1]) < _turning_radius(_radial(self.distortion), np.inf)
-            )
+            seen = in_front & (np.hypot(xy[:, 0], xy[:, 1]) < _turning_radius(_radial(self.distortion), np.inf))
             xy = _distort_radtan(xy, self.distortion)
         pixels = xy * (self.fx, self.fy) + (self.cx, self.cy)
         pixels[~seen] = np.nan

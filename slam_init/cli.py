@@ -99,9 +99,7 @@ def _parser() -> _Parser:
     _add_source(run, default=_DEFAULT_SOURCE)
     run.add_argument("--out", metavar="DIR", default=_DEFAULT_OUT, help="results (default: %(default)s)")
     run.add_argument("--method", metavar="NAME", help="relative pose from: quest (default)")
-    run.add_argument(
-        "--seed", type=int, metavar="N", help="of random draws and synthetic worlds (default: 0)"
-    )
+    run.add_argument("--seed", type=int, metavar="N", help="of random draws and synthetic worlds (default: 0)")
     run.add_argument("--start", type=int, default=0, metavar="K", help="skip the first K frames")
     run.add_argument("--max-frames", type=int, metavar="N", help="give up after N frames")
     run.add_argument(
@@ -119,9 +117,7 @@ def _parser() -> _Parser:
     synth = commands.add_parser("synth", help="write a synthetic sequence", allow_abbrev=False)
     synth.description = "Render a synthetic sequence into a folder in the layout of TUM RGB-D."
     synth.set_defaults(command=_synth)
-    synth.add_argument(
-        "scene", metavar="NAME", help="room, wall, desk, corridor, ...; a wrong name lists all"
-    )
+    synth.add_argument("scene", metavar="NAME", help="room, wall, desk, corridor, ...; a wrong name lists all")
     synth.add_argument("--out", metavar="DIR", required=True, help="a new or empty folder")
     synth.add_argument("--seed", type=int, default=0, metavar="N", help="of the world (default: 0)")
     synth.add_argument("--frames", type=int, metavar="N", help="number of frames (default: 100)")
@@ -166,13 +162,9 @@ def _run(arguments: argparse.Namespace) -> int:
     source = open_source(arguments.source, config.seed)
     camera = _camera(arguments, source, arguments.start)
     if camera is None:
-        raise CalibrationError(
-            f"{arguments.source} has no calibration: give --camera FILE, or --camera guess"
-        )
+        raise CalibrationError(f"{arguments.source} has no calibration: give --camera FILE, or --camera guess")
     notes = (
-        ("the focal length is a guess (1.2 times the longer image side): expect a bent map",)
-        if camera.guessed
-        else ()
+        ("the focal length is a guess (1.2 times the longer image side): expect a bent map",) if camera.guessed else ()
     )
 
     from slam_init.pipeline import run
@@ -220,7 +212,6 @@ def _synth(arguments: argparse.Namespace) -> int:
     sequence = make_synth(arguments.scene, arguments.seed, values)
     # disable=None: silent where stderr is no terminal.
     with tqdm(total=len(sequence), unit="frame", disable=None, leave=False) as bar:
-
 
         def advance(done: int) -> None:
             bar.update(done - bar.n)

@@ -55,9 +55,7 @@ def colmap_model(map_: InitialMap, camera: Camera) -> tuple[str, str, str]:
         pose = numbers_text([*cam_from_world.q_wxyz, *cam_from_world.t])
         images.append(f"{k + 1} {pose} 1 {keyframe.name}")
         images.append(
-            " ".join(
-                f"{numbers_text(pixel)} {i + 1}" for pixel, i in zip(pixels + 0.5, landmarks, strict=True)
-            )
+            " ".join(f"{numbers_text(pixel)} {i + 1}" for pixel, i in zip(pixels + 0.5, landmarks, strict=True))
         )
 
     points = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]

@@ -110,13 +110,18 @@ class MapConfig:
 class AcceptanceConfig:
     """When a map is handed over (:mod:`slam_init.acceptance`)."""
 
-    min_landmarks: int = 40
-    #: One standard deviation of the direction of the baseline: three of them stay within the 5 degrees that make an
-    #: initialization correct in the strict sense.
-    max_direction_sigma_deg: float = 1.6
+    #: As in ORB-SLAM and stella_vslam: what tracking goes on from.
+    min_landmarks: int = 50
+    #: Bound on the error of the direction of the baseline: three standard deviations plus the systematic part. Five
+    #: degrees make an initialization correct in the strict sense.
+    max_direction_error_deg: float = 5.0
+    #: Error that tracks share and that does not average out, as an angle: half a pixel at a focal length of 500 px, the
+    #: order of a good lens calibration's residual or of a rolling shutter at walking pace.
+    systematic_error_mrad: float = 1.0
     #: Median relative uncertainty of the landmarks' depths (one standard deviation).
     max_median_depth_sigma: float = 0.1
-    #: Share of the pair's matches that the map still explains in all its views.
+    #: Share of the pair's tracks that are landmarks in the end: where most of what is seen does not follow the motion,
+    #: or has no measurable depth, the motion may be that of something else.
     min_explained: float = 0.5
     #: Share of the landmarks' observations by further views that agree with the map.
     min_further_agreement: float = 0.7

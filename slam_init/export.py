@@ -123,8 +123,7 @@ def write_results(
         files["trajectory.txt"] = tum_text(result.map.keyframes).encode()
         files["map.ply"] = ply_bytes(result.map)
         files |= {
-            name: text.encode()
-            for name, text in zip(COLMAP_FILES, colmap_model(result.map, camera), strict=True)
+            name: text.encode() for name, text in zip(COLMAP_FILES, colmap_model(result.map, camera), strict=True)
         }
         files[_GRAPH] = result.map.graph.serialize().encode()
         files[_VALUES] = result.map.values.serialize().encode()
@@ -321,6 +320,4 @@ def _write_whole(path: Path, content: bytes) -> None:
 
 
 def _output_error(out: Path, error: OSError) -> OutputError:
-    return OutputError(
-        f"cannot write to --out {out}: {error.strerror or error}: give a folder you may write to"
-    )
+    return OutputError(f"cannot write to --out {out}: {error.strerror or error}: give a folder you may write to")

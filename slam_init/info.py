@@ -80,9 +80,7 @@ def _truth_dict(source: TimedSource) -> dict[str, Any] | None:
     truth, times_s = source.groundtruth, source.timestamps_s
     if truth is None:
         return None
-    within = (truth.timestamps_s >= times_s[0] - _TOLERANCE_S) & (
-        truth.timestamps_s <= times_s[-1] + _TOLERANCE_S
-    )
+    within = (truth.timestamps_s >= times_s[0] - _TOLERANCE_S) & (truth.timestamps_s <= times_s[-1] + _TOLERANCE_S)
     positions = np.array([pose.t for pose, keep in zip(truth.world_from_cam, within, strict=True) if keep])
     steps = np.diff(positions.reshape(-1, 3), axis=0)
     return {

@@ -65,9 +65,7 @@ class PairPreview:
         return self.parallax_px * float(np.sqrt(self.matches * self.spread))
 
 
-def preview_pair(
-    camera: Camera, reference: Observations, current: Observations, noise_px: float
-) -> PairPreview:
+def preview_pair(camera: Camera, reference: Observations, current: Observations, noise_px: float) -> PairPreview:
     """Remove the best rotation between two frames and measure what is left."""
     i, j = common_tracks(reference, current)
     if len(i) < 3:
@@ -137,10 +135,7 @@ class KeyframeManager:
         if self.candidates:
             newest = max(self.candidates)
             to_newest = next(pair for pair in pairs if pair.reference == newest)
-            if (
-                to_newest.overlap >= settings.new_overlap
-                and current.frame - newest < settings.new_after_frames
-            ):
+            if to_newest.overlap >= settings.new_overlap and current.frame - newest < settings.new_after_frames:
                 return
         self.candidates.append(current.frame)
         if len(self.candidates) > settings.window:

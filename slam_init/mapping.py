@@ -169,9 +169,7 @@ def build_candidate(
         pixels=table.pixels[views][observed],
     )
     if len(kept_tracks) < 6:
-        bundle: BundleSolution | BundleFailure = BundleFailure(
-            f"only {len(kept_tracks)} points can be triangulated"
-        )
+        bundle: BundleSolution | BundleFailure = BundleFailure(f"only {len(kept_tracks)} points can be triangulated")
     else:
         bundle = adjust(camera, problem, config.map)
     return MapCandidate(hypothesis, bundle, table, agreement)
@@ -195,9 +193,7 @@ def rank(camera: Camera, config: Config, candidates: list[MapCandidate]) -> list
     if not solved:
         return candidates
     gate2 = config.map.outlier_sigmas**2
-    return sorted(
-        candidates, key=lambda c: float(_track_costs(camera, c, c.table.frames, min(solved), gate2).sum())
-    )
+    return sorted(candidates, key=lambda c: float(_track_costs(camera, c, c.table.frames, min(solved), gate2).sum()))
 
 
 def same_map(a: MapCandidate, b: MapCandidate) -> bool:

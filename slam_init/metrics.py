@@ -79,9 +79,7 @@ def align_positions(source: Floats, target: Floats) -> Similarity:
     """
     source, target = np.asarray(source, float), np.asarray(target, float)
     if source.shape != target.shape or source.ndim != 2 or source.shape[1] != 3 or len(source) == 0:
-        raise ValueError(
-            f"positions of shapes {source.shape} and {target.shape}: both must be (N, 3), N >= 1"
-        )
+        raise ValueError(f"positions of shapes {source.shape} and {target.shape}: both must be (N, 3), N >= 1")
     source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
     a, b = source - source_mean, target - target_mean
     U, singular, Vt = np.linalg.svd(b.T @ a / len(a))
@@ -139,9 +137,7 @@ def ate_rmse(estimated: Floats, truth: Floats) -> float:
     return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
 
 
-def relative_pose_errors(
-    estimated: Sequence[Pose], truth: Sequence[Pose], delta: int = 1
-) -> tuple[Floats, Floats]:
+def relative_pose_errors(estimated: Sequence[Pose], truth: Sequence[Pose], delta: int = 1) -> tuple[Floats, Floats]:
     """Relative pose errors (RPE) over steps of ``delta`` poses, all pairs.
 
     Nothing is aligned: bring the estimate to the truth's scale first (:func:`align_positions`).
@@ -202,9 +198,7 @@ def compare_with_groundtruth(
     """
     if trajectory is None:
         return None
-    pairs = [
-        (k, truth) for k in keyframes if (truth := trajectory.at(k.timestamp_s, tolerance_s)) is not None
-    ]
+    pairs = [(k, truth) for k in keyframes if (truth := trajectory.at(k.timestamp_s, tolerance_s)) is not None]
     if len(pairs) < 2:
         return None
     (first, first_truth), rest = pairs[0], pairs[1:]

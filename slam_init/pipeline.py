@@ -8,7 +8,10 @@ map that passes all of them ends the initialization. What is refused is refused 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,18 +19,108 @@ from quest.estimate import NoPose, RelativePose, estimate_relative_pose
 from slam_init import acceptance
 from slam_init.bundle import BundleSolution
 from slam_init.camera import Camera
-from slam_init.config import Config
+from slam_init.config import Config, config_toml
+from slam_init.continuation import follow
+from slam_init.export import RECORDING, prepare_folder, summary_dict, write_results
 from slam_init.keyframes import KeyframeManager, PairPreview
 from slam_init.mapping import MapCandidate, build_candidate, further_views, margin, rank, same_map, table_of
+from slam_init.metrics import compare_with_groundtruth
 from slam_init.reasons import ACCEPTED, ADVICE, REASONS
-from slam_init.recording import Recorder
+from slam_init.recording import Recorder, RerunRecorder
 from slam_init.timing import Stopwatch
 from slam_init.tracks import Tracker, common_tracks
-from slam_init.types import Attempt, Frame, InitialMap, Keyframe, Observations, Result
+from slam_init.types import Attempt, Frame, InitialMap, Keyframe, Observations, Result, Source
 
-__all__ = ["Initializer"]
+__all__ = ["Initializer", "run"]
 
 Evidence = dict[str, float | int | str]
+
+
+def run(
+    source: Source,
+    camera: Camera,
+    config: Config,
+    *,
+    out: Path | None = None,
+    start: int = 0,
+    max_frames: int | None = None,
+    continue_frames: int = 0,
+    progress: bool = False,
+    notes: tuple[str, ...] = (),
+) -> tuple[Result, dict[str, Any]]:
+    """Initialize from a source and write what came of it.
+
+    Parameters
+    ----------
+    source : Source
+    camera : Camera
+    config : Config
+    out : Path, optional
+        Folder of the results (see :mod:`slam_init.export`) and of the recording; nothing is written without.
+    start, max_frames : int
+        First frame (absolute index), and how many at most.
+    continue_frames : int
+        After the initialization, locate this many further frames in the map.
+    progress : bool
+        Show a progress bar on stderr.
+    notes : tuple of str
+        What the user should be reminded of, for the summary.
+
+    Returns
+    -------
+    result : Result
+    summary : dict
+        The content of ``summary.json``.
+
+    Raises
+    ------
+    SlamInitError
+        Where a frame cannot be read or a result cannot be written.
+    """
+    if out is not None:
+        prepare_folder(out)
+    recorder = (
+        Recorder()
+        if out is None
+        else RerunRecorder(out / RECORDING, camera, source.name, source.groundtruth, config.seed)
+    )
+    with recorder:
+        initializer = Initializer(camera, config, recorder)
+        frames = source.frames(start=start, max_frames=None if continue_frames else max_frames)
+        for frame in _with_progress(frames, min(len(source) - start, max_frames or len(source)), progress):
+            initializer.process(frame)
+            if initializer.map is not None or initializer.frames_read == max_frames:
+                break
+        result = replace(initializer.finish(), notes=notes)
+        continued = None
+        if result.map is not None and continue_frames:
+            continued = follow(result.map, initializer.tracker, camera, frames, continue_frames, recorder)
+        truth = None
+        if result.map is not None and source.groundtruth is not None:
+            truth = compare_with_groundtruth(result.map.keyframes, source.groundtruth)
+        summary = summary_dict(
+            result,
+            source,
+            camera,
+            config.method,
+            config.seed,
+            truth,
+            continued.summary() if continued else None,
+        )
+        recorder.summary(summary)
+    if out is not None:
+        poses = continued.keyframes if continued else ()
+        write_results(out, result, summary, camera, config_toml(config), poses)
+    return result, summary
+
+
+def _with_progress(frames: Iterator[Frame], total: int, show: bool) -> Iterator[Frame]:
+    from tqdm import tqdm
+
+    with tqdm(total=total, unit="frame", desc="waiting for parallax", disable=not show, leave=False) as bar:
+        for frame in frames:
+            yield frame
+            bar.update()
 
 
 class Initializer:
@@ -44,11 +137,11 @@ class Initializer:
     ----------
     map : InitialMap or None
         Set when a map was accepted.
+    frames_read : int
+    tracker : Tracker
     """
 
-    def __init__(
-        self, camera: Camera, config: Config | None = None, recorder: Recorder | None = None
-    ) -> None:
+    def __init__(self, camera: Camera, config: Config | None = None, recorder: Recorder | None = None) -> None:
         self.camera = camera
         self.config = config or Config()
         self.recorder = recorder or Recorder()
@@ -56,13 +149,14 @@ class Initializer:
         self.keyframes = KeyframeManager(camera, self.config)
         self.stopwatch = Stopwatch()
         self.map: InitialMap | None = None
-        self._frames_read = 0
+        self.frames_read = 0
         self._attempts: list[Attempt] = []
+        self._accepted: tuple[BundleSolution, str] | None = None
         self._two_views_only: tuple[Attempt, BundleSolution, str] | None = None
 
     def process(self, frame: Frame) -> Attempt | None:
         """Take in the next frame; return the attempt that it led to, if any. After an accepted one ``map`` is set."""
-        self._frames_read += 1
+        self.frames_read += 1
         with self.stopwatch("track"):
             current = self.tracker.track(frame)
         self.recorder.frame(frame, current)
@@ -76,6 +170,8 @@ class Initializer:
                 self.keyframes.failed(chosen)
         if attempt is not None:
             self._remember(attempt)
+            if self._accepted is not None:
+                self._hand_over(*self._accepted)
         self.keyframes.update(current, pairs)
         self.tracker.history.forget(keep=self.keyframes.candidates)
         return attempt
@@ -85,13 +181,13 @@ class Initializer:
         if self.map is None and self._two_views_only is not None:
             # The sequence has no third view for a pair that two views decide beyond doubt.
             attempt, bundle, scene = self._two_views_only
-            self._accept(bundle, scene)
             self._remember(replace(attempt, verdict=ACCEPTED, advice=""))
+            self._hand_over(bundle, scene)
         return Result(
             map=self.map,
             reason=None if self.map is not None else self._reason(),
-            frames_read=self._frames_read,
-            frames_to_init=self._frames_read if self.map is not None else None,
+            frames_read=self.frames_read,
+            frames_to_init=self.frames_read if self.map is not None else None,
             attempts=tuple(self._attempts),
             timing_ms=self.stopwatch.summary(),
         )
@@ -146,9 +242,7 @@ class Initializer:
             views = further_views(self.tracker.history, reference, current, self.config.map)
             table = table_of(reference, current, views)
             hypotheses = (pose, *pose.alternatives)
-            candidates = [
-                build_candidate(self.camera, self.config, table, hypothesis) for hypothesis in hypotheses
-            ]
+            candidates = [build_candidate(self.camera, self.config, table, hypothesis) for hypothesis in hypotheses]
             candidates = rank(self.camera, self.config, candidates)
         attempt = replace(attempt, frames=(*attempt.frames, *table.frames[2:]))
         best = candidates[0]
@@ -165,7 +259,7 @@ class Initializer:
         evidence["reprojection_rmse_px"] = best.bundle.rmse_px
         attempt = replace(attempt, evidence=attempt.evidence | evidence)
         if verdict == ACCEPTED:
-            self._accept(best.bundle, pose.kind)
+            self._accepted = best.bundle, pose.kind
             return attempt
         if verdict == "no_third_view" and len(table.frames) == 2 and len(candidates) == 1:
             self._two_views_only = attempt, best.bundle, pose.kind
@@ -178,9 +272,9 @@ class Initializer:
             return "pure_rotation"
         if pose.inliers.mean() < self.config.two_view.min_inlier_share:
             return "no_consistent_motion"
-        # The further views and the adjustment bring the uncertainty down by about the square root of their number;
-        # beyond twice the gate they cannot.
-        if np.degrees(pose.direction_sigma_rad) > 2 * self.config.acceptance.max_direction_sigma_deg:
+        # Further views and the adjustment bring the uncertainty down by about the square root of their number: a pair
+        # whose single standard deviation is beyond what three of the map may be is too early by far.
+        if np.degrees(pose.direction_sigma_rad) > self.config.acceptance.max_direction_error_deg:
             return "low_parallax"
         return ACCEPTED
 
@@ -199,7 +293,7 @@ class Initializer:
 
     # -- outcome ----------------------------------------------------------------------------------
 
-    def _accept(self, bundle: BundleSolution, kind: str) -> None:
+    def _hand_over(self, bundle: BundleSolution, kind: str) -> None:
         history = self.tracker.history
         views = [history[frame] for frame in bundle.problem.frames]
         problem = bundle.problem
@@ -250,9 +344,7 @@ def _refusal(frames: tuple[int, ...], verdict: str, evidence: Evidence) -> Attem
 
 
 def _refused(attempt: Attempt, verdict: str, evidence: Evidence | None = None) -> Attempt:
-    return replace(
-        attempt, verdict=verdict, advice=ADVICE[verdict], evidence=attempt.evidence | (evidence or {})
-    )
+    return replace(attempt, verdict=verdict, advice=ADVICE[verdict], evidence=attempt.evidence | (evidence or {}))
 
 
 def _preview_evidence(pair: PairPreview) -> Evidence:
@@ -267,9 +359,7 @@ def _preview_evidence(pair: PairPreview) -> Evidence:
 
 
 def _pose_evidence(pose: RelativePose | NoPose, camera: Camera) -> Evidence:
-    evidence: Evidence = {
-        f"two_view_{name}": value for name, value in pose.evidence.items() if name != "noise_rad"
-    }
+    evidence: Evidence = {f"two_view_{name}": value for name, value in pose.evidence.items() if name != "noise_rad"}
     if isinstance(pose, RelativePose):
         evidence |= {
             "two_view_kind": pose.kind,

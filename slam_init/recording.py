@@ -139,9 +139,7 @@ class RerunRecorder(Recorder):
         try:
             path.write_bytes(b"")  # rerun reports a path that it cannot write from another thread, if at all
         except OSError as error:
-            raise OutputError(
-                f"cannot write the recording {path}: {error.strerror}: give another --out"
-            ) from error
+            raise OutputError(f"cannot write the recording {path}: {error.strerror}: give another --out") from error
         self._rr = rr
         self._camera = camera
         self._groundtruth = groundtruth
@@ -167,7 +165,7 @@ class RerunRecorder(Recorder):
         self._rec.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
         for entity, name, color in (
             ("stats/tracks", "tracks", _EST),
-            ("stats/bundle/error", "error of the graph", _EST),
+            ("stats/bundle/error", "rms residual (px)", _EST),
         ):
             self._rec.log(entity, rr.SeriesLines(names=name, colors=[color]), static=True)
 

@@ -21,9 +21,7 @@ def blueprint() -> Any:
         defaults=[rr.TransformAxes3D(0.0)],  # the frusta show where a camera looks
         line_grid=False,
         # Behind and above the first camera; the unit is the median depth of the landmarks.
-        eye_controls=rrb.EyeControls3D(
-            position=(-0.25, -0.3, -0.55), look_target=(0.0, 0.05, 0.6), eye_up=(0, -1, 0)
-        ),
+        eye_controls=rrb.EyeControls3D(position=(-0.25, -0.3, -0.55), look_target=(0.0, 0.05, 0.6), eye_up=(0, -1, 0)),
     )
     camera = rrb.Spatial2DView(origin="world/camera/image", name="frame and tracks")
     pair = rrb.Spatial2DView(origin="pairs/image", name="pair tried: inliers green, outliers red")
@@ -39,9 +37,7 @@ def blueprint() -> Any:
         name="BA error by iteration",
         plot_legend=rrb.PlotLegend(visible=False),
     )
-    iterations = rrb.TimeSeriesView(
-        origin="stats/bundle/error", name="BA error (timeline ba_iter)", plot_legend=legend
-    )
+    iterations = rrb.TimeSeriesView(origin="stats/bundle/error", name="BA error (timeline ba_iter)", plot_legend=legend)
     log = rrb.TextLogView(origin="log", name="log")
     summary = rrb.TextDocumentView(origin="summary", name="summary")
     root = rrb.Horizontal(

@@ -98,14 +98,17 @@ class Tracker:
             new = self._detect(gray, pixels, wanted - len(ids))
             ids = np.concatenate([ids, self._new_ids(len(new))])
             pixels = np.concatenate([pixels, new])
+        bearings = self._camera.bearings(pixels)
+        # A pixel beyond the field of view of the lens model has no ray.
         order = np.argsort(ids)
+        order = order[np.isfinite(bearings[order]).all(axis=1)]
         self._last = Observations(
             frame=frame.index,
             timestamp_s=frame.timestamp_s,
             name=frame.name,
             track_ids=ids[order],
             pixels=pixels[order],
-            bearings=self._camera.bearings(pixels[order]),
+            bearings=bearings[order],
             colors=_colors_at(frame.image, pixels[order]),
         )
         self._last_gray = gray
@@ -125,8 +128,7 @@ class Tracker:
             self._sift_frames.clear()
             self._sift_frames.append(self._detect_sift(self._last.frame, self._last_gray))
         matches = [
-            (old, *_match(old.descriptors, sift.descriptors, self._config.sift_ratio))
-            for old in self._sift_frames
+            (old, *_match(old.descriptors, sift.descriptors, self._config.sift_ratio)) for old in self._sift_frames
         ]
         if len(matches[-1][1]) <= kept.sum():
             return self._last.track_ids[kept], moved[kept], False
@@ -180,17 +182,13 @@ class Tracker:
     def _detect_sift(self, index: int, gray: Image) -> _SiftFrame:
         import cv2
 
-        keypoints, descriptors = cv2.SIFT_create(nfeatures=self._config.sift_features).detectAndCompute(
-            gray, None
-        )  # type: ignore[attr-defined]
+        keypoints, descriptors = cv2.SIFT_create(nfeatures=self._config.sift_features).detectAndCompute(gray, None)  # type: ignore[attr-defined]
         if not keypoints:
             return _SiftFrame(index, np.zeros((0, 2)), np.zeros((0, 128)), np.zeros(0, np.int64))
         pixels = np.array([k.pt for k in keypoints], float)
         single = _first_per_cell(pixels, 1.0)  # a keypoint with two orientations is listed twice
         # RootSIFT (Arandjelovic and Zisserman 2012): Hellinger distance between the histograms.
-        roots = np.sqrt(
-            descriptors[single] / np.maximum(descriptors[single].sum(axis=1, keepdims=True), 1e-9)
-        )
+        roots = np.sqrt(descriptors[single] / np.maximum(descriptors[single].sum(axis=1, keepdims=True), 1e-9))
         return _SiftFrame(index, pixels[single], roots, np.full(len(single), -1, np.int64))
 
     def _join(self, old: _SiftFrame, new: _SiftFrame, i_old: Ints, i_new: Ints) -> None:
@@ -211,6 +209,9 @@ class Tracker:
 
     def _enrich(self, frame: int, ids: Ints, pixels: Floats) -> None:
         known = self.history[frame]
+        bearings = self._camera.bearings(pixels)
+        seen = np.isfinite(bearings).all(axis=1)
+        ids, pixels, bearings = ids[seen], pixels[seen], bearings[seen]
         all_ids = np.concatenate([known.track_ids, ids])
         order = np.argsort(all_ids)
         colors = np.concatenate([known.colors, np.full((len(ids), 3), 128, np.uint8)])
@@ -218,7 +219,7 @@ class Tracker:
             known,
             track_ids=all_ids[order],
             pixels=np.concatenate([known.pixels, pixels])[order],
-            bearings=np.concatenate([known.bearings, self._camera.bearings(pixels)])[order],
+            bearings=np.concatenate([known.bearings, bearings])[order],
             colors=colors[order],
         )
         self.history.put(enriched)
@@ -260,6 +261,4 @@ def _colors_at(image: Image, pixels: Floats) -> Image:
         return np.zeros((0, 3), np.uint8)
     column, row = np.round(pixels).astype(int).T
     values = image[np.clip(row, 0, image.shape[0] - 1), np.clip(column, 0, image.shape[1] - 1)]
-    return (
-        np.repeat(values[:, None], 3, axis=1) if values.ndim == 1 else np.ascontiguousarray(values[:, ::-1])
-    )
+    return np.repeat(values[:, None], 3, axis=1) if values.ndim == 1 else np.ascontiguousarray(values[:, ::-1])

@@ -277,7 +277,8 @@ class InitialMap:
     keyframes_before : tuple of K Pose
         world_from_cam before bundle adjustment.
     bundle_errors : tuple of float
-        Bundle adjustment: error of the graph after each iteration.
+        Bundle adjustment: root mean square residual in pixels at the start and after each iteration; while the kernel
+        is robust, of what the kernel leaves of the residuals.
     reprojection_rmse_px : float
         Root mean square over observations of the 2-D reprojection error.
     median_parallax_deg : float

@@ -28,9 +28,7 @@ def make_poses(count: int) -> tuple[Pose, ...]:
     )
 
 
-def make_map(
-    model: str = "pinhole", keyframes: int = 4, points: int = 60, noise_px: float = 0.3
-) -> InitialMap:
+def make_map(model: str = "pinhole", keyframes: int = 4, points: int = 60, noise_px: float = 0.3) -> InitialMap:
     """A map whose truth is known, with noise on the pixels only; landmark 0 is seen by two keyframes only."""
     rng = np.random.default_rng(7)
     camera, poses = CAMERAS[model], make_poses(keyframes)
@@ -74,9 +72,7 @@ def make_graph(camera, keyframes, points, observation_keyframes, observation_lan
         "radtan": gtsam.GenericProjectionFactorCal3DS2,
         "fisheye": gtsam.GenericProjectionFactorCal3Fisheye,
     }[camera.model]
-    calibration = {"pinhole": gtsam.Cal3_S2, "radtan": gtsam.Cal3DS2, "fisheye": gtsam.Cal3Fisheye}[
-        camera.model
-    ]
+    calibration = {"pinhole": gtsam.Cal3_S2, "radtan": gtsam.Cal3DS2, "fisheye": gtsam.Cal3Fisheye}[camera.model]
     K = calibration(camera.fx, camera.fy, 0.0, camera.cx, camera.cy, *camera.distortion[:4])
     noise = gtsam.noiseModel.Robust.Create(
         gtsam.noiseModel.mEstimator.Cauchy.Create(1.0), gtsam.noiseModel.Isotropic.Sigma(2, 1.0)
@@ -91,9 +87,7 @@ def make_graph(camera, keyframes, points, observation_keyframes, observation_lan
     first, second = (X(keyframe.frame) for keyframe in keyframes[:2])
     baseline = float(np.linalg.norm(keyframes[1].world_from_cam.t))
     graph.push_back(gtsam.PriorFactorPose3(first, gtsam.Pose3(), gtsam.noiseModel.Isotropic.Sigma(6, 1e-6)))
-    graph.push_back(
-        gtsam.RangeFactorPose3(first, second, baseline, gtsam.noiseModel.Isotropic.Sigma(1, 1e-6))
-    )
+    graph.push_back(gtsam.RangeFactorPose3(first, second, baseline, gtsam.noiseModel.Isotropic.Sigma(1, 1e-6)))
     for k, i, pixel in zip(observation_keyframes, observation_landmarks, pixels, strict=True):
         graph.push_back(factor(pixel, noise, X(keyframes[k].frame), L(3 * int(i)), K))
     return graph, values
@@ -107,9 +101,7 @@ def make_observations(map_: InitialMap, model: str = "pinhole") -> list[Observat
         pixels = map_.observation_pixels[mine]
         ids = map_.track_ids[map_.observation_landmarks[mine]]
         bearings = CAMERAS[model].bearings(pixels)
-        observations.append(
-            Observations(keyframe.frame, keyframe.timestamp_s, keyframe.name, ids, pixels, bearings)
-        )
+        observations.append(Observations(keyframe.frame, keyframe.timestamp_s, keyframe.name, ids, pixels, bearings))
     return observations
 
 

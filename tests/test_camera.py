@@ -12,12 +12,8 @@ from slam_init.camera import Camera
 from slam_init.errors import CalibrationError
 
 PINHOLE = Camera("pinhole", 640, 480, 525.0, 520.0, 319.5, 239.5)
-EUROC = Camera(
-    "radtan", 752, 480, 458.654, 457.296, 367.215, 248.375, (-0.28340811, 0.07395907, 1.9e-4, 1.8e-5)
-)
-FREIBURG = Camera(
-    "radtan", 640, 480, 517.3, 516.5, 318.6, 255.3, (0.262383, -0.953104, -0.005358, 0.002628, 1.163314)
-)
+EUROC = Camera("radtan", 752, 480, 458.654, 457.296, 367.215, 248.375, (-0.28340811, 0.07395907, 1.9e-4, 1.8e-5))
+FREIBURG = Camera("radtan", 640, 480, 517.3, 516.5, 318.6, 255.3, (0.262383, -0.953104, -0.005358, 0.002628, 1.163314))
 FISHEYE = Camera("fisheye", 640, 480, 320.0, 321.0, 318.0, 241.0, (0.05, 0.01, -0.004, 0.001))
 CAMERAS = [PINHOLE, EUROC, FREIBURG, FISHEYE]
 

@@ -341,9 +341,7 @@ def test_info_of_bare_images_tells_what_is_missing(world, capsys):
     assert "--camera guess" in out and "none" in out and "64x48, grey" in out
 
 
-@pytest.mark.parametrize(
-    "arguments", [["--help"], ["run", "--help"], ["synth", "--help"], ["info", "--help"]]
-)
+@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["synth", "--help"], ["info", "--help"]])
 def test_help(arguments, capsys):
     assert main(arguments) == 0
     out, err = capsys.readouterr()

@@ -44,9 +44,7 @@ def tum(tmp_path):
     folder = tmp_path / "a séquence with spaces"
     for i in range(3):
         write_image(folder / "images" / f"{i}.png", picture(i))
-    write(
-        folder / "rgb.txt", "# timestamp filename\n" + "".join(f"{i / 10} images/{i}.png\n" for i in range(3))
-    )
+    write(folder / "rgb.txt", "# timestamp filename\n" + "".join(f"{i / 10} images/{i}.png\n" for i in range(3)))
     write(folder / "groundtruth.txt", "".join(f"{i / 10 + 0.005} {i} 0 0 0 0 0 1\n" for i in range(3)))
     write(folder / "camera.yaml", CAMERA_YAML)
     return folder
@@ -359,9 +357,7 @@ def test_synthetic_source_renders_only_what_is_asked_for(monkeypatch):
 
     rendered = []
     render = sequences_synth.SynthSequence.render
-    monkeypatch.setattr(
-        sequences_synth.SynthSequence, "render", lambda self, i: rendered.append(i) or render(self, i)
-    )
+    monkeypatch.setattr(sequences_synth.SynthSequence, "render", lambda self, i: rendered.append(i) or render(self, i))
     source = open_source("synth:wall?frames=20&width=96&height=64", seed=3)
     frames = source.frames(start=4)
     assert [next(frames).index, next(frames).index] == [4, 5]

@@ -53,9 +53,7 @@ def write(out, result, model="pinhole", **keywords):
 
 def test_a_folder_holds_the_documented_files_and_no_debris(tmp_path):
     map_ = make_map()
-    written = write(
-        tmp_path / "deep" / "run", make_result(map_), config_toml="seed = 0\n", continued=map_.keyframes
-    )
+    written = write(tmp_path / "deep" / "run", make_result(map_), config_toml="seed = 0\n", continued=map_.keyframes)
     assert written == FILES_WITH_MAP | {"config.toml", "continued.txt"}
 
 
@@ -178,9 +176,7 @@ def test_the_summary_has_the_documented_keys_and_counts_what_is_on_disk(tmp_path
     assert [k["frame"] for k in read["keyframes"]] == [10, 17, 24, 31]
     assert read["keyframes"][1]["timestamp"] == map_.keyframes[1].timestamp_s
     np.testing.assert_allclose(read["keyframes"][3]["t"], map_.keyframes[3].world_from_cam.t, atol=1e-8)
-    np.testing.assert_allclose(
-        read["keyframes"][3]["q_wxyz"], map_.keyframes[3].world_from_cam.q_wxyz, atol=1e-8
-    )
+    np.testing.assert_allclose(read["keyframes"][3]["q_wxyz"], map_.keyframes[3].world_from_cam.q_wxyz, atol=1e-8)
     assert read["reprojection_rmse_px"] == pytest.approx(map_.reprojection_rmse_px, rel=1e-5)
     assert [(a["frames"], a["verdict"]) for a in read["attempts"]][-1] == ([10, 31], "accepted")
     assert read["attempts"][0]["evidence"]["parallax_deg"] == 0.4

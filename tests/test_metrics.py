@@ -23,8 +23,7 @@ from slam_init.types import Keyframe, Pose, Trajectory
 
 def noisy(poses, rng, scale=0.4):
     return [
-        Pose(p.R @ rotation_from_vector(rng.normal(0, 0.02, 3)), scale * p.t + rng.normal(0, 0.02, 3))
-        for p in poses
+        Pose(p.R @ rotation_from_vector(rng.normal(0, 0.02, 3)), scale * p.t + rng.normal(0, 0.02, 3)) for p in poses
     ]
 
 
@@ -86,9 +85,7 @@ def test_ate_and_rpe_are_those_of_evo(seed):
 
 
 def test_two_positions_are_always_fitted_exactly():
-    assert ate_rmse(np.array([[0.0, 0, 0], [1, 0, 0]]), np.array([[5.0, 1, 0], [5, 1, 7]])) == pytest.approx(
-        0
-    )
+    assert ate_rmse(np.array([[0.0, 0, 0], [1, 0, 0]]), np.array([[5.0, 1, 0], [5, 1, 7]])) == pytest.approx(0)
 
 
 def test_collinear_positions_have_an_error_although_no_unique_rotation():
@@ -129,17 +126,13 @@ def test_a_perfect_map_has_no_error_in_whatever_frame_and_scale_the_truth_is():
     assert found is not None
     steps = np.diff([pose.t for pose in truth.world_from_cam], axis=0)
     assert found.pop("path_length") == pytest.approx(np.linalg.norm(steps, axis=1).sum())
-    assert found == pytest.approx(
-        {"rotation_error_deg": 0, "direction_error_deg": 0, "ate_rmse": 0}, abs=1e-5
-    )
+    assert found == pytest.approx({"rotation_error_deg": 0, "direction_error_deg": 0, "ate_rmse": 0}, abs=1e-5)
 
 
 def test_the_worst_keyframe_counts():
     truth = make_poses(4)
     wrong = Pose(truth[2].R @ rotation_from_vector(np.deg2rad([0, 3.0, 0])), truth[2].t)
-    found = compare_with_groundtruth(
-        keyframes_of([truth[0], truth[1], wrong, truth[3]]), trajectory_of(truth)
-    )
+    found = compare_with_groundtruth(keyframes_of([truth[0], truth[1], wrong, truth[3]]), trajectory_of(truth))
     assert found is not None
     assert found["rotation_error_deg"] == pytest.approx(3)
     assert found["direction_error_deg"] == pytest.approx(0, abs=1e-5)

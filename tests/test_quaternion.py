@@ -18,9 +18,7 @@ from quest.quaternion import (
 )
 
 SEEDS = st.integers(0, 2**32 - 1)
-ANGLES = st.one_of(
-    st.sampled_from([0.0, 1e-12, 1e-8, 1e-4, np.pi - 1e-8, np.pi]), st.floats(0, np.pi, allow_nan=False)
-)
+ANGLES = st.one_of(st.sampled_from([0.0, 1e-12, 1e-8, 1e-4, np.pi - 1e-8, np.pi]), st.floats(0, np.pi, allow_nan=False))
 
 
 def axis_of(seed: int) -> np.ndarray:

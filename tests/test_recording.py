@@ -78,12 +78,7 @@ def chunks(path, entity):
 
 
 def column(path, entity, name):
-    return [
-        value
-        for batch in chunks(path, entity)
-        if name in batch.schema.names
-        for value in batch[name].to_pylist()
-    ]
+    return [value for batch in chunks(path, entity) if name in batch.schema.names for value in batch[name].to_pylist()]
 
 
 def entities(path):

@@ -206,8 +206,6 @@ def test_motion_blur_softens_and_does_not_shift():
 
 
 def test_worlds_know_nothing_of_the_pipeline_or_the_solvers():
-    code = (
-        "import sequences_synth, sys; print([m for m in sys.modules if m in ('slam_init', 'quest', 'cv2')])"
-    )
+    code = "import sequences_synth, sys; print([m for m in sys.modules if m in ('slam_init', 'quest', 'cv2')])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -92,9 +92,7 @@ def _read_truth(sequence: Path, timestamps_s: list[float], cam0_from_cam: Pose) 
     if path is None:
         return None
     poses = [
-        pose_from_matrix(
-            row[0], np.array(numbers(row, row[1].split(), 12, "12 numbers of a 3x4 pose")).reshape(3, 4)
-        )
+        pose_from_matrix(row[0], np.array(numbers(row, row[1].split(), 12, "12 numbers of a 3x4 pose")).reshape(3, 4))
         for row in read_rows(path)
     ]
     if len(poses) != len(timestamps_s):

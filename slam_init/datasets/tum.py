@@ -101,9 +101,7 @@ def _read_index(folder: Path, unit_s: float) -> tuple[tuple[Path, ...], tuple[fl
         if len(fields) < 2:
             raise SourceError(f"{place}: expected a timestamp and a file name, found {text[:60]!r}")
         if timestamps_s and stamp * unit_s <= timestamps_s[-1]:
-            raise SourceError(
-                f"{place}: timestamp {fields[0]} does not come after the one before: sort the file"
-            )
+            raise SourceError(f"{place}: timestamp {fields[0]} does not come after the one before: sort the file")
         paths.append(folder / fields[1])
         timestamps_s.append(stamp * unit_s)
     if not paths:

@@ -1,0 +1,90 @@
+"""After the initialization: locate the next frames in the map, to see that it carries."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from slam_init.camera import Camera
+from slam_init.recording import Recorder
+from slam_init.tracks import Tracker
+from slam_init.triangulation import resect
+from slam_init.types import Frame, InitialMap, Keyframe, Pose
+
+__all__ = ["Continuation", "follow"]
+
+#: A landmark is observed again where its track lies this near to its projection.
+_SURVIVAL_PX = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Continuation:
+    """Frames located in the map.
+
+    Attributes
+    ----------
+    keyframes : tuple of Keyframe
+        The located frames, world_from_cam; frames that could not be located are missing.
+    frames : int
+        How many frames were looked at.
+    survival : tuple of float
+        For each of them the share of the map's landmarks that it sees within 3 px.
+    """
+
+    keyframes: tuple[Keyframe, ...]
+    frames: int
+    survival: tuple[float, ...]
+
+    def summary(self) -> dict[str, Any]:
+        """For ``summary.json``."""
+        return {
+            "frames": self.frames,
+            "located": len(self.keyframes),
+            "survival_median": float(np.median(self.survival)) if self.survival else None,
+            "survival_last": self.survival[-1] if self.survival else None,
+        }
+
+
+def follow(
+    map_: InitialMap,
+    tracker: Tracker,
+    camera: Camera,
+    frames: Iterator[Frame],
+    count: int,
+    recorder: Recorder,
+) -> Continuation:
+    """Resect up to ``count`` further frames with the landmarks of the map, which is not changed.
+
+    Parameters
+    ----------
+    map_ : InitialMap
+    tracker : Tracker
+        As it is after the frame that the map was accepted at.
+    camera : Camera
+    frames : iterator of Frame
+        The frames that follow.
+    count : int
+    recorder : Recorder
+    """
+    located: list[Keyframe] = []
+    survival: list[float] = []
+    guess: Pose | None = None
+    for _, frame in zip(range(count), frames, strict=False):
+        observed = tracker.track(frame)
+        tracker.history.forget(keep=())
+        recorder.frame(frame, observed)
+        _, i, j = np.intersect1d(map_.track_ids, observed.track_ids, return_indices=True)
+        resected = resect(map_.points[i], observed.bearings[j], _SURVIVAL_PX / camera.focal_px, guess)
+        if resected is None:
+            survival.append(0.0)
+            continue
+        guess, _ = resected
+        error_px = np.linalg.norm(camera.project(guess.apply(map_.points[i])) - observed.pixels[j], axis=1)
+        survival.append(float(np.sum(error_px < _SURVIVAL_PX)) / len(map_.points))
+        keyframe = Keyframe(frame.index, frame.timestamp_s, frame.name, guess.inverse())
+        located.append(keyframe)
+        recorder.continued(keyframe)
+    return Continuation(tuple(located), len(survival), tuple(survival))
