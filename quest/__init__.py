@@ -13,8 +13,8 @@ Quaternions are Hamilton, ordered wxyz. The package knows bearings, no images an
 
 References
 ----------
-.. [F17] K. Fathian, J. P. Ramirez-Paredes, E. A. Doucette, J. W. Curtis, N. R. Gans, "Quaternion Based Camera Pose Estimation
-   From Matched Feature Points", arXiv:1704.02672, 2017.
+.. [F17] K. Fathian, J. P. Ramirez-Paredes, E. A. Doucette, J. W. Curtis, N. R. Gans, "Quaternion Based Camera Pose
+   Estimation From Matched Feature Points", arXiv:1704.02672, 2017.
 """
 
 from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose

@@ -5,8 +5,8 @@ The order of the function :func:`estimate_relative_pose` is the order of the que
 1. Which rigid motion explains most matches? Samples of six matches, QuEst 6, cheirality, locally optimized RANSAC.
 2. Is that more than chance would explain? Else there is no pose.
 3. Is the translation observable, or does a rotation alone explain the matches as well? Then the kind is "rotation".
-4. Do the points lie on a plane, and does the plane's twin explain them as well? Then the twin is an alternative. Any other
-   mode that RANSAC met and that explains the matches as well is one too.
+4. Do the points lie on a plane, and does the plane's twin explain them as well? Then the twin is an alternative. Any
+   other mode that RANSAC met and that explains the matches as well is one too.
 
 Every "as well" is a count of matches that one hypothesis explains and the other does not, compared with the
 fluctuation of such a count (:func:`decides`). Counts are used rather than sums of squares since a few systematic
@@ -15,23 +15,20 @@ residuals (moving objects, lens) would dominate a sum.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.epipolar import depths_from_pose
+from quest.epipolar import as_matches, depths_from_pose
 from quest.homography import decompose_homography, fit_homography, homography_residuals
+from quest.pose_problem import RelativePoseProblem
 from quest.quaternion import canonical, matrix_from_quaternion, quaternion_from_matrix
-from quest.quest6 import quest6
 from quest.ransac import draw_samples, ransac
-from quest.refine import refine_pose, refine_rotation, sampson_jacobian
-from quest.selection import select_candidates
+from quest.refine import refine_rotation, sampson_jacobian
+from quest.relative_pose import Hypothesis, NoPose, RelativePose
 
 __all__ = ["Hypothesis", "NoPose", "RelativePose", "decides", "estimate_relative_pose"]
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 #: A Gaussian error exceeds three standard deviations in 0.3 % of the cases.
@@ -43,95 +40,6 @@ _SAME_ROTATION_RAD = np.deg2rad(0.3)
 _SAME_DIRECTION_RAD = np.deg2rad(5.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """One motion: ``u R m + t = v n`` with |t| = 1.
-
-    Attributes
-    ----------
-    q_wxyz : (4,) float
-    R : (3, 3) float
-    t : (3,) float
-    inliers : (N,) bool
-        The matches that it explains, in front of both cameras.
-    """
-
-    q_wxyz: Floats
-    R: Floats
-    t: Floats
-    inliers: Bools
-
-
-@dataclass(frozen=True, eq=False)
-class RelativePose:
-    """A relative pose, ``cam2_from_cam1``, and what is known about it. Truthy.
-
-    Attributes
-    ----------
-    q_wxyz : (4,) float
-        Unit quaternion, w >= 0.
-    R : (3, 3) float
-    t : (3,) float
-        Unit norm; zero where ``kind`` is "rotation".
-    inliers : (N,) bool
-    depths1, depths2 : (N,) float
-        Depths along the unit bearings, in units of |t|; NaN where a match is no inlier and for kind "rotation".
-    kind : str
-        "general", "planar" (one plane explains the inliers) or "rotation" (no translation is observable).
-    alternatives : tuple of Hypothesis
-        Other poses that explain the matches as well: at most three, on a plane at most one.
-    noise_rad : float
-        Standard deviation of a bearing as estimated from the residuals of the inliers.
-    parallax_rad : float
-        Median over the inliers of the angle between the two rays of a match, after the rotation is removed.
-    covariance : (5, 5) float
-        Of a rotation vector applied to R from the left and of t in the basis ``refine.tangent_basis(t)``, in rad^2, from
-        the residuals' noise; NaN for kind "rotation".
-    evidence : dict
-        The counts behind the decisions.
-    """
-
-    q_wxyz: Floats
-    R: Floats
-    t: Floats
-    inliers: Bools
-    depths1: Floats
-    depths2: Floats
-    kind: str
-    alternatives: tuple[Hypothesis, ...]
-    noise_rad: float
-    parallax_rad: float
-    covariance: Floats
-    evidence: dict[str, float] = field(default_factory=dict)
-
-    def __bool__(self) -> bool:
-        return True
-
-    @property
-    def direction_sigma_rad(self) -> float:
-        """Standard deviation of the direction of t where it is least certain."""
-        tangent = self.covariance[3:, 3:]
-        return float(np.sqrt(np.linalg.eigvalsh(tangent)[-1])) if np.isfinite(tangent).all() else float("inf")
-
-
-@dataclass(frozen=True, eq=False)
-class NoPose:
-    """There is no pose. Falsy.
-
-    Attributes
-    ----------
-    reason : str
-        "too_few_matches" or "no_consistent_motion" (no motion explains more matches than chance would).
-    evidence : dict
-    """
-
-    reason: str
-    evidence: dict[str, float] = field(default_factory=dict)
-
-    def __bool__(self) -> bool:
-        return False
-
-
 def decides(votes_for: int, votes_against: int, total: int) -> bool:
     """Whether counts of matches that only one of two hypotheses explains decide between them.
 
@@ -140,72 +48,7 @@ def decides(votes_for: int, votes_against: int, total: int) -> bool:
     asked for besides, since votes that come from one small moving object or a repeated texture are not independent.
     """
     difference = votes_for - votes_against
-    return difference >= max(12.0, 0.03 * total, 4.0 * np.sqrt(votes_for + votes_against))
-
-
-class _RelativePoseProblem:
-    """What :func:`quest.ransac.ransac` asks: models are rows (q_wxyz, t), data are matches of unit bearings."""
-
-    sample_size = 6
-
-    def __init__(self, m: Floats, n: Floats, threshold_rad: float) -> None:
-        self.m, self.n, self.threshold_rad = m, n, threshold_rad
-        # n_a m_b of every match, so that n . E m and n . R m of all hypotheses are two matrix products.
-        self._outer = (n[:, :, None] * m[:, None, :]).reshape(-1, 9).T
-
-    def __len__(self) -> int:
-        return len(self.m)
-
-    def solve(self, samples: Ints) -> Floats:
-        m, n = self.m[samples], self.n[samples]
-        q, t = select_candidates(quest6(m, n, lambdas="x"), m, n)
-        models = np.concatenate([q, t], axis=-1).reshape(-1, 7)
-        return models[np.isfinite(models).all(axis=1)]
-
-    def residuals(self, models: Floats) -> tuple[Floats, Bools]:
-        """Squared Sampson errors (H, N) in rad^2, and where a match lies behind a camera beyond doubt (H, N)."""
-        R = matrix_from_quaternion(models[:, :4])
-        t = models[:, 4:]
-        zero = np.zeros(len(t))
-        tx = np.stack(
-            [
-                np.stack([zero, -t[:, 2], t[:, 1]], axis=1),
-                np.stack([t[:, 2], zero, -t[:, 0]], axis=1),
-                np.stack([-t[:, 1], t[:, 0], zero], axis=1),
-            ],
-            axis=1,
-        )
-        e = (tx @ R).reshape(-1, 9) @ self._outer
-        c = R.reshape(-1, 9) @ self._outer  # cosine of the parallax
-        p = np.einsum("hi,hij->hj", t, R) @ self.m.T  # t . R m
-        s = t @ self.n.T
-        e2 = e * e
-        r2 = e2 / np.maximum(2 - p * p - s * s - 2 * e2, 1e-12)
-        # The depths have the signs of c s - p and s - c p. A parallax below the noise says nothing about them: the
-        # angle between two noisy rays of a distant point has the standard deviation sqrt(2) times that of one.
-        observable = 1 - c * c > 2 * self.threshold_rad**2
-        behind = observable & ((c * s < p) | (s < c * p))
-        return r2, behind
-
-    def costs(self, models: Floats) -> tuple[Floats, Ints]:
-        r2, behind = self.residuals(models)
-        limit = self.threshold_rad**2
-        r2[behind] = limit
-        return np.minimum(r2, limit).sum(axis=1), (r2 < limit).sum(axis=1)
-
-    def explained(self, model: Floats, gate_rad: float) -> Bools:
-        r2, behind = self.residuals(model[None])
-        return np.asarray((r2[0] < gate_rad**2) & ~behind[0])
-
-    def polish(self, model: Floats) -> Floats:
-        r2, behind = self.residuals(model[None])
-        # Twice the gate: a model from six noisy matches misses many of its own inliers by a little.
-        near = (r2[0] < (2 * self.threshold_rad) ** 2) & ~behind[0]
-        return self.refine(model, near, 0.5 * self.threshold_rad) if near.sum() >= 6 else model
-
-    def refine(self, model: Floats, use: Bools, scale_rad: float) -> Floats:
-        R, t = refine_pose(matrix_from_quaternion(model[:4]), model[4:], self.m[use], self.n[use], scale_rad)
-        return np.concatenate([quaternion_from_matrix(R), t])
+    return bool(difference >= max(12.0, 0.03 * total, 4.0 * np.sqrt(votes_for + votes_against)))
 
 
 def estimate_relative_pose(
@@ -224,8 +67,8 @@ def estimate_relative_pose(
     bearings1, bearings2 : (N, 3) array_like
         Matched rays in camera 1 and camera 2, any non-zero length.
     threshold_rad : float
-        A match farther than this from its epipolar geometry (Sampson error) is an outlier, in radians: about three times
-        the standard deviation of a bearing. It is lowered where the data turn out to be less noisy.
+        A match farther than this from its epipolar geometry (Sampson error) is an outlier, in radians: about three
+        times the standard deviation of a bearing. It is lowered where the data turn out to be less noisy.
     seed : int
         Same data and seed, same result.
     confidence : float
@@ -254,7 +97,7 @@ def estimate_relative_pose(
     if total < _MIN_MATCHES:
         return NoPose("too_few_matches", {"matches": total, "needed": _MIN_MATCHES})
     rng = np.random.default_rng(seed)
-    problem = _RelativePoseProblem(m, n, threshold_rad)
+    problem = RelativePoseProblem(m, n, threshold_rad)
 
     R0, rotation_r2 = _fit_rotation(m, n, threshold_rad, rng)
     report = ransac(problem, rng, confidence=confidence, max_samples=max_samples)
@@ -331,15 +174,10 @@ def estimate_relative_pose(
 
 
 def _unit_bearings(bearings1: ArrayLike, bearings2: ArrayLike) -> tuple[Floats, Floats]:
-    m, n = np.asarray(bearings1, float), np.asarray(bearings2, float)
-    if m.ndim != 2 or m.shape[1:] != (3,) or m.shape != n.shape:
-        raise ValueError(f"bearings have shapes {m.shape} and {n.shape}: give two arrays (N, 3)")
-    norm1, norm2 = (np.linalg.norm(x, axis=1, keepdims=True) for x in (m, n))
-    if not (np.isfinite(norm1).all() and np.isfinite(norm2).all()):
-        raise ValueError("bearings hold a number that is not finite: drop those matches first")
-    if not ((norm1 > 0).all() and (norm2 > 0).all()):
-        raise ValueError("bearings hold a zero vector: a ray needs a direction")
-    return m / norm1, n / norm2
+    m, n = as_matches(bearings1, bearings2, at_least=0)
+    if m.ndim != 2:
+        raise ValueError(f"bearings have shape {m.shape}: give two arrays (N, 3)")
+    return m, n
 
 
 def _hypothesis(model: Floats, inliers: Bools) -> Hypothesis:
@@ -353,7 +191,7 @@ def _covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: float) 
     return np.asarray(noise_rad**2 * np.linalg.pinv(J.T @ J, hermitian=True))
 
 
-def _tighten(problem: _RelativePoseProblem, model: Floats) -> tuple[Floats, float]:
+def _tighten(problem: RelativePoseProblem, model: Floats) -> tuple[Floats, float]:
     """Refine with the noise that the residuals show in place of the caller's threshold; return both."""
     noise_rad = problem.threshold_rad / _GATE_SIGMAS
     for _ in range(3):
@@ -395,8 +233,8 @@ def _rotation_or_nothing(
     inliers = rotation_r2 < 2 * gate_rad**2
     count = int(inliers.sum())
     evidence = evidence | {"rotation_inliers": count}
-    # A rotation is fixed by two matches, and a random match agrees with it in two components: a chance agreement of even
-    # a tenth of the matches does not happen, but a tenth may be one moving object.
+    # A rotation is fixed by two matches, and a random match agrees with it in two components: a chance agreement of
+    # even a tenth of the matches does not happen, but a tenth may be one moving object.
     if count < max(_MIN_MATCHES, 0.3 * total):
         return NoPose("no_consistent_motion", evidence)
     nan = np.full(total, np.nan)
@@ -417,19 +255,19 @@ def _rotation_or_nothing(
     )
 
 
-def _chance_inliers(problem: _RelativePoseProblem, model: Floats, gate_rad: float, rng: np.random.Generator) -> float:
+def _chance_inliers(problem: RelativePoseProblem, model: Floats, gate_rad: float, rng: np.random.Generator) -> float:
     """How many matches the motion explains when the matches are shuffled, on average."""
     counts = []
     for _ in range(3):
-        shuffled = _RelativePoseProblem(problem.m, problem.n[rng.permutation(len(problem))], problem.threshold_rad)
+        shuffled = RelativePoseProblem(problem.m, problem.n[rng.permutation(len(problem))], problem.threshold_rad)
         counts.append(int(shuffled.explained(model, gate_rad).sum()))
     return float(np.mean(counts))
 
 
 def _dominant_plane(
-    problem: _RelativePoseProblem, model: Floats, inliers: Bools, noise_rad: float, evidence: dict[str, float]
+    problem: RelativePoseProblem, model: Floats, inliers: Bools, noise_rad: float, evidence: dict[str, float]
 ) -> tuple[bool, list[Floats]]:
-    """Whether one plane explains the inliers, and the two poses that its homography allows, nearest to the model first."""
+    """Whether one plane explains the inliers, and its homography's two poses, the one nearest to the model first."""
     m, n = problem.m[inliers], problem.n[inliers]
     R, t = matrix_from_quaternion(model[:4]), model[4:]
     # The inverse depth of a point on a plane is k . m: project n x (R m + t (k . m)) = 0 on the epipolar line.
@@ -456,14 +294,14 @@ def _dominant_plane(
         if np.linalg.norm(t_i) > 0
     ]
     # One of the two is the motion itself, up to noise; the other is its twin.
-    solutions.sort(key=lambda other: _mode_distance(other, model))
+    solutions.sort(key=lambda other: sum(_mode_distances(other, model)))
     # A plane leaves no match over, but for the tails of the noise (the gate passes 98.9 % of two components).
     planar = len(solutions) == 2 and not decides(off, int(0.02 * len(m)), len(m))
     return planar, solutions
 
 
 def _robust_plane(m: Floats, lhs: Floats, gain: Floats, noise_rad: float, rng: np.random.Generator) -> Floats | None:
-    """k (3,) with ``gain (k . m) = lhs`` for most points, in the least-median sense over samples of three."""
+    """The plane k (3,) with ``gain (k . m) = lhs`` for most points: the best of samples of three."""
     if len(m) < 8:
         return None
     samples = draw_samples(rng, len(m), 3, 64)
@@ -479,16 +317,15 @@ def _robust_plane(m: Floats, lhs: Floats, gain: Floats, noise_rad: float, rng: n
     return np.asarray(planes[int(np.argmin(np.minimum(residual, limit).sum(axis=1)))])
 
 
-def _mode_distance(a: Floats, b: Floats) -> float:
-    """Angle between two rotations plus angle between two directions, radians."""
+def _mode_distances(a: Floats, b: Floats) -> tuple[float, float]:
+    """Angle between the rotations and angle between the directions of two models, radians."""
     rotation = 2 * np.arccos(min(1.0, abs(float(a[:4] @ b[:4]))))
     direction = np.arccos(np.clip(float(a[4:] @ b[4:]), -1, 1))
-    return float(rotation + direction)
+    return float(rotation), float(direction)
 
 
 def _same_mode(a: Floats, b: Floats) -> bool:
-    rotation = 2 * np.arccos(min(1.0, abs(float(a[:4] @ b[:4]))))
-    direction = np.arccos(np.clip(float(a[4:] @ b[4:]), -1, 1))
+    rotation, direction = _mode_distances(a, b)
     return bool(rotation < _SAME_ROTATION_RAD and direction < _SAME_DIRECTION_RAD)
 
 
@@ -497,7 +334,7 @@ def _spread_out(models: Floats, best: Floats, count: int = 3) -> list[Floats]:
     chosen: list[Floats] = []
     for model in models:
         # Raw models scatter by several degrees about their mode: only what is clearly elsewhere is worth a refinement.
-        if all(_mode_distance(model, other) > np.deg2rad(15.0) for other in [best, *chosen]):
+        if all(sum(_mode_distances(model, other)) > np.deg2rad(15.0) for other in [best, *chosen]):
             chosen.append(model)
         if len(chosen) == count:
             break

@@ -14,6 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from quest.refine import tangent_basis
+
 __all__ = ["decompose_homography", "fit_homography", "homography_residuals"]
 
 Floats = NDArray[np.float64]
@@ -22,10 +24,7 @@ Floats = NDArray[np.float64]
 def fit_homography(m: Floats, n: Floats, weight: Floats | None = None) -> Floats:
     """Linear least squares ``n x H m = 0`` over bearings (N, 3), N >= 4, optionally weighted; (3, 3), unit norm."""
     # The two components of n x Hm orthogonal to n; with unit bearings the equations need no further conditioning.
-    helper = np.eye(3)[np.argmin(np.abs(n), axis=1)]
-    first = np.cross(n, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(n, first)
+    first, second = np.moveaxis(tangent_basis(n), -1, 0)
     if weight is not None:
         first, second = first * weight[:, None], second * weight[:, None]
     rows = np.concatenate(
@@ -59,7 +58,7 @@ def decompose_homography(H: Floats, m: Floats) -> list[tuple[Floats, Floats, Flo
     (R, -t, -k) is the same homography: the sign is the one that puts most of the bearings m (N, 3) of camera 1 on the
     plane in front of it. Where H is a rotation there is nothing to decompose and the list is empty.
     """
-    U, S, Vt = np.linalg.svd(H)
+    _, S, Vt = np.linalg.svd(H)
     H = H / S[1]
     if np.linalg.det(H) < 0:
         H = -H

@@ -5,7 +5,8 @@ With a = R m, e = n . (t x a), p = t . a and s = t . n (all unit vectors), the S
     r = e / sqrt(2 - p^2 - s^2 - 2 e^2)
 
 (the squared gradient of e with respect to both unit bearings, moved on their spheres). It is in radians and has the
-standard deviation of one bearing's noise. Perturbing R to exp(w) R and t to t + B b, B a basis of the plane orthogonal to t,
+standard deviation of one bearing's noise. Perturbing R to exp(w) R and t to t + B b, B a basis of the plane orthogonal
+to t,
 
     de = w . (a x (n x t)) + (a x n) . B b,    dp = w . (a x t) + a . B b,    ds = n . B b.
 
@@ -26,12 +27,12 @@ Floats = NDArray[np.float64]
 
 
 def tangent_basis(t: Floats) -> Floats:
-    """(3, 2) orthonormal basis of the plane orthogonal to t (3,)."""
-    helper = np.eye(3)[np.argmin(np.abs(t))]
+    """Orthonormal bases (..., 3, 2) of the planes orthogonal to vectors (..., 3) of any norm but zero."""
+    helper = np.eye(3)[np.argmin(np.abs(t), axis=-1)]
     first = np.cross(t, helper)
-    first /= np.linalg.norm(first)
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
     second = np.cross(t, first)
-    return np.column_stack([first, second / np.linalg.norm(second)])
+    return np.stack([first, second / np.linalg.norm(second, axis=-1, keepdims=True)], axis=-1)
 
 
 def sampson_jacobian(R: Floats, t: Floats, m: Floats, n: Floats) -> tuple[Floats, Floats]:
