@@ -1,0 +1,1 @@
+"""Programs to read: what to do with an initial map."""
