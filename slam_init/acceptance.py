@@ -1,4 +1,4 @@
-"""Whether a map is good enough to be handed over: a list of gates, each with its value, its threshold and its reason."""
+"""Whether a map is good enough to be handed over: gates, each with its value, its threshold and its reason."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from slam_init.bundle import BundleSolution
 from slam_init.camera import Camera
 from slam_init.config import AcceptanceConfig
+from slam_init.mapping import MapCandidate
 from slam_init.reasons import ACCEPTED
 
 __all__ = ["Gate", "check", "depth_sigma", "direction_bound_deg", "direction_sigma_deg"]
@@ -42,24 +43,28 @@ class Gate:
 
 
 def check(
-    camera: Camera, bundle: BundleSolution, matches: int, agreement: float, config: AcceptanceConfig
+    camera: Camera, candidate: MapCandidate, bundle: BundleSolution, config: AcceptanceConfig
 ) -> tuple[str, list[Gate]]:
     """The verdict on an adjusted map, and all gates.
 
     Parameters
     ----------
     camera : Camera
+    candidate : MapCandidate
     bundle : BundleSolution
-    matches : int
-        Tracks common to the pair, outliers included.
-    agreement : float
-        Share of observations by further views that agreed with the two-view map; NaN where there is no further view.
+        The adjusted map of the candidate.
     config : AcceptanceConfig
     """
     points = len(bundle.problem.points)
     gates = [
         Gate("landmarks", points, config.min_landmarks, True, "too_few_landmarks"),
-        Gate("explained_share", points / max(matches, 1), config.min_explained, True, "no_consistent_motion"),
+        Gate(
+            "explained_share",
+            points / max(len(candidate.table.track_ids), 1),
+            config.min_explained,
+            True,
+            "no_consistent_motion",
+        ),
         Gate(
             "direction_bound_deg",
             direction_bound_deg(bundle, config),
@@ -67,9 +72,16 @@ def check(
             False,
             "low_parallax",
         ),
+        Gate(
+            "direction_shift_deg",
+            direction_shift_deg(candidate, bundle),
+            config.max_direction_error_deg,
+            False,
+            "low_parallax",
+        ),
         Gate("depth_sigma", depth_sigma(camera, bundle), config.max_median_depth_sigma, False, "low_parallax"),
         Gate("further_views", len(bundle.problem.frames) - 2, 1, True, "no_third_view"),
-        Gate("further_agreement", agreement, config.min_further_agreement, True, "no_third_view"),
+        Gate("further_agreement", candidate.agreement, config.min_further_agreement, True, "no_third_view"),
     ]
     failed = [gate for gate in gates if not gate.passes()]
     return (failed[0].reason if failed else ACCEPTED), gates
@@ -78,13 +90,27 @@ def check(
 def direction_bound_deg(bundle: BundleSolution, config: AcceptanceConfig) -> float:
     """How far the direction of the baseline may be off: three standard deviations, and what no average removes.
 
-    An error that neighbouring tracks share (lens model, rolling shutter, blur) tilts the baseline by its ratio to the parallax,
-    however many tracks there are.
+    An error that neighbouring tracks share (lens model, rolling shutter, blur) tilts the baseline by its ratio to the
+    parallax, however many tracks there are.
     """
     parallax = bundle.problem.parallax_rad()
     rms = float(np.sqrt(np.mean(parallax**2)))
     systematic_deg = float(np.degrees(1e-3 * config.systematic_error_mrad / max(rms, 1e-12)))
     return 3 * direction_sigma_deg(bundle) + systematic_deg
+
+
+def direction_shift_deg(candidate: MapCandidate, bundle: BundleSolution) -> float:
+    """By how much the adjustment turned the baseline of the pair: two estimates of one thing should agree.
+
+    The two-view estimate and the adjusted one weigh the data differently (a plane's constraint, further views). Where they
+    differ by more than the error that is allowed, one of them is that wrong.
+    """
+    problem = bundle.problem
+    pose_of = dict(zip(problem.frames, problem.world_from_cam, strict=True))
+    first, second = (pose_of[frame] for frame in candidate.table.frames[:2])
+    adjusted = (second.inverse() @ first).t
+    cosine = float(adjusted @ candidate.hypothesis.t) / max(float(np.linalg.norm(adjusted)), 1e-300)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def direction_sigma_deg(bundle: BundleSolution) -> float:

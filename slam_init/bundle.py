@@ -1,13 +1,13 @@
-"""Bundle adjustment of the initial map with gtsam, the only module that imports it.
+"""Bundle adjustment of the initial map: the only module of the pipeline that imports gtsam.
 
-Recipe: a robust kernel first (Cauchy), then the outliers out, then a least-squares polish on the camera's own model. The
-noise is estimated from the residuals, so that the covariances mean what they say.
+Recipe: a robust kernel first (Cauchy), then the outliers out, then a least-squares polish on the camera's own model.
+The noise is estimated from the residuals, so that the covariances mean what they say.
 
 Gauge: the first pose is fixed by a prior and the distance between the first camera and the one farthest from it by a
 range factor; the map is scaled so that the median depth of the landmarks in the first view is 1.
 
-gtsam's Levenberg-Marquardt does not complain about a point with one view, a NaN, or a point behind a camera: these are checked
-here, and a failure is a value with its cause.
+gtsam's Levenberg-Marquardt does not complain about a point with one view, a NaN, or a point behind a camera: these
+are checked here, and a failure is a value with its cause.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class BundleProblem:
         d = self.points[self.landmarks] - centres[self.views]
         rays[self.landmarks, self.views] = d / np.linalg.norm(d, axis=1, keepdims=True)
         cosine = np.einsum("lik,ljk->lij", rays, rays)
-        return np.arccos(np.clip(np.nanmin(cosine.reshape(len(rays), -1), axis=1), -1, 1))
+        return np.asarray(np.arccos(np.clip(np.nanmin(cosine.reshape(len(rays), -1), axis=1), -1, 1)))
 
     def keep(self, observations: Bools) -> BundleProblem:
         """Only these observations, and only landmarks that two views still see."""
@@ -150,14 +150,14 @@ class BundleFailure:
 
 
 def pose_key(frame: int) -> int:
-    """gtsam key ``X(frame)`` of a keyframe's pose, world_from_cam."""
+    """The gtsam key ``X(frame)`` of a keyframe's pose, world_from_cam."""
     import gtsam
 
     return int(gtsam.symbol("x", frame))
 
 
 def landmark_key(track_id: int) -> int:
-    """gtsam key ``L(track_id)`` of a landmark."""
+    """The gtsam key ``L(track_id)`` of a landmark."""
     import gtsam
 
     return int(gtsam.symbol("l", track_id))
@@ -206,10 +206,10 @@ def adjust(camera: Camera, problem: BundleProblem, config: MapConfig) -> BundleS
         robust, errors = _optimize(camera, start, config.noise_px, robust=True, iterations=15)
         residuals = robust.residuals(camera)
         noise_px = estimate_noise(robust, residuals, config)
-        inlying = np.linalg.norm(residuals, axis=1) < config.outlier_sigmas * noise_px  # NaN: behind a camera
+        # NaN, behind a camera, is no inlier.
+        inlying = np.asarray(np.linalg.norm(residuals, axis=1) < config.outlier_sigmas * noise_px)
         certain = robust.parallax_rad() > min_parallax_rad(camera, noise_px, config)
-        inlying &= certain[robust.landmarks]
-        cleaned = robust.keep(inlying)
+        cleaned = robust.keep(inlying & certain[robust.landmarks])
         if (failure := _cannot_be_solved(cleaned)) is not None:
             return failure
         polished, more = _optimize(camera, cleaned, noise_px, robust=False, iterations=20)
@@ -254,7 +254,7 @@ def estimate_noise(problem: BundleProblem, residuals: Floats, config: MapConfig)
     if len(norms) == 0:
         return config.noise_px
     # The median of the norm of a 2-D Gaussian is sqrt(2 ln 2) standard deviations.
-    raw = float(np.median(norms)) / np.sqrt(2 * np.log(2))
+    raw = float(np.median(norms) / np.sqrt(2 * np.log(2)))
     unknowns = 3 * len(problem.points) + 6 * (len(problem.frames) - 1) - 1
     freedom = max(2 * len(norms) - unknowns, 0.05 * len(norms))
     return max(raw * float(np.sqrt(2 * len(norms) / freedom)), config.min_noise_px)
@@ -270,7 +270,7 @@ def build_graph(camera: Camera, problem: BundleProblem, noise_px: float, *, robu
         "Cal3DS2": gtsam.GenericProjectionFactorCal3DS2,
         "Cal3Fisheye": gtsam.GenericProjectionFactorCal3Fisheye,
     }[type(calibration).__name__]
-    noise = gtsam.noiseModel.Isotropic.Sigma(2, noise_px)
+    noise: Any = gtsam.noiseModel.Isotropic.Sigma(2, noise_px)
     if robust:
         noise = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(_CAUCHY), noise)
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -303,11 +303,11 @@ def _optimize(
     def rms_px(error: float) -> float:
         return float(noise_px * np.sqrt(2 * error / len(problem.views)))
 
-    errors = [rms_px(graph.error(values))]
+    errors = [rms_px(float(graph.error(values)))]
     params = gtsam.LevenbergMarquardtParams()
     params.setMaxIterations(iterations)
     params.setRelativeErrorTol(1e-5)
-    params.iterationHook = lambda _iteration, _old, new: errors.append(rms_px(new))
+    params.iterationHook = lambda _iteration, _old, new: errors.append(rms_px(float(new)))
     optimum = gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
     if not np.isfinite(graph.error(optimum)):
         raise RuntimeError("bundle adjustment diverged: the error is not finite")

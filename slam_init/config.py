@@ -157,7 +157,7 @@ def load_config(path: Path | None, overrides: dict[str, Any] | None = None) -> C
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise ConfigError(f"{path} is not valid TOML: {error}") from None
     table |= {key: value for key, value in (overrides or {}).items() if value is not None}
-    config = _build(Config, table, where=str(path) if path else "options", prefix="")
+    config: Config = _build(Config, table, where=str(path) if path else "options", prefix="")
     if config.method not in METHODS:
         raise ConfigError(f"unknown method {config.method!r}: use one of {', '.join(METHODS)}")
     return config
@@ -193,6 +193,6 @@ def _number_or_text(wanted: type, value: Any, where: str, key: str) -> Any:
     if type(value) is not wanted:
         raise ConfigError(f"{where}: {key} must be of type {wanted.__name__}, not {value!r}")
     # Sizes, counts and thresholds all are positive numbers; the seed may be zero.
-    if wanted is not str and not (value > 0 or (key == "seed" and value == 0)):
+    if isinstance(value, int | float) and not (0 < value < float("inf") or (key == "seed" and value == 0)):
         raise ConfigError(f"{where}: {key} is {value!r}: it must be a positive number")
     return value

@@ -97,7 +97,7 @@ class Margin:
 
 def table_of(reference: Observations, current: Observations, further: list[Observations]) -> TrackTable:
     """Gather the tracks that a pair has in common, in all views."""
-    i, j = common_tracks(reference, current)
+    i, _ = common_tracks(reference, current)
     track_ids = reference.track_ids[i]
     views = [reference, current, *further]
     pixels = np.full((len(views), len(i), 2), np.nan)
@@ -176,24 +176,25 @@ def build_candidate(
 
 
 def margin(camera: Camera, config: Config, better: MapCandidate, worse: MapCandidate) -> Margin:
-    """How clearly the tracks prefer one map to another, in the views of the better one."""
+    """How clearly the tracks prefer one map to another, in all views that both could place."""
+    frames = set(_poses(better)) & set(_poses(worse))
     if not isinstance(better.bundle, BundleSolution):
         return Margin(0.0, 0.0)
     gate2 = config.map.outlier_sigmas**2
-    cost_better = _track_costs(camera, better, better.bundle.problem.frames, better.bundle.noise_px, gate2)
-    cost_worse = _track_costs(camera, worse, better.bundle.problem.frames, better.bundle.noise_px, gate2)
-    difference = cost_worse - cost_better
+    difference = _track_costs(camera, worse, frames, better.bundle.noise_px, gate2)
+    difference -= _track_costs(camera, better, frames, better.bundle.noise_px, gate2)
     scatter = float(np.sqrt(np.sum(difference**2)))
     return Margin(0.5 * float(difference.sum()), float(difference.sum()) / scatter if scatter > 0 else 0.0)
 
 
 def rank(camera: Camera, config: Config, candidates: list[MapCandidate]) -> list[MapCandidate]:
     """The candidates in order of what they leave unexplained, with one noise level for all; failures last."""
-    solved = [c.bundle.noise_px for c in candidates if isinstance(c.bundle, BundleSolution)]
-    if not solved:
-        return candidates
+    solved = [c for c in candidates if isinstance(c.bundle, BundleSolution)]
+    failed = [c for c in candidates if not isinstance(c.bundle, BundleSolution)]
+    noise_px = min((c.bundle.noise_px for c in solved if isinstance(c.bundle, BundleSolution)), default=1.0)
+    frames = set.intersection(*(set(_poses(c)) for c in solved)) if solved else set()
     gate2 = config.map.outlier_sigmas**2
-    return sorted(candidates, key=lambda c: float(_track_costs(camera, c, c.table.frames, min(solved), gate2).sum()))
+    return sorted(solved, key=lambda c: float(_track_costs(camera, c, frames, noise_px, gate2).sum())) + failed
 
 
 def same_map(a: MapCandidate, b: MapCandidate) -> bool:
@@ -211,28 +212,40 @@ def same_map(a: MapCandidate, b: MapCandidate) -> bool:
     return True
 
 
-def _track_costs(
-    camera: Camera, candidate: MapCandidate, frames: tuple[int, ...], noise_px: float, gate2: float
-) -> Floats:
-    """Cost (T,) of each track of the table: squared residuals in units of the noise, each truncated at the gate.
-
-    The tracks are triangulated anew from the adjusted poses, so that a point which one map left out is judged alike in
-    both. A view that the map could not place costs the gate for each of its observations.
-    """
-    table = candidate.table
-    rows = [k for k, frame in enumerate(table.frames) if frame in frames]
-    observed = np.isfinite(table.pixels[rows, :, 0])
-    cost = np.where(observed, gate2, 0.0)
+def _poses(candidate: MapCandidate) -> dict[int, Pose]:
+    """Frame -> world_from_cam: as adjusted, or those of the pair where no map could be built."""
     if isinstance(candidate.bundle, BundleSolution):
         problem = candidate.bundle.problem
-        pose_of = dict(zip(problem.frames, problem.world_from_cam, strict=True))
-        placed = [k for k in rows if table.frames[k] in pose_of]
-        points = triangulate([pose_of[table.frames[k]] for k in placed], table.bearings[placed])
-        for k in placed:
-            predicted = camera.project(pose_of[table.frames[k]].inverse().apply(points))
-            r2 = np.sum((predicted - table.pixels[k]) ** 2, axis=1) / noise_px**2
-            cost[rows.index(k)] = np.where(observed[rows.index(k)], np.fmin(r2, gate2), 0.0)
-    return np.asarray(cost.sum(axis=0))
+        return dict(zip(problem.frames, problem.world_from_cam, strict=True))
+    first, second = candidate.table.frames[:2]
+    return {first: Pose.identity(), second: Pose(candidate.hypothesis.R, candidate.hypothesis.t).inverse()}
+
+
+def _track_costs(camera: Camera, candidate: MapCandidate, frames: set[int], noise_px: float, gate2: float) -> Floats:
+    """Cost (T,) of each track of the table: squared residuals in units of the noise, each truncated at the gate.
+
+    The tracks are triangulated anew from the poses, so that a point which one map left out is judged alike in both. A
+    point of little parallax may come out behind the cameras by noise alone: infinity explains it then, and the better of
+    the two is taken.
+    """
+    table, poses = candidate.table, _poses(candidate)
+    rows = [k for k, frame in enumerate(table.frames) if frame in frames]
+    placed = [poses[table.frames[k]] for k in rows]
+    points = triangulate(placed, table.bearings[rows])
+    # The mean ray from the first camera, a million baselines away.
+    rays = np.array([pose.R for pose in placed])[:, None] @ np.nan_to_num(table.bearings[rows])[..., None]
+    mean = rays[..., 0].sum(axis=0)
+    farthest = max(float(np.linalg.norm(pose.t - placed[0].t)) for pose in placed)
+    distant = placed[0].t + 1e6 * max(farthest, 1e-12) * mean / np.linalg.norm(mean, axis=1, keepdims=True)
+    costs = []
+    for X in (points, distant):
+        cost = np.zeros(len(X))
+        for k, pose in zip(rows, placed, strict=True):
+            r2 = np.sum((camera.project(pose.inverse().apply(X)) - table.pixels[k]) ** 2, axis=1) / noise_px**2
+            # NaN is a point behind the camera, or a track that the view does not see.
+            cost += np.where(np.isfinite(table.pixels[k, :, 0]), np.fmin(r2, gate2), 0.0)
+        costs.append(cost)
+    return np.minimum(*costs)
 
 
 def _before_all(points: Floats, poses: dict[int, Pose], table: TrackTable) -> Bools:
@@ -241,10 +254,10 @@ def _before_all(points: Floats, poses: dict[int, Pose], table: TrackTable) -> Bo
     for k, world_from_cam in poses.items():
         in_camera = world_from_cam.inverse().apply(points)
         before &= np.einsum("ij,ij->i", in_camera, np.nan_to_num(table.bearings[k])) > 0
-    return before
+    return np.asarray(before)
 
 
 def _parallax_rad(points: Floats, poses: dict[int, Pose]) -> Floats:
     rays = [points - pose.t for pose in (poses[0], poses[1])]
     a, b = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
-    return np.arccos(np.clip(np.einsum("ij,ij->i", a, b), -1, 1))
+    return np.asarray(np.arccos(np.clip(np.einsum("ij,ij->i", a, b), -1, 1)))

@@ -1,8 +1,8 @@
 """The pipeline, to be read from top to bottom.
 
 A frame arrives; its tracks are followed; the keyframe manager offers pairs with earlier frames; the best pair is tried:
-two-view geometry through QuEst, a map for each hypothesis, the vote of further views, bundle adjustment, gates. The first
-map that passes all of them ends the initialization. What is refused is refused for a reason, with its evidence.
+two-view geometry through QuEst, a map for each hypothesis, the vote of further views, bundle adjustment, gates. The
+first map that passes all of them ends the initialization. What is refused is refused for a reason, with its evidence.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from quest.estimate import NoPose, RelativePose, estimate_relative_pose
+from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
 from slam_init import acceptance
 from slam_init.bundle import BundleSolution
 from slam_init.camera import Camera
@@ -241,7 +241,7 @@ class Initializer:
         with self.stopwatch("map"):
             views = further_views(self.tracker.history, reference, current, self.config.map)
             table = table_of(reference, current, views)
-            hypotheses = (pose, *pose.alternatives)
+            hypotheses: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
             candidates = [build_candidate(self.camera, self.config, table, hypothesis) for hypothesis in hypotheses]
             candidates = rank(self.camera, self.config, candidates)
         attempt = replace(attempt, frames=(*attempt.frames, *table.frames[2:]))
@@ -252,11 +252,10 @@ class Initializer:
         attempt = replace(attempt, evidence=attempt.evidence | evidence)
         if verdict != ACCEPTED:
             return _refused(attempt, verdict)
-        verdict, gates = acceptance.check(
-            self.camera, best.bundle, len(table.track_ids), best.agreement, self.config.acceptance
-        )
-        evidence = {gate.name: gate.value for gate in gates} | {f"{g.name}_gate": g.threshold for g in gates}
-        evidence["reprojection_rmse_px"] = best.bundle.rmse_px
+        verdict, gates = acceptance.check(self.camera, best, best.bundle, self.config.acceptance)
+        evidence = {"reprojection_rmse_px": best.bundle.rmse_px}
+        for gate in gates:
+            evidence |= {gate.name: gate.value, f"{gate.name}_gate": gate.threshold}
         attempt = replace(attempt, evidence=attempt.evidence | evidence)
         if verdict == ACCEPTED:
             self._accepted = best.bundle, pose.kind

@@ -15,7 +15,7 @@ ADVICE: dict[str, str] = {
     "too_few_features": "too few features in the image: more light, focus or texture",
     "too_few_matches": "too few features are seen in both views: move more slowly, or look at more texture",
     "no_consistent_motion": "no rigid motion explains enough matches: moving objects, or a wrong calibration",
-    "ambiguous_plane": "the scene is flat and two motions explain it: move in a curve, or look at something off the plane",
+    "ambiguous_plane": "the scene is flat and two motions explain it: move in a curve, or show something off the plane",
     "too_few_landmarks": "too few points can be triangulated well: keep translating",
     "no_third_view": "no further view confirms the pair: keep moving",
     "bundle_adjustment_failed": "bundle adjustment found no consistent map: keep moving",

@@ -1,7 +1,7 @@
 """Features and tracks: which image points of different frames are the same point of the world.
 
-Video is followed by Lucas-Kanade flow from frame to frame, with a forward-backward check. Where the flow loses more than
-half of its tracks in one step (photographs, a cut, a fast pan), SIFT descriptors link the frame to the last few
+Video is followed by Lucas-Kanade flow from frame to frame, with a forward-backward check. Where the flow loses more
+than half of its tracks in one step (photographs, a cut, a fast pan), SIFT descriptors link the frame to the last few
 instead, and whichever of the two links more wins. Both feed the same tracks: nothing after this module knows which.
 """
 
@@ -57,7 +57,7 @@ class History:
 
 @dataclass(frozen=True, eq=False)
 class _SiftFrame:
-    """Keypoints of one frame, their descriptors, and the track that each belongs to (-1: none yet; updated in place)."""
+    """Keypoints of one frame, their descriptors, and the track of each (-1: none yet; updated in place)."""
 
     frame: int
     pixels: Floats
@@ -89,7 +89,7 @@ class Tracker:
     def track(self, frame: Frame) -> Observations:
         """Follow the tracks into the next frame, and start new ones where some were lost.
 
-        A link by descriptors finds tracks that earlier frames did not know of: those frames are enriched in the history.
+        A link by descriptors finds tracks that earlier frames did not know of: the history of those is enriched.
         """
         gray = frame.gray
         ids, pixels, by_descriptors = self._link(frame.index, gray)

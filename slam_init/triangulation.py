@@ -25,8 +25,8 @@ def triangulate(world_from_cam: list[Pose], bearings: Floats) -> Floats:
     Returns
     -------
     (L, 3) float
-        Least sum of squared distances to the rays, each weighted by the inverse squared distance from its camera, so that
-        the error counted is an angle. NaN where fewer than two rays are given or they are parallel.
+        Least sum of squared distances to the rays, each weighted by the inverse squared distance from its camera, so
+        that the error counted is an angle. NaN where fewer than two rays are given or they are parallel.
     """
     count = bearings.shape[1]
     centres = np.array([pose.t for pose in world_from_cam])
@@ -40,7 +40,7 @@ def triangulate(world_from_cam: list[Pose], bearings: Floats) -> Floats:
     for _ in range(2):  # once for the distances, once with their weights
         A = np.einsum("kl,klij->lij", weight, projectors)
         b = np.einsum("kl,klij,kj->li", weight, projectors, centres)
-        # The smallest eigenvalue of A vanishes for parallel rays; relative to the trace it is about half the squared parallax.
+        # The smallest eigenvalue of A vanishes for parallel rays: over the trace it is about half the squared parallax.
         solvable &= np.linalg.eigvalsh(A)[:, 0] > 1e-12 * np.trace(A, axis1=1, axis2=2)
         points[solvable] = np.linalg.solve(A[solvable], b[solvable][..., None])[..., 0]
         points[~solvable] = np.nan
