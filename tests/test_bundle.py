@@ -14,7 +14,7 @@ from slam_init.types import Pose
 MAP = CONFIG.map
 
 
-def disturbed(exact, rng, angle_rad=0.001, length=0.001):
+def disturbed(exact, rng, angle_rad=0.0003, length=0.0003):
     """The same observations, other poses and points to start from; the first pose stays the world."""
     poses = [exact.world_from_cam[0]] + [
         Pose(pose.R @ rotation_from_vector(rng.normal(0, angle_rad, 3)), pose.t + rng.normal(0, length, 3))
