@@ -91,7 +91,8 @@ class NoPose:
     Attributes
     ----------
     reason : str
-        "too_few_matches" or "no_consistent_motion" (no motion explains more matches than chance would).
+        "too_few_matches" (fewer than ten distinct ones) or "no_consistent_motion" (no motion explains more matches than
+        chance would, or the points lie on a line, so that a family of motions does).
     evidence : dict
     """
 
