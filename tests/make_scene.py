@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from make_map import make_poses
 
+from quest import Hypothesis
 from slam_init.bundle import BundleProblem
 from slam_init.camera import Camera
 from slam_init.config import Config
@@ -69,6 +70,12 @@ def problem(camera, points, poses=None, noise_px=0.0, rng=None) -> BundleProblem
         landmarks=np.tile(np.arange(n), len(poses)),
         pixels=pixels,
     )
+
+
+def hypothesis(cam2_from_cam1: Pose, inliers: np.ndarray) -> Hypothesis:
+    """A two-view hypothesis, its baseline of unit length."""
+    t = cam2_from_cam1.t / np.linalg.norm(cam2_from_cam1.t)
+    return Hypothesis(q_wxyz=cam2_from_cam1.q_wxyz, R=cam2_from_cam1.R, t=t, inliers=inliers)
 
 
 def between(a: Pose, b: Pose) -> Pose:

@@ -1,0 +1,120 @@
+"""Gates: each refuses for its own reason, and their measures follow the laws of error propagation."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from make_map import make_poses
+from make_scene import CAMERA, CONFIG, cloud, hypothesis, observe, table
+
+from quest.quaternion import rotation_from_vector
+from slam_init.acceptance import Gate, check
+from slam_init.mapping import build_candidate
+from slam_init.reasons import ACCEPTED, REASONS
+from slam_init.types import Pose
+
+GATES = CONFIG.acceptance
+
+
+def candidate_of(poses, noise_px=0.2, count=400, seed=1, lost=0):
+    """The map of the true two-view pose; ``lost`` tracks are followed wrongly in the second frame."""
+    rng = np.random.default_rng(seed)
+    seen = observe(CAMERA, poses, cloud(rng, count), noise_px, rng)
+    inliers = np.arange(count) >= lost
+    return build_candidate(CAMERA, CONFIG, table(seen), hypothesis(poses[-1].inverse() @ poses[0], inliers))
+
+
+def shrunk(factor, count=4):
+    """The cameras of :func:`make_poses` on a path shorter by a factor."""
+    return [Pose(pose.R, factor * pose.t) for pose in make_poses(count)]
+
+
+def verdict(candidate, **changed):
+    return check(CAMERA, candidate, candidate.bundle, replace(GATES, **changed))[0]
+
+
+def measured(candidate):
+    return {gate.name: gate.value for gate in check(CAMERA, candidate, candidate.bundle, GATES)[1]}
+
+
+@pytest.fixture(scope="module")
+def good():
+    """A wide baseline, many points, little noise."""
+    return candidate_of(make_poses(4))
+
+
+def test_a_good_map_is_accepted_and_every_gate_says_so(good):
+    result, gates = check(CAMERA, good, good.bundle, GATES)
+    assert result == ACCEPTED
+    assert all(gate.passes() for gate in gates)
+    assert len({gate.name for gate in gates}) == len(gates)
+    assert {gate.reason for gate in gates} <= set(REASONS)
+
+
+def test_each_gate_refuses_for_its_own_reason(good):
+    value = measured(good)
+    assert verdict(good, min_landmarks=int(value["landmarks"]) + 1) == "too_few_landmarks"
+    assert verdict(good, max_direction_error_deg=0.9 * value["direction_bound_deg"]) == "low_parallax"
+    assert verdict(good, max_median_depth_sigma=0.9 * value["depth_sigma"]) == "low_parallax"
+    assert verdict(replace(good, agreement=0.9 * GATES.min_further_agreement)) == "no_third_view"
+    assert verdict(replace(good, agreement=float("nan"))) == "no_third_view"
+
+
+def test_a_map_of_the_smaller_part_of_what_is_seen_is_refused():
+    few = candidate_of(make_poses(4), lost=int(400 * (1.1 - GATES.min_explained)))
+    assert verdict(few) == "no_consistent_motion"
+
+
+def test_two_views_alone_are_told_apart():
+    first, *_, last = make_poses(4)
+    assert verdict(candidate_of([first, last])) == "no_third_view"
+
+
+def test_a_short_baseline_is_low_parallax():
+    assert verdict(candidate_of(shrunk(0.05))) == "low_parallax"
+
+
+def test_an_adjustment_that_turned_the_baseline_is_distrusted(good):
+    turn = rotation_from_vector(np.array([0, 0, np.deg2rad(2 * GATES.max_direction_error_deg)]))
+    elsewhere = replace(good.hypothesis, t=turn @ good.hypothesis.t)
+    assert verdict(replace(good, hypothesis=elsewhere)) == "low_parallax"
+
+
+def test_a_value_that_is_no_number_never_passes():
+    assert not Gate("x", float("nan"), 0.0, True, "low_parallax").passes()
+    assert not Gate("x", float("nan"), 0.0, False, "low_parallax").passes()
+    assert Gate("x", 1.0, 1.0, True, "low_parallax").passes()
+    assert Gate("x", 1.0, 1.0, False, "low_parallax").passes()
+
+
+def test_uncertainty_grows_as_the_baseline_shrinks():
+    whole, half = measured(candidate_of(make_poses(4))), measured(candidate_of(shrunk(0.5)))
+    # Both go as noise over parallax; the noise is estimated anew from each residual.
+    for name in ("direction_bound_deg", "depth_sigma"):
+        assert half[name] == pytest.approx(2 * whole[name], rel=0.2)
+
+
+def test_uncertainty_grows_with_the_noise():
+    quiet, loud = (measured(candidate_of(make_poses(4), noise_px)) for noise_px in (0.2, 0.6))
+    assert loud["depth_sigma"] == pytest.approx(3 * quiet["depth_sigma"], rel=0.2)
+    assert loud["direction_bound_deg"] > quiet["direction_bound_deg"]
+
+
+def test_more_tracks_lower_the_bound_but_not_below_what_they_share(good):
+    few, many = (measured(candidate_of(make_poses(4), 0.6, count))["direction_bound_deg"] for count in (100, 1600))
+    assert many < few
+    shared = replace(GATES, systematic_error_mrad=4 * GATES.systematic_error_mrad)
+    (bound,) = (g.value for g in check(CAMERA, good, good.bundle, shared)[1] if g.name == "direction_bound_deg")
+    assert bound > 2 * measured(good)["direction_bound_deg"]
+
+
+def test_the_direction_is_as_good_as_the_bound_says():
+    """Over many noises, the direction of the last camera's baseline is hardly ever beyond the bound."""
+    beyond = 0
+    for seed in range(20):
+        candidate = candidate_of(shrunk(0.5), 0.5, 80, seed)
+        problem = candidate.bundle.problem
+        t, true = problem.world_from_cam[-1].t, make_poses(4)[-1].t
+        error_deg = np.degrees(np.arccos(min(1.0, t @ true / np.linalg.norm(t) / np.linalg.norm(true))))
+        beyond += error_deg > measured(candidate)["direction_bound_deg"]
+    assert beyond <= 1
