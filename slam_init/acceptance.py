@@ -11,8 +11,9 @@ from slam_init.camera import Camera
 from slam_init.config import AcceptanceConfig
 from slam_init.mapping import MapCandidate
 from slam_init.reasons import ACCEPTED
+from slam_init.types import Floats
 
-__all__ = ["Gate", "check", "depth_sigma", "direction_bound_deg", "direction_sigma_deg"]
+__all__ = ["Gate", "check", "depth_sigma", "direction_bound_deg", "direction_sigmas_deg"]
 
 #: Views nearer to the first than this share of the longest baseline have no direction worth a statement.
 _SHORT_BASELINE = 0.3
@@ -56,29 +57,13 @@ def check(
     config : AcceptanceConfig
     """
     points = len(bundle.problem.points)
+    error = config.max_direction_error_deg
+    explained = points / max(len(candidate.table.track_ids), 1)
     gates = [
         Gate("landmarks", points, config.min_landmarks, True, "too_few_landmarks"),
-        Gate(
-            "explained_share",
-            points / max(len(candidate.table.track_ids), 1),
-            config.min_explained,
-            True,
-            "no_consistent_motion",
-        ),
-        Gate(
-            "direction_bound_deg",
-            direction_bound_deg(bundle, config),
-            config.max_direction_error_deg,
-            False,
-            "low_parallax",
-        ),
-        Gate(
-            "direction_shift_deg",
-            direction_shift_deg(candidate, bundle),
-            config.max_direction_error_deg,
-            False,
-            "low_parallax",
-        ),
+        Gate("explained_share", explained, config.min_explained, True, "no_consistent_motion"),
+        Gate("direction_bound_deg", direction_bound_deg(bundle, config), error, False, "low_parallax"),
+        Gate("direction_shift_deg", direction_shift_deg(candidate, bundle), error, False, "low_parallax"),
         Gate("depth_sigma", depth_sigma(camera, bundle), config.max_median_depth_sigma, False, "low_parallax"),
         Gate("further_views", len(bundle.problem.frames) - 2, 1, True, "no_third_view"),
         Gate("further_agreement", candidate.agreement, config.min_further_agreement, True, "no_third_view"),
@@ -88,22 +73,23 @@ def check(
 
 
 def direction_bound_deg(bundle: BundleSolution, config: AcceptanceConfig) -> float:
-    """How far the direction of the baseline may be off: three standard deviations, and what no average removes.
+    """How far the direction of a baseline from the first view may be off, for the worst view, in degrees.
 
-    An error that neighbouring tracks share (lens model, rolling shutter, blur) tilts the baseline by its ratio to the
-    parallax, however many tracks there are.
+    Three standard deviations, and what no average removes: an error that neighbouring tracks share (lens model,
+    rolling shutter, blur) tilts a baseline by its ratio to the parallax that it makes, however many tracks there are.
     """
     parallax = bundle.problem.parallax_rad()
     rms = float(np.sqrt(np.mean(parallax**2)))
-    systematic_deg = float(np.degrees(1e-3 * config.systematic_error_mrad / max(rms, 1e-12)))
-    return 3 * direction_sigma_deg(bundle) + systematic_deg
+    sigmas_deg, shares = direction_sigmas_deg(bundle)
+    systematic_deg = np.degrees(1e-3 * config.systematic_error_mrad / np.maximum(rms * shares, 1e-12))
+    return float(np.max(3 * sigmas_deg + systematic_deg))
 
 
 def direction_shift_deg(candidate: MapCandidate, bundle: BundleSolution) -> float:
     """By how much the adjustment turned the baseline of the pair: two estimates of one thing should agree.
 
-    The two-view estimate and the adjusted one weigh the data differently (a plane's constraint, further views). Where they
-    differ by more than the error that is allowed, one of them is that wrong.
+    The two-view estimate and the adjusted one weigh the data differently (a plane's constraint, further views). Where
+    they differ by more than the error that is allowed, one of them is that wrong.
     """
     problem = bundle.problem
     pose_of = dict(zip(problem.frames, problem.world_from_cam, strict=True))
@@ -113,19 +99,23 @@ def direction_shift_deg(candidate: MapCandidate, bundle: BundleSolution) -> floa
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
-def direction_sigma_deg(bundle: BundleSolution) -> float:
-    """Standard deviation of the direction of the baseline from the first view, the worst of all views, in degrees."""
+def direction_sigmas_deg(bundle: BundleSolution) -> tuple[Floats, Floats]:
+    """The baselines from the first view: standard deviation of their direction (degrees), share of the longest.
+
+    Baselines under 0.3 of the longest are left out.
+    """
     poses = bundle.problem.world_from_cam
-    baselines = np.array([np.linalg.norm(pose.t - poses[0].t) for pose in poses])
-    worst = 0.0
-    for pose, covariance, length in zip(poses, bundle.pose_covariances, baselines, strict=True):
-        if length < _SHORT_BASELINE * baselines.max() or length == 0:
+    lengths = np.array([np.linalg.norm(pose.t - poses[0].t) for pose in poses])
+    sigmas, shares = [], []
+    for pose, covariance, length in zip(poses, bundle.pose_covariances, lengths, strict=True):
+        if length < _SHORT_BASELINE * lengths.max() or length == 0:
             continue
         along = (pose.t - poses[0].t) / length
         across = np.eye(3) - np.outer(along, along)
         in_world = across @ pose.R @ covariance[3:, 3:] @ pose.R.T @ across
-        worst = max(worst, float(np.degrees(np.sqrt(np.linalg.eigvalsh(in_world)[-1]) / length)))
-    return worst
+        sigmas.append(float(np.degrees(np.sqrt(np.linalg.eigvalsh(in_world)[-1]) / length)))
+        shares.append(float(length / lengths.max()))
+    return np.array(sigmas), np.array(shares)
 
 
 def depth_sigma(camera: Camera, bundle: BundleSolution) -> float:

@@ -111,18 +111,31 @@ def table_of(reference: Observations, current: Observations, further: list[Obser
 def further_views(
     history: History, reference: Observations, current: Observations, config: MapConfig
 ) -> list[Observations]:
-    """Views that can vote on a pair: evenly spaced between its frames, else the nearest ones before it."""
+    """Views that can vote on a pair: evenly spaced over the later part of the motion, else the nearest ones before it.
+
+    A view close to the reference has a short baseline, hence a direction that is badly known: where the tracks moved
+    less than ``min_motion_share`` of their way, a view is taken only for lack of a better one.
+    """
     pair_ids = np.intersect1d(reference.track_ids, current.track_ids, assume_unique=True)
 
     def useful(view: Observations) -> bool:
         return len(np.intersect1d(pair_ids, view.track_ids, assume_unique=True)) >= config.min_resected
 
+    def motion_px(view: Observations) -> float:
+        i, j = common_tracks(reference, view)
+        return float(np.median(np.linalg.norm(view.pixels[j] - reference.pixels[i], axis=1)))
+
     between = [view for view in history.between(reference.frame, current.frame) if useful(view)]
     if between:
-        count = min(len(between), config.max_further_views)
-        # Evenly spaced interior points of the interval.
-        picks = np.unique(np.linspace(0, len(between) + 1, count + 2)[1:-1].round().astype(int) - 1)
-        return [between[k] for k in picks]
+        moved = np.array([motion_px(view) for view in between])
+        late = [
+            view
+            for view, way in zip(between, moved, strict=True)
+            if way >= config.min_motion_share * motion_px(current)
+        ]
+        views = late or [between[int(np.argmax(moved))]]
+        picks = np.unique(np.linspace(0, len(views) - 1, config.max_further_views).round().astype(int))
+        return [views[k] for k in picks]
     earlier = [view for view in history.between(-1, reference.frame) if useful(view)]
     return earlier[-config.max_further_views :]
 
@@ -225,8 +238,8 @@ def _track_costs(camera: Camera, candidate: MapCandidate, frames: set[int], nois
     """Cost (T,) of each track of the table: squared residuals in units of the noise, each truncated at the gate.
 
     The tracks are triangulated anew from the poses, so that a point which one map left out is judged alike in both. A
-    point of little parallax may come out behind the cameras by noise alone: infinity explains it then, and the better of
-    the two is taken.
+    point of little parallax may come out behind the cameras by noise alone: infinity explains it then, and the better
+    of the two is taken.
     """
     table, poses = candidate.table, _poses(candidate)
     rows = [k for k, frame in enumerate(table.frames) if frame in frames]
