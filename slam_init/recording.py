@@ -12,7 +12,7 @@ entity                      content
 ``world/points``            the landmarks
 ``world/trajectory``        ``est`` and ``gt``, the ground truth brought to the map by a similarity
 ``pairs``                   the last pair tried: images, matches (green inliers, red outliers), verdict
-``stats``                   tracks; the evidence of each attempt by unit; error of bundle adjustment
+``stats``                   tracks; what the attempts found, with its gates; error of bundle adjustment
 ``log``, ``summary``        one line an attempt; the summary of the run
 ==========================  =======================================================================
 
@@ -36,7 +36,17 @@ from slam_init.camera import Camera
 from slam_init.errors import OutputError
 from slam_init.metrics import Similarity, align_poses
 from slam_init.reasons import ACCEPTED
-from slam_init.recording_layout import blueprint
+from slam_init.recording_images import bgr, jpeg, reduced, reduced_shape
+from slam_init.recording_layout import (
+    ERROR,
+    ERROR_BARS,
+    ESTIMATE_COLOR,
+    SERIES,
+    TRACKS,
+    TRUTH_COLOR,
+    Color,
+    blueprint,
+)
 from slam_init.recording_text import attempt_line, attempt_markdown, summary_markdown
 from slam_init.types import (
     Attempt,
@@ -53,24 +63,27 @@ from slam_init.types import (
 __all__ = ["Recorder", "RerunRecorder"]
 
 _GREEN, _RED, _YELLOW = (60, 200, 90), (230, 70, 70), (255, 200, 40)
-_EST, _GT = (60, 160, 255), (255, 150, 40)
 
 #: Images are reduced to this many pixels on their longer side: enough to judge a match by eye, and 300 frames
 #: with their tracks stay below 30 MB. Half of it for each image of a pair and for keyframes in space.
 _LONG_SIDE_PX = 640
-_JPEG_QUALITY = 75
 #: Up to this many frames every image is kept; then every second, third, ...: hours must not fill the disk.
 _FRAMES_AT_FULL_RATE = 300
 #: Small images kept for pair views; a pair may reach back as far as the window of candidate keyframes.
 _MEMORY_FRAMES = 400
 #: A keypoint's tail shows its motion over this many frames.
 _TAIL_FRAMES = 3
-#: More match lines than this are a coloured carpet.
-_MAX_LINES = 250
+#: More match lines than this are a coloured carpet; all matches are shown as points.
+_MAX_LINES = 120
+#: Images of a pair wider than this (width by height) are put one above the other.
+_WIDE = 1.8
 #: Chunks end after this many bytes and never by the clock, so that two runs write the same ones.
 _CHUNK_BYTES = 1 << 19
-#: Size of a frustum in units of the map, whose median depth is 1; smaller where it would hide a short path.
-_FRUSTUM, _SMALLEST_FRUSTUM = 0.08, 0.04
+#: Size of the camera's frustum in units of the map, whose median depth is 1. Those of the keyframes are smaller on a
+#: short path, which they would hide: this share of it, which keeps five of them apart.
+_FRUSTUM, _SMALLEST_FRUSTUM, _FRUSTUM_OF_PATH = 0.08, 0.005, 0.1
+#: The ground truth is dashed, so that the estimate is seen where both agree.
+_DASHES = 30
 
 
 class Recorder:
@@ -144,7 +157,6 @@ class RerunRecorder(Recorder):
         self._camera = camera
         self._groundtruth = groundtruth
         self._scale = min(1.0, _LONG_SIDE_PX / max(camera.width, camera.height))
-        self._frustum = _FRUSTUM
         self._frames = 0
         self._recent: OrderedDict[int, Image] = OrderedDict()
         self._tails: deque[Observations] = deque(maxlen=_TAIL_FRAMES + 1)
@@ -163,25 +175,24 @@ class RerunRecorder(Recorder):
         self._rec.save(path, default_blueprint=blueprint())
         self._rec.send_recording_name(f"slam-init {source_name}")
         self._rec.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
-        for entity, name, color in (
-            ("stats/tracks", "tracks", _EST),
-            ("stats/bundle/error", "rms residual (px)", _EST),
-        ):
-            self._rec.log(entity, rr.SeriesLines(names=name, colors=[color]), static=True)
+        for series in SERIES:
+            # Points as well: a single attempt makes no line.
+            for style in (rr.SeriesLines, rr.SeriesPoints):
+                self._rec.log(series.entity, style(names=series.label, colors=[series.color]), static=True)
 
     def frame(self, frame: Frame, observations: Observations) -> None:
         """Log the image (reduced), its keypoints and their motion over the last frames."""
         rr, rec = self._rr, self._rec
         rec.set_time("frame", sequence=frame.index)
         rec.set_time("sensor_time", duration=frame.timestamp_s)
-        self._recent[frame.index] = _reduced(frame.image, _LONG_SIDE_PX // 2)
+        self._recent[frame.index] = reduced(frame.image, _LONG_SIDE_PX // 2)
         if len(self._recent) > _MEMORY_FRAMES:
             self._recent.popitem(last=False)
         if self._frames % (1 + self._frames // _FRAMES_AT_FULL_RATE) == 0:
-            rec.log("world/camera/image", _jpeg(_reduced(frame.image, _LONG_SIDE_PX)))
+            rec.log("world/camera/image", jpeg(reduced(frame.image, _LONG_SIDE_PX)))
         self._frames += 1
         if self._frames == 1:
-            self._log_pinhole("world/camera/image", _LONG_SIDE_PX, _YELLOW)
+            self._log_pinhole("world/camera/image", _LONG_SIDE_PX, _YELLOW, _FRUSTUM)
 
         self._tails.append(observations)
         oldest = self._tails[0]
@@ -195,7 +206,7 @@ class RerunRecorder(Recorder):
             "world/camera/image/keypoints",
             rr.Points2D(self._shown(observations.pixels), colors=[_GREEN], radii=rr.Radius.ui_points(2)),
         )
-        rec.log("stats/tracks", rr.Scalars(float(len(observations))))
+        rec.log(TRACKS, rr.Scalars(float(len(observations))))
 
     def attempt(self, attempt: Attempt) -> None:
         """Log the pair with its matches, the verdict with its evidence, and the numbers as series."""
@@ -207,10 +218,10 @@ class RerunRecorder(Recorder):
             "pairs/verdict",
             rr.TextDocument(attempt_markdown(attempt), media_type=rr.MediaType.MARKDOWN),
         )
-        for name, value in attempt.evidence.items():
-            if not isinstance(value, str) and np.isfinite(value):
-                unit = next((unit for unit in ("px", "deg") if f"_{unit}" in name), "other")
-                rec.log(f"stats/{unit}/{name}", rr.Scalars(float(value)))
+        for series in SERIES:
+            value = attempt.evidence.get(series.evidence)
+            if isinstance(value, int | float) and np.isfinite(value):
+                rec.log(series.entity, rr.Scalars(float(value)))
         self._log_pair(attempt)
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
@@ -227,18 +238,17 @@ class RerunRecorder(Recorder):
         )
         poses_after = tuple(keyframe.world_from_cam for keyframe in map_.keyframes)
         path = max(float(np.linalg.norm(pose.t - poses_after[0].t)) for pose in poses_after)
-        self._frustum = float(np.clip(path, _SMALLEST_FRUSTUM, _FRUSTUM))
+        size = float(np.clip(_FRUSTUM_OF_PATH * path, _SMALLEST_FRUSTUM, _FRUSTUM))
         rec.set_time("stage", sequence=0)
-        self._log_pinhole("world/camera/image", _LONG_SIDE_PX, _YELLOW)
         for view in map_.keyframes:
             entity = f"world/keyframes/{view.frame}/image"
-            self._log_pinhole(entity, _LONG_SIDE_PX // 2, _EST)
+            self._log_pinhole(entity, _LONG_SIDE_PX // 2, ESTIMATE_COLOR, size)
             if view.frame in self._recent:
-                rec.log(entity, _jpeg(self._recent[view.frame]))
+                rec.log(entity, jpeg(self._recent[view.frame]))
         stages = ((map_.points_before, map_.keyframes_before), (map_.points, poses_after))
         for stage, (points, poses) in enumerate(stages):
             rec.set_time("stage", sequence=stage)
-            rec.log("world/points", rr.Points3D(points, colors=map_.colors, radii=rr.Radius.ui_points(3.5)))
+            rec.log("world/points", rr.Points3D(points, colors=map_.colors, radii=rr.Radius.ui_points(2.5)))
             for view, pose in zip(map_.keyframes, poses, strict=True):
                 rec.log(f"world/keyframes/{view.frame}", _transform(pose))
             self._path_est = [pose.t for pose in poses]
@@ -247,10 +257,10 @@ class RerunRecorder(Recorder):
             self._log_groundtruth(map_.keyframes, self._groundtruth)
         rec.disable_timeline("stage")
 
-        rec.log("stats/bundle/error_bars", rr.BarChart(np.array(map_.bundle_errors), color=_EST))
+        rec.log(ERROR_BARS, rr.BarChart(np.array(map_.bundle_errors), color=ESTIMATE_COLOR))
         for iteration, error in enumerate(map_.bundle_errors):
             rec.set_time("ba_iter", sequence=iteration)
-            rec.log("stats/bundle/error", rr.Scalars(error))
+            rec.log(ERROR, rr.Scalars(error))
         rec.disable_timeline("ba_iter")
 
     def continued(self, keyframe: Keyframe) -> None:
@@ -276,7 +286,7 @@ class RerunRecorder(Recorder):
         """Raw pixels (..., 2) in the reduced image; rerun has pixel centres at half-integers."""
         return (pixels + 0.5) * self._scale
 
-    def _log_pinhole(self, entity: str, long_side_px: int, color: tuple[int, int, int]) -> None:
+    def _log_pinhole(self, entity: str, long_side_px: int, color: Color, size: float) -> None:
         """A frustum for images of that size. Lens distortion is not drawn: the rays at the border are off."""
         rr, camera = self._rr, self._camera
         small = camera.scaled(min(1.0, long_side_px / max(camera.width, camera.height)))
@@ -284,7 +294,7 @@ class RerunRecorder(Recorder):
             resolution=[small.width, small.height],
             focal_length=[small.fx, small.fy],
             principal_point=[small.cx + 0.5, small.cy + 0.5],
-            image_plane_distance=self._frustum,
+            image_plane_distance=size,
             color=color,
             line_width=rr.Radius.ui_points(1.0),
         )
@@ -292,14 +302,14 @@ class RerunRecorder(Recorder):
 
     def _log_camera(self, world_from_cam: Pose) -> None:
         self._rec.log("world/camera", _transform(world_from_cam))
-        self._log_path("est", np.array(self._path_est), _EST)
+        self._log_path("est", [np.array(self._path_est)], ESTIMATE_COLOR)
 
-    def _log_path(self, name: str, positions: Floats, color: tuple[int, int, int]) -> None:
+    def _log_path(self, name: str, strips: Sequence[Floats], color: Color) -> None:
+        # The view's title names the colours: labels in space cover one another just where the estimate is good.
         rr = self._rr
-        line = rr.LineStrips3D(
-            [positions], colors=[color], radii=rr.Radius.ui_points(1.5), labels=[name], show_labels=True
+        self._rec.log(
+            f"world/trajectory/{name}", rr.LineStrips3D(strips, colors=[color], radii=rr.Radius.ui_points(1.5))
         )
-        self._rec.log(f"world/trajectory/{name}", line)
 
     def _log_groundtruth(self, keyframes: Sequence[Keyframe], truth: Trajectory) -> None:
         pairs = [(true, k.world_from_cam) for k in keyframes if (true := truth.at(k.timestamp_s)) is not None]
@@ -313,64 +323,50 @@ class RerunRecorder(Recorder):
         times = truth.timestamps_s
         first, last = (int(np.argmin(np.abs(times - t))) for t in (self._first_s, last_s))
         positions = np.array([pose.t for pose in truth.world_from_cam[first : last + 1]])
-        self._log_path("gt", world_from_gt.apply(positions), _GT)
+        self._log_path("gt", _dashes(world_from_gt.apply(positions)), TRUTH_COLOR)
 
     def _log_pair(self, attempt: Attempt) -> None:
         """Two images side by side, and the matches as lines between them."""
         rr, rec = self._rr, self._rec
         images = [self._recent.get(index) for index in attempt.frames[:2]]
-        shape = _reduced_shape(self._camera.height, self._camera.width, _LONG_SIDE_PX // 2)
+        shape = reduced_shape(self._camera.height, self._camera.width, _LONG_SIDE_PX // 2)
         blank = np.full((*shape, 3), 40, np.uint8)
-        left, right = (blank if image is None else _bgr(image) for image in images)
-        rec.log("pairs/image", _jpeg(np.hstack([left, right])))
+        left, right = (blank if image is None else bgr(image) for image in images)
+        wide = shape[1] > _WIDE * shape[0]
+        rec.log("pairs/image", jpeg(np.concatenate([left, right], axis=0 if wide else 1)))
 
-        factor = left.shape[1] / self._camera.width
+        factor = shape[1] / self._camera.width
+        second = (0, shape[0]) if wide else (shape[1], 0)
         points1 = (attempt.pixels1 + 0.5) * factor
-        points2 = (attempt.pixels2 + 0.5) * factor + (left.shape[1], 0)
-        step = max(1, -(-len(points1) // _MAX_LINES))
-        lines = np.stack([points1, points2], axis=1)[::step]
-        inliers = attempt.inliers[::step]
-        for name, chosen, color in (("inliers", inliers, _GREEN), ("outliers", ~inliers, _RED)):
+        points2 = (attempt.pixels2 + 0.5) * factor + second
+        matches = np.stack([points1, points2], axis=1)
+        step = max(1, -(-len(matches) // _MAX_LINES))
+        drawn = np.arange(len(matches)) % step == 0
+        for name, chosen, color in (("inliers", attempt.inliers, _GREEN), ("outliers", ~attempt.inliers, _RED)):
             rec.log(
                 f"pairs/image/{name}",
-                rr.LineStrips2D(lines[chosen], colors=[(*color, 150)], radii=rr.Radius.ui_points(0.5)),
+                rr.LineStrips2D(matches[chosen & drawn], colors=[(*color, 150)], radii=rr.Radius.ui_points(0.5)),
             )
-            ends = lines[chosen].reshape(-1, 2)
             rec.log(
                 f"pairs/image/{name}/points",
-                rr.Points2D(ends, colors=[color], radii=rr.Radius.ui_points(1.5)),
+                rr.Points2D(matches[chosen].reshape(-1, 2), colors=[color], radii=rr.Radius.ui_points(1.5)),
             )
+
+
+def _dashes(positions: Floats) -> list[Floats]:
+    """Every other piece of a path cut into pieces of one length."""
+    lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    cuts = np.linspace(0, along[-1], 2 * _DASHES)
+    dashes = []
+    for begin, end in cuts.reshape(-1, 2):
+        # The corners in between belong to a dash too.
+        at = np.concatenate([[begin], along[(along > begin) & (along < end)], [end]])
+        dashes.append(np.stack([np.interp(at, along, column) for column in positions.T], axis=1))
+    return dashes
 
 
 def _transform(pose: Pose) -> Any:
     import rerun as rr
 
     return rr.Transform3D(translation=pose.t, mat3x3=pose.R)
-
-
-def _reduced_shape(height: int, width: int, long_side_px: int) -> tuple[int, int]:
-    factor = min(1.0, long_side_px / max(height, width))
-    return round(height * factor), round(width * factor)
-
-
-def _reduced(image: Image, long_side_px: int) -> Image:
-    """The image with at most so many pixels on its longer side."""
-    import cv2
-
-    height, width = _reduced_shape(image.shape[0], image.shape[1], long_side_px)
-    if (height, width) == image.shape[:2]:
-        return image
-    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
-
-
-def _bgr(image: Image) -> Image:
-    return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
-
-
-def _jpeg(image: Image) -> Any:
-    """The image as rerun takes it compressed. OpenCV encodes several times faster than rerun's own way."""
-    import cv2
-    import rerun as rr
-
-    _, encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    return rr.EncodedImage(contents=encoded.tobytes(), media_type="image/jpeg")

@@ -21,12 +21,24 @@ def attempt_line(attempt: Attempt) -> str:
 
 
 def attempt_markdown(attempt: Attempt) -> str:
-    """The verdict as a heading, the advice, the evidence as a table."""
+    """The verdict as a heading, the advice, what was compared with what, then the rest of the evidence."""
     sign = "accepted" if attempt.verdict == ACCEPTED else f"refused: {attempt.verdict}"
     lines = [f"### {sign}", f"frames {', '.join(map(str, attempt.frames))}", ""]
     if attempt.advice:
         lines += [attempt.advice, ""]
-    return "\n".join(lines + _table("evidence", attempt.evidence))
+    evidence = attempt.evidence
+    gates = {name: gate for gate in evidence if (name := _gated(gate)) in evidence and name != gate}
+    if gates:
+        lines += ["| gate | value | threshold |", "|---|---:|---:|"]
+        lines += [f"| {name} | {_shown(evidence[name])} | {_shown(evidence[gate])} |" for name, gate in gates.items()]
+        lines.append("")
+    rest = {name: value for name, value in evidence.items() if name not in gates and name not in gates.values()}
+    return "\n".join(lines + _table("evidence", rest))
+
+
+def _gated(name: str) -> str:
+    """The evidence that a threshold is for: ``landmarks`` of ``landmarks_gate``, ``matches`` of ``matches_needed``."""
+    return name.replace("_gate", "").removesuffix("_needed")
 
 
 def summary_markdown(summary: Mapping[str, Any]) -> str:

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from test_export import summarize
 from slam_init import recording
 from slam_init.errors import OutputError
 from slam_init.recording import Recorder, RerunRecorder
+from slam_init.recording_layout import SERIES
 from slam_init.recording_text import attempt_markdown, summary_markdown
 from slam_init.types import Keyframe
 
@@ -42,7 +44,8 @@ def tell(recorder, model="pinhole", color=True):
     """A whole run: frames, attempts, a map, a frame after it, a summary."""
     map_ = make_map(model)
     observations = make_observations(map_, model)
-    attempts = make_attempts(map_)
+    evidence = {"parallax_px": 2.5, "direction_bound_deg": 7.0, "direction_bound_deg_gate": 5.0}
+    attempts = [replace(attempt, evidence=attempt.evidence | evidence) for attempt in make_attempts(map_)]
     for i, seen in enumerate(observations):
         recorder.frame(make_frame(seen.frame, seen.timestamp_s, seen.name, color), seen)
         if seen is observations[-1]:
@@ -101,8 +104,9 @@ def test_a_whole_run_is_there_and_the_file_is_sound(tmp_path, model, color):
         "/pairs/image",
         "/pairs/image/inliers",
         "/pairs/verdict",
-        "/stats/tracks",
-        "/stats/deg/parallax_deg",
+        "/stats/counts/tracks",
+        "/stats/parallax/median",
+        "/stats/direction/gate",
         "/stats/bundle/error",
         "/log",
         "/summary",
@@ -127,8 +131,24 @@ def test_the_map_is_there_before_and_after_bundle_adjustment(tmp_path):
 
 def test_the_ground_truth_of_a_perfect_map_lies_on_the_estimate(tmp_path):
     map_ = record(tmp_path / "a.rrd")
-    truth = column(tmp_path / "a.rrd", "/world/trajectory/gt", "LineStrips3D:strips")[0][0]
-    np.testing.assert_allclose(truth, [k.world_from_cam.t for k in map_.keyframes], atol=1e-6)
+    dashes = column(tmp_path / "a.rrd", "/world/trajectory/gt", "LineStrips3D:strips")[0]
+    truth, path = np.concatenate(dashes), np.array([k.world_from_cam.t for k in map_.keyframes])
+    np.testing.assert_allclose([truth[0], truth[-1]], path[[0, -1]], atol=1e-6)
+    off = [min(distance_to_segment(point, a, b) for a, b in pairwise(path)) for point in truth]
+    assert max(off) < 1e-6
+
+
+def distance_to_segment(point, a, b):
+    share = np.clip((point - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+    return np.linalg.norm(a + share * (b - a) - point)
+
+
+def test_a_dashed_path_is_half_drawn_and_keeps_its_corners():
+    corner = np.array([[0.0, 0, 0], [3, 0, 0], [3, 4, 0]])
+    dashes = recording._dashes(corner)
+    lengths = [np.linalg.norm(np.diff(dash, axis=0), axis=1).sum() for dash in dashes]
+    np.testing.assert_allclose(lengths, 7 / (2 * len(dashes) - 1))
+    assert np.isfinite(np.concatenate(recording._dashes(np.zeros((3, 3))))).all()
 
 
 def test_without_ground_truth_there_is_only_the_estimate(tmp_path):
@@ -179,19 +199,32 @@ def test_after_many_frames_images_are_thinned_and_tracks_are_not(tmp_path, monke
         for frame in batch["frame"].to_pylist()
     ]
     assert images == [0, 1, 2, 3, 4, 6, 8, 12]
-    assert len(column(tmp_path / "a.rrd", "/stats/tracks", "Scalars:scalars")) == 15
+    assert len(column(tmp_path / "a.rrd", "/stats/counts/tracks", "Scalars:scalars")) == 15
 
 
 def test_a_pair_of_frames_long_gone_and_one_without_matches_are_drawn_all_the_same(tmp_path):
     attempt = make_attempts(make_map())[0]
     none = np.zeros((0, 2))
     empty = replace(attempt, pixels1=none, pixels2=none, inliers=np.zeros(0, bool))
-    evidence = {"parallax_deg": float("nan"), "kind": "general", "rotation_deg": 2.0}
+    evidence = {"parallax_px": float("nan"), "explained_share": "unknown", "landmarks": 80}
     with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "gaps") as recorder:
         for told in (attempt, empty, replace(empty, evidence=evidence)):
             recorder.attempt(told)
     assert len(column(tmp_path / "a.rrd", "/pairs/image", "EncodedImage:blob")) == 3
-    assert len(column(tmp_path / "a.rrd", "/stats/deg/parallax_deg", "Scalars:scalars")) == 2
+    shown = [series.entity for series in SERIES if f"/{series.entity}" in entities(tmp_path / "a.rrd")]
+    scalars = {entity: column(tmp_path / "a.rrd", f"/{entity}", "Scalars:scalars") for entity in shown}
+    assert {entity: values for entity, values in scalars.items() if values} == {"stats/counts/landmarks": [[80.0]]}
+
+
+def test_a_wide_pair_is_stacked_and_a_tall_one_put_side_by_side(tmp_path):
+    attempt = make_attempts(make_map())[0]
+    for name, height, second in (("wide", 200, (0, 100)), ("tall", 480, (320, 0))):
+        camera = replace(CAMERAS["pinhole"], height=height)
+        with RerunRecorder(tmp_path / f"{name}.rrd", camera, name) as recorder:
+            recorder.attempt(attempt)
+        ends = column(tmp_path / f"{name}.rrd", "/pairs/image/inliers/points", "Points2D:positions")[0]
+        expected = (attempt.pixels2[attempt.inliers] + 0.5) / 2 + second
+        np.testing.assert_allclose(ends[1::2], expected, atol=1e-3)
 
 
 def test_a_path_that_cannot_be_written_is_told_at_once(tmp_path):
@@ -230,4 +263,8 @@ def test_a_verdict_names_what_was_refused_and_what_would_help():
     assert "refused: low_parallax" in refused
     assert "keep translating" in refused
     assert "| parallax_min_deg | 1 |" in refused
+    gated = replace(make_attempts(make_map())[0], evidence={"depth_sigma": 0.2, "depth_sigma_gate": 0.1, "spread": 0.5})
+    assert "| depth_sigma | 0.2 | 0.1 |" in attempt_markdown(gated)
+    assert "| spread | 0.5 |" in attempt_markdown(gated)
+    assert "depth_sigma_gate" not in attempt_markdown(gated)
     assert "accepted" in accepted
