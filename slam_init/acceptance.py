@@ -42,6 +42,10 @@ class Gate:
         """NaN never passes."""
         return self.value >= self.threshold if self.at_least else self.value <= self.threshold
 
+    def lacking(self) -> float:
+        """The factor by which a value that more parallax would lower is beyond its threshold; 1 for other gates."""
+        return 1.0 if self.at_least or not self.value > 0 else self.value / self.threshold
+
 
 def check(
     camera: Camera, candidate: MapCandidate, bundle: BundleSolution, config: AcceptanceConfig

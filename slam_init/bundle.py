@@ -203,16 +203,17 @@ def adjust(camera: Camera, problem: BundleProblem, config: MapConfig) -> BundleS
     if start is None:
         return BundleFailure("no landmark lies in front of the first camera")
     try:
-        robust, errors = _optimize(camera, start, config.noise_px, robust=True, iterations=15)
+        # The robust stage only has to tell the outliers: the last digits are left to the polish.
+        robust, errors = _optimize(camera, start, config.noise_px, robust=True, iterations=8, tolerance=1e-3)
         residuals = robust.residuals(camera)
         noise_px = estimate_noise(robust, residuals, config)
         # NaN, behind a camera, is no inlier.
         inlying = np.asarray(np.linalg.norm(residuals, axis=1) < config.outlier_sigmas * noise_px)
         certain = robust.parallax_rad() > min_parallax_rad(camera, noise_px, config)
-        cleaned = robust.keep(inlying & certain[robust.landmarks])
+        cleaned = robust.keep(np.logical_and(inlying, certain[robust.landmarks]))
         if (failure := _cannot_be_solved(cleaned)) is not None:
             return failure
-        polished, more = _optimize(camera, cleaned, noise_px, robust=False, iterations=20)
+        polished, more = _optimize(camera, cleaned, noise_px, robust=False, iterations=15, tolerance=1e-5)
         final = _scale_to_median_depth(polished)
         if final is None:
             return BundleFailure("no landmark lies in front of the first camera")
@@ -294,7 +295,7 @@ def build_graph(camera: Camera, problem: BundleProblem, noise_px: float, *, robu
 
 
 def _optimize(
-    camera: Camera, problem: BundleProblem, noise_px: float, *, robust: bool, iterations: int
+    camera: Camera, problem: BundleProblem, noise_px: float, *, robust: bool, iterations: int, tolerance: float
 ) -> tuple[BundleProblem, list[float]]:
     import gtsam
 
@@ -306,7 +307,7 @@ def _optimize(
     errors = [rms_px(float(graph.error(values)))]
     params = gtsam.LevenbergMarquardtParams()
     params.setMaxIterations(iterations)
-    params.setRelativeErrorTol(1e-5)
+    params.setRelativeErrorTol(tolerance)
     params.iterationHook = lambda _iteration, _old, new: errors.append(rms_px(float(new)))
     optimum = gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
     if not np.isfinite(graph.error(optimum)):

@@ -73,6 +73,8 @@ class KeyframeConfig:
     #: A pair is tried again when it promises this much more than its last failure: trying each frame costs time and
     #: brings the same answer.
     retry_gain: float = 1.15
+    #: A failure by a wide margin waits for more, but for no more than this: the scene may change.
+    max_retry_gain: float = 3.0
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ class KeyframeManager:
         self._camera = camera
         self._config = config
         self.candidates: list[int] = []
-        self._failed: dict[int, tuple[float, int]] = {}  # reference -> promise and frame of its last failure
+        self._failed: dict[int, tuple[float, int]] = {}  # reference -> promise it needs now, frame of its last failure
 
     def preview(self, history: History, current: Observations) -> list[PairPreview]:
         """Pairs of the candidates with the current frame, the most promising first."""
@@ -114,20 +114,31 @@ class KeyframeManager:
         return sorted(pairs, key=lambda pair: -pair.promise)
 
     def worth_trying(self, pairs: list[PairPreview]) -> PairPreview | None:
-        """The best pair that has not failed with about the same promise before."""
+        """The best pair that promises more than it did when it failed."""
         settings = self._config.keyframes
         for pair in pairs:
             if pair.matches < settings.min_matches:
                 continue
-            promise, frame = self._failed.get(pair.reference, (0.0, pair.current))
+            needed, frame = self._failed.get(pair.reference, (0.0, pair.current))
             aged = pair.current - frame >= settings.new_after_frames
-            if pair.promise >= settings.retry_gain * promise or aged:
+            if pair.promise >= needed or aged:
                 return pair
         return None
 
-    def failed(self, pair: PairPreview) -> None:
-        """Remember that the pair did not lead to a map."""
-        self._failed[pair.reference] = (pair.promise, pair.current)
+    def failed(self, pair: PairPreview, lacking: float = 1.0) -> None:
+        """Remember that the pair did not lead to a map.
+
+        Parameters
+        ----------
+        pair : PairPreview
+        lacking : float
+            Factor by which the worst gate was missed; for the gates that go with the inverse of the parallax the pair
+            has to promise that much more.
+        """
+        settings = self._config.keyframes
+        # Promise and gates are no exact multiples of each other: four fifths of the way are close enough to look again.
+        gain = min(max(settings.retry_gain, 0.8 * lacking), settings.max_retry_gain)
+        self._failed[pair.reference] = (gain * pair.promise, pair.current)
 
     def update(self, current: Observations, pairs: list[PairPreview]) -> None:
         """Let the current frame become a candidate where the newest one grows old, and drop a useless one if full."""

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from quest.epipolar import parallax_angles
 from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
 from slam_init import acceptance
 from slam_init.bundle import BundleSolution
@@ -29,7 +30,7 @@ from slam_init.reasons import ACCEPTED, ADVICE, REASONS
 from slam_init.recording import Recorder, RerunRecorder
 from slam_init.timing import Stopwatch
 from slam_init.tracks import Tracker, common_tracks
-from slam_init.types import Attempt, Frame, InitialMap, Keyframe, Observations, Result, Source
+from slam_init.types import Attempt, Floats, Frame, InitialMap, Keyframe, Observations, Result, Source
 
 __all__ = ["Initializer", "run"]
 
@@ -167,7 +168,7 @@ class Initializer:
         if attempt is None and chosen is not None:
             attempt = self._try(chosen, current)
             if attempt.verdict != ACCEPTED:
-                self.keyframes.failed(chosen)
+                self.keyframes.failed(chosen, float(attempt.evidence.get("lacking", 1.0)))
         if attempt is not None:
             self._remember(attempt)
             if self._accepted is not None:
@@ -222,11 +223,10 @@ class Initializer:
         """Two-view geometry, a map for each hypothesis, the vote, the gates."""
         reference = self.tracker.history[pair.reference]
         i, j = common_tracks(reference, current)
+        m, n = reference.bearings[i], current.bearings[j]
         threshold_rad = self.config.two_view.threshold_px / self.camera.focal_px
         with self.stopwatch("two_view"):
-            pose = estimate_relative_pose(
-                reference.bearings[i], current.bearings[j], threshold_rad=threshold_rad, seed=self.config.seed
-            )
+            pose = estimate_relative_pose(m, n, threshold_rad=threshold_rad, seed=self.config.seed)
         attempt = Attempt(
             frames=(pair.reference, pair.current),
             verdict=ACCEPTED,
@@ -235,9 +235,9 @@ class Initializer:
             pixels2=current.pixels[j],
             inliers=pose.inliers if isinstance(pose, RelativePose) else np.zeros(len(i), bool),
         )
-        verdict = self._two_view_verdict(pose)
+        verdict, evidence = self._two_view_verdict(pose, m, n)
         if verdict != ACCEPTED or not isinstance(pose, RelativePose):
-            return _refused(attempt, verdict)
+            return _refused(attempt, verdict, evidence)
         with self.stopwatch("map"):
             views = further_views(self.tracker.history, reference, current, self.config.map)
             table = table_of(reference, current, views)
@@ -253,7 +253,7 @@ class Initializer:
         if verdict != ACCEPTED:
             return _refused(attempt, verdict)
         verdict, gates = acceptance.check(self.camera, best, best.bundle, self.config.acceptance)
-        evidence = {"reprojection_rmse_px": best.bundle.rmse_px}
+        evidence = {"reprojection_rmse_px": best.bundle.rmse_px, "lacking": max(gate.lacking() for gate in gates)}
         for gate in gates:
             evidence |= {gate.name: gate.value, f"{gate.name}_gate": gate.threshold}
         attempt = replace(attempt, evidence=attempt.evidence | evidence)
@@ -264,18 +264,25 @@ class Initializer:
             self._two_views_only = attempt, best.bundle, pose.kind
         return _refused(attempt, verdict)
 
-    def _two_view_verdict(self, pose: RelativePose | NoPose) -> str:
+    def _two_view_verdict(self, pose: RelativePose | NoPose, m: Floats, n: Floats) -> tuple[str, Evidence]:
+        """What two views alone refuse, before any map is built."""
+        settings = self.config.acceptance
         if isinstance(pose, NoPose):
-            return pose.reason
+            return pose.reason, {}
         if pose.kind == "rotation":
-            return "pure_rotation"
+            return "pure_rotation", {}
         if pose.inliers.mean() < self.config.two_view.min_inlier_share:
-            return "no_consistent_motion"
+            return "no_consistent_motion", {"inlier_share_gate": self.config.two_view.min_inlier_share}
         # Further views and the adjustment bring the uncertainty down by about the square root of their number: a pair
-        # whose single standard deviation is beyond what three of the map may be is too early by far.
-        if np.degrees(pose.direction_sigma_rad) > self.config.acceptance.max_direction_error_deg:
-            return "low_parallax"
-        return ACCEPTED
+        # whose single standard deviation is beyond what three of the map may be is too early by far, and so is one
+        # whose parallax is not above what no average removes.
+        parallax_rms_rad = float(np.sqrt(np.mean(parallax_angles(pose.R, m, n)[pose.inliers] ** 2)))
+        systematic_rad = 1e-3 * settings.systematic_error_mrad / max(parallax_rms_rad, 1e-12)
+        bound_deg = float(np.degrees(max(pose.direction_sigma_rad, systematic_rad)))
+        if bound_deg > settings.max_direction_error_deg:
+            lacking = bound_deg / settings.max_direction_error_deg
+            return "low_parallax", {"two_view_direction_bound_deg": bound_deg, "lacking": lacking}
+        return ACCEPTED, {}
 
     def _vote(self, candidates: list[MapCandidate]) -> tuple[str, Evidence]:
         """Whether the best map is better than each of its rivals, beyond doubt."""

@@ -151,8 +151,9 @@ class Tracker:
         end, found, _ = cv2.calcOpticalFlowPyrLK(
             before, after, start, np.empty_like(start), winSize=window, maxLevel=levels, criteria=criteria
         )
+        # The way back starts where it should end, so it needs no coarse levels.
         back, found_back, _ = cv2.calcOpticalFlowPyrLK(
-            after, before, end, start.copy(), winSize=window, maxLevel=levels, criteria=criteria,
+            after, before, end, start.copy(), winSize=window, maxLevel=1, criteria=criteria,
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         )  # fmt: skip
         height, width = after.shape
