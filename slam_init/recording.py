@@ -65,7 +65,7 @@ __all__ = ["Recorder", "RerunRecorder"]
 _GREEN, _RED, _YELLOW = (60, 200, 90), (230, 70, 70), (255, 200, 40)
 
 #: Images are reduced to this many pixels on their longer side: enough to judge a match by eye, and 300 frames
-#: with their tracks stay below 30 MB. Half of it for each image of a pair and for keyframes in space.
+#: with their tracks stay below 30 MB. Half of it for each image of a pair.
 _LONG_SIDE_PX = 640
 #: Up to this many frames every image is kept; then every second, third, ...: hours must not fill the disk.
 _FRAMES_AT_FULL_RATE = 300
@@ -192,7 +192,8 @@ class RerunRecorder(Recorder):
             rec.log("world/camera/image", jpeg(reduced(frame.image, _LONG_SIDE_PX)))
         self._frames += 1
         if self._frames == 1:
-            self._log_pinhole("world/camera/image", _LONG_SIDE_PX, _YELLOW, _FRUSTUM)
+            # Static: an image without its camera is an error in the map, on every timeline.
+            self._log_pinhole("world/camera/image", _YELLOW, _FRUSTUM, static=True)
 
         self._tails.append(observations)
         oldest = self._tails[0]
@@ -241,10 +242,8 @@ class RerunRecorder(Recorder):
         size = float(np.clip(_FRUSTUM_OF_PATH * path, _SMALLEST_FRUSTUM, _FRUSTUM))
         rec.set_time("stage", sequence=0)
         for view in map_.keyframes:
-            entity = f"world/keyframes/{view.frame}/image"
-            self._log_pinhole(entity, _LONG_SIDE_PX // 2, ESTIMATE_COLOR, size)
-            if view.frame in self._recent:
-                rec.log(entity, jpeg(self._recent[view.frame]))
+            # Without their images, which cover one another on a short path; the pair view shows two of them.
+            self._log_pinhole(f"world/keyframes/{view.frame}", ESTIMATE_COLOR, size)
         stages = ((map_.points_before, map_.keyframes_before), (map_.points, poses_after))
         for stage, (points, poses) in enumerate(stages):
             rec.set_time("stage", sequence=stage)
@@ -286,10 +285,10 @@ class RerunRecorder(Recorder):
         """Raw pixels (..., 2) in the reduced image; rerun has pixel centres at half-integers."""
         return (pixels + 0.5) * self._scale
 
-    def _log_pinhole(self, entity: str, long_side_px: int, color: Color, size: float) -> None:
-        """A frustum for images of that size. Lens distortion is not drawn: the rays at the border are off."""
+    def _log_pinhole(self, entity: str, color: Color, size: float, *, static: bool = False) -> None:
+        """A frustum for reduced images. Lens distortion is not drawn: the rays at the border are off."""
         rr, camera = self._rr, self._camera
-        small = camera.scaled(min(1.0, long_side_px / max(camera.width, camera.height)))
+        small = camera.scaled(self._scale)
         pinhole = rr.Pinhole(
             resolution=[small.width, small.height],
             focal_length=[small.fx, small.fy],
@@ -298,7 +297,7 @@ class RerunRecorder(Recorder):
             color=color,
             line_width=rr.Radius.ui_points(1.0),
         )
-        self._rec.log(entity, pinhole)
+        self._rec.log(entity, pinhole, static=static)
 
     def _log_camera(self, world_from_cam: Pose) -> None:
         self._rec.log("world/camera", _transform(world_from_cam))
@@ -307,9 +306,9 @@ class RerunRecorder(Recorder):
     def _log_path(self, name: str, strips: Sequence[Floats], color: Color) -> None:
         # The view's title names the colours: labels in space cover one another just where the estimate is good.
         rr = self._rr
-        self._rec.log(
-            f"world/trajectory/{name}", rr.LineStrips3D(strips, colors=[color], radii=rr.Radius.ui_points(1.5))
-        )
+        # The broader of two lines at one place is the one that is drawn over the other.
+        width = rr.Radius.ui_points(1.5 if name == "est" else 2.0)
+        self._rec.log(f"world/trajectory/{name}", rr.LineStrips3D(strips, colors=[color], radii=width))
 
     def _log_groundtruth(self, keyframes: Sequence[Keyframe], truth: Trajectory) -> None:
         pairs = [(true, k.world_from_cam) for k in keyframes if (true := truth.at(k.timestamp_s)) is not None]
