@@ -210,7 +210,7 @@ def _real_table(outcomes: Sequence[Outcome]) -> str:
                 number(outcome.rmse_px),
             ]
         )
-    note = "In parentheses: the ground truth does not know the direction of so short a baseline."
+    note = "In parentheses, and not judged: the ground truth does not know the direction of so short a baseline."
     return markdown_table(header, rows) + f"\n\n{note}"
 
 
