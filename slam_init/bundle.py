@@ -208,9 +208,9 @@ def adjust(camera: Camera, problem: BundleProblem, config: MapConfig) -> BundleS
         residuals = robust.residuals(camera)
         noise_px = estimate_noise(robust, residuals, config)
         # NaN, behind a camera, is no inlier.
-        inlying = np.asarray(np.linalg.norm(residuals, axis=1) < config.outlier_sigmas * noise_px)
-        certain = robust.parallax_rad() > min_parallax_rad(camera, noise_px, config)
-        cleaned = robust.keep(np.logical_and(inlying, certain[robust.landmarks]))
+        inlying: Bools = np.asarray(np.linalg.norm(residuals, axis=1) < config.outlier_sigmas * noise_px)
+        certain: Bools = np.asarray(robust.parallax_rad() > min_parallax_rad(camera, noise_px, config))
+        cleaned = robust.keep(inlying & certain[robust.landmarks])
         if (failure := _cannot_be_solved(cleaned)) is not None:
             return failure
         polished, more = _optimize(camera, cleaned, noise_px, robust=False, iterations=15, tolerance=1e-5)

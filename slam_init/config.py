@@ -96,8 +96,8 @@ class MapConfig:
     #: Views in the map besides the pair: enough to tell a plane from its twin and to average the tracks' noise; every
     #: one costs bundle adjustment time.
     max_further_views: int = 4
-    #: Further views are sought where the tracks moved at least this share of their way between the pair: the error of
-    #: a baseline's direction grows with the inverse of its length.
+    #: Further views have at least this share of the pair's baseline, where there are such: the error of a baseline's
+    #: direction grows with the inverse of its length.
     min_motion_share: float = 0.6
     #: A further view must see this many of the map's landmarks.
     min_resected: int = 20

@@ -164,6 +164,10 @@ def build_candidate(
         if inliers.sum() >= config.map.min_resected:
             poses[k] = cam_from_world.inverse()
     agreement = agreeing / seen if seen else float("nan")
+    # The tracks' way is a first guess at the baseline, rotation included; now it is known.
+    share = {k: float(np.linalg.norm(poses[k].t) / np.linalg.norm(poses[1].t)) for k in poses if k > 1}
+    if max(share.values(), default=0.0) >= config.map.min_motion_share:
+        poses = {k: pose for k, pose in poses.items() if share.get(k, 1.0) >= config.map.min_motion_share}
     # In time order: the first view is the world.
     views = sorted(poses, key=lambda k: table.frames[k])
     first_from_world = poses[views[0]].inverse()
