@@ -218,8 +218,9 @@ def adjust(camera: Camera, problem: BundleProblem, config: MapConfig) -> BundleS
         if final is None:
             return BundleFailure("no landmark lies in front of the first camera")
         residuals = final.residuals(camera)
-        if not np.isfinite(residuals).all():
-            final = final.keep(np.isfinite(residuals).all(axis=1))
+        before: Bools = np.asarray(np.isfinite(residuals).all(axis=1))
+        if not before.all():
+            final = final.keep(before)
             if (failure := _cannot_be_solved(final)) is not None:
                 return failure
             residuals = final.residuals(camera)
