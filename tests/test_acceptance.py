@@ -87,6 +87,13 @@ def test_a_value_that_is_no_number_never_passes():
     assert Gate("x", 1.0, 1.0, False, "low_parallax").passes()
 
 
+def test_what_more_parallax_would_lower_tells_how_much_is_lacking():
+    assert Gate("x", 6.0, 3.0, False, "low_parallax").lacking() == 2.0
+    assert Gate("x", 3.0, 3.0, False, "low_parallax").lacking() == 1.0
+    assert Gate("x", 1.0, 3.0, True, "too_few_landmarks").lacking() == 1.0
+    assert Gate("x", float("nan"), 3.0, False, "low_parallax").lacking() == 1.0
+
+
 def test_uncertainty_grows_as_the_baseline_shrinks():
     whole, half = measured(candidate_of(make_poses(4))), measured(candidate_of(shrunk(0.5)))
     # Both go as noise over parallax; the noise is estimated anew from each residual.

@@ -139,3 +139,18 @@ def test_a_failed_pair_waits_until_it_promises_more_or_time_has_passed():
     assert manager.worth_trying([pair(0, 5 + settings.new_after_frames, parallax_px=10)]) is not None
     other = pair(1, 6, parallax_px=5)
     assert manager.worth_trying([pair(0, 6, parallax_px=10), other]) is other
+
+
+def test_a_pair_that_failed_by_far_waits_for_more_than_one_that_failed_just_so():
+    settings = CONFIG.keyframes
+    just, far, hopeless = (KeyframeManager(CAMERA, CONFIG) for _ in range(3))
+    just.failed(pair(0, 5, parallax_px=10), lacking=1.0)
+    far.failed(pair(0, 5, parallax_px=10), lacking=2.5)
+    hopeless.failed(pair(0, 5, parallax_px=10), lacking=float("inf"))
+    little_more = [pair(0, 6, parallax_px=10.1 * settings.retry_gain)]
+    assert just.worth_trying(little_more) is not None
+    assert far.worth_trying(little_more) is None
+    assert far.worth_trying([pair(0, 6, parallax_px=25)]) is not None
+    # The scene may change: there is a promise at which every pair is looked at again.
+    assert hopeless.worth_trying([pair(0, 6, parallax_px=9.9 * settings.max_retry_gain)]) is None
+    assert hopeless.worth_trying([pair(0, 6, parallax_px=10.1 * settings.max_retry_gain)]) is not None

@@ -1,0 +1,106 @@
+"""The README's two set-up commands, and that the integration script runs these and no others, word for word."""
+
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+COMMANDS = ["python -m pip install . && slam-init run", 'python -m pip install ".[test]" && python -m pytest']
+
+#: Stands in for every program that the script may start: notes how it was called, makes what ``-m venv`` would.
+STAND_IN = """#!/bin/sh
+echo "$(basename "$0")${1:+ $*}" >> "$CALLS"
+if [ "$2" = venv ]; then mkdir -p "$3/bin"; : > "$3/bin/activate"; fi
+case "$(basename "$0") $*" in "$FAILING") exit 1;; esac
+"""
+
+
+def readme_of(*commands):
+    lines = "\n".join(commands)
+    return f"# slam-init\n\n```sh\nnot run\n```\n\n## Set up\n\n```sh\n{lines}\n```\n\n## Use\n\n```sh\nnot run\n```\n"
+
+
+def set_up(text):
+    """The commands of the one fenced block below the heading ``Set up``."""
+    section = re.search(r"^## Set up\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL)
+    assert section, "no heading '## Set up'"
+    blocks = re.findall(r"^```sh\n(.*?)^```$", section[1], re.MULTILINE | re.DOTALL)
+    assert len(blocks) == 1, "one fenced sh block below '## Set up'"
+    return blocks[0].splitlines()
+
+
+@pytest.fixture
+def integrate(tmp_path):
+    """Run the script on a README, with stand-ins for all programs: its exit code, and what it called in order."""
+
+    def call(readme, failing=""):
+        for folder in (".ci", "bin"):
+            (tmp_path / folder).mkdir()
+        shutil.copy(ROOT / ".ci" / "run", tmp_path / ".ci" / "run")
+        (tmp_path / "README.md").write_text(readme, encoding="utf-8")
+        for program in ("python", "python3", "slam-init", "ruff", "mypy"):
+            stand_in = tmp_path / "bin" / program
+            stand_in.write_text(STAND_IN)
+            stand_in.chmod(0o755)
+        calls = tmp_path / "calls"
+        calls.touch()
+        environment = os.environ | {
+            "PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}",
+            "TMPDIR": str(tmp_path),
+            "CALLS": str(calls),
+            "FAILING": failing,
+        }
+        done = subprocess.run([tmp_path / ".ci" / "run"], env=environment, capture_output=True, text=True, check=False)
+        return done.returncode, calls.read_text().splitlines()
+
+    return call
+
+
+def called_by(command):
+    """What a command line calls, as the stand-ins note it."""
+    return [part.strip().replace('"', "") for part in command.split("&&")]
+
+
+needs_readme = pytest.mark.skipif(not (ROOT / "README.md").exists(), reason="the README is not written yet")
+
+
+@needs_readme
+def test_the_readme_holds_exactly_the_two_commands():
+    assert set_up((ROOT / "README.md").read_text(encoding="utf-8")) == COMMANDS
+
+
+@needs_readme
+def test_the_script_runs_the_two_commands_of_the_readme_then_lint_and_types(integrate):
+    code, calls = integrate((ROOT / "README.md").read_text(encoding="utf-8"))
+    assert code == 0
+    environment, *called = calls
+    assert environment.startswith("python3 -m venv ")
+    first, second = map(called_by, COMMANDS)
+    assert called[:4] == first + second
+    later = {call.split()[0] for call in called[4:]}
+    assert {"ruff", "mypy"} <= later
+    assert "slam-init" not in later
+
+
+def test_the_script_runs_what_the_readme_says_and_not_what_it_said_before(integrate):
+    code, calls = integrate(readme_of("slam-init run elsewhere", "python -m pytest -x"))
+    assert code == 0
+    assert calls[1:3] == ["slam-init run elsewhere", "python -m pytest -x"]
+    assert not any("not run" in call for call in calls)
+
+
+@pytest.mark.parametrize("commands", [COMMANDS[:1], [*COMMANDS, "slam-init info"], []])
+def test_the_script_refuses_a_readme_with_any_other_number_of_commands(integrate, commands):
+    code, calls = integrate(readme_of(*commands))
+    assert code != 0
+    assert not any(call.startswith(("slam-init", "ruff")) for call in calls)
+
+
+@pytest.mark.parametrize("failing", ["slam-init run", "python -m pytest", "ruff check .", "mypy "])
+def test_the_script_fails_where_a_step_fails(integrate, failing):
+    code, _ = integrate(readme_of(*COMMANDS), failing)
+    assert code != 0
