@@ -1,6 +1,6 @@
 """What a run looked like: a recording for the Rerun viewer, written while the run goes on.
 
-The only module that imports rerun. The pipeline talks to a :class:`Recorder`, which does nothing;
+Only the modules of the recording import rerun. The pipeline talks to a :class:`Recorder`, which does nothing;
 :class:`RerunRecorder` is the same with a file.
 
 ==========================  =======================================================================
