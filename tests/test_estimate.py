@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from quest import Hypothesis, NoPose, RelativePose, estimate_relative_pose
@@ -199,6 +199,7 @@ def test_a_plane_with_outliers_keeps_the_truth(seed):
 
 @settings(deadline=None, max_examples=8)
 @given(seed=SEEDS)
+@example(seed=644)  # its free translation fits the noise so well that the noise looks a third smaller
 def test_a_pure_rotation_with_outliers(seed):
     pose = estimate_relative_pose(*views(box(seed), t=STILL, noise_rad=NOISE_RAD, outliers=0.3, seed=seed))
     assert pose
