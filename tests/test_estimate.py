@@ -197,6 +197,13 @@ def test_a_plane_with_outliers_keeps_the_truth(seed):
     assert any(is_true(motion, rotation_deg=1, direction_deg=5) for motion in (pose, *pose.alternatives))
 
 
+def test_a_plane_is_explained_by_its_twin_as_well():
+    pose = estimate_relative_pose(*views(plane(0), noise_rad=NOISE_RAD, outliers=0.3))
+    (twin,) = pose.alternatives
+    assert np.degrees(rotation_angle(twin.R @ pose.R.T)) > 5
+    assert twin.inliers[pose.inliers].mean() > 0.95
+
+
 @settings(deadline=None, max_examples=8)
 @given(seed=SEEDS)
 @example(seed=644)  # its free translation fits the noise so well that the noise looks a third smaller
