@@ -83,9 +83,10 @@ def direction_bound_deg(bundle: BundleSolution, config: AcceptanceConfig) -> flo
     rolling shutter, blur) tilts a baseline by its ratio to the parallax that it makes, however many tracks there are.
     """
     parallax = bundle.problem.parallax_rad()
-    rms = float(np.sqrt(np.mean(parallax**2)))
+    # The median: a few near or moving things with much parallax do not make up for a scene that has little.
+    median = float(np.median(parallax))
     sigmas_deg, shares = direction_sigmas_deg(bundle)
-    systematic_deg = np.degrees(1e-3 * config.systematic_error_mrad / np.maximum(rms * shares, 1e-12))
+    systematic_deg = np.degrees(1e-3 * config.systematic_error_mrad / np.maximum(median * shares, 1e-12))
     return float(np.max(3 * sigmas_deg + systematic_deg))
 
 

@@ -128,6 +128,9 @@ class AcceptanceConfig:
     #: Share of the pair's tracks that are landmarks in the end: where most of what is seen does not follow the motion,
     #: or has no measurable depth, the motion may be that of something else.
     min_explained: float = 0.5
+    #: A turning camera with a focal length off by up to a tenth must not explain this share of the matches: then there
+    #: may be no translation at all.
+    max_turning_share: float = 0.9
     #: Share of the landmarks' observations by further views that agree with the map.
     min_further_agreement: float = 0.7
 

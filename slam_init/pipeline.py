@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from quest.epipolar import parallax_angles
 from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
 from slam_init import acceptance
 from slam_init.bundle import BundleSolution
+from slam_init.calibration_check import turning_camera
 from slam_init.camera import Camera
 from slam_init.config import Config, config_toml
 from slam_init.continuation import follow
@@ -30,7 +30,7 @@ from slam_init.reasons import ACCEPTED, ADVICE, REASONS
 from slam_init.recording import Recorder, RerunRecorder
 from slam_init.timing import Stopwatch
 from slam_init.tracks import Tracker, common_tracks
-from slam_init.types import Attempt, Floats, Frame, InitialMap, Keyframe, Observations, Result, Source
+from slam_init.types import Attempt, Frame, InitialMap, Keyframe, Observations, Result, Source
 
 __all__ = ["Initializer", "run"]
 
@@ -235,7 +235,7 @@ class Initializer:
             pixels2=current.pixels[j],
             inliers=pose.inliers if isinstance(pose, RelativePose) else np.zeros(len(i), bool),
         )
-        verdict, evidence = self._two_view_verdict(pose, m, n)
+        verdict, evidence = self._two_view_verdict(pose)
         if verdict != ACCEPTED or not isinstance(pose, RelativePose):
             return _refused(attempt, verdict, evidence)
         with self.stopwatch("map"):
@@ -258,13 +258,20 @@ class Initializer:
             evidence |= {gate.name: gate.value, f"{gate.name}_gate": gate.threshold}
         attempt = replace(attempt, evidence=attempt.evidence | evidence)
         if verdict == ACCEPTED:
+            # Two rays that are noisy each, at three standard deviations; what tracks share comes on top.
+            gate_rad = 3 * float(np.sqrt(2)) * pose.noise_rad + 1e-3 * self.config.acceptance.systematic_error_mrad
+            turning = turning_camera(m[pose.inliers], n[pose.inliers], gate_rad)
+            evidence = {"turning_share": turning.explained_share, "turning_focal_factor": turning.focal_factor}
+            attempt = replace(attempt, evidence=attempt.evidence | evidence)
+            if turning.explained_share > self.config.acceptance.max_turning_share:
+                return _refused(attempt, "pure_rotation")
             self._accepted = best.bundle, pose.kind
             return attempt
         if verdict == "no_third_view" and len(table.frames) == 2 and len(candidates) == 1:
             self._two_views_only = attempt, best.bundle, pose.kind
         return _refused(attempt, verdict)
 
-    def _two_view_verdict(self, pose: RelativePose | NoPose, m: Floats, n: Floats) -> tuple[str, Evidence]:
+    def _two_view_verdict(self, pose: RelativePose | NoPose) -> tuple[str, Evidence]:
         """What two views alone refuse, before any map is built."""
         settings = self.config.acceptance
         if isinstance(pose, NoPose):
@@ -276,8 +283,7 @@ class Initializer:
         # Further views and the adjustment bring the uncertainty down by about the square root of their number: a pair
         # whose single standard deviation is beyond what three of the map may be is too early by far, and so is one
         # whose parallax is not above what no average removes.
-        parallax_rms_rad = float(np.sqrt(np.mean(parallax_angles(pose.R, m, n)[pose.inliers] ** 2)))
-        systematic_rad = 1e-3 * settings.systematic_error_mrad / max(parallax_rms_rad, 1e-12)
+        systematic_rad = 1e-3 * settings.systematic_error_mrad / max(pose.parallax_rad, 1e-12)
         bound_deg = float(np.degrees(max(pose.direction_sigma_rad, systematic_rad)))
         if bound_deg > settings.max_direction_error_deg:
             lacking = bound_deg / settings.max_direction_error_deg

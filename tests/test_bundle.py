@@ -46,7 +46,6 @@ def test_exact_observations_leave_no_residual_and_give_the_true_poses(model):
     np.testing.assert_allclose(solution.problem.points, scale * exact.points, atol=1e-4)
 
 
-@pytest.mark.xfail(strict=True, reason="the stiff range factor stops the optimizer at starts a few pixels off")
 def test_starts_that_are_off_by_several_pixels_end_in_the_same_optimum():
     for seed in range(4):
         rng = np.random.default_rng(seed)

@@ -1,0 +1,64 @@
+"""A translation before a plane, or a turning camera whose stated focal length is wrong: a check to tell them apart.
+
+A camera that turns by R, while its focal length is stated wrong by a factor s, shows ``n ~ D R D^-1 m`` with
+``D = diag(1, 1, s)``: in stated bearings a homography of four unknowns. To an estimator that takes the calibration for
+granted it looks like a plane and a translation, with every point in front of both cameras. A real translation is not of
+this form, except where it is too small to be told from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quest.refine import refine_rotation
+from slam_init.types import Floats
+
+__all__ = ["TurningCamera", "turning_camera"]
+
+#: Factors tried: calibrations from memory or from a data sheet are off by up to a tenth.
+_FACTORS = np.linspace(0.9, 1.1, 21)
+
+
+@dataclass(frozen=True)
+class TurningCamera:
+    """The best pure rotation with a free focal length.
+
+    Attributes
+    ----------
+    focal_factor : float
+        The true focal length over the stated one.
+    explained_share : float
+        Share of the matches that it explains within the gate.
+    """
+
+    focal_factor: float
+    explained_share: float
+
+
+def turning_camera(m: Floats, n: Floats, gate_rad: float) -> TurningCamera:
+    """Fit a rotation and a focal factor to matches.
+
+    Parameters
+    ----------
+    m, n : (N, 3) float
+        Bearings under the stated calibration.
+    gate_rad : float
+        A match is explained where its two rays, corrected, differ by less.
+    """
+    best = TurningCamera(1.0, 0.0)
+    R = np.eye(3)
+    for factor in _FACTORS:
+        a, b = (_unit(rays * (1.0, 1.0, factor)) for rays in (m, n))
+        # Wide first: the first fit starts from no rotation at all, the others from their neighbour.
+        for scale_rad in (0.2, 10 * gate_rad, gate_rad):
+            R = refine_rotation(R, a, b, scale_rad, iterations=4)
+        explained = float(np.mean(np.linalg.norm(b - a @ R.T, axis=1) < gate_rad))
+        if explained > best.explained_share:
+            best = TurningCamera(float(factor), explained)
+    return best
+
+
+def _unit(rays: Floats) -> Floats:
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
