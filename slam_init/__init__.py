@@ -1,1 +1,55 @@
-"""Monocular SLAM initialization: from a video to a bundle-adjusted map, on planes too, or a reason why not."""
+"""Monocular SLAM initialization: from a video to a bundle-adjusted map, on planes too, or a reason why not.
+
+The names below are loaded when they are first used, so that ``import slam_init`` and the command line stay quick.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from slam_init.calibration import load_camera
+    from slam_init.camera import Camera
+    from slam_init.config import Config, load_config
+    from slam_init.datasets import open_source
+    from slam_init.errors import SlamInitError
+    from slam_init.export import load_graph
+    from slam_init.pipeline import Initializer, run
+    from slam_init.types import Frame, InitialMap, Result
+
+__all__ = [
+    "Camera",
+    "Config",
+    "Frame",
+    "InitialMap",
+    "Initializer",
+    "Result",
+    "SlamInitError",
+    "load_camera",
+    "load_config",
+    "load_graph",
+    "open_source",
+    "run",
+]
+
+_HOME = {
+    "Camera": "camera",
+    "Config": "config",
+    "Frame": "types",
+    "InitialMap": "types",
+    "Initializer": "pipeline",
+    "Result": "types",
+    "SlamInitError": "errors",
+    "load_camera": "calibration",
+    "load_config": "config",
+    "load_graph": "export",
+    "open_source": "datasets",
+    "run": "pipeline",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(f"slam_init.{_HOME[name]}"), name)
+    raise AttributeError(f"module 'slam_init' has no attribute {name!r}")

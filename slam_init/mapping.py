@@ -205,13 +205,22 @@ def margin(camera: Camera, config: Config, better: MapCandidate, worse: MapCandi
 
 
 def rank(camera: Camera, config: Config, candidates: list[MapCandidate]) -> list[MapCandidate]:
-    """The candidates in order of what they leave unexplained, with one noise level for all; failures last."""
+    """The candidates in order: those that place more views first, then by what they leave unexplained; failures last.
+
+    The order only says which one the margins are asked of: a map that came first by its views and explains the common
+    ones worse decides nothing.
+    """
     solved = [c for c in candidates if isinstance(c.bundle, BundleSolution)]
     failed = [c for c in candidates if not isinstance(c.bundle, BundleSolution)]
     noise_px = min((c.bundle.noise_px for c in solved if isinstance(c.bundle, BundleSolution)), default=1.0)
     frames = set.intersection(*(set(_poses(c)) for c in solved)) if solved else set()
     gate2 = config.map.outlier_sigmas**2
-    return sorted(solved, key=lambda c: float(_track_costs(camera, c, frames, noise_px, gate2).sum())) + failed
+
+    def key(candidate: MapCandidate) -> tuple[int, float]:
+        cost = _track_costs(camera, candidate, frames, noise_px, gate2).sum()
+        return -len(_poses(candidate)), float(cost)
+
+    return sorted(solved, key=key) + failed
 
 
 def same_map(a: MapCandidate, b: MapCandidate) -> bool:
