@@ -65,15 +65,10 @@ def called_by(command):
     return [part.strip().replace('"', "") for part in command.split("&&")]
 
 
-needs_readme = pytest.mark.skipif(not (ROOT / "README.md").exists(), reason="the README is not written yet")
-
-
-@needs_readme
 def test_the_readme_holds_exactly_the_two_commands():
     assert set_up((ROOT / "README.md").read_text(encoding="utf-8")) == COMMANDS
 
 
-@needs_readme
 def test_the_script_runs_the_two_commands_of_the_readme_then_lint_and_types(integrate):
     code, calls = integrate((ROOT / "README.md").read_text(encoding="utf-8"))
     assert code == 0
