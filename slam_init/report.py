@@ -41,6 +41,11 @@ def _map_facts(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("parallax", f"{summary['median_parallax_deg']:.2f} deg (median)"),
         ("reprojection", f"{summary['reprojection_rmse_px']:.2f} px (rms)"),
     ]
+    if continued := summary.get("continued"):
+        located = f"{continued['located']} of {continued['frames']} further frames located"
+        survival = continued["survival_median"]
+        seen = "" if survival is None else f", {survival:.0%} of the landmarks seen (median)"
+        facts.append(("continued", located + seen))
     truth = summary.get("ground_truth")
     if truth:
         named = (
