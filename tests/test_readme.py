@@ -6,6 +6,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parent.parent
@@ -99,3 +100,14 @@ def test_the_script_refuses_a_readme_with_any_other_number_of_commands(integrate
 def test_the_script_fails_where_a_step_fails(integrate, failing):
     code, _ = integrate(readme_of(*COMMANDS), failing)
     assert code != 0
+
+
+def test_the_python_of_the_readme_runs(capsys):
+    pipeline, estimation = re.findall(r"^```python\n(.*?)^```$", (ROOT / "README.md").read_text("utf-8"), re.M | re.S)
+    exec(compile(pipeline, "README.md", "exec"), {})
+    assert "Keyframe(" in capsys.readouterr().out
+    rng = np.random.default_rng(0)
+    points = rng.uniform([-1, -1, 2], [1, 1, 6], size=(100, 3))
+    rays = {"rays1": points, "rays2": points + (0.5, 0, 0), "focal_px": 500.0}
+    exec(compile(estimation, "README.md", "exec"), rays)
+    assert capsys.readouterr().out.startswith("general")
