@@ -108,6 +108,6 @@ def test_the_python_of_the_readme_runs(capsys):
     assert "Keyframe(" in capsys.readouterr().out
     rng = np.random.default_rng(0)
     points = rng.uniform([-1, -1, 2], [1, 1, 6], size=(100, 3))
-    rays = {"rays1": points, "rays2": points + (0.5, 0, 0), "focal_px": 500.0}
+    rays = {"rays1": points, "rays2": points + np.array([0.5, 0, 0]), "focal_px": 500.0}
     exec(compile(estimation, "README.md", "exec"), rays)
     assert capsys.readouterr().out.startswith("general")
