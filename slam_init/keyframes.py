@@ -36,7 +36,7 @@ class PairPreview:
     matches : int
         Common tracks.
     overlap : float
-        Common tracks, as a share of those in the reference.
+        Common tracks, as a share of those in the frame that has more: a frame without features overlaps with nothing.
     motion_px : float
         90th percentile of the displacement of the tracks.
     rotation_deg : float
@@ -83,13 +83,22 @@ def preview_pair(camera: Camera, reference: Observations, current: Observations,
         reference=reference.frame,
         current=current.frame,
         matches=len(i),
-        overlap=len(i) / len(reference),
+        overlap=len(i) / max(len(reference), len(current)),
         motion_px=motion_px,
         rotation_deg=float(np.degrees(rotation_angle(R))),
         parallax_px=float(np.median(left_px)),
         parallax_share=float(np.mean(left_px > gate_px)),
         spread=len(np.unique(cells, axis=0)) / (_GRID[0] * _GRID[1]),
     )
+
+
+@dataclass(frozen=True)
+class _Failure:
+    """What a reference has to wait for: as much promise as ``needed``, or the frame ``again``."""
+
+    needed: float
+    again: int
+    wait: int
 
 
 class KeyframeManager:
@@ -105,7 +114,7 @@ class KeyframeManager:
         self._camera = camera
         self._config = config
         self.candidates: list[int] = []
-        self._failed: dict[int, tuple[float, int]] = {}  # reference -> promise it needs now, frame of its last failure
+        self._failed: dict[int, _Failure] = {}  # by reference
 
     def preview(self, history: History, current: Observations) -> list[PairPreview]:
         """Pairs of the candidates with the current frame, the most promising first."""
@@ -119,9 +128,8 @@ class KeyframeManager:
         for pair in pairs:
             if pair.matches < settings.min_matches:
                 continue
-            needed, frame = self._failed.get(pair.reference, (0.0, pair.current))
-            aged = pair.current - frame >= settings.new_after_frames
-            if pair.promise >= needed or aged:
+            failure = self._failed.get(pair.reference)
+            if failure is None or pair.promise >= failure.needed or pair.current >= failure.again:
                 return pair
         return None
 
@@ -138,7 +146,11 @@ class KeyframeManager:
         settings = self._config.keyframes
         # Promise and gates are no exact multiples of each other: four fifths of the way are close enough to look again.
         gain = min(max(settings.retry_gain, 0.8 * lacking), settings.max_retry_gain)
-        self._failed[pair.reference] = (gain * pair.promise, pair.current)
+        # The views between change even where the promise does not, so a pair is looked at again after a while. Each
+        # time in vain it waits twice as long, else a window of hopeless references would be tried on every frame.
+        last = self._failed.get(pair.reference)
+        wait = settings.new_after_frames if last is None or pair.promise >= last.needed else 2 * last.wait
+        self._failed[pair.reference] = _Failure(gain * pair.promise, pair.current + wait, wait)
 
     def update(self, current: Observations, pairs: list[PairPreview]) -> None:
         """Let the current frame become a candidate where the newest one grows old, and drop a useless one if full."""

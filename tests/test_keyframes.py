@@ -112,6 +112,17 @@ def test_a_candidate_that_promises_is_kept_over_one_that_does_not():
     assert 0 in windows[-1]
 
 
+def test_a_frame_without_features_makes_room_for_the_next():
+    """The first frame after a cut or a dark one shares its few tracks with the next, which has many more."""
+    poor, rich = observe(CAMERA, [Pose.identity()] * 2, cloud(np.random.default_rng(1)))
+    poor = replace(poor, track_ids=poor.track_ids[:5], pixels=poor.pixels[:5], bearings=poor.bearings[:5])
+    manager = KeyframeManager(CAMERA, CONFIG)
+    history = history_of([poor, rich])
+    for current in (poor, rich):
+        manager.update(current, manager.preview(history, current))
+    assert manager.candidates == [0, 1]
+
+
 def test_pairs_come_in_the_order_of_their_promise():
     poses = make_poses(4)
     seen = observe(CAMERA, poses, cloud(np.random.default_rng(2)))
@@ -154,3 +165,22 @@ def test_a_pair_that_failed_by_far_waits_for_more_than_one_that_failed_just_so()
     # The scene may change: there is a promise at which every pair is looked at again.
     assert hopeless.worth_trying([pair(0, 6, parallax_px=9.9 * settings.max_retry_gain)]) is None
     assert hopeless.worth_trying([pair(0, 6, parallax_px=10.1 * settings.max_retry_gain)]) is not None
+
+
+def test_a_pair_that_never_promises_more_is_tried_ever_more_seldom():
+    """A camera that stopped after too short a way: a full window tried in turns would take an attempt a frame."""
+    settings = CONFIG.keyframes
+    manager = KeyframeManager(CAMERA, CONFIG)
+    tried = []
+    for frame in range(1, 64 * settings.new_after_frames):
+        if (chosen := manager.worth_trying([pair(0, frame)])) is not None:
+            manager.failed(chosen)
+            tried.append(frame)
+    waits = np.diff(tried)
+    assert waits[0] == settings.new_after_frames
+    assert (waits[1:] == 2 * waits[:-1]).all()
+    # A promise that grows ends the wait at once, and the next one is short again.
+    more = pair(0, frame + 1, parallax_px=10.1 * settings.retry_gain)
+    assert manager.worth_trying([more]) is more
+    manager.failed(more)
+    assert manager.worth_trying([replace(more, current=more.current + settings.new_after_frames)]) is not None
