@@ -87,6 +87,8 @@ def _read_text(path: Path) -> str:
     try:
         if path.is_dir():
             raise CalibrationError(f"{path}: is a folder: give a calibration file")
+        if path.exists() and not path.is_file():  # a pipe that nobody writes to is waited for without end
+            raise CalibrationError(f"{path}: is no regular file: give a calibration file")
         with path.open("rb") as file:
             data = file.read(_MAX_BYTES + 1)
     except (OSError, ValueError) as error:

@@ -104,8 +104,8 @@ class Camera:
         """The same camera for images resized by ``factor`` (pixel centres at integers)."""
         return replace(
             self,
-            width=round(self.width * factor),
-            height=round(self.height * factor),
+            width=max(1, round(self.width * factor)),
+            height=max(1, round(self.height * factor)),
             fx=self.fx * factor,
             fy=self.fy * factor,
             cx=(self.cx + 0.5) * factor - 0.5,

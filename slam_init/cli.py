@@ -10,12 +10,16 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from slam_init.errors import CalibrationError, OutputError, SlamInitError
+from slam_init.streams import InterruptsNoted, NativeStderrSilenced, complain, fill_closed_streams, tell
 
 if TYPE_CHECKING:
+    from _typeshed import SupportsWrite
+
     from slam_init.camera import Camera
     from slam_init.types import Source
 
@@ -33,6 +37,9 @@ class _UsageError(SlamInitError):
 class _Parser(argparse.ArgumentParser):
     """A parser whose errors are one line, told by :func:`main` like all others."""
 
+    def print_help(self, file: SupportsWrite[str] | None = None) -> None:
+        tell(self.format_help())
+
     def error(self, message: str) -> NoReturn:
         raise _UsageError(f"{message} (see {self.prog} --help)")
 
@@ -44,7 +51,7 @@ class _Version(argparse.Action):
         from importlib.metadata import PackageNotFoundError, version
 
         try:
-            print(f"slam-init {version('slam-init')}")
+            tell(f"slam-init {version('slam-init')}\n")
         except PackageNotFoundError:
             raise _UsageError("the version is known once the package is installed: pip install .") from None
         parser.exit()
@@ -52,6 +59,7 @@ class _Version(argparse.Action):
 
 def entry_point() -> NoReturn:
     """The console script."""
+    fill_closed_streams()
     sys.exit(main())
 
 
@@ -64,20 +72,22 @@ def main(argv: Sequence[str] | None = None) -> int:
         Arguments without the program's name; those of the process by default.
     """
     try:
-        arguments = _parser().parse_args(argv)
-        with _NativeStderrSilenced():
-            code: int = arguments.command(arguments)
-        sys.stdout.flush()
+        with InterruptsNoted() as interrupts:
+            try:
+                arguments = _parser().parse_args(argv)
+                with NativeStderrSilenced():
+                    code: int = arguments.command(arguments)
+            except Exception:
+                # An extension module that is interrupted while it is imported raises an ImportError instead.
+                if interrupts.seen:
+                    raise KeyboardInterrupt from None
+                raise
     except SlamInitError as error:
-        _complain(f"error: {error}")
+        complain(f"error: {error}")
         return _BAD_INPUT
     except KeyboardInterrupt:
-        _complain("interrupted")
+        complain("interrupted")
         return _INTERRUPTED
-    except BrokenPipeError:
-        # Whoever read stdout has seen enough. Python would complain once more when it flushes at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        return _DONE
     except SystemExit as done:  # --help and --version
         return int(done.code or 0)
     return code
@@ -150,8 +160,7 @@ def _run(arguments: argparse.Namespace) -> int:
     _at_least("--max-frames", arguments.max_frames, 1)
     _at_least("--continue", arguments.continue_frames, 0)
     _at_least("--seed", arguments.seed, 0)
-    out = Path(arguments.out).expanduser()
-    _check_out(out)
+    out = _out_folder(arguments.out)
 
     from slam_init.config import load_config
     from slam_init.datasets import open_source
@@ -167,27 +176,36 @@ def _run(arguments: argparse.Namespace) -> int:
         ("the focal length is a guess (1.2 times the longer image side): expect a bent map",) if camera.guessed else ()
     )
 
+    from slam_init.export import remove_older_results, summary_text
     from slam_init.pipeline import run
 
-    _, summary = run(
-        source,
-        camera,
-        config,
-        out=out,
-        start=arguments.start,
-        max_frames=arguments.max_frames,
-        continue_frames=arguments.continue_frames,
-        progress=not arguments.quiet and sys.stderr.isatty(),
-        notes=notes,
-    )
+    new_folder = not out.exists()
+    try:
+        _, summary = run(
+            source,
+            camera,
+            config,
+            out=out,
+            start=arguments.start,
+            max_frames=arguments.max_frames,
+            continue_frames=arguments.continue_frames,
+            progress=not arguments.quiet and sys.stderr.isatty(),
+            notes=notes,
+        )
+    except SlamInitError:
+        if new_folder:
+            with suppress(OSError):  # it is not there, or is not empty
+                out.rmdir()
+        raise
+    except BaseException:  # an interrupt: only the recording is new
+        remove_older_results(out)
+        raise
     if arguments.json:
-        from slam_init.export import summary_text
-
-        sys.stdout.write(summary_text(summary))
+        tell(summary_text(summary))
     elif not arguments.quiet:
         from slam_init.report import report_text
 
-        sys.stdout.write(report_text(summary, out))
+        tell(report_text(summary, out))
     return _DONE if summary["status"] == "initialized" else _NOT_INITIALIZED
 
 
@@ -195,8 +213,7 @@ def _synth(arguments: argparse.Namespace) -> int:
     """``slam-init synth``."""
     _at_least("--frames", arguments.frames, 1)
     _at_least("--seed", arguments.seed, 0)
-    out = Path(arguments.out).expanduser()
-    _check_out(out)
+    out = _out_folder(arguments.out)
     try:
         if out.is_dir() and any(out.iterdir()):
             raise OutputError(f"--out {out} is not empty: give a new or an empty folder")
@@ -218,11 +235,9 @@ def _synth(arguments: argparse.Namespace) -> int:
 
         try:
             write_tum(sequence, out, progress=advance)
-        except BrokenPipeError:
-            raise
         except OSError as error:
             raise OutputError(f"--out {out} cannot be written ({error.strerror or error})") from None
-    sys.stdout.write(f"wrote {len(sequence)} frames of {arguments.scene} to {out}\n")
+    tell(f"wrote {len(sequence)} frames of {arguments.scene} to {out}\n")
     return _DONE
 
 
@@ -236,9 +251,9 @@ def _info(arguments: argparse.Namespace) -> int:
     if arguments.json:
         import json
 
-        sys.stdout.write(json.dumps(info, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+        tell(json.dumps(info, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
     else:
-        sys.stdout.write(describe_text(info))
+        tell(describe_text(info))
     return _DONE
 
 
@@ -260,8 +275,11 @@ def _at_least(option: str, value: int | None, least: int) -> None:
         raise _UsageError(f"{option} is {value}: it must be at least {least}")
 
 
-def _check_out(out: Path) -> None:
-    """Refuse a place that cannot be written before any work is done, without creating anything."""
+def _out_folder(text: str) -> Path:
+    """The folder of ``--out``; a place that cannot be written is refused before any work, nothing is created."""
+    if not text:
+        raise OutputError("--out is empty: give a folder")
+    out = Path(text).expanduser()
     try:
         if out.exists() and not out.is_dir():
             raise OutputError(f"--out {out} is a file: give a folder")
@@ -272,6 +290,7 @@ def _check_out(out: Path) -> None:
         raise OutputError(f"--out {out}: {existing} is a file, not a folder")
     if not os.access(existing, os.W_OK | os.X_OK):
         raise OutputError(f"--out {out}: no permission to write in {existing}")
+    return out
 
 
 def _not_inside_source(out: Path, source: str) -> None:
@@ -280,38 +299,3 @@ def _not_inside_source(out: Path, source: str) -> None:
     # os.path: False, not an error, for names that no file can have.
     if os.path.isdir(folder) and out.resolve() == folder.resolve():  # noqa: PTH112
         raise OutputError(f"--out {out} is the folder of the data: give another one")
-
-
-# -- stderr --------------------------------------------------------------------------------------------
-
-
-def _complain(message: str) -> None:
-    print("slam-init:", " ".join(message.splitlines()), file=sys.stderr)
-
-
-class _NativeStderrSilenced:
-    """While open, what C libraries print on file descriptor 2 goes nowhere; Python's own stderr still works.
-
-    The decoders inside OpenCV describe a broken file in lines of their own, which no log level stops.
-    """
-
-    def __enter__(self) -> None:
-        sys.stderr.flush()
-        self._original = os.dup(2)
-        self._stderr = sys.stderr
-        try:
-            redirect = sys.stderr.fileno() == 2
-        except (OSError, ValueError):  # a stderr that is no file
-            redirect = False
-        if redirect:
-            sys.stderr = os.fdopen(os.dup(2), "w", buffering=1, errors="backslashreplace")
-        null = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(null, 2)
-        os.close(null)
-
-    def __exit__(self, *_: object) -> None:
-        os.dup2(self._original, 2)
-        os.close(self._original)
-        if sys.stderr is not self._stderr:
-            sys.stderr.close()
-            sys.stderr = self._stderr

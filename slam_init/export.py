@@ -10,8 +10,8 @@ A folder holds exactly one run::
     continued.txt               TUM: the frames resected after the initialization
     config.toml                 the resolved configuration
 
-Everything is composed in memory before the first file is touched, each file arrives whole (temporary file,
-then rename), the summary last: a folder with a summary is complete.
+Everything is written beside its place before the first file of an earlier run is touched, then renamed, the
+summary last: a folder with a summary is complete, and a run that fails leaves what was there.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ __all__ = [
     "load_graph",
     "ply_bytes",
     "prepare_folder",
+    "remove_older_results",
     "summary_dict",
     "summary_text",
     "tum_text",
@@ -60,10 +61,7 @@ _FILES = (
 
 
 def prepare_folder(out: Path) -> None:
-    """Make sure that results can be written to a folder, and remove those of an earlier run.
-
-    Call it before the run, so that a wrong path is told at once and an interrupted run leaves no older
-    results beside its recording. Files that a run does not write are left alone.
+    """Make sure, before a run, that results can be written to a folder. What is in it stays.
 
     Parameters
     ----------
@@ -73,7 +71,8 @@ def prepare_folder(out: Path) -> None:
     Raises
     ------
     OutputError
-        Where the path is a file, or the folder cannot be created or written.
+        Where the path is a file, or the folder cannot be created or written, or something else has the name of
+        a result.
     """
     try:
         if out.exists() and not out.is_dir():
@@ -82,7 +81,29 @@ def prepare_folder(out: Path) -> None:
         with tempfile.TemporaryFile(dir=out):
             pass  # only to learn whether a file can be created
         for name in (*_FILES, RECORDING):
-            (out / name).unlink(missing_ok=True)
+            path = out / name
+            if path.is_dir():
+                raise OutputError(f"{path} is a folder where a result belongs: give another --out")
+            if path.parent.exists() and not path.parent.is_dir():
+                raise OutputError(f"{path.parent} is a file where results belong: give another --out")
+    except OSError as error:
+        raise _output_error(out, error) from error
+
+
+def remove_older_results(out: Path) -> None:
+    """Remove results that are older than the recording beside them: an interrupted run has replaced only that.
+
+    Raises
+    ------
+    OutputError
+        Where one cannot be removed.
+    """
+    try:
+        if (out / RECORDING).is_file():
+            recorded = (out / RECORDING).stat().st_mtime_ns
+            for path in (out / name for name in _FILES):
+                if path.is_file() and path.stat().st_mtime_ns < recorded:
+                    path.unlink()
     except OSError as error:
         raise _output_error(out, error) from error
 
@@ -95,7 +116,7 @@ def write_results(
     config_toml: str | None = None,
     continued: Sequence[Keyframe] = (),
 ) -> None:
-    """Write everything but the recording.
+    """Write everything but the recording, all or nothing.
 
     Files of an earlier run that this one does not write are removed.
 
@@ -135,14 +156,21 @@ def write_results(
 
     if out.exists() and not out.is_dir():
         raise OutputError(f"--out {out} is a file: give a folder")
+    temporaries: dict[str, Path] = {}
     try:
         out.mkdir(parents=True, exist_ok=True)
-        for name in _FILES:
-            (out / name).unlink(missing_ok=True)
         for name, content in files.items():
-            _write_whole(out / name, content)
+            temporaries[name] = _write_beside(out / name, content)
+        for name in (_SUMMARY, *_FILES):  # the summary goes first and comes last
+            if name == _SUMMARY or name not in files:
+                (out / name).unlink(missing_ok=True)
+        for name, temporary in temporaries.items():
+            temporary.replace(out / name)
     except OSError as error:
         raise _output_error(out, error) from error
+    finally:  # also after an interrupt: leave no debris
+        for temporary in temporaries.values():
+            temporary.unlink(missing_ok=True)
 
 
 def load_graph(out: Path) -> tuple[Any, Any]:
@@ -302,8 +330,8 @@ def _plain(value: Any, digits: int = 6) -> Any:
     return value
 
 
-def _write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there entirely or not at all."""
+def _write_beside(path: Path, content: bytes) -> Path:
+    """Write a hidden file beside the one that it is to replace."""
     path.parent.mkdir(exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
@@ -313,10 +341,10 @@ def _write_whole(path: Path, content: bytes) -> None:
         umask = os.umask(0)
         os.umask(umask)
         Path(temporary).chmod(0o666 & ~umask)
-        Path(temporary).replace(path)
     except BaseException:  # also an interrupt: leave no debris
         Path(temporary).unlink(missing_ok=True)
         raise
+    return Path(temporary)
 
 
 def _output_error(out: Path, error: OSError) -> OutputError:

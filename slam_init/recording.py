@@ -22,6 +22,7 @@ adjustment), ``ba_iter``. The content depends on the run and its seed alone: no 
 
 from __future__ import annotations
 
+import errno
 import os
 import uuid
 from collections import OrderedDict, deque
@@ -33,7 +34,7 @@ from typing import Any
 import numpy as np
 
 from slam_init.camera import Camera
-from slam_init.errors import OutputError
+from slam_init.errors import OutputError, SlamInitError
 from slam_init.metrics import Similarity, align_poses
 from slam_init.reasons import ACCEPTED
 from slam_init.recording_images import bgr, jpeg, reduced, reduced_shape
@@ -119,6 +120,9 @@ class Recorder:
 class RerunRecorder(Recorder):
     """Writes a ``.rrd`` with its own layout while the run goes on.
 
+    Until it is closed the file is called ``.partial.rrd``, so that what it is to replace is there until then. As a
+    context manager left by an error of input or output it leaves nothing.
+
     Parameters
     ----------
     path : Path
@@ -150,10 +154,15 @@ class RerunRecorder(Recorder):
         import rerun as rr
 
         try:
-            path.write_bytes(b"")  # rerun reports a path that it cannot write from another thread, if at all
+            # rerun reports a path that it cannot write from another thread, if at all
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            partial = path.with_suffix(".partial.rrd")
+            partial.write_bytes(b"")
         except OSError as error:
             raise OutputError(f"cannot write the recording {path}: {error.strerror}: give another --out") from error
         self._rr = rr
+        self._path, self._partial = path, partial
         self._camera = camera
         self._groundtruth = groundtruth
         self._scale = min(1.0, _LONG_SIDE_PX / max(camera.width, camera.height))
@@ -172,7 +181,7 @@ class RerunRecorder(Recorder):
         )
         self._rec.set_log_time_enabled(False)
         self._rec.set_log_tick_enabled(False)
-        self._rec.save(path, default_blueprint=blueprint())
+        self._rec.save(partial, default_blueprint=blueprint())
         self._rec.send_recording_name(f"slam-init {source_name}")
         self._rec.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
         for series in SERIES:
@@ -276,8 +285,20 @@ class RerunRecorder(Recorder):
         self._rec.log("summary", document, static=True)
 
     def close(self) -> None:
-        """Finish the file."""
+        """Finish the file and give it its name."""
         self._rec.disconnect()
+        if self._partial.exists():
+            self._partial.replace(self._path)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close, or after an error of input or output remove the file; what an interrupt cut short is kept."""
+        if isinstance(error, SlamInitError):
+            self._rec.disconnect()
+            self._partial.unlink(missing_ok=True)
+        else:
+            self.close()
 
     # -- parts ------------------------------------------------------------------------------------
 

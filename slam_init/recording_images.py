@@ -15,9 +15,9 @@ _JPEG_QUALITY = 75
 
 
 def reduced_shape(height: int, width: int, long_side_px: int) -> tuple[int, int]:
-    """Height and width with at most so many pixels on the longer side, never more than given."""
+    """Height and width with at most so many pixels on the longer side, never more than given, never none."""
     factor = min(1.0, long_side_px / max(height, width))
-    return round(height * factor), round(width * factor)
+    return max(1, round(height * factor)), max(1, round(width * factor))
 
 
 def reduced(image: Image, long_side_px: int) -> Image:

@@ -1,5 +1,7 @@
 """Every format of a calibration gives the same camera; every broken one is refused in one line."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -305,6 +307,12 @@ def test_missing_file_and_folder(tmp_path):
     for path in (tmp_path / "nothing.yaml", tmp_path, "a\0b"):
         with pytest.raises(CalibrationError):
             load_camera(path)
+
+
+def test_a_pipe_that_nobody_writes_to_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(CalibrationError, match="no regular file"):
+        load_camera(tmp_path / "pipe")
 
 
 def test_unsafe_yaml_runs_nothing(tmp_path):

@@ -3,8 +3,11 @@
 import json
 import os
 import re
+import shlex
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -202,6 +205,8 @@ def test_bad_input_is_one_line_and_exit_code_2_and_writes_nothing(world, pipelin
         (["run", "--out", "file/below"], "file"),
         (["run", IMAGES, *WITH, "--out", IMAGES], "data"),
         (["run", "--out", "a\0b"], "out"),
+        (["run", "--out", ""], "--out is empty"),
+        (["synth", "room", "--out", ""], "--out is empty"),
         (["synth", "room", "--out", "file"], "file"),
         (["synth", "room", "--out", "full"], "not empty"),
     ],
@@ -231,6 +236,42 @@ def test_interruption_is_one_line_and_130(world, pipeline, capfd):
     pipeline.raises = KeyboardInterrupt()
     assert main(["run", IMAGES, *WITH]) == 130
     assert capfd.readouterr() == ("", "slam-init: interrupted\n")
+
+
+def test_an_interrupt_that_an_extension_turns_into_its_own_error_is_130_too(world, monkeypatch, capfd):
+    def import_an_extension(*_, **__):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ImportError("initialization failed") from None
+
+    monkeypatch.setattr(slam_init.pipeline, "run", import_an_extension, raising=False)
+    before = signal.getsignal(signal.SIGINT)
+    assert main(["run", IMAGES, *WITH]) == 130
+    assert capfd.readouterr() == ("", "slam-init: interrupted\n")
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def broken_later(world):
+    folder = world / "broken later"
+    folder.mkdir()
+    for i in range(3):
+        (folder / f"{i}.png").write_bytes((world / IMAGES / f"{i}.png").read_bytes()[: 60 if i == 2 else None])
+
+
+def test_an_error_on_the_way_leaves_no_folder(world, capfd):
+    broken_later(world)
+    assert_refused(main(["run", "broken later", *WITH, "--out", "out"]), capfd, "2.png")
+    assert not (world / "out").exists()
+
+
+def test_an_error_on_the_way_leaves_the_results_of_an_earlier_run(world, capfd):
+    broken_later(world)
+    assert main(["run", IMAGES, *WITH, "--out", "out", "--quiet"]) == 3
+    before = {path.name: path.read_bytes() for path in (world / "out").iterdir()}
+    config = ["--config", "out/config.toml"]
+    assert_refused(main(["run", "broken later", *WITH, "--out", "out", *config]), capfd, "2.png")
+    assert {path.name: path.read_bytes() for path in (world / "out").iterdir()} == before
 
 
 def test_what_decoders_print_is_silenced_but_not_pythons_stderr(world, pipeline, capfd, monkeypatch):
@@ -358,11 +399,33 @@ def test_help_loads_no_heavy_library():
     assert done.stderr == "[]\n"
 
 
-def test_a_closed_pipe_ends_quietly(tmp_path):
-    source = "synth:wall?frames=2&width=96&height=64"
-    code = f"import sys; from slam_init.cli import main; sys.exit(main(['info', '{source}']))"
+INFO = ["info", "synth:wall?frames=2&width=96&height=64"]
+STILL = ["run", "synth:static?frames=2&width=96&height=64", "--out", "out"]
+
+
+@pytest.mark.parametrize(("arguments", "code"), [(INFO, 0), (["--help"], 0), (["--version"], 0), (STILL, 3)])
+def test_a_closed_pipe_ends_quietly_with_the_code_of_the_run(arguments, code):
     read, write = os.pipe()
     os.close(read)
-    done = subprocess.run([sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, text=True)
+    command = [sys.executable, "-m", "slam_init", *arguments]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True)
     os.close(write)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr) == (code, "")
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_a_run_without_standard_streams_is_the_same_run(tmp_path, closed):
+    command = f"{shlex.quote(sys.executable)} -m slam_init {shlex.join(STILL)} {closed}"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (3, "")
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["frames_read"] == 2
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_stdout_is_one_line():
+    command = [sys.executable, "-m", "slam_init", *INFO]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith("slam-init: error: cannot write to standard output")
+    assert len(done.stderr.splitlines()) == 1

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import tempfile
 from dataclasses import dataclass, replace
 
 import gtsam
@@ -14,7 +16,14 @@ from make_map import CAMERAS, make_map, make_result
 
 from slam_init.camera import Camera
 from slam_init.errors import OutputError, SourceError
-from slam_init.export import load_graph, prepare_folder, summary_dict, summary_text, write_results
+from slam_init.export import (
+    load_graph,
+    prepare_folder,
+    remove_older_results,
+    summary_dict,
+    summary_text,
+    write_results,
+)
 
 FILES_WITH_MAP = {
     "summary.json",
@@ -64,12 +73,54 @@ def test_a_run_without_a_map_leaves_nothing_of_an_earlier_run_but_foreign_files(
     assert write(tmp_path, make_result(None, "static_camera")) == {"summary.json", "notes.md"}
 
 
-def test_preparing_removes_an_earlier_run_with_its_recording(tmp_path):
+def contents(folder):
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_preparing_changes_nothing(tmp_path):
     write(tmp_path, make_result(make_map()))
     (tmp_path / "recording.rrd").write_bytes(b"old")
-    (tmp_path / "notes.md").write_text("mine")
+    before = contents(tmp_path)
     prepare_folder(tmp_path)
-    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["notes.md"]
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("recording_is_newer", [True, False])
+def test_an_interrupted_run_leaves_no_older_results_beside_its_recording(tmp_path, recording_is_newer):
+    write(tmp_path, make_result(make_map()))
+    for name in ("recording.rrd", "notes.md"):
+        (tmp_path / name).write_bytes(b"")
+    for name in FILES_WITH_MAP | {"notes.md"}:
+        os.utime(tmp_path / name, (1000, 1000))
+    os.utime(tmp_path / "recording.rrd", (1001, 1001) if recording_is_newer else (999, 999))
+    remove_older_results(tmp_path)
+    kept = {"recording.rrd", "notes.md"}
+    assert set(contents(tmp_path)) == (kept if recording_is_newer else kept | FILES_WITH_MAP)
+
+
+@pytest.mark.parametrize("taken", ["summary.json/mine", "recording.rrd/mine", "colmap"])
+def test_a_place_of_a_result_that_is_taken_is_told_before_the_run(tmp_path, taken):
+    (tmp_path / taken).parent.mkdir(exist_ok=True)
+    (tmp_path / taken).write_text("mine")
+    with pytest.raises(OutputError, match="give another --out"):
+        prepare_folder(tmp_path)
+    assert contents(tmp_path) == {taken: b"mine"}
+
+
+def test_a_disk_that_fills_up_leaves_the_results_of_the_earlier_run(tmp_path, monkeypatch):
+    write(tmp_path, make_result(make_map()))
+    before = contents(tmp_path)
+    mkstemp = tempfile.mkstemp
+
+    def full(dir, prefix):
+        if "values" in prefix:
+            raise OSError(28, "No space left on device")
+        return mkstemp(dir=dir, prefix=prefix)
+
+    monkeypatch.setattr(tempfile, "mkstemp", full)
+    with pytest.raises(OutputError, match="No space left on device"):
+        write(tmp_path, make_result(make_map(noise_px=0.1)))
+    assert contents(tmp_path) == before
 
 
 def test_evo_reads_the_keyframes_with_the_time_stamps_of_the_source(tmp_path):

@@ -26,8 +26,10 @@ from rerun.chunk import RrdReader
 from test_export import summarize
 
 from slam_init import recording
-from slam_init.errors import OutputError
+from slam_init.camera import Camera
+from slam_init.errors import OutputError, SourceError
 from slam_init.recording import Recorder, RerunRecorder
+from slam_init.recording_images import reduced
 from slam_init.recording_layout import SERIES
 from slam_init.recording_text import attempt_markdown, summary_markdown
 from slam_init.types import Keyframe
@@ -240,6 +242,27 @@ def test_the_null_recorder_takes_the_same_calls_and_leaves_nothing(tmp_path, mon
     for name, method in inspect.getmembers(Recorder, inspect.isfunction):
         if name in vars(RerunRecorder) and name != "__init__":
             assert inspect.signature(method) == inspect.signature(getattr(RerunRecorder, name))
+
+
+@pytest.mark.parametrize("error", [SourceError("frame 7: cut off"), KeyboardInterrupt()])
+def test_an_error_leaves_the_earlier_recording_and_an_interrupt_what_there_is(tmp_path, error):
+    path = tmp_path / "a.rrd"
+    path.write_bytes(b"old")
+    with pytest.raises(type(error)), RerunRecorder(path, CAMERAS["pinhole"], "arc"):
+        assert path.read_bytes() == b"old"
+        raise error
+    assert [file.name for file in tmp_path.iterdir()] == ["a.rrd"]
+    if isinstance(error, SourceError):
+        assert path.read_bytes() == b"old"
+    else:
+        assert rerun_tool("verify", path).returncode == 0
+
+
+@pytest.mark.parametrize("size", [(640, 1), (1, 5000)])
+def test_an_image_of_one_line_is_reduced_to_one_line(size):
+    camera = Camera("pinhole", *size, 500, 500, 0, 0).scaled(0.1)
+    image = reduced(np.zeros(size[::-1], np.uint8), 64)
+    assert min(camera.width, camera.height) == 1 == min(image.shape)
 
 
 def test_a_recording_can_be_closed_twice(tmp_path):
