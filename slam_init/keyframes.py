@@ -23,6 +23,13 @@ __all__ = ["KeyframeManager", "PairPreview", "preview_pair"]
 
 #: The spread of the tracks is counted on this grid of the image.
 _GRID = (8, 6)
+#: A pair that fails again and again waits no longer than this many times the first wait: after some seconds of video
+#: the rest of the scene may have changed.
+_LONGEST_WAIT = 8
+#: Two frames that share half of their tracks see the same scene.
+_SAME_SCENE = 0.5
+#: Tracks drift, and drift looks like parallax: after 600 frames of pure rotation, a tenth of them was off by 2 px.
+_OLDEST_FRAMES = 300
 
 
 @dataclass(frozen=True)
@@ -148,22 +155,25 @@ class KeyframeManager:
         gain = min(max(settings.retry_gain, 0.8 * lacking), settings.max_retry_gain)
         # The views between change even where the promise does not, so a pair is looked at again after a while. Each
         # time in vain it waits twice as long, else a window of hopeless references would be tried on every frame.
-        last = self._failed.get(pair.reference)
-        wait = settings.new_after_frames if last is None or pair.promise >= last.needed else 2 * last.wait
+        last, wait = self._failed.get(pair.reference), settings.new_after_frames
+        if last is not None and pair.promise < last.needed:
+            wait = min(2 * last.wait, _LONGEST_WAIT * settings.new_after_frames)
         self._failed[pair.reference] = _Failure(gain * pair.promise, pair.current + wait, wait)
 
     def update(self, current: Observations, pairs: list[PairPreview]) -> None:
-        """Let the current frame become a candidate where the newest one grows old, and drop a useless one if full."""
+        """Let the current frame become a candidate where the newest one grows old, and drop useless ones."""
         settings = self._config.keyframes
         if self.candidates:
             newest = max(self.candidates)
             to_newest = next(pair for pair in pairs if pair.reference == newest)
             if to_newest.overlap >= settings.new_overlap and current.frame - newest < settings.new_after_frames:
                 return
-        self.candidates.append(current.frame)
-        if len(self.candidates) > settings.window:
-            # A candidate that lost its tracks is of no use any more; else the one that promises least.
-            by_use = sorted(pairs, key=lambda p: (p.matches >= settings.min_matches, p.promise, -p.reference))
-            dropped = by_use[0].reference
-            self.candidates.remove(dropped)
-            self._failed.pop(dropped, None)
+            # It sees what its neighbour saw: what was not enough there is not enough here.
+            if newest in self._failed and to_newest.overlap >= _SAME_SCENE:
+                self._failed[current.frame] = self._failed[newest]
+        # A candidate that lost its tracks is of no use any more; next goes the one that promises least.
+        by_use = sorted(pairs, key=lambda p: (p.matches >= settings.min_matches, p.promise, -p.reference))
+        dropped = {p.reference for p in by_use[: max(len(pairs) + 1 - settings.window, 0)]}
+        dropped |= {frame for frame in self.candidates if current.frame - frame > _OLDEST_FRAMES}
+        self.candidates = [*(frame for frame in self.candidates if frame not in dropped), current.frame]
+        self._failed = {frame: failure for frame, failure in self._failed.items() if frame in self.candidates}

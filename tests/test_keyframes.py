@@ -112,6 +112,33 @@ def test_a_candidate_that_promises_is_kept_over_one_that_does_not():
     assert 0 in windows[-1]
 
 
+def test_no_candidate_grows_so_old_that_its_tracks_have_drifted():
+    """Drift looks like parallax, so the promise alone would keep the oldest frame for ever."""
+    moved = Pose(np.eye(3), np.array([0.1, 0, 0]))
+    windows = drive([Pose.identity()] + [moved] * 350)
+    assert 0 in windows[250]
+    assert all(frame - min(window) <= 300 + CONFIG.keyframes.new_after_frames for frame, window in enumerate(windows))
+
+
+def test_a_new_candidate_waits_for_what_its_neighbour_lacked():
+    """Each candidate of a window sees the same scene: one failure is not repeated for each of them."""
+    settings = CONFIG.keyframes
+    manager = KeyframeManager(CAMERA, CONFIG)
+    first = 100
+    manager.update(replace(observe(CAMERA, [Pose.identity()], cloud(np.random.default_rng(1)))[0], frame=first), [])
+    manager.failed(pair(first, first + 9))
+    second = first + settings.new_after_frames
+    current = replace(observe(CAMERA, [Pose.identity()], cloud(np.random.default_rng(1)))[0], frame=second)
+    manager.update(current, [pair(first, second)])
+    assert manager.candidates == [first, second]
+    assert manager.worth_trying([pair(second, second + 1)]) is None
+    assert manager.worth_trying([pair(second, second + 1, parallax_px=10.1 * settings.retry_gain)]) is not None
+    # Another scene is another matter.
+    third = second + settings.new_after_frames
+    manager.update(replace(current, frame=third), [replace(pair(k, third), overlap=0.1) for k in manager.candidates])
+    assert manager.worth_trying([pair(third, third + 1)]) is not None
+
+
 def test_a_frame_without_features_makes_room_for_the_next():
     """The first frame after a cut or a dark one shares its few tracks with the next, which has many more."""
     poor, rich = observe(CAMERA, [Pose.identity()] * 2, cloud(np.random.default_rng(1)))
@@ -178,7 +205,8 @@ def test_a_pair_that_never_promises_more_is_tried_ever_more_seldom():
             tried.append(frame)
     waits = np.diff(tried)
     assert waits[0] == settings.new_after_frames
-    assert (waits[1:] == 2 * waits[:-1]).all()
+    # Doubled each time, up to a few seconds of video.
+    assert (waits[1:] == np.minimum(2 * waits[:-1], 8 * settings.new_after_frames)).all()
     # A promise that grows ends the wait at once, and the next one is short again.
     more = pair(0, frame + 1, parallax_px=10.1 * settings.retry_gain)
     assert manager.worth_trying([more]) is more
