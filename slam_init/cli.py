@@ -192,13 +192,12 @@ def _run(arguments: argparse.Namespace) -> int:
             progress=not arguments.quiet and sys.stderr.isatty(),
             notes=notes,
         )
-    except SlamInitError:
+    except BaseException as error:
+        if not isinstance(error, SlamInitError):  # an interrupt: only the recording is new
+            remove_older_results(out)
         if new_folder:
             with suppress(OSError):  # it is not there, or is not empty
                 out.rmdir()
-        raise
-    except BaseException:  # an interrupt: only the recording is new
-        remove_older_results(out)
         raise
     if arguments.json:
         tell(summary_text(summary))
@@ -251,7 +250,7 @@ def _info(arguments: argparse.Namespace) -> int:
     if arguments.json:
         import json
 
-        tell(json.dumps(info, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+        tell(json.dumps(info, indent=2, allow_nan=False) + "\n")
     else:
         tell(describe_text(info))
     return _DONE
@@ -281,6 +280,7 @@ def _out_folder(text: str) -> Path:
         raise OutputError("--out is empty: give a folder")
     out = Path(text).expanduser()
     try:
+        str(out).encode()
         if out.exists() and not out.is_dir():
             raise OutputError(f"--out {out} is a file: give a folder")
         existing = next(parent for parent in (out, *out.resolve().parents) if parent.exists())

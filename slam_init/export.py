@@ -144,7 +144,9 @@ def write_results(
         files["trajectory.txt"] = tum_text(result.map.keyframes).encode()
         files["map.ply"] = ply_bytes(result.map)
         files |= {
-            name: text.encode() for name, text in zip(COLMAP_FILES, colmap_model(result.map, camera), strict=True)
+            # Names of images as the file system has them, Unicode or not.
+            name: text.encode("utf-8", "surrogateescape")
+            for name, text in zip(COLMAP_FILES, colmap_model(result.map, camera), strict=True)
         }
         files[_GRAPH] = result.map.graph.serialize().encode()
         files[_VALUES] = result.map.values.serialize().encode()
@@ -277,8 +279,8 @@ def summary_dict(
 
 
 def summary_text(summary: Mapping[str, Any]) -> str:
-    """The summary as JSON, indented, with a final newline."""
-    return json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    """The summary as JSON in ASCII, which any stream takes, indented, with a final newline."""
+    return json.dumps(summary, indent=2, allow_nan=False) + "\n"
 
 
 def tum_text(keyframes: Sequence[Keyframe]) -> str:

@@ -153,6 +153,8 @@ class RerunRecorder(Recorder):
         os.environ.setdefault("RERUN_ANALYTICS", "false")
         import rerun as rr
 
+        # Takes half a second the first time; an interrupt in it must not find the file begun.
+        layout = blueprint()
         try:
             # rerun reports a path that it cannot write from another thread, if at all
             if path.is_dir():
@@ -175,13 +177,14 @@ class RerunRecorder(Recorder):
 
         batching = rr.ChunkBatcherConfig.NEVER()
         batching.flush_num_bytes = _CHUNK_BYTES
+        source_name = _unicode(source_name)
         identity = uuid.uuid5(uuid.NAMESPACE_URL, f"slam-init/{source_name}/{seed}")
         self._rec = rr.RecordingStream(
             "slam_init", recording_id=identity, send_properties=False, batcher_config=batching
         )
         self._rec.set_log_time_enabled(False)
         self._rec.set_log_tick_enabled(False)
-        self._rec.save(partial, default_blueprint=blueprint())
+        self._rec.save(partial, default_blueprint=layout)
         self._rec.send_recording_name(f"slam-init {source_name}")
         self._rec.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
         for series in SERIES:
@@ -281,7 +284,7 @@ class RerunRecorder(Recorder):
     def summary(self, summary: Mapping[str, Any]) -> None:
         """Log the summary as a table, without the times that no two runs share."""
         rr = self._rr
-        document = rr.TextDocument(summary_markdown(summary), media_type=rr.MediaType.MARKDOWN)
+        document = rr.TextDocument(_unicode(summary_markdown(summary)), media_type=rr.MediaType.MARKDOWN)
         self._rec.log("summary", document, static=True)
 
     def close(self) -> None:
@@ -384,6 +387,11 @@ def _dashes(positions: Floats) -> list[Floats]:
         at = np.concatenate([[begin], along[(along > begin) & (along < end)], [end]])
         dashes.append(np.stack([np.interp(at, along, column) for column in positions.T], axis=1))
     return dashes
+
+
+def _unicode(text: str) -> str:
+    """Text with names as rerun takes it; file systems allow names that are no Unicode."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def _transform(pose: Pose) -> Any:

@@ -38,7 +38,9 @@ def tell(text: str) -> None:
         Where it cannot be written for another reason.
     """
     try:
-        sys.stdout.write(text)
+        # Names hold letters that not every stream takes.
+        encoding = sys.stdout.encoding or "utf-8"
+        sys.stdout.write(text.encode(encoding, "backslashreplace").decode(encoding))
         sys.stdout.flush()
     except BrokenPipeError:
         _drop_stdout()

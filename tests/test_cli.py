@@ -104,6 +104,7 @@ def world(tmp_path, images):
         "file": "a file",
         "garbage.mp4": b"\0\1\2garbage" * 500,
         "empty.mp4": b"",
+        "\udcff.mp4": b"",
         "cut/0.png": (images / "0.png").read_bytes()[:60],
         "full/something": "x",
         "empty/images/.keep": "",
@@ -143,6 +144,7 @@ BAD = {
     "empty folder": (["run", "empty"], "no sequence"),
     "text file": (["run", "file"], "video"),
     "garbage video": (["run", "garbage.mp4"], "garbage.mp4"),
+    "video of no Unicode name": (["run", "\udcff.mp4"], "rename"),
     "empty video": (["run", "empty.mp4"], "empty.mp4"),
     "one image": (["run", f"{IMAGES}/0.png"], "folder"),
     "unreadable image": (["run", "cut", *WITH], "0.png"),
@@ -206,6 +208,7 @@ def test_bad_input_is_one_line_and_exit_code_2_and_writes_nothing(world, pipelin
         (["run", IMAGES, *WITH, "--out", IMAGES], "data"),
         (["run", "--out", "a\0b"], "out"),
         (["run", "--out", ""], "--out is empty"),
+        (["run", "--out", "\udcff"], "out"),
         (["synth", "room", "--out", ""], "--out is empty"),
         (["synth", "room", "--out", "file"], "file"),
         (["synth", "room", "--out", "full"], "not empty"),
@@ -250,6 +253,16 @@ def test_an_interrupt_that_an_extension_turns_into_its_own_error_is_130_too(worl
     assert main(["run", IMAGES, *WITH]) == 130
     assert capfd.readouterr() == ("", "slam-init: interrupted\n")
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_an_interrupt_before_the_first_frame_leaves_no_folder(world, monkeypatch, capfd):
+    def prepare(*_, out, **__):
+        out.mkdir()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(slam_init.pipeline, "run", prepare, raising=False)
+    assert main(["run", IMAGES, *WITH, "--out", "out"]) == 130
+    assert not (world / "out").exists()
 
 
 def broken_later(world):
@@ -332,6 +345,20 @@ def test_json_is_the_summary_and_nothing_else(world, pipeline, capfd, summary, c
     assert main(["run", IMAGES, *WITH, "--json", *quiet]) == code
     out, err = capfd.readouterr()
     assert json.loads(out) == summary and err == ""
+
+
+def test_names_that_no_stream_takes_are_told_all_the_same(world, capfd):
+    (world / IMAGES).rename(world / "\udcff ü")
+    for image in (world / "\udcff ü").iterdir():
+        image.rename(image.with_name(f"\udcff{image.name}"))
+    source = ["\udcff ü", *WITH]
+    assert main(["run", *source, "--json", "--out", "out"]) == 3
+    out, err = capfd.readouterr()
+    assert err == ""
+    assert out.isascii() and out == (world / "out" / "summary.json").read_text()
+    assert json.loads(out)["source"]["name"] == "\udcff ü"
+    assert main(["info", *source]) == 0
+    assert "\\udcff ü (images)" in capfd.readouterr().out
 
 
 def test_report_of_a_map(world, pipeline, capsys):

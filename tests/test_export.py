@@ -66,6 +66,13 @@ def test_a_folder_holds_the_documented_files_and_no_debris(tmp_path):
     assert written == FILES_WITH_MAP | {"config.toml", "continued.txt"}
 
 
+def test_images_of_no_unicode_name_are_named_as_the_file_system_does(tmp_path):
+    map_ = make_map()
+    first = replace(map_.keyframes[0], name="\udcff.png")
+    write(tmp_path, make_result(replace(map_, keyframes=(first, *map_.keyframes[1:]))))
+    assert b" 1 \xff.png\n" in (tmp_path / "colmap" / "images.txt").read_bytes()
+
+
 def test_a_run_without_a_map_leaves_nothing_of_an_earlier_run_but_foreign_files(tmp_path):
     map_ = make_map()
     write(tmp_path, make_result(map_), continued=map_.keyframes)

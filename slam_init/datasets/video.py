@@ -128,6 +128,10 @@ def open_video(path: Path) -> VideoSource:
 def _capture(path: Path) -> cv2.VideoCapture:
     import cv2
 
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:  # OpenCV crashes
+        raise SourceError(f"{path}: rename the video, its name is no Unicode in this locale") from None
     # OpenCV reads a name with a % as a pattern of image names.
     if "%" in path.name:
         raise SourceError(f"{path}: rename the video, OpenCV cannot open names that hold a %")
