@@ -13,9 +13,11 @@ YAML goes through PyYAML's safe loader only; its tags ``!!opencv-matrix`` are re
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from slam_init.calibration_formats import parse_colmap, parse_mapping
 from slam_init.camera import Camera
@@ -30,6 +32,10 @@ GUESS = "guess"
 # by mistake must not hang the parser, whose time grows with the square of the depth.
 _MAX_BYTES = 200_000
 _MAX_DEPTH = 20
+
+# Share of an image that a lens model must reach: a fisheye of 220 degrees reaches half of it with the rays that are in
+# use (89 degrees); a slip in a coefficient leaves a spot in the middle.
+_MIN_REACHED = 0.2
 
 
 def guess_camera(image_size: tuple[int, int]) -> Camera:
@@ -71,7 +77,19 @@ def load_camera(path: str | Path, image_size: tuple[int, int] | None = None) -> 
             f"{path}: calibration is for {ours} images, but these are {theirs}: "
             f"give the calibration of these, or scale fx, fy, cx, cy if they are resized"
         )
+    _check_reach(path, camera)
     return camera
+
+
+def _check_reach(path: Path, camera: Camera) -> None:
+    """Refuse distortion coefficients that leave most of the image without rays."""
+    grid = np.stack(np.meshgrid(np.linspace(0, camera.width - 1, 21), np.linspace(0, camera.height - 1, 21)), axis=-1)
+    reached = float(np.isfinite(camera.normalize(grid.reshape(-1, 2))).all(axis=1).mean())
+    if reached < _MIN_REACHED:
+        raise CalibrationError(
+            f"{path}: distortion {list(camera.distortion)} gives rays to {100 * reached:.0f} % of the image only: "
+            "check its coefficients and their order"
+        )
 
 
 def load_yaml(path: Path) -> Any:
@@ -122,7 +140,14 @@ def _parse_yaml(text: str) -> Any:
     import yaml
 
     class Loader(yaml.SafeLoader):
-        """The safe loader, for files of OpenCV too."""
+        """The safe loader, for files of OpenCV too; a key that is given two values is an error, as YAML wants it."""
+
+        def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+            given: dict[str, object] = {}
+            for key, value in node.value:
+                if isinstance(key, yaml.ScalarNode) and given.setdefault(key.value, value.value) != value.value:
+                    raise yaml.constructor.ConstructorError(None, None, f"{key.value} is given twice", key.start_mark)
+            return super().construct_mapping(node, deep)
 
     def construct_matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> Any:
         return loader.construct_mapping(node, deep=True)

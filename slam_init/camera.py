@@ -28,6 +28,14 @@ _SOLVED = 1e-10
 # Rays are kept on the plane z = 1, which ends at 90 degrees.
 _MAX_FISHEYE_ANGLE_RAD = math.radians(89.0)
 
+# Focal lengths in units of the longer side: a fisheye of 180 degrees has 0.3, a telescope 100. Beyond this range it is
+# the unit that is wrong (metres, a fraction of the width), and numbers overflow further on.
+_FOCAL_RANGE = (0.01, 1000.0)
+# Principal points in units of the longer side from the centre: crops move it, but not that far.
+_MAX_OFFSET = 10.0
+# Anamorphic lenses squeeze by 2; more is a slip in the decimal point.
+_MAX_ASPECT = 5.0
+
 _DISTORTION_SIZES = {"pinhole": (0,), "radtan": (4, 5), "fisheye": (4,)}
 
 
@@ -51,7 +59,8 @@ class Camera:
     Raises
     ------
     CalibrationError
-        Where a number is not finite, a focal length not positive, a size not positive, a model unknown.
+        Where a number is not finite or beyond what lenses have, a focal length not positive, a size not positive, a
+        model unknown.
     """
 
     model: str
@@ -77,6 +86,7 @@ class Camera:
                 raise CalibrationError(f"principal point {name} is {value!r}: it must be a finite number of pixels")
         if self.width <= 0 or self.height <= 0:
             raise CalibrationError(f"image size {self.width}x{self.height}: both sides must be positive")
+        self._check_plausible()
         if len(self.distortion) not in _DISTORTION_SIZES[self.model]:
             allowed = " or ".join(str(n) for n in _DISTORTION_SIZES[self.model])
             raise CalibrationError(
@@ -84,6 +94,22 @@ class Camera:
             )
         if not all(math.isfinite(k) for k in self.distortion):
             raise CalibrationError(f"distortion {list(self.distortion)} holds a number that is not finite")
+
+    def _check_plausible(self) -> None:
+        side = max(self.width, self.height)
+        for name in ("fx", "fy"):
+            if not _FOCAL_RANGE[0] * side <= getattr(self, name) <= _FOCAL_RANGE[1] * side:
+                raise CalibrationError(
+                    f"focal length {name} is {getattr(self, name)!r} for {self.width}x{self.height} images: give pixels"
+                )
+        if not 1 / _MAX_ASPECT <= self.fx / self.fy <= _MAX_ASPECT:
+            raise CalibrationError(f"focal lengths fx = {self.fx!r}, fy = {self.fy!r} are too different: correct one")
+        for name, length in (("cx", self.width), ("cy", self.height)):
+            if abs(getattr(self, name) - length / 2) > _MAX_OFFSET * side:
+                raise CalibrationError(
+                    f"principal point {name} is {getattr(self, name)!r} for {self.width}x{self.height} images: "
+                    "give pixels"
+                )
 
     @property
     def K(self) -> Floats:

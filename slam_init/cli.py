@@ -165,7 +165,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from slam_init.config import load_config
     from slam_init.datasets import open_source
 
-    config_path = Path(arguments.config).expanduser() if arguments.config else None
+    config_path = Path(arguments.config).expanduser() if arguments.config is not None else None
     config = load_config(config_path, {"method": arguments.method, "seed": arguments.seed})
     _not_inside_source(out, arguments.source)
     source = open_source(arguments.source, config.seed)

@@ -309,6 +309,32 @@ def test_missing_file_and_folder(tmp_path):
             load_camera(path)
 
 
+IMPOSSIBLE = {
+    "focal length in another unit": ("fx: 520", "fx: 0.8", "fx"),
+    "focal length that overflows": ("fx: 520", "fx: 1e300", "fx"),
+    "principal point that is far away": ("cy: 240", "cy: 1e9", "cy"),
+    "slip in the decimal point": ("fx: 520", "fx: 5200", "too different"),
+    "a key given twice": ("fx: 520", "fx: 520\nfx: 500", "fx is given twice"),
+    "distortion that reaches a spot": ("distortion: []", "distortion: [-50, 0, 0, 0]", "% of the image"),
+    "distortion that overflows": ("distortion: []", "distortion: [1.0e+200, 0, 0, 0]", "% of the image"),
+}
+
+
+@pytest.mark.parametrize("case", IMPOSSIBLE)
+def test_impossible_calibrations_are_refused_before_they_make_a_map(tmp_path, case):
+    good = "width: 640\nheight: 480\nfx: 520\nfy: 520\ncx: 320\ncy: 240\ndistortion: []\n"
+    assert load_camera(write(tmp_path, "good.yaml", good)).fx == 520
+    old, new, word = IMPOSSIBLE[case]
+    with pytest.raises(CalibrationError, match=word) as caught:
+        load_camera(write(tmp_path, "bad.yaml", good.replace(old, new)))
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_key_that_is_given_the_same_value_twice_passes(tmp_path):
+    text = "width: 640\nheight: 480\nfx: 520\nfx: 520\nfy: 520\ncx: 320\ncy: 240\n"
+    assert load_camera(write(tmp_path, "c.yaml", text)).fx == 520
+
+
 def test_a_pipe_that_nobody_writes_to_is_refused_and_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(CalibrationError, match="no regular file"):

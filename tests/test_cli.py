@@ -168,6 +168,7 @@ BAD = {
     "video as camera": (["run", IMAGES, "--camera", "garbage.mp4"], "garbage.mp4"),
     # config
     "missing config": (["run", "--config", "nowhere.toml"], "nowhere.toml"),
+    "empty config": (["run", "--config", ""], "cannot read"),
     "broken config": (["run", "--config", "bad.toml"], "bad.toml"),
     "unknown key": (["run", "--config", "unknown.toml"], "magic"),
     # other commands
