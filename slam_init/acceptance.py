@@ -64,11 +64,11 @@ def check(
     error = config.max_direction_error_deg
     explained = points / max(len(candidate.table.track_ids), 1)
     gates = [
-        Gate("landmarks", points, config.min_landmarks, True, "too_few_landmarks"),
-        Gate("explained_share", explained, config.min_explained, True, "no_consistent_motion"),
         Gate("direction_bound_deg", direction_bound_deg(bundle, config), error, False, "low_parallax"),
         Gate("direction_shift_deg", direction_shift_deg(candidate, bundle), error, False, "low_parallax"),
         Gate("depth_sigma", depth_sigma(camera, bundle), config.max_median_depth_sigma, False, "low_parallax"),
+        Gate("landmarks", points, config.min_landmarks, True, "too_few_landmarks"),
+        Gate("explained_share", explained, config.min_explained, True, "no_consistent_motion"),
         Gate("further_views", len(bundle.problem.frames) - 2, 1, True, "no_third_view"),
         Gate("further_agreement", candidate.agreement, config.min_further_agreement, True, "no_third_view"),
     ]

@@ -3,8 +3,8 @@
 Recipe: a robust kernel first (Cauchy), then the outliers out, then a least-squares polish on the camera's own model.
 The noise is estimated from the residuals, so that the covariances mean what they say.
 
-Gauge: the first pose is fixed by a prior and the distance between the first camera and the one farthest from it by a
-range factor; the map is scaled so that the median depth of the landmarks in the first view is 1.
+Gauge: the first pose is held by a tight prior and the distance between the first camera and the one farthest from it
+by a range factor; the map is scaled so that the median depth of the landmarks in the first view is 1.
 
 gtsam's Levenberg-Marquardt does not complain about a point with one view, a NaN, or a point behind a camera: these
 are checked here, and a failure is a value with its cause.
@@ -38,7 +38,7 @@ _GAUGE_SIGMA = 1e-6
 #: The scale, relative. It is free otherwise, so the optimum does not depend on this; but a stiff range is a curved
 #: constraint along which the optimizer can only creep: with 1e-6 it stopped at 2 to 4 px from starts 3 px off.
 _SCALE_SIGMA = 1e-3
-_GAUGE = "first pose fixed; distance from the first camera to the farthest one fixed (median depth 1)"
+_GAUGE = "first pose fixed (prior, 1e-6); distance from the first camera to the farthest one held (prior, 1e-3 of it)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,8 +212,10 @@ def adjust(camera: Camera, problem: BundleProblem, config: MapConfig) -> BundleS
         noise_px = estimate_noise(robust, residuals, config)
         # NaN, behind a camera, is no inlier.
         inlying: Bools = np.asarray(np.linalg.norm(residuals, axis=1) < config.outlier_sigmas * noise_px)
-        certain: Bools = np.asarray(robust.parallax_rad() > min_parallax_rad(camera, noise_px, config))
-        cleaned = robust.keep(inlying & certain[robust.landmarks])
+        cleaned = robust.keep(inlying)
+        # Asked of the views that are left: a landmark may have lost the one that gave it its parallax.
+        certain: Bools = np.asarray(cleaned.parallax_rad() > min_parallax_rad(camera, noise_px, config))
+        cleaned = cleaned.keep(certain[cleaned.landmarks])
         if (failure := _cannot_be_solved(cleaned)) is not None:
             return failure
         polished, more = _optimize(camera, cleaned, noise_px, robust=False, iterations=15, tolerance=1e-5)
@@ -227,7 +229,9 @@ def adjust(camera: Camera, problem: BundleProblem, config: MapConfig) -> BundleS
             if (failure := _cannot_be_solved(final)) is not None:
                 return failure
             residuals = final.residuals(camera)
-        noise_px = estimate_noise(final, residuals, config)
+        # Without outliers the mean square is the better estimate: of few degrees of freedom the median is too low.
+        squares = float(np.sum(residuals**2))
+        noise_px = max(float(np.sqrt(squares / _freedom(final, len(residuals)))), config.min_noise_px)
         graph, values = build_graph(camera, final, noise_px, robust=False)
         covariances = _pose_covariances(graph, values, final.frames)
     except RuntimeError as error:  # how gtsam reports singular systems and cheirality
@@ -260,9 +264,13 @@ def estimate_noise(problem: BundleProblem, residuals: Floats, config: MapConfig)
         return config.noise_px
     # The median of the norm of a 2-D Gaussian is sqrt(2 ln 2) standard deviations.
     raw = float(np.median(norms) / np.sqrt(2 * np.log(2)))
+    return max(raw * float(np.sqrt(2 * len(norms) / _freedom(problem, len(norms)))), config.min_noise_px)
+
+
+def _freedom(problem: BundleProblem, observations: int) -> float:
+    """Coordinates observed less unknowns fitted; a twentieth of the observations at the least."""
     unknowns = 3 * len(problem.points) + 6 * (len(problem.frames) - 1) - 1
-    freedom = max(2 * len(norms) - unknowns, 0.05 * len(norms))
-    return max(raw * float(np.sqrt(2 * len(norms) / freedom)), config.min_noise_px)
+    return max(2.0 * observations - unknowns, 0.05 * observations)
 
 
 def build_graph(camera: Camera, problem: BundleProblem, noise_px: float, *, robust: bool) -> tuple[Any, Any]:

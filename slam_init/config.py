@@ -1,8 +1,8 @@
 """Every number that a user may want to change, with the reason for its default.
 
 The tree is written as ``config.toml`` beside the results and read back with ``--config``; unknown keys are refused.
-Lengths in the image are relative to the image width or in multiples of the measured noise wherever possible, so that
-the defaults hold from 640x480 video to 12-megapixel photographs.
+Names that end in ``_px`` are pixels of the original image; ``min_distance`` is a share of the image width. The noise of
+the tracks is measured, and most gates are multiples of it.
 """
 
 from __future__ import annotations
@@ -26,6 +26,18 @@ __all__ = [
     "config_toml",
     "load_config",
 ]
+
+#: Where a number beyond a range crashes a library, or never ends.
+_RANGES: dict[str, tuple[float, float]] = {
+    "tracking.max_tracks": (10, 100_000),
+    "tracking.min_distance": (1e-4, 0.5),
+    "tracking.window_px": (3, 201),
+    "tracking.pyramid_levels": (1, 10),
+    "tracking.sift_features": (10, 100_000),
+    "tracking.sift_frames": (1, 100),
+    "keyframes.window": (1, 1000),
+    "map.max_further_views": (1, 100),
+}
 
 #: Ways to initialize.
 METHODS = ("quest",)
@@ -60,8 +72,8 @@ class TrackingConfig:
 class KeyframeConfig:
     """Keyframe manager (:mod:`slam_init.keyframes`)."""
 
-    #: Candidate reference frames kept at a time: enough to reach back over 15 to 100 frames of video; memory and
-    #: time stay bounded.
+    #: Candidate reference frames kept at a time: each costs about half a millisecond a frame, and eight reach back over
+    #: 70 frames of slow video.
     window: int = 8
     #: A frame becomes a candidate when it shares less than this with the last candidate ...
     new_overlap: float = 0.8
@@ -70,8 +82,8 @@ class KeyframeConfig:
     #: A pair needs this many common tracks: the epipolar geometry has five unknowns, a decision between two motions
     #: needs votes by the dozen (see quest.estimate.decides).
     min_matches: int = 40
-    #: A pair is tried again when it promises this much more than its last failure: trying each frame costs time and
-    #: brings the same answer.
+    #: A pair is tried again when it promises this much more than at its last failure, or after a while: trying each
+    #: frame costs time and brings the same answer.
     retry_gain: float = 1.15
     #: A failure by a wide margin waits for more, but for no more than this: the scene may change.
     max_retry_gain: float = 3.0
@@ -79,7 +91,7 @@ class KeyframeConfig:
 
 @dataclass(frozen=True)
 class TwoViewConfig:
-    """Two-view bootstrap (:mod:`slam_init.bootstrap`)."""
+    """Two-view bootstrap (:mod:`quest.estimate`)."""
 
     #: Outlier threshold in pixels: three standard deviations of a 0.7 px feature. The estimator lowers it where the
     #: tracks are better.
@@ -159,6 +171,8 @@ def load_config(path: Path | None, overrides: dict[str, Any] | None = None) -> C
     table: dict[str, Any] = {}
     if path is not None:
         try:
+            if path.exists() and not path.is_file():  # a pipe would be waited for
+                raise ConfigError(f"cannot read {path}: it is no regular file")
             table = tomllib.loads(path.read_text(encoding="utf-8"))
         except OSError as error:
             raise ConfigError(f"cannot read {path}: {error.strerror or error}") from None
@@ -200,6 +214,9 @@ def _number_or_text(wanted: type, value: Any, where: str, key: str) -> Any:
         value = float(value)
     if type(value) is not wanted:
         raise ConfigError(f"{where}: {key} must be of type {wanted.__name__}, not {value!r}")
+    least, most = _RANGES.get(key, (float("-inf"), float("inf")))
+    if isinstance(value, int | float) and not least <= value <= most:
+        raise ConfigError(f"{where}: {key} is {value!r}: it must lie in {least} .. {most}")
     # Sizes, counts and thresholds all are positive numbers; the seed may be zero.
     if isinstance(value, int | float) and not (0 < value < float("inf") or (key == "seed" and value == 0)):
         raise ConfigError(f"{where}: {key} is {value!r}: it must be a positive number")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from slam_init.camera import Camera
+from slam_init.errors import SourceError
 from slam_init.recording import Recorder
 from slam_init.tracks import Tracker
 from slam_init.triangulation import resect
@@ -32,11 +33,14 @@ class Continuation:
         How many frames were looked at.
     survival : tuple of float
         For each of them the share of the map's landmarks that it sees within 3 px.
+    ended_by : str or None
+        Why it ended early: the message of a frame that could not be read.
     """
 
     keyframes: tuple[Keyframe, ...]
     frames: int
     survival: tuple[float, ...]
+    ended_by: str | None = None
 
     def summary(self) -> dict[str, Any]:
         """For ``summary.json``."""
@@ -72,7 +76,15 @@ def follow(
     located: list[Keyframe] = []
     survival: list[float] = []
     guess: Pose | None = None
-    for _, frame in zip(range(count), frames, strict=False):
+    ended_by: str | None = None
+    while len(survival) < count:
+        try:
+            frame = next(frames, None)
+        except SourceError as error:  # the map is there already: what follows must not cost it
+            ended_by = str(error)
+            break
+        if frame is None:
+            break
         observed = tracker.track(frame)
         tracker.history.forget(keep=())
         recorder.frame(frame, observed)
@@ -87,4 +99,4 @@ def follow(
         keyframe = Keyframe(frame.index, frame.timestamp_s, frame.name, guess.inverse())
         located.append(keyframe)
         recorder.continued(keyframe)
-    return Continuation(tuple(located), len(survival), tuple(survival))
+    return Continuation(tuple(located), len(survival), tuple(survival), ended_by)

@@ -66,12 +66,15 @@ class MapCandidate:
     table : TrackTable
     agreement : float
         Share of the landmarks' observations by further views that agree with the two-view map; NaN without any.
+    placed : int
+        Views that the two-view map could locate, the pair included; those of a short baseline are not in the bundle.
     """
 
     hypothesis: Hypothesis | RelativePose
     bundle: BundleSolution | BundleFailure
     table: TrackTable
     agreement: float
+    placed: int
 
 
 @dataclass(frozen=True)
@@ -164,6 +167,7 @@ def build_candidate(
         if inliers.sum() >= config.map.min_resected:
             poses[k] = cam_from_world.inverse()
     agreement = agreeing / seen if seen else float("nan")
+    placed = len(poses)
     # The tracks' way is a first guess at the baseline, rotation included; now it is known.
     share = {k: float(np.linalg.norm(poses[k].t) / np.linalg.norm(poses[1].t)) for k in poses if k > 1}
     if max(share.values(), default=0.0) >= config.map.min_motion_share:
@@ -189,7 +193,7 @@ def build_candidate(
         bundle: BundleSolution | BundleFailure = BundleFailure(f"only {len(kept_tracks)} points can be triangulated")
     else:
         bundle = adjust(camera, problem, config.map)
-    return MapCandidate(hypothesis, bundle, table, agreement)
+    return MapCandidate(hypothesis, bundle, table, agreement, placed)
 
 
 def margin(camera: Camera, config: Config, better: MapCandidate, worse: MapCandidate) -> Margin:
@@ -218,7 +222,7 @@ def rank(camera: Camera, config: Config, candidates: list[MapCandidate]) -> list
 
     def key(candidate: MapCandidate) -> tuple[int, float]:
         cost = _track_costs(camera, candidate, frames, noise_px, gate2).sum()
-        return -len(_poses(candidate)), float(cost)
+        return -candidate.placed, float(cost)
 
     return sorted(solved, key=key) + failed
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,9 @@ from slam_init.types import Attempt, Frame, InitialMap, Keyframe, Observations, 
 __all__ = ["Initializer", "run"]
 
 Evidence = dict[str, float | int | str]
+
+#: What a later attempt may find that speaks against an earlier pair which no third view confirmed.
+_AGAINST_TWO_VIEWS = ("pure_rotation", "no_consistent_motion", "ambiguous_plane", "bundle_adjustment_failed")
 
 
 def run(
@@ -96,6 +99,8 @@ def run(
         continued = None
         if result.map is not None and continue_frames:
             continued = follow(result.map, initializer.tracker, camera, frames, continue_frames, recorder)
+            if continued.ended_by is not None:
+                result = replace(result, notes=(*result.notes, f"the continuation ended early: {continued.ended_by}"))
         truth = None
         if result.map is not None and source.groundtruth is not None:
             truth = compare_with_groundtruth(result.map.keyframes, source.groundtruth)
@@ -122,6 +127,15 @@ def _with_progress(frames: Iterator[Frame], total: int, show: bool) -> Iterator[
         for frame in frames:
             yield frame
             bar.update()
+
+
+@dataclass(frozen=True, eq=False)
+class _Acceptance:
+    """A map that passed the gates, its scene (``general`` or ``planar``), and the frames that it is made of."""
+
+    bundle: BundleSolution
+    scene: str
+    views: tuple[Observations, ...]
 
 
 class Initializer:
@@ -152,8 +166,8 @@ class Initializer:
         self.map: InitialMap | None = None
         self.frames_read = 0
         self._attempts: list[Attempt] = []
-        self._accepted: tuple[BundleSolution, str] | None = None
-        self._two_views_only: tuple[Attempt, BundleSolution, str] | None = None
+        self._accepted: _Acceptance | None = None
+        self._two_views_only: tuple[Attempt, _Acceptance] | None = None
 
     def process(self, frame: Frame) -> Attempt | None:
         """Take in the next frame; return the attempt that it led to, if any. After an accepted one ``map`` is set."""
@@ -167,12 +181,14 @@ class Initializer:
         attempt = self._screen(current, pairs)
         if attempt is None and chosen is not None:
             attempt = self._try(chosen, current)
+            if attempt.verdict in _AGAINST_TWO_VIEWS:
+                self._two_views_only = None
             if attempt.verdict != ACCEPTED:
                 self.keyframes.failed(chosen, float(attempt.evidence.get("lacking", 1.0)))
         if attempt is not None:
             self._remember(attempt)
             if self._accepted is not None:
-                self._hand_over(*self._accepted)
+                self._hand_over(self._accepted)
         self.keyframes.update(current, pairs)
         self.tracker.history.forget(keep=self.keyframes.candidates)
         return attempt
@@ -181,9 +197,9 @@ class Initializer:
         """No more frames: the map, or the reason why there is none."""
         if self.map is None and self._two_views_only is not None:
             # The sequence has no third view for a pair that two views decide beyond doubt.
-            attempt, bundle, scene = self._two_views_only
+            attempt, acceptance_ = self._two_views_only
             self._remember(replace(attempt, verdict=ACCEPTED, advice=""))
-            self._hand_over(bundle, scene)
+            self._hand_over(acceptance_)
         return Result(
             map=self.map,
             reason=None if self.map is not None else self._reason(),
@@ -257,7 +273,8 @@ class Initializer:
         for gate in gates:
             evidence |= {gate.name: gate.value, f"{gate.name}_gate": gate.threshold}
         attempt = replace(attempt, evidence=attempt.evidence | evidence)
-        if verdict == ACCEPTED:
+        two_views_only = verdict == "no_third_view" and len(table.frames) == 2 and len(candidates) == 1
+        if verdict == ACCEPTED or two_views_only:
             # Two rays that are noisy each, at three standard deviations; what tracks share comes on top.
             gate_rad = 3 * float(np.sqrt(2)) * pose.noise_rad + 1e-3 * self.config.acceptance.systematic_error_mrad
             turning = turning_camera(m[pose.inliers], n[pose.inliers], gate_rad)
@@ -265,10 +282,13 @@ class Initializer:
             attempt = replace(attempt, evidence=attempt.evidence | evidence)
             if turning.explained_share > self.config.acceptance.max_turning_share:
                 return _refused(attempt, "pure_rotation")
-            self._accepted = best.bundle, pose.kind
-            return attempt
-        if verdict == "no_third_view" and len(table.frames) == 2 and len(candidates) == 1:
-            self._two_views_only = attempt, best.bundle, pose.kind
+            # The frames themselves: at the end of the sequence the history may have forgotten them.
+            seen = tuple(self.tracker.history[frame] for frame in best.bundle.problem.frames)
+            accepted = _Acceptance(best.bundle, pose.kind, seen)
+            if verdict == ACCEPTED:
+                self._accepted = accepted
+                return attempt
+            self._two_views_only = attempt, accepted
         return _refused(attempt, verdict)
 
     def _two_view_verdict(self, pose: RelativePose | NoPose) -> tuple[str, Evidence]:
@@ -305,13 +325,13 @@ class Initializer:
 
     # -- outcome ----------------------------------------------------------------------------------
 
-    def _hand_over(self, bundle: BundleSolution, kind: str) -> None:
-        history = self.tracker.history
-        views = [history[frame] for frame in bundle.problem.frames]
+    def _hand_over(self, accepted: _Acceptance) -> None:
+        bundle, views = accepted.bundle, list(accepted.views)
         problem = bundle.problem
-        _, at, of = np.intersect1d(problem.track_ids, views[-1].track_ids, return_indices=True)
         colors = np.full((len(problem.points), 3), 128, np.uint8)
-        colors[at] = views[-1].colors[of]
+        for view in views:
+            _, at, of = np.intersect1d(problem.track_ids, view.track_ids, return_indices=True)
+            colors[at] = view.colors[of]
         self.map = InitialMap(
             keyframes=tuple(
                 Keyframe(view.frame, view.timestamp_s, view.name, pose)
@@ -333,7 +353,7 @@ class Initializer:
             reprojection_rmse_px=bundle.rmse_px,
             median_parallax_deg=float(np.degrees(np.median(problem.parallax_rad()))),
             noise_px=bundle.noise_px,
-            scene=kind,
+            scene=accepted.scene,
         )
         self.recorder.initialized(self.map, views)
 

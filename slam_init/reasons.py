@@ -6,8 +6,9 @@ __all__ = ["ACCEPTED", "ADVICE", "REASONS"]
 
 ACCEPTED = "accepted"
 
-#: Reason -> advice, in order of precedence: the first that holds is the one reported, since a static camera is also a
-#: pure rotation (by nothing) and a pure rotation also has low parallax.
+#: Reason -> advice, in order of precedence. An attempt reports the first that holds: a static camera is also a pure
+#: rotation (by nothing) and a pure rotation also has low parallax. A run reports what the second half of its attempts
+#: mostly said, and of equals the first here.
 ADVICE: dict[str, str] = {
     "static_camera": "the camera stands still: move it sideways",
     "pure_rotation": "the camera only turns: translate it, best sideways",

@@ -1,6 +1,7 @@
 """The configuration: what is written is read back, what is not understood is refused in one line."""
 
 import dataclasses
+import os
 
 import pytest
 
@@ -114,3 +115,17 @@ def test_files_that_cannot_be_read(tmp_path):
 def test_an_unknown_method_from_the_command_line():
     with pytest.raises(ConfigError, match="quest"):
         load_config(None, {"method": "magic"})
+
+
+@pytest.mark.parametrize("text", ["window_px = 1", "window_px = 1000", "max_tracks = 100000000000000"])
+def test_numbers_that_would_crash_a_library_are_refused(tmp_path, text):
+    path = tmp_path / "c.toml"
+    path.write_text(f"[tracking]\n{text}\n")
+    with pytest.raises(ConfigError, match="it must lie in"):
+        load_config(path)
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ConfigError, match="no regular file"):
+        load_config(tmp_path / "pipe")

@@ -5,6 +5,7 @@ import numpy as np
 import slam_init.examples.continue_with_isam2 as continue_with_isam2_module
 from slam_init.bundle import pose_key
 from slam_init.continuation import Continuation, follow
+from slam_init.errors import SourceError
 from slam_init.examples.continue_with_isam2 import continue_with_isam2, main, position_errors
 from slam_init.recording import Recorder
 from slam_init.types import Frame
@@ -108,3 +109,13 @@ def test_the_example_runs_from_frames_to_poses(room, capsys, monkeypatch):
     out = capsys.readouterr().out
     assert "15 of the next 15 frames located" in out
     assert "ground truth" in out
+
+
+def test_a_frame_that_cannot_be_read_ends_the_continuation_and_not_the_run(room_fed):
+    def broken():
+        yield room_fed.following[0]
+        raise SourceError("000030.png is truncated")
+
+    continued = followed(room_fed, broken(), 5)
+    assert continued.frames == 1
+    assert continued.ended_by == "000030.png is truncated"

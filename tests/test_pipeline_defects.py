@@ -1,0 +1,62 @@
+"""Sequences that once led to a wrong map, a crash or an endless wait; each names what was wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+from make_source import GivenFrames, synth
+
+from slam_init.config import Config
+from slam_init.metrics import compare_with_groundtruth
+from slam_init.pipeline import Initializer, run
+
+
+def picked(source, indices):
+    """These frames of a source, as a sequence of its own at 30 Hz."""
+    frames = [next(source.frames(index, 1)) for index in indices]
+    return tuple(replace(frame, index=k, timestamp_s=k / 30) for k, frame in enumerate(frames))
+
+
+def test_two_photographs_of_a_turning_camera_with_a_wrong_focal_length_make_no_map():
+    # They look like a plane and a translation, and no third view is there to object.
+    source = synth("rotation", focal_error=-0.08)
+    result, _ = run(GivenFrames(source.camera, picked(source, (0, 40))), source.camera, Config())
+    assert not result
+    assert result.reason == "pure_rotation"
+
+
+def test_a_turning_camera_with_a_wrong_focal_length_makes_no_map():
+    for focal_error in (0.05, -0.05):
+        source = synth("rotation", focal_error=focal_error)
+        result, _ = run(source, source.camera, Config(), max_frames=70)
+        assert not result
+        assert result.reason == "pure_rotation"
+        assert any("turning_focal_factor" in attempt.evidence for attempt in result.attempts)
+
+
+def test_a_pair_that_no_third_view_confirmed_is_handed_over_though_its_frames_are_long_forgotten(room):
+    first, second = picked(room, (0, 30))
+    dark = np.zeros_like(first.image)
+    initializer = Initializer(room.camera)
+    for frame in (first, second):
+        initializer.process(frame)
+    for k in range(2, 172):
+        initializer.process(replace(second, index=k, timestamp_s=k / 30, image=dark))
+    result = initializer.finish()
+    assert result
+    assert [keyframe.frame for keyframe in result.map.keyframes] == [0, 1]
+
+
+def test_a_landmark_that_loses_the_view_of_its_parallax_does_not_spoil_the_map(room):
+    # The motion stops as soon as it suffices: all further views but the first repeat the last one.
+    rng = np.random.default_rng(0)
+    frames = list(picked(room, range(15)))
+    for k in range(15, 70):
+        noise = rng.normal(0, 3, frames[14].image.shape)
+        image = np.clip(frames[14].image + noise, 0, 255).astype(np.uint8)
+        frames.append(replace(frames[14], index=k, timestamp_s=k / 30, image=image))
+    result, _ = run(GivenFrames(room.camera, tuple(frames)), room.camera, Config())
+    assert result
+    true = [replace(keyframe, timestamp_s=min(keyframe.frame, 14) / 30) for keyframe in result.map.keyframes]
+    errors = compare_with_groundtruth(true, room.groundtruth)
+    assert errors["rotation_error_deg"] < 1
+    assert errors["direction_error_deg"] < 5
