@@ -30,7 +30,6 @@ __all__ = [
 #: Where a number beyond a range crashes a library, or never ends.
 _RANGES: dict[str, tuple[float, float]] = {
     "tracking.max_tracks": (10, 100_000),
-    "tracking.min_distance": (1e-4, 0.5),
     "tracking.window_px": (3, 201),
     "tracking.pyramid_levels": (1, 10),
     "tracking.sift_features": (10, 100_000),
