@@ -197,9 +197,9 @@ class Initializer:
         """No more frames: the map, or the reason why there is none."""
         if self.map is None and self._two_views_only is not None:
             # The sequence has no third view for a pair that two views decide beyond doubt.
-            attempt, acceptance_ = self._two_views_only
+            attempt, accepted = self._two_views_only
             self._remember(replace(attempt, verdict=ACCEPTED, advice=""))
-            self._hand_over(acceptance_)
+            self._hand_over(accepted)
         return Result(
             map=self.map,
             reason=None if self.map is not None else self._reason(),

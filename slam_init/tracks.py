@@ -183,7 +183,7 @@ class Tracker:
     def _detect_sift(self, index: int, gray: Image) -> _SiftFrame:
         import cv2
 
-        keypoints, descriptors = cv2.SIFT_create(nfeatures=self._config.sift_features).detectAndCompute(gray, None)  # type: ignore[attr-defined]
+        keypoints, descriptors = cv2.SIFT.create(nfeatures=self._config.sift_features).detectAndCompute(gray, None)
         if not keypoints:
             return _SiftFrame(index, np.zeros((0, 2)), np.zeros((0, 128)), np.zeros(0, np.int64))
         pixels = np.array([k.pt for k in keypoints], float)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qsl
 
 from slam_init.camera import Camera
@@ -89,12 +89,12 @@ def open_synth(text: str, seed: int) -> SynthSource:
     return SynthSource(make_synth(name, seed, values))
 
 
-def make_synth(name: str, seed: int, values: dict[str, float]) -> SynthSequence:
+def make_synth(name: str, seed: int, values: dict[str, Any]) -> SynthSequence:
     """A synthetic sequence with some options changed; what it refuses is a :class:`SourceError`."""
     import sequences_synth
 
     try:
-        options: SynthOptions = sequences_synth.SynthOptions(**values)  # type: ignore[arg-type]
+        options: SynthOptions = sequences_synth.SynthOptions(**values)
         return sequences_synth.make_sequence(name, seed, options)
     except ValueError as error:
         raise SourceError(str(error)) from None
