@@ -93,12 +93,7 @@ def quest6(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
     ----------
     [F17] Fathian et al., arXiv:1704.02672, QuEst with six points; departures in the module docstring.
     """
-    if not lambdas or set(lambdas) - set(LETTERS):
-        raise ValueError(f"lambdas is {lambdas!r}: give letters of 'xyz'")
-    m, n = as_matches(m, n, at_least=6)
-    single = m.ndim == 2
-    if single:
-        m, n = m[None], n[None]
+    m, n, single = as_batch(m, n, lambdas, at_least=6)
     still = rotation_alone(m, n)
     powers, regular = _powers(coefficient_rows(m, n, PRE_ROTATION))
     regular &= np.isnan(still[:, 0])
@@ -106,6 +101,14 @@ def quest6(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
     q = canonical(multiply(conjugate(PRE_ROTATION), q))
     q[~regular, 0] = still[~regular]
     return q[0][np.isfinite(q[0, :, 0])] if single else q
+
+
+def as_batch(m: ArrayLike, n: ArrayLike, lambdas: str, at_least: int) -> tuple[Floats, Floats, bool]:
+    """The arguments of a solver, checked: bearings (B, N, 3), and whether they came as a single sample (N, 3)."""
+    if not lambdas or set(lambdas) - set(LETTERS):
+        raise ValueError(f"lambdas is {lambdas!r}: give letters of 'xyz'")
+    m, n = as_matches(m, n, at_least=at_least)
+    return (m[None], n[None], True) if m.ndim == 2 else (m, n, False)
 
 
 def _powers(A: Floats) -> tuple[Floats, NDArray[np.bool_]]:

@@ -23,11 +23,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.epipolar import as_matches
 from quest.monomials import coefficient_rows, quartic_index
 from quest.newton import polish_on_quartics
 from quest.quaternion import canonical, conjugate, multiply
-from quest.quest6 import LETTERS, PRE_ROTATION, rotation_alone
+from quest.quest6 import LETTERS, PRE_ROTATION, as_batch, rotation_alone
 
 __all__ = ["cubed_eigenproblem", "quest7"]
 
@@ -75,12 +74,7 @@ def quest7(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
     ----------
     [F17] Fathian et al., arXiv:1704.02672, QuEst with seven points; departures in the module docstring.
     """
-    if not lambdas or set(lambdas) - set(LETTERS):
-        raise ValueError(f"lambdas is {lambdas!r}: give letters of 'xyz'")
-    m, n = as_matches(m, n, at_least=7)
-    single = m.ndim == 2
-    if single:
-        m, n = m[None], n[None]
+    m, n, single = as_batch(m, n, lambdas, at_least=7)
     still = rotation_alone(m, n)
     q, condition = _solve_turned(m, n, lambdas, PRE_ROTATION)
     bad = condition < _BAD_CONDITION

@@ -19,7 +19,7 @@ from slam_init.config import Config
 from slam_init.tracks import History, common_tracks
 from slam_init.types import Observations
 
-__all__ = ["KeyframeManager", "PairPreview", "preview_pair"]
+__all__ = ["KeyframeManager", "PairPreview", "difference_gate", "preview_pair"]
 
 #: The spread of the tracks is counted on this grid of the image.
 _GRID = (8, 6)
@@ -73,6 +73,11 @@ class PairPreview:
         return self.parallax_px * float(np.sqrt(self.matches * self.spread))
 
 
+def difference_gate(noise: float) -> float:
+    """Three standard deviations of the difference of two measurements with this noise each."""
+    return 3 * float(np.sqrt(2)) * noise
+
+
 def preview_pair(camera: Camera, reference: Observations, current: Observations, noise_px: float) -> PairPreview:
     """Remove the best rotation between two frames and measure what is left."""
     i, j = common_tracks(reference, current)
@@ -80,7 +85,7 @@ def preview_pair(camera: Camera, reference: Observations, current: Observations,
         return PairPreview(reference.frame, current.frame, len(i), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     m, n = reference.bearings[i], current.bearings[j]
     motion_px = float(np.percentile(np.linalg.norm(current.pixels[j] - reference.pixels[i], axis=1), 90))
-    gate_px = 3 * np.sqrt(2) * noise_px  # three standard deviations of the difference of two noisy points
+    gate_px = difference_gate(noise_px)
     R = np.eye(3)
     # From a scale at which every track has a say down to the noise.
     for scale_px in (0.1 * camera.focal_px, 8 * gate_px, gate_px):

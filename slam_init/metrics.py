@@ -53,10 +53,6 @@ class Similarity:
         """Transform points (..., 3)."""
         return self.scale * points @ self.R.T + self.t
 
-    def apply_pose(self, world_from_cam: Pose) -> Pose:
-        """The same camera in the other world: turned, scaled and moved, itself not stretched."""
-        return Pose(self.R @ world_from_cam.R, self.apply(world_from_cam.t))
-
 
 def align_positions(source: Floats, target: Floats) -> Similarity:
     """The similarity that brings positions closest to others in the least-squares sense.

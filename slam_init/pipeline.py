@@ -23,7 +23,7 @@ from slam_init.camera import Camera
 from slam_init.config import Config, config_toml
 from slam_init.continuation import follow
 from slam_init.export import RECORDING, prepare_folder, summary_dict, write_results
-from slam_init.keyframes import KeyframeManager, PairPreview
+from slam_init.keyframes import KeyframeManager, PairPreview, difference_gate
 from slam_init.mapping import MapCandidate, build_candidate, further_views, margin, rank, same_map, table_of
 from slam_init.metrics import compare_with_groundtruth
 from slam_init.reasons import ACCEPTED, ADVICE, REASONS
@@ -36,6 +36,8 @@ __all__ = ["Initializer", "run"]
 
 Evidence = dict[str, float | int | str]
 
+#: A tenth of the tracks may be mistaken; more of them displaced against the rotation is a motion to look at.
+_LEAST_PARALLAX_SHARE = 0.1
 #: What a later attempt may find that speaks against an earlier pair which no third view confirmed.
 _AGAINST_TWO_VIEWS = ("pure_rotation", "no_consistent_motion", "ambiguous_plane", "bundle_adjustment_failed")
 
@@ -226,13 +228,12 @@ class Initializer:
             )
         if not usable:
             return _refusal(frames, "too_few_matches", evidence | {"matches_needed": needed})
-        # Three standard deviations of the difference of two noisy points.
-        noise_gate_px = 3 * float(np.sqrt(2)) * self.config.map.noise_px
+        noise_gate_px = difference_gate(self.config.map.noise_px)
         if max(p.motion_px for p in usable) < noise_gate_px:
             return _refusal(frames, "static_camera", evidence | {"motion_gate_px": noise_gate_px})
-        # A tenth of the tracks may be mistaken; more of them displaced against the rotation is a motion to look at.
-        if max(p.parallax_share for p in usable) < 0.1:
-            return _refusal(frames, "pure_rotation", evidence | {"parallax_share_needed": 0.1})
+        if max(p.parallax_share for p in usable) < _LEAST_PARALLAX_SHARE:
+            evidence |= {"parallax_share_needed": _LEAST_PARALLAX_SHARE}
+            return _refusal(frames, "pure_rotation", evidence)
         return None
 
     def _try(self, pair: PairPreview, current: Observations) -> Attempt:
@@ -275,12 +276,14 @@ class Initializer:
         attempt = replace(attempt, evidence=attempt.evidence | evidence)
         two_views_only = verdict == "no_third_view" and len(table.frames) == 2 and len(candidates) == 1
         if verdict == ACCEPTED or two_views_only:
-            # Two rays that are noisy each, at three standard deviations; what tracks share comes on top.
-            gate_rad = 3 * float(np.sqrt(2)) * pose.noise_rad + 1e-3 * self.config.acceptance.systematic_error_mrad
+            # The noise of two rays, and on top what tracks share.
+            gate_rad = difference_gate(pose.noise_rad) + 1e-3 * self.config.acceptance.systematic_error_mrad
             turning = turning_camera(m[pose.inliers], n[pose.inliers], gate_rad)
-            evidence = {"turning_share": turning.explained_share, "turning_focal_factor": turning.focal_factor}
+            most = self.config.acceptance.max_turning_share
+            evidence = {"turning_focal_factor": turning.focal_factor}
+            evidence |= {"turning_share": turning.explained_share, "turning_share_gate": most}
             attempt = replace(attempt, evidence=attempt.evidence | evidence)
-            if turning.explained_share > self.config.acceptance.max_turning_share:
+            if turning.explained_share > most:
                 return _refused(attempt, "pure_rotation")
             # The frames themselves: at the end of the sequence the history may have forgotten them.
             seen = tuple(self.tracker.history[frame] for frame in best.bundle.problem.frames)
