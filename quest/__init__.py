@@ -10,6 +10,7 @@ Quaternions are Hamilton, ordered wxyz. The package knows bearings, no images an
 * :func:`quest6`, :func:`quest7`: rotations from six or seven matches, planes included for six.
 * :func:`translation_and_depths`: translation and depths of a rotation.
 * :func:`estimate_relative_pose`: the motion between two views from matches with outliers, and what else explains them.
+* :class:`InputError`: what every function raises for an input that it cannot mean; nothing else is raised.
 
 References
 ----------
@@ -17,6 +18,7 @@ References
    Estimation From Matched Feature Points", arXiv:1704.02672, 2017.
 """
 
+from quest.errors import InputError
 from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
 from quest.quest6 import quest6
 from quest.quest7 import quest7
@@ -24,6 +26,7 @@ from quest.translation import translation_and_depths
 
 __all__ = [
     "Hypothesis",
+    "InputError",
     "NoPose",
     "RelativePose",
     "estimate_relative_pose",

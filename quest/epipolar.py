@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from quest.errors import InputError, as_floats
+
 __all__ = [
     "as_matches",
     "depths_from_pose",
@@ -38,20 +40,27 @@ def as_matches(m: ArrayLike, n: ArrayLike, at_least: int) -> tuple[Floats, Float
 
     Raises
     ------
-    ValueError
-        Where the shapes differ or are not as above, or a number is not finite, or a ray is zero.
+    InputError
+        Where the shapes differ or are not as above, or there are no numbers, or one is not finite, or a ray is zero.
     """
-    m, n = np.asarray(m, float), np.asarray(n, float)
+    m, n = as_floats(m, "bearings"), as_floats(n, "bearings")
     if m.shape != n.shape or m.ndim not in (2, 3) or m.shape[-1] != 3:
-        raise ValueError(f"bearings of shape {m.shape} and {n.shape}: give two arrays of one shape (N, 3) or (B, N, 3)")
+        raise InputError(f"bearings of shape {m.shape} and {n.shape}: give two arrays of one shape (N, 3) or (B, N, 3)")
     if m.shape[-2] < at_least:
-        raise ValueError(f"{m.shape[-2]} matches in a sample: give at least {at_least}")
+        raise InputError(f"{m.shape[-2]} matches in a sample: give at least {at_least}")
     if not (np.isfinite(m).all() and np.isfinite(n).all()):
-        raise ValueError("bearings hold a number that is not finite: remove those matches")
-    norm_m, norm_n = (np.linalg.norm(a, axis=-1, keepdims=True) for a in (m, n))
-    if not (norm_m.all() and norm_n.all()):
-        raise ValueError("a bearing is zero: it has no direction, remove that match")
-    return m / norm_m, n / norm_n
+        raise InputError("bearings hold a number that is not finite: remove those matches")
+    return _unit(m), _unit(n)
+
+
+def _unit(rays: Floats) -> Floats:
+    """Rays (..., 3) of unit norm, whatever their scale: 1e300 overflows when squared, 1e-300 vanishes."""
+    if not (np.abs(rays) < 1e100).all() or (np.abs(rays).max(axis=-1) < 1e-100).any():
+        largest = np.abs(rays).max(axis=-1, keepdims=True)
+        if not largest.all():
+            raise InputError("a bearing is zero: it has no direction, remove that match")
+        rays = rays / largest
+    return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
 
 def essential_from_pose(R: ArrayLike, t: ArrayLike) -> Floats:

@@ -36,7 +36,7 @@ def quest6_printed(m: ArrayLike, n: ArrayLike) -> Floats:
 
     Raises
     ------
-    ValueError
+    InputError
         As :func:`quest.quest6.quest6`.
     """
     m, n = as_matches(m, n, at_least=6)
@@ -62,7 +62,7 @@ def quest7_printed(m: ArrayLike, n: ArrayLike) -> Floats:
 
     Raises
     ------
-    ValueError
+    InputError
         As :func:`quest.quest7.quest7`.
     """
     m, n = as_matches(m, n, at_least=7)

@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quest.epipolar import as_matches
+from quest.errors import InputError
 from quest.monomials import QUARTICS, coefficient_rows, quartic_index
 from quest.quaternion import canonical, conjugate, matrix_from_quaternion, multiply
 
@@ -86,7 +87,7 @@ def quest6(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
 
     Raises
     ------
-    ValueError
+    InputError
         Where the shapes do not fit, N < 6, a number is not finite, a ray is zero, or a lambda unknown.
 
     References
@@ -105,8 +106,8 @@ def quest6(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
 
 def as_batch(m: ArrayLike, n: ArrayLike, lambdas: str, at_least: int) -> tuple[Floats, Floats, bool]:
     """The arguments of a solver, checked: bearings (B, N, 3), and whether they came as a single sample (N, 3)."""
-    if not lambdas or set(lambdas) - set(LETTERS):
-        raise ValueError(f"lambdas is {lambdas!r}: give letters of 'xyz'")
+    if not isinstance(lambdas, str) or not lambdas or set(lambdas) - set(LETTERS):
+        raise InputError(f"lambdas is {lambdas!r}: give letters of 'xyz'")
     m, n = as_matches(m, n, at_least=at_least)
     return (m[None], n[None], True) if m.ndim == 2 else (m, n, False)
 

@@ -67,7 +67,7 @@ def quest7(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
 
     Raises
     ------
-    ValueError
+    InputError
         Where the shapes do not fit, N < 7, a number is not finite, a ray is zero, or a lambda unknown.
 
     References

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quest.epipolar import as_matches, depths_from_pose
+from quest.errors import InputError, as_floats
 from quest.quaternion import matrix_from_quaternion
 
 __all__ = ["epipolar_normals", "translation_and_depths"]
@@ -55,7 +56,7 @@ def translation_and_depths(q: ArrayLike, m: ArrayLike, n: ArrayLike) -> tuple[Fl
 
     Raises
     ------
-    ValueError
+    InputError
         Where the shapes do not fit, N < 2, or a bearing is zero or not finite.
 
     References
@@ -64,10 +65,10 @@ def translation_and_depths(q: ArrayLike, m: ArrayLike, n: ArrayLike) -> tuple[Fl
     docstring.
     """
     m, n = as_matches(m, n, at_least=2)
-    q = np.asarray(q, float)
+    q = as_floats(q, "q")
     if m.ndim != 2 or q.ndim not in (1, 2) or q.shape[-1] != 4:
-        raise ValueError(f"q of shape {q.shape} for bearings of shape {m.shape}: give (4,) or (K, 4), and (N, 3)")
-    known = np.isfinite(q).all(axis=-1)
+        raise InputError(f"q of shape {q.shape} for bearings of shape {m.shape}: give (4,) or (K, 4), and (N, 3)")
+    known = np.asarray(np.isfinite(q).all(axis=-1))
     R = matrix_from_quaternion(np.where(known[..., None], q, [1.0, 0.0, 0.0, 0.0]))
     normals = epipolar_normals(R, m, n)
     t = np.linalg.eigh(normals.swapaxes(-1, -2) @ normals)[1][..., 0]
