@@ -7,8 +7,7 @@ first map that passes all of them ends the initialization. What is refused is re
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,18 +22,25 @@ from slam_init.camera import Camera
 from slam_init.config import Config, config_toml
 from slam_init.continuation import follow
 from slam_init.export import RECORDING, prepare_folder, summary_dict, write_results
+from slam_init.handover import (
+    Evidence,
+    initial_map,
+    prevailing_reason,
+    preview_evidence,
+    refusal,
+    refused,
+    without_matches,
+)
 from slam_init.keyframes import KeyframeManager, PairPreview, difference_gate
 from slam_init.mapping import MapCandidate, build_candidate, further_views, margin, rank, same_map, table_of
 from slam_init.metrics import compare_with_groundtruth
-from slam_init.reasons import ACCEPTED, ADVICE, REASONS
+from slam_init.reasons import ACCEPTED
 from slam_init.recording import Recorder, RerunRecorder
 from slam_init.timing import Stopwatch
 from slam_init.tracks import Tracker, common_tracks
-from slam_init.types import Attempt, Frame, InitialMap, Keyframe, Observations, Result, Source
+from slam_init.types import Attempt, Frame, InitialMap, Observations, Result, Source
 
 __all__ = ["Initializer", "run"]
-
-Evidence = dict[str, float | int | str]
 
 #: A tenth of the tracks may be mistaken; more of them displaced against the rotation is a motion to look at.
 _LEAST_PARALLAX_SHARE = 0.1
@@ -141,7 +147,7 @@ class _Acceptance:
 
 
 class Initializer:
-    """Feed it frames until it has a map.
+    """Feed it frames until it has a map: images by :meth:`process`, or tracks of your own by :meth:`process_tracks`.
 
     Parameters
     ----------
@@ -156,6 +162,8 @@ class Initializer:
         Set when a map was accepted.
     frames_read : int
     tracker : Tracker
+    history : History
+        What was seen in the last frames; :attr:`tracker` adds to the same one.
     """
 
     def __init__(self, camera: Camera, config: Config | None = None, recorder: Recorder | None = None) -> None:
@@ -163,6 +171,7 @@ class Initializer:
         self.config = config or Config()
         self.recorder = recorder or Recorder()
         self.tracker = Tracker(camera, self.config.tracking)
+        self.history = self.tracker.history
         self.keyframes = KeyframeManager(camera, self.config)
         self.stopwatch = Stopwatch()
         self.map: InitialMap | None = None
@@ -173,12 +182,38 @@ class Initializer:
 
     def process(self, frame: Frame) -> Attempt | None:
         """Take in the next frame; return the attempt that it led to, if any. After an accepted one ``map`` is set."""
-        self.frames_read += 1
         with self.stopwatch("track"):
             current = self.tracker.track(frame)
         self.recorder.frame(frame, current)
+        return self.process_tracks(current)
+
+    def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Attempt | None:
+        """Take in the tracks of the next frame, found elsewhere: a cache, or features and matches of your own.
+
+        Feed either images or tracks: the tracker knows nothing of track ids that it did not give.
+
+        Parameters
+        ----------
+        current : Observations
+            One feature of the world has one track id in all frames. Frames come in ascending order.
+        revised : sequence of Observations, optional
+            Earlier frames of which more is known by now (see :attr:`slam_init.tracks.Tracker.revised`); those that
+            were not fed, or are forgotten, are passed over.
+
+        Returns
+        -------
+        Attempt or None
+            As :meth:`process`.
+
+        Raises
+        ------
+        SlamInitError
+            Where the arrays do not belong together, a bearing is not finite, or the frame is not the next one.
+        """
+        self.history.take(current, revised)
+        self.frames_read += 1
         with self.stopwatch("pairs"):
-            pairs = self.keyframes.preview(self.tracker.history, current)
+            pairs = self.keyframes.preview(self.history, current)
             chosen = self.keyframes.worth_trying(pairs)
         attempt = self._screen(current, pairs)
         if attempt is None and chosen is not None:
@@ -192,7 +227,7 @@ class Initializer:
             if self._accepted is not None:
                 self._hand_over(self._accepted)
         self.keyframes.update(current, pairs)
-        self.tracker.history.forget(keep=self.keyframes.candidates)
+        self.history.forget(keep=self.keyframes.candidates)
         return attempt
 
     def finish(self) -> Result:
@@ -204,7 +239,7 @@ class Initializer:
             self._hand_over(accepted)
         return Result(
             map=self.map,
-            reason=None if self.map is not None else self._reason(),
+            reason=None if self.map is not None else prevailing_reason(self._attempts),
             frames_read=self.frames_read,
             frames_to_init=self.frames_read if self.map is not None else None,
             attempts=tuple(self._attempts),
@@ -220,25 +255,23 @@ class Initializer:
         needed = self.config.keyframes.min_matches
         usable = [pair for pair in pairs if pair.matches >= needed]
         pair = (usable or pairs)[0]
-        evidence = _preview_evidence(pair)
+        evidence = preview_evidence(pair)
         frames = (pair.reference, pair.current)
         if len(current) < needed:
-            return _refusal(
-                frames, "too_few_features", evidence | {"features": len(current), "features_needed": needed}
-            )
+            return refusal(frames, "too_few_features", evidence | {"features": len(current), "features_needed": needed})
         if not usable:
-            return _refusal(frames, "too_few_matches", evidence | {"matches_needed": needed})
+            return refusal(frames, "too_few_matches", evidence | {"matches_needed": needed})
         noise_gate_px = difference_gate(self.config.map.noise_px)
         if max(p.motion_px for p in usable) < noise_gate_px:
-            return _refusal(frames, "static_camera", evidence | {"motion_gate_px": noise_gate_px})
+            return refusal(frames, "static_camera", evidence | {"motion_gate_px": noise_gate_px})
         if max(p.parallax_share for p in usable) < _LEAST_PARALLAX_SHARE:
             evidence |= {"parallax_share_needed": _LEAST_PARALLAX_SHARE}
-            return _refusal(frames, "pure_rotation", evidence)
+            return refusal(frames, "pure_rotation", evidence)
         return None
 
     def _try(self, pair: PairPreview, current: Observations) -> Attempt:
         """Two-view geometry, a map for each hypothesis, the vote, the gates."""
-        reference = self.tracker.history[pair.reference]
+        reference = self.history[pair.reference]
         i, j = common_tracks(reference, current)
         m, n = reference.bearings[i], current.bearings[j]
         threshold_rad = self.config.two_view.threshold_px / self.camera.focal_px
@@ -247,16 +280,16 @@ class Initializer:
         attempt = Attempt(
             frames=(pair.reference, pair.current),
             verdict=ACCEPTED,
-            evidence=_preview_evidence(pair) | _pose_evidence(pose, self.camera),
+            evidence=preview_evidence(pair) | _pose_evidence(pose, self.camera),
             pixels1=reference.pixels[i],
             pixels2=current.pixels[j],
             inliers=pose.inliers if isinstance(pose, RelativePose) else np.zeros(len(i), bool),
         )
         verdict, evidence = self._two_view_verdict(pose)
         if verdict != ACCEPTED or not isinstance(pose, RelativePose):
-            return _refused(attempt, verdict, evidence)
+            return refused(attempt, verdict, evidence)
         with self.stopwatch("map"):
-            views = further_views(self.tracker.history, reference, current, self.config.map)
+            views = further_views(self.history, reference, current, self.config.map)
             table = table_of(reference, current, views)
             hypotheses: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
             candidates = [build_candidate(self.camera, self.config, table, hypothesis) for hypothesis in hypotheses]
@@ -264,11 +297,11 @@ class Initializer:
         attempt = replace(attempt, frames=(*attempt.frames, *table.frames[2:]))
         best = candidates[0]
         if not isinstance(best.bundle, BundleSolution):
-            return _refused(attempt, "bundle_adjustment_failed", {"cause": best.bundle.cause})
+            return refused(attempt, "bundle_adjustment_failed", {"cause": best.bundle.cause})
         verdict, evidence = self._vote(candidates)
         attempt = replace(attempt, evidence=attempt.evidence | evidence)
         if verdict != ACCEPTED:
-            return _refused(attempt, verdict)
+            return refused(attempt, verdict)
         verdict, gates = acceptance.check(self.camera, best, best.bundle, self.config.acceptance)
         evidence = {"reprojection_rmse_px": best.bundle.rmse_px, "lacking": max(gate.lacking() for gate in gates)}
         for gate in gates:
@@ -284,15 +317,15 @@ class Initializer:
             evidence |= {"turning_share": turning.explained_share, "turning_share_gate": most}
             attempt = replace(attempt, evidence=attempt.evidence | evidence)
             if turning.explained_share > most:
-                return _refused(attempt, "pure_rotation")
+                return refused(attempt, "pure_rotation")
             # The frames themselves: at the end of the sequence the history may have forgotten them.
-            seen = tuple(self.tracker.history[frame] for frame in best.bundle.problem.frames)
+            seen = tuple(self.history[frame] for frame in best.bundle.problem.frames)
             accepted = _Acceptance(best.bundle, pose.kind, seen)
             if verdict == ACCEPTED:
                 self._accepted = accepted
                 return attempt
             self._two_views_only = attempt, accepted
-        return _refused(attempt, verdict)
+        return refused(attempt, verdict)
 
     def _two_view_verdict(self, pose: RelativePose | NoPose) -> tuple[str, Evidence]:
         """What two views alone refuse, before any map is built."""
@@ -329,68 +362,12 @@ class Initializer:
     # -- outcome ----------------------------------------------------------------------------------
 
     def _hand_over(self, accepted: _Acceptance) -> None:
-        bundle, views = accepted.bundle, list(accepted.views)
-        problem = bundle.problem
-        colors = np.full((len(problem.points), 3), 128, np.uint8)
-        for view in views:
-            _, at, of = np.intersect1d(problem.track_ids, view.track_ids, return_indices=True)
-            colors[at] = view.colors[of]
-        self.map = InitialMap(
-            keyframes=tuple(
-                Keyframe(view.frame, view.timestamp_s, view.name, pose)
-                for view, pose in zip(views, problem.world_from_cam, strict=True)
-            ),
-            points=problem.points,
-            track_ids=problem.track_ids,
-            observation_keyframes=problem.views,
-            observation_landmarks=problem.landmarks,
-            observation_pixels=problem.pixels,
-            colors=colors,
-            pose_covariances=bundle.pose_covariances,
-            gauge=bundle.gauge,
-            graph=bundle.graph,
-            values=bundle.values,
-            points_before=bundle.before.points,
-            keyframes_before=bundle.before.world_from_cam,
-            bundle_errors=bundle.errors,
-            reprojection_rmse_px=bundle.rmse_px,
-            median_parallax_deg=float(np.degrees(np.median(problem.parallax_rad()))),
-            noise_px=bundle.noise_px,
-            scene=accepted.scene,
-        )
-        self.recorder.initialized(self.map, views)
+        self.map = initial_map(accepted.bundle, accepted.views, accepted.scene)
+        self.recorder.initialized(self.map, accepted.views)
 
     def _remember(self, attempt: Attempt) -> None:
         self.recorder.attempt(attempt)
-        # The matches go to the recording only: memory must not grow with the length of the video by megabytes.
-        none = np.zeros((0, 2))
-        self._attempts.append(replace(attempt, pixels1=none, pixels2=none, inliers=np.zeros(0, bool)))
-
-    def _reason(self) -> str:
-        """What the second half of the attempts mostly said; the slow start of a video says little."""
-        if not self._attempts:
-            return "too_few_frames"
-        verdicts = Counter(attempt.verdict for attempt in self._attempts[len(self._attempts) // 2 :])
-        return min(verdicts, key=lambda verdict: (-verdicts[verdict], REASONS.index(verdict)))
-
-
-def _refusal(frames: tuple[int, ...], verdict: str, evidence: Evidence) -> Attempt:
-    return Attempt(frames, verdict, evidence, ADVICE[verdict])
-
-
-def _refused(attempt: Attempt, verdict: str, evidence: Evidence | None = None) -> Attempt:
-    return replace(attempt, verdict=verdict, advice=ADVICE[verdict], evidence=attempt.evidence | (evidence or {}))
-
-
-def _preview_evidence(pair: PairPreview) -> Evidence:
-    return {
-        "matches": pair.matches,
-        "motion_px": pair.motion_px,
-        "rotation_deg": pair.rotation_deg,
-        "parallax_px": pair.parallax_px,
-        "parallax_share": pair.parallax_share,
-        "spread": pair.spread,
-    }
+        self._attempts.append(without_matches(attempt))
 
 
 def _pose_evidence(pose: RelativePose | NoPose, camera: Camera) -> Evidence:

@@ -15,6 +15,7 @@ import numpy as np
 
 from slam_init.camera import Camera
 from slam_init.config import TrackingConfig
+from slam_init.errors import SlamInitError
 from slam_init.types import Bools, Floats, Frame, Image, Ints, Observations
 
 __all__ = ["History", "Tracker", "common_tracks"]
@@ -43,6 +44,26 @@ class History:
         """Add a frame, or replace it by a richer version of itself."""
         self._frames[observations.frame] = observations
 
+    def take(self, observations: Observations, revised: Iterable[Observations] = ()) -> None:
+        """Check the tracks of the next frame and add them; replace earlier frames by richer versions.
+
+        Raises
+        ------
+        SlamInitError
+            Where the arrays do not belong together, a bearing is not finite, or the frame is not the next one.
+        """
+        for one in (observations, *revised):
+            _check(one)
+        newest = max(self._frames, default=-1)
+        # The tracker has put its own observations here already.
+        again = observations.frame == newest and self._frames[newest] is not observations
+        if observations.frame < max(newest, 0) or again:
+            raise SlamInitError(
+                f"frame {observations.frame} comes after frame {newest}: feed frames in ascending order"
+            )
+        self._frames |= {one.frame: one for one in revised if one.frame in self._frames}
+        self.put(observations)
+
     def forget(self, keep: Iterable[int]) -> None:
         """Drop what is older than the limit, except for the frames in ``keep``."""
         wanted = set(keep)
@@ -53,6 +74,19 @@ class History:
     def between(self, first: int, last: int) -> list[Observations]:
         """The frames strictly between two absolute indices, in time order."""
         return [o for f, o in sorted(self._frames.items()) if first < f < last]
+
+
+def _check(observations: Observations) -> None:
+    count, name = len(observations), f"frame {observations.frame}"
+    shapes = (observations.track_ids.shape, observations.pixels.shape, observations.bearings.shape)
+    if shapes != ((count,), (count, 2), (count, 3)):
+        raise SlamInitError(f"{name}: track ids, pixels and bearings of shapes {shapes}: give (N,), (N, 2) and (N, 3)")
+    if len(observations.colors) not in (0, count):
+        raise SlamInitError(f"{name}: {len(observations.colors)} colors for {count} tracks: give one for each, or none")
+    if not (np.diff(observations.track_ids) > 0).all():
+        raise SlamInitError(f"{name}: track ids must be strictly increasing: sort them, and give each once")
+    if not (np.isfinite(observations.bearings).all() and np.isfinite(observations.pixels).all()):
+        raise SlamInitError(f"{name}: a pixel or bearing is not finite: leave such tracks out")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +109,17 @@ class Tracker:
     config : TrackingConfig
     history_limit : int
         How many frames to remember.
+
+    Attributes
+    ----------
+    history : History
+    revised : tuple of Observations
+        Earlier frames that the last call of :meth:`track` enriched.
     """
 
     def __init__(self, camera: Camera, config: TrackingConfig, history_limit: int = 150) -> None:
         self.history = History(history_limit)
+        self.revised: tuple[Observations, ...] = ()
         self._camera = camera
         self._config = config
         self._last: Observations | None = None
@@ -92,6 +133,7 @@ class Tracker:
         A link by descriptors finds tracks that earlier frames did not know of: the history of those is enriched.
         """
         gray = frame.gray
+        self.revised = ()
         ids, pixels, by_descriptors = self._link(frame.index, gray)
         wanted = self._config.max_tracks
         if not by_descriptors and len(ids) < (1 - self._config.refill_share) * wanted:
@@ -224,6 +266,7 @@ class Tracker:
             colors=colors[order],
         )
         self.history.put(enriched)
+        self.revised = (*self.revised, enriched)
 
     def _new_ids(self, count: int) -> Ints:
         ids = np.arange(self._next_id, self._next_id + count, dtype=np.int64)
