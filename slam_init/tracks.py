@@ -16,6 +16,7 @@ import numpy as np
 from slam_init.camera import Camera
 from slam_init.config import TrackingConfig
 from slam_init.errors import SlamInitError
+from slam_init.matching import detect_sift, first_per_cell, match_descriptors
 from slam_init.types import Bools, Floats, Frame, Image, Ints, Observations
 
 __all__ = ["History", "Tracker", "common_tracks"]
@@ -170,7 +171,8 @@ class Tracker:
             self._sift_frames.clear()
             self._sift_frames.append(self._detect_sift(self._last.frame, self._last_gray))
         matches = [
-            (old, *_match(old.descriptors, sift.descriptors, self._config.sift_ratio)) for old in self._sift_frames
+            (old, *match_descriptors(old.descriptors, sift.descriptors, self._config.sift_ratio))
+            for old in self._sift_frames
         ]
         if len(matches[-1][1]) <= kept.sum():
             return self._last.track_ids[kept], moved[kept], False
@@ -206,7 +208,7 @@ class Tracker:
         # Two tracks that slid onto one another are one: the older stays.
         survivors = np.flatnonzero(kept)
         kept[:] = False
-        kept[survivors[_first_per_cell(moved[survivors], 0.5 * self._config.min_distance * width)]] = True
+        kept[survivors[first_per_cell(moved[survivors], 0.5 * self._config.min_distance * width)]] = True
         return kept, moved
 
     def _detect(self, gray: Image, occupied: Floats, count: int) -> Floats:
@@ -223,16 +225,8 @@ class Tracker:
         return np.zeros((0, 2)) if corners is None else corners.reshape(-1, 2).astype(float)
 
     def _detect_sift(self, index: int, gray: Image) -> _SiftFrame:
-        import cv2
-
-        keypoints, descriptors = cv2.SIFT.create(nfeatures=self._config.sift_features).detectAndCompute(gray, None)
-        if not keypoints:
-            return _SiftFrame(index, np.zeros((0, 2)), np.zeros((0, 128)), np.zeros(0, np.int64))
-        pixels = np.array([k.pt for k in keypoints], float)
-        single = _first_per_cell(pixels, 1.0)  # a keypoint with two orientations is listed twice
-        # RootSIFT (Arandjelovic and Zisserman 2012): Hellinger distance between the histograms.
-        roots = np.sqrt(descriptors[single] / np.maximum(descriptors[single].sum(axis=1, keepdims=True), 1e-9))
-        return _SiftFrame(index, pixels[single], roots, np.full(len(single), -1, np.int64))
+        found = detect_sift(gray, self._config.sift_features)
+        return _SiftFrame(index, found.pixels, found.descriptors, np.full(len(found.pixels), -1, np.int64))
 
     def _join(self, old: _SiftFrame, new: _SiftFrame, i_old: Ints, i_new: Ints) -> None:
         """Put matched keypoints into one track, and enrich the old frame in the history by what it did not know."""
@@ -272,31 +266,6 @@ class Tracker:
         ids = np.arange(self._next_id, self._next_id + count, dtype=np.int64)
         self._next_id += count
         return ids
-
-
-def _match(old: Floats, new: Floats, ratio: float) -> tuple[Ints, Ints]:
-    """Mutual nearest neighbours of unit descriptors that pass Lowe's ratio test, as positions in old and new."""
-    if len(old) < 2 or len(new) < 2:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    similarity = old.astype(np.float32) @ new.astype(np.float32).T
-    best = np.argmax(similarity, axis=1)
-    rows = np.arange(len(old))
-    first = similarity[rows, best]
-    mutual = np.argmax(similarity, axis=0)[best] == rows
-    similarity[rows, best] = -np.inf
-    second = similarity.max(axis=1)
-    # |a - b|^2 = 2 - 2 a.b for unit vectors.
-    passes = (2 - 2 * first) < ratio**2 * (2 - 2 * second)
-    kept = np.flatnonzero(mutual & passes)
-    return kept.astype(np.int64), best[kept].astype(np.int64)
-
-
-def _first_per_cell(pixels: Floats, cell_px: float) -> Ints:
-    """Positions of the first point in each square cell of the image, ascending."""
-    if len(pixels) == 0:
-        return np.zeros(0, np.int64)
-    _, first = np.unique(np.floor(pixels / cell_px).astype(np.int64), axis=0, return_index=True)
-    return np.sort(first)
 
 
 def _colors_at(image: Image, pixels: Floats) -> Image:

@@ -1,0 +1,239 @@
+"""Two-view scenes as matched bearings: general, planar, nearly planar, forward, of little parallax and of none.
+
+A camera of 640x480 px with a focal length of 458 px sees points; pixels are but the unit of the noise and the field of
+view. The second camera is turned by 4 degrees about a random axis and moved by a given share of the median depth. Both
+images get Gaussian noise; an outlier has its true place in image 1 and any place in image 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quest.quaternion import rotation_from_vector
+
+__all__ = ["FOCAL_PX", "SCENES", "Scene", "SceneKind", "draw_scene"]
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+#: ``(rng, rays) -> depths (N,), on_plane (N,)``: z of the points on the rays (N, 3) with z = 1, negative where there is
+#: none, and which of them lie on the plane.
+Surface = Callable[[np.random.Generator, Floats], tuple[Floats, Bools]]
+
+FOCAL_PX = 458.0
+_WIDTH_PX, _HEIGHT_PX = 640.0, 480.0
+_CENTRE_PX = np.array([_WIDTH_PX / 2, _HEIGHT_PX / 2])
+_TURN_RAD = np.deg2rad(4.0)
+#: Distance of planes; with depths of 1 to 4 elsewhere the median depth is about the same.
+_PLANE_DISTANCE = 2.0
+#: Rays that graze a plane meet it far away: they are left out, as if the plane ended there.
+_LEAST_COSINE = 0.15
+#: Points are drawn anew until enough are in both images; a scene of which so few are is no scene.
+_MAX_ROUNDS = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Matches of two views, and the truth: ``u R m + t = v n`` but for noise and outliers.
+
+    Attributes
+    ----------
+    bearings1, bearings2 : (N, 3) float
+        Unit rays, noisy.
+    R : (3, 3) float
+    t : (3,) float
+        ``cam2_from_cam1``: of norm 1, or zero where the camera only turned.
+    points : (N, 3) float
+        True points in camera 1, in the unit of t (where t is zero: in that of the depths).
+    inliers : (N,) bool
+    on_plane : (N,) bool
+        Which of the points lie on the one plane of the scene; none in a general one.
+    """
+
+    bearings1: Floats
+    bearings2: Floats
+    R: Floats
+    t: Floats
+    points: Floats
+    inliers: Bools
+    on_plane: Bools
+
+
+@dataclass(frozen=True)
+class SceneKind:
+    """What to draw.
+
+    Attributes
+    ----------
+    surface : callable
+        ``rng -> Surface``: draws the shape of a world.
+    direction : callable
+        ``rng -> (3,)``: where camera 2 stands, of any norm.
+    baseline : float
+        Its distance in units of the median depth.
+    """
+
+    surface: Callable[[np.random.Generator], Surface]
+    direction: Callable[[np.random.Generator], Floats]
+    baseline: float
+
+
+def draw_scene(
+    kind: SceneKind, rng: np.random.Generator, *, matches: int, outlier_share: float, noise_px: float
+) -> Scene:
+    """Draw a scene.
+
+    Parameters
+    ----------
+    kind : SceneKind
+    rng : numpy.random.Generator
+        The only source of randomness.
+    matches : int
+        Number of matches N.
+    outlier_share : float
+        Share of them that are outliers, rounded to the nearest whole number of matches.
+    noise_px : float
+        Standard deviation of each coordinate in each image.
+
+    Raises
+    ------
+    ValueError
+        Where the two views hardly share any point.
+    """
+    axis = rng.normal(size=3)
+    R = rotation_from_vector(_TURN_RAD * axis / np.linalg.norm(axis))
+    direction = kind.direction(rng)
+    surface = kind.surface(rng)
+    depths, _ = surface(rng, _rays(_pixels(rng, 2000)))
+    centre = kind.baseline * np.median(depths[depths > 0]) * direction / np.linalg.norm(direction)
+
+    kept: list[tuple[Floats, Floats, Floats, Bools]] = []
+    count = 0
+    for _ in range(_MAX_ROUNDS):
+        pixels1 = _pixels(rng, 2 * matches)
+        rays = _rays(pixels1)
+        depths, on_plane = surface(rng, rays)
+        points = rays * depths[:, None]
+        seen = (points - centre) @ R.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels2 = FOCAL_PX * seen[:, :2] / seen[:, 2:] + _CENTRE_PX
+        inside = (pixels2 >= 0).all(axis=1) & (pixels2 <= (_WIDTH_PX, _HEIGHT_PX)).all(axis=1)
+        use = (depths > 0) & (seen[:, 2] > 0.1) & inside
+        kept.append((pixels1[use], pixels2[use], points[use], on_plane[use]))
+        count += int(use.sum())
+        if count >= matches:
+            break
+    else:
+        raise ValueError(f"{count} of {matches} points are in both images: give a shorter baseline")
+    pixels1, pixels2, points = (np.concatenate([part[i] for part in kept])[:matches] for i in range(3))
+    on_plane = np.concatenate([part[3] for part in kept])[:matches]
+
+    pixels1 = pixels1 + noise_px * rng.normal(size=pixels1.shape)
+    pixels2 = pixels2 + noise_px * rng.normal(size=pixels2.shape)
+    inliers = np.ones(matches, bool)
+    inliers[rng.permutation(matches)[: round(outlier_share * matches)]] = False
+    pixels2[~inliers] = _pixels(rng, int((~inliers).sum()))
+    length = float(np.linalg.norm(centre))
+    unit = length if length > 0 else 1.0
+    return Scene(_unit(_rays(pixels1)), _unit(_rays(pixels2)), R, -R @ centre / unit, points / unit, inliers, on_plane)
+
+
+def _pixels(rng: np.random.Generator, count: int) -> Floats:
+    """Places (count, 2), uniform over the image."""
+    return rng.uniform((0, 0), (_WIDTH_PX, _HEIGHT_PX), (count, 2))
+
+
+def _rays(pixels: Floats) -> Floats:
+    return np.column_stack([(pixels - _CENTRE_PX) / FOCAL_PX, np.ones(len(pixels))])
+
+
+def _unit(rays: Floats) -> Floats:
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
+# -- what stands before the camera, and where it goes ---------------------------------------------
+
+
+def _volume(rng: np.random.Generator) -> Surface:
+    """Depths of 1 to 4, independent of one another."""
+    return lambda rng, rays: (rng.uniform(1, 4, len(rays)), np.zeros(len(rays), bool))
+
+
+def _plane_of(normal: Floats, distance: float, rays: Floats) -> Floats:
+    cosine = rays @ normal
+    return np.where(cosine > _LEAST_COSINE, distance / np.maximum(cosine, _LEAST_COSINE), -1.0)
+
+
+def _plane(slope: float) -> Callable[[np.random.Generator], Surface]:
+    """A plane whose normal has slopes of up to this in x and y; zero: it is parallel to the image."""
+
+    def draw(rng: np.random.Generator) -> Surface:
+        normal = np.array([*rng.uniform(-slope, slope, 2), 1.0])
+        normal /= np.linalg.norm(normal)
+        return lambda rng, rays: (_plane_of(normal, _PLANE_DISTANCE, rays), np.ones(len(rays), bool))
+
+    return draw
+
+
+def _desk(rng: np.random.Generator) -> Surface:
+    """A plane seen at a slant, 60 to 90 % of the points on it, the others on four boxes of different heights.
+
+    A box is a round patch of the image, 80 px wide; its points lie between 0.3 and 1 of its height (top and sides), and
+    the height is 0.1 to 0.4 of the plane's distance.
+    """
+    normal = np.array([rng.uniform(-0.2, 0.2), rng.uniform(0.3, 0.7), 1.0])
+    normal /= np.linalg.norm(normal)
+    share = rng.uniform(0.1, 0.4)
+    middles, heights = _rays(_pixels(rng, 4))[:, :2], rng.uniform(0.1, 0.4, 4)
+
+    def surface(rng: np.random.Generator, rays: Floats) -> tuple[Floats, Bools]:
+        offset = np.linalg.norm(rays[:, None, :2] - middles, axis=2)
+        box = np.argmin(offset, axis=1)
+        on_box = offset.min(axis=1) < 40 / FOCAL_PX
+        depths = _plane_of(normal, _PLANE_DISTANCE, rays)
+        raised = 1 - heights[box] * rng.uniform(0.3, 1, len(rays))
+        # Boxes are rich in features: as many of the plane's points are dropped as the share asks for.
+        plane_kept = on_box.mean() * (1 - share) / (share * max((~on_box).mean(), 1e-9))
+        dropped = ~on_box & (rng.random(len(rays)) > plane_kept)
+        return np.where(dropped, -1.0, np.where(on_box, depths * raised, depths)), ~on_box
+
+    return surface
+
+
+def _anywhere(rng: np.random.Generator) -> Floats:
+    return rng.normal(size=3)
+
+
+def _level(rng: np.random.Generator) -> Floats:
+    """Along the image, as a camera that looks straight down in level flight."""
+    return np.array([*rng.normal(size=2), 0.0])
+
+
+def _climbing(rng: np.random.Generator) -> Floats:
+    """Up or down by 15 to 60 degrees from level."""
+    heading, climb = rng.uniform(0, 2 * np.pi), np.deg2rad(rng.uniform(15, 60)) * rng.choice([-1, 1])
+    return np.array([np.cos(climb) * np.cos(heading), np.cos(climb) * np.sin(heading), np.sin(climb)])
+
+
+def _forward(rng: np.random.Generator) -> Floats:
+    return np.array([0.0, 0.0, 1.0]) + 0.05 * rng.normal(size=3)
+
+
+#: The scenes of the comparison. A baseline of .15 is that of a keyframe, .03 that of video after a few frames; at .01
+#: the median match moves by 5 px, at a noise of about 1.
+SCENES: dict[str, SceneKind] = {
+    "general .15": SceneKind(_volume, _anywhere, 0.15),
+    "general .03": SceneKind(_volume, _anywhere, 0.03),
+    "plane .15": SceneKind(_plane(0.7), _anywhere, 0.15),
+    "plane .05": SceneKind(_plane(0.7), _anywhere, 0.05),
+    "nadir level .15": SceneKind(_plane(0.0), _level, 0.15),
+    "nadir climbing .15": SceneKind(_plane(0.0), _climbing, 0.15),
+    "desk .15": SceneKind(_desk, _anywhere, 0.15),
+    "forward .15": SceneKind(_volume, _forward, 0.15),
+    "low parallax .01": SceneKind(_volume, _anywhere, 0.01),
+    "rotation": SceneKind(_volume, _anywhere, 0.0),
+}
