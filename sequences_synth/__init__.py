@@ -9,11 +9,25 @@ integers ::
 
 Scenes: ``room`` (general), ``wall`` (one tilted plane), ``nadir`` (straight flight over flat ground),
 ``nadir-turn`` (the same in a turn), ``corridor`` (forward motion), ``desk`` (dominant plane with objects),
-``rotation`` (pure), ``rotate-then-move`` and ``static``.
+``rotation`` (pure), ``rotate-then-move`` and ``static``. :func:`make_points` makes tracks in scenes of the same kind,
+without images.
 """
 
+from sequences_synth.points import POINT_SCENES, STILL_SCENES, PointOptions, PointSequence, make_points
 from sequences_synth.scene import SCENES
 from sequences_synth.sequence import PinholeCamera, SynthOptions, SynthSequence, make_sequence
 from sequences_synth.writer import write_tum
 
-__all__ = ["SCENES", "PinholeCamera", "SynthOptions", "SynthSequence", "make_sequence", "write_tum"]
+__all__ = [
+    "POINT_SCENES",
+    "SCENES",
+    "STILL_SCENES",
+    "PinholeCamera",
+    "PointOptions",
+    "PointSequence",
+    "SynthOptions",
+    "SynthSequence",
+    "make_points",
+    "make_sequence",
+    "write_tum",
+]

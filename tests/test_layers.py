@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-HEAVY = ("cv2", "gtsam", "rerun", "scipy", "tqdm", "matplotlib", "evo", "pycolmap")
+HEAVY = ("cv2", "gtsam", "rerun", "scipy", "tqdm", "matplotlib", "evo", "pycolmap", "loky", "distributed")
 
 
 def imported(path):
@@ -77,7 +77,7 @@ def test_rerun_is_imported_by_the_recording_alone():
 
 def test_the_synthetic_world_is_read_like_any_other_data_set():
     product = {name for name in users("slam_init", "sequences_synth") if not name.startswith("benchmarks/")}
-    assert product <= {"datasets/synth.py", "cli.py"}
+    assert product <= {"datasets/synth.py", "datasets/points.py", "cli.py"}
 
 
 @pytest.mark.parametrize("library", ["evo", "pycolmap", "poselib", "matplotlib", "pytest", "hypothesis"])

@@ -1,0 +1,114 @@
+"""Tracks without images as a source: ``points:NAME``, or with options ``points:NAME?noise_px=1&baseline=0.05``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qsl
+
+import numpy as np
+
+from slam_init.camera import Camera
+from slam_init.datasets.image_files import frame_range
+from slam_init.datasets.text import pose_from_matrix
+from slam_init.errors import SourceError
+from slam_init.types import Floats, Frame, Observations, Trajectory
+
+if TYPE_CHECKING:
+    from sequences_synth import PointSequence
+
+__all__ = ["POINTS", "PointSource", "open_points"]
+
+POINTS = "points:"
+
+_BACKGROUND, _DOT = 30, 220
+
+
+@dataclass(frozen=True, eq=False)
+class PointSource:
+    """A :class:`slam_init.types.Source` that knows its tracks; its images are dots on a dark ground, to be looked at."""
+
+    sequence: PointSequence
+
+    @property
+    def name(self) -> str:
+        """Name of the scene."""
+        return self.sequence.name
+
+    @property
+    def kind(self) -> str:
+        """``points``."""
+        return "points"
+
+    @property
+    def camera(self) -> Camera:
+        """The camera as stated; wrong where the option ``focal_error`` says so."""
+        c = self.sequence.camera
+        return Camera("pinhole", c.width, c.height, c.fx, c.fy, c.cx, c.cy)
+
+    @property
+    def groundtruth(self) -> Trajectory:
+        """The exact trajectory."""
+        poses = (pose_from_matrix(self.name, matrix) for matrix in self.sequence.poses)
+        return Trajectory(self.sequence.timestamps_s, tuple(poses))
+
+    @property
+    def timestamps_s(self) -> Floats:
+        """(N,) float."""
+        return self.sequence.timestamps_s
+
+    def __len__(self) -> int:
+        return len(self.sequence)
+
+    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
+        """Yield pictures of the tracks."""
+        camera = self.sequence.camera
+        for index in frame_range(len(self), start, max_frames, self.name):
+            image = np.full((camera.height, camera.width), _BACKGROUND, np.uint8)
+            _, pixels = self.sequence.observe(index)
+            column, row = np.round(pixels).astype(int).T
+            for dx, dy in ((0, 0), (1, 0), (0, 1), (1, 1)):
+                image[np.clip(row + dy, 0, camera.height - 1), np.clip(column + dx, 0, camera.width - 1)] = _DOT
+            yield Frame(index, float(self.timestamps_s[index]), f"frame-{index:06d}", image)
+
+    def observations(self, start: int = 0) -> Iterator[Observations]:
+        """Yield the tracks of each frame from an absolute index on."""
+        camera = self.camera
+        for index in range(start, len(self)):
+            track_ids, pixels = self.sequence.observe(index)
+            yield Observations(
+                frame=index,
+                timestamp_s=float(self.timestamps_s[index]),
+                name=f"frame-{index:06d}",
+                track_ids=track_ids,
+                pixels=pixels,
+                bearings=camera.bearings(pixels),
+                colors=np.full((len(track_ids), 3), _DOT, np.uint8),
+            )
+
+
+def open_points(text: str, seed: int) -> PointSource:
+    """Open ``points:NAME[?option=value&...]``.
+
+    Raises
+    ------
+    SourceError
+        Where the scene or an option is unknown, or a value is none.
+    """
+    from sequences_synth import PointOptions, make_points
+
+    name, _, query = text.removeprefix(POINTS).partition("?")
+    known = {field.name: type(getattr(PointOptions(), field.name)) for field in fields(PointOptions)}
+    values: dict[str, Any] = {}
+    for key, value in parse_qsl(query, keep_blank_values=True):
+        if key not in known:
+            raise SourceError(f"{text}: unknown option {key!r}: use one of {', '.join(known)}")
+        try:
+            values[key] = known[key](value)
+        except ValueError:
+            raise SourceError(f"{text}: {key} is {value!r}: give a number") from None
+    try:
+        return PointSource(make_points(name, seed, PointOptions(**values)))
+    except ValueError as error:
+        raise SourceError(str(error)) from None
