@@ -108,7 +108,9 @@ def _parser() -> _Parser:
     run.set_defaults(command=_run)
     _add_source(run, default=_DEFAULT_SOURCE)
     run.add_argument("--out", metavar="DIR", default=_DEFAULT_OUT, help="results (default: %(default)s)")
-    run.add_argument("--method", metavar="NAME", help="relative pose from: quest (default)")
+    run.add_argument(
+        "--method", metavar="NAME", help="way to initialize: quest (default), orb-slam3, ...; a wrong name lists all"
+    )
     run.add_argument("--seed", type=int, metavar="N", help="of random draws and synthetic worlds (default: 0)")
     run.add_argument("--start", type=int, default=0, metavar="K", help="skip the first K frames")
     run.add_argument("--max-frames", type=int, metavar="N", help="give up after N frames")

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from slam_init.errors import ConfigError
+from slam_init.methods.registry import method_info
 
 __all__ = [
-    "METHODS",
     "AcceptanceConfig",
     "Config",
     "KeyframeConfig",
@@ -37,9 +37,6 @@ _RANGES: dict[str, tuple[float, float]] = {
     "keyframes.window": (1, 1000),
     "map.max_further_views": (1, 100),
 }
-
-#: Ways to initialize.
-METHODS = ("quest",)
 
 
 @dataclass(frozen=True)
@@ -184,8 +181,7 @@ def load_config(path: Path | None, overrides: dict[str, Any] | None = None) -> C
             raise ConfigError(f"{path} is not valid TOML: {error}") from None
     table |= {key: value for key, value in (overrides or {}).items() if value is not None}
     config: Config = _build(Config, table, where=str(path) if path else "options", prefix="")
-    if config.method not in METHODS:
-        raise ConfigError(f"unknown method {config.method!r}: use one of {', '.join(METHODS)}")
+    method_info(config.method)
     return config
 
 

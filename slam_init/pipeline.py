@@ -33,6 +33,7 @@ from slam_init.handover import (
 )
 from slam_init.keyframes import KeyframeManager, PairPreview, difference_gate
 from slam_init.mapping import MapCandidate, build_candidate, further_views, margin, rank, same_map, table_of
+from slam_init.methods import make_initializer
 from slam_init.metrics import compare_with_groundtruth
 from slam_init.reasons import ACCEPTED
 from slam_init.recording import Recorder, RerunRecorder
@@ -97,7 +98,7 @@ def run(
         else RerunRecorder(out / RECORDING, camera, source.name, source.groundtruth, config.seed)
     )
     with recorder:
-        initializer = Initializer(camera, config, recorder)
+        initializer = make_initializer(config.method, camera, config, recorder)
         frames = source.frames(start=start, max_frames=None if continue_frames else max_frames)
         for frame in _with_progress(frames, min(len(source) - start, max_frames or len(source)), progress):
             initializer.process(frame)
@@ -155,6 +156,9 @@ class Initializer:
     config : Config, optional
     recorder : Recorder, optional
         Is told of every frame, attempt and map.
+    third_view : bool
+        Whether further views decide between two motions and confirm the map. Without them the better two-view map is
+        taken where the gates that two views allow are passed: the method ``quest-two-view``.
 
     Attributes
     ----------
@@ -166,7 +170,14 @@ class Initializer:
         What was seen in the last frames; :attr:`tracker` adds to the same one.
     """
 
-    def __init__(self, camera: Camera, config: Config | None = None, recorder: Recorder | None = None) -> None:
+    def __init__(
+        self,
+        camera: Camera,
+        config: Config | None = None,
+        recorder: Recorder | None = None,
+        *,
+        third_view: bool = True,
+    ) -> None:
         self.camera = camera
         self.config = config or Config()
         self.recorder = recorder or Recorder()
@@ -176,6 +187,7 @@ class Initializer:
         self.stopwatch = Stopwatch()
         self.map: InitialMap | None = None
         self.frames_read = 0
+        self._third_view = third_view
         self._attempts: list[Attempt] = []
         self._accepted: _Acceptance | None = None
         self._two_views_only: tuple[Attempt, _Acceptance] | None = None
@@ -289,7 +301,7 @@ class Initializer:
         if verdict != ACCEPTED or not isinstance(pose, RelativePose):
             return refused(attempt, verdict, evidence)
         with self.stopwatch("map"):
-            views = further_views(self.history, reference, current, self.config.map)
+            views = further_views(self.history, reference, current, self.config.map) if self._third_view else []
             table = table_of(reference, current, views)
             hypotheses: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
             candidates = [build_candidate(self.camera, self.config, table, hypothesis) for hypothesis in hypotheses]
@@ -298,7 +310,7 @@ class Initializer:
         best = candidates[0]
         if not isinstance(best.bundle, BundleSolution):
             return refused(attempt, "bundle_adjustment_failed", {"cause": best.bundle.cause})
-        verdict, evidence = self._vote(candidates)
+        verdict, evidence = self._vote(candidates if self._third_view else candidates[:1])
         attempt = replace(attempt, evidence=attempt.evidence | evidence)
         if verdict != ACCEPTED:
             return refused(attempt, verdict)
@@ -307,6 +319,8 @@ class Initializer:
         for gate in gates:
             evidence |= {gate.name: gate.value, f"{gate.name}_gate": gate.threshold}
         attempt = replace(attempt, evidence=attempt.evidence | evidence)
+        if verdict == "no_third_view" and not self._third_view:
+            verdict = ACCEPTED
         two_views_only = verdict == "no_third_view" and len(table.frames) == 2 and len(candidates) == 1
         if verdict == ACCEPTED or two_views_only:
             # The noise of two rays, and on top what tracks share.

@@ -1,0 +1,170 @@
+"""An initializer around a two-view method: reference frame, attempt at every frame, two-view bundle adjustment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from slam_init.bundle import BundleProblem, BundleSolution, adjust
+from slam_init.camera import Camera
+from slam_init.config import Config
+from slam_init.handover import (
+    Evidence,
+    initial_map,
+    prevailing_reason,
+    refusal,
+    refused,
+    without_matches,
+)
+from slam_init.methods.two_view import TwoViewMethod, TwoViewOutcome, undistorted_pixels
+from slam_init.reasons import ACCEPTED
+from slam_init.recording import Recorder
+from slam_init.timing import Stopwatch
+from slam_init.tracks import Tracker, common_tracks
+from slam_init.types import Attempt, Frame, InitialMap, Observations, Pose, Result
+
+__all__ = ["PairInitializer"]
+
+#: None of the two-view methods asks how certain a depth is: what they triangulate stays, unless bundle adjustment makes
+#: its depth a guess.
+_ANY_DEPTH_SIGMA = 1.0
+
+
+class PairInitializer:
+    """Feed it frames until the method accepts a pair; the same interface as :class:`slam_init.pipeline.Initializer`.
+
+    Parameters
+    ----------
+    method : TwoViewMethod
+    camera : Camera
+    config : Config
+    recorder : Recorder, optional
+
+    Attributes
+    ----------
+    map : InitialMap or None
+    frames_read : int
+    tracker : Tracker
+    history : History
+    """
+
+    def __init__(
+        self, method: TwoViewMethod, camera: Camera, config: Config | None = None, recorder: Recorder | None = None
+    ) -> None:
+        self.method = method
+        self.camera = camera
+        self.config = config or Config()
+        self.recorder = recorder or Recorder()
+        self.tracker = Tracker(camera, self.config.tracking)
+        self.history = self.tracker.history
+        self.stopwatch = Stopwatch()
+        self.map: InitialMap | None = None
+        self.frames_read = 0
+        self._reference: int | None = None
+        self._attempts: list[Attempt] = []
+
+    def process(self, frame: Frame) -> Attempt | None:
+        """Take in the next frame; return the attempt that it led to, if any."""
+        with self.stopwatch("track"):
+            current = self.tracker.track(frame)
+        self.recorder.frame(frame, current)
+        return self.process_tracks(current)
+
+    def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Attempt | None:
+        """Take in the tracks of the next frame; see :meth:`slam_init.pipeline.Initializer.process_tracks`."""
+        self.history.take(current, revised)
+        self.frames_read += 1
+        attempt = None
+        if self._reference is not None:
+            attempt = self._try(self.history[self._reference], current)
+            self.recorder.attempt(attempt)
+            self._attempts.append(without_matches(attempt))
+        if self._reference is None or (attempt is not None and attempt.verdict in _NEW_REFERENCE):
+            enough = len(current) >= self.method.pair_rule.min_features
+            self._reference = current.frame if enough else None
+        if attempt is not None and attempt.verdict == ACCEPTED and self.map is not None:
+            views = [self.history[keyframe.frame] for keyframe in self.map.keyframes]
+            self.recorder.initialized(self.map, views)
+        self.history.forget(keep=() if self._reference is None else (self._reference,))
+        return attempt
+
+    def finish(self) -> Result:
+        """No more frames: the map, or the reason why there is none."""
+        reason = None if self.map is not None else prevailing_reason(self._attempts)
+        if reason == "too_few_frames" and self.frames_read > 1:
+            reason = "too_few_features"  # no frame had enough of them to become a reference
+        return Result(
+            map=self.map,
+            reason=reason,
+            frames_read=self.frames_read,
+            frames_to_init=self.frames_read if self.map is not None else None,
+            attempts=tuple(self._attempts),
+            timing_ms=self.stopwatch.summary(),
+        )
+
+    def _try(self, reference: Observations, current: Observations) -> Attempt:
+        rule, frames = self.method.pair_rule, (reference.frame, current.frame)
+        i, j = common_tracks(reference, current)
+        evidence: Evidence = {"features": len(current), "matches": len(i)}
+        if len(current) < rule.min_features:
+            return refusal(frames, "too_few_features", evidence | {"features_needed": rule.min_features})
+        if len(i) < rule.min_matches:
+            return refusal(frames, "too_few_matches", evidence | {"matches_needed": rule.min_matches})
+        m, n = reference.bearings[i], current.bearings[j]
+        with self.stopwatch("two_view"):
+            outcome = self.method.bootstrap(
+                self.camera,
+                undistorted_pixels(self.camera, m),
+                undistorted_pixels(self.camera, n),
+                m,
+                n,
+                self.config.seed,
+            )
+        attempt = Attempt(
+            frames=frames,
+            verdict=outcome.reason,
+            evidence=evidence | outcome.evidence,
+            pixels1=reference.pixels[i],
+            pixels2=current.pixels[j],
+            inliers=outcome.landmarks,
+        )
+        if outcome.cam2_from_cam1 is None:
+            return refused(attempt, outcome.reason)
+        with self.stopwatch("map"):
+            return self._adjusted(attempt, outcome, outcome.cam2_from_cam1, reference, current)
+
+    def _adjusted(
+        self, attempt: Attempt, outcome: TwoViewOutcome, pose: Pose, reference: Observations, current: Observations
+    ) -> Attempt:
+        """Two-view bundle adjustment of what the method accepted; sets the map, or starts anew as the systems do."""
+        i, j = common_tracks(reference, current)
+        kept = np.flatnonzero(outcome.landmarks)
+        count = len(kept)
+        problem = BundleProblem(
+            frames=(reference.frame, current.frame),
+            world_from_cam=(Pose.identity(), pose.inverse()),
+            points=outcome.points[kept],
+            track_ids=reference.track_ids[i[kept]],
+            views=np.repeat(np.arange(2), count),
+            landmarks=np.tile(np.arange(count), 2),
+            pixels=np.concatenate([reference.pixels[i[kept]], current.pixels[j[kept]]]),
+        )
+        bundle = adjust(self.camera, problem, replace(self.config.map, max_depth_sigma=_ANY_DEPTH_SIGMA))
+        if not isinstance(bundle, BundleSolution):
+            self._reference = None
+            return refused(attempt, "bundle_adjustment_failed", {"cause": bundle.cause})
+        needed = self.method.pair_rule.min_landmarks
+        left = len(bundle.problem.points)
+        evidence: Evidence = {"landmarks": left, "landmarks_gate": needed, "reprojection_rmse_px": bundle.rmse_px}
+        attempt = replace(attempt, evidence=attempt.evidence | evidence)
+        if left < needed:
+            self._reference = None
+            return refused(attempt, "too_few_landmarks")
+        self.map = initial_map(bundle, (reference, current), "planar" if outcome.planar else "general")
+        return attempt
+
+
+#: The tracks of the reference are lost.
+_NEW_REFERENCE = ("too_few_features", "too_few_matches")

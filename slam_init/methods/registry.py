@@ -1,0 +1,205 @@
+"""The names of the methods, what each is, and how it is made. Loads nothing heavy: the command line reads it.
+
+A method of your own needs no entry here: ``--method package.module:Class`` takes a
+:class:`~slam_init.methods.two_view.TwoViewMethod` from wherever Python can import it
+(see :mod:`slam_init.examples.add_a_method`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, Protocol
+
+from slam_init.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from slam_init.camera import Camera
+    from slam_init.config import Config
+    from slam_init.recording import Recorder
+    from slam_init.tracks import History, Tracker
+    from slam_init.types import Attempt, Frame, InitialMap, Observations, Result
+
+__all__ = ["METHODS", "FrontEnd", "MethodInfo", "make_initializer", "make_two_view", "method_info"]
+
+
+class FrontEnd(Protocol):
+    """What every method is run as: it is fed frames until it has a map."""
+
+    map: InitialMap | None
+    frames_read: int
+    tracker: Tracker
+    history: History
+
+    def process(self, frame: Frame) -> Attempt | None:
+        """Take in the next frame."""
+        ...
+
+    def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Attempt | None:
+        """Take in the tracks of the next frame, found elsewhere."""
+        ...
+
+    def finish(self) -> Result:
+        """No more frames: the map, or the reason why there is none."""
+        ...
+
+
+@dataclass(frozen=True)
+class MethodInfo:
+    """A method.
+
+    Attributes
+    ----------
+    name : str
+    summary : str
+        One line.
+    source : str
+        Where its rules come from.
+    home : str
+        ``package.module:attribute``; the attribute called without arguments gives a
+        :class:`~slam_init.methods.two_view.TwoViewMethod`. Empty for those that are more than two views.
+    needs : str or None
+        A package that has to be installed besides.
+    """
+
+    name: str
+    summary: str
+    source: str
+    home: str = ""
+    needs: str | None = None
+
+
+_HERE = "slam_init.methods"
+
+#: By name, ours first.
+METHODS: dict[str, MethodInfo] = {
+    info.name: info
+    for info in (
+        MethodInfo(
+            "quest",
+            "QuEst; rival hypotheses carried to maps, decided by further views",
+            "this project; Fathian et al. 2017, arXiv:1704.02672",
+        ),
+        MethodInfo(
+            "quest-two-view",
+            "the same without a third view: the better of the two-view maps, if its gates pass",
+            "this project",
+        ),
+        MethodInfo(
+            "orb-slam3",
+            "8-point F and H, H where its score is above 0.50 of both, 4 or 8 motions checked",
+            "ORB-SLAM3 v1.0, TwoViewReconstruction; Campos et al., T-RO 2021",
+            f"{_HERE}.orb_slam:orb_slam3",
+        ),
+        MethodInfo(
+            "orb-slam2",
+            "as orb-slam3 with H above 0.40, and 100 landmarks after bundle adjustment",
+            "ORB-SLAM2, Initializer; Mur-Artal and Tardos, T-RO 2017",
+            f"{_HERE}.orb_slam:orb_slam2",
+        ),
+        MethodInfo(
+            "stella",
+            "8-point F and 4-point H, the one of less truncated cost, 4 or 8 motions checked",
+            "stella_vslam, initialize/perspective",
+            f"{_HERE}.stella:Stella",
+        ),
+        MethodInfo(
+            "essential-5pt",
+            "OpenCV's five-point USAC_MAGSAC, most points in front, parallax gate",
+            "OpenCV, findEssentialMat; Barath et al., CVPR 2020",
+            f"{_HERE}.essential:EssentialFivePoint",
+        ),
+        MethodInfo(
+            "essential-8pt",
+            "normalized 8-point E, most points in front, parallax gate",
+            "Hartley, PAMI 1997",
+            f"{_HERE}.essential:EssentialEightPoint",
+        ),
+        MethodInfo(
+            "homography",
+            "a plane, always: H, the motion of most points in front, 50 px of disparity",
+            "SVO, KltHomographyInit; Forster et al., ICRA 2014",
+            f"{_HERE}.homography:PlaneOnly",
+        ),
+        MethodInfo(
+            "colmap",
+            "five-point E or H by the ratio of their inliers, 16 degrees of parallax",
+            "COLMAP, two-view geometry and initial pair; Schoenberger and Frahm, CVPR 2016",
+            f"{_HERE}.colmap:Colmap",
+        ),
+        MethodInfo(
+            "poselib",
+            "PoseLib's five-point LO-RANSAC, parallax gate",
+            "PoseLib, estimate_relative_pose; Larsson 2020",
+            f"{_HERE}.poselib:PoseLib",
+            needs="poselib",
+        ),
+    )
+}
+
+
+def method_info(name: str) -> MethodInfo:
+    """The method of a name, or of a ``package.module:attribute``.
+
+    Raises
+    ------
+    ConfigError
+        Where there is no such method.
+    """
+    if name in METHODS:
+        return METHODS[name]
+    if ":" in name:
+        return MethodInfo(name, "a method of your own", name, home=name)
+    raise ConfigError(f"unknown method {name!r}: use one of {', '.join(METHODS)}, or package.module:attribute")
+
+
+def make_two_view(name: str) -> Any:
+    """The :class:`~slam_init.methods.two_view.TwoViewMethod` of a name.
+
+    Raises
+    ------
+    ConfigError
+        Where there is none, it cannot be imported, or the package that it needs is not installed.
+    """
+    info = method_info(name)
+    if not info.home:
+        raise ConfigError(f"{name} is no two-view method: use make_initializer")
+    if info.needs is not None and find_spec(info.needs) is None:
+        raise ConfigError(f"the method {name} needs the package {info.needs}: pip install {info.needs}")
+    module, _, attribute = info.home.partition(":")
+    try:
+        method = getattr(import_module(module), attribute)()
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
+        raise ConfigError(f"the method {name!r} cannot be made: {error}") from error
+    if not hasattr(method, "bootstrap") or not hasattr(method, "pair_rule"):
+        raise ConfigError(f"{name!r} is no two-view method: it has no bootstrap, or no pair_rule")
+    return method
+
+
+def make_initializer(name: str, camera: Camera, config: Config, recorder: Recorder | None = None) -> FrontEnd:
+    """An initializer that uses a method.
+
+    Parameters
+    ----------
+    name : str
+        Of :data:`METHODS`, or ``package.module:attribute``.
+    camera : Camera
+    config : Config
+    recorder : Recorder, optional
+
+    Raises
+    ------
+    ConfigError
+        Where there is no such method, or the package that it needs is not installed.
+    """
+    from slam_init.pipeline import Initializer
+
+    info = method_info(name)
+    if not info.home:
+        return Initializer(camera, config, recorder, third_view=info.name != "quest-two-view")
+    from slam_init.methods.pair_initializer import PairInitializer
+
+    return PairInitializer(make_two_view(name), camera, config, recorder)
