@@ -51,9 +51,14 @@ def users(package, library):
     }
 
 
-@pytest.mark.parametrize("library", ["slam_init", "sequences_synth", *HEAVY, "poselib"])
-def test_quest_stands_on_numpy_alone(library):
+@pytest.mark.parametrize("library", ["slam_init", "sequences_synth"])
+def test_quest_knows_nothing_of_its_users(library):
     assert users("quest", library) == set()
+
+
+@pytest.mark.parametrize("library", [*HEAVY, "poselib"])
+def test_quest_stands_on_numpy_alone_and_only_its_benchmarks_know_its_rivals(library):
+    assert {name for name in users("quest", library) if not name.startswith("benchmarks/")} == set()
 
 
 @pytest.mark.parametrize("library", ["slam_init", "quest", "gtsam", "rerun"])

@@ -1,0 +1,157 @@
+"""Trials of the robust comparison: which scenes are drawn, and what each method makes of them."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from quest.benchmarks.measures import pose_errors_deg
+from quest.benchmarks.robust_methods import METHODS, Estimate
+from quest.benchmarks.scenes import FOCAL_PX, SCENES, Scene, draw_scene
+from quest.refine import refine_pose
+
+__all__ = ["Cell", "Trial", "full_grid", "judge", "oracle_error_deg", "run_trials", "star_grid", "write_csv"]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Conditions of a trial: key of :data:`SCENES`, share of outliers, noise in pixels, number of matches."""
+
+    scene: str
+    outlier_share: float
+    noise_px: float
+    matches: int
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a method made of one scene.
+
+    Attributes
+    ----------
+    scene, outlier_share, noise_px, matches
+        See :class:`Cell`.
+    seed : int
+        Number of the trial; the same scene for all methods, and the same geometry at all shares of outliers.
+    method : str
+    kind : str
+        See :class:`quest.benchmarks.robust_methods.Estimate`.
+    kept : int
+        How many poses the method keeps.
+    rotation_error_deg, direction_error_deg : float
+        Of its first pose; infinite without one, the direction also where it or the truth has none.
+    kept_error_deg : float
+        The larger of the two errors of the best of the poses kept.
+    oracle_error_deg : float
+        The same of a refinement that starts from the truth and knows the inliers: what the data allow.
+    time_ms : float
+    """
+
+    scene: str
+    outlier_share: float
+    noise_px: float
+    matches: int
+    seed: int
+    method: str
+    kind: str
+    kept: int
+    rotation_error_deg: float
+    direction_error_deg: float
+    kept_error_deg: float
+    oracle_error_deg: float
+    time_ms: float
+
+    @property
+    def error_deg(self) -> float:
+        """The larger of the two errors of the first pose."""
+        return max(self.rotation_error_deg, self.direction_error_deg)
+
+
+def star_grid(
+    scenes: Sequence[str], outliers: Sequence[float], noises: Sequence[float], matches: Sequence[int]
+) -> list[Cell]:
+    """One factor varies at a time; the others are held at the middle one of their list."""
+    outlier, noise = outliers[len(outliers) // 2], noises[len(noises) // 2]
+    count = matches[len(matches) // 2]
+    cells = [
+        *(Cell(scene, o, noise, count) for scene in scenes for o in outliers),
+        *(Cell(scene, outlier, n, count) for scene in scenes for n in noises),
+        *(Cell(scene, outlier, noise, c) for scene in scenes for c in matches),
+    ]
+    return list(dict.fromkeys(cells))
+
+
+def full_grid(
+    scenes: Sequence[str], outliers: Sequence[float], noises: Sequence[float], matches: Sequence[int]
+) -> list[Cell]:
+    """Every combination."""
+    return [Cell(*values) for values in product(scenes, outliers, noises, matches)]
+
+
+def run_trials(
+    cells: Sequence[Cell], methods: Sequence[str], trials: int, *, threshold_px: float, seed: int
+) -> Iterator[Trial]:
+    """Run all methods on each scene, one after the other, so that a busy moment of the machine meets all alike.
+
+    The first call of each method, which may load or compile, is made before and is not counted.
+    """
+    warm_up = draw_scene(SCENES["plane .15"], np.random.default_rng(seed), matches=100, outlier_share=0.1, noise_px=0.5)
+    for method in methods:
+        _run(method, warm_up, threshold_px / FOCAL_PX, seed)
+    for cell, k in product(cells, range(trials)):
+        rng = np.random.default_rng([seed, list(SCENES).index(cell.scene), k])
+        scene = draw_scene(
+            SCENES[cell.scene],
+            rng,
+            matches=cell.matches,
+            outlier_share=cell.outlier_share,
+            noise_px=cell.noise_px,
+        )
+        oracle = oracle_error_deg(scene, cell.noise_px / FOCAL_PX)
+        for method in methods:
+            yield judge(cell, k, method, scene, _run(method, scene, threshold_px / FOCAL_PX, k), oracle)
+
+
+def _run(method: str, scene: Scene, threshold_rad: float, seed: int) -> Estimate:
+    return METHODS[method][1](scene.bearings1, scene.bearings2, threshold_rad, seed)
+
+
+def judge(cell: Cell, seed: int, method: str, scene: Scene, estimate: Estimate, oracle_deg: float) -> Trial:
+    """Compare an answer with the truth of its scene."""
+    errors = [pose_errors_deg(R, t, scene.R, scene.t) for R, t in estimate.poses] or [(float("inf"), float("inf"))]
+    return Trial(
+        **asdict(cell),
+        seed=seed,
+        method=method,
+        kind=estimate.kind,
+        kept=len(estimate.poses),
+        rotation_error_deg=errors[0][0],
+        direction_error_deg=errors[0][1],
+        kept_error_deg=min(map(max, errors)),
+        oracle_error_deg=oracle_deg,
+        time_ms=1e3 * estimate.seconds,
+    )
+
+
+def oracle_error_deg(scene: Scene, noise_rad: float) -> float:
+    """Error of a refinement from the true pose on the true inliers; infinite where there is no true translation."""
+    if not np.any(scene.t):
+        return float("inf")
+    m, n = scene.bearings1[scene.inliers], scene.bearings2[scene.inliers]
+    # A kernel of three deviations hardly bends the least squares that Gaussian noise calls for.
+    R, t = refine_pose(scene.R, scene.t, m, n, max(3 * noise_rad, 1e-6))
+    return max(pose_errors_deg(R, t, scene.R, scene.t))
+
+
+def write_csv(trials: Sequence[Trial], path: Path) -> None:
+    """One row a trial, so that other tables can be made of the same run."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, [field.name for field in fields(Trial)], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(asdict(trial) for trial in trials)

@@ -1,0 +1,72 @@
+"""What the programs share: lists as options, one thread, where the results go."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+__all__ = ["choice_list", "number_list", "positive", "run_on_one_thread", "save"]
+
+T = TypeVar("T")
+
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "TBB_NUM_THREADS")
+
+
+def run_on_one_thread() -> None:
+    """Start the program anew with one thread, unless it has been.
+
+    The numerical libraries read their number of threads when they are loaded, and this package loads them before a
+    program of it gets to speak.
+    """
+    if all(os.environ.get(name) == "1" for name in _THREADS):
+        return
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    sys.stdout.flush()
+    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
+
+
+def positive(text: str) -> int:
+    """A whole number from 1, for argparse."""
+    value = int(text) if text.isdecimal() else 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
+    return value
+
+
+def number_list(kind: Callable[[str], T], low: float, high: float) -> Callable[[str], list[T]]:
+    """For argparse: numbers of a range between commas."""
+
+    def parse(text: str) -> list[T]:
+        try:
+            values = [kind(item) for item in text.split(",")]
+        except ValueError:
+            values = []
+        if not values or not all(low <= float(str(value)) <= high for value in values):
+            raise argparse.ArgumentTypeError(f"{text!r}: give numbers from {low:g} to {high:g} between commas")
+        return values
+
+    return parse
+
+
+def choice_list(allowed: Sequence[str]) -> Callable[[str], list[str]]:
+    """For argparse: names of a set between commas."""
+
+    def parse(text: str) -> list[str]:
+        names = text.split(",")
+        if unknown := [name for name in names if name not in allowed]:
+            raise argparse.ArgumentTypeError(f"unknown {unknown[0]!r}: use {', '.join(allowed)}")
+        return names
+
+    return parse
+
+
+def save(out: Path | None, name: str, text: str) -> None:
+    """Print the text, and write it to a file of the folder as well where there is one."""
+    sys.stdout.write(text)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / name).write_text(text, encoding="utf-8")
