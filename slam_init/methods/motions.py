@@ -1,0 +1,194 @@
+"""The motions behind an essential matrix or a homography, and how many points each puts in front of the cameras.
+
+References
+----------
+.. [1] R. Hartley, A. Zisserman, "Multiple View Geometry", 2004, sections 9.6 (E to motions), 12.2 (triangulation).
+.. [2] O. Faugeras, F. Lustman, "Motion and structure from motion in a piecewise planar environment", IJPRAI 1988.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slam_init.camera import Camera
+from slam_init.types import Bools, Floats, Pose
+
+__all__ = [
+    "CheckRule",
+    "MotionCheck",
+    "check_motions",
+    "motions_of_essential",
+    "motions_of_homography",
+]
+
+
+def motions_of_essential(E: Floats) -> tuple[Floats, Floats]:
+    """The four motions R (4, 3, 3), t (4, 3) of an essential matrix (3, 3), |t| = 1 [1]_."""
+    U, _, Vt = np.linalg.svd(E)
+    W = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    proper = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+    R1, R2, t = proper * U @ W @ Vt, proper * U @ W.T @ Vt, U[:, 2]
+    return np.array([R1, R2, R1, R2]), np.array([t, t, -t, -t])
+
+
+def motions_of_homography(H: Floats, ratio_gate: float) -> tuple[Floats, Floats, Floats]:
+    """The eight motions R (8, 3, 3), t (8, 3), |t| = 1, and plane normals (8, 3) of a homography of rays (3, 3) [2]_.
+
+    Empty where two neighbouring singular values are alike to within ``ratio_gate``, a number just above 1: there is no
+    translation then, or its plane is not unique.
+    """
+    U, d, Vt = np.linalg.svd(H)
+    d1, d2, d3 = d
+    if not (d1 > ratio_gate * d2 and d2 > ratio_gate * d3):
+        return np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3))
+    sign = np.linalg.det(U) * np.linalg.det(Vt)
+    x1, x3 = np.sqrt((d1**2 - d2**2) / (d1**2 - d3**2)), np.sqrt((d2**2 - d3**2) / (d1**2 - d3**2))
+    across = np.sqrt((d1**2 - d2**2) * (d2**2 - d3**2)) / d2
+    rotations, translations, normals = [], [], []
+    for reflected in (False, True):  # d' = d2 and d' = -d2
+        other = -d3 if reflected else d3
+        cosine, sine = (d2**2 + d1 * other) / ((d1 + other) * d2), across / (d1 + other)
+        if reflected:
+            cosine = -cosine
+        for e1, e3 in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+            s = e1 * e3 * sine
+            if reflected:
+                R = np.array([[cosine, 0, s], [0, -1, 0], [s, 0, -cosine]])
+            else:
+                R = np.array([[cosine, 0, -s], [0, 1, 0], [s, 0, cosine]])
+            t = U @ np.array([e1 * x1, 0, e3 * x3 if reflected else -e3 * x3])
+            rotations.append(sign * U @ R @ Vt)
+            translations.append(t / np.linalg.norm(t))
+            normals.append(Vt.T @ np.array([e1 * x1, 0, e3 * x3]))
+    return np.array(rotations), np.array(translations), np.array(normals)
+
+
+@dataclass(frozen=True)
+class CheckRule:
+    """When a triangulated match counts for a motion.
+
+    Attributes
+    ----------
+    max_error_px : float
+        Of the reprojection in either image.
+    distant_cos : float
+        Points whose rays differ by less than the angle of this cosine are at infinity for all that is known: they may
+        lie behind a camera, and do not become landmarks.
+    ranked : int
+        The parallax of a motion is the largest but so many.
+    midpoint : bool
+        Triangulate by the midpoint of the common perpendicular in place of the linear method.
+    """
+
+    max_error_px: float
+    distant_cos: float
+    ranked: int = 50
+    midpoint: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class MotionCheck:
+    """How K motions fare with N matches.
+
+    Attributes
+    ----------
+    R : (K, 3, 3) float
+    t : (K, 3) float
+    good : (K, N) bool
+        Matches that count for the motion.
+    landmarks : (K, N) bool
+        Those of them that are near enough to become points.
+    points : (K, N, 3) float
+        In camera 1.
+    parallax_deg : (K,) float
+        The parallax that so many good matches exceed as the rule says; zero without any.
+    """
+
+    R: Floats
+    t: Floats
+    good: Bools
+    landmarks: Bools
+    points: Floats
+    parallax_deg: Floats
+
+    def pose(self, k: int) -> Pose:
+        """cam2_from_cam1 of motion k."""
+        return Pose(self.R[k], self.t[k])
+
+
+def check_motions(
+    camera: Camera, R: Floats, t: Floats, bearings1: Floats, bearings2: Floats, inliers: Bools, rule: CheckRule
+) -> MotionCheck:
+    """Triangulate the inliers with each motion and count those in front of both cameras and near their pixels.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of both views; its distortion does not matter.
+    R : (K, 3, 3) float
+    t : (K, 3) float
+        |t| = 1.
+    bearings1, bearings2 : (N, 3) float
+        Unit rays before the cameras.
+    inliers : (N,) bool
+        The matches to look at.
+    rule : CheckRule
+    """
+    used = np.flatnonzero(inliers)
+    x1, x2 = (rays[used] / rays[used, 2:] for rays in (bearings1, bearings2))
+    focal = np.array([camera.fx, camera.fy])
+    with np.errstate(all="ignore"):  # parallel rays meet at infinity: not finite, not good
+        in1 = _midpoints(R, t, bearings1[used], bearings2[used]) if rule.midpoint else _linear(R, t, x1, x2)
+        in2 = in1 @ R.swapaxes(-1, -2) + t[:, None, :]
+        # |X - O2| = |R X + t|: the angle between the rays to a point.
+        cosine = np.sum((in1 @ R.swapaxes(-1, -2)) * in2, axis=-1)
+        cosine /= np.linalg.norm(in1, axis=-1) * np.linalg.norm(in2, axis=-1)
+        error1 = np.sum(((in1[..., :2] / in1[..., 2:] - x1[:, :2]) * focal) ** 2, axis=-1)
+        error2 = np.sum(((in2[..., :2] / in2[..., 2:] - x2[:, :2]) * focal) ** 2, axis=-1)
+        before = (in1[..., 2] > 0) & (in2[..., 2] > 0)
+        near = cosine < rule.distant_cos
+        good = np.isfinite(in1).all(axis=-1) & (before | ~near)
+        good &= (error1 <= rule.max_error_px**2) & (error2 <= rule.max_error_px**2)
+    count = len(inliers)
+    all_good, landmarks = np.zeros((len(R), count), bool), np.zeros((len(R), count), bool)
+    points = np.full((len(R), count, 3), np.nan)
+    all_good[:, used], landmarks[:, used], points[:, used] = good, good & near, in1
+    return MotionCheck(R, t, all_good, landmarks, points, _ranked_parallax_deg(cosine, good, rule.ranked))
+
+
+def _ranked_parallax_deg(cosine: Floats, good: Bools, rank: int) -> Floats:
+    """For each motion the largest angle but ``rank`` of its good points, the smallest where there are fewer."""
+    counts = good.sum(axis=1)
+    if cosine.shape[1] == 0:
+        return np.zeros(len(cosine))
+    ordered = np.sort(np.where(good, cosine, np.inf), axis=1)
+    at = np.clip(np.minimum(rank, counts - 1), 0, None)
+    ranked = ordered[np.arange(len(cosine)), at]
+    return np.where(counts > 0, np.degrees(np.arccos(np.clip(ranked, -1, 1))), 0.0)
+
+
+def _linear(R: Floats, t: Floats, x1: Floats, x2: Floats) -> Floats:
+    """Linear triangulation [1]_: (K, N, 3) from points (N, 3) on the planes z = 1."""
+    K, N = len(R), len(x1)
+    P = np.concatenate([R, t[..., None]], axis=-1)[:, None]  # (K, 1, 3, 4)
+    identity = np.eye(3, 4)
+    rows = np.empty((K, N, 4, 4))
+    rows[..., 0, :] = x1[:, :1] * identity[2] - identity[0]
+    rows[..., 1, :] = x1[:, 1:2] * identity[2] - identity[1]
+    rows[..., 2, :] = x2[:, :1] * P[..., 2, :] - P[..., 0, :]
+    rows[..., 3, :] = x2[:, 1:2] * P[..., 2, :] - P[..., 1, :]
+    X = np.linalg.eigh(rows.swapaxes(-1, -2) @ rows)[1][..., 0]
+    return np.asarray(X[..., :3] / X[..., 3:])
+
+
+def _midpoints(R: Floats, t: Floats, m: Floats, n: Floats) -> Floats:
+    """Middles (K, N, 3) of the common perpendiculars of the rays, in camera 1."""
+    n1 = n @ R  # rows R^T n: the second ray in camera 1
+    centre2 = -np.einsum("kji,kj->ki", R, t)
+    c = np.sum(m * n1, axis=-1)
+    along1, along2 = centre2 @ m.T, np.einsum("kni,ki->kn", n1, centre2)
+    u = (along1 - c * along2) / (1 - c * c)
+    v = (c * along1 - along2) / (1 - c * c)
+    return np.asarray(0.5 * (u[..., None] * m + v[..., None] * n1 + centre2[:, None, :]))
