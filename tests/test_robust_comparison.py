@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from quest.benchmarks import robust_comparison
-from quest.benchmarks.measures import accuracy, area_under_recall, median, pose_errors_deg
+from quest.benchmarks.measures import accuracy, area_under_recall, pose_errors_deg
 from quest.benchmarks.robust_methods import METHODS, Estimate, available
 from quest.benchmarks.robust_trials import Cell, full_grid, judge, oracle_error_deg, run_trials, star_grid
 from quest.benchmarks.scenes import FOCAL_PX, SCENES, draw_scene
@@ -116,22 +116,26 @@ def test_the_area_under_recall_is_a_share_and_never_gains_from_a_failure(errors,
     assert area_under_recall([*errors, np.inf], bound) <= area
 
 
-def test_shares_and_medians():
+def test_what_is_infinite_or_undefined_is_no_success():
     assert accuracy([0.5, 2.0, np.inf, np.nan], 1) == 0.25
-    assert median([1.0, np.inf, 3.0]) == 2
-    assert np.isnan(median([np.inf]))
 
 
 def test_what_is_kept_is_judged_beside_the_first_pose():
     scene = draw("general .15")
     wrong = (rotation_from_vector(np.array([0.5, 0, 0])) @ scene.R, scene.t)
-    cell = Cell("general .15", 0.0, 0.0, 120)
-    trial = judge(cell, 0, "m", scene, Estimate((wrong, (scene.R, scene.t)), 0.002, "planar"), 0.1)
-    assert (trial.kept, trial.time_ms) == (2, 2)
-    assert trial.error_deg == pytest.approx(np.rad2deg(0.5))
-    assert trial.kept_error_deg < 1e-5
-    none = judge(cell, 0, "m", scene, Estimate((), 0.0, "none"), 0.1)
+    answer = judge("m", Estimate((wrong, (scene.R, scene.t)), 0.002, "planar"), scene.R, scene.t)
+    assert (answer.kept, answer.time_ms) == (2, 2)
+    assert answer.error_deg == pytest.approx(np.rad2deg(0.5))
+    assert answer.kept_error_deg < 1e-5
+    none = judge("m", Estimate((), 0.0, "none"), scene.R, scene.t)
     assert (none.error_deg, none.kept_error_deg) == (np.inf, np.inf)
+
+
+def test_where_the_truth_knows_no_direction_the_rotation_decides():
+    backwards = Estimate(((np.eye(3), np.array([0.0, 0.0, -1.0])),), 0.0, "general")
+    R, t = rotation_from_vector(np.array([0.0, np.deg2rad(2.0), 0.0])), np.array([0.0, 0.0, 1.0])
+    assert judge("m", backwards, R, t, rotation_only=True).error_deg == pytest.approx(2)
+    assert judge("m", Estimate((), 0.0, "none"), R, t, rotation_only=True).error_deg == np.inf
 
 
 def test_the_oracle_is_exact_on_exact_data_and_knows_no_direction_of_a_rotation():

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quest.quaternion import rotation_angle
 
-__all__ = ["accuracy", "area_under_recall", "median", "pose_errors_deg"]
+__all__ = ["accuracy", "area_under_recall", "pose_errors_deg"]
 
 Floats = NDArray[np.float64]
 
@@ -46,9 +44,3 @@ def area_under_recall(errors_deg: ArrayLike, bound_deg: float) -> float:
     x = np.concatenate([[0.0], errors, [bound_deg]])
     y = np.concatenate([recall, recall[-1:]])
     return float(np.sum(np.diff(x) * (y[1:] + y[:-1])) / (2 * bound_deg))
-
-
-def median(values: Sequence[float]) -> float:
-    """Median of the finite values; NaN where there is none."""
-    finite = [value for value in values if np.isfinite(value)]
-    return float(np.median(finite)) if finite else float("nan")

@@ -19,7 +19,15 @@ from pathlib import Path
 
 import numpy as np
 
-from quest.benchmarks.measures import accuracy, area_under_recall
+from quest.benchmarks.cells import (
+    FOUND_DEG,
+    auc_cell,
+    errors_cell,
+    kept_cell,
+    success_cell,
+    times_cell,
+    verdicts_cell,
+)
 from quest.benchmarks.robust_methods import METHODS, available, limit_threads
 from quest.benchmarks.robust_trials import Cell, Trial, full_grid, run_trials, star_grid, write_csv
 from quest.benchmarks.running import choice_list, number_list, positive, run_on_one_thread, save
@@ -33,56 +41,20 @@ _ALL_OUTLIERS = [0.1, 0.3, 0.5, 0.7, 0.8]
 _NOISES_PX = [0.3, 0.7, 1.0]
 _MATCHES = [300, 1000, 2000]
 _ALL_MATCHES = [100, 300, 1000, 2000, 5000]
-#: A pose so near to the truth is the true one: the two poses of a plane are farther apart, and a bundle adjustment
-#: starts well from it.
-_FOUND_DEG = 5.0
-
-Measure = Callable[[Sequence[Trial]], str]
-
-
-def _success(trials: Sequence[Trial]) -> str:
-    errors = [trial.error_deg for trial in trials]
-    return " / ".join(f"{100 * accuracy(errors, bound):.0f}" for bound in (1, 5, 10))
-
-
-def _auc(trials: Sequence[Trial]) -> str:
-    errors = [trial.error_deg for trial in trials]
-    return " / ".join(f"{100 * area_under_recall(errors, bound):.0f}" for bound in (5, 10, 20))
 
 
 def _kept(trials: Sequence[Trial]) -> str:
-    solvable = [trial for trial in trials if trial.oracle_error_deg < _FOUND_DEG]
-    if not solvable:
-        return "-"
-    share = 100 * accuracy([trial.kept_error_deg for trial in solvable], _FOUND_DEG)
-    return f"{share:.0f} ({np.mean([trial.kept for trial in solvable]):.2f})"
-
-
-def _errors(trials: Sequence[Trial]) -> str:
-    # With failures as infinite errors: the median of the successes alone would reward giving up.
-    rotation = float(np.median([trial.rotation_error_deg for trial in trials]))
-    direction = float(np.median([trial.direction_error_deg for trial in trials]))
-    return " / ".join(f"{error:.{digits}f}" for error, digits in ((rotation, 3), (direction, 2)))
-
-
-def _times(trials: Sequence[Trial]) -> str:
-    times = [trial.time_ms for trial in trials]
-    return f"{np.median(times):.1f} / {np.percentile(times, 95):.0f}"
-
-
-def _verdicts(trials: Sequence[Trial]) -> str:
-    kinds = [trial.kind for trial in trials]
-    return f"{100 * kinds.count('rotation') / len(kinds):.0f} / {100 * kinds.count('none') / len(kinds):.0f}"
+    return kept_cell([trial for trial in trials if trial.oracle_error_deg < FOUND_DEG])
 
 
 #: Title -> cell of a group of trials with one method.
-_MEASURES: dict[str, Measure] = {
-    "Success within 1 / 5 / 10 deg, %": _success,
-    "AUC at 5 / 10 / 20 deg, %": _auc,
+_MEASURES: dict[str, Callable[[Sequence[Trial]], str]] = {
+    "Success within 1 / 5 / 10 deg, %": success_cell,
+    "AUC at 5 / 10 / 20 deg, %": auc_cell,
     "Truth among the poses kept, % of what the oracle solves (number of poses kept)": _kept,
-    "Median error of rotation / direction, deg": _errors,
-    "Time, ms: median / 95th percentile": _times,
-    'Answered "only turned" / no pose, %': _verdicts,
+    "Median error of rotation / direction, deg": errors_cell,
+    "Time, ms: median / 95th percentile": times_cell,
+    'Answered "only turned" / no pose, %': verdicts_cell,
 }
 
 
@@ -100,7 +72,7 @@ def tables(trials: Sequence[Trial]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def _table(trials: Sequence[Trial], methods: Sequence[str], measure: Measure) -> str:
+def _table(trials: Sequence[Trial], methods: Sequence[str], measure: Callable[[Sequence[Trial]], str]) -> str:
     groups: dict[Cell, dict[str, list[Trial]]] = {}
     for trial in trials:
         cell = Cell(trial.scene, trial.outlier_share, trial.noise_px, trial.matches)

@@ -9,13 +9,17 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from quest.benchmarks.measures import pose_errors_deg
 from quest.benchmarks.robust_methods import METHODS, Estimate
 from quest.benchmarks.scenes import FOCAL_PX, SCENES, Scene, draw_scene
 from quest.refine import refine_pose
 
-__all__ = ["Cell", "Trial", "full_grid", "judge", "oracle_error_deg", "run_trials", "star_grid", "write_csv"]
+__all__ = ["Answer", "Cell", "Trial", "full_grid", "judge", "oracle_error_deg", "run_trials", "star_grid", "write_csv"]
+
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -28,16 +32,12 @@ class Cell:
     matches: int
 
 
-@dataclass(frozen=True)
-class Trial:
-    """What a method made of one scene.
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """What a method answered, compared with the truth.
 
     Attributes
     ----------
-    scene, outlier_share, noise_px, matches
-        See :class:`Cell`.
-    seed : int
-        Number of the trial; the same scene for all methods, and the same geometry at all shares of outliers.
     method : str
     kind : str
         See :class:`quest.benchmarks.robust_methods.Estimate`.
@@ -47,9 +47,35 @@ class Trial:
         Of its first pose; infinite without one, the direction also where it or the truth has none.
     kept_error_deg : float
         The larger of the two errors of the best of the poses kept.
-    oracle_error_deg : float
-        The same of a refinement that starts from the truth and knows the inliers: what the data allow.
     time_ms : float
+    """
+
+    method: str
+    kind: str
+    kept: int
+    rotation_error_deg: float
+    direction_error_deg: float
+    kept_error_deg: float
+    time_ms: float
+
+    @property
+    def error_deg(self) -> float:
+        """The larger of the two errors of the first pose."""
+        return max(self.rotation_error_deg, self.direction_error_deg)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial(Answer):
+    """An answer on a scene.
+
+    Attributes
+    ----------
+    scene, outlier_share, noise_px, matches
+        See :class:`Cell`.
+    seed : int
+        Number of the trial; the same scene for all methods, and the same geometry at all shares of outliers.
+    oracle_error_deg : float
+        Error of a refinement that starts from the truth and knows the inliers: what the data allow.
     """
 
     scene: str
@@ -57,19 +83,7 @@ class Trial:
     noise_px: float
     matches: int
     seed: int
-    method: str
-    kind: str
-    kept: int
-    rotation_error_deg: float
-    direction_error_deg: float
-    kept_error_deg: float
     oracle_error_deg: float
-    time_ms: float
-
-    @property
-    def error_deg(self) -> float:
-        """The larger of the two errors of the first pose."""
-        return max(self.rotation_error_deg, self.direction_error_deg)
 
 
 def star_grid(
@@ -114,26 +128,29 @@ def run_trials(
         )
         oracle = oracle_error_deg(scene, cell.noise_px / FOCAL_PX)
         for method in methods:
-            yield judge(cell, k, method, scene, _run(method, scene, threshold_px / FOCAL_PX, k), oracle)
+            answer = judge(method, _run(method, scene, threshold_px / FOCAL_PX, k), scene.R, scene.t)
+            yield Trial(**asdict(cell), **asdict(answer), seed=k, oracle_error_deg=oracle)
 
 
 def _run(method: str, scene: Scene, threshold_rad: float, seed: int) -> Estimate:
     return METHODS[method][1](scene.bearings1, scene.bearings2, threshold_rad, seed)
 
 
-def judge(cell: Cell, seed: int, method: str, scene: Scene, estimate: Estimate, oracle_deg: float) -> Trial:
-    """Compare an answer with the truth of its scene."""
-    errors = [pose_errors_deg(R, t, scene.R, scene.t) for R, t in estimate.poses] or [(float("inf"), float("inf"))]
-    return Trial(
-        **asdict(cell),
-        seed=seed,
+def judge(method: str, estimate: Estimate, R: Floats, t: Floats, *, rotation_only: bool = False) -> Answer:
+    """Compare an estimate with the true pose R (3, 3), t (3,).
+
+    With ``rotation_only`` the directions count as right: for where the truth does not know them.
+    """
+    errors = [pose_errors_deg(*pose, R, t) for pose in estimate.poses] or [(float("inf"), float("inf"))]
+    if rotation_only:
+        errors = [(rotation, 0.0) for rotation, _ in errors]
+    return Answer(
         method=method,
         kind=estimate.kind,
         kept=len(estimate.poses),
         rotation_error_deg=errors[0][0],
         direction_error_deg=errors[0][1],
         kept_error_deg=min(map(max, errors)),
-        oracle_error_deg=oracle_deg,
         time_ms=1e3 * estimate.seconds,
     )
 
