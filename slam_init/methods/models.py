@@ -19,6 +19,7 @@ __all__ = [
     "fundamental_eight_point",
     "homogeneous",
     "homography_dlt",
+    "normalize",
     "normalizing_transform",
     "sampson_errors",
     "transfer_errors",
@@ -40,6 +41,11 @@ def normalizing_transform(pixels: Floats) -> Floats:
     spread = np.abs(pixels - mean).mean(axis=0)
     sx, sy = 1 / np.where(spread > 0, spread, 1.0)
     return np.array([[sx, 0, -sx * mean[0]], [0, sy, -sy * mean[1]], [0, 0, 1.0]])
+
+
+def normalize(transform: Floats, pixels: Floats) -> Floats:
+    """Pixels (N, 2) under such a transform (3, 3)."""
+    return np.asarray(pixels * np.diag(transform)[:2] + transform[:2, 2])
 
 
 def fundamental_eight_point(points1: Floats, points2: Floats) -> Floats:

@@ -21,6 +21,7 @@ from slam_init.methods.models import (
     epipolar_errors,
     fundamental_eight_point,
     homography_dlt,
+    normalize,
     normalizing_transform,
     transfer_errors,
 )
@@ -117,14 +118,14 @@ class OrbSlam:
 
     def _best_homography(self, pixels1: Floats, pixels2: Floats, samples: Ints) -> tuple[Floats, float, Bools]:
         T1, T2 = normalizing_transform(pixels1), normalizing_transform(pixels2)
-        normalized = homography_dlt(_apply(T1, pixels1)[samples], _apply(T2, pixels2)[samples])
+        normalized = homography_dlt(normalize(T1, pixels1)[samples], normalize(T2, pixels2)[samples])
         models = np.linalg.inv(T2) @ normalized @ T1
         gate = self.rules.homography_gate_px2
         return _best(models, transfer_errors(models, pixels1, pixels2), gate, gate)
 
     def _best_fundamental(self, pixels1: Floats, pixels2: Floats, samples: Ints) -> tuple[Floats, float, Bools]:
         T1, T2 = normalizing_transform(pixels1), normalizing_transform(pixels2)
-        normalized = fundamental_eight_point(_apply(T1, pixels1)[samples], _apply(T2, pixels2)[samples])
+        normalized = fundamental_eight_point(normalize(T1, pixels1)[samples], normalize(T2, pixels2)[samples])
         models = T2.T @ normalized @ T1
         gate, full = self.rules.fundamental_gate_px2, self.rules.homography_gate_px2
         return _best(models, epipolar_errors(models, pixels1, pixels2), gate, full)
@@ -153,8 +154,3 @@ def _needed(rules: OrbSlamRules, inliers: int, planar: bool) -> int:
     if planar:  # more than both
         return max(int(np.floor(rules.min_good_share * inliers)), rules.min_triangulated) + 1
     return max(int(rules.min_good_share * inliers), rules.min_triangulated)
-
-
-def _apply(transform: Floats, pixels: Floats) -> Floats:
-    """Pixels (N, 2) under a scaling and translation (3, 3)."""
-    return np.asarray(pixels * np.diag(transform)[:2] + transform[:2, 2])

@@ -1,0 +1,65 @@
+"""PoseLib's relative pose with its default options; an optional package.
+
+References
+----------
+.. [1] V. Larsson and contributors, "PoseLib - Minimal Solvers for Camera Pose Estimation", 2020,
+   ``estimate_relative_pose``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from slam_init.camera import Camera
+from slam_init.methods.gates import GateRules, accept_best
+from slam_init.methods.two_view import PairRule, TwoViewOutcome, check_matches
+from slam_init.types import Floats
+
+__all__ = ["PoseLib", "PoseLibRules"]
+
+
+@dataclass(frozen=True)
+class PoseLibRules:
+    """The numbers."""
+
+    #: Sampson distance in pixels: PoseLib's default.
+    max_epipolar_error_px: float = 1.0
+    #: Five matches have up to ten motions: a sixth one chooses.
+    min_matches: int = 6
+    gates: GateRules = field(default_factory=GateRules)
+
+
+class PoseLib:
+    """Five-point LO-RANSAC with refinement [1]_, parallax gate."""
+
+    #: As ORB-SLAM asks, so that the methods see the same pairs; 50 landmarks as the gate before.
+    pair_rule = PairRule(min_features=101, min_matches=100, min_landmarks=50)
+
+    def __init__(self, rules: PoseLibRules | None = None) -> None:
+        self.rules = rules or PoseLibRules()
+
+    def bootstrap(
+        self, camera: Camera, pixels1: Floats, pixels2: Floats, bearings1: Floats, bearings2: Floats, seed: int
+    ) -> TwoViewOutcome:
+        """See :class:`slam_init.methods.two_view.TwoViewMethod`."""
+        import poselib
+
+        count, rules = check_matches(pixels1, pixels2, bearings1, bearings2), self.rules
+        if count < rules.min_matches:
+            return TwoViewOutcome.refused("too_few_matches", count, {"matches_needed": rules.min_matches})
+        pinhole = {
+            "model": "PINHOLE",
+            "width": camera.width,
+            "height": camera.height,
+            "params": [camera.fx, camera.fy, camera.cx, camera.cy],
+        }
+        options = {"max_epipolar_error": rules.max_epipolar_error_px, "seed": seed}
+        pose, info = poselib.estimate_relative_pose(pixels1, pixels2, pinhole, pinhole, options, {})
+        inliers = np.asarray(info["inliers"], bool)
+        length = float(np.linalg.norm(pose.t))
+        if len(inliers) != count or not inliers.any() or not length > 0:
+            return TwoViewOutcome.refused("no_consistent_motion", count)
+        R, t = np.asarray(pose.R, float)[None], np.asarray(pose.t, float)[None] / length
+        return accept_best(camera, R, t, bearings1, bearings2, inliers, rules.gates, {})
