@@ -1,0 +1,100 @@
+"""A plane, whatever the scene: the rules of SVO.
+
+References
+----------
+.. [1] C. Forster, M. Pizzoli, D. Scaramuzza, "SVO: fast semi-direct monocular visual odometry", ICRA 2014.
+.. [2] SVO, ``initialization.cpp`` (KltHomographyInit) and ``config.cpp``; its ``vikit`` ``homography.cpp``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from quest.epipolar import sampson_error
+from slam_init.camera import Camera
+from slam_init.handover import Evidence
+from slam_init.methods.motions import CheckRule, check_motions, motions_of_homography
+from slam_init.methods.two_view import PairRule, TwoViewOutcome, check_matches
+from slam_init.types import Bools, Floats
+
+__all__ = ["PlaneOnly", "PlaneOnlyRules"]
+
+
+@dataclass(frozen=True)
+class PlaneOnlyRules:
+    """The numbers, all from SVO's configuration and initialization [2]_."""
+
+    #: Pixels: the median of the tracks' displacement exceeds it (initMinDisparity).
+    min_disparity_px: float = 50.0
+    #: Pixels: inliers of the homography, and reprojection of the points in both images (poseOptimThresh).
+    threshold_px: float = 2.0
+    #: Points that are near their pixels and in front (initMinInliers).
+    min_inliers: int = 40
+    #: Two motions that put as many points in front, to this share, are told apart by the epipolar error (vikit).
+    rival_share: float = 0.9
+    #: A first frame has 100 features (addFirstFrame), 50 of which are followed (initMinTracked).
+    min_features: int = 100
+    min_matches: int = 50
+    #: OpenCV's default for a homography, which SVO takes.
+    confidence: float = 0.995
+    #: The points' reprojection; none is at infinity.
+    check: CheckRule = field(default_factory=lambda: CheckRule(max_error_px=2.0, distant_cos=1.0, midpoint=True))
+
+
+class PlaneOnly:
+    """A homography, the best of its eight motions, points in front: SVO's initialization as a two-view method.
+
+    Nothing tells a turning camera from one that translates, but that the points of a turning one are not in front. The
+    random generator of OpenCV starts in the same state at every call: the seed plays no part.
+    """
+
+    def __init__(self, rules: PlaneOnlyRules | None = None) -> None:
+        self.rules = rules or PlaneOnlyRules()
+        self.pair_rule = PairRule(self.rules.min_features, self.rules.min_matches, self.rules.min_inliers)
+
+    def bootstrap(
+        self, camera: Camera, pixels1: Floats, pixels2: Floats, bearings1: Floats, bearings2: Floats, seed: int
+    ) -> TwoViewOutcome:
+        """See :class:`slam_init.methods.two_view.TwoViewMethod`."""
+        import cv2
+
+        count, rules = check_matches(pixels1, pixels2, bearings1, bearings2), self.rules
+        if count < 4:
+            return TwoViewOutcome.refused("too_few_matches", count, {"matches_needed": 4})
+        disparity_px = float(np.median(np.linalg.norm(pixels2 - pixels1, axis=1)))
+        evidence: Evidence = {"disparity_px": disparity_px, "disparity_px_gate": rules.min_disparity_px}
+        if disparity_px < rules.min_disparity_px:
+            return TwoViewOutcome.refused("low_parallax", count, evidence)
+        H, mask = cv2.findHomography(
+            pixels1, pixels2, cv2.USAC_DEFAULT, rules.threshold_px, confidence=rules.confidence
+        )
+        if H is None:
+            return TwoViewOutcome.refused("no_consistent_motion", count, evidence)
+        # Any translation will do: only singular values that are equal to the last digit leave none.
+        R, t, _ = motions_of_homography(np.linalg.inv(camera.K) @ H @ camera.K, 1.0)
+        if len(R) == 0:
+            return TwoViewOutcome.refused("pure_rotation", count, evidence)
+        best = self._best_motion(camera, R, t, bearings1, bearings2, np.asarray(mask.ravel() > 0))
+        everything = np.ones(count, bool)
+        check = check_motions(camera, R[best, None], t[best, None], bearings1, bearings2, everything, rules.check)
+        inliers = int(check.good[0].sum())
+        evidence |= {"good": inliers, "good_gate": rules.min_inliers}
+        if inliers < rules.min_inliers:
+            return TwoViewOutcome.refused("no_consistent_motion", count, evidence)
+        return TwoViewOutcome.accepted(check.pose(0), check.landmarks[0], check.points[0], True, evidence)
+
+    def _best_motion(
+        self, camera: Camera, R: Floats, t: Floats, bearings1: Floats, bearings2: Floats, inliers: Bools
+    ) -> int:
+        """Most points in front; of two that are alike the one of less epipolar error, over all matches."""
+        in_front = CheckRule(max_error_px=float("inf"), distant_cos=1.0, midpoint=True)
+        good = check_motions(camera, R, t, bearings1, bearings2, inliers, in_front).good.sum(axis=1)
+        first, second = np.argsort(-good, kind="stable")[:2]
+        if good[second] < self.rules.rival_share * good[first]:
+            return int(first)
+        gate_rad = self.rules.threshold_px / camera.focal_px
+        errors = np.abs(sampson_error(R[[first, second]], t[[first, second]], bearings1, bearings2))
+        cost = np.fmin(errors, gate_rad).sum(axis=1)
+        return int(first if cost[0] <= cost[1] else second)
