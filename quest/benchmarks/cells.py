@@ -43,7 +43,7 @@ def errors_cell(answers: Sequence[Answer]) -> str:
     """
     rotation = float(np.median([answer.rotation_error_deg for answer in answers]))
     direction = float(np.median([answer.direction_error_deg for answer in answers]))
-    return f"{rotation:.3f} / {direction:.2f}"
+    return f"{rotation:.3f} / " + ("-" if np.isnan(direction) else f"{direction:.2f}")
 
 
 def times_cell(answers: Sequence[Answer]) -> str:

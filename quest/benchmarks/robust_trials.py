@@ -44,7 +44,8 @@ class Answer:
     kept : int
         How many poses the method keeps.
     rotation_error_deg, direction_error_deg : float
-        Of its first pose; infinite without one, the direction also where it or the truth has none.
+        Of its first pose; infinite without one, the direction also where it or the truth has none, and NaN where the
+        truth does not know it.
     kept_error_deg : float
         The larger of the two errors of the best of the poses kept.
     time_ms : float
@@ -60,8 +61,8 @@ class Answer:
 
     @property
     def error_deg(self) -> float:
-        """The larger of the two errors of the first pose."""
-        return max(self.rotation_error_deg, self.direction_error_deg)
+        """The larger of the two errors of the first pose that are known."""
+        return float(np.fmax(self.rotation_error_deg, self.direction_error_deg))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,18 +140,18 @@ def _run(method: str, scene: Scene, threshold_rad: float, seed: int) -> Estimate
 def judge(method: str, estimate: Estimate, R: Floats, t: Floats, *, rotation_only: bool = False) -> Answer:
     """Compare an estimate with the true pose R (3, 3), t (3,).
 
-    With ``rotation_only`` the directions count as right: for where the truth does not know them.
+    With ``rotation_only`` the directions are not compared: for where the truth does not know them.
     """
     errors = [pose_errors_deg(*pose, R, t) for pose in estimate.poses] or [(float("inf"), float("inf"))]
     if rotation_only:
-        errors = [(rotation, 0.0) for rotation, _ in errors]
+        errors = [(rotation, float("nan")) for rotation, _ in errors]
     return Answer(
         method=method,
         kind=estimate.kind,
         kept=len(estimate.poses),
         rotation_error_deg=errors[0][0],
         direction_error_deg=errors[0][1],
-        kept_error_deg=min(map(max, errors)),
+        kept_error_deg=min(float(np.fmax(*pair)) for pair in errors),
         time_ms=1e3 * estimate.seconds,
     )
 

@@ -14,7 +14,6 @@ No map is *none*, with its reason. The errors are those of :func:`slam_init.metr
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -25,6 +24,7 @@ from pathlib import Path
 from statistics import median
 
 from sequences_synth import SCENES
+from slam_init.benchmarks.image_pairs import DIRECTION_UNKNOWN, data_folder
 from slam_init.benchmarks.options import positive, show
 from slam_init.benchmarks.tables import markdown_table, number
 
@@ -32,9 +32,6 @@ __all__ = ["Outcome", "Task", "count", "find_sequences", "judge", "main", "run_a
 
 #: Its board is held by a person before a fixed camera: no single motion explains the image.
 _NOT_ONE_MOTION = ("planar/opencv_chessboard",)
-#: Ground truth that knows the rotation better than the direction of a short baseline: its own error is about ten
-#: degrees there, that of depth tracking in one case and of a rolling shutter in the other.
-_DIRECTION_UNKNOWN = ("7scenes/", "tum_rgbd/")
 #: Where the camera never translates.
 _STILL = ("euroc/V1_01_static", "synth:rotation", "synth:static")
 #: With ``--every``: a start must leave half a second of video.
@@ -121,7 +118,7 @@ def judge(outcome: Outcome) -> str:
     if outcome.task.label in _STILL:
         return "false"
     errors = [outcome.rotation_error_deg]
-    if not outcome.task.label.startswith(_DIRECTION_UNKNOWN):
+    if not outcome.task.label.startswith(DIRECTION_UNKNOWN):
         errors.append(outcome.direction_error_deg)
 
     def within(bounds: tuple[float, float]) -> bool:
@@ -195,7 +192,7 @@ def _real_table(outcomes: Sequence[Outcome]) -> str:
     rows = []
     for outcome in outcomes:
         direction = number(outcome.direction_error_deg)
-        if outcome.task.label.startswith(_DIRECTION_UNKNOWN) and outcome.direction_error_deg is not None:
+        if outcome.task.label.startswith(DIRECTION_UNKNOWN) and outcome.direction_error_deg is not None:
             direction = f"({direction})"
         rows.append(
             [
@@ -242,7 +239,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if unknown := [scene for scene in scenes if scene not in SCENES]:
         parser.error(f"unknown scene {unknown[0]!r}: use {', '.join(SCENES)}")
 
-    data = Path(os.environ.get("SLAM_INIT_DATA", "../shared/data"))
+    data = data_folder()
     real = [] if arguments.only == "synthetic" else _real_tasks(data, arguments.every)
     seeds = range(arguments.seeds)
     synthetic = [Task(f"synth:{scene}", f"synth:{scene}", seed) for scene in scenes for seed in seeds]

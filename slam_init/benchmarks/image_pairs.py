@@ -1,0 +1,170 @@
+"""Pairs of real images with their matches and the true pose between them.
+
+Three kinds below the folder of data: pair sets (``pairs.json``: images, calibrations, ``T_0to1``), sequences with a
+ground truth (pairs of frames some steps apart), and a chessboard whose corners are known by number (``corners.txt``).
+Except for the corners, matches are those of SIFT with mutual nearest neighbours and Lowe's ratio, as the pipeline links
+photographs (:mod:`slam_init.matching`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slam_init.camera import Camera
+from slam_init.config import TrackingConfig
+from slam_init.datasets import TimedSource
+from slam_init.errors import SourceError
+from slam_init.matching import SiftFeatures, detect_sift, match_descriptors
+from slam_init.types import Floats, Pose
+
+__all__ = [
+    "DIRECTION_UNKNOWN",
+    "ImagePair",
+    "chessboard_pairs",
+    "data_folder",
+    "match_features",
+    "pair_set",
+    "sequence_pairs",
+]
+
+#: Ground truth that knows the rotation better than the direction of a short baseline: its own error is about ten
+#: degrees there, that of depth tracking in one case and of a rolling shutter in the other.
+DIRECTION_UNKNOWN = ("7scenes/", "tum_rgbd/")
+#: A baseline shorter than this share of the longest of a sequence's pairs says little: noise turns its direction.
+_SHORT_BASELINE = 0.05
+#: Numbers of the chessboard's images pair up one after the other, and with the one after the next.
+_CHESSBOARD_STEPS = (1, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class ImagePair:
+    """Matches of two images.
+
+    Attributes
+    ----------
+    bearings1, bearings2 : (N, 3) float
+        Unit rays.
+    distances : (N,) float
+        Of the descriptors, the smaller the better; zero for corners that are known by number.
+    focal_px : float
+        Turns pixels into radians: geometric mean over both cameras.
+    cam2_from_cam1 : Pose
+        The truth, in units of the data.
+    """
+
+    bearings1: Floats
+    bearings2: Floats
+    distances: Floats
+    focal_px: float
+    cam2_from_cam1: Pose
+
+
+def data_folder() -> Path:
+    """Where the real data are: ``SLAM_INIT_DATA``, by default ``../shared/data``."""
+    return Path(os.environ.get("SLAM_INIT_DATA", "../shared/data"))
+
+
+def match_features(
+    camera1: Camera, features1: SiftFeatures, camera2: Camera, features2: SiftFeatures, pose: Pose
+) -> ImagePair:
+    """Match the features of two images; ``pose`` is the true cam2_from_cam1."""
+    i, j = match_descriptors(features1.descriptors, features2.descriptors, TrackingConfig().sift_ratio)
+    bearings1, bearings2 = camera1.bearings(features1.pixels[i]), camera2.bearings(features2.pixels[j])
+    distances = np.linalg.norm(features1.descriptors[i] - features2.descriptors[j], axis=1)
+    # A pixel beyond the field of view of the lens model has no ray.
+    seen = np.isfinite(bearings1).all(axis=1) & np.isfinite(bearings2).all(axis=1)
+    focal_px = float(np.sqrt(camera1.focal_px * camera2.focal_px))
+    return ImagePair(bearings1[seen], bearings2[seen], distances[seen].astype(float), focal_px, pose)
+
+
+def pair_set(folder: Path) -> Iterator[ImagePair]:
+    """The pairs of a folder with ``pairs.json``.
+
+    Raises
+    ------
+    SourceError
+        Where an image cannot be read or an entry lacks a calibration or a pose.
+    """
+    for entry in json.loads((folder / "pairs.json").read_text(encoding="utf-8")):
+        if "T_0to1" not in entry:
+            raise SourceError(f"{folder / 'pairs.json'}: an entry without T_0to1 has no pose to compare with")
+        T = np.array(entry["T_0to1"], float)
+        cameras = [_entry_camera(entry, i) for i in (0, 1)]
+        features = [_image_features(folder / entry[f"image{i}"]) for i in (0, 1)]
+        yield match_features(cameras[0], features[0], cameras[1], features[1], Pose(T[:3, :3], T[:3, 3]))
+
+
+def _entry_camera(entry: dict[str, Any], i: int) -> Camera:
+    K = np.array(entry[f"K{i}"], float)
+    distortion = tuple(entry.get(f"distortion{i}", entry.get("distortion", ())))
+    model = "radtan" if distortion else "pinhole"
+    return Camera(model, entry["width"], entry["height"], K[0, 0], K[1, 1], K[0, 2], K[1, 2], distortion)
+
+
+def _image_features(path: Path) -> SiftFeatures:
+    from slam_init.datasets.image_files import read_image
+    from slam_init.types import Frame
+
+    return detect_sift(Frame(0, 0.0, path.name, read_image(path)).gray, TrackingConfig().sift_features)
+
+
+def sequence_pairs(source: TimedSource, step: int, limit: int) -> Iterator[ImagePair]:
+    """Up to ``limit`` pairs of frames ``step`` apart, spread evenly over a sequence.
+
+    Pairs without a true pose are left out, and those that hardly moved where others did.
+
+    Raises
+    ------
+    SourceError
+        Where the sequence has no calibration or no ground truth.
+    """
+    if source.camera is None or source.groundtruth is None:
+        raise SourceError(f"{source.name}: needs a calibration and a ground truth")
+    truth = [source.groundtruth.at(stamp) for stamp in source.timestamps_s]
+    starts = [i for i in range(len(source) - step) if truth[i] is not None and truth[i + step] is not None]
+    poses = {i: b.inverse() @ a for i in starts if (a := truth[i]) and (b := truth[i + step])}
+    longest = max((np.linalg.norm(pose.t) for pose in poses.values()), default=0.0)
+    moved = [i for i, pose in poses.items() if np.linalg.norm(pose.t) >= _SHORT_BASELINE * longest]
+    chosen = [moved[k] for k in np.unique(np.linspace(0, len(moved) - 1, limit).round().astype(int))] if moved else []
+    for i in chosen:
+        first, second = (_frame_features(source, index) for index in (i, i + step))
+        yield match_features(source.camera, first, source.camera, second, poses[i])
+
+
+def _frame_features(source: TimedSource, index: int) -> SiftFeatures:
+    frame = next(iter(source.frames(start=index, max_frames=1)))
+    return detect_sift(frame.gray, TrackingConfig().sift_features)
+
+
+def chessboard_pairs(folder: Path) -> Iterator[ImagePair]:
+    """Pairs of images of a chessboard, one and two numbers apart, matched by the numbers of its corners."""
+    from slam_init.datasets import open_source
+
+    source = open_source(str(folder))
+    if source.camera is None or source.groundtruth is None:
+        raise SourceError(f"{folder}: needs a calibration and a ground truth")
+    corners: dict[str, dict[int, tuple[float, float]]] = {}
+    for line in (folder / "corners.txt").read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            name, number, u, v = line.split()
+            corners.setdefault(name, {})[int(number)] = (float(u), float(v))
+    names = list(corners)
+    poses = source.groundtruth.world_from_cam
+    if len(poses) != len(names):
+        raise SourceError(f"{folder}: {len(names)} images in corners.txt, {len(poses)} in the ground truth")
+    for step in _CHESSBOARD_STEPS:
+        for i in range(len(names) - step):
+            first, second = corners[names[i]], corners[names[i + step]]
+            both = sorted(first.keys() & second.keys())
+            bearings1, bearings2 = (
+                source.camera.bearings(np.array([view[corner] for corner in both])) for view in (first, second)
+            )
+            pose = poses[i + step].inverse() @ poses[i]
+            yield ImagePair(bearings1, bearings2, np.zeros(len(both)), source.camera.focal_px, pose)
