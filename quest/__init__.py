@@ -7,7 +7,7 @@ One convention for the whole package: two views of a scene obey ::
 with m, n the rays of one point in camera 1 and camera 2, u, v its depths along them, ``R, t = cam2_from_cam1``.
 Quaternions are Hamilton, ordered wxyz. The package knows bearings, no images and no pixels.
 
-* :func:`quest6`, :func:`quest7`: rotations from six or seven matches, planes included for six.
+* :func:`quest6`, :func:`quest6_fast`, :func:`quest7`: rotations from six or seven matches, planes included for six.
 * :func:`translation_and_depths`: translation and depths of a rotation.
 * :func:`estimate_relative_pose`: the motion between two views from matches with outliers, and what else explains them.
 * :class:`InputError`: what every function raises for an input that it cannot mean; nothing else is raised.
@@ -20,6 +20,7 @@ References
 
 from quest.errors import InputError
 from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
+from quest.nullspace import quest6_fast
 from quest.quest6 import quest6
 from quest.quest7 import quest7
 from quest.translation import translation_and_depths
@@ -31,6 +32,7 @@ __all__ = [
     "RelativePose",
     "estimate_relative_pose",
     "quest6",
+    "quest6_fast",
     "quest7",
     "translation_and_depths",
 ]

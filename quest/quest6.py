@@ -38,7 +38,14 @@ from quest.errors import InputError
 from quest.monomials import QUARTICS, coefficient_rows, quartic_index
 from quest.quaternion import canonical, conjugate, matrix_from_quaternion, multiply
 
-__all__ = ["LETTERS", "PRE_ROTATION", "TIMES", "quest6", "rotation_alone"]
+__all__ = [
+    "LETTERS",
+    "PRE_ROTATION",
+    "TIMES",
+    "quaternions_from_monomials",
+    "quest6",
+    "rotation_alone",
+]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -127,18 +134,19 @@ def _candidates(powers: Floats, regular: NDArray[np.bool_], letter: int) -> Floa
     """Rotations (B, 20, 4): eigenvectors of multiplication by ``letter / w``, NaN where there is none."""
     B = powers[:, TIMES[letter]]
     values, vectors = np.linalg.eig(np.where(regular[:, None, None], B, 0.0))
-    q = _quaternions(vectors.swapaxes(-1, -2))
+    q = quaternions_from_monomials(vectors.swapaxes(-1, -2))
     keep = regular[:, None] & (values.imag >= 0)
     return np.where(keep[..., None], q, np.nan)
 
 
-def _quaternions(x1: NDArray[np.complex128]) -> Floats:
+def quaternions_from_monomials(x1: NDArray[np.complex128]) -> Floats:
     """Unit quaternions (..., 4) by ratios of the monomials (..., 20); the real parts of complex ones."""
     cubes = np.abs(x1[..., _RATIOS[np.arange(4), np.arange(4)]])
     pivot = np.argmax(cubes, axis=-1)
     q = np.take_along_axis(x1, _RATIOS[pivot], axis=-1)  # a^2 w, a^2 x, a^2 y, a^2 z with a the pivot
+    phase = np.conj(np.take_along_axis(q, pivot[..., None], axis=-1))
     with np.errstate(divide="ignore", invalid="ignore"):  # a vector without any cube is no rotation: NaN
-        real = (q / np.take_along_axis(q, pivot[..., None], axis=-1)).real
+        real = (q * (phase / np.abs(phase))).real
         return np.asarray(real / np.linalg.norm(real, axis=-1, keepdims=True))
 
 
