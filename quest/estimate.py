@@ -2,7 +2,7 @@
 
 The order of the function :func:`estimate_relative_pose` is the order of the questions:
 
-1. Which rigid motion explains most matches? Samples of six matches, QuEst 6, cheirality, locally optimized RANSAC.
+1. Which rigid motion explains most matches? Small samples, cheirality, locally optimized RANSAC.
 2. Is that more than chance would explain, and do the points spread beyond a line? Else there is no pose.
 3. Is the translation observable, or does a rotation alone explain the matches as well? Then the kind is "rotation".
 4. Do the points lie on a plane, and does the plane's twin explain them as well? Then the twin is an alternative. Any
@@ -19,12 +19,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quest.epipolar import as_matches, depths_from_pose
-from quest.homography import decompose_homography, fit_homography, homography_residuals
-from quest.pose_problem import RelativePoseProblem
+from quest.errors import InputError, as_floats, as_index, as_positive
+from quest.planes import fit_plane, off_line_rad
+from quest.pose_problem import SAMPLERS, CompiledPoseProblem, RelativePoseProblem
 from quest.quaternion import canonical, matrix_from_quaternion, quaternion_from_matrix
-from quest.ransac import draw_samples, ransac
-from quest.refine import refine_rotation, sampson_jacobian
+from quest.ransac import RansacReport, ransac
+from quest.refine import sampson_jacobian
 from quest.relative_pose import Hypothesis, NoPose, RelativePose
+from quest.rotation import fit_rotation
+from quest.search import search_five
 
 __all__ = ["Hypothesis", "NoPose", "RelativePose", "decides", "estimate_relative_pose"]
 
@@ -41,6 +44,8 @@ _MIN_MATCHES = 10
 #: Points along a line allow a whole family of motions. Over 48 strips of points the pose was wrong by degrees wherever
 #: their half width was under ten times the noise, and it was among the returned ones from fifteen times on.
 _LINE_SIGMAS = 10.0
+#: Any six numbers without a relation between them.
+_GENERIC_AXIS = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
 #: Two modes nearer than this are one: refinement ends within it of the optimum on data with observable parallax.
 _SAME_ROTATION_RAD = np.deg2rad(0.3)
 _SAME_DIRECTION_RAD = np.deg2rad(5.0)
@@ -64,7 +69,9 @@ def estimate_relative_pose(
     threshold_rad: float = 2e-3,
     seed: int = 0,
     confidence: float = 0.999,
-    max_samples: int = 2000,
+    max_samples: int = 50_000,
+    scores: ArrayLike | None = None,
+    solver: str = "five",
 ) -> RelativePose | NoPose:
     """Estimate the motion between two calibrated views from matches that hold outliers.
 
@@ -80,7 +87,13 @@ def estimate_relative_pose(
     confidence : float
         With which RANSAC finds the best motion.
     max_samples : int
-        Bound on the number of samples, hence on the time.
+        Bound on the number of samples, hence on the time: about ten microseconds each. 50 000 find a motion among 80 %
+        of outliers.
+    scores : (N,) array_like, optional
+        Quality of the matches, higher is better (minus the descriptor distance, say): the better ones are drawn first.
+    solver : {"five", "quest6", "quest7"}
+        What proposes motions: Newton's method on five matches, compiled; or the eigenproblems of QuEst on six or
+        seven, in plain numpy, at some hundred microseconds a sample.
 
     Returns
     -------
@@ -89,26 +102,38 @@ def estimate_relative_pose(
 
     Raises
     ------
-    ValueError
-        Where the shapes differ or are not (N, 3), a bearing is zero or not finite, or the threshold is not positive.
+    InputError
+        Where the shapes differ or are not (N, 3), a bearing is zero or not finite, or another argument is none of the
+        above.
 
     References
     ----------
     .. [F17] K. Fathian et al., "Quaternion Based Camera Pose Estimation From Matched Feature Points", 2017.
     """
     m, n = _unit_bearings(bearings1, bearings2)
-    if not (np.isfinite(threshold_rad) and threshold_rad > 0):
-        raise ValueError(f"threshold_rad is {threshold_rad!r}: give a positive angle in radians")
+    threshold_rad = as_positive(threshold_rad, "threshold_rad", "a positive angle in radians")
+    if not as_positive(confidence, "confidence", "a probability between 0 and 1") < 1:
+        raise InputError(f"confidence is {confidence!r}: give a probability between 0 and 1")
+    max_samples = as_index(max_samples, "max_samples", 0)
+    ranking = None if scores is None else _ranking(scores, len(m))
     total = len(m)
-    # The same match twice is no second witness.
-    distinct = len(np.unique(np.concatenate([m, n], axis=1), axis=0))
+    distinct = _distinct(m, n)
     if distinct < _MIN_MATCHES:
         return NoPose("too_few_matches", {"matches": distinct, "needed": _MIN_MATCHES})
-    rng = np.random.default_rng(seed)
-    problem = RelativePoseProblem(m, n, threshold_rad)
-
-    R0, rotation_r2 = _fit_rotation(m, n, threshold_rad, rng)
-    report = ransac(problem, rng, confidence=confidence, max_samples=max_samples)
+    rng = np.random.default_rng(as_index(seed, "seed", 0))
+    R0, rotation_r2 = fit_rotation(m, n, threshold_rad, rng)
+    problem: RelativePoseProblem
+    report: RansacReport | None
+    if solver == "five":
+        problem = CompiledPoseProblem(m, n, threshold_rad)
+        report = search_five(
+            problem.m, problem.n, threshold_rad, rng, R0, confidence=confidence, max_samples=max_samples, scores=ranking
+        )
+    elif solver in SAMPLERS:
+        problem = RelativePoseProblem(m, n, threshold_rad, solver)
+        report = ransac(problem, rng, confidence=confidence, max_samples=max_samples)
+    else:
+        raise InputError(f"solver is {solver!r}: give one of five, {', '.join(SAMPLERS)}")
     if report is None:
         # Every sample was singular, as exact pure rotations are.
         return _rotation_or_nothing(R0, rotation_r2, threshold_rad, total, {"matches": total})
@@ -141,21 +166,28 @@ def estimate_relative_pose(
     if inliers.sum() < max(_MIN_MATCHES, 6 + chance + 4 * np.sqrt(chance + 1)):
         return NoPose("no_consistent_motion", evidence)
 
-    spread = max(_off_line_rad(m[inliers]), _off_line_rad(n[inliers]))
+    spread = max(off_line_rad(m[inliers]), off_line_rad(n[inliers]))
     if spread < _LINE_SIGMAS * noise_rad:
         return NoPose("no_consistent_motion", evidence | {"off_line_rad": spread})
 
-    planar, solutions = _dominant_plane(problem, best, inliers, noise_rad, evidence)
+    plane = fit_plane(best, m[inliers], n[inliers], noise_rad)
+    evidence |= {"on_plane": plane.on, "off_plane": plane.off}
+    # A plane leaves no match over: the gate, 3 sqrt(2) deviations, passes all but one in 8000. Two in a hundred are
+    # allowed for tails that are not Gaussian; 25 planes with 15 % outliers left 1.5 % at most.
+    inlying = int(inliers.sum())
+    planar = len(plane.poses) == 2 and not decides(plane.off, int(0.02 * inlying), inlying)
     if planar:
         # The plane's own two poses: with its constraint they are several times more accurate than epipolar lines alone,
         # and have the same residuals, so only the depths' signs tell them apart.
-        order = np.argsort(problem.costs(np.array(solutions))[0], kind="stable")
-        best, *modes = (solutions[k] for k in order)
+        order = np.argsort(problem.costs(np.array(plane.poses))[0], kind="stable")
+        best, *modes = (plane.poses[k] for k in order)
         inliers = problem.explained(best, gate_rad)
     else:
-        # Off the plane, a rival must follow all matches.
-        rivals = [*solutions[1:], *(problem.polish(model) for model in _spread_out(report.models[1:], best))]
-        modes = [problem.refine(rival, problem.explained(rival, threshold_rad), noise_rad) for rival in rivals]
+        # Off the plane, a rival must follow all matches, and must not be the same optimum on its way. One that as a raw
+        # model misses half of the inliers is none: from noisy samples the best one itself missed a third at most.
+        near = (report.costs[1:] - report.costs[0]) / threshold_rad**2 < 0.5 * inlying
+        rivals = [*plane.poses[1:], *(problem.polish(model) for model in _spread_out(report.models[1:][near], best))]
+        modes = [_settle(problem, rival, noise_rad) for rival in rivals]
     alternatives: list[Hypothesis] = []
     for model in modes:
         explained = problem.explained(model, gate_rad)
@@ -188,8 +220,21 @@ def estimate_relative_pose(
 def _unit_bearings(bearings1: ArrayLike, bearings2: ArrayLike) -> tuple[Floats, Floats]:
     m, n = as_matches(bearings1, bearings2, at_least=0)
     if m.ndim != 2:
-        raise ValueError(f"bearings have shape {m.shape}: give two arrays (N, 3)")
+        raise InputError(f"bearings have shape {m.shape}: give two arrays (N, 3)")
     return m, n
+
+
+def _ranking(scores: ArrayLike, count: int) -> Floats:
+    ranking = as_floats(scores, "scores")
+    if ranking.shape != (count,) or np.isnan(ranking).any():
+        raise InputError(f"scores have shape {ranking.shape}: give a number for each of the {count} matches")
+    return ranking
+
+
+def _distinct(m: Floats, n: Floats) -> int:
+    """How many matches differ: the same match twice is no second witness."""
+    # Equal rows have equal projections; different ones agree on a generic axis as good as never.
+    return len(np.unique(np.concatenate([m, n], axis=1) @ _GENERIC_AXIS))
 
 
 def _hypothesis(model: Floats, inliers: Bools) -> Hypothesis:
@@ -201,6 +246,16 @@ def _covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: float) 
     inliers = hypothesis.inliers
     _, J = sampson_jacobian(hypothesis.R, hypothesis.t, m[inliers], n[inliers])
     return np.asarray(noise_rad**2 * np.linalg.pinv(J.T @ J, hermitian=True))
+
+
+def _settle(problem: RelativePoseProblem, model: Floats, noise_rad: float) -> Floats:
+    """The optimum that a model belongs to, at a noise that is known."""
+    for _ in range(2):
+        use = problem.explained(model, problem.threshold_rad)
+        if use.sum() < 6:
+            break
+        model = problem.refine(model, use, _GATE_SIGMAS * noise_rad)
+    return model
 
 
 def _tighten(problem: RelativePoseProblem, model: Floats) -> tuple[Floats, float]:
@@ -215,27 +270,6 @@ def _tighten(problem: RelativePoseProblem, model: Floats) -> tuple[Floats, float
         noise_rad = max(1.4826 * float(np.sqrt(np.median(r2[0][inlying]))), 1e-3 * problem.threshold_rad)
         model = problem.refine(model, inlying, _GATE_SIGMAS * noise_rad)
     return model, noise_rad
-
-
-def _fit_rotation(m: Floats, n: Floats, threshold_rad: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """The rotation that explains most matches, and its squared residuals (N,) per bearing in rad^2."""
-    # 200 pairs hold one of two inliers with 99.97 % where a fifth of the matches are inliers.
-    pairs = draw_samples(rng, len(m), 2, 200)
-    frames = []
-    for rays in (m[pairs], n[pairs]):
-        across = np.cross(rays[:, 0], rays[:, 1])
-        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
-        middle = rays[:, 0] + rays[:, 1]
-        middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
-        frames.append(np.stack([across, middle, np.cross(across, middle)], axis=-1))
-    R = frames[1] @ np.swapaxes(frames[0], 1, 2)
-    # |n - R m|^2 / 2 = 1 - n . R m.
-    r2 = 1 - R.reshape(-1, 9) @ (n[:, :, None] * m[:, None, :]).reshape(-1, 9).T
-    best = R[int(np.argmin(np.minimum(r2, 4 * threshold_rad**2).sum(axis=1)))]
-    # Wide first, so that a scene with a little parallax is still fitted as a whole.
-    for scale_rad in (4 * threshold_rad, threshold_rad, 0.5 * threshold_rad):
-        best = refine_rotation(best, m, n, scale_rad)
-    return best, 0.5 * np.sum((n - m @ best.T) ** 2, axis=1)
 
 
 def _rotation_or_nothing(
@@ -271,69 +305,9 @@ def _chance_inliers(problem: RelativePoseProblem, model: Floats, gate_rad: float
     """How many matches the motion explains when the matches are shuffled, on average."""
     counts = []
     for _ in range(3):
-        shuffled = RelativePoseProblem(problem.m, problem.n[rng.permutation(len(problem))], problem.threshold_rad)
+        shuffled = CompiledPoseProblem(problem.m, problem.n[rng.permutation(len(problem))], problem.threshold_rad)
         counts.append(int(shuffled.explained(model, gate_rad).sum()))
     return float(np.mean(counts))
-
-
-def _dominant_plane(
-    problem: RelativePoseProblem, model: Floats, inliers: Bools, noise_rad: float, evidence: dict[str, float]
-) -> tuple[bool, list[Floats]]:
-    """Whether one plane explains the inliers, and its homography's two poses, the one nearest to the model first."""
-    m, n = problem.m[inliers], problem.n[inliers]
-    R, t = matrix_from_quaternion(model[:4]), model[4:]
-    # The inverse depth of a point on a plane is k . m: project n x (R m + t (k . m)) = 0 on the epipolar line.
-    a = m @ R.T
-    n_cross_t = np.cross(n, t)
-    lhs = -np.einsum("ij,ij->i", n_cross_t, np.cross(n, a))
-    gain = np.einsum("ij,ij->i", n_cross_t, n_cross_t)
-    k = _robust_plane(m, lhs, gain, noise_rad, np.random.default_rng(0))
-    if k is None:
-        return False, []
-    gate2 = 2 * (_GATE_SIGMAS * noise_rad) ** 2
-    H = R + np.outer(t, k)
-    on_plane = np.sum(homography_residuals(H, m, n) ** 2, axis=1) < 2 * gate2
-    for _ in range(3):
-        if on_plane.sum() < 8:
-            return False, []
-        H = fit_homography(m[on_plane], n[on_plane])
-        on_plane = np.sum(homography_residuals(H, m, n) ** 2, axis=1) < gate2
-    off = int((~on_plane).sum())
-    evidence |= {"on_plane": int(on_plane.sum()), "off_plane": off}
-    solutions = [
-        np.concatenate([quaternion_from_matrix(R_i), t_i / np.linalg.norm(t_i)])
-        for R_i, t_i, _ in decompose_homography(H, m[on_plane])
-        if np.linalg.norm(t_i) > 0
-    ]
-    # One of the two is the motion itself, up to noise; the other is its twin.
-    solutions.sort(key=lambda other: sum(_mode_distances(other, model)))
-    # A plane leaves no match over: the gate, 3 sqrt(2) deviations, passes all but one in 8000. Two in a hundred are
-    # allowed for tails that are not Gaussian; 25 planes with 15 % outliers left 1.5 % at most.
-    planar = len(solutions) == 2 and not decides(off, int(0.02 * len(m)), len(m))
-    return planar, solutions
-
-
-def _off_line_rad(rays: Floats) -> float:
-    """Standard deviation of unit rays (N, 3) from their best great circle, by the median: zero for points on a line."""
-    normal = np.linalg.eigh(rays.T @ rays)[1][:, 0]
-    return 1.4826 * float(np.median(np.abs(rays @ normal)))
-
-
-def _robust_plane(m: Floats, lhs: Floats, gain: Floats, noise_rad: float, rng: np.random.Generator) -> Floats | None:
-    """The plane k (3,) with ``gain (k . m) = lhs`` for most points: the best of samples of three."""
-    if len(m) < 8:
-        return None
-    samples = draw_samples(rng, len(m), 3, 64)
-    A = m[samples] * gain[samples][..., None]
-    keep = np.abs(np.linalg.det(A)) > 1e-30
-    if not keep.any():
-        return None
-    planes = np.linalg.solve(A[keep], lhs[samples][keep][..., None])[..., 0]
-    # Displacement along the epipolar line, in units of one bearing's noise.
-    root = np.sqrt(np.maximum(gain, 1e-300))
-    residual = np.abs((planes @ m.T) * root - lhs / root) / np.sqrt(2.0)
-    limit = _GATE_SIGMAS * noise_rad
-    return np.asarray(planes[int(np.argmin(np.minimum(residual, limit).sum(axis=1)))])
 
 
 def _mode_distances(a: Floats, b: Floats) -> tuple[float, float]:

@@ -1,45 +1,62 @@
-"""The relative pose as a problem for RANSAC: which motions six matches propose, and what each costs on all matches.
+"""The relative pose as a problem for RANSAC: which motions a sample proposes, and what each costs on all matches.
 
 Models are rows (q_wxyz, t) of seven numbers, ``cam2_from_cam1``, |t| = 1; data are matches of unit bearings.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from quest.quaternion import matrix_from_quaternion, quaternion_from_matrix
 from quest.quest6 import quest6
+from quest.quest7 import quest7
 from quest.refine import refine_pose
 from quest.selection import select_candidates
 
-__all__ = ["RelativePoseProblem"]
+__all__ = ["SAMPLERS", "CompiledPoseProblem", "RelativePoseProblem", "Sampler"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 
+class Sampler(NamedTuple):
+    """Which solver proposes motions, and from how many matches."""
+
+    size: int
+    candidates: Callable[[Floats, Floats], Floats]
+
+
+#: The solvers that may drive :func:`quest.ransac.ransac`. QuEst 6 with one of its three eigenproblems: the other two
+#: triple its time and win less than that in samples.
+SAMPLERS = {
+    "quest6": Sampler(6, lambda m, n: quest6(m, n, lambdas="x")),
+    "quest7": Sampler(7, quest7),
+}
+
+
 class RelativePoseProblem:
     """Matched unit bearings (N, 3), asked what :func:`quest.ransac.ransac` asks, and which matches a model explains.
 
-    ``threshold_rad`` is the Sampson error from which on a match counts as an outlier.
+    ``threshold_rad`` is the Sampson error from which on a match counts as an outlier, ``solver`` one of ``SAMPLERS``.
     """
 
-    sample_size = 6
-
-    def __init__(self, m: Floats, n: Floats, threshold_rad: float) -> None:
+    def __init__(self, m: Floats, n: Floats, threshold_rad: float, solver: str = "quest6") -> None:
         self.m, self.n, self.threshold_rad = m, n, threshold_rad
-        # n_a m_b of every match, so that n . E m and n . R m of all hypotheses are two matrix products.
-        self._outer = (n[:, :, None] * m[:, None, :]).reshape(-1, 9).T
+        self._sampler = SAMPLERS[solver]
+        self.sample_size = self._sampler.size
 
     def __len__(self) -> int:
         return len(self.m)
 
     def solve(self, samples: Ints) -> Floats:
-        """Models (H, 7) of samples (B, 6): QuEst 6 with one of its eigenproblems, the best four candidates of each."""
+        """Models (H, 7) of samples (B, sample_size): the best four candidates of each."""
         m, n = self.m[samples], self.n[samples]
-        q, t = select_candidates(quest6(m, n, lambdas="x"), m, n)
+        q, t = select_candidates(self._sampler.candidates(m, n), m, n)
         models = np.concatenate([q, t], axis=-1).reshape(-1, 7)
         return np.asarray(models[np.isfinite(models).all(axis=1)])
 
@@ -56,8 +73,10 @@ class RelativePoseProblem:
             ],
             axis=1,
         )
-        e = (tx @ R).reshape(-1, 9) @ self._outer
-        c = R.reshape(-1, 9) @ self._outer  # cosine of the parallax
+        # n_a m_b of every match, so that n . E m and n . R m of all hypotheses are two matrix products.
+        outer = (self.n[:, :, None] * self.m[:, None, :]).reshape(-1, 9).T
+        e = (tx @ R).reshape(-1, 9) @ outer
+        c = R.reshape(-1, 9) @ outer  # cosine of the parallax
         p = np.einsum("hi,hij->hj", t, R) @ self.m.T  # t . R m
         s = t @ self.n.T
         e2 = e * e
@@ -91,3 +110,31 @@ class RelativePoseProblem:
         """The model refined on the matches to use (N,), see :func:`quest.refine.refine_pose`."""
         R, t = refine_pose(matrix_from_quaternion(model[:4]), model[4:], self.m[use], self.n[use], scale_rad)
         return np.concatenate([quaternion_from_matrix(R), t])
+
+
+class CompiledPoseProblem(RelativePoseProblem):
+    """The same answers about a few models, from the compiled loops of :mod:`quest.kernels`."""
+
+    def __init__(self, m: Floats, n: Floats, threshold_rad: float) -> None:
+        super().__init__(np.ascontiguousarray(m), np.ascontiguousarray(n), threshold_rad)
+
+    def residuals(self, models: Floats) -> tuple[Floats, Bools]:
+        """See the base class."""
+        from quest import kernels
+
+        each = [kernels.residuals_of_model(self.m, self.n, model, self.threshold_rad) for model in models]
+        return np.array([r2 for r2, _ in each]), np.array([behind for _, behind in each])
+
+    def explained(self, model: Floats, gate_rad: float) -> Bools:
+        """See the base class."""
+        from quest import kernels
+
+        r2, behind = kernels.residuals_of_model(self.m, self.n, model, self.threshold_rad)
+        return np.asarray((r2 < gate_rad**2) & ~behind)
+
+    def refine(self, model: Floats, use: Bools, scale_rad: float) -> Floats:
+        """See the base class."""
+        from quest import kernels
+
+        pose = kernels.refine_model(self.m, self.n, use, model, scale_rad, 12)
+        return np.concatenate([quaternion_from_matrix(pose[:9].reshape(3, 3)), pose[9:]])
