@@ -236,7 +236,10 @@ def _normal_equations(
 ) -> float:
     """Weighted normal equations of the Sampson errors, see :mod:`quest.refine`; returns the robust cost."""
     x, y, z, u, v, w = _tangents(t)
-    A[:], g[:] = 0.0, 0.0
+    for j in range(5):
+        g[j] = 0.0
+        for k in range(5):
+            A[j, k] = 0.0
     J = np.empty(5)
     cost = 0.0
     for i in range(len(m)):
@@ -282,29 +285,31 @@ def _normal_equations(
 def refine(m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale_rad: float, iterations: int) -> None:
     """As :func:`quest.refine.refine_pose`, on the matches to use (N,), in place."""
     scale2 = scale_rad * scale_rad
-    A, g, A_new, g_new = np.empty((5, 5)), np.empty(5), np.empty((5, 5)), np.empty(5)
+    A, g, damped, step = np.empty((5, 5)), np.empty(5), np.empty((5, 5)), np.empty(5)
     cost, damping = _normal_equations(m, n, use, R, t, scale2, A, g), 1e-4
-    R_new, t_new = R.copy(), t.copy()
+    R_new, t_new = np.empty((3, 3)), np.empty(3)
     for _ in range(iterations):
         trace = A[0, 0] + A[1, 1] + A[2, 2] + A[3, 3] + A[4, 4]
         if not (trace > 0 and np.isfinite(trace)):
             return
-        damped, step = A.copy(), -g
-        for k in range(5):
-            damped[k, k] += damping * A[k, k] + 1e-12 * trace
-        # Scaled, so that the pivots' bound is one of condition.
-        damped /= trace
-        step /= trace
+        # Scaled by the trace, so that the pivots' bound is one of condition.
+        for j in range(5):
+            for k in range(5):
+                damped[j, k] = A[j, k] / trace
+            damped[j, j] += damping * damped[j, j] + 1e-12
+            step[j] = -g[j] / trace
         if not _solve_in_place(damped, step):
             return
-        R_new[:], t_new[:] = R, t
+        _copy_pose(R, t, R_new, t_new)
         x, y, z, u, v, w = _tangents(t)
         _turn(R_new, step[0], step[1], step[2])
         _shift(t_new, step[3], step[4], x, y, z, u, v, w)
-        cost_new = _normal_equations(m, n, use, R_new, t_new, scale2, A_new, g_new)
+        cost_new = _normal_equations(m, n, use, R_new, t_new, scale2, damped, step)
         if cost_new <= cost:
-            gain = cost - cost_new
-            R[:], t[:], A[:], g[:], cost = R_new, t_new, A_new, g_new, cost_new
+            gain, cost = cost - cost_new, cost_new
+            _copy_pose(R_new, t_new, R, t)
+            A, damped = damped, A
+            g, step = step, g
             damping = max(damping * 0.1, 1e-9)
             if gain <= 1e-9 * max(cost, 1e-30):
                 return
@@ -312,6 +317,14 @@ def refine(m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale_rad: fl
             damping *= 10
             if damping > 1e4:
                 return
+
+
+@njit(cache=True, error_model="numpy")
+def _copy_pose(R: Floats, t: Floats, to_R: Floats, to_t: Floats) -> None:
+    for i in range(3):
+        to_t[i] = t[i]
+        for j in range(3):
+            to_R[i, j] = R[i, j]
 
 
 @njit(cache=True, error_model="numpy")
@@ -335,11 +348,15 @@ def residuals_of_model(m: Floats, n: Floats, model: Floats, threshold_rad: float
 @njit(cache=True, error_model="numpy")
 def refine_model(m: Floats, n: Floats, use: Bools, model: Floats, scale_rad: float, iterations: int) -> Floats:
     """As :func:`refine`, of a row (q_wxyz, t); returns R (9,) and t (3,) in one row."""
-    R, t = _matrix(model), model[4:].copy()
+    R, t, pose = _matrix(model), np.empty(3), np.empty(12)
+    for i in range(3):
+        t[i] = model[4 + i]
     refine(m, n, use, R, t, scale_rad, iterations)
-    out = np.empty(12)
-    out[:9], out[9:] = R.copy().reshape(9), t
-    return out
+    for i in range(3):
+        pose[9 + i] = t[i]
+        for j in range(3):
+            pose[3 * i + j] = R[i, j]
+    return pose
 
 
 @njit(cache=True, error_model="numpy")
@@ -402,7 +419,7 @@ def try_samples(
     for i in range(len(samples)):
         found = 0
         for k in range(len(rotations)):
-            R[:], t[:] = rotations[k], directions[i, k]
+            _copy_pose(rotations[k], directions[i, k], R, t)
             if not newton_five(m, n, samples[i], R, t):
                 continue
             known = False
@@ -410,7 +427,7 @@ def try_samples(
                 known = known or _mode_distance(R, t, found_R[j], found_t[j]) < 1e-5
             if known:
                 continue
-            found_R[found], found_t[found] = R, t
+            _copy_pose(R, t, found_R[found], found_t[found])
             found += 1
             cost, inliers = score(m, n, R, t, threshold_rad, pool_costs[size - 1])
             if not cost < pool_costs[size - 1]:
@@ -424,7 +441,8 @@ def try_samples(
             if not cost < pool_costs[at]:
                 continue
             while at > 0 and cost < pool_costs[at - 1]:
-                pool_R[at], pool_t[at] = pool_R[at - 1], pool_t[at - 1]
+                _copy_pose(pool_R[at - 1], pool_t[at - 1], pool_R[at], pool_t[at])
                 pool_costs[at], pool_inliers[at] = pool_costs[at - 1], pool_inliers[at - 1]
                 at -= 1
-            pool_R[at], pool_t[at], pool_costs[at], pool_inliers[at] = R, t, cost, inliers
+            _copy_pose(R, t, pool_R[at], pool_t[at])
+            pool_costs[at], pool_inliers[at] = cost, inliers
