@@ -184,7 +184,7 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
         camera=replace(true_camera, fx=stated, fy=stated),
         true_camera=true_camera,
         poses=poses,
-        timestamps_s=_STEP_S * np.arange(options.views),
+        timestamps_s=_STEP_S * np.arange(options.views, dtype=float),
         points=points,
         wrong=kinds == _WRONG,
         moving=kinds == _MOVING,
@@ -392,7 +392,7 @@ def _nadir_turn(rng: np.random.Generator) -> _Layout:
 
     def way(s: float) -> Floats:
         ahead = np.array([np.sin(turn * s), 1 - np.cos(turn * s), 0.0]) / turn
-        return _rotation(np.array([0, 0, heading])) @ ahead
+        return np.asarray(_rotation(np.array([0, 0, heading])) @ ahead)
 
     return _Layout(_plane(np.array([0.0, 0.0, 1.0]), 2.0), way, lambda s: np.array([0.0, 0.0, turn * s]))
 

@@ -1,4 +1,4 @@
-"""The command line: ``slam-init run``, ``slam-init synth``, ``slam-init info``.
+"""The command line: ``slam-init run``, ``slam-init synth``, ``slam-init info``, ``slam-init compare``.
 
 Exit codes: 0 initialized (or done), 2 bad usage or input, 3 the data never allowed initialization, 130
 interrupted. Whatever is wrong is told in one line on stderr.
@@ -28,6 +28,7 @@ __all__ = ["entry_point", "main"]
 _DONE, _BAD_INPUT, _NOT_INITIALIZED, _INTERRUPTED = 0, 2, 3, 130
 _DEFAULT_SOURCE = "synth:room"
 _DEFAULT_OUT = "slam-init-out"
+_DEFAULT_COMPARISON = "slam-init-compare"
 
 
 class _UsageError(SlamInitError):
@@ -101,7 +102,7 @@ def _parser() -> _Parser:
         allow_abbrev=False,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
-    commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="run, synth or info")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="run, synth, info or compare")
 
     run = commands.add_parser("run", help="initialize from a sequence", allow_abbrev=False)
     run.description = "Read frames until a map is found; write it, and a recording of how, to a folder."
@@ -138,6 +139,31 @@ def _parser() -> _Parser:
     info.set_defaults(command=_info)
     _add_source(info, default=None)
     info.add_argument("--json", action="store_true", help="print it as JSON")
+
+    compare = commands.add_parser("compare", help="compare methods on the same trials", allow_abbrev=False)
+    compare.description = "Run methods on the same tracks from many starts; write tables, statistics and a report."
+    compare.set_defaults(command=_compare)
+    compare.add_argument(
+        "sources",
+        metavar="SOURCE",
+        nargs="*",
+        help="a sequence, a folder of sequences, synth:NAME[?seed=N&...] or points:NAME[?seed=N&...]",
+    )
+    compare.add_argument("--methods", metavar="A,B", help="of slam-init run --method (default: all that are installed)")
+    compare.add_argument("--every", type=int, default=10, metavar="K", help="start at every K-th frame (default: 10)")
+    compare.add_argument("--grid", type=int, default=0, metavar="N", help="add N point-level trials of each scene")
+    compare.add_argument(
+        "--limit-frames", type=int, default=150, metavar="N", help="a trial reads at most N frames (default: 150)"
+    )
+    compare.add_argument("--jobs", type=int, metavar="N", help="processes (default: one a core)")
+    compare.add_argument(
+        "--backend", default="loky", metavar="NAME", help="loky (default), sequential or dask:ADDRESS of a scheduler"
+    )
+    compare.add_argument("--seed", type=int, default=0, metavar="N", help="of random draws (default: 0)")
+    compare.add_argument("--time-limit", type=float, default=300.0, metavar="S", help="of a trial (default: 300 s)")
+    compare.add_argument("--memory-limit", type=int, default=6000, metavar="MB", help="of a trial (default: 6000 MB)")
+    compare.add_argument("--recordings", action="store_true", help="write a recording of each trial")
+    compare.add_argument("--out", metavar="DIR", default=_DEFAULT_COMPARISON, help="results (default: %(default)s)")
     return parser
 
 
@@ -258,6 +284,24 @@ def _info(arguments: argparse.Namespace) -> int:
     return _DONE
 
 
+def _compare(arguments: argparse.Namespace) -> int:
+    """``slam-init compare``."""
+    for option, least in (("every", 1), ("grid", 0), ("limit_frames", 2), ("jobs", 1), ("seed", 0)):
+        _at_least(f"--{option.replace('_', '-')}", getattr(arguments, option), least)
+    _at_least("--time-limit", arguments.time_limit, 1)
+    _at_least("--memory-limit", arguments.memory_limit, 100)
+    if not arguments.sources and not arguments.grid:
+        raise _UsageError("no SOURCE: give sequences, or --grid N (see slam-init compare --help)")
+    out = _out_folder(arguments.out)
+    for source in arguments.sources:
+        _not_inside_source(out, source)
+
+    from slam_init.compare.command import run_command
+
+    tell(run_command(arguments, out, progress=sys.stderr.isatty()))
+    return _DONE
+
+
 # -- checks --------------------------------------------------------------------------------------------
 
 
@@ -271,7 +315,7 @@ def _camera(arguments: argparse.Namespace, source: Source, start: int) -> Camera
     return load_camera(arguments.camera, (frame.image.shape[1], frame.image.shape[0]))
 
 
-def _at_least(option: str, value: int | None, least: int) -> None:
+def _at_least(option: str, value: float | None, least: int) -> None:
     if value is not None and value < least:
         raise _UsageError(f"{option} is {value}: it must be at least {least}")
 

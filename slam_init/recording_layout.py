@@ -6,7 +6,18 @@ import uuid
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["ERROR", "ERROR_BARS", "ESTIMATE_COLOR", "SERIES", "TRACKS", "TRUTH_COLOR", "Color", "Series", "blueprint"]
+__all__ = [
+    "ERROR",
+    "ERROR_BARS",
+    "ESTIMATE_COLOR",
+    "SERIES",
+    "TRACKS",
+    "TRUTH_COLOR",
+    "Color",
+    "Series",
+    "blueprint",
+    "name_parts",
+]
 
 Color = tuple[int, int, int]
 
@@ -112,13 +123,13 @@ def blueprint() -> Any:
         ),
         column_shares=[1, 1],
     )
-    _name(root, "slam-init")
+    name_parts(root, "slam-init")
     return rrb.Blueprint(root, rrb.TimePanel(timeline="frame", state="collapsed"), collapse_panels=True)
 
 
-def _name(part: Any, path: str) -> None:
+def name_parts(part: Any, path: str) -> None:
     """Replace the random ids of a layout by ids made from the place of each part."""
     part.id = uuid.uuid5(uuid.NAMESPACE_URL, path)
     for i, child in enumerate(getattr(part, "contents", ())):
         if hasattr(child, "id"):
-            _name(child, f"{path}/{i}")
+            name_parts(child, f"{path}/{i}")

@@ -18,7 +18,7 @@ from slam_init.types import Floats, Frame, Observations, Trajectory
 if TYPE_CHECKING:
     from sequences_synth import PointSequence
 
-__all__ = ["POINTS", "PointSource", "open_points"]
+__all__ = ["POINTS", "PointSource", "open_points", "point_scenes"]
 
 POINTS = "points:"
 
@@ -27,7 +27,7 @@ _BACKGROUND, _DOT = 30, 220
 
 @dataclass(frozen=True, eq=False)
 class PointSource:
-    """A :class:`slam_init.types.Source` that knows its tracks; its images are dots on a dark ground, to be looked at."""
+    """A :class:`slam_init.types.Source` that knows its tracks; its images are dots on a dark ground."""
 
     sequence: PointSequence
 
@@ -112,3 +112,10 @@ def open_points(text: str, seed: int) -> PointSource:
         return PointSource(make_points(name, seed, PointOptions(**values)))
     except ValueError as error:
         raise SourceError(str(error)) from None
+
+
+def point_scenes() -> tuple[str, ...]:
+    """Names of the scenes."""
+    from sequences_synth import POINT_SCENES
+
+    return POINT_SCENES

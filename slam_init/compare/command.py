@@ -1,0 +1,136 @@
+"""What ``slam-init compare`` does once its options have been checked."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from slam_init.compare.run import Plan, compare
+from slam_init.compare.sources import describe_sources, grid_sources
+from slam_init.compare.trials import Settings
+from slam_init.errors import ConfigError
+
+__all__ = ["chosen_methods", "main_table", "run_command"]
+
+
+def run_command(arguments: argparse.Namespace, out: Path, *, progress: bool) -> str:
+    """Run a comparison; return what is printed: the main table, and where the rest is.
+
+    Raises
+    ------
+    SlamInitError
+        As :func:`slam_init.compare.run.compare`.
+    """
+    methods = chosen_methods(arguments.methods)
+    texts = [*arguments.sources, *grid_sources(arguments.grid, arguments.seed)]
+    plan = Plan(
+        sources=tuple(describe_sources(texts)),
+        methods=methods,
+        every=arguments.every,
+        settings=Settings(
+            seed=arguments.seed,
+            limit_frames=arguments.limit_frames,
+            time_limit_s=arguments.time_limit,
+            memory_limit_mb=arguments.memory_limit,
+        ),
+    )
+    summary = compare(
+        plan,
+        out,
+        backend=arguments.backend,
+        jobs=arguments.jobs or os.cpu_count() or 1,
+        recordings=arguments.recordings,
+        progress=progress,
+        command=_command(arguments),
+    )
+    return f"{main_table(summary)}\n\nresults: {out / 'results.csv'}\n"
+
+
+def chosen_methods(text: str | None) -> tuple[str, ...]:
+    """The methods of ``--methods a,b``, or all whose packages are installed.
+
+    Raises
+    ------
+    ConfigError
+        Where one is unknown, given twice or not installed.
+    """
+    from slam_init.methods import METHODS, method_info
+
+    if text is None:
+        return tuple(name for name, info in METHODS.items() if info.needs is None or find_spec(info.needs))
+    names = tuple(text.split(","))
+    for name in names:
+        info = method_info(name)
+        if info.needs is not None and find_spec(info.needs) is None:
+            raise ConfigError(f"the method {name} needs the package {info.needs}: pip install {info.needs}")
+        if names.count(name) > 1:
+            raise ConfigError(f"the method {name} is given twice: give each once")
+    return names
+
+
+def main_table(summary: dict[str, Any]) -> str:
+    """The main table in markdown: sequences that move, then those that do not."""
+    from slam_init.benchmarks.tables import markdown_table, number
+
+    moving = {method: f for method, f in summary["moving"].items() if f["trials"]}
+    still = {method: f for method, f in summary["still"].items() if f["trials"]}
+    tables = []
+    if moving:
+        header = ["moving camera", "trials", "correct %", "strict %", "false %", "none", "error"]
+        header += ["frames to correct", "rotation (deg)", "direction (deg)", "survival", "frame (ms)"]
+        rows = []
+        for method, f in moving.items():
+            medians = f["medians"]
+            rows.append(
+                [
+                    method,
+                    str(f["trials"]),
+                    _percent(f["correct_rate"]),
+                    number(100 * f["strict"] / f["trials"] if f["trials"] else None, 1),
+                    _percent(f["false_rate"]),
+                    str(f["none"]),
+                    str(f["error"]),
+                    number(f["frames_to_correct"][0], 1),
+                    number(medians["rotation_error_deg"]),
+                    number(medians["direction_error_deg"]),
+                    number(medians["survival"]),
+                    number(f["frame_median_ms"], 1),
+                ]
+            )
+        tables.append(markdown_table(header, rows))
+    if still:
+        header = ["no translation", "trials", "false %", "none", "error", "right reason %"]
+        rows = [
+            [
+                method,
+                str(f["trials"]),
+                _percent(f["false_rate"]),
+                str(f["none"]),
+                str(f["error"]),
+                _percent(f["reason_accuracy"]),
+            ]
+            for method, f in still.items()
+        ]
+        tables.append(markdown_table(header, rows))
+    return "\n\n".join(tables)
+
+
+def _percent(interval: list[float | None]) -> str:
+    value, low, high = interval
+    if value is None or low is None or high is None:
+        return "-"
+    return f"{100 * value:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
+
+
+def _command(arguments: argparse.Namespace) -> str:
+    """The command that makes the same results; names no folder of this machine but those that were typed."""
+    words = ["slam-init", "compare", *arguments.sources]
+    for option, default in (("methods", None), ("every", 10), ("grid", 0), ("limit_frames", 150), ("seed", 0)):
+        value = getattr(arguments, option)
+        if value != default:
+            words += [f"--{option.replace('_', '-')}", str(value)]
+    return shlex.join(words)

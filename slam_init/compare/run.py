@@ -1,0 +1,146 @@
+"""A comparison from beginning to end: tracks, trials, results."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+from slam_init.compare.backends import Backend, open_backend
+from slam_init.compare.isolation import isolated_tracks, isolated_trial
+from slam_init.compare.journal import Journal, Key
+from slam_init.compare.results import remove_results, write_results
+from slam_init.compare.sources import ComparedSource
+from slam_init.compare.trials import Settings, Trial
+from slam_init.datasets.points import POINTS
+from slam_init.errors import OutputError
+
+__all__ = ["Plan", "compare"]
+
+_JOURNAL = "trials.jsonl"
+_RECORDINGS = "recordings"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is compared.
+
+    Attributes
+    ----------
+    sources : tuple of ComparedSource
+    methods : tuple of str
+    every : int
+        A trial starts at every so many frames.
+    settings : Settings
+        Without its folders, which :func:`compare` chooses.
+    """
+
+    sources: tuple[ComparedSource, ...]
+    methods: tuple[str, ...]
+    every: int = 10
+    settings: Settings = field(default_factory=Settings)
+
+    def trials(self) -> Iterator[Trial]:
+        """All trials; those of one source follow one another, as it is opened once then."""
+        for source in self.sources:
+            for start in source.starts(self.every):
+                for method in self.methods:
+                    yield Trial(source, method, start)
+
+    def holds(self, key: Key) -> bool:
+        """Whether a trial belongs to this comparison; a folder may hold those of a wider one."""
+        label, method, start = key
+        return method in self.methods and start in self._starts.get(label, ())
+
+    @cached_property
+    def _starts(self) -> dict[str, range]:
+        return {source.label: source.starts(self.every) for source in self.sources}
+
+
+def compare(
+    plan: Plan,
+    out: Path,
+    *,
+    backend: str = "loky",
+    jobs: int = 1,
+    recordings: bool = False,
+    progress: bool = False,
+    command: str = "",
+) -> dict[str, Any]:
+    """Run all trials that ``out`` does not hold yet, and write the results.
+
+    Parameters
+    ----------
+    plan : Plan
+    out : Path
+        Folder of ``trials.jsonl``, ``results.csv``, ``summary.json``, ``report.html`` and the recordings.
+    backend : str
+        See :func:`slam_init.compare.backends.open_backend`.
+    jobs : int
+    recordings : bool
+        Write recordings of the trials that are run now.
+    progress : bool
+        Show a progress bar on stderr.
+    command : str
+        What the user typed, for the report.
+
+    Returns
+    -------
+    dict
+        The content of ``summary.json``.
+
+    Raises
+    ------
+    SlamInitError
+        Where a source cannot be read, the backend cannot be had, or ``out`` cannot be written.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        tracks = tempfile.mkdtemp(prefix="slam-init-tracks-")
+    except OSError as error:
+        raise OutputError(f"cannot write to --out {out}: {error.strerror or error}: give another folder") from error
+    folder = str((out / _RECORDINGS).resolve()) if recordings else None
+    settings = replace(plan.settings, tracks=tracks, recordings=folder)
+    same = {"seed": settings.seed, "limit_frames": settings.limit_frames, "limit_s": settings.limit_s}
+    try:
+        with Journal(out / _JOURNAL, same) as journal:
+            remove_results(out)
+            with open_backend(backend, jobs) as workers:
+                _run_trials(plan, settings, journal, workers, progress)
+                if recordings:
+                    _side_by_side(plan, settings, journal)
+            return write_results(out, journal.rows(plan.holds), plan, command)
+    finally:
+        shutil.rmtree(tracks, ignore_errors=True)
+
+
+def _run_trials(plan: Plan, settings: Settings, journal: Journal, workers: Backend, progress: bool) -> None:
+    from tqdm import tqdm
+
+    missing = sum(trial.key not in journal for trial in plan.trials())
+    with tqdm(total=missing, unit="trial", desc="tracks", disable=not progress, leave=False) as bar:
+        unfinished = {trial.source.text for trial in plan.trials() if trial.key not in journal}
+        tracked = sorted(text for text in unfinished if not text.startswith(POINTS))
+        for _ in workers.run(partial(isolated_tracks, settings=settings), tracked):
+            bar.refresh()
+        bar.set_description("trials")
+        trials = (trial for trial in plan.trials() if trial.key not in journal)
+        for _, row in workers.run(partial(isolated_trial, settings=settings), trials):
+            journal.append(row)
+            bar.update()
+
+
+def _side_by_side(plan: Plan, settings: Settings, journal: Journal) -> None:
+    from slam_init.compare.side_by_side import combine
+
+    outcomes: dict[tuple[str, int], dict[str, str]] = {}
+    for row in journal.rows(plan.holds):
+        outcomes.setdefault((row["source"], row["start"]), {})[row["method"]] = row["outcome"]
+    for source in plan.sources:
+        for start in source.starts(plan.every):
+            found = outcomes[source.label, start]
+            combine(source, start, settings, {method: found[method] for method in plan.methods})
