@@ -11,8 +11,15 @@ from make_source import synth
 
 from quest.quaternion import rotation_from_vector
 from slam_init.benchmarks import real_pairs
-from slam_init.benchmarks.image_pairs import ImagePair, chessboard_pairs, match_features, pair_set, sequence_pairs
-from slam_init.benchmarks.real_pairs import Group, run_group, true_share
+from slam_init.benchmarks.image_pairs import (
+    ImagePair,
+    chessboard_pairs,
+    match_features,
+    pair_set,
+    sequence_pairs,
+    true_matches,
+)
+from slam_init.benchmarks.real_pairs import Group, run_group
 from slam_init.camera import Camera
 from slam_init.errors import SourceError
 from slam_init.matching import SiftFeatures, detect_sift, match_descriptors
@@ -20,6 +27,10 @@ from slam_init.types import Pose
 
 CAMERA = Camera("radtan", 640, 480, 500.0, 505.0, 320.0, 240.0, (-0.2, 0.05, 0.001, 0.0))
 TURN = Pose(rotation_from_vector(np.array([0.02, 0.1, 0.0])), np.array([-0.3, 0.0, 0.1]))
+
+
+def true_share(pair, threshold_rad):
+    return true_matches(pair, pair.bearings1, pair.bearings2, threshold_rad).mean()
 
 
 def views(rng, count=80):

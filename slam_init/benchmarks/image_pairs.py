@@ -17,12 +17,13 @@ from typing import Any
 
 import numpy as np
 
+from quest.epipolar import depths_from_pose, sampson_error
 from slam_init.camera import Camera
 from slam_init.config import TrackingConfig
 from slam_init.datasets import TimedSource
 from slam_init.errors import SourceError
 from slam_init.matching import SiftFeatures, detect_sift, match_descriptors
-from slam_init.types import Floats, Pose
+from slam_init.types import Bools, Floats, Pose
 
 __all__ = [
     "DIRECTION_UNKNOWN",
@@ -32,6 +33,7 @@ __all__ = [
     "match_features",
     "pair_set",
     "sequence_pairs",
+    "true_matches",
 ]
 
 #: Ground truth that knows the rotation better than the direction of a short baseline: its own error is about ten
@@ -82,6 +84,13 @@ def match_features(
     seen = np.isfinite(bearings1).all(axis=1) & np.isfinite(bearings2).all(axis=1)
     focal_px = float(np.sqrt(camera1.focal_px * camera2.focal_px))
     return ImagePair(bearings1[seen], bearings2[seen], distances[seen].astype(float), focal_px, pose)
+
+
+def true_matches(pair: ImagePair, bearings1: Floats, bearings2: Floats, threshold_rad: float) -> Bools:
+    """Which matches (N,) of a pair obey its true pose within the threshold, in front of both cameras."""
+    R, t = pair.cam2_from_cam1.R, pair.cam2_from_cam1.t
+    u, v = depths_from_pose(R, t, bearings1, bearings2)
+    return np.asarray((np.abs(sampson_error(R, t, bearings1, bearings2)) < threshold_rad) & (u > 0) & (v > 0))
 
 
 def pair_set(folder: Path) -> Iterator[ImagePair]:

@@ -25,7 +25,6 @@ from quest.benchmarks.robust_methods import METHODS, Estimate, available, limit_
 from quest.benchmarks.robust_trials import Answer, judge
 from quest.benchmarks.running import choice_list, number_list, positive, run_on_one_thread, save
 from quest.benchmarks.tables import markdown_table
-from quest.epipolar import depths_from_pose, sampson_error
 from slam_init.benchmarks.image_pairs import (
     DIRECTION_UNKNOWN,
     ImagePair,
@@ -33,10 +32,11 @@ from slam_init.benchmarks.image_pairs import (
     data_folder,
     pair_set,
     sequence_pairs,
+    true_matches,
 )
 from slam_init.benchmarks.initialization import find_sequences
 
-__all__ = ["Group", "groups", "main", "run_group", "true_share"]
+__all__ = ["Group", "groups", "main", "run_group"]
 
 #: Fewer matches than quest takes at least: nothing can be said of such a pair, and it counts as failed for all.
 _MIN_MATCHES = 10
@@ -80,13 +80,6 @@ def groups(data: Path, steps: Sequence[int], limit: int) -> list[Group]:
     return found
 
 
-def true_share(pair: ImagePair, threshold_rad: float) -> float:
-    """Share of the matches that obey the true pose within the threshold, in front of both cameras."""
-    R, t, m, n = pair.cam2_from_cam1.R, pair.cam2_from_cam1.t, pair.bearings1, pair.bearings2
-    u, v = depths_from_pose(R, t, m, n)
-    return float(np.mean((np.abs(sampson_error(R, t, m, n)) < threshold_rad) & (u > 0) & (v > 0)))
-
-
 @dataclass(frozen=True, eq=False)
 class _Outcome:
     matches: list[int]
@@ -101,7 +94,8 @@ def run_group(group: Group, methods: Sequence[str], threshold_px: float) -> _Out
         threshold_rad = threshold_px / pair.focal_px
         outcome.matches.append(len(pair.bearings1))
         if len(pair.bearings1) >= _MIN_MATCHES:
-            outcome.true_shares.append(true_share(pair, threshold_rad))
+            found = true_matches(pair, pair.bearings1, pair.bearings2, threshold_rad)
+            outcome.true_shares.append(float(found.mean()))
         for name in methods:
             outcome.answers[name].append(_answer(pair, name, threshold_rad, group.rotation_only))
     return outcome
