@@ -28,6 +28,7 @@ from quest.benchmarks.cells import (
     times_cell,
     verdicts_cell,
 )
+from quest.benchmarks.measures import accuracy
 from quest.benchmarks.robust_methods import METHODS, available, limit_threads
 from quest.benchmarks.robust_trials import Cell, Trial, full_grid, run_trials, star_grid, write_csv
 from quest.benchmarks.running import choice_list, number_list, positive, run_on_one_thread, save
@@ -58,6 +59,9 @@ _MEASURES: dict[str, Callable[[Sequence[Trial]], str]] = {
 }
 
 
+_SUMMARY = "First pose within 5 deg, % / truth among the poses kept, % / median time, ms"
+
+
 def tables(trials: Sequence[Trial]) -> str:
     """All tables in markdown: each measure by scene and outliers, noise, matches; then pure rotation."""
     methods = list(dict.fromkeys(trial.method for trial in trials))
@@ -65,11 +69,29 @@ def tables(trials: Sequence[Trial]) -> str:
     turning = [trial for trial in trials if trial.scene == "rotation"]
     parts = []
     if moving:
+        parts.append(f"**{_SUMMARY}**\n\n{_summary(moving, methods)}")
         for title, measure in _MEASURES.items():
             parts.append(f"**{title}**\n\n{_table(moving, methods, measure)}")
     if turning:
         parts.append(f"**Pure rotation**\n\n{_rotation_table(turning, methods)}")
     return "\n\n".join(parts) + "\n"
+
+
+def _summary(trials: Sequence[Trial], methods: Sequence[str]) -> str:
+    """All baselines, noises and numbers of matches of a scene together."""
+    groups: dict[tuple[str, float], dict[str, list[Trial]]] = {}
+    for trial in trials:
+        family = trial.scene.split(" .")[0]
+        groups.setdefault((family, trial.outlier_share), {name: [] for name in methods})[trial.method].append(trial)
+    rows = []
+    for (family, share), group in groups.items():
+        cells = []
+        for name in methods:
+            found = 100 * accuracy([trial.error_deg for trial in group[name]], FOUND_DEG)
+            time_ms = np.median([trial.time_ms for trial in group[name]])
+            cells.append(f"{found:.0f} / {_kept(group[name]).split(' ')[0]} / {time_ms:.1f}")
+        rows.append([family, f"{100 * share:.0f} %", str(len(group[methods[0]])), *cells])
+    return markdown_table(["scene", "outliers", "trials", *methods], rows)
 
 
 def _table(trials: Sequence[Trial], methods: Sequence[str], measure: Callable[[Sequence[Trial]], str]) -> str:

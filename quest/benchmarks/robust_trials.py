@@ -113,11 +113,11 @@ def run_trials(
 ) -> Iterator[Trial]:
     """Run all methods on each scene, one after the other, so that a busy moment of the machine meets all alike.
 
-    The first call of each method, which may load or compile, is made before and is not counted.
+    The first calls of each method, which may load or compile, are made before and are not counted.
     """
-    warm_up = draw_scene(SCENES["plane .15"], np.random.default_rng(seed), matches=100, outlier_share=0.1, noise_px=0.5)
-    for method in methods:
-        _run(method, warm_up, threshold_px / FOCAL_PX, seed)
+    for name, method in product(("general .15", "plane .15", "rotation"), methods):
+        scene = draw_scene(SCENES[name], np.random.default_rng(seed), matches=100, outlier_share=0.1, noise_px=0.5)
+        _run(method, scene, threshold_px / FOCAL_PX, seed)
     for cell, k in product(cells, range(trials)):
         rng = np.random.default_rng([seed, list(SCENES).index(cell.scene), k])
         scene = draw_scene(
