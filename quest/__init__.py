@@ -10,6 +10,7 @@ Quaternions are Hamilton, ordered wxyz. The package knows bearings, no images an
 * :func:`quest6`, :func:`quest6_fast`, :func:`quest7`: rotations from six or seven matches, planes included for six.
 * :func:`translation_and_depths`: translation and depths of a rotation.
 * :func:`estimate_relative_pose`: the motion between two views from matches with outliers, and what else explains them.
+* :func:`parallax_statement`: whether its translation is observable, with an error rate, and |t|/depth = a +- b.
 * :class:`InputError`: what every function raises for an input that it cannot mean; nothing else is raised.
 
 References
@@ -21,6 +22,7 @@ References
 from quest.errors import InputError
 from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
 from quest.nullspace import quest6_fast
+from quest.parallax import ParallaxStatement, parallax_statement
 from quest.quest6 import quest6
 from quest.quest7 import quest7
 from quest.translation import translation_and_depths
@@ -29,8 +31,10 @@ __all__ = [
     "Hypothesis",
     "InputError",
     "NoPose",
+    "ParallaxStatement",
     "RelativePose",
     "estimate_relative_pose",
+    "parallax_statement",
     "quest6",
     "quest6_fast",
     "quest7",

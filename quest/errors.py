@@ -52,8 +52,8 @@ def as_floats(values: ArrayLike, name: str) -> Floats:
         raise InputError(f"{name} is no array of real numbers: give floats in a regular shape") from None
 
 
-def as_positive(value: object, name: str, meaning: str) -> float:
-    """A positive finite number as a float; InputError with its name and meaning where it is none."""
+def as_positive(value: object, name: str, meaning: str, *, or_zero: bool = False) -> float:
+    """A positive finite number (or zero) as a float; InputError with its name and meaning where it is none."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value.item()
     # A bool is an integer to Python and a mistake here.
@@ -62,7 +62,7 @@ def as_positive(value: object, name: str, meaning: str) -> float:
             number = float(value)
         except OverflowError:
             number = np.inf
-        if 0 < number < np.inf:
+        if 0 < number < np.inf or (or_zero and number == 0):
             return number
     raise InputError(f"{name} is {value!r:.60}: give {meaning}")
 
