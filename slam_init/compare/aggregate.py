@@ -14,9 +14,10 @@ import numpy as np
 
 from slam_init.compare.sources import judging_of
 from slam_init.compare.statistics import Interval, holm, mcnemar_exact, restricted_mean, wilson
+from slam_init.datasets.points import POINTS
 from slam_init.types import Bools, Floats
 
-__all__ = ["NUMBERS", "Figures", "PairTest", "TrialTable", "figures_of", "pair_tests", "summary_of"]
+__all__ = ["NUMBERS", "PARTS", "Figures", "PairTest", "TrialTable", "figures_of", "pair_tests", "summary_of"]
 
 #: Numeric columns that are kept in memory, eight bytes a trial each.
 NUMBERS = (
@@ -31,6 +32,21 @@ _MEDIANS_OF_CORRECT = (
     "ate_before", "survival", "depth_error", "depth_order_error", "landmarks",
 )  # fmt: skip
 _TIMES = ("frame_median_ms", "frame_p95_ms", "attempt_median_ms", "trial_ms")
+
+
+#: Trials that may be counted together. Tracks without images are no substitute for images, nor the other way round; and
+#: where the camera stays, no map can be correct.
+PARTS = {
+    "image_moving": "images, moving camera",
+    "image_still": "images, no translation",
+    "points_moving": "points, moving camera",
+    "points_still": "points, no translation",
+}
+
+
+def _part_of(group: str) -> str:
+    level = "points" if group.startswith(POINTS) else "image"
+    return f"{level}_{'still' if judging_of(group).still else 'moving'}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +102,11 @@ class TrialTable:
             mask &= self.text[name] == value
         return mask
 
-    @property
-    def still(self) -> Bools:
-        """Mask (N,) of the trials whose camera never translates."""
-        groups = {group: judging_of(group).still for group in set(self.text["group"])}
-        return np.array([groups[group] for group in self.text["group"]], bool)
+    def parts(self) -> dict[str, Bools]:
+        """Masks (N,) of :data:`PARTS` that have trials."""
+        names = {group: _part_of(group) for group in set(self.text["group"])}
+        part = np.array([names[group] for group in self.text["group"]], object)
+        return {name: part == name for name in PARTS if np.any(part == name)}
 
 
 @dataclass(frozen=True)
@@ -203,16 +219,20 @@ def pair_tests(table: TrialTable, methods: Sequence[str], mask: Bools) -> list[P
 
 def summary_of(table: TrialTable, methods: Sequence[str]) -> dict[str, Any]:
     """The figures as plain JSON types; what differs from run to run has names that end in ``_ms`` or ``_mb``."""
-    still = table.still
+    parts = table.parts()
     groups = sorted(set(table.text["group"].tolist()))
     return {
-        "moving": {m: _plain_figures(figures_of(table, table.where(method=m) & ~still)) for m in methods},
-        "still": {m: _plain_figures(figures_of(table, table.where(method=m) & still)) for m in methods},
+        "parts": {
+            name: {m: _plain_figures(figures_of(table, table.where(method=m) & mask)) for m in methods}
+            for name, mask in parts.items()
+        },
         "groups": {
             group: {m: _plain_figures(figures_of(table, table.where(method=m, group=group))) for m in methods}
             for group in groups
         },
-        "pairs_moving": [_plain(vars(test)) for test in pair_tests(table, methods, ~still)],
+        "pairs": {
+            name: [_plain(vars(test)) for test in pair_tests(table, methods, mask)] for name, mask in parts.items()
+        },
     }
 
 

@@ -9,6 +9,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from slam_init.benchmarks.tables import markdown_table, number
+from slam_init.compare.aggregate import PARTS
 from slam_init.compare.run import Plan, compare
 from slam_init.compare.sources import describe_sources, grid_sources
 from slam_init.compare.trials import Settings
@@ -47,7 +49,7 @@ def run_command(arguments: argparse.Namespace, out: Path, *, progress: bool) -> 
         progress=progress,
         command=_command(arguments),
     )
-    return f"{main_table(summary)}\n\nresults: {out / 'results.csv'}\n"
+    return f"{main_table(summary)}\n\nreport: {out / 'report.html'}\n"
 
 
 def chosen_methods(text: str | None) -> tuple[str, ...]:
@@ -73,50 +75,54 @@ def chosen_methods(text: str | None) -> tuple[str, ...]:
 
 
 def main_table(summary: dict[str, Any]) -> str:
-    """The main table in markdown: sequences that move, then those that do not."""
-    from slam_init.benchmarks.tables import markdown_table, number
-
-    moving = {method: f for method, f in summary["moving"].items() if f["trials"]}
-    still = {method: f for method, f in summary["still"].items() if f["trials"]}
+    """The main tables in markdown: images and points, where the camera moves and where it stays."""
     tables = []
-    if moving:
-        header = ["moving camera", "trials", "correct %", "strict %", "false %", "none", "error"]
-        header += ["frames to correct", "rotation (deg)", "direction (deg)", "survival", "frame (ms)"]
-        rows = []
-        for method, f in moving.items():
-            medians = f["medians"]
-            rows.append(
-                [
-                    method,
-                    str(f["trials"]),
-                    _percent(f["correct_rate"]),
-                    number(100 * f["strict"] / f["trials"] if f["trials"] else None, 1),
-                    _percent(f["false_rate"]),
-                    str(f["none"]),
-                    str(f["error"]),
-                    number(f["frames_to_correct"][0], 1),
-                    number(medians["rotation_error_deg"]),
-                    number(medians["direction_error_deg"]),
-                    number(medians["survival"]),
-                    number(f["frame_median_ms"], 1),
-                ]
-            )
-        tables.append(markdown_table(header, rows))
-    if still:
-        header = ["no translation", "trials", "false %", "none", "error", "right reason %"]
-        rows = [
+    for part, title in PARTS.items():
+        if part in summary["parts"]:
+            table = _still_table if part.endswith("still") else _moving_table
+            tables.append(table(title, summary["parts"][part]))
+    return "\n\n".join(tables)
+
+
+def _moving_table(title: str, figures: dict[str, Any]) -> str:
+    header = [title, "trials", "correct %", "strict %", "false %", "none", "error"]
+    header += ["frames to correct", "rotation (deg)", "direction (deg)", "survival", "frame (ms)"]
+    rows = []
+    for method, f in figures.items():
+        medians = f["medians"]
+        rows.append(
             [
                 method,
                 str(f["trials"]),
+                _percent(f["correct_rate"]),
+                number(100 * f["strict"] / f["trials"] if f["trials"] else None, 1),
                 _percent(f["false_rate"]),
                 str(f["none"]),
                 str(f["error"]),
-                _percent(f["reason_accuracy"]),
+                number(f["frames_to_correct"][0], 1),
+                number(medians["rotation_error_deg"]),
+                number(medians["direction_error_deg"]),
+                number(medians["survival"]),
+                number(f["frame_median_ms"], 1),
             ]
-            for method, f in still.items()
+        )
+    return markdown_table(header, rows)
+
+
+def _still_table(title: str, figures: dict[str, Any]) -> str:
+    header = [title, "trials", "false %", "none", "error", "right reason %"]
+    rows = [
+        [
+            method,
+            str(f["trials"]),
+            _percent(f["false_rate"]),
+            str(f["none"]),
+            str(f["error"]),
+            _percent(f["reason_accuracy"]),
         ]
-        tables.append(markdown_table(header, rows))
-    return "\n\n".join(tables)
+        for method, f in figures.items()
+    ]
+    return markdown_table(header, rows)
 
 
 def _percent(interval: list[float | None]) -> str:

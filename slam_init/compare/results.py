@@ -1,4 +1,4 @@
-"""What a comparison leaves: ``results.csv``, ``summary.json``; each whole or not at all."""
+"""What a comparison leaves: ``results.csv``, ``summary.json``, ``report.html``; each whole or not at all."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["remove_results", "write_results"]
 
-_RESULTS, _SUMMARY = "results.csv", "summary.json"
+_RESULTS, _SUMMARY, _REPORT = "results.csv", "summary.json", "report.html"
 _SCHEMA = 1
 
 
@@ -33,7 +33,7 @@ def remove_results(out: Path) -> None:
         Where that is not allowed.
     """
     try:
-        for name in (_RESULTS, _SUMMARY):
+        for name in (_RESULTS, _SUMMARY, _REPORT):
             (out / name).unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(f"cannot write to --out {out}: {error.strerror or error}: give another folder") from error
@@ -61,6 +61,8 @@ def write_results(out: Path, rows: Iterable[Mapping[str, Any]], plan: Plan, comm
     OutputError
         Where a file cannot be written.
     """
+    from slam_init.compare.report import report_html
+
     written: dict[str, Path] = {}
     try:
         written[_RESULTS], file = _beside(out / _RESULTS)
@@ -81,6 +83,7 @@ def write_results(out: Path, rows: Iterable[Mapping[str, Any]], plan: Plan, comm
         }
         texts = {
             _SUMMARY: json.dumps(summary, indent=2, allow_nan=False) + "\n",
+            _REPORT: report_html(table, plan, command),
         }
         for name, text in texts.items():
             written[name], file = _beside(out / name)

@@ -1,0 +1,169 @@
+"""Charts as inline SVG: curves, distributions, boxes, bars. Colours are classes of the page, so that both themes fit.
+
+Drawn for a width of 460 units with letters of 12, which a phone shows at 9 and a column of a desktop at 15 pixels.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+
+from slam_init.types import Floats
+
+__all__ = ["Axis", "box_chart", "curve_chart", "share_bar", "stacked_chart"]
+
+_WIDTH, _HEIGHT = 460.0, 260.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 44.0, 12.0, 10.0, 38.0
+#: Of a chart with a row for each method: room for its name, and height of a row.
+_NAMES, _ROW = 112.0, 24.0
+_MOST_TICKS = 6
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What runs from left to right, or from bottom to top: from low to high, on a logarithmic scale or not."""
+
+    label: str
+    low: float
+    high: float
+    log: bool = False
+
+    def at(self, value: float) -> float:
+        """Place of a value, 0 at the low end, 1 at the high end; values outside are at the ends."""
+        clipped = min(max(value, self.low), self.high)
+        if self.log:
+            return math.log(clipped / self.low) / math.log(self.high / self.low)
+        return (clipped - self.low) / (self.high - self.low)
+
+    def ticks(self) -> list[float]:
+        """Round values within the range."""
+        if self.log:
+            first, last = math.ceil(math.log10(self.low) - 1e-9), math.floor(math.log10(self.high) + 1e-9)
+            return [10.0**k for k in range(first, last + 1)]
+        span = self.high - self.low
+        step = 10.0 ** math.floor(math.log10(span / _MOST_TICKS))
+        step *= next(factor for factor in (1, 2, 5, 10) if span / (step * factor) <= _MOST_TICKS)
+        first = math.ceil(self.low / step - 1e-9)
+        return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
+
+
+def curve_chart(
+    title: str, curves: Mapping[str, tuple[Floats, Floats]], x: Axis, y: Axis, marks: Sequence[float]
+) -> str:
+    """Step curves.
+
+    Parameters
+    ----------
+    title : str
+    curves : mapping of class name to (x, y)
+        The value holds from its x to the next.
+    x, y : Axis
+    marks : sequence of float
+        Vertical lines at these x.
+    """
+    height = _HEIGHT - _BOTTOM - _TOP
+    width = _WIDTH - _LEFT - _RIGHT
+
+    def place(a: float, b: float) -> tuple[float, float]:
+        return _LEFT + width * x.at(a), _TOP + height * (1 - y.at(b))
+
+    parts = [_horizontal_axis(x, _LEFT, width, _TOP, height)]
+    for tick in y.ticks():
+        _, row = place(x.low, tick)
+        parts.append(f'<line class="grid" x1="{_LEFT:g}" x2="{_LEFT + width:g}" y1="{row:.1f}" y2="{row:.1f}"/>')
+        parts.append(f'<text class="end" x="{_LEFT - 6:g}" y="{row + 4:.1f}">{_number(tick)}</text>')
+    for mark in marks:
+        column, _ = place(mark, y.low)
+        parts.append(f'<line class="mark" x1="{column:.1f}" x2="{column:.1f}" y1="{_TOP:g}" y2="{_TOP + height:g}"/>')
+    for name, (xs, ys) in reversed(list(curves.items())):  # the first is drawn last, on top
+        if len(xs) == 0:
+            continue
+        path, before = [], y.low
+        for a, b in zip(xs.tolist(), ys.tolist(), strict=True):
+            column, row = place(a, b)
+            path.append(f"{column:.1f},{place(a, before)[1]:.1f} {column:.1f},{row:.1f}")
+            before = b
+        end, row = place(x.high, before)
+        path.append(f"{end:.1f},{row:.1f}")
+        parts.append(f'<polyline class="curve {name}" points="{" ".join(path)}"/>')
+    parts.append(
+        f'<text class="rotated" transform="translate(11 {_TOP + height / 2:g}) rotate(-90)">{escape(y.label)}</text>'
+    )
+    return _svg(title, _HEIGHT, parts)
+
+
+def box_chart(title: str, rows: Sequence[tuple[str, str, Floats]], x: Axis) -> str:
+    """A box for each (label, class name, values): quartiles, median, whiskers from the 5th to the 95th percentile."""
+    width, height = _WIDTH - _NAMES - _RIGHT, _ROW * len(rows)
+    parts = [_horizontal_axis(x, _NAMES, width, _TOP, height)]
+    for i, (label, name, values) in enumerate(rows):
+        middle = _TOP + _ROW * (i + 0.5)
+        parts.append(f'<text class="end" x="{_NAMES - 8:g}" y="{middle + 4:.1f}">{escape(label)}</text>')
+        if len(values) == 0:
+            parts.append(f'<text class="faint" x="{_NAMES + 6:g}" y="{middle + 4:.1f}">none</text>')
+            continue
+        low, first, median, third, high = (
+            _NAMES + width * x.at(float(q)) for q in np.quantile(values, [0.05, 0.25, 0.5, 0.75, 0.95])
+        )
+        parts += [
+            f'<line class="whisker {name}" x1="{low:.1f}" x2="{high:.1f}" y1="{middle:.1f}" y2="{middle:.1f}"/>',
+            f'<rect class="box {name}" x="{first:.1f}" y="{middle - 7:.1f}" width="{max(third - first, 1):.1f}" '
+            f'height="14" rx="2"/>',
+            f'<line class="median {name}" x1="{median:.1f}" x2="{median:.1f}" y1="{middle - 7:.1f}" '
+            f'y2="{middle + 7:.1f}"/>',
+        ]
+    return _svg(title, _TOP + height + _BOTTOM, parts)
+
+
+def stacked_chart(title: str, rows: Sequence[tuple[str, Sequence[tuple[str, float]]]], x: Axis) -> str:
+    """A bar for each label, put together of (class name, length)."""
+    width, height = _WIDTH - _NAMES - _RIGHT, _ROW * len(rows)
+    parts = [_horizontal_axis(x, _NAMES, width, _TOP, height)]
+    for i, (label, pieces) in enumerate(rows):
+        middle, done = _TOP + _ROW * (i + 0.5), 0.0
+        parts.append(f'<text class="end" x="{_NAMES - 8:g}" y="{middle + 4:.1f}">{escape(label)}</text>')
+        for name, length in pieces:
+            begin, end = (_NAMES + width * x.at(value) for value in (done, done + length))
+            parts.append(
+                f'<rect class="piece {name}" x="{begin:.1f}" y="{middle - 8:.1f}" width="{max(end - begin, 0):.1f}" '
+                f'height="16"/>'
+            )
+            done += length
+    return _svg(title, _TOP + height + _BOTTOM, parts)
+
+
+def share_bar(pieces: Sequence[tuple[str, int]]) -> str:
+    """A bar of shares for a cell of a table, put together of (class name, count)."""
+    total = sum(count for _, count in pieces) or 1
+    words = ", ".join(f"{count} {name}" for name, count in pieces if count)
+    spans = "".join(
+        f'<span class="{name}" style="width:{100 * count / total:.2f}%"></span>' for name, count in pieces if count
+    )
+    return f'<div class="shares" title="{escape(words)}" role="img" aria-label="{escape(words)}">{spans}</div>'
+
+
+def _horizontal_axis(x: Axis, left: float, width: float, top: float, height: float) -> str:
+    parts = []
+    for tick in x.ticks():
+        column = left + width * x.at(tick)
+        parts.append(
+            f'<line class="grid" x1="{column:.1f}" x2="{column:.1f}" y1="{top:g}" y2="{top + height:g}"/>'
+            f'<text class="middle" x="{column:.1f}" y="{top + height + 15:g}">{_number(tick)}</text>'
+        )
+    parts.append(f'<text class="middle" x="{left + width / 2:g}" y="{top + height + 32:g}">{escape(x.label)}</text>')
+    return "".join(parts)
+
+
+def _svg(title: str, height: float, parts: Sequence[str]) -> str:
+    return (
+        f'<svg viewBox="0 0 {_WIDTH:g} {height:g}" role="img" aria-label="{escape(title)}">'
+        f"<title>{escape(title)}</title>{''.join(parts)}</svg>"
+    )
+
+
+def _number(value: float) -> str:
+    return f"{value:g}" if abs(value) < 1e4 else f"{value:.0e}"

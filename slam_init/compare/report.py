@@ -1,0 +1,263 @@
+"""``report.html``: one page with everything on it, no script, nothing loaded from elsewhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from slam_init.compare.aggregate import PARTS, Figures, TrialTable, figures_of
+from slam_init.compare.charts import Axis, box_chart, curve_chart, stacked_chart
+from slam_init.compare.report_tables import group_table, pair_table, quality_table, rates_table, still_table
+from slam_init.compare.worst import worst_cases
+from slam_init.types import Bools, Floats
+
+if TYPE_CHECKING:
+    from slam_init.compare.run import Plan
+
+__all__ = ["report_html"]
+
+#: As many colours as methods of our own; further ones begin again.
+_COLORS = 10
+#: Ends of the axes of errors, in degrees.
+_ROTATION_DEG, _DIRECTION_DEG = (0.01, 180.0), (0.1, 180.0)
+#: Colours of reasons follow their precedence; beyond these they are told together.
+_OUTCOMES = ("strict", "correct", "false", "none", "error", "accepted")
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Trials that are counted together."""
+
+    name: str
+    title: str
+    mask: Bools
+    figures: dict[str, Figures]
+
+    @property
+    def still(self) -> bool:
+        return self.name.endswith("still")
+
+
+def report_html(table: TrialTable, plan: Plan, command: str) -> str:
+    """The page.
+
+    Parameters
+    ----------
+    table : TrialTable
+    plan : Plan
+    command : str
+        What makes the same results, empty where unknown.
+    """
+    parts = [
+        _Part(
+            name,
+            PARTS[name],
+            mask,
+            {method: figures_of(table, mask & table.where(method=method)) for method in plan.methods},
+        )
+        for name, mask in table.parts().items()
+    ]
+    body = [_header(table, plan, command, parts)]
+    for part in parts:
+        body.append(_still_section(part) if part.still else _moving_section(table, plan, part))
+    body += [_groups_section(table, plan), _worst_section(table, plan), _footer(plan)]
+    css = files("slam_init.compare").joinpath("report.css").read_text(encoding="utf-8")
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>slam-init compare</title><style>{css}</style></head><body><main>{''.join(body)}</main></body></html>\n"
+    )
+
+
+def _header(table: TrialTable, plan: Plan, command: str, parts: Sequence[_Part]) -> str:
+    false = int(np.sum(table.text["outcome"] == "false"))
+    facts = [
+        (f"{len(table):,}", "trials"),
+        (str(len(plan.methods)), "methods"),
+        (f"{len(plan.sources):,}", "sources"),
+        (f"{false:,}", "false maps"),
+        (str(plan.settings.seed), "seed"),
+    ]
+    links = [(part.name, part.title) for part in parts] + [("scenes", "by scene"), ("worst", "worst cases")]
+    return (
+        "<h1>Monocular initializers on the same tracks</h1>"
+        '<p class="soft">Each trial starts a method at a frame and ends at its first map, or after '
+        f"{plan.settings.limit_frames} frames or {plan.settings.limit_s:g} s of video. "
+        "All methods are fed with the same tracks.</p>"
+        f'<div class="facts">{"".join(f"<div><b>{n}</b>{what}</div>" for n, what in facts)}</div>'
+        f"<nav>{''.join(f'<a href=#{name}>{escape(title)}</a>' for name, title in links)}</nav>"
+        + (f"<pre><code>{escape(command)}</code></pre>" if command else "")
+        + _legend([(name, name) for name in _OUTCOMES[:5]])
+    )
+
+
+# -- one part --------------------------------------------------------------------------------------
+
+
+def _moving_section(table: TrialTable, plan: Plan, part: _Part) -> str:
+    colors = {method: f"c{i % _COLORS}" for i, method in enumerate(plan.methods)}
+    return (
+        f'<h2 id="{part.name}">{escape(part.title[0].upper() + part.title[1:])}</h2>'
+        '<p class="soft">Shares with 95 % intervals (Wilson). Frames: restricted mean, a trial without a correct map '
+        "counts as its limit. Errors are medians over the correct maps. Bold: the best of a column.</p>"
+        + rates_table(part.figures)
+        + "<h3>How good the correct maps are, and what they cost</h3>"
+        + quality_table(part.figures)
+        + _legend([(colors[method], method) for method in plan.methods])
+        + f'<div class="charts">{"".join(_charts(table, plan, part, colors))}</div>'
+        + "<h3>On the same trials</h3>"
+        '<p class="soft">Row against column: trials that only the row, and only the column, gets right; the p-value of '
+        "McNemar's exact test, adjusted for the number of pairs (Holm). Coloured where it is below 0.05.</p>"
+        + pair_table(table, plan.methods, part.mask)
+    )
+
+
+def _charts(table: TrialTable, plan: Plan, part: _Part, colors: dict[str, str]) -> list[str]:
+    outcome = table.text["outcome"]
+    frames = table.numbers["frames_to_accept"]
+    limit = max(float(np.max(table.numbers["frames_limit"][part.mask])), 2.0)
+    time = Axis("frames since the start", 0, limit)
+    masks = {method: part.mask & table.where(method=method) for method in plan.methods}
+    correct, false = (
+        {
+            colors[method]: _cumulative(frames[mask & (outcome == kind)], int(mask.sum()))
+            for method, mask in masks.items()
+        }
+        for kind in ("correct", "false")
+    )
+    most_false = max((float(y[-1]) for _, y in false.values() if len(y)), default=0.0)
+    charts = [
+        ("Correct maps over time", "Share of the trials that have a correct map by then.",
+         curve_chart("correct maps over time", correct, time, Axis("share of trials", 0, 1), [])),
+        ("False maps over time", "Share of the trials that ended in a false map by then.",
+         curve_chart("false maps over time", false, time, Axis("share of trials", 0, _above(most_false)), [])),
+    ]  # fmt: skip
+    for column, what, (low, high), bounds in (
+        ("rotation_error_deg", "Rotation error", _ROTATION_DEG, (1, 5)),
+        ("direction_error_deg", "Direction error", _DIRECTION_DEG, (5, 15)),
+    ):
+        values = table.numbers[column]
+        curves = {
+            colors[method]: _cumulative(np.clip(_known(values[mask]), low, high), int(mask.sum()))
+            for method, mask in masks.items()
+        }
+        note = (
+            "Share of the trials whose map is at least that good; what is missing to 1 has no map. Dashed: the bounds."
+        )
+        axis = Axis(f"worst keyframe (degrees), strict {bounds[0]}, correct {bounds[1]}", low, high, log=True)
+        charts.append((what, note, curve_chart(what, curves, axis, Axis("share of trials", 0, 1), bounds)))
+    boxes = [(method, colors[method], _known(frames[mask & (outcome == "correct")])) for method, mask in masks.items()]
+    charts.append(
+        ("Frames to a correct map", "Where there is one: quartiles, median, 5th to 95th percentile.",
+         box_chart("frames to a correct map", boxes, time))
+    )  # fmt: skip
+    return [_figure(*chart) for chart in charts] + [_reasons(part)]
+
+
+def _still_section(part: _Part) -> str:
+    return (
+        f'<h2 id="{part.name}">{escape(part.title[0].upper() + part.title[1:])}</h2>'
+        '<p class="soft">The camera never translates: every map is false. The right reason is the cause that was '
+        "there: a static camera, or a pure rotation.</p>"
+        + still_table(part.figures)
+        + f'<div class="charts">{_reasons(part)}</div>'
+    )
+
+
+def _reasons(part: _Part) -> str:
+    """Why there is no map: a bar a method."""
+    names = list(dict.fromkeys(reason for f in part.figures.values() for reason, n in f.reasons.items() if n))
+    names.sort(key=lambda name: -sum(f.reasons.get(name, 0) for f in part.figures.values()))
+    shown = names[: _COLORS - 1]
+    rows = []
+    for method, f in part.figures.items():
+        pieces = [(f"c{i}", 100 * f.reasons.get(name, 0) / max(f.trials, 1)) for i, name in enumerate(shown)]
+        rest = sum(f.reasons.get(name, 0) for name in names[_COLORS - 1 :])
+        rows.append((method, [*pieces, ("c9", 100 * rest / max(f.trials, 1))]))
+    most = max((sum(length for _, length in pieces) for _, pieces in rows), default=0.0)
+    legend = [(f"c{i}", name.replace("_", " ")) for i, name in enumerate(shown)]
+    if names[_COLORS - 1 :]:
+        legend.append(("c9", "other"))
+    chart = stacked_chart("reasons", rows, Axis("% of the trials", 0, 100 * _above(most / 100)))
+    return _figure(
+        "Why there is no map", "Trials that ended without one, by the reason given.", chart + _legend(legend)
+    )
+
+
+def _groups_section(table: TrialTable, plan: Plan) -> str:
+    return (
+        '<h2 id="scenes">By scene</h2>'
+        '<p class="soft">Correct / false / no map (with errors) of the trials of each sequence or scene.</p>'
+        + group_table(table, plan.methods)
+    )
+
+
+def _worst_section(table: TrialTable, plan: Plan) -> str:
+    cases = []
+    for case in worst_cases(table, {source.label: source.text for source in plan.sources}):
+        text = {name: str(values[case.row]) for name, values in table.text.items()}
+        rotation, direction = (table.numbers[f"{name}_error_deg"][case.row] for name in ("rotation", "direction"))
+        errors = [f"{name} {v:.1f}&deg;" for name, v in (("rotation", rotation), ("direction", direction)) if v == v]
+        picture = (
+            f'<img alt="first and last keyframe" src="data:image/jpeg;base64,{case.picture}">' if case.picture else ""
+        )
+        frames, outcome = text["keyframes"].split(), text["outcome"]
+        cases.append(
+            f'<div class="case">{picture}<p><span class="tag {outcome}">{outcome}</span> '
+            f"<b>{escape(text['method'])}</b> {', '.join(errors) or 'no true baseline'}<br>"
+            f'<span class="soft">{escape(text["source"])}, start {table.numbers["start"][case.row]:.0f}, '
+            f"keyframes {frames[0]} and {frames[-1]}</span></p></div>"
+        )
+    shown = f'<div class="cases">{"".join(cases)}</div>' if cases else "<p>None: no map is false or nearly so.</p>"
+    return (
+        '<h2 id="worst">Worst cases</h2><p class="soft">False maps first, at most two of a method in a scene; then '
+        "correct ones beyond half of a bound. First and last keyframe, or how the tracks move between them.</p>" + shown
+    )
+
+
+def _footer(plan: Plan) -> str:
+    return (
+        "<footer><h3>Definitions</h3><p>An accepted map is <b>correct</b> where every keyframe is within 5&deg; in "
+        "rotation and 15&deg; in the direction of its baseline against the first, <b>strict</b> within 1&deg; and "
+        "5&deg;, else <b>false</b>; where the camera never translates, every map is false. <b>None</b>: no map by the "
+        "limit. <b>Error</b>: the method raised, hung, crashed or took too much memory. <b>Survival</b>: median share "
+        "of the landmarks that each of the next 30 frames sees within 3 px after resection with the map. <b>ATE</b>: "
+        "root mean square position error of the keyframes after alignment by a similarity, over the length of the true "
+        "path; maps of three keyframes and more. <b>Depth</b>: median relative error after median alignment, where "
+        "depth is known.</p><p>The intervals and tests take trials as independent. Starts of one sequence overlap and "
+        f"are not quite: one trial starts every {plan.every} frames. Direction is not judged where the ground truth "
+        "does not know it (depth tracking, rolling shutter).</p></footer>"
+    )
+
+
+# -- parts -----------------------------------------------------------------------------------------
+
+
+def _figure(title: str, note: str, content: str) -> str:
+    return f"<figure><figcaption><b>{escape(title)}</b>{escape(note)}</figcaption>{content}</figure>"
+
+
+def _legend(entries: Sequence[tuple[str, str]]) -> str:
+    items = "".join(f'<li><i class="{name}"></i>{escape(label)}</li>' for name, label in entries)
+    return f'<ul class="legend">{items}</ul>'
+
+
+def _known(values: Floats) -> Floats:
+    return values[np.isfinite(values)]
+
+
+def _cumulative(values: Floats, total: int) -> tuple[Floats, Floats]:
+    """Where a curve of shares rises, and to what."""
+    xs, counts = np.unique(values, return_counts=True)
+    return xs, np.cumsum(counts) / max(total, 1)
+
+
+def _above(share: float) -> float:
+    """A round end of an axis, not below 5 %."""
+    return min(1.0, max(0.05, math.ceil(share * 22) / 20))

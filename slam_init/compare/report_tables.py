@@ -1,0 +1,195 @@
+"""The tables of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from html import escape
+
+import numpy as np
+
+from slam_init.compare.aggregate import Figures, PairTest, TrialTable, pair_tests
+from slam_init.compare.charts import share_bar
+from slam_init.compare.statistics import Interval
+from slam_init.types import Bools
+
+__all__ = ["group_table", "pair_table", "quality_table", "rates_table", "still_table"]
+
+_SIGNIFICANT = 0.05
+#: A column: heading, cell of a method's figures, the value to rank by (None: not ranked) and whether more is better.
+_Column = tuple[str, Callable[[Figures], str], Callable[[Figures], float | None] | None, bool]
+
+
+def rates_table(figures: Mapping[str, Figures]) -> str:
+    """The main table where the camera moves: how often, and how soon."""
+    columns: list[_Column] = [
+        ("outcomes", _outcomes, None, True),
+        ("trials", lambda f: str(f.trials), None, True),
+        ("correct %", lambda f: _share(f.correct_rate), lambda f: f.correct_rate.value, True),
+        ("strict %", lambda f: _number(f.strict / f.trials if f.trials else None, 1, 100.0), None, True),
+        ("false %", lambda f: _share(f.false_rate), lambda f: f.false_rate.value, False),
+        ("precision %", lambda f: _share(f.precision), None, True),
+        ("none", lambda f: str(f.none), None, True),
+        ("error", lambda f: str(f.error), None, True),
+        ("frames to<br>first map", lambda f: _mean(f.frames_to_accept), None, False),
+        ("frames to<br>correct map", lambda f: _mean(f.frames_to_correct), lambda f: f.frames_to_correct.value, False),
+        ("seconds to<br>first map", lambda f: _mean(f.seconds_to_accept, 2), None, False),
+    ]
+    return _table(figures, columns)
+
+
+def quality_table(figures: Mapping[str, Figures]) -> str:
+    """How good the correct maps are, and what the trials cost."""
+
+    def median(name: str, digits: int = 2, scale: float = 1.0) -> Callable[[Figures], str]:
+        return lambda f: _number(f.medians[name], digits, scale)
+
+    def times(name: str) -> Callable[[Figures], str]:
+        return lambda f: _number(f.times[name], 1)
+
+    columns: list[_Column] = [
+        ("rotation<br>(deg)", median("rotation_error_deg"), lambda f: f.medians["rotation_error_deg"], False),
+        ("before<br>BA", median("rotation_error_before_deg"), None, False),
+        ("direction<br>(deg)", median("direction_error_deg"), lambda f: f.medians["direction_error_deg"], False),
+        ("before<br>BA", median("direction_error_before_deg"), None, False),
+        ("ATE<br>%", median("ate", 2, 100.0), None, False),
+        ("before<br>BA", median("ate_before", 2, 100.0), None, False),
+        ("survival<br>%", median("survival", 0, 100.0), lambda f: f.medians["survival"], True),
+        ("depth<br>error %", median("depth_error", 1, 100.0), lambda f: f.medians["depth_error"], False),
+        ("wrong<br>order %", median("depth_order_error", 1, 100.0), None, False),
+        ("landmarks", median("landmarks", 0), None, True),
+        ("frame<br>(ms)", times("frame_median_ms"), None, False),
+        ("p95<br>(ms)", times("frame_p95_ms"), None, False),
+        ("attempt<br>(ms)", times("attempt_median_ms"), None, False),
+        ("peak<br>(MB)", lambda f: _number(f.peak_memory_mb, 0), None, False),
+    ]
+    return _table(figures, columns)
+
+
+def still_table(figures: Mapping[str, Figures]) -> str:
+    """The main table where the camera stays."""
+    columns: list[_Column] = [
+        ("outcomes", _outcomes, None, True),
+        ("trials", lambda f: str(f.trials), None, True),
+        ("false", lambda f: str(f.false), None, False),
+        ("false %", lambda f: _share(f.false_rate), lambda f: f.false_rate.value, False),
+        ("none", lambda f: str(f.none), None, True),
+        ("error", lambda f: str(f.error), None, True),
+        ("right reason %", lambda f: _share(f.reason_accuracy), lambda f: f.reason_accuracy.value, True),
+        ("frame (ms)", lambda f: _number(f.times["frame_median_ms"], 1), None, False),
+    ]
+    return _table(figures, columns)
+
+
+def group_table(table: TrialTable, methods: Sequence[str]) -> str:
+    """Scenes down, methods across: counts of correct, false and none."""
+    head = "".join(f"<th>{escape(method)}</th>" for method in methods)
+    rows = []
+    for group in sorted(set(table.text["group"].tolist())):
+        in_group = table.where(group=group)
+        cells = []
+        for method in methods:
+            mask = in_group & table.where(method=method)
+            counts = {name: int(np.sum(mask & (table.text["outcome"] == name))) for name in _NAMES}
+            bar = share_bar([(name, counts[name]) for name in _NAMES])
+            figures = (
+                f"{counts['correct'] + counts['accepted']} / {counts['false']} / {counts['none'] + counts['error']}"
+            )
+            cells.append(f"<td>{bar}{figures}</td>")
+        rows.append(f"<tr><th>{escape(group)}</th>{''.join(cells)}</tr>")
+    return (
+        f'<div class="scroll"><table class="matrix"><thead><tr><th>scene</th>{head}</tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+_NAMES = ("correct", "accepted", "false", "none", "error")
+
+
+def pair_table(table: TrialTable, methods: Sequence[str], mask: Bools) -> str:
+    """Methods against methods: who alone was right how often, and whether that may be chance."""
+    tests = {(test.first, test.second): test for test in pair_tests(table, methods, mask)}
+    head = "".join(f"<th>{escape(method)}</th>" for method in methods)
+    rows = []
+    for first in methods:
+        cells = []
+        for second in methods:
+            if first == second:
+                cells.append("<td>&middot;</td>")
+            elif (first, second) in tests:
+                cells.append(_pair_cell(tests[first, second], swapped=False))
+            else:
+                cells.append(_pair_cell(tests[second, first], swapped=True))
+        rows.append(f"<tr><th>{escape(first)}</th>{''.join(cells)}</tr>")
+    return (
+        f'<div class="scroll"><table class="matrix"><thead><tr><th>only row : only column</th>{head}</tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _pair_cell(test: PairTest, *, swapped: bool) -> str:
+    row, column = test.only_first_correct, test.only_second_correct
+    if swapped:
+        row, column = column, row
+    p = test.p_correct_holm
+    kind = "" if p >= _SIGNIFICANT else ' class="win"' if row > column else ' class="lose"'
+    return f'<td{kind}>{row} : {column}<span class="interval">p {_p_value(p)}</span></td>'
+
+
+def _p_value(p: float) -> str:
+    return "&lt; 0.001" if p < 1e-3 else f"= {p:.2g}"
+
+
+def _table(figures: Mapping[str, Figures], columns: Sequence[_Column]) -> str:
+    head = "".join(f"<th>{heading}</th>" for heading, *_ in columns)
+    best = [_best(figures, rank, more) for _, _, rank, more in columns]
+    rows = []
+    for i, (method, of_method) in enumerate(figures.items()):
+        cells = [
+            f"<td{' class=best' if method in winners else ''}>{cell(of_method)}</td>"
+            for (_, cell, _, _), winners in zip(columns, best, strict=True)
+        ]
+        ours = ' class="ours"' if i == 0 else ""
+        rows.append(f"<tr{ours}><th>{escape(method)}</th>{''.join(cells)}</tr>")
+    return (
+        f'<div class="scroll"><table><thead><tr><th>method</th>{head}</tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _best(
+    figures: Mapping[str, Figures], rank: Callable[[Figures], float | None] | None, more_is_better: bool
+) -> set[str]:
+    """The methods that are best in a column; none where all are equal."""
+    if rank is None:
+        return set()
+    values = {method: value for method, f in figures.items() if (value := rank(f)) is not None and value == value}
+    if len(set(values.values())) < 2:
+        return set()
+    top = max(values.values()) if more_is_better else min(values.values())
+    return {method for method, value in values.items() if value == top}
+
+
+def _outcomes(f: Figures) -> str:
+    loose = f.correct - f.strict
+    unjudged = f.accepted - f.correct - f.false
+    counts = (f.strict, loose, unjudged, f.false, f.none, f.error)
+    return share_bar(list(zip(("strict", "correct", "accepted", "false", "none", "error"), counts, strict=True)))
+
+
+def _share(interval: Interval) -> str:
+    if interval.value != interval.value:
+        return "-"
+    low, high = 100 * interval.low, 100 * interval.high
+    return f'{100 * interval.value:.1f}<span class="interval">{low:.1f} to {high:.1f}</span>'
+
+
+def _mean(interval: Interval, digits: int = 1) -> str:
+    if interval.value != interval.value:
+        return "-"
+    known = interval.low == interval.low
+    more = f'<span class="interval">{interval.low:.{digits}f} to {interval.high:.{digits}f}</span>' if known else ""
+    return f"{interval.value:.{digits}f}{more}"
+
+
+def _number(value: float | None, digits: int, scale: float = 1.0) -> str:
+    return "-" if value is None else f"{scale * value:.{digits}f}"
