@@ -88,7 +88,8 @@ def test_the_synthetic_world_is_read_like_any_other_data_set():
 @pytest.mark.parametrize("library", ["evo", "pycolmap", "poselib", "matplotlib", "pytest", "hypothesis"])
 def test_what_judges_the_product_is_no_part_of_it(library):
     outside = {name for name in users("slam_init", library) if not name.startswith("benchmarks/")}
-    assert outside == set()
+    # PoseLib is also one of the methods that can be asked for by name.
+    assert outside == ({"methods/poselib.py"} if library == "poselib" else set())
 
 
 @pytest.mark.parametrize("package", ["quest", "slam_init"])
