@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 #: Of the camera that the others see; it cancels against the threshold in pixels.
 _FOCAL_PX = 500.0
 #: Confidence and bound of the sampling for OpenCV, whose default of 1000 samples ends before an outlier share of 70 %.
-#: The confidence is PoseLib's default rounded to three digits, the bound PoseLib's.
+#: The confidence is that of quest, the bound PoseLib's.
 _CONFIDENCE, _MAX_SAMPLES = 0.999, 100_000
 #: OpenCV leaves out points farther than so many baselines before it votes on the pose, by default 50: with a baseline
 #: of .01 of the depth that would be all of them.

@@ -27,6 +27,7 @@ from slam_init.types import Bools, Floats, Pose
 
 __all__ = [
     "DIRECTION_UNKNOWN",
+    "STILL",
     "ImagePair",
     "chessboard_pairs",
     "data_folder",
@@ -39,6 +40,8 @@ __all__ = [
 #: Ground truth that knows the rotation better than the direction of a short baseline: its own error is about ten
 #: degrees there, that of depth tracking in one case and of a rolling shutter in the other.
 DIRECTION_UNKNOWN = ("7scenes/", "tum_rgbd/")
+#: A sequence of a camera that stands still: there is no translation to find.
+STILL = "euroc/V1_01_static"
 #: A baseline shorter than this share of the longest of a sequence's pairs says little: noise turns its direction.
 _SHORT_BASELINE = 0.05
 #: Numbers of the chessboard's images pair up one after the other, and with the one after the next.

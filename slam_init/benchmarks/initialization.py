@@ -24,7 +24,7 @@ from pathlib import Path
 from statistics import median
 
 from sequences_synth import SCENES
-from slam_init.benchmarks.image_pairs import DIRECTION_UNKNOWN, data_folder
+from slam_init.benchmarks.image_pairs import DIRECTION_UNKNOWN, STILL, data_folder
 from slam_init.benchmarks.options import positive, show
 from slam_init.benchmarks.tables import markdown_table, number
 
@@ -33,7 +33,7 @@ __all__ = ["Outcome", "Task", "count", "find_sequences", "judge", "main", "run_a
 #: Its board is held by a person before a fixed camera: no single motion explains the image.
 _NOT_ONE_MOTION = ("planar/opencv_chessboard",)
 #: Where the camera never translates.
-_STILL = ("euroc/V1_01_static", "synth:rotation", "synth:static")
+_STILL = (STILL, "synth:rotation", "synth:static")
 #: With ``--every``: a start must leave half a second of video.
 _LEAST_FRAMES = 15
 

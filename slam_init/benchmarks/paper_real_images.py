@@ -8,7 +8,8 @@ ICL-NUIM, EuRoC or of our own format; without any, the sequences below ``SLAM_IN
 The frames of a pair are as far apart as it takes for the median match to show a parallax of one degree: without
 parallax there is no translation to compare. ``--step`` sets the distance instead.
 
-Errors are angles over pi, as in the paper: ``acos |q . q*| / pi`` in [0, 1/2] and ``acos(t . t* / |t| |t*|) / pi`` in
+Errors are angles over pi: that of the rotation by the metric of [F17] with its absolute value restored,
+``acos |q . q*| / pi`` in [0, 1/2], that of the translation's direction alike, ``acos(t . t* / |t| |t*|) / pi`` in
 [0, 1]; a sample without any candidate counts 1/2. "Closest" is the paper's measure, the candidate nearest to the true
 rotation: it favours solvers with many candidates. "Ranked" is what a user gets: the candidate that
 :func:`quest.selection.select_candidates` puts first, which knows the sample and nothing else. The translation is that
@@ -36,7 +37,14 @@ from quest.benchmarks.running import positive, run_on_one_thread, save
 from quest.benchmarks.tables import markdown_table
 from quest.epipolar import parallax_angles
 from quest.selection import select_candidates
-from slam_init.benchmarks.image_pairs import DIRECTION_UNKNOWN, ImagePair, data_folder, sequence_pairs, true_matches
+from slam_init.benchmarks.image_pairs import (
+    DIRECTION_UNKNOWN,
+    STILL,
+    ImagePair,
+    data_folder,
+    sequence_pairs,
+    true_matches,
+)
 from slam_init.benchmarks.initialization import find_sequences
 from slam_init.datasets import TimedSource, open_source
 from slam_init.types import Floats
@@ -47,7 +55,6 @@ _STEPS = (1, 2, 5, 10, 20, 30)
 _PARALLAX_RAD = np.deg2rad(1.0)
 #: The two measures of the errors, in the order of the tables and plots.
 _MEASURES = ("closest", "ranked")
-_STILL = "euroc/V1_01_static"
 _CLEAN_PX = 2.0
 
 Solve = Callable[[Floats, Floats], Floats]
@@ -216,7 +223,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     named = {folder: folder for folder in options.folders}
     if not named:
         data = data_folder()
-        moving = [name for name in find_sequences(data) if name != _STILL]
+        moving = [name for name in find_sequences(data) if name != STILL]
         named = {name + " *" * name.startswith(DIRECTION_UNKNOWN): str(data / name) for name in moving}
     if not named:
         print(f"no sequence below {data_folder()}: name folders, or set SLAM_INIT_DATA", file=sys.stderr)

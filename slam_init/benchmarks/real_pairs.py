@@ -27,6 +27,7 @@ from quest.benchmarks.running import choice_list, number_list, positive, run_on_
 from quest.benchmarks.tables import markdown_table
 from slam_init.benchmarks.image_pairs import (
     DIRECTION_UNKNOWN,
+    STILL,
     ImagePair,
     chessboard_pairs,
     data_folder,
@@ -40,8 +41,6 @@ __all__ = ["Group", "groups", "main", "run_group"]
 
 #: Fewer matches than quest takes at least: nothing can be said of such a pair, and it counts as failed for all.
 _MIN_MATCHES = 10
-#: The camera stands still: there is no translation to find.
-_STILL = "euroc/V1_01_static"
 _CHESSBOARD = "planar/opencv_chessboard"
 
 
@@ -72,7 +71,7 @@ def groups(data: Path, steps: Sequence[int], limit: int) -> list[Group]:
             Group(
                 f"{name}, step {step}",
                 partial(sequence_pairs, source, step, limit),
-                name.startswith(DIRECTION_UNKNOWN) or name == _STILL,
+                name.startswith(DIRECTION_UNKNOWN) or name == STILL,
             )
             for step in steps
             if step < len(source)
