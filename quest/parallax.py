@@ -281,9 +281,11 @@ def _anisotropy(a: Floats, d: Floats, t: Floats) -> float:
     y = np.einsum("ij,ij->i", across, d)
     J = np.cross(a, across)  # across . (w x a) = w . (a x across)
     w = np.linalg.pinv(J.T @ J, rcond=1e-12, hermitian=True) @ (J.T @ y)
-    total, rest = float(squares.sum()), y - J @ w
+    total = squares.sum()
+    rest = y - J @ w
     variance = total / (2 * len(a) - 3)
-    return float(total - 2 * (rest @ rest) - 6 * variance) / spread
+    left = rest @ rest
+    return float((total - 2 * left - 6 * variance) / spread)
 
 
 def _chance_of_maximum(z: float, count: int) -> float:

@@ -1,4 +1,4 @@
-"""QuEst 6 and QuEst 7 to the letter of [F17], as a reference.
+"""QuEst 6, QuEst 7, translation and depths to the letter of [F17], as a reference.
 
 The public solvers, :func:`quest.quest6.quest6` and :func:`quest.quest7.quest7`, say where they depart from
 these and why: these fail at rotations by 180 degrees, where w = 0, and lose accuracy under noise. The
@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.epipolar import as_matches
 from quest.monomials import coefficient_rows, quartic_index
-from quest.quaternion import canonical
+from quest.quaternion import canonical, matrix_from_quaternion
 from quest.quest6 import TIMES
 from quest.quest7 import cubed_eigenproblem
 
-__all__ = ["quest6_printed", "quest7_printed"]
+__all__ = ["quest6_printed", "quest7_printed", "translation_and_depths_printed"]
 
 Floats = NDArray[np.float64]
 
@@ -68,6 +68,39 @@ def quest7_printed(m: ArrayLike, n: ArrayLike) -> Floats:
     m, n = as_matches(m, n, at_least=7)
     (B,), _ = cubed_eigenproblem(coefficient_rows(m[None], n[None]), "x")
     return _unit(_real_eigenvectors(B[0]))
+
+
+def translation_and_depths_printed(q: ArrayLike, m: ArrayLike, n: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """Translation and depths as the null vector of the matrix C, at norm 1 in all; of a cost that grows with N^3.
+
+    Parameters
+    ----------
+    q : (4,) float
+        Unit quaternion wxyz of cam2_from_cam1.
+    m, n : (N, 3) float
+        Bearings in camera 1 and camera 2, N >= 2.
+
+    Returns
+    -------
+    t : (3,) float
+    u, v : (N,) float
+        In the unit of t, along rays of unit norm. Most of u and v are positive.
+
+    Raises
+    ------
+    InputError
+        Where the bearings are not as above.
+    """
+    m, n = as_matches(m, n, at_least=2)
+    count = len(m)
+    C = np.zeros((count, 3, 3 + 2 * count))
+    C[:, :, :3] = np.eye(3)
+    match = np.arange(count)
+    C[match, :, 3 + match] = m @ matrix_from_quaternion(q).T
+    C[match, :, 3 + count + match] = -n
+    null = np.linalg.svd(C.reshape(3 * count, -1))[2][-1]
+    null = null * (1.0 if np.sign(null[3:]).sum() >= 0 else -1.0)
+    return null[:3], null[3 : 3 + count], null[3 + count :]
 
 
 def _real_eigenvectors(B: Floats) -> Floats:
