@@ -164,7 +164,9 @@ def parallax_statement(
         raise InputError(f"bearings have shape {m.shape}: give two arrays (N, 3)")
     R, t = _as_rotation(q_or_R), _as_direction(t)
     if noise_rad is not None:
-        noise_rad = as_positive(noise_rad, "noise_rad", "a positive angle in radians, or None")
+        noise_rad = max(as_positive(noise_rad, "noise_rad", "a positive angle in radians, or None"), _LEAST_NOISE_RAD)
+        if noise_rad > 1:
+            raise InputError(f"noise_rad is {noise_rad:g}: give an angle of at most 1 rad, or None")
     chance = as_positive(chance_matches, "chance_matches", "an expected count, zero or more", or_zero=True)
     # The far matches themselves are wrong ones under the null hypothesis.
     wrong = as_index(wrong_matches, "wrong_matches", at_least=0)
@@ -181,7 +183,7 @@ def parallax_statement(
     z = _anisotropy(a[near], d[near], t)
     p_near = _chance_of_maximum(z, int(near.sum()))
     by_noise = len(m) * exp(-(_FAR_SIGMAS**2) / 2)
-    pairs = comb(max(wrong, far, 2), 2)
+    pairs = comb(min(max(wrong, far, 2), 2**53), 2)  # a bound that a double holds: p_far is 1 long before
     p_far = pairs * poisson_tail(far - 2, chance + by_noise)
     ratio, ratio_sigma = _ratio(R, t, m, n, J, noise)
     return ParallaxStatement(
@@ -284,8 +286,7 @@ def _anisotropy(a: Floats, d: Floats, t: Floats) -> float:
     total = squares.sum()
     rest = y - J @ w
     variance = total / (2 * len(a) - 3)
-    left = rest @ rest
-    return float((total - 2 * left - 6 * variance) / spread)
+    return float(total - 2 * (rest @ rest) - 6 * variance) / spread
 
 
 def _chance_of_maximum(z: float, count: int) -> float:
@@ -293,7 +294,7 @@ def _chance_of_maximum(z: float, count: int) -> float:
     if z <= 1:
         return 1.0  # the Euler characteristic counts more than maxima there
     area = 20 + 8 * log(max(count, 10) / 10)
-    return min(1.0, gaussian_tail(z) + area * (2 * pi) ** -1.5 * z * exp(-z * z / 2))
+    return min(1.0, gaussian_tail(z) + area * z * exp(-z * z / 2) / sqrt(2 * pi) ** 3)
 
 
 def typical_ratios(R: Floats, t: Floats, m: Floats, n: Floats) -> NDArray[np.bool_]:

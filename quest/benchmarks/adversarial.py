@@ -1,0 +1,250 @@
+"""Inputs that mean harm: ``python -m quest.benchmarks.adversarial`` feeds 10^5 of them to the functions of ``quest``.
+
+Each input is a degenerate or an ordinary scene in a hostile form. A call passes where it gives an answer that keeps its
+promises (see :func:`promises_broken`) or raises :class:`quest.InputError`; anything else raised, any warning, and an
+answer to an input that has none count as broken. A broken call is told by the number that draws it again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import sys
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import quest
+from quest.benchmarks.running import positive, run_on_one_thread, save
+from quest.benchmarks.tables import markdown_table
+
+__all__ = ["FUNCTIONS", "call", "draw_input", "main", "promises_broken"]
+
+Floats = NDArray[np.float64]
+Views = tuple[Any, Any]
+
+#: Every function that the package exports.
+FUNCTIONS = tuple(name for name in quest.__all__ if inspect.isfunction(getattr(quest, name)))
+
+
+def _scene(rng: np.random.Generator) -> tuple[str, Floats, Floats]:
+    """A scene and its two views (N, 3), points in each camera's frame."""
+    count = int(rng.choice([0, 1, 2, 5, 6, 6, 6, 7, 8, 10, 12, 20, 40]))
+    X = rng.uniform([-1, -1, 1], [1, 1, 4], (count, 3))
+    kind = str(rng.choice(["box", "plane", "line", "repeated", "one point", "two points", "far", "at the camera"]))
+    if kind == "plane":
+        X[:, 2] = 2 + X[:, :2] @ rng.uniform(-0.5, 0.5, 2)
+    elif kind == "line":
+        X = rng.uniform(-1, 1, (count, 1)) * rng.normal(size=3) + [0, 0, 3]
+    elif kind == "repeated" and count:
+        X = X[rng.integers(0, max(1, count // 3), count)]
+    elif kind in ("one point", "two points") and count:
+        X = X[rng.integers(0, 1 + (kind == "two points"), count) % count]
+    elif kind == "far":
+        X *= 1e12
+    elif kind == "at the camera":
+        X *= 1e-12
+    angle = float(rng.choice([0, 1e-9, 0.1, np.pi / 2, np.pi]))
+    axis = rng.normal(size=3) if rng.random() < 0.5 else rng.permutation([1.0, 0.0, 0.0])
+    turn = _rotation(axis / np.linalg.norm(axis), angle)
+    t = rng.normal(size=3) * float(rng.choice([0, 1e-12, 1e-3, 0.3, 3]))
+    Y = X @ turn.T + t
+    noise = float(rng.choice([0, 1e-16, 1e-3, 1]))
+    motion = f"{kind}, turn {angle:.2g}, noise {noise:g}"
+    if rng.random() < 0.1:
+        Y = Y[rng.permutation(count)]
+    return motion, X, Y + noise * rng.normal(size=Y.shape)
+
+
+def _rotation(axis: Floats, angle: float) -> Floats:
+    x, y, z = axis
+    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)
+
+
+def _read_only(a: Floats) -> Floats:
+    a = a.copy()
+    a.setflags(write=False)
+    return a
+
+
+def _with_value(a: Floats, value: float) -> Floats:
+    a = a.copy()
+    a[-1:] = value
+    return a
+
+
+#: Forms in which numbers may come: they mean what they say.
+_HARMLESS: dict[str, Callable[[Floats], Any]] = {
+    "plain": lambda a: a,
+    "float32": lambda a: a.astype(np.float32),
+    "float16": lambda a: np.clip(a, -6e4, 6e4).astype(np.float16),
+    "long double": lambda a: a.astype(np.longdouble),
+    "integer": lambda a: np.rint(np.clip(100 * a, -1e9, 1e9)).astype(np.int64),
+    "big endian": lambda a: a.astype(">f8"),
+    "read-only": _read_only,
+    "strided": lambda a: np.repeat(np.repeat(a, 2, axis=0), 2, axis=1)[::2, ::2],
+    "reversed": lambda a: a[::-1],
+    "Fortran order": np.asfortranarray,
+    "object": lambda a: a.astype(object),
+    "list": lambda a: a.tolist(),
+    "masked, no mask": np.ma.asarray,
+    "huge": lambda a: a * 1e290,
+    "tiny": lambda a: a * 1e-290,
+    "denormal": lambda a: a * 1e-308,
+    "mixed scales": lambda a: a * np.logspace(-150, 150, len(a))[:, None] if len(a) else a,
+    "one coordinate huge": lambda a: np.clip(a, -1e7, 1e7) * [1e300, 1e-300, 1.0],
+    "batch": lambda a: np.stack([a, a[::-1]]),
+}
+#: Forms that mean nothing.
+_HARMFUL: dict[str, Callable[[Floats], Any]] = {
+    "NaN": lambda a: _with_value(a, np.nan),
+    "infinite": lambda a: _with_value(a, np.inf),
+    "zero ray": lambda a: _with_value(a, 0.0),
+    "masked": lambda a: np.ma.masked_array(a, mask=np.ones_like(a, bool)),
+    "complex": lambda a: a + 1j,
+    "text": lambda a: a.astype(str),
+    "objects": lambda a: np.full(a.shape, None),
+    "too large for a double": lambda a: np.full(a.shape, 10**400, object),
+    "dates": lambda a: np.zeros(a.shape, "datetime64[s]"),
+    "flat": np.ravel,
+    "transposed": lambda a: np.concatenate([a, a, a, a[:1]]).T,
+    "pixels": lambda a: a[:, :2],
+    "four columns": lambda a: np.column_stack([a, a[:, :1]]),
+    "ragged": lambda a: [*a.tolist(), [1.0]],
+    "nothing": lambda a: None,
+    "a number": lambda a: 1.0,
+    "a word": lambda a: "bearings",
+    "a dictionary": lambda a: {"m": a},
+    "four dimensions": lambda a: a[None, None],
+}
+
+
+def draw_input(rng: np.random.Generator) -> tuple[str, bool, Views]:
+    """An input: what it is, whether it means nothing, and the matched bearings in whatever form."""
+    scene, X, Y = _scene(rng)
+    harmful = bool(rng.random() < 0.4) and len(X) > 0
+    forms = _HARMFUL if harmful else _HARMLESS
+    form = str(rng.choice(list(forms)))
+    views = forms[form](X), forms[form](Y)
+    if harmful and rng.random() < 0.5:  # one good view does not help the other
+        views = (X, views[1]) if rng.random() < 0.5 else (views[0], Y)
+    return f"{form}: {scene}, {len(X)} matches", harmful, views
+
+
+def call(name: str, views: Views, rng: np.random.Generator) -> Any:
+    """Call a function of the package on two views; further arguments are ordinary or hostile ones."""
+    function = getattr(quest, name)
+    hostile = [0, -1.0, np.nan, np.inf, "1", None, 1e300, 1e-300, True, [1.0], 10**400, np.array([1.0, 2.0])]
+    odd = hostile[int(rng.integers(len(hostile)))] if rng.random() < 0.2 else ...
+    if name == "estimate_relative_pose":
+        options = {} if odd is ... else {str(rng.choice(["threshold_rad", "confidence", "max_samples", "seed"])): odd}
+        return function(*views, **options)
+    if name == "translation_and_depths":
+        return function(_quaternions(rng) if odd is ... else odd, *views)
+    if name == "parallax_statement":
+        t = rng.normal(size=3) * float(rng.choice([1, 1e300, 1e-300]))
+        arguments = [_quaternions(rng)[0], t]
+        options = {}
+        if odd is not ...:
+            place = int(rng.integers(5))
+            if place < 2:
+                arguments[place] = odd
+            else:
+                options = {("noise_rad", "chance_matches", "wrong_matches")[place - 2]: odd}
+        return function(*arguments, *views, **options)
+    return function(*views)
+
+
+def _quaternions(rng: np.random.Generator) -> Floats:
+    scale = float(rng.choice([1, 1e300, 1e-300]))
+    return np.asarray(scale * np.array([rng.normal(size=4), np.eye(4)[int(rng.integers(4))]]))
+
+
+def promises_broken(result: Any) -> str | None:
+    """What is wrong with an answer, or None: a number that is not one, a rotation that is none."""
+    if isinstance(result, quest.NoPose):
+        return None
+    if isinstance(result, quest.RelativePose):
+        poses: list[quest.RelativePose | quest.Hypothesis] = [result, *result.alternatives]
+        if not all(_unit(p.q_wxyz) and (_unit(p.t) or not p.t.any()) and np.isfinite(p.R).all() for p in poses):
+            return "a pose that is none"
+        if result.kind != "rotation" and not np.isfinite(result.covariance).all():
+            return "a covariance that is not finite"
+        return None if np.isfinite([result.noise_rad, result.parallax_rad]).all() else "a statistic that is not finite"
+    if isinstance(result, quest.ParallaxStatement):
+        if not (0 <= result.p_value <= 1 and np.isfinite(result.test_value) and result.noise_rad > 0):
+            return "a test that is none"
+        known = np.isfinite(result.ratio) and result.ratio_sigma >= 0
+        return None if known or result.ratio_sigma == np.inf else "a ratio that is not finite"
+    if isinstance(result, tuple):
+        t, u, v = result
+        norm = np.linalg.norm(t, axis=-1)
+        fine = (np.abs(norm - 1) < 1e-9) | (norm == 0)
+        return None if fine.all() and u.shape == v.shape else "a translation that is none"
+    rows = result.reshape(-1, 4)
+    if result.ndim == 3:
+        rows = rows[~np.isnan(rows).all(axis=1)]
+    return None if all(_unit(q) for q in rows) else "a quaternion that is none"
+
+
+def _unit(a: Floats) -> bool:
+    return bool(abs(np.linalg.norm(a) - 1) < 1e-9)
+
+
+def judge(name: str, seed: int, index: int) -> tuple[str, str]:
+    """Outcome of one call ("answer", "InputError" or "broken") and, of a broken one, what happened."""
+    rng = np.random.default_rng([seed, index])
+    what, harmful, views = draw_input(rng)
+    with warnings.catch_warnings(), np.errstate(divide="warn", over="warn", invalid="warn"):
+        warnings.simplefilter("error")
+        try:
+            result = call(name, views, rng)
+        except quest.InputError as error:
+            return ("InputError", "") if "\n" not in str(error) else ("broken", f"message of several lines ({what})")
+        # Whatever else is raised is what this program looks for.
+        except Exception as error:
+            return "broken", f"{type(error).__name__}: {error} ({what})"
+    if harmful:
+        return "broken", f"took what means nothing ({what})"
+    problem = promises_broken(result)
+    return ("answer", "") if problem is None else ("broken", f"{problem} ({what})")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Feed the inputs and print what became of them; the exit code is 1 where a call was broken."""
+    parser = argparse.ArgumentParser(prog="python -m quest.benchmarks.adversarial", allow_abbrev=False)
+    parser.description = "Random and adversarial inputs to every function of quest."
+    parser.add_argument("--inputs", type=positive, default=100_000, metavar="N", help="in all (default 100000)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the inputs (default 0)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write adversarial.md there")
+    options = parser.parse_args(argv)
+    outcomes: Counter[tuple[str, str]] = Counter()
+    broken: list[str] = []
+    for index in _with_progress(range(options.inputs)):
+        name = FUNCTIONS[index % len(FUNCTIONS)]
+        outcome, what = judge(name, options.seed, index)
+        outcomes[name, outcome] += 1
+        if what:
+            broken.append(f"{name}, input {index}: {what}")
+    kinds = ("answer", "InputError", "broken")
+    rows = [[name, *(str(outcomes[name, kind]) for kind in kinds)] for name in FUNCTIONS]
+    table = markdown_table(["function", *kinds], rows)
+    save(options.out, "adversarial.md", "\n".join([table, *(f"- {line}" for line in broken[:20])]) + "\n")
+    return 1 if broken else 0
+
+
+def _with_progress(indices: Iterable[int]) -> Iterable[int]:
+    from tqdm import tqdm
+
+    return tqdm(indices, unit="input", disable=None, leave=False)
+
+
+if __name__ == "__main__":
+    run_on_one_thread()
+    sys.exit(main())
