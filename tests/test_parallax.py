@@ -33,14 +33,14 @@ def test_poisson_tail_is_that_of_scipy(count, mean):
 
 
 def test_a_turning_camera_is_rarely_said_to_translate():
-    # With a true error rate of 5 % more than 6 of 30 would happen once in 300 times; the seeds are fixed.
+    # With a true error rate of 5 % more than 5 of 30 would happen once in 300 times; the seeds are fixed.
     values = []
     for seed in range(30):
         rng = np.random.default_rng(seed)
         scene = draw_views(Scene("box", 80, 0.0, outliers=0.2), rng)
         motion = fitted_motion(scene, rng)
         values.append(motion.statement.p_value)
-    assert np.mean(np.array(values) < 0.05) <= 6 / 30
+    assert np.mean(np.array(values) < 0.05) <= 5 / 30
     assert min(values) > 1e-3 / 30
 
 
