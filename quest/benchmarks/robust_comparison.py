@@ -30,7 +30,7 @@ from quest.benchmarks.cells import (
 )
 from quest.benchmarks.measures import accuracy
 from quest.benchmarks.robust_methods import METHODS, available, limit_threads
-from quest.benchmarks.robust_trials import Cell, Trial, full_grid, run_trials, star_grid, write_csv
+from quest.benchmarks.robust_trials import Cell, Trial, full_grid, run_trials, star_grid, warm_up, write_csv
 from quest.benchmarks.running import choice_list, number_list, positive, run_on_one_thread, save
 from quest.benchmarks.scenes import SCENES
 from quest.benchmarks.tables import markdown_table
@@ -149,6 +149,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     matches = options.matches or (_ALL_MATCHES if options.full else _MATCHES)
     cells = (full_grid if options.full else star_grid)(options.scenes, outliers, options.noise, matches)
     limit_threads()
+    warm_up(methods)
     trials = _with_progress(cells, methods, options)
     if options.out is not None:
         write_csv(trials, options.out / "robust_comparison.csv")

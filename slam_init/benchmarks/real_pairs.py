@@ -22,7 +22,7 @@ import numpy as np
 
 from quest.benchmarks.cells import auc_cell, errors_cell, kept_cell, times_cell, verdicts_cell
 from quest.benchmarks.robust_methods import METHODS, Estimate, available, limit_threads
-from quest.benchmarks.robust_trials import Answer, judge
+from quest.benchmarks.robust_trials import Answer, judge, warm_up
 from quest.benchmarks.running import choice_list, number_list, positive, run_on_one_thread, save
 from quest.benchmarks.tables import markdown_table
 from slam_init.benchmarks.image_pairs import (
@@ -154,6 +154,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"nothing to run on below {data}: set SLAM_INIT_DATA to the folder of real data", file=sys.stderr)
         return 2
     limit_threads()
+    warm_up(methods)
     from tqdm import tqdm
 
     bar = tqdm(found, unit="set", disable=None, leave=False)
