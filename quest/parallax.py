@@ -22,7 +22,7 @@ the expected Euler characteristic of what exceeds z [A81]_, [W95]_:
     p_near = Q(z) + A (2 pi)^(-3/2) z exp(-z^2 / 2),        A = integral of sqrt(det Lambda) over the half sphere
 
 with Q the Gaussian tail. A was computed for fields of view from 20 degrees to all around: it grows with the logarithm
-of the number N of matches, since close to its epipole a line turns fast, and stays under 20 + 8 log(N / 10). As the
+of the number N of matches, since close to its epipole a line turns fast, and stays under 21 + 8 log(N / 10). As the
 bound is for the maximum over all t, it holds for whatever way t was found.
 
 *Far matches* (d beyond five standard deviations). A rotation explains none of them, so under the null hypothesis they
@@ -293,7 +293,7 @@ def _chance_of_maximum(z: float, count: int) -> float:
     """Bound on the probability that the maximum over t of the field of z exceeds z."""
     if z <= 1:
         return 1.0  # the Euler characteristic counts more than maxima there
-    area = 20 + 8 * log(max(count, 10) / 10)
+    area = 21 + 8 * log(max(count, 10) / 10)
     return min(1.0, gaussian_tail(z) + area * z * exp(-z * z / 2) / sqrt(2 * pi) ** 3)
 
 
