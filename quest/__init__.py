@@ -7,7 +7,9 @@ One convention for the whole package: two views of a scene obey ::
 with m, n the rays of one point in camera 1 and camera 2, u, v its depths along them, ``R, t = cam2_from_cam1``.
 Quaternions are Hamilton, ordered wxyz. The package knows bearings, no images and no pixels.
 
-* :func:`quest6`, :func:`quest6_fast`, :func:`quest7`: rotations from six or seven matches, planes included for six.
+* :func:`quest5`, :func:`quest6`, :func:`quest6_fast`, :func:`quest7`, :func:`questn`: rotations from five, six, seven
+  or any number of matches, planes included but for :func:`quest7`.
+* :data:`SOLVERS`: all of them, and those that they are compared with, by name.
 * :func:`translation_and_depths`: translation and depths of a rotation.
 * :func:`estimate_relative_pose`: the motion between two views from matches with outliers, and what else explains them.
 * :func:`parallax_statement`: whether its translation is observable, with an error rate, and |t|/depth = a +- b.
@@ -23,20 +25,27 @@ from quest.errors import InputError
 from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
 from quest.nullspace import quest6_fast
 from quest.parallax import ParallaxStatement, parallax_statement
+from quest.quest5 import quest5
 from quest.quest6 import quest6
 from quest.quest7 import quest7
+from quest.questn import questn
+from quest.solvers import SOLVERS, Solver
 from quest.translation import translation_and_depths
 
 __all__ = [
+    "SOLVERS",
     "Hypothesis",
     "InputError",
     "NoPose",
     "ParallaxStatement",
     "RelativePose",
+    "Solver",
     "estimate_relative_pose",
     "parallax_statement",
+    "quest5",
     "quest6",
     "quest6_fast",
     "quest7",
+    "questn",
     "translation_and_depths",
 ]

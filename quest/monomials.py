@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.quaternion import matrix_from_quaternion, multiply
 
-__all__ = ["QUARTICS", "coefficient_rows", "quartic_index", "quartics", "triples"]
+__all__ = ["QUARTICS", "coefficient_rows", "quartic_index", "quartics", "rows_of_moments", "triples"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -114,6 +114,40 @@ def coefficient_rows(m: Floats, n: Floats, before: tuple[float, ...] = (1.0, 0.0
     values = N[:, ij] * D[:, ik] - D[:, ij] * N[:, ik]
     rows = values.reshape(-1, 35) @ coefficients_from_values
     return rows.reshape(len(m), len(ij), 35)
+
+
+def rows_of_moments(moments: Floats, before: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)) -> Floats:
+    """Rows like those of :func:`coefficient_rows` for matches that are sums of matches.
+
+    The epipolar normal ``R m x n`` is linear in the matrix ``n m'``, and the quartic of three matches is linear in each
+    of the three. So it is defined for any three matrices, not those of rank one alone.
+
+    Parameters
+    ----------
+    moments : (B, K, 3, 3) float
+        Linear combinations of the matrices ``n m'`` of matches.
+    before : four floats
+        As in :func:`coefficient_rows`.
+
+    Returns
+    -------
+    (B, K (K - 1) (K - 2) / 6, 35) float
+    """
+    rotations, coefficients_from_values = _interpolation(before)
+    B, K = moments.shape[:2]
+    R = rotations.T.reshape(35, 3, 3)
+    products = np.einsum("gac,bkdc->bkgad", R, moments)  # sums of (R m) n'
+    normals = np.stack(
+        [
+            products[..., 1, 2] - products[..., 2, 1],
+            products[..., 2, 0] - products[..., 0, 2],
+            products[..., 0, 1] - products[..., 1, 0],
+        ],
+        axis=-1,
+    )
+    i, j, k = triples(K).T
+    values = (_cross(normals[:, i], normals[:, j]) * normals[:, k]).sum(axis=-1)
+    return np.asarray(values.reshape(-1, 35) @ coefficients_from_values).reshape(B, len(i), 35)
 
 
 def _cross(a: Floats, b: Floats) -> Floats:

@@ -30,8 +30,12 @@ What was tried (200 problems of :mod:`quest.benchmarks.paper_protocol` a level; 
   solutions exist; 15, without the products, take twice the time and rank worse.
 * The null space in all 35 monomials, isotropic in q by weights of the square roots of the multinomial
   coefficients, in place of x1: not better, half slower, since B_a is then no longer at hand.
-* Gauss-Newton on ``|A x(q)|^2`` afterwards: exact data gain two digits, noisy ones lose, because the
-  algebraic error draws the rotation to where the parallax is small.
+* Gauss-Newton on ``|A x(q)|^2`` afterwards: exact data gain two digits, noisy ones rank no better, because the
+  algebraic error draws the rotation to where the parallax is small. On Sampson errors it serves both.
+* Three of the 15 dimensions taken away by pivoted Gram-Schmidt or subspace iteration, in place of the
+  eigen-decomposition: as accurate, a sixth of the time less, and six more lines.
+* Not tried to the end: the quartics on a fixed grid of rotations, and Newton from its local minima. The basin of a
+  solution is about as wide as the parallax, a few degrees, and a grid that fine has too many nodes.
 """
 
 from __future__ import annotations
@@ -40,12 +44,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quest.epipolar import as_matches
-from quest.errors import InputError
+from quest.errors import InputError, as_index
 from quest.monomials import coefficient_rows
-from quest.quaternion import canonical, conjugate, multiply
+from quest.newton import polish_on_matches
+from quest.quaternion import conjugate, multiply
 from quest.quest6 import PRE_ROTATION, TIMES, quaternions_from_monomials, rotation_alone
 
-__all__ = ["LARGEST_NUMBER", "candidates_from_null_space", "quest6_fast"]
+__all__ = ["DIRECTION", "LARGEST_NUMBER", "candidates_from_basis", "candidates_from_null_space", "quest6_fast"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -54,20 +59,23 @@ Bools = NDArray[np.bool_]
 #: included; general points have two. No fewer dimensions are exact for both.
 LARGEST_NUMBER = 12
 
-# The direction a: of no particular one, so that two rotations do not share their lambda by symmetry.
-_DIRECTION = np.array([0.602, -0.501, 0.622])
+#: The direction a: of no particular one, so that two rotations do not share their lambda by symmetry.
+DIRECTION = np.array([0.602, -0.501, 0.622])
 
 # R of a QR decomposition of A2 with a pivot this small relative to its largest has lost rank, see quest.quest6.
 _SINGULAR = 1e-11
 
 
-def quest6_fast(m: ArrayLike, n: ArrayLike) -> Floats:
+def quest6_fast(m: ArrayLike, n: ArrayLike, polish: int = 1) -> Floats:
     """Rotations cam2_from_cam1 that six matches allow, by QuEst 6 in 12 dimensions.
 
     Parameters
     ----------
     m, n : (6, 3) or (B, 6, 3) float
         Bearings in camera 1 and camera 2, of any norm.
+    polish : int
+        Steps of Gauss-Newton on the Sampson errors of the sample. One brings exact data to rounding and takes a quarter
+        off the median error under noise of 0.5 px, for a third more time.
 
     Returns
     -------
@@ -79,13 +87,15 @@ def quest6_fast(m: ArrayLike, n: ArrayLike) -> Floats:
     Raises
     ------
     InputError
-        Where the shapes do not fit, the matches are not six, a number is not finite, or a ray is zero.
+        Where the shapes do not fit, the matches are not six, a number is not finite, a ray is zero, or polish is no
+        number of steps.
 
     References
     ----------
     [F17] Fathian et al., arXiv:1704.02672, QuEst with six points; the deflation is this package's, see the module
     docstring.
     """
+    steps = as_index(polish, "polish", at_least=0)
     m, n = as_matches(m, n, at_least=6)
     if m.shape[-2] > 6:
         raise InputError(f"{m.shape[-2]} matches in a sample: give six")
@@ -93,11 +103,12 @@ def quest6_fast(m: ArrayLike, n: ArrayLike) -> Floats:
     if single:
         m, n = m[None], n[None]
     C, K, regular = _null_space(coefficient_rows(m, n, PRE_ROTATION))
-    q = candidates_from_null_space(C, K)
-    q = canonical(multiply(conjugate(PRE_ROTATION), q))
+    q = multiply(conjugate(PRE_ROTATION), candidates_from_null_space(C, K))
+    q[~regular] = np.nan
+    q = polish_on_matches(q, m, n, steps)
     still = rotation_alone(m, n)
     turned = np.isfinite(still[:, 0])
-    q[turned | ~regular] = np.nan
+    q[turned] = np.nan
     q[turned, 0] = still[turned]
     return q[0][np.isfinite(q[0, :, 0])] if single else q
 
@@ -140,7 +151,20 @@ def candidates_from_null_space(C: Floats, K: Floats) -> Floats:
     products = (C[:, None] @ shifted).reshape(len(K), 15, 15)
     V = np.linalg.eigh(products.swapaxes(-1, -2) @ products)[1][..., :LARGEST_NUMBER]
     x1 = K[:, :20] @ V
-    B_a = np.tensordot(_DIRECTION, shifted, axes=(0, 1)) @ V
-    values, vectors = np.linalg.eig(x1.swapaxes(-1, -2) @ B_a)
+    B_a = np.tensordot(DIRECTION, shifted, axes=(0, 1)) @ V
+    return candidates_from_basis(x1, B_a)
+
+
+def candidates_from_basis(x1: Floats, x1_times: Floats) -> Floats:
+    """Rotations (B, D, 4) whose monomials x1 lie in a space of D dimensions, NaN-padded.
+
+    Parameters
+    ----------
+    x1 : (B, 20, D) float
+        Basis of the space as orthonormal columns.
+    x1_times : (B, 20, D) float
+        What becomes of the basis when it is multiplied by ``(a . q) / w``.
+    """
+    values, vectors = np.linalg.eig(x1.swapaxes(-1, -2) @ x1_times)
     q = quaternions_from_monomials((x1 @ vectors).swapaxes(-1, -2))
     return np.where((values.imag >= 0)[..., None], q, np.nan)

@@ -17,6 +17,7 @@ __all__ = [
     "matrix_from_quaternion",
     "multiply",
     "quaternion_from_matrix",
+    "quaternion_from_vector",
     "rotation_angle",
     "rotation_from_vector",
 ]
@@ -96,10 +97,15 @@ def rotation_angle(R: ArrayLike) -> Floats:
     return np.asarray(2 * np.arctan2(np.linalg.norm(q[..., 1:], axis=-1), q[..., 0]))
 
 
-def rotation_from_vector(w: ArrayLike) -> Floats:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (the exponential map)."""
+def quaternion_from_vector(w: ArrayLike) -> Floats:
+    """Unit quaternions (..., 4) of rotation vectors (..., 3) in radians (the exponential map)."""
     w = np.asarray(w, float)
     angle = np.linalg.norm(w, axis=-1, keepdims=True)
     # sinc keeps the half-angle formula exact through zero.
     vector = 0.5 * np.sinc(angle / (2 * np.pi)) * w
-    return matrix_from_quaternion(np.concatenate([np.cos(angle / 2), vector], axis=-1))
+    return np.concatenate([np.cos(angle / 2), vector], axis=-1)
+
+
+def rotation_from_vector(w: ArrayLike) -> Floats:
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (the exponential map)."""
+    return matrix_from_quaternion(quaternion_from_vector(w))

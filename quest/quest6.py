@@ -139,13 +139,22 @@ def _candidates(powers: Floats, regular: NDArray[np.bool_], letter: int) -> Floa
     return np.where(keep[..., None], q, np.nan)
 
 
-def quaternions_from_monomials(x1: NDArray[np.complex128]) -> Floats:
-    """Unit quaternions (..., 4) by ratios of the monomials (..., 20); the real parts of complex ones."""
-    cubes = np.abs(x1[..., _RATIOS[np.arange(4), np.arange(4)]])
-    pivot = np.argmax(cubes, axis=-1)
-    q = np.take_along_axis(x1, _RATIOS[pivot], axis=-1)  # a^2 w, a^2 x, a^2 y, a^2 z with a the pivot
+def quaternions_from_monomials(x1: NDArray[np.complex128], ratios: Ints = _RATIOS) -> Floats:
+    """Unit quaternions (..., 4) by ratios of monomials; the real parts of complex ones.
+
+    Parameters
+    ----------
+    x1 : (..., X) complex
+        Monomials of one degree.
+    ratios : (4, 4) int
+        For a pivot a, where in x1 the monomials ``common factor * (w, x, y, z)`` are, the one with the factor a being
+        of no other letter but w.
+    """
+    powers = np.abs(x1[..., ratios[np.arange(4), np.arange(4)]])
+    pivot = np.argmax(powers, axis=-1)
+    q = np.take_along_axis(x1, ratios[pivot], axis=-1)
     phase = np.conj(np.take_along_axis(q, pivot[..., None], axis=-1))
-    with np.errstate(divide="ignore", invalid="ignore"):  # a vector without any cube is no rotation: NaN
+    with np.errstate(divide="ignore", invalid="ignore"):  # a vector without any power is no rotation: NaN
         real = (q * (phase / np.abs(phase))).real
         return np.asarray(real / np.linalg.norm(real, axis=-1, keepdims=True))
 

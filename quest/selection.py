@@ -23,7 +23,7 @@ from quest.epipolar import depths_from_pose, sampson_error
 from quest.quaternion import matrix_from_quaternion
 from quest.translation import epipolar_normals
 
-__all__ = ["select_candidates"]
+__all__ = ["select_candidates", "smallest_eigenvectors"]
 
 Floats = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def select_candidates(q: Floats, m: Floats, n: Floats, keep: int = 4) -> tuple[F
     known = np.isfinite(q[..., 0])
     R = matrix_from_quaternion(np.where(known[..., None], q, [1.0, 0.0, 0.0, 0.0]))
     normals = epipolar_normals(R, m[:, None], n[:, None])
-    t = _null_vectors(normals.swapaxes(-1, -2) @ normals)
+    t = smallest_eigenvectors(normals.swapaxes(-1, -2) @ normals)
     u, v = depths_from_pose(R, t, m, n)
     visible = np.linalg.norm(normals, axis=-1) > _VISIBLE_PARALLAX
     votes = np.where(visible, np.sign(u) + np.sign(v), 0.0)
@@ -85,7 +85,7 @@ def select_candidates(q: Floats, m: Floats, n: Floats, keep: int = 4) -> tuple[F
     return np.where(found[..., None], q[rows, chosen], np.nan), np.where(found[..., None], t[rows, chosen], np.nan)
 
 
-def _null_vectors(M: Floats) -> Floats:
+def smallest_eigenvectors(M: Floats) -> Floats:
     """Unit eigenvectors (..., 3) of the smallest eigenvalue of positive semi-definite M (..., 3, 3).
 
     The adjugate has the same eigenvectors, and its largest eigenvalue belongs to the smallest one of M:

@@ -1,0 +1,15 @@
+"""The solvers that QuEst is compared with, all in its plain form: bearings in, quaternions of candidates out.
+
+Written here in batched numpy, so that all solvers meet on equal terms and one suite tests them; the benchmarks set the
+implementations of OpenCV and PoseLib beside them. Each essential matrix gives its two rotations, the twisted pair;
+the translation follows from :func:`quest.selection.select_candidates` or :func:`quest.translation_and_depths`, as for
+QuEst.
+"""
+
+from quest.baselines.eight_point import eight_point
+from quest.baselines.five_point import five_point
+from quest.baselines.plane import homography
+from quest.baselines.seven_point import seven_point
+from quest.baselines.six_point import six_point
+
+__all__ = ["eight_point", "five_point", "homography", "seven_point", "six_point"]

@@ -1,0 +1,90 @@
+"""The homography of a plane between calibrated rays, and the rotations of both of its motions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quest.baselines.essential import as_samples, finish
+from quest.quaternion import quaternion_from_matrix
+
+__all__ = ["homography"]
+
+Floats = NDArray[np.float64]
+
+# Squared singular values of H, the middle one being 1, that differ by less than this are those of a rotation.
+_ROTATION = 1e-12
+
+# Smallest singular value of H relative to the middle one: d2 / (d1 + d2) or so for a plane at distances d1 and d2 from
+# the two cameras, so that under 1e-9 the second camera lies in the plane for any purpose.
+_SINGULAR = 1e-9
+
+
+def homography(m: ArrayLike, n: ArrayLike) -> Floats:
+    """Rotations cam2_from_cam1 of the two motions that the homography of four or more matches allows.
+
+    ``n x H m = 0`` in least squares over H of unit norm, then H = R + t k' is taken apart as in
+    :func:`quest.homography.decompose_homography`, here for a batch. It takes the points to lie on a plane: of others
+    what comes out is wrong.
+
+    Parameters
+    ----------
+    m, n : (N, 3) or (B, N, 3) float
+        Bearings in camera 1 and camera 2, of any norm, N >= 4.
+
+    Returns
+    -------
+    (K, 4) or (B, 2, 4) float
+        Unit quaternions wxyz, canonical in sign, in the form of :func:`quest.quest6`.
+
+    Raises
+    ------
+    InputError
+        Where the shapes do not fit, N < 4, a number is not finite, or a ray is zero.
+
+    References
+    ----------
+    Y. Ma, S. Soatto, J. Kosecka, S. Sastry, "An Invitation to 3-D Vision", 2004, section 5.3.3.
+    """
+    m, n, single = as_samples(m, n, at_least=4)
+    return finish(_rotations(_fit(m, n)), m, n, single)
+
+
+def _fit(m: Floats, n: Floats) -> Floats:
+    """Homographies (B, 3, 3), scaled to a middle singular value of 1 and a positive determinant; NaN for none."""
+    x, y, z = np.moveaxis(n, -1, 0)
+    zero = np.zeros(x.shape)
+    cross = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(*n.shape[:2], 3, 3)
+    rows = (cross[..., None] * m[:, :, None, None, :]).reshape(len(m), -1, 9)
+    H = np.linalg.svd(np.linalg.qr(rows, mode="r"))[2][:, -1].reshape(-1, 3, 3)
+    _, middle, smallest = np.linalg.svd(H, compute_uv=False).T
+    # Three rays in a plane leave a homography without an inverse, which is no motion's.
+    scale = np.sign(np.linalg.det(H)) / np.where(smallest > _SINGULAR * middle, middle, np.nan)
+    return np.asarray(H * scale[:, None, None])
+
+
+def _rotations(H: Floats) -> Floats:
+    """The rotations (B, 2, 4) of homographies as :func:`_fit` scales them; one where H is a rotation itself."""
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(H).all(axis=(1, 2)))
+    H = np.where(known[:, None, None], H, np.eye(3))
+    _, s, V = np.linalg.svd(H)
+    V = V * np.sign(np.linalg.det(V))[:, None, None]
+    v1, v2, v3 = np.moveaxis(V, 1, 0)
+    above, below = np.maximum(s[:, 0] ** 2 - 1, 0.0), np.maximum(1 - s[:, 2] ** 2, 0.0)
+    turned = above + below < _ROTATION
+    spread = np.where(turned, 1.0, above + below)[:, None]
+    found = []
+    for sign in (1.0, -1.0):
+        # H keeps the length of v2 and of u, hence of all that they span: R does to them what H does.
+        u = np.sqrt(below[:, None] / spread) * v1 + sign * np.sqrt(above[:, None] / spread) * v3
+        first, second = (H @ v2[..., None])[..., 0], (H @ u[..., None])[..., 0]
+        before = np.stack([v2, u, np.cross(v2, u)], axis=-1)
+        after = np.stack([first, second, np.cross(first, second)], axis=-1)
+        found.append(after @ before.swapaxes(-1, -2))
+    R = np.stack(found, axis=1)
+    R[turned, 0] = H[turned]
+    U, _, Wt = np.linalg.svd(R)
+    q = quaternion_from_matrix(U @ Wt)
+    q[turned, 1] = np.nan
+    q[~known] = np.nan
+    return q
