@@ -39,7 +39,10 @@ class MedianParallax:
         rule = CheckRule(max_error_px=2.0, distant_cos=1.0, ranked=int(inliers.sum()) // 2)
         check = check_motions(camera, *motions_of_essential(np.asarray(E, float)), bearings1, bearings2, inliers, rule)
         best = int(np.argmax(check.good.sum(axis=1)))
-        evidence: dict[str, float | int | str] = {"parallax_deg": float(check.parallax_deg[best]), "gate_deg": 2.0}
+        evidence: dict[str, float | int | str] = {
+            "parallax_deg": float(check.parallax_deg[best]),
+            "parallax_deg_gate": 2.0,
+        }
         if check.parallax_deg[best] < 2.0:
             return TwoViewOutcome.refused("low_parallax", count, evidence)
         return TwoViewOutcome.accepted(check.pose(best), check.landmarks[best], check.points[best], False, evidence)

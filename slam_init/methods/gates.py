@@ -60,8 +60,8 @@ def accept_best(
     evidence = evidence | {"inliers": int(inliers.sum())}
     evidence |= {"in_front": int(in_front[best]), "in_front_gate": rules.min_in_front}
     evidence |= {"parallax_deg": parallax_deg, "parallax_deg_gate": rules.min_parallax_deg}
-    if parallax_deg <= rules.min_parallax_deg:
-        return TwoViewOutcome.refused("low_parallax", count, evidence)
     if in_front[best] < rules.min_in_front:
         return TwoViewOutcome.refused("no_consistent_motion", count, evidence)
+    if parallax_deg <= rules.min_parallax_deg:
+        return TwoViewOutcome.refused("low_parallax", count, evidence)
     return TwoViewOutcome.accepted(check.pose(best), check.landmarks[best], check.points[best], False, evidence)

@@ -88,7 +88,10 @@ class OrbSlam:
             return TwoViewOutcome.refused("no_consistent_motion", count)
         share = score_H / (score_H + score_F)
         planar = share > rules.homography_score_share
-        evidence: Evidence = {"homography_score_share": share, "homography_score_gate": rules.homography_score_share}
+        evidence: Evidence = {
+            "homography_score_share": share,
+            "homography_score_share_gate": rules.homography_score_share,
+        }
         inliers = inliers_H if planar else inliers_F
         if planar:
             R, t, _ = motions_of_homography(np.linalg.inv(camera.K) @ H @ camera.K, rules.singular_ratio)
@@ -106,7 +109,10 @@ class OrbSlam:
         evidence |= {"inliers": int(inliers.sum()), "good": int(good[best]), "good_gate": needed}
         evidence |= {"rival_share": rival, "rival_share_gate": rival_share}
         evidence |= {"parallax_deg": parallax_deg, "parallax_deg_gate": rules.min_parallax_deg}
-        # The sources give no reason; these are in the project's order of precedence.
+        # The sources give no reason; these are in the project's order of precedence. Fewer good points than the ranked
+        # one have no parallax to speak of.
+        if good[best] < rules.min_triangulated:
+            return TwoViewOutcome.refused("no_consistent_motion", count, evidence)
         if parallax_deg < rules.min_parallax_deg:
             return TwoViewOutcome.refused("low_parallax", count, evidence)
         if good[best] < needed:

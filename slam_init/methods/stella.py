@@ -80,7 +80,7 @@ class Stella:
         H, cost_H, inliers_H, F, cost_F, inliers_F = self._models(pixels1, pixels2, seed)
         share = cost_H / (cost_H + cost_F) if cost_H + cost_F > 0 else rules.homography_cost_share
         planar = share < rules.homography_cost_share
-        evidence: Evidence = {"homography_cost_share": share, "homography_cost_gate": rules.homography_cost_share}
+        evidence: Evidence = {"homography_cost_share": share, "homography_cost_share_gate": rules.homography_cost_share}
         if planar:
             R, t, _ = motions_of_homography(np.linalg.inv(camera.K) @ H @ camera.K, rules.singular_ratio)
         else:
@@ -97,11 +97,11 @@ class Stella:
         evidence |= {"rival_share": rival, "rival_share_gate": rules.rival_share}
         evidence |= {"parallax_deg": parallax_deg, "parallax_deg_gate": rules.min_parallax_deg}
         evidence |= {"triangulated": int(triangulated[best]), "triangulated_gate": rules.min_triangulated}
-        # The sources give no reason; these are in the project's order of precedence.
-        if parallax_deg < rules.min_parallax_deg:
-            return TwoViewOutcome.refused("low_parallax", count, evidence)
+        # The sources give no reason. Too few points have no parallax to speak of; then as the project's precedence.
         if valid[best] < rules.min_valid:
             return TwoViewOutcome.refused("no_consistent_motion", count, evidence)
+        if parallax_deg < rules.min_parallax_deg:
+            return TwoViewOutcome.refused("low_parallax", count, evidence)
         if rival > rules.rival_share:
             return TwoViewOutcome.refused("ambiguous_plane", count, evidence)
         if triangulated[best] < rules.min_triangulated:
