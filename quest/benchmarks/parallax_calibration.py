@@ -231,7 +231,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         "Cameras that only turn: share of trials whose p value lies under the stated error rate.\n\n"
         f"{first}\n\n"
         "Cameras that move by a ratio of the median depth, 20 % wrong matches, noise 0.7 px at a focal length of "
-        "458 px: share of trials with p < 0.001 / with the true ratio within a +- 2b (b infinite included) / with finite b.\n\n"
+        "458 px: share of trials with p < 0.001 / with the true ratio within a +- 2b (b infinite "
+        "included) / with finite b.\n\n"
         f"{second}\n"
     )
     save(options.out, "parallax_calibration.md", text)
