@@ -17,7 +17,7 @@ from slam_init.types import Floats
 __all__ = ["Axis", "box_chart", "curve_chart", "share_bar", "stacked_chart"]
 
 _WIDTH, _HEIGHT = 460.0, 260.0
-_LEFT, _RIGHT, _TOP, _BOTTOM = 44.0, 12.0, 10.0, 38.0
+_LEFT, _RIGHT, _TOP, _BOTTOM = 52.0, 12.0, 10.0, 38.0
 #: Of a chart with a row for each method: room for its name, and height of a row.
 _NAMES, _ROW = 112.0, 24.0
 _MOST_TICKS = 6

@@ -135,6 +135,8 @@ class TrialProcess:
                 self._ready = True
             self._connection.send(request)
             answer: dict[str, Any] = _receive(self._connection, limit_s)
+        except TimeoutError:  # an OSError too
+            raise
         except OSError as error:
             raise EOFError(str(error)) from error
         return answer

@@ -177,13 +177,13 @@ def _reasons(part: _Part) -> str:
     shown = names[: _COLORS - 1]
     rows = []
     for method, f in part.figures.items():
-        pieces = [(f"c{i}", 100 * f.reasons.get(name, 0) / max(f.trials, 1)) for i, name in enumerate(shown)]
+        pieces = [(f"r{i}", 100 * f.reasons.get(name, 0) / max(f.trials, 1)) for i, name in enumerate(shown)]
         rest = sum(f.reasons.get(name, 0) for name in names[_COLORS - 1 :])
-        rows.append((method, [*pieces, ("c9", 100 * rest / max(f.trials, 1))]))
+        rows.append((method, [*pieces, ("r9", 100 * rest / max(f.trials, 1))]))
     most = max((sum(length for _, length in pieces) for _, pieces in rows), default=0.0)
-    legend = [(f"c{i}", name.replace("_", " ")) for i, name in enumerate(shown)]
+    legend = [(f"r{i}", name.replace("_", " ")) for i, name in enumerate(shown)]
     if names[_COLORS - 1 :]:
-        legend.append(("c9", "other"))
+        legend.append(("r9", "other"))
     chart = stacked_chart("reasons", rows, Axis("% of the trials", 0, 100 * _above(most / 100)))
     return _figure(
         "Why there is no map", "Trials that ended without one, by the reason given.", chart + _legend(legend)

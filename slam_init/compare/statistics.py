@@ -63,9 +63,11 @@ def mcnemar_exact(only_first: int, only_second: int) -> float:
         Two-sided: how likely a fair coin is at least as one-sided. 1 where the methods never differ.
     """
     n, k = only_first + only_second, min(only_first, only_second)
-    # Exact integers: the quotient is rounded once.
-    tail = sum(math.comb(n, i) for i in range(k + 1))
-    return min(1.0, float(2 * tail / (1 << n)))
+    # Logarithms, as the binomial coefficients of thousands of trials overflow; good to ten digits.
+    log_terms = np.array([-math.lgamma(i + 1) - math.lgamma(n - i + 1) for i in range(k + 1)])
+    largest = float(log_terms.max())
+    log_tail = largest + math.log(float(np.sum(np.exp(log_terms - largest))))
+    return min(1.0, 2 * math.exp(log_tail + math.lgamma(n + 1) - n * math.log(2)))
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
