@@ -55,7 +55,9 @@ def polish_on_quartics(A: Floats, q: Floats, steps: int) -> Floats:
 def polish_on_matches(q: Floats, m: Floats, n: Floats, steps: int) -> Floats:
     """Move unit quaternions (B, K, 4) towards the nearest minimum of the Sampson errors of unit bearings (B, N, 3).
 
-    The translation starts as the best one of each rotation and is moved with it. NaN rows stay NaN.
+    The translation starts as the best one of each rotation and is moved with it. NaN rows stay NaN. The derivatives of
+    the denominators are no refinement: without them many matches under noise settle elsewhere, several times as far
+    from the truth.
     """
     known = np.isfinite(q[..., 0])
     q = np.where(known[..., None], q, [1.0, 0.0, 0.0, 0.0])
