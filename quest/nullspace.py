@@ -32,8 +32,8 @@ What was tried (100 to 200 problems of :mod:`quest.benchmarks.paper_protocol` a 
   coefficients, in place of x1: not better (.036), and slower, since B_a is then no longer at hand.
 * The 12 dimensions by pivoted Gram-Schmidt or subspace iteration in place of the eigen-decomposition: as accurate, a
   sixth of the time less, and six more lines.
-* Gauss-Newton on ``|A x(q)|^2`` afterwards: exact data gain two digits, noisy ones rank no better. On the Sampson errors
-  of the sample it serves both, see ``polish``.
+* Gauss-Newton on ``|A x(q)|^2`` afterwards: exact data gain two digits, noisy ones rank no better. On the Sampson
+  errors of the sample it serves both, see ``polish``.
 * No eigenproblem at all: the quartics at 300, 1000 and 3000 fixed rotations, and Gauss-Newton from the 12 lowest local
   minima. The basins are too narrow: exact data are missed in half of the problems even with 3000 rotations, which take
   five times as long as this solver.
