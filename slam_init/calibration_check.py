@@ -29,34 +29,36 @@ class TurningCamera:
     ----------
     focal_factor : float
         The true focal length over the stated one.
-    explained_share : float
-        Share of the matches that it explains within the gate.
+    residual_rad : float
+        What it leaves unexplained: the standard deviation of a component of a bearing, by the median over the matches.
+        For a camera that does turn this is the noise.
     """
 
     focal_factor: float
-    explained_share: float
+    residual_rad: float
 
 
-def turning_camera(m: Floats, n: Floats, gate_rad: float) -> TurningCamera:
+def turning_camera(m: Floats, n: Floats, noise_rad: float) -> TurningCamera:
     """Fit a rotation and a focal factor to matches.
 
     Parameters
     ----------
     m, n : (N, 3) float
         Bearings under the stated calibration.
-    gate_rad : float
-        A match is explained where its two rays, corrected, differ by less.
+    noise_rad : float
+        Standard deviation of a component of a bearing, roughly: the scale down to which the fit is robust.
     """
-    best = TurningCamera(1.0, 0.0)
+    best = TurningCamera(1.0, np.inf)
     R = np.eye(3)
     for factor in _FACTORS:
         a, b = (_unit(rays * (1.0, 1.0, factor)) for rays in (m, n))
         # Wide first: the first fit starts from no rotation at all, the others from their neighbour.
-        for scale_rad in (0.2, 10 * gate_rad, gate_rad):
+        for scale_rad in (0.2, 40 * noise_rad, 4 * noise_rad):
             R = refine_rotation(R, a, b, scale_rad, iterations=4)
-        explained = float(np.mean(np.linalg.norm(b - a @ R.T, axis=1) < gate_rad))
-        if explained > best.explained_share:
-            best = TurningCamera(float(factor), explained)
+        # The median of a Rayleigh variable is 1.18 of its scale; a difference has the noise of two bearings.
+        residual = float(np.median(np.linalg.norm(b - a @ R.T, axis=1))) / (np.sqrt(2 * np.log(2)) * np.sqrt(2))
+        if residual < best.residual_rad:
+            best = TurningCamera(float(factor), residual)
     return best
 
 

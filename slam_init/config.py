@@ -36,6 +36,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "tracking.sift_frames": (1, 100),
     "keyframes.window": (1, 1000),
     "map.max_further_views": (1, 100),
+    "map.max_voting_views": (1, 100),
 }
 
 
@@ -104,15 +105,17 @@ class MapConfig:
     #: Views in the map besides the pair: enough to tell a plane from its twin and to average the tracks' noise; every
     #: one costs bundle adjustment time.
     max_further_views: int = 4
+    #: Views that vote where a plane has two explanations: their points need no adjustment, so there may be more.
+    max_voting_views: int = 8
     #: Further views have at least this share of the pair's baseline, where there are such: the error of a baseline's
     #: direction grows with the inverse of its length.
     min_motion_share: float = 0.6
     #: A further view must see this many of the map's landmarks: 40 coordinates for six unknowns leave enough over to
     #: disagree with a wrong map.
     min_resected: int = 20
-    #: Landmarks whose relative depth is less certain than this are left out (one standard deviation): at three of them
-    #: the depth would be known to a factor of two and a half.
-    max_depth_sigma: float = 0.2
+    #: Landmarks whose relative depth is less certain than this are left out (one standard deviation): from here on one
+    #: in two hundred would lie behind the camera by noise alone.
+    max_depth_sigma: float = 0.4
     #: Residuals beyond this many standard deviations are outliers: 1 % of a 2-D Gaussian.
     outlier_sigmas: float = 3.0
     #: Noise of a track before the residuals tell better: two to five times what flow shows on sharp video, so that blur
@@ -128,21 +131,23 @@ class AcceptanceConfig:
 
     #: As in ORB-SLAM and stella_vslam: what tracking goes on from.
     min_landmarks: int = 50
-    #: Bound on the error of the direction of the baseline: three standard deviations plus the systematic part. Five
-    #: degrees make an initialization correct in the strict sense.
-    max_direction_error_deg: float = 5.0
+    #: Bound on the error of the direction of the baseline: three standard deviations plus the systematic part. A map
+    #: is wrong from 15 degrees on; a third of that is left for what a noise model does not hold.
+    max_direction_error_deg: float = 10.0
     #: Error that tracks share and that does not average out, as an angle: half a pixel at a focal length of 500 px,
     #: twice to five times the residual of a good lens calibration.
     systematic_error_mrad: float = 1.0
-    #: Median relative uncertainty of the landmarks' depths (one standard deviation): half of what a single landmark
-    #: may have.
-    max_median_depth_sigma: float = 0.1
+    #: Median relative uncertainty of the landmarks' depths (one standard deviation). One degree of parallax, which
+    #: ORB-SLAM and stella_vslam ask for, is 0.18 at 1 px of noise and a focal length of 460 px.
+    max_median_depth_sigma: float = 0.18
     #: Share of the pair's tracks that are landmarks in the end: where most of what is seen does not follow the motion,
     #: or has no measurable depth, the motion may be that of something else.
     min_explained: float = 0.5
-    #: A turning camera with a focal length off by up to a tenth must not explain this share of the matches: then there
-    #: may be no translation at all. The true translations looked at showed at most 0.8.
-    max_turning_share: float = 0.9
+    #: What a turning camera with a focal length off by up to a tenth leaves of the matches must exceed the noise and
+    #: the systematic error by this factor; else there may be no translation at all. Where the camera does turn, the
+    #: residual is the noise that further views show too, give or take a fifth (four standard deviations of a median of
+    #: 200 matches); as much again is left for tails that are not Gaussian.
+    min_turning_residual: float = 1.5
     #: Share of the landmarks' observations by further views that agree with the two-view map: as many as a scene with
     #: 30 % of moving objects can have. Sound maps showed 0.9 and more.
     min_further_agreement: float = 0.7

@@ -24,11 +24,13 @@ __all__ = [
     "Margin",
     "TrackTable",
     "build_candidate",
+    "explained_at_most",
     "further_views",
     "margin",
     "rank",
     "same_map",
     "table_of",
+    "voting_views",
 ]
 
 #: Two adjusted maps nearer than this are one: an order below what makes an initialization wrong.
@@ -97,6 +99,10 @@ class Margin:
         """One chance in 30 000 for a fair coin, and odds that a wrong noise level by a factor of two does not turn."""
         return self.z > 4.0 and self.log_likelihood > 20.0
 
+    def reversed(self) -> Margin:
+        """The same seen from the other map."""
+        return Margin(-self.log_likelihood, -self.z)
+
 
 def table_of(reference: Observations, current: Observations, further: list[Observations]) -> TrackTable:
     """Gather the tracks that a pair has in common, in all views."""
@@ -141,6 +147,23 @@ def further_views(
         return [views[k] for k in picks]
     earlier = [view for view in history.between(-1, reference.frame) if useful(view)]
     return earlier[-config.max_further_views :]
+
+
+def voting_views(
+    history: History, reference: Observations, current: Observations, config: MapConfig
+) -> list[Observations]:
+    """Views for a vote between two maps: from the whole way between the pair, and what lies before it, evenly spaced.
+
+    Other than for a map, a short baseline does no harm: such a view says little, and says so.
+    """
+    pair_ids = np.intersect1d(reference.track_ids, current.track_ids, assume_unique=True)
+    useful = [
+        view
+        for view in (*history.between(-1, reference.frame), *history.between(reference.frame, current.frame))
+        if len(np.intersect1d(pair_ids, view.track_ids, assume_unique=True)) >= config.min_resected
+    ]
+    picks = np.unique(np.linspace(0, len(useful) - 1, config.max_voting_views).round().astype(int)) if useful else []
+    return [useful[k] for k in picks]
 
 
 def build_candidate(
@@ -275,7 +298,18 @@ def _track_costs(camera: Camera, candidate: MapCandidate, frames: set[int], nois
             # NaN is a point behind the camera, or a track that the view does not see.
             cost += np.where(np.isfinite(table.pixels[k, :, 0]), np.fmin(r2, gate2), 0.0)
         costs.append(cost)
-    return np.minimum(*costs)
+    seen = np.isfinite(table.pixels[rows, :, 0]).sum(axis=0)
+    return np.minimum(np.minimum(*costs), explained_at_most(np.maximum(2 * seen - 3, 0)))
+
+
+def explained_at_most(freedom: Ints) -> Floats:
+    """Cost of a track with so many degrees of freedom beyond which it counts as not explained, by no more than this.
+
+    Tracks that neither of two maps explains must be the same to both: else wrong matches vote, each by chance but
+    heavily. The bound is what one in a thousand right ones exceeds: the mean of chi-square and five of its standard
+    deviations.
+    """
+    return np.asarray(freedom + 5 * np.sqrt(2.0 * freedom))
 
 
 def _before_all(points: Floats, poses: dict[int, Pose], table: TrackTable) -> Bools:

@@ -32,9 +32,20 @@ from slam_init.handover import (
     without_matches,
 )
 from slam_init.keyframes import KeyframeManager, PairPreview, difference_gate
-from slam_init.mapping import MapCandidate, build_candidate, further_views, margin, rank, same_map, table_of
+from slam_init.mapping import (
+    MapCandidate,
+    Margin,
+    build_candidate,
+    further_views,
+    margin,
+    rank,
+    same_map,
+    table_of,
+    voting_views,
+)
 from slam_init.methods import make_initializer
 from slam_init.metrics import compare_with_groundtruth
+from slam_init.plane_vote import plane_margin
 from slam_init.reasons import ACCEPTED
 from slam_init.recording import Recorder, RerunRecorder
 from slam_init.timing import Stopwatch
@@ -297,7 +308,7 @@ class Initializer:
             pixels2=current.pixels[j],
             inliers=pose.inliers if isinstance(pose, RelativePose) else np.zeros(len(i), bool),
         )
-        verdict, evidence = self._two_view_verdict(pose)
+        verdict, evidence = self._two_view_verdict(attempt, pose)
         if verdict != ACCEPTED or not isinstance(pose, RelativePose):
             return refused(attempt, verdict, evidence)
         with self.stopwatch("map"):
@@ -306,11 +317,15 @@ class Initializer:
             hypotheses: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
             candidates = [build_candidate(self.camera, self.config, table, hypothesis) for hypothesis in hypotheses]
             candidates = rank(self.camera, self.config, candidates)
+            plane = self._vote_of_plane(reference, current, pose, candidates) if self._third_view else None
+            if plane is not None and plane.reversed().decides():
+                candidates[:2] = candidates[1::-1]
+                plane = plane.reversed()
         attempt = replace(attempt, frames=(*attempt.frames, *table.frames[2:]))
         best = candidates[0]
         if not isinstance(best.bundle, BundleSolution):
             return refused(attempt, "bundle_adjustment_failed", {"cause": best.bundle.cause})
-        verdict, evidence = self._vote(candidates if self._third_view else candidates[:1])
+        verdict, evidence = self._vote(candidates if self._third_view else candidates[:1], plane)
         attempt = replace(attempt, evidence=attempt.evidence | evidence)
         if verdict != ACCEPTED:
             return refused(attempt, verdict)
@@ -323,15 +338,16 @@ class Initializer:
             verdict = ACCEPTED
         two_views_only = verdict == "no_third_view" and len(table.frames) == 2 and len(candidates) == 1
         if verdict == ACCEPTED or two_views_only:
-            # The noise of two rays, and on top what tracks share.
-            gate_rad = difference_gate(pose.noise_rad) + 1e-3 * self.config.acceptance.systematic_error_mrad
-            turning = turning_camera(m[pose.inliers], n[pose.inliers], gate_rad)
-            most = self.config.acceptance.max_turning_share
+            turning = turning_camera(m[pose.inliers], n[pose.inliers], pose.noise_rad)
+            # The noise, and what tracks share.
+            systematic_rad = 1e-3 * self.config.acceptance.systematic_error_mrad
+            expected_rad = float(np.hypot(best.bundle.noise_px / self.camera.focal_px, systematic_rad))
+            residual, needed = turning.residual_rad / expected_rad, self.config.acceptance.min_turning_residual
             evidence = {"turning_focal_factor": turning.focal_factor}
-            evidence |= {"turning_share": turning.explained_share, "turning_share_gate": most}
+            evidence |= {"turning_residual": residual, "turning_residual_gate": needed}
             attempt = replace(attempt, evidence=attempt.evidence | evidence)
-            if turning.explained_share > most:
-                return refused(attempt, "pure_rotation")
+            if residual < needed:
+                return refused(attempt, "pure_rotation", {"lacking": needed / residual})
             # The frames themselves: at the end of the sequence the history may have forgotten them.
             seen = tuple(self.history[frame] for frame in best.bundle.problem.frames)
             accepted = _Acceptance(best.bundle, pose.kind, seen)
@@ -341,13 +357,17 @@ class Initializer:
             self._two_views_only = attempt, accepted
         return refused(attempt, verdict)
 
-    def _two_view_verdict(self, pose: RelativePose | NoPose) -> tuple[str, Evidence]:
+    def _two_view_verdict(self, attempt: Attempt, pose: RelativePose | NoPose) -> tuple[str, Evidence]:
         """What two views alone refuse, before any map is built."""
         settings = self.config.acceptance
         if isinstance(pose, NoPose):
             return pose.reason, {}
         if pose.kind == "rotation":
-            return "pure_rotation", {}
+            moved_px = np.linalg.norm(attempt.pixels2 - attempt.pixels1, axis=1)[pose.inliers]
+            gate_px = difference_gate(max(self.config.map.noise_px, pose.noise_rad * self.camera.focal_px))
+            motion_px = float(np.percentile(moved_px, 90))
+            evidence: Evidence = {"explained_motion_px": motion_px, "motion_gate_px": gate_px}
+            return ("static_camera" if motion_px < gate_px else "pure_rotation"), evidence
         if pose.inliers.mean() < self.config.two_view.min_inlier_share:
             return "no_consistent_motion", {"inlier_share_gate": self.config.two_view.min_inlier_share}
         # Further views and the adjustment bring the uncertainty down by about the square root of their number: a pair
@@ -360,16 +380,31 @@ class Initializer:
             return "low_parallax", {"two_view_direction_bound_deg": bound_deg, "lacking": lacking}
         return ACCEPTED, {}
 
-    def _vote(self, candidates: list[MapCandidate]) -> tuple[str, Evidence]:
-        """Whether the best map is better than each of its rivals, beyond doubt."""
+    def _vote_of_plane(
+        self, reference: Observations, current: Observations, pose: RelativePose, candidates: list[MapCandidate]
+    ) -> Margin | None:
+        """The vote of all views between the two maps of a plane, with the plane as a constraint."""
+        solved = [c for c in candidates if isinstance(c.bundle, BundleSolution)]
+        if pose.kind != "planar" or len(solved) != 2 or same_map(*solved):
+            return None
+        voters = table_of(reference, current, voting_views(self.history, reference, current, self.config.map))
+        return plane_margin(voters, solved[0].hypothesis, solved[1].hypothesis, pose.noise_rad)
+
+    def _vote(self, candidates: list[MapCandidate], plane: Margin | None) -> tuple[str, Evidence]:
+        """Whether the best map is better than each of its rivals, beyond doubt: as free points, or as a plane."""
         best, *rivals = candidates
         verdict, evidence = ACCEPTED, Evidence()
         for k, rival in enumerate(rivals, start=1):
             if same_map(best, rival):
                 continue
-            m = margin(self.camera, self.config, best, rival)
-            evidence |= {f"rival{k}_log_likelihood": m.log_likelihood, f"rival{k}_z": m.z}
-            if not m.decides():
+            free = margin(self.camera, self.config, best, rival)
+            evidence |= {f"rival{k}_log_likelihood": free.log_likelihood, f"rival{k}_z": free.z}
+            margins = [free]
+            if k == 1 and plane is not None:
+                evidence |= {"plane_log_likelihood": plane.log_likelihood, "plane_z": plane.z}
+                margins.append(plane)
+            against = any(m.reversed().decides() for m in margins)
+            if against or not any(m.decides() for m in margins):
                 verdict = "ambiguous_plane"
         return verdict, evidence
 
