@@ -50,7 +50,9 @@ def draw(cells: Mapping[tuple[str, float, str], Cell], out: Path) -> None:
             ax.yaxis.set_minor_formatter(NullFormatter())
             ax.grid(alpha=0.3)
         column[-1].set_xlabel("noise (px)")
-        column[-1].set_xticks(noises)
+        column[-1].set_xscale("log")
+        column[-1].set_xticks(noises, [f"{noise:g}" for noise in noises])
+        column[-1].xaxis.set_minor_formatter(NullFormatter())
     for ax in axes[:, 0]:
         ax.set_ylabel("mean rotation error, acos|q.q*| / pi")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside right center", frameon=False)
