@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from make_scene import texture, window
 from make_source import GivenFrames
+from test_recording import entities, rerun_tool
 
 from slam_init.camera import Camera
+from slam_init.cli import main
 from slam_init.compare.isolation import isolated_trial
 from slam_init.compare.journal import Journal
 from slam_init.compare.replay import find_tracks
@@ -263,3 +265,54 @@ def test_frames_that_descriptors_link_are_replayed_with_what_was_known_at_the_ti
         assert [one.frame for one in tracker.revised] == [one.frame for one in step.revised]
         for ours, stored in zip(tracker.revised, step.revised, strict=True):
             np.testing.assert_array_equal(ours.track_ids, stored.track_ids)
+
+
+# -- the command, recordings, examples -------------------------------------------------------------
+
+DATA_SET = "python:slam_init.examples.add_a_data_set:Poster"
+
+
+def test_the_command_writes_tables_a_page_and_recordings_of_a_data_set_and_a_method_of_ones_own(tmp_path, capsys):
+    methods = ["quest-two-view", "slam_init.examples.add_a_method:MedianParallax"]
+    options = ["--every", "30", "--limit-frames", "12", "--backend", "sequential", "--recordings"]
+    assert main(["compare", DATA_SET, *options, "--methods", ",".join(methods), "--out", str(tmp_path)]) == 0
+    assert "images, moving camera" in capsys.readouterr().out
+    rows = rows_of(tmp_path)
+    assert [(row["source"], row["method"], row["outcome"]) for row in rows] == [
+        (DATA_SET, method, "correct") for method in methods
+    ]
+    names = [path.name for path in sorted(tmp_path.rglob("*.rrd"))]
+    assert names == ["quest-two-view.rrd", "side-by-side.rrd", "slam_init.examples.add_a_method-MedianParallax.rrd"]
+    assert not list(tmp_path.rglob("*.npz"))  # what trials kept for the recording side by side is gone
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["points:room", "--methods", "magic"],
+        ["points:room", "--methods", "stella,stella"],
+        ["points:room", "--backend", "spark"],
+        ["points:room", "--jobs", "0"],
+        ["nowhere"],
+        ["python:nowhere:nothing"],
+    ],
+)
+def test_what_is_wrong_with_the_command_is_told_in_one_line(arguments, tmp_path, capsys):
+    assert main(["compare", *arguments, "--out", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith("slam-init: error: ")
+    assert message.count("\n") == 1
+
+
+def test_the_recording_side_by_side_is_sound_and_the_same_for_the_same_trials(tmp_path):
+    found = []
+    for name in ("a", "b"):
+        plan = Plan(tuple(describe_sources(SOURCES[:1])), METHODS[:2])
+        compare(plan, tmp_path / name, backend="sequential", recordings=True)
+        found.append(next((tmp_path / name).rglob("side-by-side.rrd")))
+    assert rerun_tool("verify", found[0]).returncode == 0
+    assert rerun_tool("compare", "--unordered", *found).returncode == 0
+    shown = set(entities(found[0]))
+    for entity in ("/frame/image", "/method-00/map/points", "/method-00/verdict", "/method-01/verdict"):
+        assert entity in shown

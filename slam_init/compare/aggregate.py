@@ -102,6 +102,11 @@ class TrialTable:
             mask &= self.text[name] == value
         return mask
 
+    def knows_direction(self) -> Bools:
+        """Mask (N,) of the trials whose truth knows the direction of a short baseline."""
+        known = {group: judging_of(group).direction_known for group in set(self.text["group"])}
+        return np.array([known[group] for group in self.text["group"]], bool)
+
     def parts(self) -> dict[str, Bools]:
         """Masks (N,) of :data:`PARTS` that have trials."""
         names = {group: _part_of(group) for group in set(self.text["group"])}

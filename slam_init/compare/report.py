@@ -22,12 +22,11 @@ if TYPE_CHECKING:
 
 __all__ = ["report_html"]
 
-#: As many colours as methods of our own; further ones begin again.
+#: As many colours as methods come with the project; further ones begin again.
 _COLORS = 10
 #: Ends of the axes of errors, in degrees.
 _ROTATION_DEG, _DIRECTION_DEG = (0.01, 180.0), (0.1, 180.0)
-#: Colours of reasons follow their precedence; beyond these they are told together.
-_OUTCOMES = ("strict", "correct", "false", "none", "error", "accepted")
+_OUTCOMES = ("strict", "correct", "false", "none", "error")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +92,7 @@ def _header(table: TrialTable, plan: Plan, command: str, parts: Sequence[_Part])
         f'<div class="facts">{"".join(f"<div><b>{n}</b>{what}</div>" for n, what in facts)}</div>'
         f"<nav>{''.join(f'<a href=#{name}>{escape(title)}</a>' for name, title in links)}</nav>"
         + (f"<pre><code>{escape(command)}</code></pre>" if command else "")
-        + _legend([(name, name) for name in _OUTCOMES[:5]])
+        + _legend([(name, name) for name in _OUTCOMES])
     )
 
 
@@ -143,13 +142,13 @@ def _charts(table: TrialTable, plan: Plan, part: _Part, colors: dict[str, str]) 
         ("direction_error_deg", "Direction error", _DIRECTION_DEG, (5, 15)),
     ):
         values = table.numbers[column]
+        # Where the truth does not know the direction, there is nothing to be as good as.
+        judged = table.knows_direction() if column == "direction_error_deg" else np.ones(len(table), bool)
         curves = {
-            colors[method]: _cumulative(np.clip(_known(values[mask]), low, high), int(mask.sum()))
+            colors[method]: _cumulative(np.clip(_known(values[mask & judged]), low, high), int(np.sum(mask & judged)))
             for method, mask in masks.items()
         }
-        note = (
-            "Share of the trials whose map is at least that good; what is missing to 1 has no map. Dashed: the bounds."
-        )
+        note = "Share of the trials whose map is at least that good; the rest has no map. Dashed: the bounds."
         axis = Axis(f"worst keyframe (degrees), strict {bounds[0]}, correct {bounds[1]}", low, high, log=True)
         charts.append((what, note, curve_chart(what, curves, axis, Axis("share of trials", 0, 1), bounds)))
     boxes = [(method, colors[method], _known(frames[mask & (outcome == "correct")])) for method, mask in masks.items()]

@@ -186,7 +186,7 @@ def _expand(text: str) -> list[tuple[str, str]]:
         if not below:
             raise
         return [(label, str((path / label).resolve())) for label in below]
-    return [(text, text)] if kind == "synth" else [(path.as_posix().rstrip("/"), str(path.resolve()))]
+    return [(text, text)] if kind in ("synth", "python") else [(path.as_posix().rstrip("/"), str(path.resolve()))]
 
 
 def _sequences_below(path: Path) -> list[str]:

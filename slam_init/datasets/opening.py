@@ -10,6 +10,7 @@ from slam_init.datasets.euroc import find_euroc_camera, open_euroc
 from slam_init.datasets.folder import find_images, open_folder
 from slam_init.datasets.image_files import IMAGE_SUFFIXES
 from slam_init.datasets.kitti import find_kitti_images, open_kitti
+from slam_init.datasets.own import PYTHON, open_python
 from slam_init.datasets.synth import PREFIX, open_synth
 from slam_init.datasets.tum import INDEX_FILES, open_tum
 from slam_init.datasets.video import open_video
@@ -29,7 +30,7 @@ class TimedSource(Source, Protocol):
 
 
 def open_source(text: str, seed: int = 0) -> TimedSource:
-    """Open a folder, a video file or ``synth:NAME``.
+    """Open a folder, a video file, ``synth:NAME`` or ``python:package.module:attribute``.
 
     Parameters
     ----------
@@ -46,6 +47,8 @@ def open_source(text: str, seed: int = 0) -> TimedSource:
     kind = detect_kind(text)
     if kind == "synth":
         return open_synth(text, seed)
+    if kind == "python":
+        return open_python(text)
     path = Path(text).expanduser()
     openers: dict[str, Callable[[Path], TimedSource]] = {
         "tum": open_tum,
@@ -61,7 +64,7 @@ def open_source(text: str, seed: int = 0) -> TimedSource:
 
 
 def detect_kind(text: str) -> str:
-    """``tum``, ``euroc``, ``kitti``, ``images``, ``video`` or ``synth``; the first layout that fits.
+    """``tum``, ``euroc``, ``kitti``, ``images``, ``video``, ``synth`` or ``python``; the first layout that fits.
 
     Raises
     ------
@@ -70,6 +73,8 @@ def detect_kind(text: str) -> str:
     """
     if text.startswith(PREFIX):
         return "synth"
+    if text.startswith(PYTHON):
+        return "python"
     path = Path(text).expanduser()
     try:
         if path.is_dir():
