@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import atexit
+import os
 import resource
 import shutil
 import sys
+import threading
 import time
 from importlib import import_module
 from multiprocessing.connection import Connection
@@ -19,11 +21,14 @@ from slam_init.errors import SlamInitError
 
 __all__ = ["main"]
 
+_LOOK_AFTER_PARENT_S = 1.0
+
 
 def main(arguments: list[str]) -> None:
     """Answer requests on an inherited connection until it is closed."""
     descriptor, memory_limit_mb = (int(argument) for argument in arguments)
     connection: Connection[Any, Any] = Connection(descriptor)
+    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     _load()
     if memory_limit_mb:
         _limit_memory(memory_limit_mb)
@@ -35,6 +40,13 @@ def main(arguments: list[str]) -> None:
             return
         _own_tracks_folder(settings)
         connection.send(_trial(what, settings) if kind == "trial" else _tracks(what, settings))
+
+
+def _end_with_parent(parent: int) -> None:
+    """A method that hangs does not see that the connection is closed: end it when the parent is gone."""
+    while os.getppid() == parent:
+        time.sleep(_LOOK_AFTER_PARENT_S)
+    os._exit(1)
 
 
 def _trial(trial: Trial, settings: Settings) -> dict[str, Any]:
