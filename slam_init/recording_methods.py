@@ -80,12 +80,12 @@ def record_side_by_side(
         pixels = (observations.pixels + 0.5) * scale
         rec.log("frame/image/tracks", rr.Points2D(pixels, colors=[_GREEN], radii=rr.Radius.ui_points(2)))
         for method, result in results.items():
-            _log_frame(rec, entities[method], method, result, outcomes.get(method, ""), frame.index)
+            _log_frame(rec, entities[method], result, outcomes.get(method, ""), frame.index)
     rec.disconnect()
     partial.replace(path)
 
 
-def _log_frame(rec: Any, entity: str, method: str, result: KeptResult, outcome: str, frame: int) -> None:
+def _log_frame(rec: Any, entity: str, result: KeptResult, outcome: str, frame: int) -> None:
     """What a method has to say at a frame."""
     import rerun as rr
 
@@ -93,14 +93,14 @@ def _log_frame(rec: Any, entity: str, method: str, result: KeptResult, outcome: 
         if len(result.poses):
             _log_map(rec, f"{entity}/map", result)
             keyframes = f"{len(result.poses)} keyframes, {len(result.points)} landmarks"
-            text = f"### {method}\n**{outcome}** at frame {frame}: {keyframes}"
+            text = f"**{outcome}** at frame {frame}: {keyframes}"
         else:
-            text = f"### {method}\nno map: {result.reason}"
+            text = f"**no map**: {result.reason}"
     else:
         said = [verdict for at, verdict, _ in result.verdicts.tolist() if int(at) == frame]
         if not said:
             return
-        text = f"### {method}\nframe {frame}: {said[-1]}"
+        text = f"frame {frame}: {said[-1]}"
     rec.log(f"{entity}/verdict", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
 
