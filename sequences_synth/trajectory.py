@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PROGRESS_RANGE", "Jitter", "Path", "orientation", "progress"]
+__all__ = ["PROGRESS_RANGE", "Jitter", "Path", "orientation", "progress", "rotation_from_vector"]
 
 Floats = NDArray[np.float64]
 
@@ -129,12 +129,12 @@ class Path:
         pose = self.steady(moved, progress(frame, self.slow_start))
         if self.jitter is not None:
             turn, offset = self.jitter.at(frame)
-            pose[:3, :3] = pose[:3, :3] @ _rotation(turn)
+            pose[:3, :3] = pose[:3, :3] @ rotation_from_vector(turn)
             pose[:3, 3] += offset
         return pose
 
 
-def _rotation(vector_rad: Floats) -> Floats:
+def rotation_from_vector(vector_rad: Floats) -> Floats:
     """(3, 3) rotation of a rotation vector (Rodrigues)."""
     angle = float(np.linalg.norm(vector_rad))
     if angle == 0.0:
