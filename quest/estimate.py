@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.epipolar import as_matches, depths_from_pose
 from quest.errors import InputError, as_floats, as_index, as_positive
+from quest.parallax import ParallaxStatement, parallax_statement
 from quest.planes import fit_plane, off_line_rad
 from quest.pose_problem import SAMPLERS, CompiledPoseProblem, RelativePoseProblem
 from quest.quaternion import canonical, matrix_from_quaternion, quaternion_from_matrix
@@ -36,9 +37,11 @@ Bools = NDArray[np.bool_]
 
 #: A Gaussian error exceeds three standard deviations in 0.3 % of the cases.
 _GATE_SIGMAS = 3.0
-#: Where the camera only turned, the free translation fits noise and the noise looks up to a third smaller than it is.
-#: With three deviations two of 300 pure rotations of 200 matches passed for a plane, with 3.5 none.
-_OFF_ROTATION_SIGMAS = 3.5
+#: A camera that only turned is said to have moved once in ten thousand times at most.
+_ERROR_RATE = 1e-4
+#: Noise below this share of the threshold is not believed where the parallax is tested: matches of a still camera agree
+#: to some hundredths of a pixel but for a few, and a tail that long is not Gaussian.
+_LEAST_NOISE = 0.05
 #: Fewer than this many matches cannot confirm a motion of five unknowns that six matches proposed.
 _MIN_MATCHES = 10
 #: Points along a line allow a whole family of motions. Over 48 strips of points the pose was wrong by degrees wherever
@@ -46,6 +49,9 @@ _MIN_MATCHES = 10
 _LINE_SIGMAS = 10.0
 #: Any six numbers without a relation between them.
 _GENERIC_AXIS = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
+#: Ratio of residuals along and across the epipolar lines up to which points lie on a plane: relief as large as the
+#: noise makes 1.4. For few matches it is four standard deviations of the ratio of two medians, 1.65 / sqrt(N) each.
+_FLAT = 1.5
 #: Two modes nearer than this are one: refinement ends within it of the optimum on data with observable parallax.
 _SAME_ROTATION_RAD = np.deg2rad(0.3)
 _SAME_DIRECTION_RAD = np.deg2rad(5.0)
@@ -112,6 +118,8 @@ def estimate_relative_pose(
     """
     m, n = _unit_bearings(bearings1, bearings2)
     threshold_rad = as_positive(threshold_rad, "threshold_rad", "a positive angle in radians")
+    if threshold_rad > 1:
+        raise InputError(f"threshold_rad is {threshold_rad:g}: give an angle of at most 1 rad")
     if not as_positive(confidence, "confidence", "a probability between 0 and 1") < 1:
         raise InputError(f"confidence is {confidence!r}: give a probability between 0 and 1")
     max_samples = as_index(max_samples, "max_samples", 0)
@@ -141,6 +149,7 @@ def estimate_relative_pose(
     best, noise_rad = _tighten(problem, report.models[0])
     gate_rad = min(threshold_rad, _GATE_SIGMAS * noise_rad)
     inliers = problem.explained(best, gate_rad)
+    floor_rad = _LEAST_NOISE * threshold_rad
     evidence: dict[str, float] = {
         "matches": total,
         "samples": report.samples,
@@ -148,19 +157,22 @@ def estimate_relative_pose(
         "noise_rad": noise_rad,
     }
 
-    # Is there parallax? A match votes for it where it fits the motion but is off the rotation by more than the noise
-    # of two rays; and against it where it fits the epipolar line but on the side of negative depths.
-    off_rotation = rotation_r2 > (_OFF_ROTATION_SIGMAS * noise_rad) ** 2
-    r2, behind = problem.residuals(best[None])
-    # A motion that is chosen among thousands agrees with up to a tenth of arbitrary outliers: more is asked for.
-    votes_for = int((inliers & off_rotation).sum())
-    votes_against = int((behind[0] & (r2[0] < gate_rad**2) & off_rotation).sum())
-    evidence |= {"parallax_votes_for": votes_for, "parallax_votes_against": votes_against}
-    if votes_for < 0.15 * off_rotation.sum() or not decides(votes_for, votes_against, int(inliers.sum())):
+    if evidence["inliers"] < 6:
         return _rotation_or_nothing(R0, rotation_r2, gate_rad, total, evidence)
-
     chance = _chance_inliers(problem, best, gate_rad, rng)
-    evidence["chance_inliers"] = chance
+    parallax = parallax_statement(
+        best[:4],
+        best[4:],
+        m[inliers],
+        n[inliers],
+        floor_rad if noise_rad < floor_rad else None,
+        chance_matches=chance,
+        wrong_matches=total - int(inliers.sum()),
+        rotation=R0,
+    )
+    evidence |= {"chance_inliers": chance, "parallax_z": parallax.test_value, "parallax_p": parallax.p_value}
+    if not parallax.observable(_ERROR_RATE):
+        return _rotation_or_nothing(R0, rotation_r2, gate_rad, total, evidence, parallax)
     # Six inliers are the sample's own; the best of thousands of random motions lies about four standard deviations
     # above the mean of a Poisson count.
     if inliers.sum() < max(_MIN_MATCHES, 6 + chance + 4 * np.sqrt(chance + 1)):
@@ -173,15 +185,24 @@ def estimate_relative_pose(
     plane = fit_plane(best, m[inliers], n[inliers], noise_rad)
     evidence |= {"on_plane": plane.on, "off_plane": plane.off}
     # A plane leaves no match over: the gate, 3 sqrt(2) deviations, passes all but one in 8000. Two in a hundred are
-    # allowed for tails that are not Gaussian; 25 planes with 15 % outliers left 1.5 % at most.
+    # allowed for tails that are not Gaussian; 25 planes with 15 % outliers left 1.5 % at most. Little parallax passes
+    # the gate as well, so what is left along the epipolar lines must look like noise, and the plane's motion must
+    # follow them as well as the free one.
     inlying = int(inliers.sum())
-    planar = len(plane.poses) == 2 and not decides(plane.off, int(0.02 * inlying), inlying)
+    planar = (
+        len(plane.poses) == 2
+        and not decides(plane.off, int(0.02 * inlying), inlying)
+        and plane.along_rad < max(_FLAT, 1 + 6.6 / np.sqrt(plane.on)) * noise_rad
+        and not all(_clearly_worse(problem, pose, best, gate_rad, noise_rad) for pose in plane.poses)
+    )
     if planar:
         # The plane's own two poses: with its constraint they are several times more accurate than epipolar lines alone,
         # and have the same residuals, so only the depths' signs tell them apart.
         order = np.argsort(problem.costs(np.array(plane.poses))[0], kind="stable")
         best, *modes = (plane.poses[k] for k in order)
         inliers = problem.explained(best, gate_rad)
+        if inliers.sum() < _MIN_MATCHES:  # rays all around, half of them behind the plane's motion
+            return NoPose("no_consistent_motion", evidence)
     else:
         # Off the plane, a rival must follow all matches, and must not be the same optimum on its way. One that as a raw
         # model misses half of the inliers is none: from noisy samples the best one itself missed a third at most.
@@ -195,6 +216,8 @@ def estimate_relative_pose(
         if any(_same_mode(model, other) for other in known):
             continue
         if decides(int((inliers & ~explained).sum()), int((explained & ~inliers).sum()), int(inliers.sum())):
+            continue
+        if not planar and _clearly_worse(problem, model, best, gate_rad, noise_rad):
             continue
         alternatives.append(_hypothesis(model, explained))
     alternatives.sort(key=lambda h: -int(h.inliers.sum()))
@@ -212,6 +235,7 @@ def estimate_relative_pose(
         alternatives=tuple(alternatives[: 1 if planar else 3]),
         noise_rad=noise_rad,
         parallax_rad=float(np.median(np.arccos(np.clip(cosine, -1, 1)))),
+        parallax=parallax,
         covariance=_covariance(first, m, n, noise_rad),
         evidence=evidence,
     )
@@ -248,6 +272,18 @@ def _covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: float) 
     return np.asarray(noise_rad**2 * np.linalg.pinv(J.T @ J, hermitian=True))
 
 
+def _clearly_worse(
+    problem: RelativePoseProblem, model: Floats, other: Floats, gate_rad: float, noise_rad: float
+) -> bool:
+    """Whether a motion leaves larger residuals than another one, beyond noise and beyond a few matches' doing."""
+    r2, behind = problem.residuals(np.stack([model, other]))
+    r2[behind] = np.inf
+    difference = (np.minimum(r2[0], gate_rad**2) - np.minimum(r2[1], gate_rad**2)) / noise_rad**2
+    # Five unknowns bring the cost down by chi-square of five degrees of freedom: by 26 once in 10 000. Four standard
+    # deviations of the sum itself (Vuong 1989), so that no handful of matches with systematic errors decides.
+    return bool(difference.sum() > 26.0 and difference.sum() > 4.0 * np.sqrt(np.sum(difference**2)))
+
+
 def _settle(problem: RelativePoseProblem, model: Floats, noise_rad: float) -> Floats:
     """The optimum that a model belongs to, at a noise that is known."""
     for _ in range(2):
@@ -273,7 +309,12 @@ def _tighten(problem: RelativePoseProblem, model: Floats) -> tuple[Floats, float
 
 
 def _rotation_or_nothing(
-    R: Floats, rotation_r2: Floats, gate_rad: float, total: int, evidence: dict[str, float]
+    R: Floats,
+    rotation_r2: Floats,
+    gate_rad: float,
+    total: int,
+    evidence: dict[str, float],
+    parallax: ParallaxStatement | None = None,
 ) -> RelativePose | NoPose:
     # Two components per residual where the Sampson error has one: the same gate per component.
     inliers = rotation_r2 < 2 * gate_rad**2
@@ -296,6 +337,7 @@ def _rotation_or_nothing(
         alternatives=(),
         noise_rad=noise_rad,
         parallax_rad=0.0,
+        parallax=parallax,
         covariance=np.full((5, 5), np.nan),
         evidence=evidence,
     )

@@ -20,9 +20,9 @@ __all__ = [
     "newton_five",
     "refine",
     "refine_model",
+    "refine_rotation",
     "residuals",
     "residuals_of_model",
-    "rotation_moments",
     "score",
     "try_samples",
 ]
@@ -36,8 +36,12 @@ Bools = NDArray[np.bool_]
 _NEWTON_STEPS = 10
 #: |n . (t x R m)| from which on a root counts as found: a thousandth of the noise of the best features.
 _ROOT = 1e-7
+#: A step below this, a thousandth of the noise of the best features, changes nothing that can be told.
+_SETTLED_RAD = 1e-8
 #: Longest step of the rotation (radians); of the direction twice as much. Beyond it the linearization is not valid.
 _LONGEST_STEP = 0.3
+#: Logarithm of the likelihood ratio at which a model is given up: one good one in a hundred is.
+_REFUTED = -4.6
 #: Two models of a pool nearer than this (radians, rotation plus direction) are one mode: models from five noisy
 #: matches scatter by several degrees about theirs.
 _SAME_MODE_RAD = 0.26
@@ -216,18 +220,37 @@ def score(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, bail
 
     Giving up loses nothing: the sum only grows.
     """
+    cost, inliers, _ = _score(m, n, R, t, threshold_rad, bail, 0.0, 0.0)
+    return cost, inliers
+
+
+@njit(cache=True, error_model="numpy")
+def _score(
+    m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, bail: float, good: float, bad: float
+) -> tuple[float, int, float]:
+    """As :func:`score`; gives up as well where a good model is refuted, and says which share it had explained then.
+
+    Matches are a sequence of trials, explained with probability ``good`` by a good model and ``bad`` by a bad one; the
+    likelihood ratio of the two is followed (Wald's sequential test, for RANSAC: Matas and Chum, ICCV 2005) unless
+    ``good`` is hardly more than ``bad``.
+    """
     limit = threshold_rad * threshold_rad
-    cost, inliers = 0.0, 0
+    cost, inliers, evidence = 0.0, 0, 0.0
+    tested = good > 1.5 * bad and bad > 0
+    for_hit = np.log(good / bad) if tested else 0.0
+    for_miss = np.log((1 - good) / (1 - bad)) if tested else 0.0
     for i in range(len(m)):
         r2, behind = _residual(m, n, i, R, t, 2 * limit)
         if r2 < limit and not behind:
             cost += r2
             inliers += 1
+            evidence += for_hit
         else:
             cost += limit
-            if cost > bail:
-                return np.inf, 0
-    return cost, inliers
+            evidence += for_miss
+            if cost > bail or evidence < _REFUTED:
+                return np.inf, 0, inliers / (i + 1)
+    return cost, inliers, inliers / len(m)
 
 
 @njit(cache=True, error_model="numpy")
@@ -300,6 +323,11 @@ def refine(m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale_rad: fl
             step[j] = -g[j] / trace
         if not _solve_in_place(damped, step):
             return
+        longest = 1.0  # a radian: what lies beyond has nothing to do with the derivatives here
+        for j in range(5):
+            longest = max(longest, abs(step[j]))
+        for j in range(5):
+            step[j] /= longest
         _copy_pose(R, t, R_new, t_new)
         x, y, z, u, v, w = _tangents(t)
         _turn(R_new, step[0], step[1], step[2])
@@ -360,19 +388,50 @@ def refine_model(m: Floats, n: Floats, use: Bools, model: Floats, scale_rad: flo
 
 
 @njit(cache=True, error_model="numpy")
-def rotation_moments(m: Floats, n: Floats, R: Floats, scale2: float) -> Floats:
-    """The weighted sum (3, 3) of n m^T: its nearest rotation is the next step of ``quest.refine.refine_rotation``."""
-    moments = np.zeros((3, 3))
-    for i in range(len(m)):
-        d2 = 0.0
+def refine_rotation(m: Floats, n: Floats, R: Floats, scale_rad: float, iterations: int) -> None:
+    """As :func:`quest.refine.refine_rotation`, in place: the same weights, with a Newton step for each Kabsch fit."""
+    scale2 = scale_rad * scale_rad
+    A, g = np.empty((3, 3)), np.empty(3)
+    for _ in range(iterations):
+        total = 0.0
         for j in range(3):
-            d = n[i, j] - (R[j, 0] * m[i, 0] + R[j, 1] * m[i, 1] + R[j, 2] * m[i, 2])
-            d2 += d * d
-        share = scale2 / (scale2 + 0.5 * d2)
-        for j in range(3):
+            g[j] = 0.0
             for k in range(3):
-                moments[j, k] += share * share * n[i, j] * m[i, k]
-    return moments
+                A[j, k] = 0.0
+        for i in range(len(m)):
+            a0 = R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2]
+            a1 = R[1, 0] * m[i, 0] + R[1, 1] * m[i, 1] + R[1, 2] * m[i, 2]
+            a2 = R[2, 0] * m[i, 0] + R[2, 1] * m[i, 1] + R[2, 2] * m[i, 2]
+            n0, n1, n2 = n[i, 0], n[i, 1], n[i, 2]
+            d2 = (n0 - a0) ** 2 + (n1 - a1) ** 2 + (n2 - a2) ** 2
+            share = scale2 / (scale2 + 0.5 * d2)
+            weight = share * share
+            total += weight
+            # The optimal small turn w: sum of (a . n - (a n^T + n a^T) / 2) w = sum of a x n.
+            cosine = a0 * n0 + a1 * n1 + a2 * n2
+            A[0, 0] += weight * (cosine - a0 * n0)
+            A[1, 1] += weight * (cosine - a1 * n1)
+            A[2, 2] += weight * (cosine - a2 * n2)
+            A[0, 1] -= 0.5 * weight * (a0 * n1 + a1 * n0)
+            A[0, 2] -= 0.5 * weight * (a0 * n2 + a2 * n0)
+            A[1, 2] -= 0.5 * weight * (a1 * n2 + a2 * n1)
+            g[0] += weight * (a1 * n2 - a2 * n1)
+            g[1] += weight * (a2 * n0 - a0 * n2)
+            g[2] += weight * (a0 * n1 - a1 * n0)
+        if not total > 0:
+            return
+        for j in range(3):
+            g[j] /= total
+            for k in range(j, 3):
+                A[j, k] /= total
+                A[k, j] = A[j, k]
+        if not _solve_in_place(A, g):
+            return
+        turn = np.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
+        factor = min(1.0, _LONGEST_STEP / max(turn, 1e-300))
+        _turn(R, factor * g[0], factor * g[1], factor * g[2])
+        if turn < _SETTLED_RAD:
+            return
 
 
 @njit(cache=True, error_model="numpy")
@@ -398,6 +457,7 @@ def try_samples(
     pool_t: Floats,
     pool_costs: Floats,
     pool_inliers: Ints,
+    chance: Floats,
 ) -> None:
     """Solve samples from several starts each, score what is found, and keep the best of each mode in the pool.
 
@@ -412,6 +472,8 @@ def try_samples(
     threshold_rad : float
     pool_R, pool_t, pool_costs, pool_inliers : (P, 3, 3), (P, 3), (P,) float, (P,) int
         The pool, ordered by cost (infinite where empty); updated in place.
+    chance : (2,) float
+        The share of matches that models explain, summed over all models so far, and their number; updated in place.
     """
     size = len(pool_costs)
     R, t = np.empty((3, 3)), np.empty(3)
@@ -429,7 +491,14 @@ def try_samples(
                 continue
             _copy_pose(R, t, found_R[found], found_t[found])
             found += 1
-            cost, inliers = score(m, n, R, t, threshold_rad, pool_costs[size - 1])
+            # A model from five noisy matches explains half of what it will after refinement, or more. Nearly all models
+            # so far were bad ones, so they tell what those explain.
+            good = 0.5 * pool_inliers[0] / len(m)
+            cost, inliers, share = _score(
+                m, n, R, t, threshold_rad, pool_costs[size - 1], good, chance[0] / max(chance[1], 1.0)
+            )
+            chance[0] += share
+            chance[1] += 1
             if not cost < pool_costs[size - 1]:
                 continue
             # It replaces the member of its own mode, else the last one.

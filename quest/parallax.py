@@ -54,7 +54,8 @@ from numpy.typing import ArrayLike, NDArray
 from quest.epipolar import as_matches
 from quest.errors import InputError, as_floats, as_index, as_positive
 from quest.quaternion import matrix_from_quaternion
-from quest.refine import refine_rotation, sampson_jacobian, tangent_basis
+from quest.refine import sampson_jacobian, tangent_basis
+from quest.rotation import refine_rotation_compiled
 
 __all__ = ["ParallaxStatement", "gaussian_tail", "parallax_statement", "poisson_tail", "typical_ratios"]
 
@@ -124,6 +125,7 @@ def parallax_statement(
     *,
     chance_matches: float = 0.0,
     wrong_matches: int = 450,
+    rotation: ArrayLike | None = None,
 ) -> ParallaxStatement:
     """Whether the translation of a motion is observable, and how long it is compared with the depths.
 
@@ -144,6 +146,10 @@ def parallax_statement(
     wrong_matches : int
         How many wrong matches there were to choose the motion from, these N and those it left out together; about, and
         not too few. The default makes 10^5 pairs.
+
+    rotation : (3, 3) float, optional
+        A rotation that explains the matches about as well as a rotation can, where one is known: where the fit of R0
+        starts. By default it starts at R.
 
     Returns
     -------
@@ -176,7 +182,7 @@ def parallax_statement(
     noise = noise_rad if noise_rad is not None else max(sqrt(squares / (len(m) - 5)), _LEAST_NOISE_RAD)
     largest_noise = noise_rad if noise_rad is not None else max(noise, _upper_noise(squares, len(m)))
 
-    a, d = _displacements(R, m, n, noise)
+    a, d = _displacements(R if rotation is None else _as_rotation(rotation), m, n, noise)
     length2 = np.einsum("ij,ij->i", d, d)
     near = length2 < 2 * (_NEAR_SIGMAS * noise) ** 2
     far = int((length2 > 2 * (_FAR_SIGMAS * largest_noise) ** 2).sum())
@@ -259,12 +265,13 @@ def _upper_noise(squares: float, count: int) -> float:
 def _displacements(R: Floats, m: Floats, n: Floats, noise_rad: float) -> tuple[Floats, Floats]:
     """Bearings a (N, 3) turned by the best rotation and displacements d (N, 3), tangent to them."""
     # From the median residual down to the noise, so that a scene with parallax is fitted as a whole first.
+    last = inf
     for _ in range(8):
         median = sqrt(0.5 * float(np.median(np.sum((n - m @ R.T) ** 2, axis=1))))
         scale = max(2 * noise_rad, median)
-        R = refine_rotation(R, m, n, scale, iterations=4)
-        if scale == 2 * noise_rad:
+        if scale > 0.99 * last:  # as far down as the scene allows
             break
+        R, last = refine_rotation_compiled(R, m, n, scale, iterations=4), scale
     a = m @ R.T
     d = n - a
     return a, d - np.einsum("ij,ij->i", d, a)[:, None] * a

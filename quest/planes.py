@@ -26,6 +26,9 @@ class PlaneFit(NamedTuple):
     ----------
     on, off : int
         How many matches lie on the plane, and how many do not.
+    along_rad : float
+        Standard deviation of the former along their epipolar lines, by the median: the noise, where they do lie on a
+        plane. Infinite where there is none.
     poses : list of (7,) float
         The motions (q_wxyz, t) of its homography, |t| = 1, the one nearest to the given motion first. Empty where
         there is none.
@@ -33,6 +36,7 @@ class PlaneFit(NamedTuple):
 
     on: int
     off: int
+    along_rad: float
     poses: list[Floats]
 
 
@@ -56,14 +60,14 @@ def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit
     gain = np.einsum("ij,ij->i", n_cross_t, n_cross_t)
     k = _robust_plane(m, lhs, gain, noise_rad, np.random.default_rng(0))
     if k is None:
-        return PlaneFit(0, len(m), [])
+        return PlaneFit(0, len(m), np.inf, [])
     gate2 = 2 * (_GATE_SIGMAS * noise_rad) ** 2
     H = R + np.outer(t, k)
     on_plane = np.sum(homography_residuals(H, m, n) ** 2, axis=1) < 2 * gate2
     for _ in range(3):
         # Where most points are off the plane they speak against its other motion.
         if on_plane.sum() < max(8, 0.5 * len(m)):
-            return PlaneFit(int(on_plane.sum()), int((~on_plane).sum()), [])
+            return PlaneFit(int(on_plane.sum()), int((~on_plane).sum()), np.inf, [])
         H = fit_homography(m[on_plane], n[on_plane])
         on_plane = np.sum(homography_residuals(H, m, n) ** 2, axis=1) < gate2
     poses = [
@@ -74,7 +78,11 @@ def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit
     # One of the two is the motion itself, up to noise; the other is its twin.
     poses.sort(key=lambda pose: -abs(float(pose[:4] @ model[:4])) - 0.25 * float(pose[4:] @ t))
     on = int(on_plane.sum())
-    return PlaneFit(on, len(m) - on, poses)
+    # A residual across its epipolar line speaks about the motion, along it about the plane.
+    lines = np.cross(n_cross_t, n)
+    lines /= np.maximum(np.linalg.norm(lines, axis=1, keepdims=True), 1e-300)
+    along = np.einsum("ij,ij->i", homography_residuals(H, m, n), lines)[on_plane]
+    return PlaneFit(on, len(m) - on, 1.4826 * float(np.median(np.abs(along))) if on else np.inf, poses)
 
 
 def off_line_rad(rays: Floats) -> float:

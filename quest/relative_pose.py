@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from quest.parallax import ParallaxStatement
+
 __all__ = ["Hypothesis", "NoPose", "RelativePose"]
 
 Floats = NDArray[np.float64]
@@ -54,6 +56,9 @@ class RelativePose:
         Standard deviation of a bearing as estimated from the residuals of the inliers.
     parallax_rad : float
         Median over the inliers of the angle between the two rays of a match, after the rotation is removed.
+    parallax : ParallaxStatement or None
+        Whether there is a translation at all: |t|/depth = a +- b, and the probability of such matches without one.
+        None where no motion was there to test (exact rotations).
     covariance : (5, 5) float
         Of a rotation vector applied to R from the left and of t in the basis ``refine.tangent_basis(t)``, in rad^2,
         from the residuals' noise; NaN for kind "rotation".
@@ -71,6 +76,7 @@ class RelativePose:
     alternatives: tuple[Hypothesis, ...]
     noise_rad: float
     parallax_rad: float
+    parallax: ParallaxStatement | None
     covariance: Floats
     evidence: dict[str, float] = field(default_factory=dict)
 

@@ -7,14 +7,12 @@ from numpy.typing import NDArray
 
 from quest.ransac import draw_samples
 
-__all__ = ["fit_rotation"]
+__all__ = ["fit_rotation", "refine_rotation_compiled"]
 
 Floats = NDArray[np.float64]
 
 #: The share of inliers of a hypothesis is known to 3 % from so many.
 _JURY = 300
-#: A thousandth of the noise of the best features: what is left of a step that is smaller cannot be told.
-_SETTLED_RAD = 1e-8
 
 
 def fit_rotation(m: Floats, n: Floats, threshold_rad: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -44,17 +42,14 @@ def fit_rotation(m: Floats, n: Floats, threshold_rad: float, rng: np.random.Gene
     best = R[int(np.argmin(np.minimum(r2, 4 * threshold_rad**2).sum(axis=1)))]
     # Wide first, so that a scene with a little parallax is still fitted as a whole.
     for scale_rad in (4 * threshold_rad, threshold_rad, 0.5 * threshold_rad):
-        best = _refine(best, m, n, scale_rad)
+        best = refine_rotation_compiled(best, m, n, scale_rad)
     return best, 0.5 * np.sum((n - m @ best.T) ** 2, axis=1)
 
 
-def _refine(R: Floats, m: Floats, n: Floats, scale_rad: float, iterations: int = 10) -> Floats:
-    """As :func:`quest.refine.refine_rotation`, with the sums compiled."""
+def refine_rotation_compiled(R: Floats, m: Floats, n: Floats, scale_rad: float, iterations: int = 10) -> Floats:
+    """As :func:`quest.refine.refine_rotation`, compiled."""
     from quest import kernels
 
-    for _ in range(iterations):
-        U, _, Vt = np.linalg.svd(kernels.rotation_moments(m, n, R, scale_rad * scale_rad))
-        R, before = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt, R
-        if np.abs(R - before).max() < _SETTLED_RAD:
-            break
-    return np.ascontiguousarray(R)
+    R = R.copy()
+    kernels.refine_rotation(np.ascontiguousarray(m), np.ascontiguousarray(n), R, scale_rad, iterations)
+    return R

@@ -33,8 +33,11 @@ _FIRST_CHUNK, _LARGEST_CHUNK = 64, 1024
 #: From noisy samples without outliers, the share that two starts lead to the motion after refinement: 0.2 to 0.6 over
 #: general and planar scenes, baselines from .03 to 1 of the depth and 0.7 px at a focal length of 458 px.
 _YIELD = 0.25
-#: Modes that the pool holds beside the best.
-_POOL = 8
+#: Modes that the pool holds, and how many of the best are refined in the end.
+_POOL, _RUNNERS_UP = 8, 3
+#: Subsets of the inliers that the result is refitted to in the end, and their size: enough for five unknowns to be
+#: better known than from five matches, few enough to leave out what holds the result in a local optimum.
+_REFITS, _REFIT_SIZE = 20, 14
 #: PROSAC draws from all data after this many samples at the latest, as its authors propose.
 _PROSAC_SAMPLES = 200_000
 
@@ -84,6 +87,7 @@ def search_five(
     rotations = np.stack([np.eye(3), rotation])
     pool_R, pool_t = np.zeros((_POOL, 3, 3)), np.zeros((_POOL, 3))
     pool_costs, pool_inliers = np.full(_POOL, np.inf), np.zeros(_POOL, np.int64)
+    chance = np.zeros(2)
     best: tuple[Floats, Floats] | None = None
     best_cost, best_inliers, polished_cost = math.inf, 0, math.inf
     drawn, chunk = 0, _FIRST_CHUNK
@@ -96,7 +100,17 @@ def search_five(
         directions = rng.normal(size=(chunk, len(rotations), 3))
         directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
         kernels.try_samples(
-            m_any, n_any, samples, rotations, directions, threshold_rad, pool_R, pool_t, pool_costs, pool_inliers
+            m_any,
+            n_any,
+            samples,
+            rotations,
+            directions,
+            threshold_rad,
+            pool_R,
+            pool_t,
+            pool_costs,
+            pool_inliers,
+            chance,
         )
         drawn += chunk
         # A raw model from five noisy matches is worse than the same one refined, so each new leader is refined.
@@ -111,6 +125,14 @@ def search_five(
         chunk = min(2 * chunk, _LARGEST_CHUNK, max(_FIRST_CHUNK, math.ceil(min(needed, max_samples)) - drawn))
     if best is None:
         return None
+    # The noise of five matches may have led next to the best optimum, and refinement into the near one.
+    for R, t in [
+        *zip(pool_R[1:_RUNNERS_UP], pool_t[1:_RUNNERS_UP], strict=True),
+        *_refits(m_any, n_any, *best, threshold_rad, rng),
+    ]:
+        R, t, cost, _ = _polish(m_any, n_any, R, t, threshold_rad)
+        if cost < best_cost:
+            best, best_cost = (R, t), cost
     found = np.isfinite(pool_costs)
     rest = np.concatenate([quaternion_from_matrix(pool_R[found]), pool_t[found]], axis=1)
     first = np.concatenate([quaternion_from_matrix(best[0]), best[1]])
@@ -138,6 +160,27 @@ def progressive_samples(rng: np.random.Generator, count: int, size: int, drawn: 
             samples[row, 0] = last
             samples[row, 1:] = rng.choice(last, size - 1, replace=False)
     return samples
+
+
+def _refits(
+    m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, rng: np.random.Generator
+) -> list[tuple[Floats, Floats]]:
+    """The few best of the models that subsets of the inliers lead to."""
+    from quest import kernels
+
+    r2, behind = kernels.residuals(m, n, R, t, threshold_rad)
+    inliers = np.flatnonzero((r2 < threshold_rad**2) & ~behind)
+    if len(inliers) <= _REFIT_SIZE:
+        return []
+    refits = []
+    for subset in inliers[draw_samples(rng, len(inliers), _REFIT_SIZE, _REFITS)]:
+        R_i, t_i = R.copy(), t.copy()
+        every = np.ones(_REFIT_SIZE, bool)
+        kernels.refine(m[subset], n[subset], every, R_i, t_i, 2 * threshold_rad, 6)
+        cost, _ = kernels.score(m, n, R_i, t_i, threshold_rad, np.inf)
+        refits.append((cost, R_i, t_i))
+    refits.sort(key=lambda refit: refit[0])
+    return [(R_i, t_i) for _, R_i, t_i in refits[:_RUNNERS_UP]]
 
 
 def _polish(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float) -> tuple[Floats, Floats, float, int]:
