@@ -52,6 +52,11 @@ _GENERIC_AXIS = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
 #: Ratio of residuals along and across the epipolar lines up to which points lie on a plane: relief as large as the
 #: noise makes 1.4. For few matches it is four standard deviations of the ratio of two medians, 1.65 / sqrt(N) each.
 _FLAT = 1.5
+#: How much worse a motion's residuals must be, in noise variances and in standard deviations of their sum. Five
+#: unknowns bring the cost down by chi-square of five degrees of freedom: by 26 once in 10 000, by 15 once in a hundred.
+#: A rival is dropped for good, so beyond doubt; a plane is only preferred, so it has to be as good as the free motion.
+_RIVAL_LEVEL = (26.0, 4.0)
+_PLANE_LEVEL = (15.0, 2.5)
 #: Two modes nearer than this are one: refinement ends within it of the optimum on data with observable parallax.
 _SAME_ROTATION_RAD = np.deg2rad(0.3)
 _SAME_DIRECTION_RAD = np.deg2rad(5.0)
@@ -193,7 +198,7 @@ def estimate_relative_pose(
         len(plane.poses) == 2
         and not decides(plane.off, int(0.02 * inlying), inlying)
         and plane.along_rad < max(_FLAT, 1 + 6.6 / np.sqrt(plane.on)) * noise_rad
-        and not all(_clearly_worse(problem, pose, best, gate_rad, noise_rad) for pose in plane.poses)
+        and not all(_worse(problem, pose, best, gate_rad, noise_rad, *_PLANE_LEVEL) for pose in plane.poses)
     )
     if planar:
         # The plane's own two poses: with its constraint they are several times more accurate than epipolar lines alone,
@@ -217,7 +222,7 @@ def estimate_relative_pose(
             continue
         if decides(int((inliers & ~explained).sum()), int((explained & ~inliers).sum()), int(inliers.sum())):
             continue
-        if not planar and _clearly_worse(problem, model, best, gate_rad, noise_rad):
+        if not planar and _worse(problem, model, best, gate_rad, noise_rad, *_RIVAL_LEVEL):
             continue
         alternatives.append(_hypothesis(model, explained))
     alternatives.sort(key=lambda h: -int(h.inliers.sum()))
@@ -272,16 +277,24 @@ def _covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: float) 
     return np.asarray(noise_rad**2 * np.linalg.pinv(J.T @ J, hermitian=True))
 
 
-def _clearly_worse(
-    problem: RelativePoseProblem, model: Floats, other: Floats, gate_rad: float, noise_rad: float
+def _worse(
+    problem: RelativePoseProblem,
+    model: Floats,
+    other: Floats,
+    gate_rad: float,
+    noise_rad: float,
+    least: float,
+    deviations: float,
 ) -> bool:
-    """Whether a motion leaves larger residuals than another one, beyond noise and beyond a few matches' doing."""
+    """Whether a motion leaves larger residuals than another, by ``least`` noise variances and beyond their scatter.
+
+    The scatter is that of the sum of differences (Vuong 1989), so that no handful of matches with systematic errors
+    decides.
+    """
     r2, behind = problem.residuals(np.stack([model, other]))
     r2[behind] = np.inf
     difference = (np.minimum(r2[0], gate_rad**2) - np.minimum(r2[1], gate_rad**2)) / noise_rad**2
-    # Five unknowns bring the cost down by chi-square of five degrees of freedom: by 26 once in 10 000. Four standard
-    # deviations of the sum itself (Vuong 1989), so that no handful of matches with systematic errors decides.
-    return bool(difference.sum() > 26.0 and difference.sum() > 4.0 * np.sqrt(np.sum(difference**2)))
+    return bool(difference.sum() > max(least, deviations * np.sqrt(np.sum(difference**2))))
 
 
 def _settle(problem: RelativePoseProblem, model: Floats, noise_rad: float) -> Floats:

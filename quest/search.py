@@ -30,11 +30,11 @@ Bools = NDArray[np.bool_]
 SAMPLE_SIZE = 5
 #: The chunks grow: easy data stop after the first, hard data need few calls.
 _FIRST_CHUNK, _LARGEST_CHUNK = 64, 1024
-#: From noisy samples without outliers, the share that two starts lead to the motion after refinement: 0.2 to 0.6 over
-#: general and planar scenes, baselines from .03 to 1 of the depth and 0.7 px at a focal length of 458 px.
-_YIELD = 0.25
-#: Modes that the pool holds, and how many of the best are refined in the end.
-_POOL, _RUNNERS_UP = 8, 3
+#: From noisy samples without outliers, the share that two starts lead next to the motion: 0.2 to 0.5 over general and
+#: planar scenes, baselines from .03 to .5 of the depth and 0.7 px at a focal length of 458 px. Refinement widens it.
+_YIELD = 0.35
+#: Modes that the pool holds, and how many of the best, and of the refits, are refined in the end.
+_POOL, _RUNNERS_UP = 8, 2
 #: Subsets of the inliers that the result is refitted to in the end, and their size: enough for five unknowns to be
 #: better known than from five matches, few enough to leave out what holds the result in a local optimum.
 _REFITS, _REFIT_SIZE = 20, 14
@@ -127,7 +127,7 @@ def search_five(
         return None
     # The noise of five matches may have led next to the best optimum, and refinement into the near one.
     for R, t in [
-        *zip(pool_R[1:_RUNNERS_UP], pool_t[1:_RUNNERS_UP], strict=True),
+        *zip(pool_R[1 : 1 + _RUNNERS_UP], pool_t[1 : 1 + _RUNNERS_UP], strict=True),
         *_refits(m_any, n_any, *best, threshold_rad, rng),
     ]:
         R, t, cost, _ = _polish(m_any, n_any, R, t, threshold_rad)

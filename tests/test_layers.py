@@ -122,4 +122,4 @@ def test_estimation_loads_neither_opencv_nor_another_solver():
         "assert quest.estimate_relative_pose(X, Y, threshold_rad=1e-3, seed=0);"
         "assert 'poselib' not in sys.modules"
     )
-    assert loaded_by(code) == []
+    assert set(loaded_by(code)) <= {"scipy"}  # numba looks for it
