@@ -126,14 +126,12 @@ def search_five(
     if best is None:
         return None
     # The noise of five matches may have led next to the best optimum, and refinement into the near one.
-    for R, t in [
-        *zip(pool_R[1 : 1 + _RUNNERS_UP], pool_t[1 : 1 + _RUNNERS_UP], strict=True),
-        *_refits(m_any, n_any, *best, threshold_rad, rng),
-    ]:
+    found = np.isfinite(pool_costs)
+    others = list(zip(pool_R[found], pool_t[found], strict=True))[1 : 1 + _RUNNERS_UP]
+    for R, t in [*others, *_refits(m_any, n_any, *best, threshold_rad, rng)]:
         R, t, cost, _ = _polish(m_any, n_any, R, t, threshold_rad)
         if cost < best_cost:
             best, best_cost = (R, t), cost
-    found = np.isfinite(pool_costs)
     rest = np.concatenate([quaternion_from_matrix(pool_R[found]), pool_t[found]], axis=1)
     first = np.concatenate([quaternion_from_matrix(best[0]), best[1]])
     return RansacReport(np.vstack([first, rest]), np.concatenate([[best_cost], pool_costs[found]]), drawn)
