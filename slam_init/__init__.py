@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from slam_init.datasets import open_source
     from slam_init.errors import SlamInitError
     from slam_init.export import load_graph
+    from slam_init.online import Status
     from slam_init.pipeline import Initializer, run
     from slam_init.types import Frame, InitialMap, Result
 
@@ -26,6 +27,7 @@ __all__ = [
     "Initializer",
     "Result",
     "SlamInitError",
+    "Status",
     "load_camera",
     "load_config",
     "load_graph",
@@ -41,6 +43,7 @@ _HOME = {
     "Initializer": "pipeline",
     "Result": "types",
     "SlamInitError": "errors",
+    "Status": "online",
     "load_camera": "calibration",
     "load_config": "config",
     "load_graph": "export",

@@ -2,49 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from slam_init.bundle import BundleSolution
 from slam_init.camera import Camera
 from slam_init.config import AcceptanceConfig
 from slam_init.mapping import MapCandidate
-from slam_init.reasons import ACCEPTED
+from slam_init.reasons import ACCEPTED, ADVICE, Gate
 from slam_init.types import Floats
 
-__all__ = ["Gate", "check", "depth_sigma", "direction_bound_deg", "direction_sigmas_deg"]
+__all__ = ["check", "depth_sigma", "direction_bound_deg", "direction_sigmas_deg"]
 
 #: Views nearer to the first than this share of the longest baseline have no direction worth a statement.
 _SHORT_BASELINE = 0.3
-
-
-@dataclass(frozen=True)
-class Gate:
-    """One condition. It passes when the value is at least (or at most) the threshold.
-
-    Attributes
-    ----------
-    name : str
-    value, threshold : float
-    at_least : bool
-    reason : str
-        Reported when the gate does not pass.
-    """
-
-    name: str
-    value: float
-    threshold: float
-    at_least: bool
-    reason: str
-
-    def passes(self) -> bool:
-        """NaN never passes."""
-        return self.value >= self.threshold if self.at_least else self.value <= self.threshold
-
-    def lacking(self) -> float:
-        """The factor by which a value that more parallax would lower is beyond its threshold; 1 for other gates."""
-        return 1.0 if self.at_least or not self.value > 0 else self.value / self.threshold
 
 
 def check(
@@ -63,14 +33,43 @@ def check(
     points = len(bundle.problem.points)
     error = config.max_direction_error_deg
     explained = points / max(len(candidate.table.track_ids), 1)
+    sideways = "translate sideways: the path is too short for the depth of the scene"
     gates = [
-        Gate("direction_bound_deg", direction_bound_deg(bundle, config), error, False, "low_parallax"),
-        Gate("direction_shift_deg", direction_shift_deg(candidate, bundle), error, False, "low_parallax"),
-        Gate("depth_sigma", depth_sigma(camera, bundle), config.max_median_depth_sigma, False, "low_parallax"),
-        Gate("landmarks", points, config.min_landmarks, True, "too_few_landmarks"),
-        Gate("explained_share", explained, config.min_explained, True, "no_consistent_motion"),
-        Gate("further_views", len(bundle.problem.frames) - 2, 1, True, "no_third_view"),
-        Gate("further_agreement", candidate.agreement, config.min_further_agreement, True, "no_third_view"),
+        Gate("direction_bound_deg", direction_bound_deg(bundle, config), error, False, "low_parallax", sideways),
+        Gate(
+            "direction_shift_deg",
+            direction_shift_deg(candidate, bundle),
+            error,
+            False,
+            "low_parallax",
+            "two views and all views disagree on the direction of motion: translate further, best sideways",
+        ),
+        Gate(
+            "depth_sigma",
+            depth_sigma(camera, bundle),
+            config.max_median_depth_sigma,
+            False,
+            "low_parallax",
+            "translate sideways, or come nearer: the depths are too uncertain",
+        ),
+        Gate("landmarks", points, config.min_landmarks, True, "too_few_landmarks", ADVICE["too_few_landmarks"]),
+        Gate(
+            "explained_share",
+            explained,
+            config.min_explained,
+            True,
+            "no_consistent_motion",
+            "too much of what is seen moves by itself or has no measurable depth: look at what stands still, and near",
+        ),
+        Gate("further_views", len(bundle.problem.frames) - 2, 1, True, "no_third_view", ADVICE["no_third_view"]),
+        Gate(
+            "further_agreement",
+            candidate.agreement,
+            config.min_further_agreement,
+            True,
+            "no_third_view",
+            "further views contradict the pair: move more slowly, and look at what stands still",
+        ),
     ]
     failed = [gate for gate in gates if not gate.passes()]
     return (failed[0].reason if failed else ACCEPTED), gates

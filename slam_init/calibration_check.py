@@ -15,10 +15,12 @@ import numpy as np
 from quest.refine import refine_rotation
 from slam_init.types import Floats
 
-__all__ = ["TurningCamera", "turning_camera"]
+__all__ = ["TurningCamera", "suspected_focal_factor", "turning_camera"]
 
 #: Factors tried: calibrations from memory or from a data sheet are off by up to a tenth.
 _FACTORS = np.linspace(0.9, 1.1, 21)
+#: Calibrations are rarely better than a hundredth without care; twice that is worth a word.
+_LEAST_OFF = 0.02
 
 
 @dataclass(frozen=True)
@@ -32,10 +34,13 @@ class TurningCamera:
     residual_rad : float
         What it leaves unexplained: the standard deviation of a component of a bearing, by the median over the matches.
         For a camera that does turn this is the noise.
+    stated_residual_rad : float
+        What the best rotation with the stated focal length leaves.
     """
 
     focal_factor: float
     residual_rad: float
+    stated_residual_rad: float
 
 
 def turning_camera(m: Floats, n: Floats, noise_rad: float) -> TurningCamera:
@@ -48,18 +53,36 @@ def turning_camera(m: Floats, n: Floats, noise_rad: float) -> TurningCamera:
     noise_rad : float
         Standard deviation of a component of a bearing, roughly: the scale down to which the fit is robust.
     """
-    best = TurningCamera(1.0, np.inf)
+    residuals = np.empty(len(_FACTORS))
     R = np.eye(3)
-    for factor in _FACTORS:
+    for i, factor in enumerate(_FACTORS):
         a, b = (_unit(rays * (1.0, 1.0, factor)) for rays in (m, n))
         # Wide first: the first fit starts from no rotation at all, the others from their neighbour.
         for scale_rad in (0.2, 40 * noise_rad, 4 * noise_rad):
             R = refine_rotation(R, a, b, scale_rad, iterations=4)
         # The median of a Rayleigh variable is 1.18 of its scale; a difference has the noise of two bearings.
-        residual = float(np.median(np.linalg.norm(b - a @ R.T, axis=1))) / (np.sqrt(2 * np.log(2)) * np.sqrt(2))
-        if residual < best.residual_rad:
-            best = TurningCamera(float(factor), residual)
-    return best
+        residuals[i] = np.median(np.linalg.norm(b - a @ R.T, axis=1)) / (np.sqrt(2 * np.log(2)) * np.sqrt(2))
+    best = int(np.argmin(residuals))
+    stated = int(np.argmin(np.abs(_FACTORS - 1)))
+    return TurningCamera(float(_FACTORS[best]), float(residuals[best]), float(residuals[stated]))
+
+
+def suspected_focal_factor(turning: TurningCamera, noise_rad: float, factor: float) -> float | None:
+    """The focal factor of a camera that seems to turn with a wrong calibration; None where there is no such suspicion.
+
+    Parameters
+    ----------
+    turning : TurningCamera
+    noise_rad : float
+        Standard deviation of a component of a bearing.
+    factor : float
+        More than one. The turning camera must explain the matches to this much of the noise, and the stated focal
+        length must leave this much more than the best one does. A median over 200 matches is known to a fifth.
+    """
+    explains = turning.residual_rad <= factor * noise_rad
+    matters = turning.stated_residual_rad > factor * turning.residual_rad
+    off = abs(turning.focal_factor - 1) >= _LEAST_OFF - 1e-9
+    return turning.focal_factor if explains and matters and off else None
 
 
 def _unit(rays: Floats) -> Floats:

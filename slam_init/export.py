@@ -21,6 +21,7 @@ import math
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -243,6 +244,7 @@ def summary_dict(
         "schema": SCHEMA,
         "status": result.status,
         "reason": result.reason,
+        "advice": result.advice,
         "source": {"name": source.name, "kind": source.kind},
         "method": method,
         "seed": int(seed),
@@ -260,11 +262,15 @@ def summary_dict(
         "median_parallax_deg": None if map_ is None else _plain(map_.median_parallax_deg),
         "reprojection_rmse_px": None if map_ is None else _plain(map_.reprojection_rmse_px),
         "scene": None if map_ is None else map_.scene,
+        # The map itself, where there is one, is no hypothesis any more.
+        "hypotheses": [] if map_ is not None else [_hypothesis_dict(kept) for kept in result.hypotheses],
+        "margin": None if result.margin is None else _plain(asdict(result.margin)),
         "attempts": [
             {
                 "frames": _plain(attempt.frames),
                 "verdict": attempt.verdict,
                 "advice": attempt.advice,
+                "progress": _plain(attempt.progress),
                 "evidence": _plain(attempt.evidence),
             }
             for attempt in result.attempts
@@ -314,6 +320,15 @@ def _keyframe_dict(keyframe: Keyframe) -> dict[str, Any]:
         "timestamp": float(keyframe.timestamp_s),
         "q_wxyz": _plain(keyframe.world_from_cam.q_wxyz, 9),
         "t": _plain(keyframe.world_from_cam.t, 9),
+    }
+
+
+def _hypothesis_dict(map_: InitialMap) -> dict[str, Any]:
+    """A map that was kept beside another, compactly."""
+    return {
+        "keyframes": [_keyframe_dict(keyframe) for keyframe in map_.keyframes],
+        "landmarks": len(map_.points),
+        "reprojection_rmse_px": _plain(map_.reprojection_rmse_px),
     }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,20 +10,26 @@ import numpy as np
 
 from slam_init.bundle import BundleSolution
 from slam_init.keyframes import PairPreview
-from slam_init.reasons import ADVICE, REASONS
+from slam_init.online import progress
+from slam_init.reasons import ACCEPTED, ADVICE, REASONS, Gate
 from slam_init.types import Attempt, InitialMap, Keyframe, Observations
 
 __all__ = [
+    "ATTEMPTS_KEPT",
+    "AttemptLog",
     "Evidence",
     "initial_map",
-    "prevailing_reason",
+    "looked_at",
     "preview_evidence",
     "refusal",
     "refused",
-    "without_matches",
+    "refused_at",
+    "refused_by",
 ]
 
 Evidence = dict[str, float | int | str]
+
+_VERDICTS = (*REASONS, ACCEPTED)
 
 
 def refusal(frames: tuple[int, ...], verdict: str, evidence: Evidence) -> Attempt:
@@ -48,18 +54,81 @@ def preview_evidence(pair: PairPreview) -> Evidence:
     }
 
 
-def without_matches(attempt: Attempt) -> Attempt:
-    """The attempt to remember: memory must not grow with the length of the video by megabytes."""
-    none = np.zeros((0, 2))
-    return replace(attempt, pixels1=none, pixels2=none, inliers=np.zeros(0, bool))
+def looked_at(attempt: Attempt, gates: Sequence[Gate]) -> Attempt:
+    """The attempt with more gates, and their values and thresholds as evidence."""
+    evidence = dict(attempt.evidence)
+    for gate in gates:
+        evidence |= gate.evidence()
+    return replace(attempt, gates=(*attempt.gates, *gates), evidence=evidence)
 
 
-def prevailing_reason(attempts: Sequence[Attempt]) -> str:
-    """What the second half of the attempts mostly said; the slow start of a video says little."""
-    if not attempts:
-        return "too_few_frames"
-    verdicts = Counter(attempt.verdict for attempt in attempts[len(attempts) // 2 :])
-    return min(verdicts, key=lambda verdict: (-verdicts[verdict], REASONS.index(verdict)))
+def refused_by(attempt: Attempt, stage: str, gates: Sequence[Gate]) -> Attempt:
+    """The attempt, refused by the first of these gates that does not pass."""
+    failed = next(gate for gate in gates if not gate.passes())
+    return replace(attempt, verdict=failed.reason, advice=failed.advice, progress=progress(stage, gates))
+
+
+def refused_at(attempt: Attempt, reason: str, stage: str) -> Attempt:
+    """The attempt, refused for a reason that has no figure."""
+    return replace(attempt, verdict=reason, advice=ADVICE[reason], progress=progress(stage))
+
+
+#: Attempts that are remembered in full: half a minute of video, and all that a recording of that length shows. What is
+#: remembered must not grow with the length of the video.
+ATTEMPTS_KEPT = 1000
+
+
+class AttemptLog:
+    """The attempts of a run: the last ones without their matches, of all of them the verdict in one byte.
+
+    Parameters
+    ----------
+    limit : int
+        How many are kept.
+    """
+
+    def __init__(self, limit: int = ATTEMPTS_KEPT) -> None:
+        self._kept: deque[Attempt] = deque(maxlen=limit)
+        self._verdicts = bytearray()
+
+    def __len__(self) -> int:
+        return len(self._verdicts)
+
+    def add(self, attempt: Attempt) -> None:
+        """Remember an attempt."""
+        none = np.zeros((0, 2))
+        self._kept.append(replace(attempt, pixels1=none, pixels2=none, inliers=np.zeros(0, bool)))
+        self._verdicts.append(_VERDICTS.index(attempt.verdict))
+
+    @property
+    def kept(self) -> tuple[Attempt, ...]:
+        """The last attempts."""
+        return tuple(self._kept)
+
+    def prevailing_reason(self) -> str:
+        """What the second half of the attempts mostly said; the slow start of a video says little."""
+        if not self._verdicts:
+            return "too_few_frames"
+        counts = Counter(self._verdicts[len(self._verdicts) // 2 :])
+        return _VERDICTS[min(counts, key=lambda verdict: (-counts[verdict], verdict))]
+
+    def advice(self, reason: str) -> str:
+        """What would help: that of the last attempt that was refused for the reason."""
+        return next((a.advice for a in reversed(self._kept) if a.verdict == reason), ADVICE[reason])
+
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know: a calibration that most checks suspect, attempts that are not kept."""
+        notes = []
+        checked = [a.evidence for a in self._kept if "turning_focal_factor" in a.evidence]
+        factors = [float(e["suspected_focal_factor"]) for e in checked if "suspected_focal_factor" in e]
+        if 2 * len(factors) > len(checked):
+            notes.append(
+                "the matches look like those of a camera that only turned, with a focal length "
+                f"{np.median(factors):.2f} times the stated one: check the calibration"
+            )
+        if len(self) > len(self._kept):
+            notes.append(f"{len(self)} attempts were made; the last {len(self._kept)} are listed")
+        return tuple(notes)
 
 
 def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: str) -> InitialMap:

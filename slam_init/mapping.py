@@ -7,6 +7,7 @@ views between and around the pair vote by how well its points predict them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -92,12 +93,19 @@ class Margin:
         knows, and the scatter of the votes says how far their sum can be trusted.
     """
 
+    Z_NEEDED: ClassVar[float] = 4.0
+    LOG_LIKELIHOOD_NEEDED: ClassVar[float] = 20.0
+
     log_likelihood: float
     z: float
 
     def decides(self) -> bool:
         """One chance in 30 000 for a fair coin, and odds that a wrong noise level by a factor of two does not turn."""
-        return self.z > 4.0 and self.log_likelihood > 20.0
+        return self.share() >= 1
+
+    def share(self) -> float:
+        """How far the vote is on its way to a decision; from 1 on it has decided."""
+        return min(self.z / self.Z_NEEDED, self.log_likelihood / self.LOG_LIKELIHOOD_NEEDED)
 
     def reversed(self) -> Margin:
         """The same seen from the other map."""
@@ -162,7 +170,9 @@ def voting_views(
         for view in (*history.between(-1, reference.frame), *history.between(reference.frame, current.frame))
         if len(np.intersect1d(pair_ids, view.track_ids, assume_unique=True)) >= config.min_resected
     ]
-    picks = np.unique(np.linspace(0, len(useful) - 1, config.max_voting_views).round().astype(int)) if useful else []
+    if not useful:
+        return []
+    picks = np.unique(np.linspace(0, len(useful) - 1, config.max_voting_views).round().astype(int))
     return [useful[k] for k in picks]
 
 

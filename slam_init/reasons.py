@@ -1,8 +1,10 @@
-"""Why there is no map yet: a closed set of reasons, their precedence, and what to do about each."""
+"""Why there is no map yet: a closed set of reasons, their precedence, what to do about each; the gates that tell."""
 
 from __future__ import annotations
 
-__all__ = ["ACCEPTED", "ADVICE", "REASONS"]
+from dataclasses import dataclass
+
+__all__ = ["ACCEPTED", "ADVICE", "REASONS", "Gate"]
 
 ACCEPTED = "accepted"
 
@@ -24,3 +26,46 @@ ADVICE: dict[str, str] = {
 }
 
 REASONS: tuple[str, ...] = tuple(ADVICE)
+
+
+@dataclass(frozen=True)
+class Gate:
+    """One condition. It passes when the value is at least (or at most) the threshold.
+
+    Attributes
+    ----------
+    name : str
+    value, threshold : float
+    at_least : bool
+    reason : str
+        Reported when the gate does not pass.
+    advice : str
+        What would help then, in a few words for a person.
+    """
+
+    name: str
+    value: float
+    threshold: float
+    at_least: bool
+    reason: str
+    advice: str
+
+    def passes(self) -> bool:
+        """NaN never passes."""
+        return self.value >= self.threshold if self.at_least else self.value <= self.threshold
+
+    def fulfilled(self) -> float:
+        """How far the value is on its way to the threshold: 1 where it passes, else below; 0 for what is no number."""
+        if self.passes():
+            return 1.0
+        if self.at_least:
+            return self.value / self.threshold if self.value > 0 else 0.0
+        return max(self.threshold, 0.0) / self.value if self.value > 0 else 0.0
+
+    def lacking(self) -> float:
+        """The factor by which a value that more parallax would lower is beyond its threshold; 1 for other gates."""
+        return 1.0 if self.at_least or not self.value > 0 else self.value / self.threshold
+
+    def evidence(self) -> dict[str, float | int | str]:
+        """Value and threshold by name."""
+        return {self.name: self.value, f"{self.name}_gate": self.threshold}

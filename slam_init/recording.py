@@ -10,7 +10,8 @@ entity                      content
 ``world/camera``            the camera now; its image with keypoints and their motion below
 ``world/keyframes/K``       the keyframes of the map
 ``world/points``            the landmarks
-``world/trajectory``        ``est`` and ``gt``, the ground truth brought to the map by a similarity
+``world/trajectory``        ``est`` and ``gt``, the ground truth brought to the map by a similarity;
+                            ``hypothesis1``, ``hypothesis2`` while two maps are kept
 ``pairs``                   the last pair tried: images, matches (green inliers, red outliers), verdict
 ``stats``                   tracks; what the attempts found, with its gates; error of bundle adjustment
 ``log``, ``summary``        one line an attempt; the summary of the run
@@ -48,6 +49,7 @@ from slam_init.recording_layout import (
     Color,
     blueprint,
 )
+from slam_init.recording_paths import dashes, log_hypotheses
 from slam_init.recording_text import attempt_line, attempt_markdown, summary_markdown
 from slam_init.types import (
     Attempt,
@@ -83,8 +85,6 @@ _CHUNK_BYTES = 1 << 19
 #: Size of the camera's frustum in units of the map, whose median depth is 1. Those of the keyframes are smaller on a
 #: short path, which they would hide: this share of it, which keeps five of them apart.
 _FRUSTUM, _SMALLEST_FRUSTUM, _FRUSTUM_OF_PATH = 0.08, 0.005, 0.1
-#: The ground truth is dashed, so that the estimate is seen where both agree.
-_DASHES = 30
 
 
 class Recorder:
@@ -98,6 +98,9 @@ class Recorder:
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
         """A map was accepted; the observations are those of its keyframes."""
+
+    def undecided(self, maps: Sequence[InitialMap]) -> None:
+        """These maps are kept, as the views could not decide between them; none any more where it is empty."""
 
     def continued(self, keyframe: Keyframe) -> None:
         """A frame after the initialization was located in the map."""
@@ -174,6 +177,7 @@ class RerunRecorder(Recorder):
         self._path_est: list[Floats] = []
         self._world_from_gt: Similarity | None = None
         self._first_s = 0.0
+        self._hypotheses = 0
 
         batching = rr.ChunkBatcherConfig.NEVER()
         batching.flush_num_bytes = _CHUNK_BYTES
@@ -249,6 +253,7 @@ class RerunRecorder(Recorder):
                 color=_GREEN,
             ),
         )
+        self.undecided(())
         poses_after = tuple(keyframe.world_from_cam for keyframe in map_.keyframes)
         path = max(float(np.linalg.norm(pose.t - poses_after[0].t)) for pose in poses_after)
         size = float(np.clip(_FRUSTUM_OF_PATH * path, _SMALLEST_FRUSTUM, _FRUSTUM))
@@ -273,6 +278,12 @@ class RerunRecorder(Recorder):
             rec.set_time("ba_iter", sequence=iteration)
             rec.log(ERROR, rr.Scalars(error))
         rec.disable_timeline("ba_iter")
+
+    def undecided(self, maps: Sequence[InitialMap]) -> None:
+        """Draw the trajectories of the maps, the better one brighter; take away those drawn before."""
+        if self._hypotheses or maps:
+            log_hypotheses(self._rec, maps)
+        self._hypotheses = len(maps)
 
     def continued(self, keyframe: Keyframe) -> None:
         """Move the camera, and draw both trajectories on."""
@@ -346,7 +357,7 @@ class RerunRecorder(Recorder):
         times = truth.timestamps_s
         first, last = (int(np.argmin(np.abs(times - t))) for t in (self._first_s, last_s))
         positions = np.array([pose.t for pose in truth.world_from_cam[first : last + 1]])
-        self._log_path("gt", _dashes(world_from_gt.apply(positions)), TRUTH_COLOR)
+        self._log_path("gt", dashes(world_from_gt.apply(positions)), TRUTH_COLOR)
 
     def _log_pair(self, attempt: Attempt) -> None:
         """Two images side by side, and the matches as lines between them."""
@@ -374,19 +385,6 @@ class RerunRecorder(Recorder):
                 f"pairs/image/{name}/points",
                 rr.Points2D(matches[chosen].reshape(-1, 2), colors=[color], radii=rr.Radius.ui_points(1.5)),
             )
-
-
-def _dashes(positions: Floats) -> list[Floats]:
-    """Every other piece of a path cut into pieces of one length."""
-    lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(lengths)])
-    cuts = np.linspace(0, along[-1], 2 * _DASHES)
-    dashes = []
-    for begin, end in cuts.reshape(-1, 2):
-        # The corners in between belong to a dash too.
-        at = np.concatenate([[begin], along[(along > begin) & (along < end)], [end]])
-        dashes.append(np.stack([np.interp(at, along, column) for column in positions.T], axis=1))
-    return dashes
 
 
 def _unicode(text: str) -> str:

@@ -11,7 +11,7 @@ from slam_init.types import Attempt
 __all__ = ["attempt_line", "attempt_markdown", "summary_markdown"]
 
 #: Keys of the summary that a table of one line each cannot show, or that no two runs share.
-_LISTS = ("keyframes", "attempts", "timing_ms", "notes")
+_LISTS = ("keyframes", "attempts", "timing_ms", "notes", "hypotheses")
 
 
 def attempt_line(attempt: Attempt) -> str:
@@ -46,7 +46,7 @@ def summary_markdown(summary: Mapping[str, Any]) -> str:
     reason = f": {summary['reason']}" if summary.get("reason") else ""
     plain = {k: v for k, v in summary.items() if k not in _LISTS and not isinstance(v, Mapping)}
     lines = [f"# {summary.get('status', 'run')}{reason}", *_table("figure", plain)]
-    for name in ("ground_truth", "camera", "source", "continued"):
+    for name in ("margin", "ground_truth", "camera", "source", "continued"):
         if isinstance(summary.get(name), Mapping):
             lines += ["", *_table(name, summary[name])]
     if summary.get("keyframes"):

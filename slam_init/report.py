@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from slam_init.reasons import ADVICE
-
 __all__ = ["report_text"]
 
 
@@ -27,7 +25,11 @@ def report_text(summary: Mapping[str, Any], out: Path) -> str:
     else:
         reason = summary["reason"]
         title = f"not initialized: {reason.replace('_', ' ')}"
-        facts = [("advice", ADVICE[reason]), ("frames read", str(summary["frames_read"]))]
+        facts = [("advice", summary["advice"]), ("frames read", str(summary["frames_read"]))]
+        if summary["hypotheses"]:
+            frames = ", ".join(str(keyframe["frame"]) for keyframe in summary["hypotheses"][0]["keyframes"])
+            margin = summary["margin"]
+            facts.append(("kept", f"two maps of frames {frames}; the first ahead by z = {margin['z']:.1f} (4 decide)"))
     facts += [("attempts", _attempts(summary)), *(("note", note) for note in summary["notes"])]
     facts.append(("results", f"{out}/ (recording: rerun {out / 'recording.rrd'})"))
     return f"{title}\n" + "".join(f"  {name:<14}{value}\n" for name, value in facts)

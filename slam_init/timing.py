@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -15,7 +16,7 @@ class Stopwatch:
     """Collects wall-clock times by stage: ``with stopwatch("track"): ...``."""
 
     def __init__(self) -> None:
-        self._samples_ms: dict[str, list[float]] = {}
+        self._samples_ms: dict[str, array[float]] = {}  # eight bytes a call
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
@@ -24,7 +25,7 @@ class Stopwatch:
         try:
             yield
         finally:
-            self._samples_ms.setdefault(stage, []).append(1e3 * (time.perf_counter() - begin))
+            self._samples_ms.setdefault(stage, array("d")).append(1e3 * (time.perf_counter() - begin))
 
     def summary(self) -> dict[str, dict[str, float]]:
         """Stage -> median, 95th percentile, total (ms) and number of calls."""

@@ -21,9 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.quaternion import matrix_from_quaternion, quaternion_from_matrix
+from slam_init.reasons import Gate
 
 if TYPE_CHECKING:
     from slam_init.camera import Camera
+    from slam_init.mapping import Margin
 
 __all__ = [
     "Attempt",
@@ -217,11 +219,15 @@ class Attempt:
     evidence : dict
         Name -> number (or short text) that led to the verdict: each gate's value and threshold.
     advice : str
-        What would help, in a few words for a person; empty when accepted.
+        What would help, in a few words for a person: that of the gate that failed; empty when accepted.
     pixels1, pixels2 : (N, 2) float
         The matches of the pair, raw pixels.
     inliers : (N,) bool
         Which of them the best model explains.
+    gates : tuple of Gate
+        The conditions that were looked at, with values and thresholds, up to the stage that failed.
+    progress : float
+        How far the pair came, 0 to 1: see :func:`slam_init.online.progress`.
     """
 
     frames: tuple[int, ...]
@@ -231,6 +237,8 @@ class Attempt:
     pixels1: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     pixels2: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     inliers: Bools = field(default_factory=lambda: np.zeros(0, bool))
+    gates: tuple[Gate, ...] = ()
+    progress: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,10 +330,19 @@ class Result:
     frames_to_init : int or None
         Number of frames consumed, counted from the first one fed, when the map was accepted.
     attempts : tuple of Attempt
+        The last :data:`slam_init.handover.ATTEMPTS_KEPT`.
     timing_ms : dict
         Stage -> {"median", "p95", "total", "calls"} in milliseconds.
     notes : tuple of str
         What the user should know, e.g. that the camera was guessed.
+    advice : str
+        What would help, for the reason; empty when initialized.
+    hypotheses : tuple of InitialMap
+        The maps one of which is true: ``(map,)`` when initialized; the two that the views could not decide between,
+        the better one first, while that is so; else empty.
+    margin : Margin or None
+        By how much the first hypothesis is better than its rival, of the last vote between two maps; None where there
+        was no rival.
     """
 
     map: InitialMap | None
@@ -335,6 +352,9 @@ class Result:
     attempts: tuple[Attempt, ...]
     timing_ms: dict[str, dict[str, float]]
     notes: tuple[str, ...] = ()
+    advice: str = ""
+    hypotheses: tuple[InitialMap, ...] = ()
+    margin: Margin | None = None
 
     def __bool__(self) -> bool:
         return self.map is not None

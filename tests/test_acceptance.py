@@ -8,9 +8,9 @@ from make_map import make_poses
 from make_scene import CAMERA, CONFIG, cloud, hypothesis, observe, table
 
 from quest.quaternion import rotation_from_vector
-from slam_init.acceptance import Gate, check
+from slam_init.acceptance import check
 from slam_init.mapping import build_candidate
-from slam_init.reasons import ACCEPTED, REASONS
+from slam_init.reasons import ACCEPTED, REASONS, Gate
 from slam_init.types import Pose
 
 GATES = CONFIG.acceptance
@@ -81,17 +81,17 @@ def test_an_adjustment_that_turned_the_baseline_is_distrusted(good):
 
 
 def test_a_value_that_is_no_number_never_passes():
-    assert not Gate("x", float("nan"), 0.0, True, "low_parallax").passes()
-    assert not Gate("x", float("nan"), 0.0, False, "low_parallax").passes()
-    assert Gate("x", 1.0, 1.0, True, "low_parallax").passes()
-    assert Gate("x", 1.0, 1.0, False, "low_parallax").passes()
+    assert not Gate("x", float("nan"), 0.0, True, "low_parallax", "move").passes()
+    assert not Gate("x", float("nan"), 0.0, False, "low_parallax", "move").passes()
+    assert Gate("x", 1.0, 1.0, True, "low_parallax", "move").passes()
+    assert Gate("x", 1.0, 1.0, False, "low_parallax", "move").passes()
 
 
 def test_what_more_parallax_would_lower_tells_how_much_is_lacking():
-    assert Gate("x", 6.0, 3.0, False, "low_parallax").lacking() == 2.0
-    assert Gate("x", 3.0, 3.0, False, "low_parallax").lacking() == 1.0
-    assert Gate("x", 1.0, 3.0, True, "too_few_landmarks").lacking() == 1.0
-    assert Gate("x", float("nan"), 3.0, False, "low_parallax").lacking() == 1.0
+    assert Gate("x", 6.0, 3.0, False, "low_parallax", "move").lacking() == 2.0
+    assert Gate("x", 3.0, 3.0, False, "low_parallax", "move").lacking() == 1.0
+    assert Gate("x", 1.0, 3.0, True, "too_few_landmarks", "move").lacking() == 1.0
+    assert Gate("x", float("nan"), 3.0, False, "low_parallax", "move").lacking() == 1.0
 
 
 def test_uncertainty_grows_as_the_baseline_shrinks():

@@ -43,6 +43,8 @@ INITIALIZED = {
 REFUSED = INITIALIZED | {
     "status": "not_initialized",
     "reason": "static_camera",
+    "advice": "the camera stands still: move it sideways",
+    "hypotheses": [],
     "frames_to_init": None,
     "keyframes": [],
     "landmarks": 0,
@@ -385,6 +387,14 @@ def test_report_of_a_refusal_tells_reason_advice_and_attempts(world, pipeline, c
     out = capsys.readouterr().out
     assert out.startswith("not initialized: static camera\n")
     assert "move it sideways" in out and "4 static camera" in out
+
+
+def test_report_of_an_undecided_run_tells_the_two_maps(world, pipeline, capsys):
+    kept = {"keyframes": [{"frame": 3}, {"frame": 9}]}
+    undecided = {"reason": "ambiguous_plane", "hypotheses": [kept, kept], "margin": {"log_likelihood": 9.0, "z": 1.25}}
+    pipeline.summary = REFUSED | undecided
+    assert main(["run", IMAGES, *WITH]) == 3
+    assert "two maps of frames 3, 9; the first ahead by z = 1.2 (4 decide)" in capsys.readouterr().out
 
 
 def test_synth_writes_what_info_and_run_read(tmp_path, pipeline, capsys):

@@ -208,7 +208,7 @@ def test_the_reference_stays_until_its_tracks_are_lost():
     observations = tracks_of(cloud(np.random.default_rng(0), 200))
     lost = [replace(o, track_ids=o.track_ids + (1000 if k >= 4 else 0)) for k, o in enumerate(observations)]
     initializer = PairInitializer(Scripted(), TRACK_CAMERA, CONFIG)
-    attempts = [initializer.process_tracks(observed) for observed in lost]
+    attempts = [initializer.process_tracks(observed).attempt for observed in lost]
     assert attempts[0] is None
     assert [attempt.frames for attempt in attempts[1:]] == [(0, 1), (0, 2), (0, 3), (0, 4), (4, 5), (4, 6), (4, 7)]
     assert attempts[4].verdict == "too_few_matches"

@@ -209,10 +209,10 @@ def test_an_initializer_needs_no_folder_and_tells_its_recorder(room):
     initializer = Initializer(room.camera, recorder=diary)
     attempts = []
     for frame in room.frames():
-        attempt = initializer.process(frame)
-        if attempt is not None:
-            attempts.append(attempt)
-        if initializer.map is not None:
+        status = initializer.process(frame)
+        if status.attempt is not None:
+            attempts.append(status.attempt)
+        if status:
             break
     result = initializer.finish()
     assert result.map is initializer.map is not None

@@ -31,6 +31,7 @@ from slam_init.errors import OutputError, SourceError
 from slam_init.recording import Recorder, RerunRecorder
 from slam_init.recording_images import reduced
 from slam_init.recording_layout import SERIES
+from slam_init.recording_paths import dashes
 from slam_init.recording_text import attempt_markdown, summary_markdown
 from slam_init.types import Keyframe
 
@@ -147,10 +148,25 @@ def distance_to_segment(point, a, b):
 
 def test_a_dashed_path_is_half_drawn_and_keeps_its_corners():
     corner = np.array([[0.0, 0, 0], [3, 0, 0], [3, 4, 0]])
-    dashes = recording._dashes(corner)
-    lengths = [np.linalg.norm(np.diff(dash, axis=0), axis=1).sum() for dash in dashes]
-    np.testing.assert_allclose(lengths, 7 / (2 * len(dashes) - 1))
-    assert np.isfinite(np.concatenate(recording._dashes(np.zeros((3, 3))))).all()
+    drawn = dashes(corner)
+    lengths = [np.linalg.norm(np.diff(dash, axis=0), axis=1).sum() for dash in drawn]
+    np.testing.assert_allclose(lengths, 7 / (2 * len(drawn) - 1))
+    assert np.isfinite(np.concatenate(dashes(np.zeros((3, 3))))).all()
+
+
+def test_the_paths_of_two_maps_are_drawn_while_they_are_kept(tmp_path):
+    map_ = make_map()
+    with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "kept") as recorder:
+        recorder.undecided((map_, map_))
+        recorder.undecided((map_,))
+        recorder.undecided(())
+    for name, drawn in (("hypothesis1", 2), ("hypothesis2", 1)):
+        paths = column(tmp_path / "a.rrd", f"/world/trajectory/{name}", "LineStrips3D:strips")
+        assert len(paths) == drawn
+        np.testing.assert_allclose(paths[0][0], [k.world_from_cam.t for k in map_.keyframes], atol=1e-6)
+    with RerunRecorder(tmp_path / "b.rrd", CAMERAS["pinhole"], "decided") as recorder:
+        recorder.undecided(())
+    assert not [entity for entity in entities(tmp_path / "b.rrd") if "hypothesis" in entity]
 
 
 def test_without_ground_truth_there_is_only_the_estimate(tmp_path):

@@ -122,11 +122,11 @@ def run_trial(trial: Trial, settings: Settings) -> dict[str, Any]:
             if pictures is not None:
                 recorder.frame(next(pictures), step.current)
             fed = time.perf_counter()
-            attempt = initializer.process_tracks(step.current, step.revised)
+            status = initializer.process_tracks(step.current, step.revised)
             frames_ms.append(1e3 * (time.perf_counter() - fed))
-            if attempt is not None:
+            if status.attempt is not None:
                 attempts_ms.append(frames_ms[-1])
-            if initializer.map is not None:
+            if status:
                 break
         result = initializer.finish()
         row = _row(trial, settings, result, source, camera, steps)

@@ -10,20 +10,14 @@ import numpy as np
 from slam_init.bundle import BundleProblem, BundleSolution, adjust
 from slam_init.camera import Camera
 from slam_init.config import Config
-from slam_init.handover import (
-    Evidence,
-    initial_map,
-    prevailing_reason,
-    refusal,
-    refused,
-    without_matches,
-)
+from slam_init.handover import AttemptLog, Evidence, initial_map, refusal, refused
 from slam_init.methods.two_view import TwoViewMethod, TwoViewOutcome, undistorted_pixels
+from slam_init.online import Status, frame_of
 from slam_init.reasons import ACCEPTED
 from slam_init.recording import Recorder
 from slam_init.timing import Stopwatch
 from slam_init.tracks import Tracker, common_tracks
-from slam_init.types import Attempt, Frame, InitialMap, Observations, Pose, Result
+from slam_init.types import Attempt, Frame, Image, InitialMap, Observations, Pose, Result
 
 __all__ = ["PairInitializer"]
 
@@ -45,6 +39,8 @@ class PairInitializer:
     Attributes
     ----------
     map : InitialMap or None
+    status : Status
+        Its progress stays 0 until there is a map: the rules of other systems have no measure of how far they are.
     frames_read : int
     tracker : Tracker
     history : History
@@ -61,26 +57,34 @@ class PairInitializer:
         self.history = self.tracker.history
         self.stopwatch = Stopwatch()
         self.map: InitialMap | None = None
+        self.status = Status()
         self.frames_read = 0
+        self._next_index = 0
         self._reference: int | None = None
-        self._attempts: list[Attempt] = []
+        self._attempts = AttemptLog()
 
-    def process(self, frame: Frame) -> Attempt | None:
-        """Take in the next frame; return the attempt that it led to, if any."""
+    def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
+        """Take in the next frame; see :meth:`slam_init.pipeline.Initializer.process`."""
+        if self.map is not None:
+            return self.status
+        frame = frame_of(image, timestamp_s, self._next_index, self.camera)
         with self.stopwatch("track"):
             current = self.tracker.track(frame)
         self.recorder.frame(frame, current)
         return self.process_tracks(current)
 
-    def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Attempt | None:
+    def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
         """Take in the tracks of the next frame; see :meth:`slam_init.pipeline.Initializer.process_tracks`."""
+        if self.map is not None:
+            return self.status
         self.history.take(current, revised)
         self.frames_read += 1
+        self._next_index = current.frame + 1
         attempt = None
         if self._reference is not None:
             attempt = self._try(self.history[self._reference], current)
             self.recorder.attempt(attempt)
-            self._attempts.append(without_matches(attempt))
+            self._attempts.add(attempt)
         if self._reference is None or (attempt is not None and attempt.verdict in _NEW_REFERENCE):
             enough = len(current) >= self.method.pair_rule.min_features
             self._reference = current.frame if enough else None
@@ -88,11 +92,17 @@ class PairInitializer:
             views = [self.history[keyframe.frame] for keyframe in self.map.keyframes]
             self.recorder.initialized(self.map, views)
         self.history.forget(keep=() if self._reference is None else (self._reference,))
-        return attempt
+        self.status = self.status.after(attempt, 0.0) if self.map is None else Status.initialized(attempt)
+        return self.status
 
     def finish(self) -> Result:
-        """No more frames: the map, or the reason why there is none."""
-        reason = None if self.map is not None else prevailing_reason(self._attempts)
+        """No more frames: the same as :attr:`result`."""
+        return self.result
+
+    @property
+    def result(self) -> Result:
+        """What is known by now: the map, or the reason why there is none."""
+        reason = None if self.map is not None else self._attempts.prevailing_reason()
         if reason == "too_few_frames" and self.frames_read > 1:
             reason = "too_few_features"  # no frame had enough of them to become a reference
         return Result(
@@ -100,8 +110,11 @@ class PairInitializer:
             reason=reason,
             frames_read=self.frames_read,
             frames_to_init=self.frames_read if self.map is not None else None,
-            attempts=tuple(self._attempts),
+            attempts=self._attempts.kept,
             timing_ms=self.stopwatch.summary(),
+            notes=self._attempts.notes(),
+            advice="" if reason is None else self._attempts.advice(reason),
+            hypotheses=() if self.map is None else (self.map,),
         )
 
     def _try(self, reference: Observations, current: Observations) -> Attempt:

@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 
     from slam_init.camera import Camera
     from slam_init.config import Config
+    from slam_init.online import Status
     from slam_init.recording import Recorder
     from slam_init.tracks import History, Tracker
-    from slam_init.types import Attempt, Frame, InitialMap, Observations, Result
+    from slam_init.types import Frame, Image, InitialMap, Observations, Result
 
 __all__ = ["METHODS", "FrontEnd", "MethodInfo", "make_initializer", "make_two_view", "method_info"]
 
@@ -30,16 +31,22 @@ class FrontEnd(Protocol):
     """What every method is run as: it is fed frames until it has a map."""
 
     map: InitialMap | None
+    status: Status
     frames_read: int
     tracker: Tracker
     history: History
 
-    def process(self, frame: Frame) -> Attempt | None:
+    def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
         """Take in the next frame."""
         ...
 
-    def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Attempt | None:
+    def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
         """Take in the tracks of the next frame, found elsewhere."""
+        ...
+
+    @property
+    def result(self) -> Result:
+        """What is known by now."""
         ...
 
     def finish(self) -> Result:

@@ -1,0 +1,205 @@
+"""One pair of frames: refused at a glance, or tried: two-view geometry, a map for each motion, the vote, the gates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
+from slam_init.bundle import BundleSolution
+from slam_init.calibration_check import turning_camera
+from slam_init.camera import Camera
+from slam_init.config import Config
+from slam_init.handover import Evidence, initial_map, looked_at, preview_evidence, refused_at, refused_by
+from slam_init.judging import judge_map, judge_turning, judge_two_views, suspect_calibration, vote, vote_of_plane
+from slam_init.keyframes import PairPreview, difference_gate
+from slam_init.mapping import MapCandidate, Margin, build_candidate, further_views, rank, same_map, table_of
+from slam_init.reasons import ACCEPTED, ADVICE, Gate
+from slam_init.timing import Stopwatch
+from slam_init.tracks import History, common_tracks
+from slam_init.types import Attempt, InitialMap, Observations
+
+__all__ = ["Handover", "Outcome", "screen", "try_pair"]
+
+#: A tenth of the tracks may be mistaken; more of them displaced against the rotation is a motion to look at.
+_LEAST_PARALLAX_SHARE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Handover:
+    """A map, and the frames that it is made of: at the end of the sequence the history may have forgotten them."""
+
+    map: InitialMap
+    views: tuple[Observations, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What became of a pair.
+
+    Attributes
+    ----------
+    attempt : Attempt
+    accepted : Handover or None
+        A map that passed all gates.
+    unconfirmed : Handover or None
+        A map of two views without a rival, which lacks nothing but a third view.
+    hypotheses : tuple of InitialMap
+        The maps that the vote could not decide between, the better one first.
+    margin : Margin or None
+        Of the vote, where there were two maps.
+    """
+
+    attempt: Attempt
+    accepted: Handover | None = None
+    unconfirmed: Handover | None = None
+    hypotheses: tuple[InitialMap, ...] = ()
+    margin: Margin | None = None
+
+
+# -- at a glance ----------------------------------------------------------------------------------
+
+
+def screen(config: Config, current: Observations, pairs: list[PairPreview]) -> Attempt | None:
+    """Refuse at a glance what no pair can yield: no tracks, no motion, no parallax; None where there may be some.
+
+    Parameters
+    ----------
+    config : Config
+    current : Observations
+    pairs : list of PairPreview
+        Of all candidates with the current frame, the most promising first.
+    """
+    if not pairs:
+        return None
+    needed = config.keyframes.min_matches
+    usable = [pair for pair in pairs if pair.matches >= needed]
+    pair = (usable or pairs)[0]
+    motion_px = max((p.motion_px for p in usable), default=0.0)
+    share = max((p.parallax_share for p in usable), default=0.0)
+    noise_px = difference_gate(config.map.noise_px)
+    matches = (
+        Gate("features", len(current), needed, True, "too_few_features", ADVICE["too_few_features"]),
+        Gate("matches", pair.matches, needed, True, "too_few_matches", ADVICE["too_few_matches"]),
+    )
+    motion = (
+        Gate("motion_px", motion_px, noise_px, True, "static_camera", ADVICE["static_camera"]),
+        Gate("parallax_share", share, _LEAST_PARALLAX_SHARE, True, "pure_rotation", ADVICE["pure_rotation"]),
+    )
+    attempt = Attempt((pair.reference, pair.current), ACCEPTED, preview_evidence(pair))
+    for stage, gates in (("matches", matches), ("motion", motion)):
+        attempt = looked_at(attempt, gates)
+        if any(not gate.passes() for gate in gates):
+            return refused_by(attempt, stage, gates)
+    return None
+
+
+# -- the whole way --------------------------------------------------------------------------------
+
+
+def try_pair(
+    camera: Camera,
+    config: Config,
+    history: History,
+    pair: PairPreview,
+    current: Observations,
+    stopwatch: Stopwatch,
+    *,
+    third_view: bool = True,
+) -> Outcome:
+    """Two-view geometry, a map for each hypothesis, the vote, the gates.
+
+    Parameters
+    ----------
+    camera : Camera
+    config : Config
+    history : History
+        Holds the reference frame and what may vote.
+    pair : PairPreview
+    current : Observations
+    stopwatch : Stopwatch
+        Times the stages ``two_view`` and ``map``.
+    third_view : bool
+        Whether further views decide and confirm; without them the better two-view map is taken.
+    """
+    reference = history[pair.reference]
+    i, j = common_tracks(reference, current)
+    m, n = reference.bearings[i], current.bearings[j]
+    with stopwatch("two_view"):
+        threshold_rad = config.two_view.threshold_px / camera.focal_px
+        pose = estimate_relative_pose(m, n, threshold_rad=threshold_rad, seed=config.seed)
+    attempt = Attempt(
+        frames=(pair.reference, pair.current),
+        verdict=ACCEPTED,
+        evidence=preview_evidence(pair) | _pose_evidence(pose, camera),
+        pixels1=reference.pixels[i],
+        pixels2=current.pixels[j],
+        inliers=pose.inliers if isinstance(pose, RelativePose) else np.zeros(len(i), bool),
+    )
+    if isinstance(pose, NoPose):
+        return Outcome(refused_at(attempt, pose.reason, "two views"))
+    attempt = judge_two_views(camera, config, attempt, pose)
+    if attempt.verdict != ACCEPTED:
+        if attempt.verdict == "low_parallax":
+            attempt = suspect_calibration(camera, config, attempt, pose, m, n)
+        return Outcome(attempt)
+
+    with stopwatch("map"):
+        views = further_views(history, reference, current, config.map) if third_view else []
+        table = table_of(reference, current, views)
+        hypotheses: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
+        candidates = [build_candidate(camera, config, table, hypothesis) for hypothesis in hypotheses]
+        candidates = rank(camera, config, candidates)
+        plane = vote_of_plane(config, history, reference, current, pose, candidates) if third_view else None
+        if plane is not None and plane.reversed().decides():
+            candidates[:2] = candidates[1::-1]
+            plane = plane.reversed()
+    attempt = replace(attempt, frames=(*attempt.frames, *table.frames[2:]))
+    best = candidates[0]
+    if not isinstance(best.bundle, BundleSolution):
+        attempt = replace(attempt, evidence=attempt.evidence | {"cause": best.bundle.cause})
+        return Outcome(refused_at(attempt, "bundle_adjustment_failed", "map"))
+
+    attempt, decided_by = vote(camera, config, attempt, candidates if third_view else candidates[:1], plane)
+    if attempt.verdict != ACCEPTED:
+        suspected = suspect_calibration(camera, config, attempt, pose, m, n)
+        # A turning camera is a third explanation then, and the two maps are no kept set.
+        undecided = () if suspected.verdict != attempt.verdict else _undecided(history, candidates, pose.kind)
+        return Outcome(suspected, hypotheses=undecided, margin=decided_by)
+
+    attempt = judge_map(camera, config, attempt, best, best.bundle, third_view)
+    confirmable = attempt.verdict == "no_third_view" and len(table.frames) == 2 and len(candidates) == 1
+    if attempt.verdict != ACCEPTED and not confirmable:
+        return Outcome(attempt, margin=decided_by)
+    turning = turning_camera(m[pose.inliers], n[pose.inliers], pose.noise_rad)
+    attempt = judge_turning(camera, config, attempt, turning, best.bundle.noise_px / camera.focal_px)
+    handover = _hand_over(history, best.bundle, pose.kind)
+    if attempt.verdict == ACCEPTED:
+        return Outcome(replace(attempt, progress=1.0), accepted=handover, margin=decided_by)
+    return Outcome(attempt, unconfirmed=handover if attempt.verdict == "no_third_view" else None, margin=decided_by)
+
+
+def _undecided(history: History, candidates: list[MapCandidate], scene: str) -> tuple[InitialMap, ...]:
+    """The best map and its first rival that is not the same: the two that live on."""
+    best, *rivals = [c for c in candidates if isinstance(c.bundle, BundleSolution)]
+    kept = [best, *[rival for rival in rivals if not same_map(best, rival)][:1]]
+    return tuple(_hand_over(history, c.bundle, scene).map for c in kept if isinstance(c.bundle, BundleSolution))
+
+
+def _hand_over(history: History, bundle: BundleSolution, scene: str) -> Handover:
+    views = tuple(history[frame] for frame in bundle.problem.frames)
+    return Handover(initial_map(bundle, views, scene), views)
+
+
+def _pose_evidence(pose: RelativePose | NoPose, camera: Camera) -> Evidence:
+    evidence: Evidence = {f"two_view_{name}": value for name, value in pose.evidence.items() if name != "noise_rad"}
+    if isinstance(pose, RelativePose):
+        evidence |= {
+            "two_view_kind": pose.kind,
+            "two_view_alternatives": len(pose.alternatives),
+            "two_view_noise_px": pose.noise_rad * camera.focal_px,
+            "two_view_parallax_deg": float(np.degrees(pose.parallax_rad)),
+            "two_view_direction_sigma_deg": float(np.degrees(pose.direction_sigma_rad)),
+        }
+    return evidence

@@ -1,0 +1,184 @@
+"""What speaks against a pair: its two views, the vote between two maps, the map itself, a camera that only turns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from quest.estimate import RelativePose
+from slam_init import acceptance
+from slam_init.bundle import BundleSolution
+from slam_init.calibration_check import TurningCamera, suspected_focal_factor, turning_camera
+from slam_init.camera import Camera
+from slam_init.config import Config
+from slam_init.handover import Evidence, looked_at, refused_at, refused_by
+from slam_init.keyframes import difference_gate
+from slam_init.mapping import MapCandidate, Margin, margin, same_map, table_of, voting_views
+from slam_init.plane_vote import plane_margin
+from slam_init.reasons import ACCEPTED, ADVICE, Gate
+from slam_init.tracks import History
+from slam_init.types import Attempt, Floats, Observations
+
+__all__ = ["judge_map", "judge_turning", "judge_two_views", "suspect_calibration", "vote", "vote_of_plane"]
+
+
+def judge_two_views(camera: Camera, config: Config, attempt: Attempt, pose: RelativePose) -> Attempt:
+    """What two views alone refuse, before any map is built."""
+    if pose.kind == "rotation":
+        moved_px = np.linalg.norm(attempt.pixels2 - attempt.pixels1, axis=1)[pose.inliers]
+        least_px = difference_gate(max(config.map.noise_px, pose.noise_rad * camera.focal_px))
+        moved = float(np.percentile(moved_px, 90))
+        gate = Gate("explained_motion_px", moved, least_px, True, "static_camera", ADVICE["static_camera"])
+        attempt = looked_at(attempt, (gate,))
+        if not gate.passes():
+            return refused_by(attempt, "motion", (gate,))
+        return refused_at(attempt, "pure_rotation", "motion")
+    settings = config.acceptance
+    # Further views and the adjustment bring the uncertainty down by about the square root of their number: a pair
+    # whose single standard deviation is beyond what three of the map may be is too early by far, and so is one
+    # whose parallax is not above what no average removes.
+    systematic_rad = 1e-3 * settings.systematic_error_mrad / max(pose.parallax_rad, 1e-12)
+    bound_deg = float(np.degrees(max(pose.direction_sigma_rad, systematic_rad)))
+    most_deg, least_share = settings.max_direction_error_deg, config.two_view.min_inlier_share
+    gates = (
+        Gate(
+            "inlier_share",
+            float(pose.inliers.mean()),
+            least_share,
+            True,
+            "no_consistent_motion",
+            ADVICE["no_consistent_motion"],
+        ),
+        Gate("two_view_direction_bound_deg", bound_deg, most_deg, False, "low_parallax", ADVICE["low_parallax"]),
+    )
+    attempt = looked_at(attempt, gates)
+    if all(gate.passes() for gate in gates):
+        return attempt
+    refused = refused_by(attempt, "two views", gates)
+    if refused.verdict != "low_parallax":
+        return refused
+    return replace(refused, evidence=refused.evidence | {"lacking": gates[1].lacking()})
+
+
+# -- the vote -------------------------------------------------------------------------------------
+
+
+def vote_of_plane(
+    config: Config,
+    history: History,
+    reference: Observations,
+    current: Observations,
+    pose: RelativePose,
+    candidates: list[MapCandidate],
+) -> Margin | None:
+    """The vote of all views between the two maps of a plane, with the plane as a constraint."""
+    solved = [c for c in candidates if isinstance(c.bundle, BundleSolution)]
+    if pose.kind != "planar" or len(solved) != 2 or same_map(*solved):
+        return None
+    voters = table_of(reference, current, voting_views(history, reference, current, config.map))
+    return plane_margin(voters, solved[0].hypothesis, solved[1].hypothesis, pose.noise_rad)
+
+
+def vote(
+    camera: Camera, config: Config, attempt: Attempt, candidates: list[MapCandidate], plane: Margin | None
+) -> tuple[Attempt, Margin | None]:
+    """Whether the best map is better than each of its rivals, beyond doubt: as free points, or as a plane.
+
+    The margin is the one that the verdict hangs on: of the rival that came nearest, and of its votes the clearest, or
+    the one that speaks against the best map.
+    """
+    best, *rivals = candidates
+    evidence = dict(attempt.evidence)
+    votes = []
+    for k, rival in enumerate(rivals, start=1):
+        if same_map(best, rival):
+            continue
+        free = margin(camera, config, best, rival)
+        evidence |= {f"rival{k}_log_likelihood": free.log_likelihood, f"rival{k}_z": free.z}
+        margins = [free]
+        if k == 1 and plane is not None:
+            evidence |= {"plane_log_likelihood": plane.log_likelihood, "plane_z": plane.z}
+            margins.append(plane)
+        against = [m for m in margins if m.reversed().decides()]
+        votes.append(min(against or [max(margins, key=Margin.share)], key=Margin.share))
+    if not votes:
+        return attempt, None
+    chosen = min(votes, key=Margin.share)
+    curve = "scene too flat: move in a curve, or show something off the plane"
+    gates = (
+        Gate("vote_z", chosen.z, Margin.Z_NEEDED, True, "ambiguous_plane", curve),
+        Gate(
+            "vote_log_likelihood",
+            chosen.log_likelihood,
+            Margin.LOG_LIKELIHOOD_NEEDED,
+            True,
+            "ambiguous_plane",
+            curve,
+        ),
+    )
+    attempt = looked_at(replace(attempt, evidence=evidence), gates)
+    return (attempt if chosen.decides() else refused_by(attempt, "map", gates)), chosen
+
+
+# -- the map --------------------------------------------------------------------------------------
+
+
+def judge_map(
+    camera: Camera, config: Config, attempt: Attempt, best: MapCandidate, bundle: BundleSolution, third_view: bool
+) -> Attempt:
+    """The gates of the acceptance; without a third view those that ask for one are passed over."""
+    verdict, gates = acceptance.check(camera, best, bundle, config.acceptance)
+    lacking = max(gate.lacking() for gate in gates)
+    attempt = looked_at(attempt, gates)
+    attempt = replace(attempt, evidence=attempt.evidence | {"reprojection_rmse_px": bundle.rmse_px, "lacking": lacking})
+    if verdict == ACCEPTED or (verdict == "no_third_view" and not third_view):
+        return attempt
+    return refused_by(attempt, "map", gates)
+
+
+def judge_turning(
+    camera: Camera, config: Config, attempt: Attempt, turning: TurningCamera, noise_rad: float
+) -> Attempt:
+    """Refuse a map where a turning camera with another focal length explains the matches as well."""
+    # The noise, and what tracks share.
+    expected_rad = float(np.hypot(noise_rad, 1e-3 * config.acceptance.systematic_error_mrad))
+    residual, needed = turning.residual_rad / expected_rad, config.acceptance.min_turning_residual
+    gate = Gate("turning_residual", residual, needed, True, "pure_rotation", _turning_advice(turning))
+    attempt = looked_at(attempt, (gate,))
+    attempt = replace(attempt, evidence=attempt.evidence | _turning_evidence(camera, config, turning, noise_rad))
+    if gate.passes():
+        return attempt
+    attempt = replace(attempt, evidence=attempt.evidence | {"lacking": needed / residual})
+    return refused_by(attempt, "map", (gate,))
+
+
+def suspect_calibration(
+    camera: Camera, config: Config, attempt: Attempt, pose: RelativePose, m: Floats, n: Floats
+) -> Attempt:
+    """A refused pair; refused as a turning camera where one with another focal length explains a plane's matches.
+
+    Only a plane's: what such a camera shows is a homography.
+    """
+    if pose.kind != "planar":
+        return attempt
+    turning = turning_camera(m[pose.inliers], n[pose.inliers], pose.noise_rad)
+    evidence = _turning_evidence(camera, config, turning, pose.noise_rad)
+    attempt = replace(attempt, evidence=attempt.evidence | evidence)
+    if "suspected_focal_factor" not in evidence:
+        return attempt
+    return replace(attempt, verdict="pure_rotation", advice=_turning_advice(turning))
+
+
+def _turning_evidence(camera: Camera, config: Config, turning: TurningCamera, noise_rad: float) -> Evidence:
+    evidence: Evidence = {"turning_focal_factor": turning.focal_factor}
+    least_rad = config.map.min_noise_px / camera.focal_px
+    suspected = suspected_focal_factor(turning, max(noise_rad, least_rad), config.acceptance.min_turning_residual)
+    return evidence if suspected is None else evidence | {"suspected_focal_factor": suspected}
+
+
+def _turning_advice(turning: TurningCamera) -> str:
+    return (
+        f"a camera that only turns, with {turning.focal_factor:.2f} times the stated focal length, shows the same: "
+        "translate sideways, or check the calibration"
+    )
