@@ -66,9 +66,9 @@ def measure(name: str, runs: Sequence[tuple[str, int]], max_frames: int | None =
         initializer.stopwatch = stopwatch  # one for all runs: percentiles over all of their frames
         for frame in source.frames(max_frames=max_frames):
             begin = time.perf_counter()
-            initializer.process(frame)
+            status = initializer.process(frame)
             elapsed_ms = 1e3 * (time.perf_counter() - begin)
-            if initializer.map is not None:
+            if status:
                 timing.accepted_ms.append(elapsed_ms)
                 break
             timing.waiting_ms.append(elapsed_ms)

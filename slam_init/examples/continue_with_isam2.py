@@ -111,8 +111,7 @@ def _main(name: str) -> int:
         raise SlamInitError(f"{name} has no calibration: give a source with a camera.yaml")
     initializer, frames = Initializer(source.camera), source.frames()
     for frame in frames:
-        initializer.process(frame)
-        if initializer.map is not None:
+        if initializer.process(frame):
             break
     result = initializer.finish()
     if result.map is None:

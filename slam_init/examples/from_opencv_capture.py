@@ -1,0 +1,89 @@
+"""Feed the initializer from an OpenCV capture, a camera or a video file, and tell the person who moves it what to do.
+
+Run it as ``python -m slam_init.examples.from_opencv_capture CAPTURE CAMERA``: a file or the number of a camera, and a
+calibration in any of the formats of ``slam-init run --camera``.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from slam_init.calibration import load_camera
+from slam_init.camera import Camera
+from slam_init.errors import SlamInitError
+from slam_init.pipeline import Initializer
+from slam_init.types import Result
+
+if TYPE_CHECKING:
+    import cv2
+
+__all__ = ["initialize_from_capture", "main"]
+
+
+def initialize_from_capture(capture: cv2.VideoCapture, camera: Camera, tell: Callable[[str], object] = print) -> Result:
+    """Read images until there is a map, or no image any more.
+
+    Parameters
+    ----------
+    capture : cv2.VideoCapture
+        Opened; it is read, and left open.
+    camera : Camera
+        Of its images.
+    tell : callable
+        Is given a line wherever the reason or the progress (in tenths) changes.
+    """
+    import cv2
+
+    initializer, told = Initializer(camera), ("", -1)
+    while True:
+        found, image = capture.read()
+        if not found:
+            return initializer.finish()
+        time_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+        status = initializer.process(np.asarray(image, np.uint8), time_s)
+        news = status.reason or "", int(10 * status.progress)
+        if news != told:
+            tell(f"{time_s:7.2f} s  {status.progress:4.0%}  {status.state}  {status.advice}")
+            told = news
+        if status:
+            return initializer.result
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Initialize from a capture; exit codes as ``slam-init run``."""
+    arguments = sys.argv[1:] if argv is None else argv
+    if len(arguments) != 2:
+        print("usage: python -m slam_init.examples.from_opencv_capture CAPTURE CAMERA", file=sys.stderr)
+        return 2
+    try:
+        return _main(*arguments)
+    except SlamInitError as error:
+        print(f"from_opencv_capture: {error}", file=sys.stderr)
+        return 2
+
+
+def _main(name: str, calibration: str) -> int:
+    import cv2
+
+    capture = cv2.VideoCapture(int(name)) if name.isdecimal() else cv2.VideoCapture(name)
+    try:
+        if not capture.isOpened():
+            raise SlamInitError(f"{name} cannot be opened: give a video file or the number of a camera")
+        size = (round(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), round(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
+        result = initialize_from_capture(capture, load_camera(calibration, size))
+    finally:
+        capture.release()
+    if result.map is None:
+        print(f"not initialized after {result.frames_read} images: {result.reason}: {result.advice}")
+        return 3
+    frames = ", ".join(str(keyframe.frame) for keyframe in result.map.keyframes)
+    print(f"initialized after {result.frames_to_init} images: {len(result.map.points)} landmarks, keyframes {frames}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
