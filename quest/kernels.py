@@ -505,17 +505,43 @@ def try_samples(
             chance[1] += 1
             if not cost < pool_costs[size - 1]:
                 continue
-            # It replaces the member of its own mode, else the last one.
-            at = size - 1
-            for j in range(size):
-                if pool_costs[j] < np.inf and _mode_distance(R, t, pool_R[j], pool_t[j]) < _SAME_MODE_RAD:
-                    at = j
-                    break
-            if not cost < pool_costs[at]:
-                continue
-            while at > 0 and cost < pool_costs[at - 1]:
-                _copy_pose(pool_R[at - 1], pool_t[at - 1], pool_R[at], pool_t[at])
-                pool_costs[at], pool_inliers[at] = pool_costs[at - 1], pool_inliers[at - 1]
-                at -= 1
-            _copy_pose(R, t, pool_R[at], pool_t[at])
-            pool_costs[at], pool_inliers[at] = cost, inliers
+            _enter_pool(R, t, cost, inliers, pool_R, pool_t, pool_costs, pool_inliers)
+
+
+@njit(cache=True, error_model="numpy")
+def _enter_pool(
+    R: Floats,
+    t: Floats,
+    cost: float,
+    inliers: int,
+    pool_R: Floats,
+    pool_t: Floats,
+    pool_costs: Floats,
+    pool_inliers: Ints,
+) -> None:
+    """Put a model in its place, for all members of its mode or else for the last one, unless one of its mode is better.
+
+    All of them, not only the nearest: a new model between two members of the pool makes one mode of both.
+    """
+    size, kept = len(pool_costs), 0
+    for j in range(size):
+        if not pool_costs[j] < np.inf:
+            break
+        if _mode_distance(R, t, pool_R[j], pool_t[j]) < _SAME_MODE_RAD:
+            # Those of its mode come in order of cost, so none has been taken out yet.
+            if not cost < pool_costs[j]:
+                return
+            continue
+        if kept < j:
+            _copy_pose(pool_R[j], pool_t[j], pool_R[kept], pool_t[kept])
+            pool_costs[kept], pool_inliers[kept] = pool_costs[j], pool_inliers[j]
+        kept += 1
+    for j in range(kept, size):
+        pool_costs[j], pool_inliers[j] = np.inf, 0
+    at = min(kept, size - 1)
+    while at > 0 and cost < pool_costs[at - 1]:
+        _copy_pose(pool_R[at - 1], pool_t[at - 1], pool_R[at], pool_t[at])
+        pool_costs[at], pool_inliers[at] = pool_costs[at - 1], pool_inliers[at - 1]
+        at -= 1
+    _copy_pose(R, t, pool_R[at], pool_t[at])
+    pool_costs[at], pool_inliers[at] = cost, inliers
