@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.epipolar import as_matches, depths_from_pose
 from quest.errors import InputError, as_floats, as_index, as_positive
-from quest.parallax import ParallaxStatement, parallax_statement
+from quest.parallax import ParallaxStatement, parallax_statement, typical_ratios
 from quest.planes import fit_plane, off_line_rad
 from quest.pose_problem import SAMPLERS, CompiledPoseProblem, RelativePoseProblem
 from quest.quaternion import canonical, matrix_from_quaternion, quaternion_from_matrix
@@ -315,10 +315,22 @@ def _tighten(problem: RelativePoseProblem, model: Floats) -> tuple[Floats, float
         inlying = (r2[0] < problem.threshold_rad**2) & ~behind[0]
         if inlying.sum() < 6:
             break
+        inlying &= _typical(problem, model, inlying)
         # Median absolute deviation of a Gaussian; exact data keep a floor so that gates never close to nothing.
         noise_rad = max(1.4826 * float(np.sqrt(np.median(r2[0][inlying]))), 1e-3 * problem.threshold_rad)
         model = problem.refine(model, inlying, _GATE_SIGMAS * noise_rad)
     return model, noise_rad
+
+
+def _typical(problem: RelativePoseProblem, model: Floats, inlying: Bools) -> Bools:
+    """Where the depth of a match (N,) is one that the scene has: wrong matches that lie on their line by chance seldom do.
+
+    With little parallax the points share a few pixels of their lines, and a wrong match has all of them.
+    """
+    typical = np.zeros(len(problem), bool)
+    R, t = matrix_from_quaternion(model[:4]), model[4:]
+    typical[inlying] = typical_ratios(R, t, problem.m[inlying], problem.n[inlying])
+    return typical
 
 
 def _rotation_or_nothing(
