@@ -323,9 +323,10 @@ def _tighten(problem: RelativePoseProblem, model: Floats) -> tuple[Floats, float
 
 
 def _typical(problem: RelativePoseProblem, model: Floats, inlying: Bools) -> Bools:
-    """Where the depth of a match (N,) is one that the scene has: wrong matches that lie on their line by chance seldom do.
+    """Where the depth of a match (N,) is one that the scene has.
 
-    With little parallax the points share a few pixels of their lines, and a wrong match has all of them.
+    A wrong match that fits a motion by chance lies anywhere on its epipolar line; with little parallax the points of
+    the scene share a few pixels of theirs.
     """
     typical = np.zeros(len(problem), bool)
     R, t = matrix_from_quaternion(model[:4]), model[4:]
