@@ -102,6 +102,7 @@ def estimate_relative_pose(
         of outliers.
     scores : (N,) array_like, optional
         Quality of the matches, higher is better (minus the descriptor distance, say): the better ones are drawn first.
+        Used by the solver "five" alone.
     solver : {"five", "quest6", "quest7"}
         What proposes motions: Newton's method on five matches, compiled; or the eigenproblems of QuEst on six or
         seven, in plain numpy, at some hundred microseconds a sample.
@@ -129,11 +130,13 @@ def estimate_relative_pose(
         raise InputError(f"confidence is {confidence!r}: give a probability between 0 and 1")
     max_samples = as_index(max_samples, "max_samples", 0)
     ranking = None if scores is None else _ranking(scores, len(m))
+    if not (isinstance(solver, str) and solver in ("five", *SAMPLERS)):
+        raise InputError(f"solver is {solver!r:.60}: give one of five, {', '.join(SAMPLERS)}")
+    rng = np.random.default_rng(as_index(seed, "seed", 0))
     total = len(m)
     distinct = _distinct(m, n)
     if distinct < _MIN_MATCHES:
         return NoPose("too_few_matches", {"matches": distinct, "needed": _MIN_MATCHES})
-    rng = np.random.default_rng(as_index(seed, "seed", 0))
     R0, rotation_r2 = fit_rotation(m, n, threshold_rad, rng)
     problem: RelativePoseProblem
     report: RansacReport | None
@@ -142,11 +145,9 @@ def estimate_relative_pose(
         report = search_five(
             problem.m, problem.n, threshold_rad, rng, R0, confidence=confidence, max_samples=max_samples, scores=ranking
         )
-    elif solver in SAMPLERS:
+    else:
         problem = RelativePoseProblem(m, n, threshold_rad, solver)
         report = ransac(problem, rng, confidence=confidence, max_samples=max_samples)
-    else:
-        raise InputError(f"solver is {solver!r}: give one of five, {', '.join(SAMPLERS)}")
     if report is None:
         # Every sample was singular, as exact pure rotations are.
         return _rotation_or_nothing(R0, rotation_r2, threshold_rad, total, {"matches": total})
@@ -313,9 +314,9 @@ def _tighten(problem: RelativePoseProblem, model: Floats) -> tuple[Floats, float
     for _ in range(3):
         r2, behind = problem.residuals(model[None])
         inlying = (r2[0] < problem.threshold_rad**2) & ~behind[0]
+        inlying &= _typical(problem, model, inlying)
         if inlying.sum() < 6:
             break
-        inlying &= _typical(problem, model, inlying)
         # Median absolute deviation of a Gaussian; exact data keep a floor so that gates never close to nothing.
         noise_rad = max(1.4826 * float(np.sqrt(np.median(r2[0][inlying]))), 1e-3 * problem.threshold_rad)
         model = problem.refine(model, inlying, _GATE_SIGMAS * noise_rad)

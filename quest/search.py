@@ -151,12 +151,18 @@ def progressive_samples(rng: np.random.Generator, count: int, size: int, drawn: 
     ends = np.cumsum(steps)
     newest = np.searchsorted(ends, np.arange(drawn, drawn + batch), side="right") + size - 1
     samples = np.empty((batch, size), np.int64)
-    for row, last in enumerate(newest):
-        if last >= count:
-            samples[row] = rng.choice(count, size, replace=False)
-        else:
-            samples[row, 0] = last
-            samples[row, 1:] = rng.choice(last, size - 1, replace=False)
+    uniform = newest >= count
+    samples[uniform] = draw_samples(rng, count, size, int(uniform.sum()))
+    last = newest[~uniform]
+    progressive = np.empty((len(last), size), np.int64)
+    progressive[:, 0] = last
+    # Floyd's way to draw a subset of what lies before: a number that was drawn already gives way to the range's end.
+    for k in range(1, size):
+        end = last - size + k
+        number = rng.integers(end + 1)
+        known = (progressive[:, 1:k] == number[:, None]).any(axis=1)
+        progressive[:, k] = np.where(known, end, number)
+    samples[~uniform] = progressive
     return samples
 
 
