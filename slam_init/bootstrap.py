@@ -12,7 +12,15 @@ from slam_init.calibration_check import turning_camera
 from slam_init.camera import Camera
 from slam_init.config import Config
 from slam_init.handover import Evidence, initial_map, looked_at, preview_evidence, refused_at, refused_by
-from slam_init.judging import judge_map, judge_turning, judge_two_views, suspect_calibration, vote, vote_of_plane
+from slam_init.judging import (
+    judge_map,
+    judge_turning,
+    judge_two_views,
+    suspect_calibration,
+    turning_evidence,
+    vote,
+    vote_of_plane,
+)
 from slam_init.keyframes import PairPreview, difference_gate
 from slam_init.mapping import MapCandidate, Margin, build_candidate, further_views, rank, same_map, table_of
 from slam_init.reasons import ACCEPTED, ADVICE, Gate
@@ -20,7 +28,7 @@ from slam_init.timing import Stopwatch
 from slam_init.tracks import History, common_tracks
 from slam_init.types import Attempt, InitialMap, Observations
 
-__all__ = ["Handover", "Outcome", "screen", "try_pair"]
+__all__ = ["Handover", "Outcome", "screen", "try_pair", "with_calibration_check"]
 
 #: A tenth of the tracks may be mistaken; more of them displaced against the rotation is a motion to look at.
 _LEAST_PARALLAX_SHARE = 0.1
@@ -93,6 +101,27 @@ def screen(config: Config, current: Observations, pairs: list[PairPreview]) -> A
         if any(not gate.passes() for gate in gates):
             return refused_by(attempt, stage, gates)
     return None
+
+
+def with_calibration_check(
+    camera: Camera, config: Config, attempt: Attempt, reference: Observations, current: Observations
+) -> Attempt:
+    """A pair that was refused as a rotation, with what its matches say of the focal length.
+
+    Parameters
+    ----------
+    camera : Camera
+    config : Config
+    attempt : Attempt
+    reference, current : Observations
+        A pair far apart in rotation: the further, the more a wrong focal length shows.
+    """
+    i, j = common_tracks(reference, current)
+    # There is no estimate of the noise yet.
+    noise_rad = config.map.noise_px / camera.focal_px
+    turning = turning_camera(reference.bearings[i], current.bearings[j], noise_rad)
+    evidence = turning_evidence(camera, config, turning, noise_rad)
+    return replace(attempt, evidence=attempt.evidence | evidence)
 
 
 # -- the whole way --------------------------------------------------------------------------------

@@ -21,6 +21,8 @@ __all__ = ["TurningCamera", "suspected_focal_factor", "turning_camera"]
 _FACTORS = np.linspace(0.9, 1.1, 21)
 #: Calibrations are rarely better than a hundredth without care; twice that is worth a word.
 _LEAST_OFF = 0.02
+#: A median over 200 matches is known to a fifth (four standard deviations).
+_CLEARLY_MORE = 1.2
 
 
 @dataclass(frozen=True)
@@ -67,20 +69,19 @@ def turning_camera(m: Floats, n: Floats, noise_rad: float) -> TurningCamera:
     return TurningCamera(float(_FACTORS[best]), float(residuals[best]), float(residuals[stated]))
 
 
-def suspected_focal_factor(turning: TurningCamera, noise_rad: float, factor: float) -> float | None:
+def suspected_focal_factor(turning: TurningCamera, expected_rad: float) -> float | None:
     """The focal factor of a camera that seems to turn with a wrong calibration; None where there is no such suspicion.
 
     Parameters
     ----------
     turning : TurningCamera
-    noise_rad : float
-        Standard deviation of a component of a bearing.
-    factor : float
-        More than one. The turning camera must explain the matches to this much of the noise, and the stated focal
-        length must leave this much more than the best one does. A median over 200 matches is known to a fifth.
+        It is suspected where it explains the matches and the best rotation with the stated focal length leaves clearly
+        more.
+    expected_rad : float
+        What a right model may leave: a standard deviation of a component of a bearing.
     """
-    explains = turning.residual_rad <= factor * noise_rad
-    matters = turning.stated_residual_rad > factor * turning.residual_rad
+    explains = turning.residual_rad <= expected_rad
+    matters = turning.stated_residual_rad > _CLEARLY_MORE * turning.residual_rad
     off = abs(turning.focal_factor - 1) >= _LEAST_OFF - 1e-9
     return turning.focal_factor if explains and matters and off else None
 

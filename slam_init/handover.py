@@ -77,6 +77,9 @@ def refused_at(attempt: Attempt, reason: str, stage: str) -> Attempt:
 #: remembered must not grow with the length of the video.
 ATTEMPTS_KEPT = 1000
 
+#: A single pair may look like a turning camera by chance. The check finds the factor of one that turns to a hundredth.
+_LEAST_SUSPICIONS, _ALIKE = 3, 0.015
+
 
 class AttemptLog:
     """The attempts of a run: the last ones without their matches, of all of them the verdict in one byte.
@@ -119,16 +122,25 @@ class AttemptLog:
     def notes(self) -> tuple[str, ...]:
         """What the user should know: a calibration that most checks suspect, attempts that are not kept."""
         notes = []
-        checked = [a.evidence for a in self._kept if "turning_focal_factor" in a.evidence]
-        factors = [float(e["suspected_focal_factor"]) for e in checked if "suspected_focal_factor" in e]
-        if 2 * len(factors) > len(checked):
+        factor = self._suspected_focal_factor()
+        if factor is not None:
             notes.append(
-                "the matches look like those of a camera that only turned, with a focal length "
-                f"{np.median(factors):.2f} times the stated one: check the calibration"
+                f"the matches look like those of a camera that only turned, with a focal length {factor:.2f} times the "
+                "stated one: check the calibration"
             )
         if len(self) > len(self._kept):
             notes.append(f"{len(self)} attempts were made; the last {len(self._kept)} are listed")
         return tuple(notes)
+
+    def _suspected_focal_factor(self) -> float | None:
+        """What most checks of the calibration suspect, three at least, and alike: a wrong one is so in every pair."""
+        checked = [a.evidence for a in self._kept if "turning_focal_factor" in a.evidence]
+        factors = [float(e["suspected_focal_factor"]) for e in checked if "suspected_focal_factor" in e]
+        if len(factors) < _LEAST_SUSPICIONS or 2 * len(factors) <= len(checked):
+            return None
+        factor = float(np.median(factors))
+        alike = np.median(np.abs(np.array(factors) - factor)) < _ALIKE
+        return factor if alike else None
 
 
 def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: str) -> InitialMap:

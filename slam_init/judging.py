@@ -20,7 +20,15 @@ from slam_init.reasons import ACCEPTED, ADVICE, Gate
 from slam_init.tracks import History
 from slam_init.types import Attempt, Floats, Observations
 
-__all__ = ["judge_map", "judge_turning", "judge_two_views", "suspect_calibration", "vote", "vote_of_plane"]
+__all__ = [
+    "judge_map",
+    "judge_turning",
+    "judge_two_views",
+    "suspect_calibration",
+    "turning_evidence",
+    "vote",
+    "vote_of_plane",
+]
 
 
 def judge_two_views(camera: Camera, config: Config, attempt: Attempt, pose: RelativePose) -> Attempt:
@@ -141,16 +149,32 @@ def judge_turning(
     camera: Camera, config: Config, attempt: Attempt, turning: TurningCamera, noise_rad: float
 ) -> Attempt:
     """Refuse a map where a turning camera with another focal length explains the matches as well."""
-    # The noise, and what tracks share.
-    expected_rad = float(np.hypot(noise_rad, 1e-3 * config.acceptance.systematic_error_mrad))
-    residual, needed = turning.residual_rad / expected_rad, config.acceptance.min_turning_residual
-    gate = Gate("turning_residual", residual, needed, True, "pure_rotation", _turning_advice(turning))
-    attempt = looked_at(attempt, (gate,))
-    attempt = replace(attempt, evidence=attempt.evidence | _turning_evidence(camera, config, turning, noise_rad))
-    if gate.passes():
+    residual = turning.residual_rad / _expected_rad(camera, config, noise_rad)
+    needed = config.acceptance.min_turning_residual
+    # What no rotation explains tells a translation. An error that tracks share turns the baseline by its ratio to that,
+    # however many tracks there are: before a plane it is far less than the parallax.
+    off_rotation_rad = np.sqrt(max(turning.stated_residual_rad**2 - noise_rad**2, 1e-24))
+    systematic_deg = float(np.degrees(1e-3 * config.acceptance.systematic_error_mrad / off_rotation_rad))
+    most_deg = config.acceptance.max_direction_error_deg
+    gates = (
+        Gate("turning_residual", residual, needed, True, "pure_rotation", _turning_advice(turning)),
+        Gate(
+            "direction_systematic_deg",
+            systematic_deg,
+            most_deg,
+            False,
+            "low_parallax",
+            "translate further: what is seen could nearly be a rotation",
+        ),
+    )
+    attempt = looked_at(attempt, gates)
+    attempt = replace(attempt, evidence=attempt.evidence | turning_evidence(camera, config, turning, noise_rad))
+    if all(gate.passes() for gate in gates):
         return attempt
-    attempt = replace(attempt, evidence=attempt.evidence | {"lacking": needed / residual})
-    return refused_by(attempt, "map", (gate,))
+    attempt = replace(
+        attempt, evidence=attempt.evidence | {"lacking": max(needed / residual, systematic_deg / most_deg)}
+    )
+    return refused_by(attempt, "map", gates)
 
 
 def suspect_calibration(
@@ -163,18 +187,25 @@ def suspect_calibration(
     if pose.kind != "planar":
         return attempt
     turning = turning_camera(m[pose.inliers], n[pose.inliers], pose.noise_rad)
-    evidence = _turning_evidence(camera, config, turning, pose.noise_rad)
+    evidence = turning_evidence(camera, config, turning, pose.noise_rad)
     attempt = replace(attempt, evidence=attempt.evidence | evidence)
     if "suspected_focal_factor" not in evidence:
         return attempt
     return replace(attempt, verdict="pure_rotation", advice=_turning_advice(turning))
 
 
-def _turning_evidence(camera: Camera, config: Config, turning: TurningCamera, noise_rad: float) -> Evidence:
+def turning_evidence(camera: Camera, config: Config, turning: TurningCamera, noise_rad: float) -> Evidence:
+    """The focal length that a turning camera would have, and whether the stated one is suspected to be wrong."""
     evidence: Evidence = {"turning_focal_factor": turning.focal_factor}
-    least_rad = config.map.min_noise_px / camera.focal_px
-    suspected = suspected_focal_factor(turning, max(noise_rad, least_rad), config.acceptance.min_turning_residual)
+    most_rad = config.acceptance.min_turning_residual * _expected_rad(camera, config, noise_rad)
+    suspected = suspected_focal_factor(turning, most_rad)
     return evidence if suspected is None else evidence | {"suspected_focal_factor": suspected}
+
+
+def _expected_rad(camera: Camera, config: Config, noise_rad: float) -> float:
+    """What a right model leaves of the matches: the noise, and what tracks share."""
+    noise_rad = max(noise_rad, config.map.min_noise_px / camera.focal_px)
+    return float(np.hypot(noise_rad, 1e-3 * config.acceptance.systematic_error_mrad))
 
 
 def _turning_advice(turning: TurningCamera) -> str:

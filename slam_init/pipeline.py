@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from slam_init.bootstrap import Handover, Outcome, screen, try_pair
+from slam_init.bootstrap import Handover, Outcome, screen, try_pair, with_calibration_check
 from slam_init.camera import Camera
 from slam_init.config import Config, config_toml
 from slam_init.continuation import follow
@@ -125,6 +125,10 @@ def _with_progress(frames: Iterator[Frame], total: int, show: bool) -> Iterator[
             bar.update()
 
 
+#: A camera that turned by less shows less than 0.2 px of a focal length that is wrong by a twentieth.
+_FIRST_CHECK_DEG = 5.0
+
+
 class Initializer:
     """Feed it frames until it has a map: images by :meth:`process`, or tracks of your own by :meth:`process_tracks`.
 
@@ -174,6 +178,7 @@ class Initializer:
         self.frames_read = 0
         self._third_view = third_view
         self._next_index = 0
+        self._next_check_deg = _FIRST_CHECK_DEG
         self._attempts = AttemptLog()
         self._progress: dict[int, float] = {}  # by candidate reference
         self._unconfirmed: tuple[Attempt, Handover] | None = None
@@ -242,9 +247,10 @@ class Initializer:
             chosen = self.keyframes.worth_trying(pairs)
         attempt = screen(self.config, current, pairs)
         if attempt is not None:
+            attempt = self._with_calibration_check(attempt, pairs, current)
             self._remember(attempt)
         elif chosen is not None:
-            attempt = self._try(chosen, current)
+            attempt = self._try(chosen, pairs, current)
         self.keyframes.update(current, pairs)
         self.history.forget(keep=self.keyframes.candidates)
         self._progress = {frame: self._progress.get(frame, 0.0) for frame in self.keyframes.candidates}
@@ -283,12 +289,12 @@ class Initializer:
 
     # -- one frame --------------------------------------------------------------------------------
 
-    def _try(self, pair: PairPreview, current: Observations) -> Attempt:
+    def _try(self, pair: PairPreview, pairs: Sequence[PairPreview], current: Observations) -> Attempt:
         """Try a pair, and keep what came of it."""
         outcome = try_pair(
             self.camera, self.config, self.history, pair, current, self.stopwatch, third_view=self._third_view
         )
-        attempt = outcome.attempt
+        attempt = self._with_calibration_check(outcome.attempt, pairs, current)
         self._remember(attempt)
         if attempt.verdict in _AGAINST_TWO_VIEWS:
             self._unconfirmed = None
@@ -302,6 +308,18 @@ class Initializer:
                 self._unconfirmed = attempt, outcome.unconfirmed
             self._keep_hypotheses(outcome)
         return attempt
+
+    def _with_calibration_check(self, attempt: Attempt, pairs: Sequence[PairPreview], current: Observations) -> Attempt:
+        """What a camera that only turned tells of its focal length, if it turned further than at the last check."""
+        if attempt.verdict != "pure_rotation" or "turning_focal_factor" in attempt.evidence:
+            return attempt
+        needed = self.config.keyframes.min_matches
+        farthest = max(pairs, key=lambda pair: (pair.matches >= needed, pair.rotation_deg))
+        if farthest.rotation_deg < self._next_check_deg:
+            return attempt
+        # Each check costs as much as a frame, and what has turned a little further says the same.
+        self._next_check_deg = self.config.keyframes.retry_gain * farthest.rotation_deg
+        return with_calibration_check(self.camera, self.config, attempt, self.history[farthest.reference], current)
 
     def _keep_hypotheses(self, outcome: Outcome) -> None:
         """Two maps live on until other ones take their place, a vote decides, or a turning camera explains them."""
