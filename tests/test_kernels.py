@@ -12,6 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from quest import kernels
+from quest.benchmarks.first_call import break_even, table
 from quest.epipolar import depths_from_pose
 from quest.pose_problem import CompiledPoseProblem, RelativePoseProblem
 from quest.quaternion import matrix_from_quaternion, quaternion_from_matrix, rotation_angle, rotation_from_vector
@@ -457,3 +458,32 @@ def test_without_compilation_the_result_is_the_same():
     assert [answer[0] for answer in answers] == ["0", "1"]
     assert answers[1][1:3] == answers[0][1:3]
     assert np.array(answers[1][3:], float) == pytest.approx(np.array(answers[0][3:], float), abs=1e-9)
+
+
+@given(first=st.floats(1, 1e5), later=st.floats(1, 100), other=st.floats(1, 1000))
+def test_the_break_even_is_the_first_number_of_calls_that_pays(first, later, other):
+    calls = break_even(first, later, other)
+
+    def pays(k: float) -> bool:
+        return first + (k - 1) * later <= k * other
+
+    if calls == np.inf:
+        assert later >= other
+        assert not pays(1)
+    else:
+        assert first + (calls - 1) * later <= calls * other * (1 + 1e-12)
+        assert calls == 1 or not pays(calls - 1)
+
+
+def test_the_table_of_first_calls_takes_medians_and_shows_both_states_of_the_disk():
+    cold = [{"numpy": 1.0, "quest": 2.0, "first": first, "later": 10.0, "quest6": 60.0} for first in (1e9, 1010.0, 0.0)]
+    rows = table(cold, [run | {"first": 60.0} for run in cold]).splitlines()
+    assert [cell.strip() for cell in rows[2].strip("| ").split("|")][1:] == [
+        "1.0",
+        "2.0",
+        "1010.0",
+        "10.0",
+        "60.0",
+        "20",
+    ]
+    assert rows[3].split("|")[-2].strip() == "1"
