@@ -348,8 +348,8 @@ def _rotation_or_nothing(
     count = int(inliers.sum())
     evidence = evidence | {"rotation_inliers": count}
     # A rotation is fixed by two matches, and a random match agrees with it in two components: a chance agreement of
-    # even a tenth of the matches does not happen, but a tenth may be one moving object.
-    if count < max(_MIN_MATCHES, 0.3 * total):
+    # even a tenth of the matches does not happen, but a tenth may be one moving object: twice that is asked for.
+    if count < max(_MIN_MATCHES, 0.2 * total):
         return NoPose("no_consistent_motion", evidence)
     nan = np.full(total, np.nan)
     noise_rad = float(np.sqrt(np.median(rotation_r2[inliers]) / (2 * np.log(2))))  # Rayleigh: median^2 = 2 ln 2 sigma^2

@@ -134,9 +134,9 @@ class AcceptanceConfig:
     #: Bound on the error of the direction of the baseline: three standard deviations plus the systematic part. A map
     #: is wrong from 15 degrees on; a third of that is left for what a noise model does not hold.
     max_direction_error_deg: float = 10.0
-    #: Error that tracks share and that does not average out, as an angle: half a pixel at a focal length of 500 px,
-    #: twice to five times the residual of a good lens calibration.
-    systematic_error_mrad: float = 1.0
+    #: Error that tracks share and that does not average out, as an angle: 0.3 px at a focal length of 500 px, what an
+    #: ordinary lens calibration leaves.
+    systematic_error_mrad: float = 0.6
     #: Median relative uncertainty of the landmarks' depths (one standard deviation). One degree of parallax, which
     #: ORB-SLAM and stella_vslam ask for, is 0.18 at 1 px of noise and a focal length of 460 px.
     max_median_depth_sigma: float = 0.18
