@@ -12,6 +12,9 @@ Poses are ``R, t = cam2_from_cam1`` with |t| = 1, bearings have unit norm, and `
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeVar, cast
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -49,7 +52,19 @@ _REFUTED = -4.6
 _SAME_MODE_RAD = 0.26
 
 
-@njit(cache=True, error_model="numpy")
+Function = TypeVar("Function", bound=Callable[..., object])
+
+
+def _compiled(function: Function) -> Function:
+    """The function compiled at its first call, its machine code kept on disk."""
+    try:
+        return cast("Function", njit(cache=True, error_model="numpy")(function))
+    except RuntimeError:
+        # No folder can be written, neither the package's nor the user's: each process compiles for itself.
+        return cast("Function", njit(error_model="numpy")(function))
+
+
+@_compiled
 def _tangents(t: Floats) -> tuple[float, float, float, float, float, float]:
     """Two orthonormal vectors orthogonal to the unit vector t; as :func:`quest.refine.tangent_basis`."""
     k = 0
@@ -68,7 +83,7 @@ def _tangents(t: Floats) -> tuple[float, float, float, float, float, float]:
     return x, y, z, t[1] * z - t[2] * y, t[2] * x - t[0] * z, t[0] * y - t[1] * x
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def _turn(R: Floats, w0: float, w1: float, w2: float) -> None:
     """``R <- exp([w]x) R`` in place, through the unit quaternion of w."""
     angle = np.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
@@ -85,7 +100,7 @@ def _turn(R: Floats, w0: float, w1: float, w2: float) -> None:
         R[2, k] = a2 + 2 * (c * b2 + x * b1 - y * b0)
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def _solve_in_place(A: Floats, b: Floats) -> bool:
     """Gaussian elimination with row pivots; b becomes the solution. False where A is singular."""
     size = len(b)
@@ -113,7 +128,7 @@ def _solve_in_place(A: Floats, b: Floats) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def newton_five(m: Floats, n: Floats, rows: Ints, R: Floats, t: Floats) -> bool:
     r"""A pose that five matches obey exactly, by Newton's method from a start.
 
@@ -165,7 +180,7 @@ def newton_five(m: Floats, n: Floats, rows: Ints, R: Floats, t: Floats) -> bool:
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def _shift(t: Floats, b0: float, b1: float, x: float, y: float, z: float, u: float, v: float, w: float) -> None:
     """``t <- t + B b`` in place, back to unit norm."""
     t0, t1, t2 = t[0] + b0 * x + b1 * u, t[1] + b0 * y + b1 * v, t[2] + b0 * z + b1 * w
@@ -173,7 +188,7 @@ def _shift(t: Floats, b0: float, b1: float, x: float, y: float, z: float, u: flo
     t[0], t[1], t[2] = t0 / norm, t1 / norm, t2 / norm
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def _all_in_front(m: Floats, n: Floats, rows: Ints, R: Floats, t: Floats) -> bool:
     """Whether all depths have one sign; t is turned so that they are positive."""
     count = 0
@@ -193,7 +208,7 @@ def _all_in_front(m: Floats, n: Floats, rows: Ints, R: Floats, t: Floats) -> boo
     return abs(count) == len(rows)
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def _residual(m: Floats, n: Floats, i: int, R: Floats, t: Floats, flat: float) -> tuple[float, bool]:
     """Squared Sampson error of match i, and whether it lies behind a camera beyond doubt (parallax^2 above flat)."""
     a0 = R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2]
@@ -209,7 +224,7 @@ def _residual(m: Floats, n: Floats, i: int, R: Floats, t: Floats, flat: float) -
     return r2, observable and (cosine * s < p or s < cosine * p)
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def residuals(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float) -> tuple[Floats, Bools]:
     """As :meth:`quest.pose_problem.RelativePoseProblem.residuals`, of one model: (N,) float and (N,) bool."""
     r2, behind = np.empty(len(m)), np.empty(len(m), np.bool_)
@@ -218,7 +233,7 @@ def residuals(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float) 
     return r2, behind
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def score(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, bail: float) -> tuple[float, int]:
     """Truncated sum of squared Sampson errors and number of inliers (MSAC); gives up once the sum exceeds ``bail``.
 
@@ -228,7 +243,7 @@ def score(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, bail
     return cost, inliers
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def _score(
     m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, bail: float, good: float, bad: float
 ) -> tuple[float, int, float]:
@@ -257,7 +272,7 @@ def _score(
     return cost, inliers, inliers / len(m)
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def _normal_equations(
     m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale2: float, A: Floats, g: Floats
 ) -> float:
@@ -308,7 +323,7 @@ def _normal_equations(
     return cost
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def refine(m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale_rad: float, iterations: int) -> None:
     """As :func:`quest.refine.refine_pose`, on the matches to use (N,), in place."""
     scale2 = scale_rad * scale_rad
@@ -351,7 +366,7 @@ def refine(m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale_rad: fl
                 return
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def _copy_pose(R: Floats, t: Floats, to_R: Floats, to_t: Floats) -> None:
     for i in range(3):
         to_t[i] = t[i]
@@ -359,7 +374,7 @@ def _copy_pose(R: Floats, t: Floats, to_R: Floats, to_t: Floats) -> None:
             to_R[i, j] = R[i, j]
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def _matrix(model: Floats) -> Floats:
     """Rotation matrix of the unit quaternion that a model begins with; as :mod:`quest.quaternion`."""
     w, x, y, z = model[0], model[1], model[2], model[3]
@@ -370,14 +385,14 @@ def _matrix(model: Floats) -> Floats:
     return R
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def residuals_of_model(m: Floats, n: Floats, model: Floats, threshold_rad: float) -> tuple[Floats, Bools]:
     """As :func:`residuals`, of a row (q_wxyz, t)."""
     r2, behind = residuals(m, n, _matrix(model), model[4:], threshold_rad)
     return r2, behind
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def refine_model(m: Floats, n: Floats, use: Bools, model: Floats, scale_rad: float, iterations: int) -> Floats:
     """As :func:`refine`, of a row (q_wxyz, t); returns R (9,) and t (3,) in one row."""
     R, t, pose = _matrix(model), np.empty(3), np.empty(12)
@@ -391,7 +406,7 @@ def refine_model(m: Floats, n: Floats, use: Bools, model: Floats, scale_rad: flo
     return pose
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def refine_rotation(m: Floats, n: Floats, R: Floats, scale_rad: float, iterations: int) -> None:
     """As :func:`quest.refine.refine_rotation`, in place: the same weights, with a Newton step for each Kabsch fit."""
     scale2 = scale_rad * scale_rad
@@ -438,7 +453,7 @@ def refine_rotation(m: Floats, n: Floats, R: Floats, scale_rad: float, iteration
             return
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def _mode_distance(R1: Floats, t1: Floats, R2: Floats, t2: Floats) -> float:
     """Angle between two rotations plus angle between two directions, radians."""
     trace, cosine = 0.0, t1[0] * t2[0] + t1[1] * t2[1] + t1[2] * t2[2]
@@ -449,7 +464,7 @@ def _mode_distance(R1: Floats, t1: Floats, R2: Floats, t2: Floats) -> float:
     return turn + shift
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def try_samples(
     m: Floats,
     n: Floats,
@@ -508,7 +523,7 @@ def try_samples(
             _enter_pool(R, t, cost, inliers, pool_R, pool_t, pool_costs, pool_inliers)
 
 
-@njit(cache=True, error_model="numpy")
+@_compiled
 def _enter_pool(
     R: Floats,
     t: Floats,

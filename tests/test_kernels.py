@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -458,6 +460,20 @@ def test_without_compilation_the_result_is_the_same():
     assert [answer[0] for answer in answers] == ["0", "1"]
     assert answers[1][1:3] == answers[0][1:3]
     assert np.array(answers[1][3:], float) == pytest.approx(np.array(answers[0][3:], float), abs=1e-9)
+
+
+def test_where_no_folder_can_be_written_each_process_compiles(tmp_path):
+    package = tmp_path / "quest"
+    shutil.copytree(Path(kernels.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__", "benchmarks"))
+    (package / "__pycache__").touch()  # a file is no folder
+    nowhere = str(package / "__pycache__" / "nowhere")
+    environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    environment |= dict.fromkeys(("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA"), nowhere)
+    code = "import numpy; from quest import kernels; print(kernels.__file__, kernels._tangents(numpy.eye(3)[2])[:3])"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split(maxsplit=1)[0] == str(package / "kernels.py")
 
 
 @given(first=st.floats(1, 1e5), later=st.floats(1, 100), other=st.floats(1, 1000))
