@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from make_map import make_poses
 from make_scene import CAMERA, CONFIG, cloud, hypothesis, observe, table
 
@@ -71,7 +73,7 @@ def test_two_views_alone_are_told_apart():
 
 
 def test_a_short_baseline_is_low_parallax():
-    assert verdict(candidate_of(shrunk(0.05))) == "low_parallax"
+    assert verdict(candidate_of(shrunk(0.02))) == "low_parallax"
 
 
 def test_an_adjustment_that_turned_the_baseline_is_distrusted(good):
@@ -92,6 +94,31 @@ def test_what_more_parallax_would_lower_tells_how_much_is_lacking():
     assert Gate("x", 3.0, 3.0, False, "low_parallax", "move").lacking() == 1.0
     assert Gate("x", 1.0, 3.0, True, "too_few_landmarks", "move").lacking() == 1.0
     assert Gate("x", float("nan"), 3.0, False, "low_parallax", "move").lacking() == 1.0
+
+
+numbers = st.floats(-1e6, 1e6, allow_nan=False)
+
+
+@given(numbers, st.floats(1e-3, 1e6), st.booleans())
+def test_a_gate_is_fulfilled_where_it_passes_and_only_there(value, threshold, at_least):
+    gate = Gate("x", value, threshold, at_least, "low_parallax", "move")
+    assert 0 <= gate.fulfilled() <= 1
+    assert (gate.fulfilled() == 1) == gate.passes()
+
+
+def test_half_of_what_is_needed_is_half_fulfilled():
+    assert Gate("x", 1.0, 2.0, True, "low_parallax", "move").fulfilled() == 0.5
+    assert Gate("x", 4.0, 2.0, False, "low_parallax", "move").fulfilled() == 0.5
+    for nothing in (float("nan"), float("inf")):
+        assert Gate("x", nothing, 2.0, False, "low_parallax", "move").fulfilled() == 0
+    assert Gate("x", float("nan"), 2.0, True, "low_parallax", "move").fulfilled() == 0
+
+
+def test_every_gate_says_what_would_help_and_what_it_compared(good):
+    _, gates = check(CAMERA, good, good.bundle, GATES)
+    assert all(gate.advice for gate in gates)
+    for gate in gates:
+        assert gate.evidence() == {gate.name: gate.value, f"{gate.name}_gate": gate.threshold}
 
 
 def test_uncertainty_grows_as_the_baseline_shrinks():

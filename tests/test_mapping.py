@@ -10,7 +10,17 @@ from make_scene import CAMERA, CONFIG, cloud, history_of, hypothesis, observe, p
 from quest import estimate_relative_pose
 from quest.quaternion import rotation_angle, rotation_from_vector
 from slam_init.bundle import BundleFailure, BundleSolution
-from slam_init.mapping import build_candidate, further_views, margin, rank, same_map, table_of
+from slam_init.mapping import (
+    Margin,
+    build_candidate,
+    explained_at_most,
+    further_views,
+    margin,
+    rank,
+    same_map,
+    table_of,
+    voting_views,
+)
 from slam_init.types import Pose
 
 POSES = make_poses(5)
@@ -187,3 +197,49 @@ def test_views_that_see_too_little_do_not_vote():
         seen[1], track_ids=seen[1].track_ids[:few], pixels=seen[1].pixels[:few], bearings=seen[1].bearings[:few]
     )
     assert further_views(history_of([seen[0], blind, seen[2]]), seen[0], seen[2], CONFIG.map) == []
+
+
+def fewer(seen, count):
+    return replace(seen, track_ids=seen.track_ids[:count], pixels=seen.pixels[:count], bearings=seen.bearings[:count])
+
+
+def test_voters_come_from_the_whole_way_and_from_before_and_are_bounded():
+    poses = make_poses(20)
+    seen = observe(CAMERA, poses, np.array([[0.1, 0.0, 2.0]]) + cloud(np.random.default_rng(6)))
+    frames = [view.frame for view in voting_views(history_of(seen), seen[5], seen[19], CONFIG.map)]
+    assert len(frames) == CONFIG.map.max_voting_views
+    assert frames == sorted(set(frames) - {5, 19})
+    assert (frames[0], frames[-1]) == (0, 18)
+    assert np.ptp(np.diff(frames)) <= 2
+    # A short baseline does no harm here: the view next to the reference has a vote where there are few.
+    near = [view.frame for view in voting_views(history_of(seen[:6]), seen[0], seen[5], CONFIG.map)]
+    assert near == [1, 2, 3, 4]
+
+
+def test_voters_see_enough_of_the_pair():
+    seen = observe(CAMERA, POSES, cloud(np.random.default_rng(8)))
+    needed = CONFIG.map.min_resected
+    some = [seen[0], fewer(seen[1], needed - 1), fewer(seen[2], needed), seen[4]]
+    assert [view.frame for view in voting_views(history_of(some), seen[0], seen[4], CONFIG.map)] == [2]
+    assert voting_views(history_of([seen[0], seen[4]]), seen[0], seen[4], CONFIG.map) == []
+
+
+@pytest.mark.parametrize("freedom", [1, 5, 9, 21])
+def test_hardly_a_right_track_is_beyond_what_counts_as_explained(freedom):
+    costs = np.random.default_rng(0).chisquare(freedom, 100_000)
+    limit = explained_at_most(np.array(freedom))
+    assert np.mean(costs > limit) < 0.005
+    assert freedom < limit < explained_at_most(np.array(freedom + 1))
+
+
+def test_a_track_without_freedom_explains_nothing():
+    assert explained_at_most(np.array([0])) == 0
+
+
+def test_a_margin_decides_when_both_of_its_figures_do():
+    z, log_likelihood = Margin.Z_NEEDED, Margin.LOG_LIKELIHOOD_NEEDED
+    assert Margin(log_likelihood, z).decides()
+    assert not Margin(0.99 * log_likelihood, 10 * z).decides()
+    assert not Margin(10 * log_likelihood, 0.99 * z).decides()
+    assert Margin(-log_likelihood, -z).reversed().decides()
+    assert Margin(0.5 * log_likelihood, 0.8 * z).share() == pytest.approx(0.5)
