@@ -233,31 +233,45 @@ def _linearize(views: PlaneViews, model: PlaneModel) -> tuple[Floats, Floats, Fl
 
 
 def _marginal(e: Floats, G: Floats, noise: float) -> Floats:
-    Gte = np.einsum("tkij,tki->tj", G, e)
-    inner = np.eye(2) + np.einsum("tkij,tkil->tjl", G, G)
-    along = np.einsum("tj,tj->t", Gte, np.linalg.solve(inner, Gte[..., None])[..., 0])
+    Gte = (np.swapaxes(G, 2, 3) @ e[..., None]).sum(axis=1)
+    inner = np.eye(2) + (np.swapaxes(G, 2, 3) @ G).sum(axis=1)
+    along = np.sum(Gte * np.linalg.solve(inner, Gte), axis=(1, 2))
     return np.asarray((np.sum(e * e, axis=(1, 2)) - along) / noise**2)
 
 
 def _normal_equations(views: PlaneViews, model: PlaneModel) -> tuple[float, Floats, Floats]:
-    """Robust cost, and the equations of a step: k, then rotation and shift of each view."""
+    """Robust cost, and the equations of a step: k, then rotation and shift of each view.
+
+    With A = [J_k | J_0 ... J_K-1], where J_i is zero outside view i, the equations are those of
+    ``A^T (1 + G G^T)^-1 A = A^T A - B^T (1 + G^T G)^-1 B`` with ``B = G^T A``: blocks, and one product of small rank.
+    """
     e, G, J = _linearize(views, model)
     costs = _marginal(e, G, views.noise)
     freedom = np.maximum(2 * np.isfinite(views.others[..., 0]).sum(axis=0), 1)
     # A track at three times its expectation has a quarter of the weight.
     share = 1 / (1 + costs / (3 * freedom))
-    weight = share**2 / views.noise**2
-    inner = np.linalg.inv(np.eye(2) + np.einsum("tkij,tkil->tjl", G, G))
+    root = share / views.noise
+    e, J = e * root[:, None, None], J * root[:, None, None, None]
     count, K = e.shape[:2]
-    full = np.zeros((count, K, 2, 3 + 6 * K))
-    full[..., :3] = J[..., :3]
+    size = 3 + 6 * K
+    # A view at a time: (2 T, 9) each.
+    rows = np.moveaxis(J, 1, 0).reshape(K, 2 * count, 9)
+    products = np.swapaxes(rows, 1, 2) @ rows
+    right = (np.swapaxes(rows, 1, 2) @ np.moveaxis(e, 1, 0).reshape(K, 2 * count, 1))[..., 0]
+    normal, gradient = np.zeros((size, size)), np.zeros(size)
+    normal[:3, :3], gradient[:3] = products[:, :3, :3].sum(axis=0), right[:, :3].sum(axis=0)
+    GtJ = np.swapaxes(G, 2, 3) @ J
+    B = np.zeros((count, 2, size))
+    B[..., :3] = GtJ[..., :3].sum(axis=1)
     for i in range(K):
-        full[:, i, :, 3 + 6 * i : 9 + 6 * i] = J[:, i, :, 3:]
-    A = full.reshape(count, 2 * K, -1)
-    g, b = G.reshape(count, 2 * K, 2), e.reshape(count, 2 * K)
-    # (1 + G G^T)^-1 = 1 - G (1 + G^T G)^-1 G^T, applied to the derivatives.
-    whitened = A - g @ (inner @ (np.swapaxes(g, 1, 2) @ A))
-    whitened *= weight[:, None, None]
-    normal = whitened.reshape(-1, A.shape[2]).T @ A.reshape(-1, A.shape[2])
-    gradient = whitened.reshape(-1, A.shape[2]).T @ b.reshape(-1)
-    return float(np.sum(costs * share)), normal, gradient
+        own = slice(3 + 6 * i, 9 + 6 * i)
+        normal[own, own] = products[i, 3:, 3:]
+        normal[:3, own] = products[i, :3, 3:]
+        normal[own, :3] = products[i, 3:, :3]
+        gradient[own] = right[i, 3:]
+        B[..., own] = GtJ[:, i, :, 3:]
+    Gte = (np.swapaxes(G, 2, 3) @ e[..., None]).sum(axis=1)
+    inner = np.eye(2) + (np.swapaxes(G, 2, 3) @ G).sum(axis=1)
+    solved = np.linalg.solve(inner, np.concatenate([B, Gte], axis=2)).reshape(2 * count, size + 1)
+    marginal = B.reshape(2 * count, size).T @ solved
+    return float(np.sum(costs * share)), normal - marginal[:, :size], gradient - marginal[:, size]

@@ -14,6 +14,7 @@ from slam_init.plane_vote import (
     PlaneViews,
     _linearize,
     _moved,
+    _normal_equations,
     adjust_plane,
     plane_costs,
     plane_margin,
@@ -191,3 +192,26 @@ def test_rays_beside_the_camera_have_no_vote():
     beside = table(seen)
     beside.bearings[2, 7] = [1.0, 0.0, 0.05]
     assert plane_margin(beside, true, twin, noise_rad) is None
+
+
+def test_the_equations_of_a_step_are_those_of_all_tracks_written_out():
+    """Track by track with dense matrices: A^T W A and A^T W e, W = (1 + G G^T)^-1 times the squared share."""
+    views = views_of(TRUTH, 30, NOISE)
+    views.others[1:3, ::2] = np.nan
+    model = stepped(TRUTH, 4, 0.003)
+    e, G, J = _linearize(views, model)
+    freedom = 2 * np.isfinite(views.others[..., 0]).sum(axis=0)
+    share = 1 / (1 + plane_costs(views, model) / (3 * freedom))
+    size, K = 3 + 6 * len(MOTIONS), len(MOTIONS)
+    expected_normal, expected_gradient = np.zeros((size, size)), np.zeros(size)
+    for track in range(30):
+        A, g = np.zeros((2 * K, size)), G[track].reshape(2 * K, 2)
+        A[:, :3] = J[track, ..., :3].reshape(2 * K, 3)
+        for i in range(K):
+            A[2 * i : 2 * i + 2, 3 + 6 * i : 9 + 6 * i] = J[track, i, :, 3:]
+        W = np.linalg.inv(np.eye(2 * K) + g @ g.T) * (share[track] / NOISE) ** 2
+        expected_normal += A.T @ W @ A
+        expected_gradient += A.T @ W @ e[track].reshape(-1)
+    _, normal, gradient = _normal_equations(views, model)
+    np.testing.assert_allclose(normal, expected_normal, rtol=1e-9, atol=1e-9 * np.abs(expected_normal).max())
+    np.testing.assert_allclose(gradient, expected_gradient, rtol=1e-9, atol=1e-9 * np.abs(expected_gradient).max())
