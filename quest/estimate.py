@@ -274,8 +274,11 @@ def _hypothesis(model: Floats, inliers: Bools) -> Hypothesis:
 
 def _covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: float) -> Floats:
     inliers = hypothesis.inliers
-    _, J = sampson_jacobian(hypothesis.R, hypothesis.t, m[inliers], n[inliers])
-    return np.asarray(noise_rad**2 * np.linalg.pinv(J.T @ J, hermitian=True))
+    r, J = sampson_jacobian(hypothesis.R, hypothesis.t, m[inliers], n[inliers])
+    # Of an M-estimate: mean psi^2 over the squared mean of its derivative, psi that of Geman and McClure.
+    u = (r / (_GATE_SIGMAS * noise_rad)) ** 2
+    spread = float(np.mean((r / (1 + u) ** 2) ** 2)) / max(float(np.mean((1 - 3 * u) / (1 + u) ** 3)), 0.1) ** 2
+    return np.asarray(spread * np.linalg.pinv(J.T @ J, hermitian=True))
 
 
 def _worse(
@@ -348,8 +351,8 @@ def _rotation_or_nothing(
     count = int(inliers.sum())
     evidence = evidence | {"rotation_inliers": count}
     # A rotation is fixed by two matches, and a random match agrees with it in two components: a chance agreement of
-    # even a tenth of the matches does not happen, but a tenth may be one moving object: twice that is asked for.
-    if count < max(_MIN_MATCHES, 0.2 * total):
+    # even a tenth of the matches does not happen, but an eighth may be one moving object: twice that is asked for.
+    if count < max(_MIN_MATCHES, 0.25 * total):
         return NoPose("no_consistent_motion", evidence)
     nan = np.full(total, np.nan)
     noise_rad = float(np.sqrt(np.median(rotation_r2[inliers]) / (2 * np.log(2))))  # Rayleigh: median^2 = 2 ln 2 sigma^2

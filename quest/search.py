@@ -38,6 +38,8 @@ _POOL, _RUNNERS_UP = 8, 2
 #: Subsets of the inliers that the result is refitted to in the end, and their size: enough for five unknowns to be
 #: better known than from five matches, few enough to leave out what holds the result in a local optimum.
 _REFITS, _REFIT_SIZE = 20, 14
+#: Inliers among the best-scored matches that are no chance: five are the sample's own, and as many again.
+_LEAST_DRAWN_INLIERS = 10
 #: PROSAC draws from all data after this many samples at the latest, as its authors propose.
 _PROSAC_SAMPLES = 200_000
 
@@ -119,7 +121,13 @@ def search_five(
             R, t, cost, inliers = _polish(m_any, n_any, pool_R[0], pool_t[0], threshold_rad)
             if cost < best_cost:
                 best, best_cost, best_inliers = (R, t), cost, inliers
-        needed = samples_needed(best_inliers / count, SAMPLE_SIZE, confidence, _YIELD)
+        share = best_inliers / count
+        if by_score is not None and best is not None:
+            # The samples so far came from the best-scored matches, and among those there are more inliers.
+            share = max(
+                share, _share_of_drawn(m_any, n_any, *best, threshold_rad, by_score[: samples_reach(count, drawn)])
+            )
+        needed = samples_needed(share, SAMPLE_SIZE, confidence, _YIELD)
         if drawn >= needed:
             break
         chunk = min(2 * chunk, _LARGEST_CHUNK, max(_FIRST_CHUNK, math.ceil(min(needed, max_samples)) - drawn))
@@ -142,13 +150,7 @@ def progressive_samples(rng: np.random.Generator, count: int, size: int, drawn: 
 
     The k-th sample holds the match at the end of a growing set of the best, and others of that set.
     """
-    # T_g, eq. 3 of [3]: samples after which the set has grown to g + size matches.
-    grown = np.arange(size, count + 1)
-    log_share = np.zeros(len(grown))
-    for k in range(size):
-        log_share += np.log((grown - k) / (count - k))
-    steps = np.maximum(np.ceil(np.diff(_PROSAC_SAMPLES * np.exp(log_share), prepend=0.0)), 1.0)
-    ends = np.cumsum(steps)
+    ends = _growth(count, size)
     newest = np.searchsorted(ends, np.arange(drawn, drawn + batch), side="right") + size - 1
     samples = np.empty((batch, size), np.int64)
     uniform = newest >= count
@@ -164,6 +166,30 @@ def progressive_samples(rng: np.random.Generator, count: int, size: int, drawn: 
         progressive[:, k] = np.where(known, end, number)
     samples[~uniform] = progressive
     return samples
+
+
+def samples_reach(count: int, drawn: int, size: int = SAMPLE_SIZE) -> int:
+    """From how many of the best matches the first ``drawn`` samples of PROSAC come."""
+    return min(int(np.searchsorted(_growth(count, size), drawn - 1, side="right")) + size, count)
+
+
+def _growth(count: int, size: int) -> Floats:
+    """Numbers of samples after which PROSAC draws from size + 1, size + 2, ... count matches: T_g, eq. 3 of [3]_."""
+    grown = np.arange(size, count + 1)
+    log_share = np.zeros(len(grown))
+    for k in range(size):
+        log_share += np.log((grown - k) / (count - k))
+    steps = np.maximum(np.ceil(np.diff(_PROSAC_SAMPLES * np.exp(log_share), prepend=0.0)), 1.0)
+    return np.asarray(np.cumsum(steps))
+
+
+def _share_of_drawn(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, rows: Ints) -> float:
+    """The share of inliers among some matches; none where they are so few that a wrong motion fits them by chance."""
+    from quest import kernels
+
+    r2, behind = kernels.residuals(m[rows], n[rows], R, t, threshold_rad)
+    inliers = int(((r2 < threshold_rad**2) & ~behind).sum())
+    return inliers / len(rows) if inliers >= _LEAST_DRAWN_INLIERS else 0.0
 
 
 def _refits(
