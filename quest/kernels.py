@@ -447,7 +447,7 @@ def refine_rotation(m: Floats, n: Floats, R: Floats, scale_rad: float, iteration
         if not _solve_in_place(A, g):
             return
         turn = np.sqrt(g[0] * g[0] + g[1] * g[1] + g[2] * g[2])
-        factor = min(1.0, _LONGEST_STEP / max(turn, 1e-300))
+        factor = min(1.0, 1 / max(turn, 1e-300))  # a radian at a time: from anywhere there are few
         _turn(R, factor * g[0], factor * g[1], factor * g[2])
         if turn < _SETTLED_RAD:
             return

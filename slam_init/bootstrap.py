@@ -168,10 +168,12 @@ def try_pair(
     )
     if isinstance(pose, NoPose):
         return Outcome(refused_at(attempt, pose.reason, "two views"))
-    attempt = judge_two_views(camera, config, attempt, pose)
+    with stopwatch("two_view"):
+        turning = turning_camera(m[pose.inliers], n[pose.inliers], pose.noise_rad)
+    attempt = judge_two_views(camera, config, attempt, pose, turning)
     if attempt.verdict != ACCEPTED:
         if attempt.verdict == "low_parallax":
-            attempt = suspect_calibration(camera, config, attempt, pose, m, n)
+            attempt = suspect_calibration(camera, config, attempt, pose, turning)
         return Outcome(attempt)
 
     with stopwatch("map"):
@@ -192,7 +194,7 @@ def try_pair(
 
     attempt, decided_by = vote(camera, config, attempt, candidates if third_view else candidates[:1], plane)
     if attempt.verdict != ACCEPTED:
-        suspected = suspect_calibration(camera, config, attempt, pose, m, n)
+        suspected = suspect_calibration(camera, config, attempt, pose, turning)
         # A turning camera is a third explanation then, and the two maps are no kept set.
         undecided = () if suspected.verdict != attempt.verdict else _undecided(history, candidates, pose.kind)
         return Outcome(suspected, hypotheses=undecided, margin=decided_by)
@@ -201,7 +203,6 @@ def try_pair(
     confirmable = attempt.verdict == "no_third_view" and len(table.frames) == 2 and len(candidates) == 1
     if attempt.verdict != ACCEPTED and not confirmable:
         return Outcome(attempt, margin=decided_by)
-    turning = turning_camera(m[pose.inliers], n[pose.inliers], pose.noise_rad)
     attempt = judge_turning(camera, config, attempt, turning, best.bundle.noise_px / camera.focal_px)
     handover = _hand_over(history, best.bundle, pose.kind)
     if attempt.verdict == ACCEPTED:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quest.refine import refine_rotation
+from quest.rotation import refine_rotation_compiled
 from slam_init.types import Floats
 
 __all__ = ["TurningCamera", "suspected_focal_factor", "turning_camera"]
@@ -61,7 +61,7 @@ def turning_camera(m: Floats, n: Floats, noise_rad: float) -> TurningCamera:
         a, b = (_unit(rays * (1.0, 1.0, factor)) for rays in (m, n))
         # Wide first: the first fit starts from no rotation at all, the others from their neighbour.
         for scale_rad in (0.2, 40 * noise_rad, 4 * noise_rad):
-            R = refine_rotation(R, a, b, scale_rad, iterations=4)
+            R = refine_rotation_compiled(R, a, b, scale_rad, iterations=4)
         # The median of a Rayleigh variable is 1.18 of its scale; a difference has the noise of two bearings.
         residuals[i] = np.median(np.linalg.norm(b - a @ R.T, axis=1)) / (np.sqrt(2 * np.log(2)) * np.sqrt(2))
     best = int(np.argmin(residuals))

@@ -9,7 +9,7 @@ import numpy as np
 from quest.estimate import RelativePose
 from slam_init import acceptance
 from slam_init.bundle import BundleSolution
-from slam_init.calibration_check import TurningCamera, suspected_focal_factor, turning_camera
+from slam_init.calibration_check import TurningCamera, suspected_focal_factor
 from slam_init.camera import Camera
 from slam_init.config import Config
 from slam_init.handover import Evidence, looked_at, refused_at, refused_by
@@ -18,7 +18,7 @@ from slam_init.mapping import MapCandidate, Margin, margin, same_map, table_of, 
 from slam_init.plane_vote import plane_margin
 from slam_init.reasons import ACCEPTED, ADVICE, Gate
 from slam_init.tracks import History
-from slam_init.types import Attempt, Floats, Observations
+from slam_init.types import Attempt, Observations
 
 __all__ = [
     "judge_map",
@@ -31,8 +31,10 @@ __all__ = [
 ]
 
 
-def judge_two_views(camera: Camera, config: Config, attempt: Attempt, pose: RelativePose) -> Attempt:
-    """What two views alone refuse, before any map is built."""
+def judge_two_views(
+    camera: Camera, config: Config, attempt: Attempt, pose: RelativePose, turning: TurningCamera
+) -> Attempt:
+    """What two views alone refuse, before any map is built: ``turning`` is the best rotation for the same matches."""
     if pose.kind == "rotation":
         moved_px = np.linalg.norm(attempt.pixels2 - attempt.pixels1, axis=1)[pose.inliers]
         least_px = difference_gate(max(config.map.noise_px, pose.noise_rad * camera.focal_px))
@@ -46,8 +48,12 @@ def judge_two_views(camera: Camera, config: Config, attempt: Attempt, pose: Rela
     # Further views and the adjustment bring the uncertainty down by about the square root of their number: a pair
     # whose single standard deviation is beyond what three of the map may be is too early by far, and so is one
     # whose parallax is not above what no average removes.
-    systematic_rad = 1e-3 * settings.systematic_error_mrad / max(pose.parallax_rad, 1e-12)
-    bound_deg = float(np.degrees(max(pose.direction_sigma_rad, systematic_rad)))
+    systematic_rad = 1e-3 * settings.systematic_error_mrad
+    bound_deg = float(np.degrees(max(pose.direction_sigma_rad, systematic_rad / max(pose.parallax_rad, 1e-12))))
+    # What no rotation explains tells a translation. An error that tracks share turns the baseline by its ratio to that,
+    # however many tracks there are: before a plane it is far less than the parallax.
+    off_rotation_rad = np.sqrt(max(turning.stated_residual_rad**2 - pose.noise_rad**2, 1e-24))
+    systematic_deg = float(np.degrees(systematic_rad / off_rotation_rad))
     most_deg, least_share = settings.max_direction_error_deg, config.two_view.min_inlier_share
     gates = (
         Gate(
@@ -59,6 +65,14 @@ def judge_two_views(camera: Camera, config: Config, attempt: Attempt, pose: Rela
             ADVICE["no_consistent_motion"],
         ),
         Gate("two_view_direction_bound_deg", bound_deg, most_deg, False, "low_parallax", ADVICE["low_parallax"]),
+        Gate(
+            "direction_systematic_deg",
+            systematic_deg,
+            most_deg,
+            False,
+            "low_parallax",
+            "translate further: what is seen could nearly be a rotation",
+        ),
     )
     attempt = looked_at(attempt, gates)
     if all(gate.passes() for gate in gates):
@@ -66,7 +80,7 @@ def judge_two_views(camera: Camera, config: Config, attempt: Attempt, pose: Rela
     refused = refused_by(attempt, "two views", gates)
     if refused.verdict != "low_parallax":
         return refused
-    return replace(refused, evidence=refused.evidence | {"lacking": gates[1].lacking()})
+    return replace(refused, evidence=refused.evidence | {"lacking": max(gate.lacking() for gate in gates)})
 
 
 # -- the vote -------------------------------------------------------------------------------------
@@ -151,34 +165,17 @@ def judge_turning(
     """Refuse a map where a turning camera with another focal length explains the matches as well."""
     residual = turning.residual_rad / _expected_rad(camera, config, noise_rad)
     needed = config.acceptance.min_turning_residual
-    # What no rotation explains tells a translation. An error that tracks share turns the baseline by its ratio to that,
-    # however many tracks there are: before a plane it is far less than the parallax.
-    off_rotation_rad = np.sqrt(max(turning.stated_residual_rad**2 - noise_rad**2, 1e-24))
-    systematic_deg = float(np.degrees(1e-3 * config.acceptance.systematic_error_mrad / off_rotation_rad))
-    most_deg = config.acceptance.max_direction_error_deg
-    gates = (
-        Gate("turning_residual", residual, needed, True, "pure_rotation", _turning_advice(turning)),
-        Gate(
-            "direction_systematic_deg",
-            systematic_deg,
-            most_deg,
-            False,
-            "low_parallax",
-            "translate further: what is seen could nearly be a rotation",
-        ),
-    )
-    attempt = looked_at(attempt, gates)
+    gate = Gate("turning_residual", residual, needed, True, "pure_rotation", _turning_advice(turning))
+    attempt = looked_at(attempt, (gate,))
     attempt = replace(attempt, evidence=attempt.evidence | turning_evidence(camera, config, turning, noise_rad))
-    if all(gate.passes() for gate in gates):
+    if gate.passes():
         return attempt
-    attempt = replace(
-        attempt, evidence=attempt.evidence | {"lacking": max(needed / residual, systematic_deg / most_deg)}
-    )
-    return refused_by(attempt, "map", gates)
+    attempt = replace(attempt, evidence=attempt.evidence | {"lacking": needed / residual})
+    return refused_by(attempt, "map", (gate,))
 
 
 def suspect_calibration(
-    camera: Camera, config: Config, attempt: Attempt, pose: RelativePose, m: Floats, n: Floats
+    camera: Camera, config: Config, attempt: Attempt, pose: RelativePose, turning: TurningCamera
 ) -> Attempt:
     """A refused pair; refused as a turning camera where one with another focal length explains a plane's matches.
 
@@ -186,7 +183,6 @@ def suspect_calibration(
     """
     if pose.kind != "planar":
         return attempt
-    turning = turning_camera(m[pose.inliers], n[pose.inliers], pose.noise_rad)
     evidence = turning_evidence(camera, config, turning, pose.noise_rad)
     attempt = replace(attempt, evidence=attempt.evidence | evidence)
     if "suspected_focal_factor" not in evidence:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quest.quaternion import rotation_angle
-from quest.refine import refine_rotation
+from quest.rotation import refine_rotation_compiled
 from slam_init.camera import Camera
 from slam_init.config import Config
 from slam_init.tracks import History, common_tracks
@@ -89,7 +89,7 @@ def preview_pair(camera: Camera, reference: Observations, current: Observations,
     R = np.eye(3)
     # From a scale at which every track has a say down to the noise.
     for scale_px in (0.1 * camera.focal_px, 8 * gate_px, gate_px):
-        R = refine_rotation(R, m, n, scale_px / camera.focal_px, iterations=4)
+        R = refine_rotation_compiled(R, m, n, scale_px / camera.focal_px, iterations=4)
     left_px = np.linalg.norm(n - m @ R.T, axis=1) * camera.focal_px
     cells = (current.pixels[j] / (camera.width, camera.height) * _GRID).astype(int)
     return PairPreview(
