@@ -160,6 +160,7 @@ def test_the_paths_of_two_maps_are_drawn_while_they_are_kept(tmp_path):
         recorder.undecided((map_, map_))
         recorder.undecided((map_,))
         recorder.undecided(())
+    assert rerun_tool("verify", tmp_path / "a.rrd").returncode == 0
     for name, drawn in (("hypothesis1", 2), ("hypothesis2", 1)):
         paths = column(tmp_path / "a.rrd", f"/world/trajectory/{name}", "LineStrips3D:strips")
         assert len(paths) == drawn
