@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +25,7 @@ __all__ = [
     "refused",
     "refused_at",
     "refused_by",
+    "reported_focal_factor",
 ]
 
 Evidence = dict[str, float | int | str]
@@ -122,7 +123,7 @@ class AttemptLog:
     def notes(self) -> tuple[str, ...]:
         """What the user should know: a calibration that most checks suspect, attempts that are not kept."""
         notes = []
-        factor = self._suspected_focal_factor()
+        factor = reported_focal_factor(self._kept)
         if factor is not None:
             notes.append(
                 f"the matches look like those of a camera that only turned, with a focal length {factor:.2f} times the "
@@ -132,15 +133,27 @@ class AttemptLog:
             notes.append(f"{len(self)} attempts were made; the last {len(self._kept)} are listed")
         return tuple(notes)
 
-    def _suspected_focal_factor(self) -> float | None:
-        """What most checks of the calibration suspect, three at least, and alike: a wrong one is so in every pair."""
-        checked = [a.evidence for a in self._kept if "turning_focal_factor" in a.evidence]
-        factors = [float(e["suspected_focal_factor"]) for e in checked if "suspected_focal_factor" in e]
-        if len(factors) < _LEAST_SUSPICIONS or 2 * len(factors) <= len(checked):
-            return None
-        factor = float(np.median(factors))
-        alike = np.median(np.abs(np.array(factors) - factor)) < _ALIKE
-        return factor if alike else None
+
+def reported_focal_factor(attempts: Iterable[Attempt]) -> float | None:
+    """What most checks of the calibration suspect, three at least, and alike: a wrong one is so in every pair.
+
+    Parameters
+    ----------
+    attempts : iterable of Attempt
+        Of a run.
+
+    Returns
+    -------
+    float or None
+        The focal length over the stated one; None where nothing is suspected.
+    """
+    checked = [a.evidence for a in attempts if "turning_focal_factor" in a.evidence]
+    factors = [float(e["suspected_focal_factor"]) for e in checked if "suspected_focal_factor" in e]
+    if len(factors) < _LEAST_SUSPICIONS or 2 * len(factors) <= len(checked):
+        return None
+    factor = float(np.median(factors))
+    alike = np.median(np.abs(np.array(factors) - factor)) < _ALIKE
+    return factor if alike else None
 
 
 def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: str) -> InitialMap:

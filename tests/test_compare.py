@@ -4,6 +4,8 @@ import csv
 import json
 import tracemalloc
 from dataclasses import replace
+from types import SimpleNamespace
+from urllib.parse import parse_qsl
 
 import numpy as np
 import pytest
@@ -13,16 +15,26 @@ from test_recording import entities, rerun_tool
 
 from slam_init.camera import Camera
 from slam_init.cli import main
+from slam_init.compare import trials
+from slam_init.compare.aggregate import TrialTable, summary_of
 from slam_init.compare.isolation import isolated_trial
 from slam_init.compare.journal import Journal
 from slam_init.compare.replay import find_tracks
 from slam_init.compare.run import Plan, compare
-from slam_init.compare.sources import describe_sources, grid_sources, judging_of, open_compared
+from slam_init.compare.sources import (
+    describe_sources,
+    drawn_sources,
+    focal_error_of,
+    grid_sources,
+    judging_of,
+    open_compared,
+)
 from slam_init.compare.trials import COLUMNS, Settings, Trial
-from slam_init.config import TrackingConfig
+from slam_init.config import Config, KeyframeConfig, TrackingConfig
 from slam_init.errors import ConfigError, OutputError, SourceError
 from slam_init.pipeline import Initializer
 from slam_init.tracks import Tracker
+from slam_init.types import Attempt, Keyframe, Pose, Result
 
 SOURCES = ("points:room?views=5&seed=1", "points:wall?views=5&seed=2", "points:rotation?views=5&seed=3")
 METHODS = ("stella", "essential-8pt", "failing_methods:Raises")
@@ -144,6 +156,29 @@ def test_rows_of_another_seed_are_not_mixed_in(plan, finished, tmp_path):
         compare(replace(plan, settings=Settings(seed=1)), tmp_path, backend="sequential")
 
 
+def test_rows_of_another_version_are_not_mixed_in(plan, finished, tmp_path):
+    header, *rows = (finished[0] / "trials.jsonl").read_text().splitlines()
+    old = [{k: v for k, v in json.loads(row).items() if k != "kept_truth"} for row in rows]
+    lines = [json.loads(header) | {"schema": 1}, *old]
+    (tmp_path / "trials.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    with pytest.raises(OutputError, match="another version"):
+        compare(plan, tmp_path, backend="sequential")
+
+
+def test_rows_of_other_options_are_not_mixed_in(plan, finished, tmp_path):
+    (tmp_path / "trials.jsonl").write_bytes((finished[0] / "trials.jsonl").read_bytes())
+    other = Config(keyframes=KeyframeConfig(window=1))
+    with pytest.raises(OutputError, match="other options"):
+        compare(replace(plan, settings=Settings(config=other)), tmp_path, backend="sequential")
+
+
+@pytest.mark.parametrize("line", ["[]", "1", '"text"', "{"])
+def test_a_first_line_that_is_none_is_damage(line, tmp_path):
+    (tmp_path / "trials.jsonl").write_text(line + "\n")
+    with pytest.raises(OutputError, match="line 1 is damaged"):
+        Journal(tmp_path / "trials.jsonl", {"seed": 0})
+
+
 def test_a_damaged_line_is_told(tmp_path):
     with Journal(tmp_path / "trials.jsonl", {"seed": 0}) as journal:
         journal.append({"source": "a", "method": "b", "start": 0})
@@ -194,7 +229,70 @@ def test_a_method_that_fails_costs_its_own_trial(method, cause):
     assert isolated_trial(Trial(source, "stella", 0), settings)["outcome"] != "error"
 
 
+# -- what a trial without a map kept and suspects ----------------------------------------------------
+
+
+def test_an_undecided_plane_is_judged_by_the_maps_that_are_kept():
+    """Two maps live on: one as the truth, one turned by 30 degrees; in either order the truth is among them."""
+    source = describe_sources(["points:wall?seed=2"])[0]
+    opened, judging = open_compared(source.text), judging_of(source.group)
+    truth = [opened.groundtruth.world_from_cam[frame] for frame in (0, 8)]
+    away = Pose.from_quaternion(np.array([np.cos(0.26), 0.0, np.sin(0.26), 0.0]), np.zeros(3))
+    right = SimpleNamespace(
+        keyframes=tuple(
+            Keyframe(f, 0.1 * f, "", truth[0].inverse() @ pose) for f, pose in zip((0, 8), truth, strict=True)
+        )
+    )
+    wrong = SimpleNamespace(
+        keyframes=(
+            right.keyframes[0],
+            replace(right.keyframes[1], world_from_cam=right.keyframes[1].world_from_cam @ away),
+        )
+    )
+
+    def kept(*maps, reason="ambiguous_plane"):
+        result = Result(None, reason, 12, None, (), {}, hypotheses=maps)
+        return trials._kept_truth(result, opened, judging)
+
+    assert kept(right, wrong) is kept(wrong, right) is True
+    assert kept(wrong, wrong) is kept() is False
+    assert kept(right, wrong, reason="low_parallax") is None
+
+
+def test_a_wrong_focal_length_that_is_suspected_and_told_is_counted():
+    """Two checks that suspect it are evidence; it takes three that agree until the user is told."""
+
+    def run(*factors):
+        evidence = [{"turning_focal_factor": f, "suspected_focal_factor": f} for f in factors]
+        attempts = tuple(Attempt((0, k), "pure_rotation", e) for k, e in enumerate(evidence))
+        return trials._row(trial, Settings(), Result(None, "pure_rotation", 12, None, attempts, {}), opened, None, ())
+
+    (source,) = describe_sources(["points:rotation?focal_error=0.05"])
+    trial, opened = Trial(source, "quest", 0), open_compared(source.text)
+    rows = [run(), run(0.95, 0.96), run(0.95, 0.95, 0.96)]
+    assert [row["suspected_focal_factor"] for row in rows] == [None, 0.955, 0.95]
+    assert [row["reported_focal_factor"] for row in rows] == [None, None, 0.95]
+    rows.append(rows[2] | {"source": "points:rotation"})
+    figures = summary_of(TrialTable.of(rows), ["quest"])["parts"]["points_still"]["quest"]
+    shares = [round(figures[name][0], 2) for name in ("suspicion_rate", "report_rate", "false_report_rate")]
+    assert shares == [0.67, 0.33, 1.0]
+
+
+def test_the_error_of_the_focal_length_is_read_from_synthetic_sources_only():
+    assert focal_error_of("points:rotation?noise_px=1.0&focal_error=-0.02&seed=1") == -0.02
+    assert focal_error_of("points:rotation?seed=1") == focal_error_of("folder?focal_error=0.1") == 0.0
+
+
 # -- sources ---------------------------------------------------------------------------------------
+
+
+def test_a_fixed_option_changes_nothing_in_the_others():
+    free, fixed = drawn_sources("wall", 5, 3), drawn_sources("wall", 5, 3, focal_error=0.5)
+    for a, b in zip(free, fixed, strict=True):
+        values = [dict(parse_qsl(text.partition("?")[2])) for text in (a, b)]
+        assert values[1].pop("focal_error") == "0.5"
+        values[0].pop("focal_error")
+        assert values[0] == values[1]
 
 
 def test_the_grid_is_drawn_from_the_seed():

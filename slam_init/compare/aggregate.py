@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.compare.sources import judging_of
+from slam_init.compare.sources import focal_error_of, judging_of
 from slam_init.compare.statistics import Interval, holm, mcnemar_exact, restricted_mean, wilson
 from slam_init.datasets.points import POINTS
 from slam_init.types import Bools, Floats
@@ -24,7 +24,7 @@ NUMBERS = (
     "start", "frames_to_accept", "frames_limit", "seconds_to_accept", "rotation_error_deg", "direction_error_deg",
     "ate", "rotation_error_before_deg", "direction_error_before_deg", "ate_before", "survival", "depth_error",
     "depth_order_error", "landmarks", "frame_median_ms", "frame_p95_ms", "attempt_median_ms", "trial_ms",
-    "peak_memory_mb",
+    "peak_memory_mb", "suspected_focal_factor", "reported_focal_factor",
 )  # fmt: skip
 #: Figures whose medians over the accepted maps are told, and those of the correct maps among them.
 _MEDIANS_OF_CORRECT = (
@@ -61,6 +61,10 @@ class TrialTable:
         :data:`NUMBERS`, NaN where there is none.
     strict, judged_reason, right_reason : (N,) bool
         Whether a correct map is also strict; whether a cause was injected, and whether the reason named it.
+    judged_kept, kept_truth : (N,) bool
+        Whether the trial ended with an undecided plane and a truth to judge by, and whether a kept map is correct.
+    wrong_focal : (N,) bool
+        Whether the stated focal length is wrong on purpose.
     """
 
     text: dict[str, Any]
@@ -68,6 +72,9 @@ class TrialTable:
     strict: Bools
     judged_reason: Bools
     right_reason: Bools
+    judged_kept: Bools
+    kept_truth: Bools
+    wrong_focal: Bools
 
     @staticmethod
     def of(rows: Iterable[Mapping[str, Any]]) -> TrialTable:
@@ -75,7 +82,9 @@ class TrialTable:
         names = ("source", "method", "group", "outcome", "reason", "keyframes")
         text: dict[str, list[str]] = {name: [] for name in names}
         numbers: dict[str, list[float]] = {name: [] for name in NUMBERS}
-        flags: dict[str, list[bool]] = {"strict": [], "judged": [], "right": []}
+        flags: dict[str, list[bool]] = {
+            name: [] for name in ("strict", "judged", "right", "undecided", "kept", "focal")
+        }
         for row in rows:
             for name in names:
                 text[name].append(intern(row[name] or ""))
@@ -84,12 +93,18 @@ class TrialTable:
             flags["strict"].append(bool(row["strict"]))
             flags["judged"].append(row["reason_right"] is not None)
             flags["right"].append(bool(row["reason_right"]))
+            flags["undecided"].append(row["kept_truth"] is not None)
+            flags["kept"].append(bool(row["kept_truth"]))
+            flags["focal"].append(focal_error_of(row["source"]) != 0)
         return TrialTable(
             text={name: np.array(values, object) for name, values in text.items()},
             numbers={name: np.array(values, float) for name, values in numbers.items()},
             strict=np.array(flags["strict"], bool),
             judged_reason=np.array(flags["judged"], bool),
             right_reason=np.array(flags["right"], bool),
+            judged_kept=np.array(flags["undecided"], bool),
+            kept_truth=np.array(flags["kept"], bool),
+            wrong_focal=np.array(flags["focal"], bool),
         )
 
     def __len__(self) -> int:
@@ -120,7 +135,10 @@ class Figures:
 
     ``frames_to_accept`` and ``frames_to_correct`` are restricted means: a trial without counts as its limit.
     ``medians`` are those of the correct maps, None where there are none. ``times`` are medians over trials, but the
-    95th percentile of the frames is that of the worst trial but 5 %.
+    95th percentile of the frames is that of the worst trial but 5 %. ``kept_truth_rate`` is the share of the undecided
+    planes (``undecided``) whose kept maps hold the truth; ``suspicion_rate`` that of the runs with a wrong focal length
+    in which a check suspects it, ``report_rate`` that of those which tell the user; ``false_report_rate`` that of the
+    runs with a right one which do.
     """
 
     trials: int
@@ -137,6 +155,11 @@ class Figures:
     frames_to_correct: Interval
     seconds_to_accept: Interval
     reason_accuracy: Interval
+    undecided: int
+    kept_truth_rate: Interval
+    suspicion_rate: Interval
+    report_rate: Interval
+    false_report_rate: Interval
     reasons: dict[str, int]
     medians: dict[str, float | None]
     times: dict[str, float | None]
@@ -152,7 +175,9 @@ def figures_of(table: TrialTable, mask: Bools) -> Figures:
     numbers = {name: values[mask] for name, values in table.numbers.items()}
     is_correct = outcome == "correct"
     frames, limits = numbers["frames_to_accept"], numbers["frames_limit"]
-    judged = table.judged_reason[mask]
+    judged, undecided = table.judged_reason[mask], int(table.judged_kept[mask].sum())
+    wrong_focal = table.wrong_focal[mask]
+    suspects, reports = (np.isfinite(numbers[f"{name}_focal_factor"]) for name in ("suspected", "reported"))
     reasons = Counter(table.text["reason"][mask][(outcome == "none") | (outcome == "error")].tolist())
     timed = {name: _median(numbers[name]) for name in _TIMES if name != "frame_p95_ms"}
     peaks = numbers["peak_memory_mb"][np.isfinite(numbers["peak_memory_mb"])]
@@ -171,6 +196,11 @@ def figures_of(table: TrialTable, mask: Bools) -> Figures:
         frames_to_correct=restricted_mean(np.where(is_correct, frames, np.nan), limits),
         seconds_to_accept=_mean_seconds(numbers["seconds_to_accept"]),
         reason_accuracy=wilson(int(np.sum(table.right_reason[mask])), int(judged.sum())),
+        undecided=undecided,
+        kept_truth_rate=wilson(int(np.sum(table.kept_truth[mask])), undecided),
+        suspicion_rate=wilson(int(np.sum(suspects & wrong_focal)), int(wrong_focal.sum())),
+        report_rate=wilson(int(np.sum(reports & wrong_focal)), int(wrong_focal.sum())),
+        false_report_rate=wilson(int(np.sum(reports & ~wrong_focal)), int(np.sum(~wrong_focal))),
         reasons=dict(sorted(reasons.items(), key=lambda item: (-item[1], item[0]))),
         medians={name: _median(numbers[name][is_correct]) for name in _MEDIANS_OF_CORRECT},
         times=timed | {"frame_p95_ms": _quantile(numbers["frame_p95_ms"], 0.95)},

@@ -85,7 +85,7 @@ def main_table(summary: dict[str, Any]) -> str:
 
 
 def _moving_table(title: str, figures: dict[str, Any]) -> str:
-    header = [title, "trials", "correct %", "strict %", "false %", "none", "error"]
+    header = [title, "trials", "correct %", "strict %", "false %", "none", "of ambiguous: truth kept %", "error"]
     header += ["frames to correct", "rotation (deg)", "direction (deg)", "survival", "frame (ms)"]
     rows = []
     for method, f in figures.items():
@@ -98,6 +98,7 @@ def _moving_table(title: str, figures: dict[str, Any]) -> str:
                 number(100 * f["strict"] / f["trials"] if f["trials"] else None, 1),
                 _percent(f["false_rate"]),
                 str(f["none"]),
+                _percent(f["kept_truth_rate"]),
                 str(f["error"]),
                 number(f["frames_to_correct"][0], 1),
                 number(medians["rotation_error_deg"]),
@@ -110,7 +111,7 @@ def _moving_table(title: str, figures: dict[str, Any]) -> str:
 
 
 def _still_table(title: str, figures: dict[str, Any]) -> str:
-    header = [title, "trials", "false %", "none", "error", "right reason %"]
+    header = [title, "trials", "false %", "none", "error", "right reason %", "wrong focal length suspected %", "told %"]
     rows = [
         [
             method,
@@ -119,6 +120,8 @@ def _still_table(title: str, figures: dict[str, Any]) -> str:
             str(f["none"]),
             str(f["error"]),
             _percent(f["reason_accuracy"]),
+            _percent(f["suspicion_rate"]),
+            _percent(f["report_rate"]),
         ]
         for method, f in figures.items()
     ]

@@ -12,7 +12,8 @@ from slam_init.errors import OutputError
 
 __all__ = ["Journal", "Key"]
 
-_SCHEMA = 1
+#: 2: ``kept_truth``, ``suspected_focal_factor``, and the options of the methods.
+_SCHEMA = 2
 
 #: Source, method and start.
 Key = tuple[str, str, int]
@@ -99,13 +100,17 @@ class Journal:
                     self._check(content, header)
                 else:
                     self._offsets[_key(content)] = end
-            except (ValueError, KeyError, TypeError):
+            except (ValueError, KeyError, TypeError, AttributeError):
                 raise OutputError(f"{self._path}, line {number + 1} is damaged: give another --out") from None
             end += len(line)
         return end
 
     def _check(self, found: Mapping[str, Any], header: Mapping[str, Any]) -> None:
+        if found.get("schema") != _SCHEMA:
+            raise OutputError(f"{self._path} was written by another version of slam-init: give another --out")
         for name, value in header.items():
+            if found.get(name) != value and isinstance(value, Mapping):
+                raise OutputError(f"{self._path} holds trials with other {name}: give another --out")
             if found.get(name) != value:
                 raise OutputError(
                     f"{self._path} holds trials with {name} {found.get(name)!r}, not {value!r}: give another --out"

@@ -104,7 +104,8 @@ def _moving_section(table: TrialTable, plan: Plan, part: _Part) -> str:
     return (
         f'<h2 id="{part.name}">{escape(part.title[0].upper() + part.title[1:])}</h2>'
         '<p class="soft">Shares with 95 % intervals (Wilson). Frames: restricted mean, a trial without a correct map '
-        "counts as its limit. Errors are medians over the correct maps. Bold: the best of a column.</p>"
+        "counts as its limit. Of ambiguous: trials that ended with an undecided plane, and how often one of the maps "
+        "that were kept is correct. Errors are medians over the correct maps. Bold: the best of a column.</p>"
         + rates_table(part.figures)
         + "<h3>How good the correct maps are, and what they cost</h3>"
         + quality_table(part.figures)
@@ -163,9 +164,9 @@ def _still_section(part: _Part) -> str:
     return (
         f'<h2 id="{part.name}">{escape(part.title[0].upper() + part.title[1:])}</h2>'
         '<p class="soft">The camera never translates: every map is false. The right reason is the cause that was '
-        "there: a static camera, or a pure rotation.</p>"
-        + still_table(part.figures)
-        + f'<div class="charts">{_reasons(part)}</div>'
+        "there: a static camera, or a pure rotation. Suspected: of the trials whose stated focal length is wrong on "
+        "purpose, those in which a check suspects it, and those whose result tells so; of the others, those that tell "
+        "so as well.</p>" + still_table(part.figures) + f'<div class="charts">{_reasons(part)}</div>'
     )
 
 

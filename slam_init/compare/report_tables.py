@@ -29,6 +29,7 @@ def rates_table(figures: Mapping[str, Figures]) -> str:
         ("false %", lambda f: _share(f.false_rate), lambda f: f.false_rate.value, False),
         ("precision %", lambda f: _share(f.precision), None, True),
         ("none", lambda f: str(f.none), None, True),
+        ("of ambiguous:<br>truth kept %", _kept_truth, None, True),
         ("error", lambda f: str(f.error), None, True),
         ("frames to<br>first map", lambda f: _mean(f.frames_to_accept), None, False),
         ("frames to<br>correct map", lambda f: _mean(f.frames_to_correct), lambda f: f.frames_to_correct.value, False),
@@ -75,6 +76,9 @@ def still_table(figures: Mapping[str, Figures]) -> str:
         ("none", lambda f: str(f.none), None, True),
         ("error", lambda f: str(f.error), None, True),
         ("right reason %", lambda f: _share(f.reason_accuracy), lambda f: f.reason_accuracy.value, True),
+        ("wrong focal length<br>suspected %", lambda f: _share(f.suspicion_rate), None, True),
+        ("told to<br>the user %", lambda f: _share(f.report_rate), None, True),
+        ("right one<br>told %", lambda f: _share(f.false_report_rate), None, False),
         ("frame (ms)", lambda f: _number(f.times["frame_median_ms"], 1), None, False),
     ]
     return _table(figures, columns)
@@ -174,6 +178,11 @@ def _outcomes(f: Figures) -> str:
     unjudged = f.accepted - f.correct - f.false
     counts = (f.strict, loose, unjudged, f.false, f.none, f.error)
     return share_bar(list(zip(("strict", "correct", "accepted", "false", "none", "error"), counts, strict=True)))
+
+
+def _kept_truth(f: Figures) -> str:
+    """Of the planes that were left undecided: how often one of the maps that were kept is correct."""
+    return f"{_share(f.kept_truth_rate)} of {f.undecided}" if f.undecided else "-"
 
 
 def _share(interval: Interval) -> str:

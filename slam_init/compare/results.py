@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 __all__ = ["remove_results", "write_results"]
 
 _RESULTS, _SUMMARY, _REPORT = "results.csv", "summary.json", "report.html"
-_SCHEMA = 1
+#: 2: ambiguous planes and whether the kept maps hold the truth; suspected calibrations.
+_SCHEMA = 2
 
 
 def remove_results(out: Path) -> None:

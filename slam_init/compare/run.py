@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -105,7 +105,12 @@ def compare(
         raise OutputError(f"cannot write to --out {out}: {error.strerror or error}: give another folder") from error
     folder = str((out / _RECORDINGS).resolve()) if recordings else None
     settings = replace(plan.settings, tracks=tracks, recordings=folder)
-    same = {"seed": settings.seed, "limit_frames": settings.limit_frames, "limit_s": settings.limit_s}
+    same = {
+        "seed": settings.seed,
+        "limit_frames": settings.limit_frames,
+        "limit_s": settings.limit_s,
+        "options": asdict(replace(settings.config, method="", seed=0)),
+    }
     try:
         with Journal(out / _JOURNAL, same) as journal:
             remove_results(out)

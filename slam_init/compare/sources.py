@@ -18,12 +18,23 @@ if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
     from slam_init.datasets.points import PointSource
 
-__all__ = ["ComparedSource", "Judging", "describe_sources", "grid_sources", "judging_of", "open_compared"]
+__all__ = [
+    "GRID",
+    "ComparedSource",
+    "Judging",
+    "calibration_of",
+    "describe_sources",
+    "drawn_sources",
+    "focal_error_of",
+    "grid_sources",
+    "judging_of",
+    "open_compared",
+]
 
 #: A start must leave so many frames: half a second of video.
 _LEAST_FRAMES = 15
 #: The sampled grid: noise in pixels, shares of wrong matches, baseline over depth, error of the focal length.
-_GRID: dict[str, tuple[float, ...]] = {
+GRID: dict[str, tuple[float, ...]] = {
     "noise_px": (0.3, 0.7, 1.0),
     "outliers": (0.05, 0.15, 0.3),
     "baseline": (0.03, 0.05, 0.1, 0.15, 0.3),
@@ -140,6 +151,14 @@ def judging_of(group: str) -> Judging:
     return _SEQUENCES.get(Path(group).name, Judging())
 
 
+def focal_error_of(label: str) -> float:
+    """By how much the stated focal length of a synthetic source is off, relative to the true one; 0 for all others."""
+    name, _, query = label.partition("?")
+    if not name.startswith(("synth:", "points:")):
+        return 0.0
+    return float(dict(parse_qsl(query)).get("focal_error", 0.0))
+
+
 def describe_sources(texts: Sequence[str]) -> list[ComparedSource]:
     """Open every source once; a folder that is no sequence stands for all sequences below it.
 
@@ -162,12 +181,16 @@ def grid_sources(count: int, seed: int) -> list[str]:
     """Point-level sources drawn from the grid of noise, outliers, baselines and focal errors, ``count`` a scene."""
     from slam_init.datasets.points import point_scenes
 
+    return [text for scene in point_scenes() for text in drawn_sources(scene, count, seed)]
+
+
+def drawn_sources(scene: str, count: int, seed: int, **fixed: float) -> list[str]:
+    """Point-level sources of a scene drawn from :data:`GRID`; an option that is fixed changes nothing in the others."""
+    rng = np.random.default_rng((seed, *scene.encode()))
     texts = []
-    for scene in point_scenes():
-        rng = np.random.default_rng((seed, *scene.encode()))
-        for i in range(count):
-            options = {name: float(rng.choice(values)) for name, values in _GRID.items()}
-            texts.append(f"points:{scene}?{urlencode({**options, 'seed': 1000 * seed + i})}")
+    for i in range(count):
+        options = {name: float(rng.choice(values)) for name, values in GRID.items()} | fixed
+        texts.append(f"points:{scene}?{urlencode({**options, 'seed': 1000 * seed + i})}")
     return texts
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,8 @@ import numpy as np
 from slam_init.compare.measures import depth_errors, is_correct, is_strict, pose_errors, survival
 from slam_init.compare.replay import Step, replay
 from slam_init.compare.sources import ComparedSource, Judging, calibration_of, judging_of, open_compared
+from slam_init.config import Config
+from slam_init.handover import reported_focal_factor
 from slam_init.reasons import ACCEPTED
 from slam_init.recording import Recorder
 from slam_init.types import InitialMap, Result
@@ -32,11 +34,15 @@ _LEAST_VIDEO_FPS = 5.0
 _LONGEST_CAUSE, _LONGEST_NAME = 200, 120
 
 #: Columns of ``results.csv``. Only those that end in ``_ms`` or ``_mb`` differ from run to run.
+#: ``kept_truth`` says of a run that ended with ``ambiguous_plane`` whether one of the maps that it kept is correct;
+#: ``suspected_focal_factor`` is the focal length over the stated one of the checks that suspect it (their median), and
+#: ``reported_focal_factor`` what the result tells the user, who is told once several checks agree.
 COLUMNS: tuple[str, ...] = (
     "source", "method", "start", "outcome", "reason", "frames_to_accept", "rotation_error_deg", "direction_error_deg",
     "group", "strict", "frames_limit", "seconds_to_accept", "ate", "rotation_error_before_deg",
     "direction_error_before_deg", "ate_before", "survival", "depth_error", "depth_order_error", "landmarks",
-    "keyframes", "parallax_deg", "reprojection_rmse_px", "attempts", "injected_cause", "reason_right",
+    "keyframes", "parallax_deg", "reprojection_rmse_px", "attempts", "injected_cause", "reason_right", "kept_truth",
+    "suspected_focal_factor", "reported_focal_factor",
     "frame_median_ms", "frame_p95_ms", "attempt_median_ms", "trial_ms", "peak_memory_mb",
 )  # fmt: skip
 
@@ -75,6 +81,8 @@ class Settings:
         A trial that takes longer is stopped and counts as an error.
     memory_limit_mb : int
         Likewise one that takes more memory.
+    config : Config
+        Options of the methods; their ``method`` and ``seed`` are not used.
     """
 
     seed: int = 0
@@ -84,6 +92,7 @@ class Settings:
     recordings: str | None = None
     time_limit_s: float = 300.0
     memory_limit_mb: int = 6000
+    config: Config = field(default_factory=Config)
 
     def frames_limit(self, source: ComparedSource, start: int) -> int:
         """How many frames a trial may read."""
@@ -105,7 +114,6 @@ def run_trial(trial: Trial, settings: Settings) -> dict[str, Any]:
     SlamInitError
         Where the source cannot be read. What a method raises is raised as well.
     """
-    from slam_init.config import Config
     from slam_init.methods import make_initializer
 
     begin = time.perf_counter()
@@ -117,7 +125,7 @@ def run_trial(trial: Trial, settings: Settings) -> dict[str, Any]:
     frames_ms: list[float] = []
     attempts_ms: list[float] = []
     with _recorder(trial, settings, source, camera) as recorder:
-        initializer = make_initializer(trial.method, camera, Config(seed=settings.seed), recorder)
+        initializer = make_initializer(trial.method, camera, replace(settings.config, seed=settings.seed), recorder)
         for _, step in zip(range(limit), steps, strict=False):
             if pictures is not None:
                 recorder.frame(next(pictures), step.current)
@@ -180,10 +188,16 @@ def _row(
     following: Iterator[Step],
 ) -> dict[str, Any]:
     judging = judging_of(trial.source.group)
-    row = _blank(trial, settings) | {"attempts": len(result.attempts), "strict": False}
+    row = _blank(trial, settings) | {
+        "attempts": len(result.attempts),
+        "strict": False,
+        "suspected_focal_factor": _rounded(_suspected_focal_factor(result)),
+        "reported_focal_factor": _rounded(reported_focal_factor(result.attempts)),
+    }
     if result.map is None:
         right = result.reason == judging.cause if judging.cause is not None else None
-        return row | {"outcome": "none", "reason": result.reason, "reason_right": right}
+        kept = _kept_truth(result, source, judging)
+        return row | {"outcome": "none", "reason": result.reason, "reason_right": right, "kept_truth": kept}
     row |= {
         "outcome": _outcome(result.map, source, judging),
         "frames_to_accept": result.frames_to_init,
@@ -217,6 +231,19 @@ def _outcome(map_: InitialMap, source: TimedSource | PointSource, judging: Judgi
     if source.groundtruth is None and not judging.still:
         return ACCEPTED
     return "correct" if is_correct(pose_errors(map_, source.groundtruth), judging) else "false"
+
+
+def _kept_truth(result: Result, source: TimedSource | PointSource, judging: Judging) -> bool | None:
+    """Of an undecided plane: whether one of the kept maps is correct; None where there is no truth to judge by."""
+    if result.reason != "ambiguous_plane" or (source.groundtruth is None and not judging.still):
+        return None
+    return any(_outcome(map_, source, judging) == "correct" for map_ in result.hypotheses)
+
+
+def _suspected_focal_factor(result: Result) -> float | None:
+    """Median of the attempts that suspect one."""
+    factors = [a.evidence["suspected_focal_factor"] for a in result.attempts if "suspected_focal_factor" in a.evidence]
+    return float(np.median(np.array(factors, float))) if factors else None
 
 
 def _seconds(source: TimedSource | PointSource, start: int, result: Result) -> float | None:
