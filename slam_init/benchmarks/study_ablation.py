@@ -1,0 +1,149 @@
+"""What each part of the method contributes: the same worlds, with one thing switched off at a time.
+
+The worlds are those of :mod:`slam_init.benchmarks.study_parts` in slow video: 30 views for the same way, so that there
+is a choice of references. Two groups are added: ``bodies``, a room and a wall with 30 % of the tracks on moving bodies,
+and ``focal``, a camera that only turns with a focal length 5 % too long, where every map is false.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from slam_init.benchmarks.study_parts import GENERAL, PLANAR, Cell
+from slam_init.benchmarks.study_tables import Rows, counts_text, frames_to_correct, interval_text, read_rows
+from slam_init.benchmarks.tables import markdown_table, number
+from slam_init.compare.run import Plan, compare
+from slam_init.compare.sources import describe_sources, drawn_sources
+from slam_init.compare.statistics import mcnemar_exact, wilson
+from slam_init.compare.trials import Settings
+from slam_init.config import AcceptanceConfig, Config, KeyframeConfig, MapConfig
+
+__all__ = ["VARIANTS", "Variant", "ablation_cells", "run_ablation"]
+
+#: Gates that are open to everything: no angle, ratio or share is beyond.
+_ANY, _NONE = 1e9, 1e-9
+_VIEWS = 30
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The method with something switched off.
+
+    Attributes
+    ----------
+    name : str
+    method : str
+    config : Config
+    """
+
+    name: str
+    method: str = "quest"
+    config: Config = field(default_factory=Config)
+
+
+VARIANTS: tuple[Variant, ...] = (
+    Variant("quest"),
+    Variant("no third view", "quest-two-view"),
+    Variant("one further view", config=Config(map=MapConfig(max_further_views=1))),
+    Variant("one voting view", config=Config(map=MapConfig(max_voting_views=1))),
+    Variant("one reference frame", config=Config(keyframes=KeyframeConfig(window=1))),
+    Variant(
+        "no test of the uncertainty",
+        config=Config(acceptance=AcceptanceConfig(max_direction_error_deg=180.0, max_median_depth_sigma=_ANY)),
+    ),
+    Variant(
+        "no test of what agrees",
+        config=Config(acceptance=AcceptanceConfig(min_explained=_NONE, min_further_agreement=_NONE)),
+    ),
+    Variant("no test for a turning camera", config=Config(acceptance=AcceptanceConfig(min_turning_residual=_NONE))),
+    Variant(
+        "none of the three tests",
+        config=Config(
+            acceptance=AcceptanceConfig(
+                max_direction_error_deg=180.0,
+                max_median_depth_sigma=_ANY,
+                min_explained=_NONE,
+                min_further_agreement=_NONE,
+                min_turning_residual=_NONE,
+            )
+        ),
+    ),
+)
+
+
+def ablation_cells(trials: int, seed: int) -> list[Cell]:
+    """The worlds, the same for every variant."""
+
+    def worlds(scenes: Sequence[str], **fixed: float) -> tuple[str, ...]:
+        fixed = {"focal_error": 0.0, "views": _VIEWS, **fixed}
+        return tuple(text for scene in scenes for text in drawn_sources(scene, trials, seed, **fixed))
+
+    return [
+        Cell("general", worlds(GENERAL)),
+        Cell("planar", worlds(PLANAR)),
+        Cell("bodies", worlds(("room", "wall"), moving=0.3)),
+        Cell("focal", worlds(("rotation",), focal_error=0.05)),
+    ]
+
+
+def run_ablation(out: Path, trials: int, seed: int, jobs: int, *, progress: bool) -> str:
+    """Run every variant on the same worlds and compare them.
+
+    Returns
+    -------
+    str
+        The table in markdown: correct / false / none by group; correct and frames to the first correct map (restricted
+        mean) over all worlds with a translation; how many of these only the whole method, and only the variant, gets
+        right, with the p-value of McNemar's exact test; false maps of all.
+
+    Raises
+    ------
+    SlamInitError
+        As :func:`slam_init.compare.run.compare`.
+    """
+    cells = ablation_cells(trials, seed)
+    sources = tuple(describe_sources([text for cell in cells for text in cell.sources]))
+    found: dict[str, Rows] = {}
+    for variant in VARIANTS:
+        folder = out / variant.name.replace(" ", "-")
+        plan = Plan(sources, (variant.method,), settings=Settings(seed=seed, config=variant.config))
+        compare(plan, folder, jobs=jobs, progress=progress)
+        found[variant.name] = read_rows(folder)
+    return _table(cells, found)
+
+
+def _table(cells: Sequence[Cell], found: dict[str, Rows]) -> str:
+    header = ["switched off", *(cell.name for cell in cells), "correct %", "false %", "frames to correct"]
+    header += ["only quest : only variant", "p"]
+    every = [text for cell in cells for text in cell.sources]
+    moving = [text for cell in cells if cell.name != "focal" for text in cell.sources]
+    whole = _correct(found[VARIANTS[0].name], VARIANTS[0].method, moving)
+    lines = []
+    for variant in VARIANTS:
+        rows = found[variant.name]
+        correct = _correct(rows, variant.method, moving)
+        false = sum(rows[text, variant.method]["outcome"] == "false" for text in every)
+        lost, won = (
+            sum(a and not b for a, b in zip(*pair, strict=True)) for pair in ((whole, correct), (correct, whole))
+        )
+        same = variant is VARIANTS[0]
+        lines.append(
+            [
+                "nothing" if same else variant.name,
+                *(counts_text([rows[text, variant.method] for text in cell.sources]) for cell in cells),
+                interval_text(wilson(sum(correct), len(correct)), 100.0, 1),
+                interval_text(wilson(false, len(every)), 100.0, 1),
+                number(float(np.mean(frames_to_correct([rows[text, variant.method] for text in moving]))), 2),
+                "-" if same else f"{lost} : {won}",
+                "-" if same else f"{mcnemar_exact(lost, won):.2g}",
+            ]
+        )
+    return markdown_table(header, lines)
+
+
+def _correct(rows: Rows, method: str, sources: Sequence[str]) -> list[bool]:
+    return [rows[text, method]["outcome"] == "correct" for text in sources]
