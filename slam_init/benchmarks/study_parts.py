@@ -78,10 +78,12 @@ def _scene_by_scene(scenes: Sequence[str]) -> Callable[[int, int], list[Cell]]:
 
 
 def _still(trials: int, seed: int) -> list[Cell]:
+    focal_lengths = (("true focal length", 0.0), ("5 % too long", 0.05), ("5 % too short", -0.05))
     cells = [
         Cell(f"{scene}, {name}", _worlds((scene,), trials, seed, focal_error=error))
-        for scene in ("rotation", "static")
-        for name, error in (("true focal length", 0.0), ("5 % too long", 0.05), ("5 % too short", -0.05))
+        # Without motion all focal lengths show the same.
+        for scene, stated in (("rotation", focal_lengths), ("static", focal_lengths[:2]))
+        for name, error in stated
     ]
     return [*cells, Cell("rotation, 30 % moving, 1 px", _worlds(("rotation",), trials, seed, **_MOVING, **_NOISY))]
 
