@@ -314,12 +314,15 @@ def _settle(problem: RelativePoseProblem, model: Floats, noise_rad: float) -> Fl
 def _tighten(problem: RelativePoseProblem, model: Floats) -> tuple[Floats, float]:
     """Refine with the noise that the residuals show in place of the caller's threshold; return both."""
     noise_rad = problem.threshold_rad / _GATE_SIGMAS
+    before = np.zeros(len(problem), bool)
     for _ in range(3):
         r2, behind = problem.residuals(model[None])
         inlying = (r2[0] < problem.threshold_rad**2) & ~behind[0]
         inlying &= _typical(problem, model, inlying)
-        if inlying.sum() < 6:
+        # Where at most one match in a thousand changes sides, the noise does not change either.
+        if inlying.sum() < 6 or (inlying ^ before).sum() <= 1e-3 * inlying.sum():
             break
+        before = inlying
         # Median absolute deviation of a Gaussian; exact data keep a floor so that gates never close to nothing.
         noise_rad = max(1.4826 * float(np.sqrt(np.median(r2[0][inlying]))), 1e-3 * problem.threshold_rad)
         model = problem.refine(model, inlying, _GATE_SIGMAS * noise_rad)

@@ -135,7 +135,9 @@ def search_five(
         return None
     # The noise of five matches may have led next to the best optimum, and refinement into the near one.
     found = np.isfinite(pool_costs)
-    others = list(zip(pool_R[found], pool_t[found], strict=True))[1 : 1 + _RUNNERS_UP]
+    # One that as a raw model misses half of the inliers is not next to it.
+    near = found & (pool_costs < pool_costs[0] + 0.5 * best_inliers * threshold_rad**2)
+    others = list(zip(pool_R[near], pool_t[near], strict=True))[1 : 1 + _RUNNERS_UP]
     for R, t in [*others, *_refits(m_any, n_any, *best, threshold_rad, rng)]:
         R, t, cost, _ = _polish(m_any, n_any, R, t, threshold_rad)
         if cost < best_cost:
