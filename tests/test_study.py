@@ -9,9 +9,9 @@ import pytest
 from slam_init.benchmarks import study
 from slam_init.benchmarks.map_quality import adjusted_by_pycolmap, errors_of
 from slam_init.benchmarks.study_ablation import VARIANTS, ablation_cells
-from slam_init.benchmarks.study_parts import NOISES_PX, PARTS, Cell
+from slam_init.benchmarks.study_oracle import solvable_worlds, true_problem
+from slam_init.benchmarks.study_parts import NOISES_PX, PARTS, Cell, sources_of
 from slam_init.benchmarks.study_tables import counts_text, frames_to_correct, grid_table, moving_table, still_table
-from slam_init.bundle import BundleProblem
 from slam_init.compare.sources import GRID, open_compared
 from slam_init.compare.trials import COLUMNS
 from slam_init.config import Config
@@ -46,6 +46,14 @@ def test_worlds_are_distinct_and_lie_in_the_stated_distribution(name):
             assert options["baseline"] in GRID["baseline"]
             assert 0.05 <= options["outliers"] <= 0.3
             assert abs(options["focal_error"]) in (0.0, 0.05)
+
+
+def test_a_world_that_is_in_two_cells_is_run_once():
+    """A world that drew 1 px is the very one whose noise is fixed at 1 px."""
+    cells = PARTS["hard"].cells(12, seed=0)
+    texts = [text for cell in cells for text in cell.sources]
+    assert {source.text for source in sources_of(cells)} == set(texts)
+    assert len(sources_of(cells)) < len(texts)
 
 
 def test_a_camera_with_another_focal_length_sees_the_same_world():
@@ -113,10 +121,17 @@ def test_still_worlds_tell_false_maps_reasons_and_suspicions():
 def test_noise_against_baseline_has_a_row_a_noise_and_a_column_a_baseline():
     cells = PARTS["noise-baseline"].cells(1, seed=0)
     rows = {(text, "quest"): row(text, "quest", "correct", 3) for cell in cells for text in cell.sources}
-    room, wall = grid_table(cells, rows, ("quest",)).split("\n\n")
-    for scene, table in (("room", room), ("wall", wall)):
+    solvable = {text for cell in cells for text in cell.sources if "points:room" in text}
+    tables = grid_table(cells, rows, "quest", solvable).split("\n\n")
+    for (scene, told), table in zip((("room", "1 / 0 / 0 (1)"), ("wall", "1 / 0 / 0 (0)")), tables, strict=True):
         assert table.startswith(f"| {scene}")
-        assert [line[1:] for line in table_cells(table)] == [["1 / 0 / 0"] * len(GRID["baseline"])] * len(NOISES_PX)
+        assert [line[1:] for line in table_cells(table)] == [[told] * len(GRID["baseline"])] * len(NOISES_PX)
+
+
+def test_a_world_is_solvable_with_a_long_way_and_not_where_noise_drowns_the_parallax():
+    pytest.importorskip("pycolmap")
+    much, little = "points:wall?noise_px=0.3&baseline=0.3&seed=1", "points:wall?noise_px=20&baseline=0.002&seed=1"
+    assert solvable_worlds([much, little]) == {much}
 
 
 # -- the command -----------------------------------------------------------------------------------
@@ -141,24 +156,14 @@ def test_what_is_wrong_is_told_in_one_line(tmp_path, capsys):
 # -- bundle adjustment -----------------------------------------------------------------------------
 
 
-def exact_problem(source):
-    """Views 0, 5 and 11 of a world without noise, from a start that is off."""
-    frames, truth = (0, 5, 11), source.groundtruth.world_from_cam
-    first = truth[0].inverse()
-    poses = [first @ truth[frame] for frame in frames]
-    sequence = source.sequence
-    seen = sequence.visible[list(frames)].all(axis=0) & ~sequence.wrong
-    ids = np.flatnonzero(seen)
+def off(problem):
+    """The problem from a start that is off by a twentieth."""
     rng = np.random.default_rng(0)
-    points = first.apply(sequence.points[ids])
-    return BundleProblem(
-        frames=frames,
-        world_from_cam=(poses[0], *(Pose(pose.R, pose.t * rng.uniform(0.95, 1.05, 3)) for pose in poses[1:])),
-        points=points * rng.uniform(0.95, 1.05, (len(ids), 1)),
-        track_ids=ids,
-        views=np.repeat(np.arange(3), len(ids)),
-        landmarks=np.tile(np.arange(len(ids)), 3),
-        pixels=sequence.pixels[np.ix_(frames, ids)].reshape(-1, 2),
+    first, *others = problem.world_from_cam
+    return replace(
+        problem,
+        world_from_cam=(first, *(Pose(pose.R, pose.t * rng.uniform(0.95, 1.05, 3)) for pose in others)),
+        points=problem.points * rng.uniform(0.95, 1.05, (len(problem.points), 1)),
     )
 
 
@@ -166,7 +171,7 @@ def exact_problem(source):
 def test_pycolmap_finds_the_truth_from_a_start_that_is_off(robust):
     pytest.importorskip("pycolmap")
     source = open_compared("points:room?noise_px=0&outliers=0&seed=4")
-    start = exact_problem(source)
+    start = off(true_problem(source))
     if robust:  # every seventh landmark is seen elsewhere in the last view
         wild = (start.views == 2) & (start.landmarks % 7 == 0)
         start = replace(start, pixels=np.where(wild[:, None], start.pixels + np.array([40.0, -25.0]), start.pixels))

@@ -38,7 +38,7 @@ from slam_init.metrics import compare_with_groundtruth
 from slam_init.triangulation import triangulate
 from slam_init.types import Bools, Floats, InitialMap, Ints, Keyframe, Pose
 
-__all__ = ["Errors", "adjusted_by_pycolmap", "errors_of", "map_quality_table", "posed_problems"]
+__all__ = ["Errors", "adjusted_by_pycolmap", "errors_of", "map_quality_table", "opened_points", "posed_problems"]
 
 #: COLMAP's own defaults (IncrementalMapperOptions): scale of the soft kernel, and the filter of observations.
 _SOFT_PX, _FILTER_PX = 1.0, 4.0
@@ -148,10 +148,11 @@ def _worlds(count: int, seed: int) -> Iterator[PointSource]:
     """Sources, one scene after the other."""
     each = [drawn_sources(scene, count, seed, focal_error=0.0) for scene in (*GENERAL, *PLANAR)]
     texts = (text for texts in zip(*each, strict=True) for text in texts)
-    return (_opened(text) for text in islice(texts, count))
+    return (opened_points(text) for text in islice(texts, count))
 
 
-def _opened(text: str) -> PointSource:
+def opened_points(text: str) -> PointSource:
+    """Open a source of points."""
     source = open_compared(text)
     if not isinstance(source, PointSource):
         raise TypeError(f"{text} is no source of points")

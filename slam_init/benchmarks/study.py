@@ -26,11 +26,11 @@ from pathlib import Path
 from slam_init.benchmarks.map_quality import map_quality_table
 from slam_init.benchmarks.options import positive
 from slam_init.benchmarks.study_ablation import run_ablation
-from slam_init.benchmarks.study_parts import PARTS
+from slam_init.benchmarks.study_oracle import solvable_worlds
+from slam_init.benchmarks.study_parts import PARTS, Cell, sources_of
 from slam_init.benchmarks.study_tables import grid_table, moving_table, read_rows, still_table
 from slam_init.compare.command import chosen_methods
 from slam_init.compare.run import Plan, compare
-from slam_init.compare.sources import describe_sources
 from slam_init.compare.trials import Settings
 from slam_init.errors import SlamInitError
 from slam_init.methods import METHODS
@@ -98,11 +98,21 @@ def run_part(part: str, out: Path, trials: int, methods: Sequence[str], seed: in
     described = PARTS[part]
     cells = described.cells(trials, seed)
     chosen = tuple(methods[:1]) if part == _GRID else tuple(methods)
-    sources = tuple(describe_sources([text for cell in cells for text in cell.sources]))
-    compare(Plan(sources, chosen, settings=Settings(seed=seed)), out / part, jobs=jobs, progress=progress)
-    make = grid_table if part == _GRID else still_table if described.still else moving_table
-    text = f"{described.text} {trials} worlds a row."
-    return _section(described.title, text, make(cells, read_rows(out / part), chosen))
+    compare(Plan(sources_of(cells), chosen, settings=Settings(seed=seed)), out / part, jobs=jobs, progress=progress)
+    rows = read_rows(out / part)
+    if part == _GRID:
+        table = grid_table(cells, rows, chosen[0], _solvable(cells))
+        return _section(described.title, f"{described.text} {trials} worlds a cell.", table)
+    make = still_table if described.still else moving_table
+    return _section(described.title, f"{described.text} {trials} worlds a row.", make(cells, rows, chosen))
+
+
+def _solvable(cells: Sequence[Cell]) -> set[str] | None:
+    """The worlds that hold the information; None where pycolmap, which tells, is not installed."""
+    if find_spec("pycolmap") is None:
+        sys.stderr.write("study: which worlds are solvable is left out: pip install pycolmap\n")
+        return None
+    return solvable_worlds(text for cell in cells for text in cell.sources)
 
 
 def _section(title: str, text: str, table: str) -> str:

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.benchmarks.study_parts import GENERAL, PLANAR, Cell
+from slam_init.benchmarks.study_parts import GENERAL, PLANAR, Cell, sources_of
 from slam_init.benchmarks.study_tables import Rows, counts_text, frames_to_correct, interval_text, read_rows
 from slam_init.benchmarks.tables import markdown_table, number
 from slam_init.compare.run import Plan, compare
-from slam_init.compare.sources import describe_sources, drawn_sources
+from slam_init.compare.sources import drawn_sources
 from slam_init.compare.statistics import mcnemar_exact, wilson
 from slam_init.compare.trials import Settings
 from slam_init.config import AcceptanceConfig, Config, KeyframeConfig, MapConfig
@@ -106,7 +106,7 @@ def run_ablation(out: Path, trials: int, seed: int, jobs: int, *, progress: bool
         As :func:`slam_init.compare.run.compare`.
     """
     cells = ablation_cells(trials, seed)
-    sources = tuple(describe_sources([text for cell in cells for text in cell.sources]))
+    sources = sources_of(cells)
     found: dict[str, Rows] = {}
     for variant in VARIANTS:
         folder = out / variant.name.replace(" ", "-")

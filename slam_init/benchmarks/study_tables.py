@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -98,18 +98,20 @@ def still_table(cells: Sequence[Cell], rows: Rows, methods: Sequence[str]) -> st
     return markdown_table(header, lines)
 
 
-def grid_table(cells: Sequence[Cell], rows: Rows, methods: Sequence[str]) -> str:
-    """Noise against baseline: correct / false / none of the first method, a table a scene."""
+def grid_table(cells: Sequence[Cell], rows: Rows, method: str, solvable: Container[str] | None) -> str:
+    """Noise against baseline: correct / false / none of a method, and how many are solvable; a table a scene."""
     by_name = {cell.name: cell for cell in cells}
+
+    def told(cell: Cell) -> str:
+        counts = counts_text(_of(cell, rows, method))
+        return counts if solvable is None else f"{counts} ({sum(text in solvable for text in cell.sources)})"
+
     tables = []
     for scene in dict.fromkeys(name.partition(",")[0] for name in by_name):
         lines = [
             [
                 f"{noise_px:g} px",
-                *(
-                    counts_text(_of(by_name[grid_name(scene, noise_px, baseline)], rows, methods[0]))
-                    for baseline in GRID["baseline"]
-                ),
+                *(told(by_name[grid_name(scene, noise_px, baseline)]) for baseline in GRID["baseline"]),
             ]
             for noise_px in NOISES_PX
         ]
