@@ -6,9 +6,9 @@ from urllib.parse import parse_qsl
 import numpy as np
 import pytest
 
-from slam_init.benchmarks import study
+from slam_init.benchmarks import study, study_ablation
 from slam_init.benchmarks.map_quality import adjusted_by_pycolmap, errors_of
-from slam_init.benchmarks.study_ablation import VARIANTS, ablation_cells
+from slam_init.benchmarks.study_ablation import VARIANTS, Variant, ablation_cells, run_ablation
 from slam_init.benchmarks.study_oracle import solvable_worlds, true_problem
 from slam_init.benchmarks.study_parts import NOISES_PX, PARTS, Cell, sources_of
 from slam_init.benchmarks.study_tables import counts_text, frames_to_correct, grid_table, moving_table, still_table
@@ -82,6 +82,19 @@ def test_a_trial_without_a_correct_map_counts_as_its_limit():
     rows = [row("a", "m", "correct", 4), row("b", "m", "false", 3), row("c", "m", "none"), row("d", "m", "error")]
     assert frames_to_correct(rows) == [4.0, 12.0, 12.0, 12.0]
     assert counts_text(rows) == "1 / 1 / 2"
+
+
+def test_every_variant_runs_every_world_once_from_its_beginning(tmp_path, monkeypatch):
+    variants = (Variant("quest", "essential-8pt"), Variant("one reference frame", "essential-8pt", VARIANTS[4].config))
+    for name, value in (("VARIANTS", variants), ("GENERAL", ("room",)), ("PLANAR", ("wall",))):
+        monkeypatch.setattr(study_ablation, name, value)
+    whole, variant = table_cells(run_ablation(tmp_path, 1, 0, 1, progress=False))
+    trials = sum(len(cell.sources) for cell in ablation_cells(1, 0))
+    for cells, folder in ((whole, "quest"), (variant, "one-reference-frame")):
+        assert sum(int(n) for cell in cells[1:5] for n in cell.split(" / ")) == trials
+        assert (tmp_path / folder / "trials.jsonl").read_text().count("\n") == 1 + trials
+    # a method of two views from the first frame on knows no window of references
+    assert (whole[0], variant[0], variant[8]) == ("nothing", "one reference frame", "0 : 0")
 
 
 def test_methods_are_compared_on_the_same_worlds():

@@ -110,7 +110,8 @@ def run_ablation(out: Path, trials: int, seed: int, jobs: int, *, progress: bool
     found: dict[str, Rows] = {}
     for variant in VARIANTS:
         folder = out / variant.name.replace(" ", "-")
-        plan = Plan(sources, (variant.method,), settings=Settings(seed=seed, config=variant.config))
+        settings = Settings(seed=seed, config=variant.config)
+        plan = Plan(sources, (variant.method,), every=_VIEWS, settings=settings)  # one start a world
         compare(plan, folder, jobs=jobs, progress=progress)
         found[variant.name] = read_rows(folder)
     return _table(cells, found)

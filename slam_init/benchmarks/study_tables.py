@@ -31,11 +31,11 @@ Rows = Mapping[tuple[str, str], Mapping[str, Any]]
 
 
 def read_rows(out: Path) -> Rows:
-    """The trials that a comparison left in a folder."""
+    """The trials that a comparison left in a folder, one start a source."""
     with (out / "trials.jsonl").open(encoding="utf-8") as file:
         next(file)  # the settings
         rows = [json.loads(line) for line in file]
-    return {(row["source"], row["method"]): row for row in rows}
+    return {(row["source"], row["method"]): row for row in rows if row["start"] == 0}
 
 
 def moving_table(cells: Sequence[Cell], rows: Rows, methods: Sequence[str]) -> str:
