@@ -3,14 +3,16 @@
 The order of the function :func:`estimate_relative_pose` is the order of the questions:
 
 1. Which rigid motion explains most matches? Small samples, cheirality, locally optimized RANSAC.
-2. Is that more than chance would explain, and do the points spread beyond a line? Else there is no pose.
-3. Is the translation observable, or does a rotation alone explain the matches as well? Then the kind is "rotation".
+2. Is its translation observable (:mod:`quest.parallax`)? Else the kind is "rotation", where a rotation explains a
+   quarter of the matches, and there is no pose where it does not.
+3. Is the motion more than chance would explain, and do the points spread beyond a line? Else there is no pose.
 4. Do the points lie on a plane, and does the plane's twin explain them as well? Then the twin is an alternative. Any
    other mode that RANSAC met and that explains the matches as well is one too.
 
-Every "as well" is a count of matches that one hypothesis explains and the other does not, compared with the
-fluctuation of such a count (:func:`decides`). Counts are used rather than sums of squares since a few systematic
-residuals (moving objects, lens) would dominate a sum.
+"As well" has two sides. No significant number of matches may be explained by one motion only: a count, compared with
+its fluctuation (:func:`decides`). And the residuals of those that both explain may not be larger: a sum of truncated
+squares, compared with its own scatter, so that a few systematic ones (moving objects, lens) do not dominate it. A
+plane's two motions have the same residuals: between them the counts alone speak.
 """
 
 from __future__ import annotations
@@ -20,8 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.epipolar import as_matches, depths_from_pose
 from quest.errors import InputError, as_floats, as_index, as_positive
+from quest.modes import same_mode, spread_out
 from quest.parallax import ParallaxStatement, parallax_statement, typical_ratios
-from quest.planes import fit_plane, off_line_rad
+from quest.planes import PlaneFit, fit_plane, off_line_rad
 from quest.pose_problem import SAMPLERS, CompiledPoseProblem, RelativePoseProblem
 from quest.quaternion import canonical, matrix_from_quaternion, quaternion_from_matrix
 from quest.ransac import RansacReport, ransac
@@ -42,7 +45,7 @@ _ERROR_RATE = 1e-4
 #: Noise below this share of the threshold is not believed where the parallax is tested: matches of a still camera agree
 #: to some hundredths of a pixel but for a few, and a tail that long is not Gaussian.
 _LEAST_NOISE = 0.05
-#: Fewer than this many matches cannot confirm a motion of five unknowns that six matches proposed.
+#: Fewer than this many matches cannot confirm a motion of five unknowns that five to seven matches proposed.
 _MIN_MATCHES = 10
 #: Points along a line allow a whole family of motions. Over 48 strips of points the pose was wrong by degrees wherever
 #: their half width was under ten times the noise, and it was among the returned ones from fifteen times on.
@@ -57,9 +60,6 @@ _FLAT = 1.5
 #: A rival is dropped for good, so beyond doubt; a plane is only preferred, so it has to be as good as the free motion.
 _RIVAL_LEVEL = (26.0, 4.0)
 _PLANE_LEVEL = (15.0, 2.5)
-#: Two modes nearer than this are one: refinement ends within it of the optimum on data with observable parallax.
-_SAME_ROTATION_RAD = np.deg2rad(0.3)
-_SAME_DIRECTION_RAD = np.deg2rad(5.0)
 
 
 def decides(votes_for: int, votes_against: int, total: int) -> bool:
@@ -179,8 +179,8 @@ def estimate_relative_pose(
     evidence |= {"chance_inliers": chance, "parallax_z": parallax.test_value, "parallax_p": parallax.p_value}
     if not parallax.observable(_ERROR_RATE):
         return _rotation_or_nothing(R0, rotation_r2, gate_rad, total, evidence, parallax)
-    # Six inliers are the sample's own; the best of thousands of random motions lies about four standard deviations
-    # above the mean of a Poisson count.
+    # Five or six inliers are the sample's own; the best of thousands of random motions lies about four standard
+    # deviations above the mean of a Poisson count.
     if inliers.sum() < max(_MIN_MATCHES, 6 + chance + 4 * np.sqrt(chance + 1)):
         return NoPose("no_consistent_motion", evidence)
 
@@ -190,17 +190,7 @@ def estimate_relative_pose(
 
     plane = fit_plane(best, m[inliers], n[inliers], noise_rad)
     evidence |= {"on_plane": plane.on, "off_plane": plane.off}
-    # A plane leaves no match over: the gate, 3 sqrt(2) deviations, passes all but one in 8000. Two in a hundred are
-    # allowed for tails that are not Gaussian; 25 planes with 15 % outliers left 1.5 % at most. Little parallax passes
-    # the gate as well, so what is left along the epipolar lines must look like noise, and the plane's motion must
-    # follow them as well as the free one.
-    inlying = int(inliers.sum())
-    planar = (
-        len(plane.poses) == 2
-        and not decides(plane.off, int(0.02 * inlying), inlying)
-        and plane.along_rad < max(_FLAT, 1 + 6.6 / np.sqrt(plane.on)) * noise_rad
-        and not all(_worse(problem, pose, best, gate_rad, noise_rad, *_PLANE_LEVEL) for pose in plane.poses)
-    )
+    planar = _is_planar(problem, plane, best, int(inliers.sum()), gate_rad, noise_rad)
     if planar:
         # The plane's own two poses: with its constraint they are several times more accurate than epipolar lines alone,
         # and have the same residuals, so only the depths' signs tell them apart.
@@ -212,21 +202,10 @@ def estimate_relative_pose(
     else:
         # Off the plane, a rival must follow all matches, and must not be the same optimum on its way. One that as a raw
         # model misses half of the inliers is none: from noisy samples the best one itself missed a third at most.
-        near = (report.costs[1:] - report.costs[0]) / threshold_rad**2 < 0.5 * inlying
-        rivals = [*plane.poses[1:], *(problem.polish(model) for model in _spread_out(report.models[1:][near], best))]
+        near = (report.costs[1:] - report.costs[0]) / threshold_rad**2 < 0.5 * inliers.sum()
+        rivals = [*plane.poses[1:], *(problem.polish(model) for model in spread_out(report.models[1:][near], best))]
         modes = [_settle(problem, rival, noise_rad) for rival in rivals]
-    alternatives: list[Hypothesis] = []
-    for model in modes:
-        explained = problem.explained(model, gate_rad)
-        known = [best, *(np.concatenate([h.q_wxyz, h.t]) for h in alternatives)]
-        if any(_same_mode(model, other) for other in known):
-            continue
-        if decides(int((inliers & ~explained).sum()), int((explained & ~inliers).sum()), int(inliers.sum())):
-            continue
-        if not planar and _worse(problem, model, best, gate_rad, noise_rad, *_RIVAL_LEVEL):
-            continue
-        alternatives.append(_hypothesis(model, explained))
-    alternatives.sort(key=lambda h: -int(h.inliers.sum()))
+    alternatives = _alternatives(problem, modes, best, inliers, gate_rad, None if planar else noise_rad)
     first = _hypothesis(best, inliers)
     depths1, depths2 = depths_from_pose(first.R, first.t, m, n)
     cosine = np.einsum("ij,ij->i", m[inliers] @ first.R.T, n[inliers])
@@ -265,6 +244,48 @@ def _distinct(m: Floats, n: Floats) -> int:
     """How many matches differ: the same match twice is no second witness."""
     # Equal rows have equal projections; different ones agree on a generic axis as good as never.
     return len(np.unique(np.concatenate([m, n], axis=1) @ _GENERIC_AXIS))
+
+
+def _is_planar(
+    problem: RelativePoseProblem, plane: PlaneFit, best: Floats, inlying: int, gate_rad: float, noise_rad: float
+) -> bool:
+    """Whether the inliers of the best motion lie on one plane, and its motions follow them as well."""
+    # A plane leaves no match over: the gate, 3 sqrt(2) deviations, passes all but one in 8000. Two in a hundred are
+    # allowed for tails that are not Gaussian; 25 planes with 15 % outliers left 1.5 % at most. Little parallax passes
+    # the gate as well, so what is left along the epipolar lines must look like noise, and the plane's motion must
+    # follow them as well as the free one.
+    return bool(
+        len(plane.poses) == 2
+        and not decides(plane.off, int(0.02 * inlying), inlying)
+        and plane.along_rad < max(_FLAT, 1 + 6.6 / np.sqrt(plane.on)) * noise_rad
+        and not all(_worse(problem, pose, best, gate_rad, noise_rad, *_PLANE_LEVEL) for pose in plane.poses)
+    )
+
+
+def _alternatives(
+    problem: RelativePoseProblem,
+    modes: list[Floats],
+    best: Floats,
+    inliers: Bools,
+    gate_rad: float,
+    noise_rad: float | None,
+) -> list[Hypothesis]:
+    """The modes that explain as much as the best motion, those of most inliers first.
+
+    Residuals are compared where their noise is given: the two motions of a plane have the same.
+    """
+    alternatives: list[Hypothesis] = []
+    for model in modes:
+        explained = problem.explained(model, gate_rad)
+        known = [best, *(np.concatenate([h.q_wxyz, h.t]) for h in alternatives)]
+        if any(same_mode(model, other) for other in known):
+            continue
+        if decides(int((inliers & ~explained).sum()), int((explained & ~inliers).sum()), int(inliers.sum())):
+            continue
+        if noise_rad is not None and _worse(problem, model, best, gate_rad, noise_rad, *_RIVAL_LEVEL):
+            continue
+        alternatives.append(_hypothesis(model, explained))
+    return sorted(alternatives, key=lambda h: -int(h.inliers.sum()))
 
 
 def _hypothesis(model: Floats, inliers: Bools) -> Hypothesis:
@@ -383,27 +404,3 @@ def _chance_inliers(problem: RelativePoseProblem, model: Floats, gate_rad: float
         shuffled = CompiledPoseProblem(problem.m, problem.n[rng.permutation(len(problem))], problem.threshold_rad)
         counts.append(int(shuffled.explained(model, gate_rad).sum()))
     return float(np.mean(counts))
-
-
-def _mode_distances(a: Floats, b: Floats) -> tuple[float, float]:
-    """Angle between the rotations and angle between the directions of two models, radians."""
-    rotation = 2 * np.arccos(min(1.0, abs(float(a[:4] @ b[:4]))))
-    direction = np.arccos(np.clip(float(a[4:] @ b[4:]), -1, 1))
-    return float(rotation), float(direction)
-
-
-def _same_mode(a: Floats, b: Floats) -> bool:
-    rotation, direction = _mode_distances(a, b)
-    return bool(rotation < _SAME_ROTATION_RAD and direction < _SAME_DIRECTION_RAD)
-
-
-def _spread_out(models: Floats, best: Floats, count: int = 3) -> list[Floats]:
-    """Up to ``count`` of the models (in order of cost) that differ from the best and from each other."""
-    chosen: list[Floats] = []
-    for model in models:
-        # Raw models scatter by several degrees about their mode: only what is clearly elsewhere is worth a refinement.
-        if all(sum(_mode_distances(model, other)) > np.deg2rad(15.0) for other in [best, *chosen]):
-            chosen.append(model)
-        if len(chosen) == count:
-            break
-    return chosen

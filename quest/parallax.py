@@ -146,7 +146,6 @@ def parallax_statement(
     wrong_matches : int
         How many wrong matches there were to choose the motion from, these N and those it left out together; about, and
         not too few. The default makes 10^5 pairs.
-
     rotation : (3, 3) float, optional
         A rotation that explains the matches about as well as a rotation can, where one is known: where the fit of R0
         starts. By default it starts at R.
@@ -174,7 +173,6 @@ def parallax_statement(
         if noise_rad > 1:
             raise InputError(f"noise_rad is {noise_rad:g}: give an angle of at most 1 rad, or None")
     chance = as_positive(chance_matches, "chance_matches", "an expected count, zero or more", or_zero=True)
-    # The far matches themselves are wrong ones under the null hypothesis.
     wrong = as_index(wrong_matches, "wrong_matches", at_least=0)
 
     residuals, J = sampson_jacobian(R, t, m, n)
@@ -189,6 +187,7 @@ def parallax_statement(
     z = _anisotropy(a[near], d[near], t)
     p_near = _chance_of_maximum(z, int(near.sum()))
     by_noise = len(m) * exp(-(_FAR_SIGMAS**2) / 2)
+    # The far matches themselves are wrong ones under the null hypothesis.
     pairs = comb(min(max(wrong, far, 2), 2**53), 2)  # a bound that a double holds: p_far is 1 long before
     p_far = pairs * poisson_tail(far - 2, chance + by_noise)
     ratio, ratio_sigma = _ratio(R, t, m, n, J, noise)

@@ -25,9 +25,8 @@ __all__ = ["progressive_samples", "search_five"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
-SAMPLE_SIZE = 5
+_SAMPLE_SIZE = 5
 #: The chunks grow: easy data stop after the first, hard data need few calls.
 _FIRST_CHUNK, _LARGEST_CHUNK = 64, 1024
 #: From noisy samples without outliers, the share that two starts lead next to the motion: 0.2 to 0.5 over general and
@@ -96,9 +95,9 @@ def search_five(
     while drawn < max_samples:
         chunk = min(chunk, max_samples - drawn)
         if by_score is None:
-            samples = draw_samples(rng, count, SAMPLE_SIZE, chunk)
+            samples = draw_samples(rng, count, _SAMPLE_SIZE, chunk)
         else:
-            samples = by_score[progressive_samples(rng, count, SAMPLE_SIZE, drawn, chunk)]
+            samples = by_score[progressive_samples(rng, count, _SAMPLE_SIZE, drawn, chunk)]
         directions = rng.normal(size=(chunk, len(rotations), 3))
         directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
         kernels.try_samples(
@@ -125,9 +124,9 @@ def search_five(
         if by_score is not None and best is not None:
             # The samples so far came from the best-scored matches, and among those there are more inliers.
             share = max(
-                share, _share_of_drawn(m_any, n_any, *best, threshold_rad, by_score[: samples_reach(count, drawn)])
+                share, _share_of_drawn(m_any, n_any, *best, threshold_rad, by_score[: _samples_reach(count, drawn)])
             )
-        needed = samples_needed(share, SAMPLE_SIZE, confidence, _YIELD)
+        needed = samples_needed(share, _SAMPLE_SIZE, confidence, _YIELD)
         if drawn >= needed:
             break
         chunk = min(2 * chunk, _LARGEST_CHUNK, max(_FIRST_CHUNK, math.ceil(min(needed, max_samples)) - drawn))
@@ -170,7 +169,7 @@ def progressive_samples(rng: np.random.Generator, count: int, size: int, drawn: 
     return samples
 
 
-def samples_reach(count: int, drawn: int, size: int = SAMPLE_SIZE) -> int:
+def _samples_reach(count: int, drawn: int, size: int = _SAMPLE_SIZE) -> int:
     """From how many of the best matches the first ``drawn`` samples of PROSAC come."""
     return min(int(np.searchsorted(_growth(count, size), drawn - 1, side="right")) + size, count)
 
@@ -224,7 +223,7 @@ def _polish(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float) ->
     for gate_rad, scale_rad in ((2 * threshold_rad, threshold_rad), (threshold_rad, 0.5 * threshold_rad)):
         r2, behind = kernels.residuals(m, n, R, t, threshold_rad)
         near = (r2 < gate_rad**2) & ~behind
-        if near.sum() < SAMPLE_SIZE + 1:
+        if near.sum() < _SAMPLE_SIZE + 1:
             break
         kernels.refine(m, n, near, R, t, scale_rad, 6)
     cost, inliers = kernels.score(m, n, R, t, threshold_rad, np.inf)

@@ -1,0 +1,40 @@
+"""When two motions are one mode of the search: rows (q_wxyz, t) of seven numbers, unit norm each."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["same_mode", "spread_out"]
+
+Floats = NDArray[np.float64]
+
+#: Two modes nearer than this are one: refinement ends within it of the optimum on data with observable parallax.
+_SAME_ROTATION_RAD = np.deg2rad(0.3)
+_SAME_DIRECTION_RAD = np.deg2rad(5.0)
+#: Raw models scatter by several degrees about their mode: only what is clearly elsewhere is worth a refinement.
+_CLEARLY_ELSEWHERE_RAD = np.deg2rad(15.0)
+
+
+def _distances(a: Floats, b: Floats) -> tuple[float, float]:
+    """Angle between the rotations and angle between the directions of two models, radians."""
+    rotation = 2 * np.arccos(min(1.0, abs(float(a[:4] @ b[:4]))))
+    direction = np.arccos(np.clip(float(a[4:] @ b[4:]), -1, 1))
+    return float(rotation), float(direction)
+
+
+def same_mode(a: Floats, b: Floats) -> bool:
+    """Whether two models are one."""
+    rotation, direction = _distances(a, b)
+    return bool(rotation < _SAME_ROTATION_RAD and direction < _SAME_DIRECTION_RAD)
+
+
+def spread_out(models: Floats, best: Floats, count: int = 3) -> list[Floats]:
+    """Up to ``count`` of the models (in order of cost) that differ from the best and from each other."""
+    chosen: list[Floats] = []
+    for model in models:
+        if all(sum(_distances(model, other)) > _CLEARLY_ELSEWHERE_RAD for other in [best, *chosen]):
+            chosen.append(model)
+        if len(chosen) == count:
+            break
+    return chosen
