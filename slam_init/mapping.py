@@ -6,6 +6,7 @@ views between and around the pair vote by how well its points predict them.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -133,27 +134,19 @@ def further_views(
     A view close to the reference has a short baseline, hence a direction that is badly known: where the tracks moved
     less than ``min_motion_share`` of their way, a view is taken only for lack of a better one.
     """
-    pair_ids = np.intersect1d(reference.track_ids, current.track_ids, assume_unique=True)
-
-    def useful(view: Observations) -> bool:
-        return len(np.intersect1d(pair_ids, view.track_ids, assume_unique=True)) >= config.min_resected
 
     def motion_px(view: Observations) -> float:
         i, j = common_tracks(reference, view)
         return float(np.median(np.linalg.norm(view.pixels[j] - reference.pixels[i], axis=1)))
 
-    between = [view for view in history.between(reference.frame, current.frame) if useful(view)]
+    between = _sharing(history.between(reference.frame, current.frame), reference, current, config.min_resected)
     if between:
         moved = np.array([motion_px(view) for view in between])
-        late = [
-            view
-            for view, way in zip(between, moved, strict=True)
-            if way >= config.min_motion_share * motion_px(current)
-        ]
+        far = config.min_motion_share * motion_px(current)
+        late = [view for view, way in zip(between, moved, strict=True) if way >= far]
         views = late or [between[int(np.argmax(moved))]]
-        picks = np.unique(np.linspace(0, len(views) - 1, config.max_further_views).round().astype(int))
-        return [views[k] for k in picks]
-    earlier = [view for view in history.between(-1, reference.frame) if useful(view)]
+        return _evenly_spaced(views, config.max_further_views)
+    earlier = _sharing(history.between(-1, reference.frame), reference, current, config.min_resected)
     return earlier[-config.max_further_views :]
 
 
@@ -164,16 +157,24 @@ def voting_views(
 
     Other than for a map, a short baseline does no harm: such a view says little, and says so.
     """
+    views = (*history.between(-1, reference.frame), *history.between(reference.frame, current.frame))
+    return _evenly_spaced(_sharing(views, reference, current, config.min_resected), config.max_voting_views)
+
+
+def _sharing(
+    views: Iterable[Observations], reference: Observations, current: Observations, least: int
+) -> list[Observations]:
+    """The views that see at least so many of the tracks that a pair has in common."""
     pair_ids = np.intersect1d(reference.track_ids, current.track_ids, assume_unique=True)
-    useful = [
-        view
-        for view in (*history.between(-1, reference.frame), *history.between(reference.frame, current.frame))
-        if len(np.intersect1d(pair_ids, view.track_ids, assume_unique=True)) >= config.min_resected
-    ]
-    if not useful:
+    return [v for v in views if len(np.intersect1d(pair_ids, v.track_ids, assume_unique=True)) >= least]
+
+
+def _evenly_spaced(views: list[Observations], at_most: int) -> list[Observations]:
+    """So many of the views at most, the first and the last among them."""
+    if not views:
         return []
-    picks = np.unique(np.linspace(0, len(useful) - 1, config.max_voting_views).round().astype(int))
-    return [useful[k] for k in picks]
+    picks = np.unique(np.linspace(0, len(views) - 1, at_most).round().astype(int))
+    return [views[k] for k in picks]
 
 
 def build_candidate(
