@@ -16,7 +16,7 @@ import numpy as np
 
 from slam_init.camera import Camera
 from slam_init.handover import Evidence
-from slam_init.methods.motions import CheckRule, check_motions, motions_of_essential, motions_of_homography
+from slam_init.methods.motions import IN_FRONT, CheckRule, check_motions, motions_of_essential, motions_of_homography
 from slam_init.methods.two_view import PairRule, TwoViewOutcome, check_matches
 from slam_init.types import Floats
 
@@ -86,8 +86,7 @@ class Colmap:
             R, t = motions_of_essential(np.asarray(E, float))
         if len(R) == 0:
             return TwoViewOutcome.refused("pure_rotation", count, evidence)
-        in_front = CheckRule(max_error_px=float("inf"), distant_cos=1.0)
-        check = check_motions(camera, R, t, bearings1, bearings2, inliers, in_front)
+        check = check_motions(camera, R, t, bearings1, bearings2, inliers, IN_FRONT)
         best = int(np.argmax(check.good.sum(axis=1)))
         # Only what has the angle becomes a point; the median is over all in front.
         wide = CheckRule(float("inf"), np.cos(np.radians(rules.min_angle_deg)), int(check.good[best].sum()) // 2)

@@ -16,7 +16,7 @@ import numpy as np
 
 from quest.ransac import draw_samples
 from slam_init.camera import Camera
-from slam_init.methods.gates import GateRules, accept_best
+from slam_init.methods.gates import GATED_PAIRS, GateRules, accept_best
 from slam_init.methods.models import (
     fundamental_eight_point,
     normalize,
@@ -24,13 +24,10 @@ from slam_init.methods.models import (
     sampson_errors,
 )
 from slam_init.methods.motions import motions_of_essential
-from slam_init.methods.two_view import PairRule, TwoViewOutcome, check_matches
+from slam_init.methods.two_view import TwoViewOutcome, check_matches
 from slam_init.types import Floats
 
 __all__ = ["EightPointRules", "EssentialEightPoint", "EssentialFivePoint", "FivePointRules"]
-
-#: As ORB-SLAM asks, so that the methods see the same pairs; 50 landmarks as the gate before.
-_PAIRS = PairRule(min_features=101, min_matches=100, min_landmarks=50)
 
 
 @dataclass(frozen=True)
@@ -39,7 +36,7 @@ class FivePointRules:
 
     confidence: float = 0.999
     threshold_px: float = 1.0
-    #: Four motions of five matches need more than one of them to be told apart.
+    #: Five matches have up to ten motions: a sixth one chooses.
     min_matches: int = 6
     gates: GateRules = field(default_factory=GateRules)
 
@@ -50,7 +47,7 @@ class EssentialFivePoint:
     OpenCV's random generator starts in the same state at every call: the seed plays no part.
     """
 
-    pair_rule = _PAIRS
+    pair_rule = GATED_PAIRS
 
     def __init__(self, rules: FivePointRules | None = None) -> None:
         self.rules = rules or FivePointRules()
@@ -89,7 +86,7 @@ class EightPointRules:
 class EssentialEightPoint:
     """Normalized 8-point fundamental matrices [2]_ in RANSAC, fitted again to all inliers; E from the best."""
 
-    pair_rule = _PAIRS
+    pair_rule = GATED_PAIRS
 
     def __init__(self, rules: EightPointRules | None = None) -> None:
         self.rules = rules or EightPointRules()

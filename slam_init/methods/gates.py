@@ -8,11 +8,11 @@ import numpy as np
 
 from slam_init.camera import Camera
 from slam_init.handover import Evidence
-from slam_init.methods.motions import CheckRule, MotionCheck, check_motions
-from slam_init.methods.two_view import TwoViewOutcome
+from slam_init.methods.motions import IN_FRONT, MotionCheck, check_motions
+from slam_init.methods.two_view import PairRule, TwoViewOutcome
 from slam_init.types import Bools, Floats
 
-__all__ = ["GateRules", "accept_best"]
+__all__ = ["GATED_PAIRS", "GateRules", "accept_best"]
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,9 @@ class GateRules:
     min_parallax_deg: float = 1.0
 
 
-#: Every inlier before both cameras counts: the estimator has judged the residuals, and no point is at infinity.
-_IN_FRONT = CheckRule(max_error_px=float("inf"), distant_cos=1.0)
+#: The pairs that these estimators are shown: those of ORB-SLAM, so that the methods see the same ones. As many
+#: landmarks have to be left as points in front were asked for.
+GATED_PAIRS = PairRule(min_features=101, min_matches=100, min_landmarks=50)
 
 
 def accept_best(
@@ -53,7 +54,7 @@ def accept_best(
         What is known already.
     """
     count = len(inliers)
-    check: MotionCheck = check_motions(camera, R, t, bearings1, bearings2, inliers, _IN_FRONT)
+    check: MotionCheck = check_motions(camera, R, t, bearings1, bearings2, inliers, IN_FRONT)
     in_front = check.good.sum(axis=1)
     best = int(np.argmax(in_front))
     parallax_deg = float(check.parallax_deg[best])

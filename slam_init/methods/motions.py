@@ -16,6 +16,7 @@ from slam_init.camera import Camera
 from slam_init.types import Bools, Floats, Pose
 
 __all__ = [
+    "IN_FRONT",
     "CheckRule",
     "MotionCheck",
     "check_motions",
@@ -86,6 +87,10 @@ class CheckRule:
     distant_cos: float
     ranked: int = 50
     midpoint: bool = False
+
+
+#: Every inlier before both cameras counts: the estimator has judged the residuals, and no point is at infinity.
+IN_FRONT = CheckRule(max_error_px=float("inf"), distant_cos=1.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,8 @@ __all__ = ["PairInitializer"]
 #: None of the two-view methods asks how certain a depth is: what they triangulate stays, unless bundle adjustment makes
 #: its depth a guess.
 _ANY_DEPTH_SIGMA = 1.0
+#: The tracks of the reference are lost.
+_NEW_REFERENCE = ("too_few_features", "too_few_matches")
 
 
 class PairInitializer:
@@ -177,7 +179,3 @@ class PairInitializer:
             return refused(attempt, "too_few_landmarks")
         self.map = initial_map(bundle, (reference, current), "planar" if outcome.planar else "general")
         return attempt
-
-
-#: The tracks of the reference are lost.
-_NEW_REFERENCE = ("too_few_features", "too_few_matches")

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from slam_init.camera import Camera
-from slam_init.methods.gates import GateRules, accept_best
-from slam_init.methods.two_view import PairRule, TwoViewOutcome, check_matches
+from slam_init.methods.gates import GATED_PAIRS, GateRules, accept_best
+from slam_init.methods.two_view import TwoViewOutcome, check_matches
 from slam_init.types import Floats
 
 __all__ = ["PoseLib", "PoseLibRules"]
@@ -34,8 +34,7 @@ class PoseLibRules:
 class PoseLib:
     """Five-point LO-RANSAC with refinement [1]_, parallax gate."""
 
-    #: As ORB-SLAM asks, so that the methods see the same pairs; 50 landmarks as the gate before.
-    pair_rule = PairRule(min_features=101, min_matches=100, min_landmarks=50)
+    pair_rule = GATED_PAIRS
 
     def __init__(self, rules: PoseLibRules | None = None) -> None:
         self.rules = rules or PoseLibRules()
