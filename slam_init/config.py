@@ -114,7 +114,7 @@ class MapConfig:
     #: disagree with a wrong map.
     min_resected: int = 20
     #: Landmarks whose relative depth is less certain than this are left out (one standard deviation): from here on one
-    #: in two hundred would lie behind the camera by noise alone.
+    #: in 160 would lie behind the camera by noise alone (2.5 deviations).
     max_depth_sigma: float = 0.4
     #: Residuals beyond this many standard deviations are outliers: 1 % of a 2-D Gaussian.
     outlier_sigmas: float = 3.0

@@ -1,7 +1,7 @@
 """The pipeline, to be read from top to bottom.
 
 A frame arrives; its tracks are followed; the keyframe manager offers pairs with earlier frames; the best pair is tried
-(:mod:`slam_init.bootstrap`): two-view geometry through QuEst, a map for each hypothesis, the vote of further views,
+(:mod:`slam_init.bootstrap`): two-view geometry (:mod:`quest`), a map for each hypothesis, the vote of further views,
 bundle adjustment, gates. The first map that passes all of them ends the initialization. What is refused is refused for
 a reason, with its evidence; what cannot be decided lives on as two maps.
 """
@@ -34,6 +34,8 @@ __all__ = ["Initializer", "run"]
 
 #: What a later attempt may find that speaks against an earlier pair which no third view confirmed.
 _AGAINST_TWO_VIEWS = ("pure_rotation", "no_consistent_motion", "ambiguous_plane", "bundle_adjustment_failed")
+#: A camera that turned by less shows less than 0.2 px of a focal length that is wrong by a twentieth.
+_FIRST_CHECK_DEG = 5.0
 
 
 def run(
@@ -123,10 +125,6 @@ def _with_progress(frames: Iterator[Frame], total: int, show: bool) -> Iterator[
         for frame in frames:
             yield frame
             bar.update()
-
-
-#: A camera that turned by less shows less than 0.2 px of a focal length that is wrong by a twentieth.
-_FIRST_CHECK_DEG = 5.0
 
 
 class Initializer:

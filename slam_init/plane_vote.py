@@ -11,9 +11,9 @@ derivative by x, noise of variance s^2 in all views gives the cost of a track
 
     c = (e^T e - e^T G (1 + G^T G)^-1 G^T e) / s^2
 
-with 2 (K - 1) degrees of freedom. Both explanations are adjusted from their own start; the difference of their costs
-over all tracks, in units of its own fluctuation, is the vote (Vuong 1989). As neither has points that give way, it
-grows with the square of what they predict differently.
+with 2 K degrees of freedom, K the views besides the reference that see it. Both explanations are adjusted from their
+own start; the difference of their costs over all tracks, in units of its own fluctuation, is the vote (Vuong 1989). As
+neither has points that give way, it grows with the square of what they predict differently.
 """
 
 from __future__ import annotations
