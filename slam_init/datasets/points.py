@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
-from urllib.parse import parse_qsl
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slam_init.camera import Camera
 from slam_init.datasets.image_files import frame_range
+from slam_init.datasets.synth import option_values
 from slam_init.datasets.text import pose_from_matrix
 from slam_init.errors import SourceError
 from slam_init.types import Floats, Frame, Observations, Trajectory
@@ -99,15 +99,7 @@ def open_points(text: str, seed: int) -> PointSource:
     from sequences_synth import PointOptions, make_points
 
     name, _, query = text.removeprefix(POINTS).partition("?")
-    known = {field.name: type(getattr(PointOptions(), field.name)) for field in fields(PointOptions)}
-    values: dict[str, Any] = {}
-    for key, value in parse_qsl(query, keep_blank_values=True):
-        if key not in known:
-            raise SourceError(f"{text}: unknown option {key!r}: use one of {', '.join(known)}")
-        try:
-            values[key] = known[key](value)
-        except ValueError:
-            raise SourceError(f"{text}: {key} is {value!r}: give a number") from None
+    values = option_values(text, query, PointOptions())
     try:
         return PointSource(make_points(name, seed, PointOptions(**values)))
     except ValueError as error:

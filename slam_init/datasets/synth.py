@@ -16,7 +16,7 @@ from slam_init.types import Floats, Frame, Trajectory
 if TYPE_CHECKING:
     from sequences_synth import SynthOptions, SynthSequence
 
-__all__ = ["PREFIX", "SynthSource", "make_synth", "open_synth"]
+__all__ = ["PREFIX", "SynthSource", "make_synth", "open_synth", "option_values"]
 
 PREFIX = "synth:"
 
@@ -75,18 +75,27 @@ def open_synth(text: str, seed: int) -> SynthSource:
     from sequences_synth import SynthOptions
 
     name, _, query = text.removeprefix(PREFIX).partition("?")
-    defaults = SynthOptions()
-    known = [field.name for field in fields(defaults)]
-    values: dict[str, float] = {}
+    return SynthSource(make_synth(name, seed, option_values(text, query, SynthOptions())))
+
+
+def option_values(text: str, query: str, defaults: Any) -> dict[str, Any]:
+    """The options ``name=value&...`` of a source, of the types that a dataclass of defaults has.
+
+    Raises
+    ------
+    SourceError
+        Where an option is unknown, or a value is none; the message names the source ``text``.
+    """
+    known = {field.name: type(getattr(defaults, field.name)) for field in fields(defaults)}
+    values: dict[str, Any] = {}
     for key, value in parse_qsl(query, keep_blank_values=True):
         if key not in known:
             raise SourceError(f"{text}: unknown option {key!r}: use one of {', '.join(known)}")
-        kind = type(getattr(defaults, key))
         try:
-            values[key] = kind(value)
+            values[key] = known[key](value)
         except ValueError:
             raise SourceError(f"{text}: {key} is {value!r}: give a number") from None
-    return SynthSource(make_synth(name, seed, values))
+    return values
 
 
 def make_synth(name: str, seed: int, values: dict[str, Any]) -> SynthSequence:
