@@ -69,11 +69,12 @@ class Outcome:
 # -- at a glance ----------------------------------------------------------------------------------
 
 
-def screen(config: Config, current: Observations, pairs: list[PairPreview]) -> Attempt | None:
+def screen(camera: Camera, config: Config, current: Observations, pairs: list[PairPreview]) -> Attempt | None:
     """Refuse at a glance what no pair can yield: no tracks, no motion, no parallax; None where there may be some.
 
     Parameters
     ----------
+    camera : Camera
     config : Config
     current : Observations
     pairs : list of PairPreview
@@ -91,8 +92,12 @@ def screen(config: Config, current: Observations, pairs: list[PairPreview]) -> A
         Gate("features", len(current), needed, True, "too_few_features", ADVICE["too_few_features"]),
         Gate("matches", pair.matches, needed, True, "too_few_matches", ADVICE["too_few_matches"]),
     )
+    # Without parallax the camera turned or stood still: a rotation that is fitted to noise turns by next to nothing.
+    turned_px = float(np.radians(max((p.rotation_deg for p in usable), default=0.0))) * camera.focal_px
+    turned = Gate("turned_px", turned_px, noise_px, True, "static_camera", ADVICE["static_camera"])
     motion = (
         Gate("motion_px", motion_px, noise_px, True, "static_camera", ADVICE["static_camera"]),
+        *([turned] if share < _LEAST_PARALLAX_SHARE else []),
         Gate("parallax_share", share, _LEAST_PARALLAX_SHARE, True, "pure_rotation", ADVICE["pure_rotation"]),
     )
     attempt = Attempt((pair.reference, pair.current), ACCEPTED, preview_evidence(pair))

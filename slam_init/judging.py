@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from quest.estimate import RelativePose
+from quest.quaternion import rotation_angle
 from slam_init import acceptance
 from slam_init.bundle import BundleSolution
 from slam_init.calibration_check import TurningCamera, suspected_focal_factor
@@ -36,10 +37,10 @@ def judge_two_views(
 ) -> Attempt:
     """What two views alone refuse, before any map is built: ``turning`` is the best rotation for the same matches."""
     if pose.kind == "rotation":
-        moved_px = np.linalg.norm(attempt.pixels2 - attempt.pixels1, axis=1)[pose.inliers]
+        # A rotation is fitted to noise as well, and turns by next to nothing then.
         least_px = difference_gate(max(config.map.noise_px, pose.noise_rad * camera.focal_px))
-        moved = float(np.percentile(moved_px, 90))
-        gate = Gate("explained_motion_px", moved, least_px, True, "static_camera", ADVICE["static_camera"])
+        turned = float(rotation_angle(pose.R)) * camera.focal_px
+        gate = Gate("turned_px", turned, least_px, True, "static_camera", ADVICE["static_camera"])
         attempt = looked_at(attempt, (gate,))
         if not gate.passes():
             return refused_by(attempt, "motion", (gate,))

@@ -243,7 +243,7 @@ class Initializer:
         with self.stopwatch("pairs"):
             pairs = self.keyframes.preview(self.history, current)
             chosen = self.keyframes.worth_trying(pairs)
-        attempt = screen(self.config, current, pairs)
+        attempt = screen(self.camera, self.config, current, pairs)
         if attempt is not None:
             attempt = self._with_calibration_check(attempt, pairs, current)
             self._remember(attempt)
