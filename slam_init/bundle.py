@@ -31,6 +31,8 @@ __all__ = [
     "pose_key",
 ]
 
+#: Tracks whose residuals are this many times the expected noise are no tracks of one rigid scene.
+_WORST_NOISE = 10.0
 #: Tuning constant with 95 % efficiency on Gaussian residuals (Holland and Welsch 1977).
 _CAUCHY = 2.3849
 #: As good as fixed, and much faster than constrained noise in gtsam.
@@ -210,6 +212,8 @@ def adjust(camera: Camera, problem: BundleProblem, config: MapConfig) -> BundleS
         robust, errors = _optimize(camera, start, config.noise_px, robust=True, iterations=8, tolerance=1e-3)
         residuals = robust.residuals(camera)
         noise_px = estimate_noise(robust, residuals, config)
+        if noise_px > _WORST_NOISE * config.noise_px:
+            return BundleFailure(f"the tracks disagree with every map by {noise_px:.0f} px")
         # NaN, behind a camera, is no inlier.
         inlying: Bools = np.asarray(np.linalg.norm(residuals, axis=1) < config.outlier_sigmas * noise_px)
         cleaned = robust.keep(inlying)
