@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -310,7 +311,8 @@ def test_every_method_is_described():
         assert info.name == name
         assert info.summary
         assert info.source
-        assert make_initializer(name, TRACK_CAMERA, CONFIG).frames_read == 0
+        if info.needs is None or find_spec(info.needs):
+            assert make_initializer(name, TRACK_CAMERA, CONFIG).frames_read == 0
 
 
 def test_names_that_are_no_method_are_refused(monkeypatch):
