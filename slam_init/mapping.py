@@ -29,12 +29,15 @@ __all__ = [
     "explained_at_most",
     "further_views",
     "margin",
+    "margin_of",
     "rank",
     "same_map",
     "table_of",
     "voting_views",
 ]
 
+#: Regions of the view, across and down, whose tracks are taken to share errors: a clear vote needs a dozen to agree.
+_REGIONS = (8, 6)
 #: Two adjusted maps nearer than this are one: an order below what makes an initialization wrong.
 _SAME_ROTATION_RAD = np.deg2rad(0.3)
 _SAME_DIRECTION_RAD = np.deg2rad(2.0)
@@ -238,8 +241,28 @@ def margin(camera: Camera, config: Config, better: MapCandidate, worse: MapCandi
     gate2 = config.map.outlier_sigmas**2
     difference = _track_costs(camera, worse, frames, better.bundle.noise_px, gate2)
     difference -= _track_costs(camera, better, frames, better.bundle.noise_px, gate2)
-    scatter = float(np.sqrt(np.sum(difference**2)))
-    return Margin(0.5 * float(difference.sum()), float(difference.sum()) / scatter if scatter > 0 else 0.0)
+    return margin_of(difference, _unit_plane(better.table.bearings[0]))
+
+
+def margin_of(difference: Floats, where: Floats) -> Margin:
+    """The margin of differences of costs (T,) of tracks that were seen at (T, 2) in the first view.
+
+    Neighbours share errors (drift, blur, lens), so that their votes are not independent: the scatter is that of the
+    sums over regions of the view, where that is larger than the one of single tracks.
+    """
+    total = float(difference.sum())
+    low, high = np.percentile(where, [1, 99], axis=0)
+    cells = np.clip((where - low) / np.maximum(high - low, 1e-12) * _REGIONS, 0, np.array(_REGIONS) - 1).astype(int)
+    region = cells[:, 0] * _REGIONS[1] + cells[:, 1]
+    # What the regions say beside their share of the total: where all of them agree there is nothing left.
+    sums = np.bincount(region, weights=difference) - np.bincount(region) * difference.mean()
+    scatter = float(np.sqrt(max(np.sum(difference**2), np.sum(sums**2))))
+    return Margin(0.5 * total, total / scatter if scatter > 0 else 0.0)
+
+
+def _unit_plane(rays: Floats) -> Floats:
+    """Where rays (T, 3) meet the plane before the camera, (T, 2); rays beside it go to its far edge."""
+    return np.asarray(rays[:, :2] / np.maximum(rays[:, 2:], 0.1))
 
 
 def rank(camera: Camera, config: Config, candidates: list[MapCandidate]) -> list[MapCandidate]:

@@ -25,7 +25,7 @@ import numpy as np
 from quest.estimate import Hypothesis, RelativePose
 from quest.homography import decompose_homography, fit_homography, homography_residuals
 from quest.quaternion import rotation_from_vector
-from slam_init.mapping import Margin, TrackTable, explained_at_most
+from slam_init.mapping import Margin, TrackTable, explained_at_most, margin_of
 from slam_init.types import Bools, Floats, Pose
 
 __all__ = ["PlaneModel", "PlaneViews", "adjust_plane", "plane_costs", "plane_margin", "plane_of_motion"]
@@ -78,8 +78,7 @@ def plane_margin(table: TrackTable, first: Motion, second: Motion, noise_rad: fl
     inflation = max(1.0, min(float(np.median(cost[freedom > 0] / freedom[freedom > 0])) for cost in costs))
     limit = explained_at_most(freedom)
     difference = np.minimum(costs[1] / inflation, limit) - np.minimum(costs[0] / inflation, limit)
-    scatter = float(np.sqrt(np.sum(difference**2)))
-    return Margin(0.5 * float(difference.sum()), float(difference.sum()) / scatter if scatter > 0 else 0.0)
+    return margin_of(difference, views.reference)
 
 
 def plane_of_motion(R: Floats, t: Floats, m: Floats, n: Floats) -> Floats:

@@ -16,6 +16,7 @@ from slam_init.mapping import (
     explained_at_most,
     further_views,
     margin,
+    margin_of,
     rank,
     same_map,
     table_of,
@@ -243,3 +244,16 @@ def test_a_margin_decides_when_both_of_its_figures_do():
     assert not Margin(10 * log_likelihood, 0.99 * z).decides()
     assert Margin(-log_likelihood, -z).reversed().decides()
     assert Margin(0.5 * log_likelihood, 0.8 * z).share() == pytest.approx(0.5)
+
+
+def test_votes_that_neighbours_share_count_as_one():
+    rng = np.random.default_rng(0)
+    where = rng.uniform(0, 1, (480, 2))
+    single = 0.5 + rng.normal(size=480)
+    # The same votes, dealt out so that neighbours cast the same one.
+    region = (where * (8, 6)).astype(int) @ (6, 1)
+    shared = (0.5 + rng.normal(size=48))[region]
+    assert margin_of(single, where).z > 6
+    assert margin_of(shared, where).z < 0.6 * shared.sum() / np.sqrt(np.sum(shared**2))
+    assert margin_of(-shared, where).z == pytest.approx(-margin_of(shared, where).z)
+    assert margin_of(np.zeros(480), where).z == 0
