@@ -93,7 +93,7 @@ def open_backend(name: str, jobs: int) -> Iterator[Backend]:
 
 @contextmanager
 def _loky(jobs: int) -> Iterator[Backend]:
-    from loky import ProcessPoolExecutor  # type: ignore[import-untyped]
+    from loky import ProcessPoolExecutor
 
     executor: Any = ProcessPoolExecutor(max_workers=jobs)
     try:
