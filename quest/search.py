@@ -32,7 +32,8 @@ _FIRST_CHUNK, _LARGEST_CHUNK = 64, 1024
 #: From noisy samples without outliers, the share that two starts lead next to the motion: 0.2 to 0.5 over general and
 #: planar scenes, baselines from .03 to .5 of the depth and 0.7 px at a focal length of 458 px. Refinement widens it.
 _YIELD = 0.35
-#: Modes that the pool holds, and how many of the best, and of the refits, are refined in the end.
+#: Modes that the pool holds: at most three alternatives are reported, and several modes may be refined into one. And
+#: how many of the best, and of the refits, are refined in the end: each costs a tenth of a millisecond or two.
 _POOL, _RUNNERS_UP = 8, 2
 #: Subsets of the inliers that the result is refitted to in the end, and their size: enough for five unknowns to be
 #: better known than from five matches, few enough to leave out what holds the result in a local optimum.
