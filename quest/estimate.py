@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from quest.epipolar import as_matches, depths_from_pose
 from quest.errors import InputError, as_floats, as_index, as_positive
 from quest.modes import same_mode, spread_out
+from quest.neighbours import directions_of, regions_of, scatter_of_sum
 from quest.parallax import ParallaxStatement, parallax_statement, typical_ratios
 from quest.planes import PlaneFit, fit_plane, off_line_rad
 from quest.pose_problem import SAMPLERS, CompiledPoseProblem, RelativePoseProblem
@@ -62,15 +63,17 @@ _RIVAL_LEVEL = (26.0, 4.0)
 _PLANE_LEVEL = (15.0, 2.5)
 
 
-def decides(votes_for: int, votes_against: int, total: int) -> bool:
+def decides(votes_for: int, votes_against: int, total: int, scatter: float | None = None) -> bool:
     """Whether counts of matches that only one of two hypotheses explains decide between them.
 
     Under the null hypothesis that neither is better, each such vote is a fair coin, and the difference has the standard
-    deviation sqrt(for + against): four of them are exceeded once in 30 000. Twelve votes, and 3 % of all matches, are
-    asked for besides, since votes that come from one small moving object or a repeated texture are not independent.
+    deviation sqrt(for + against): four of them are exceeded once in 30 000. Votes that come from one small moving
+    object or a repeated texture are not independent: their ``scatter`` (:mod:`quest.neighbours`) takes its place where
+    it is known. Twelve votes, and 3 % of all matches, are asked for besides.
     """
     difference = votes_for - votes_against
-    return bool(difference >= max(12.0, 0.03 * total, 4.0 * np.sqrt(votes_for + votes_against)))
+    deviation = float(np.sqrt(votes_for + votes_against)) if scatter is None else scatter
+    return bool(difference >= max(12.0, 0.03 * total, 4.0 * deviation))
 
 
 def estimate_relative_pose(
@@ -275,12 +278,15 @@ def _alternatives(
     Residuals are compared where their noise is given: the two motions of a plane have the same.
     """
     alternatives: list[Hypothesis] = []
+    region = regions_of(directions_of(problem.m))
     for model in modes:
         explained = problem.explained(model, gate_rad)
         known = [best, *(np.concatenate([h.q_wxyz, h.t]) for h in alternatives)]
         if any(same_mode(model, other) for other in known):
             continue
-        if decides(int((inliers & ~explained).sum()), int((explained & ~inliers).sum()), int(inliers.sum())):
+        for_best, against = inliers & ~explained, explained & ~inliers
+        scatter = scatter_of_sum(for_best.astype(float) - against, region)
+        if decides(int(for_best.sum()), int(against.sum()), int(inliers.sum()), scatter):
             continue
         if noise_rad is not None and _worse(problem, model, best, gate_rad, noise_rad, *_RIVAL_LEVEL):
             continue
@@ -313,13 +319,14 @@ def _worse(
 ) -> bool:
     """Whether a motion leaves larger residuals than another, by ``least`` noise variances and beyond their scatter.
 
-    The scatter is that of the sum of differences (Vuong 1989), so that no handful of matches with systematic errors
-    decides.
+    The scatter is that of the sum of differences (Vuong 1989), over matches or over regions of the view, so that no
+    handful of matches with errors of their own decides.
     """
     r2, behind = problem.residuals(np.stack([model, other]))
     r2[behind] = np.inf
     difference = (np.minimum(r2[0], gate_rad**2) - np.minimum(r2[1], gate_rad**2)) / noise_rad**2
-    return bool(difference.sum() > max(least, deviations * np.sqrt(np.sum(difference**2))))
+    scatter = scatter_of_sum(difference, regions_of(directions_of(problem.m)))
+    return bool(difference.sum() > max(least, deviations * scatter))
 
 
 def _settle(problem: RelativePoseProblem, model: Floats, noise_rad: float) -> Floats:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from quest.refine import refine_pose
 from slam_init.bundle import BundleSolution
 from slam_init.camera import Camera
 from slam_init.config import AcceptanceConfig
@@ -11,14 +12,14 @@ from slam_init.mapping import MapCandidate
 from slam_init.reasons import ACCEPTED, ADVICE, Gate
 from slam_init.types import Floats
 
-__all__ = ["check", "depth_sigma", "direction_bound_deg", "direction_sigmas_deg"]
+__all__ = ["check", "depth_sigma", "direction_bound_deg", "direction_focal_deg", "direction_sigmas_deg"]
 
 #: Views nearer to the first than this share of the longest baseline have no direction worth a statement.
 _SHORT_BASELINE = 0.3
 
 
 def check(
-    camera: Camera, candidate: MapCandidate, bundle: BundleSolution, config: AcceptanceConfig
+    camera: Camera, candidate: MapCandidate, bundle: BundleSolution, shared_rad: float, config: AcceptanceConfig
 ) -> tuple[str, list[Gate]]:
     """The verdict on an adjusted map, and all gates.
 
@@ -28,6 +29,8 @@ def check(
     candidate : MapCandidate
     bundle : BundleSolution
         The adjusted map of the candidate.
+    shared_rad : float
+        Error that neighbouring tracks share (:mod:`slam_init.shared_error`).
     config : AcceptanceConfig
     """
     points = len(bundle.problem.points)
@@ -35,7 +38,15 @@ def check(
     explained = points / max(len(candidate.table.track_ids), 1)
     sideways = "translate sideways: the path is too short for the depth of the scene"
     gates = [
-        Gate("direction_bound_deg", direction_bound_deg(bundle, config), error, False, "low_parallax", sideways),
+        Gate("direction_bound_deg", direction_bound_deg(bundle, shared_rad), error, False, "low_parallax", sideways),
+        Gate(
+            "direction_focal_deg",
+            direction_focal_deg(candidate, bundle.noise_px / camera.focal_px, config.focal_error),
+            error,
+            False,
+            "low_parallax",
+            "the direction of motion hangs on the exact focal length: translate further for the same turn",
+        ),
         Gate(
             "direction_shift_deg",
             direction_shift_deg(candidate, bundle),
@@ -75,7 +86,7 @@ def check(
     return (failed[0].reason if failed else ACCEPTED), gates
 
 
-def direction_bound_deg(bundle: BundleSolution, config: AcceptanceConfig) -> float:
+def direction_bound_deg(bundle: BundleSolution, shared_rad: float) -> float:
     """How far the direction of a baseline from the first view may be off, for the worst view, in degrees.
 
     Three standard deviations, and what no average removes: an error that neighbouring tracks share (lens model,
@@ -85,8 +96,17 @@ def direction_bound_deg(bundle: BundleSolution, config: AcceptanceConfig) -> flo
     # The median: a few near or moving things with much parallax do not make up for a scene that has little.
     median = float(np.median(parallax))
     sigmas_deg, shares = direction_sigmas_deg(bundle)
-    systematic_deg = np.degrees(1e-3 * config.systematic_error_mrad / np.maximum(median * shares, 1e-12))
-    return float(np.max(3 * sigmas_deg + systematic_deg))
+    shared_deg = np.degrees(shared_rad / np.maximum(median * shares, 1e-12))
+    return float(np.max(3 * sigmas_deg + shared_deg))
+
+
+def direction_focal_deg(candidate: MapCandidate, noise_rad: float, focal_error: float) -> float:
+    """By how much the baseline of the pair turns where the focal length is off by a share, in degrees."""
+    motion = candidate.hypothesis
+    m, n = candidate.table.bearings[:2, motion.inliers] * (1.0, 1.0, 1 + focal_error)
+    m, n = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (m, n))
+    _, t = refine_pose(motion.R, motion.t, m, n, 3 * noise_rad)
+    return float(np.degrees(np.arccos(np.clip(t @ motion.t, -1, 1))))
 
 
 def direction_shift_deg(candidate: MapCandidate, bundle: BundleSolution) -> float:

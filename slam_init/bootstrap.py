@@ -24,6 +24,7 @@ from slam_init.judging import (
 from slam_init.keyframes import PairPreview, difference_gate
 from slam_init.mapping import MapCandidate, Margin, build_candidate, further_views, rank, same_map, table_of
 from slam_init.reasons import ACCEPTED, ADVICE, Gate
+from slam_init.shared_error import shared_error_rad
 from slam_init.timing import Stopwatch
 from slam_init.tracks import History, common_tracks
 from slam_init.types import Attempt, InitialMap, Observations
@@ -122,10 +123,11 @@ def with_calibration_check(
         A pair far apart in rotation: the further, the more a wrong focal length shows.
     """
     i, j = common_tracks(reference, current)
-    # There is no estimate of the noise yet.
+    # There is no estimate of the errors yet.
     noise_rad = config.map.noise_px / camera.focal_px
+    shared_rad = config.acceptance.min_shared_error_px / camera.focal_px
     turning = turning_camera(reference.bearings[i], current.bearings[j], noise_rad)
-    evidence = turning_evidence(camera, config, turning, noise_rad)
+    evidence = turning_evidence(camera, config, turning, noise_rad, shared_rad)
     return replace(attempt, evidence=attempt.evidence | evidence)
 
 
@@ -175,10 +177,14 @@ def try_pair(
         return Outcome(refused_at(attempt, pose.reason, "two views"))
     with stopwatch("two_view"):
         turning = turning_camera(m[pose.inliers], n[pose.inliers], pose.noise_rad)
-    attempt = judge_two_views(camera, config, attempt, pose, turning)
+        shared_rad = config.acceptance.min_shared_error_px / camera.focal_px
+        if pose.kind != "rotation":
+            shared_rad = max(shared_rad, shared_error_rad(pose, m, n, reference.pixels[i]))
+    attempt = replace(attempt, evidence=attempt.evidence | {"shared_error_px": shared_rad * camera.focal_px})
+    attempt = judge_two_views(camera, config, attempt, pose, turning, shared_rad)
     if attempt.verdict != ACCEPTED:
         if attempt.verdict == "low_parallax":
-            attempt = suspect_calibration(camera, config, attempt, pose, turning)
+            attempt = suspect_calibration(camera, config, attempt, pose, turning, shared_rad)
         return Outcome(attempt)
 
     with stopwatch("map"):
@@ -199,16 +205,17 @@ def try_pair(
 
     attempt, decided_by = vote(camera, config, attempt, candidates if third_view else candidates[:1], plane)
     if attempt.verdict != ACCEPTED:
-        suspected = suspect_calibration(camera, config, attempt, pose, turning)
+        suspected = suspect_calibration(camera, config, attempt, pose, turning, shared_rad)
         # A turning camera is a third explanation then, and the two maps are no kept set.
         undecided = () if suspected.verdict != attempt.verdict else _undecided(history, candidates, pose.kind)
         return Outcome(suspected, hypotheses=undecided, margin=decided_by)
 
-    attempt = judge_map(camera, config, attempt, best, best.bundle, third_view)
+    attempt = judge_map(camera, config, attempt, best, best.bundle, shared_rad, third_view)
     confirmable = attempt.verdict == "no_third_view" and len(table.frames) == 2 and len(candidates) == 1
     if attempt.verdict != ACCEPTED and not confirmable:
         return Outcome(attempt, margin=decided_by)
-    attempt = judge_turning(camera, config, attempt, turning, best.bundle.noise_px / camera.focal_px)
+    noise_rad = best.bundle.noise_px / camera.focal_px
+    attempt = judge_turning(camera, config, attempt, turning, noise_rad, shared_rad)
     handover = _hand_over(history, best.bundle, pose.kind)
     if attempt.verdict == ACCEPTED:
         return Outcome(replace(attempt, progress=1.0), accepted=handover, margin=decided_by)

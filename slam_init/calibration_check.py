@@ -38,11 +38,22 @@ class TurningCamera:
         For a camera that does turn this is the noise.
     stated_residual_rad : float
         What the best rotation with the stated focal length leaves.
+    matches : int
+        What the medians are over.
     """
 
     focal_factor: float
     residual_rad: float
     stated_residual_rad: float
+    matches: int
+
+    @property
+    def chance_factor(self) -> float:
+        """By which a residual exceeds its expectation once in 30 000 cases.
+
+        The median of N lengths with two Gaussian components each has a standard deviation of 0.72 / sqrt(N), relative.
+        """
+        return 1 + 4 * 0.72 / float(np.sqrt(max(self.matches, 1)))
 
 
 def turning_camera(m: Floats, n: Floats, noise_rad: float) -> TurningCamera:
@@ -66,7 +77,7 @@ def turning_camera(m: Floats, n: Floats, noise_rad: float) -> TurningCamera:
         residuals[i] = np.median(np.linalg.norm(b - a @ R.T, axis=1)) / (np.sqrt(2 * np.log(2)) * np.sqrt(2))
     best = int(np.argmin(residuals))
     stated = int(np.argmin(np.abs(_FACTORS - 1)))
-    return TurningCamera(float(_FACTORS[best]), float(residuals[best]), float(residuals[stated]))
+    return TurningCamera(float(_FACTORS[best]), float(residuals[best]), float(residuals[stated]), len(m))
 
 
 def suspected_focal_factor(turning: TurningCamera, expected_rad: float) -> float | None:

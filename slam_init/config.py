@@ -124,6 +124,12 @@ class MapConfig:
     noise_px: float = 0.5
     #: No estimate goes below this: errors that tracks share (drift, lens) are not seen in their residuals.
     min_noise_px: float = 0.1
+    #: Whether the focal length is adjusted with the map. A few views that hardly turn cannot tell it, and a calibration
+    #: is mostly better than what they say; worth it where the stated one is from a data sheet, or from memory.
+    refine_focal: bool = False
+    #: How far the stated focal length may be off then: relative standard deviation of the prior. Data sheets and zoom
+    #: scales are off by a twentieth; for a guess from the image size take 0.3.
+    focal_sigma: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -132,23 +138,24 @@ class AcceptanceConfig:
 
     #: As in ORB-SLAM and stella_vslam: what tracking goes on from.
     min_landmarks: int = 50
-    #: Bound on the error of the direction of the baseline: three standard deviations plus the systematic part. A map
+    #: Bound on the error of the direction of the baseline: three standard deviations plus what tracks share. A map
     #: is wrong from 15 degrees on; a third of that is left for what a noise model does not hold.
     max_direction_error_deg: float = 10.0
-    #: Error that tracks share and that does not average out, as an angle: 0.3 px at a focal length of 500 px, what an
-    #: ordinary lens calibration leaves.
-    systematic_error_mrad: float = 0.6
+    #: Error that neighbouring tracks share and that does not average out. It is measured for each pair
+    #: (:mod:`slam_init.shared_error`); less than this is not believed, since what a motion took in does not show.
+    min_shared_error_px: float = 0.15
+    #: By what share the focal length may be off: the direction may not turn by more than the bound if it is.
+    focal_error: float = 0.05
     #: Median relative uncertainty of the landmarks' depths (one standard deviation). One degree of parallax, which
     #: ORB-SLAM and stella_vslam ask for, is 0.18 at 1 px of noise and a focal length of 460 px.
     max_median_depth_sigma: float = 0.18
     #: Share of the pair's tracks that are landmarks in the end: where most of what is seen does not follow the motion,
     #: or has no measurable depth, the motion may be that of something else.
     min_explained: float = 0.5
-    #: What a turning camera with a focal length off by up to a tenth leaves of the matches must exceed the noise and
-    #: the systematic error by this factor; else there may be no translation at all. Where the camera does turn, the
-    #: residual is the noise that further views show too, give or take a fifth (four standard deviations of a median of
-    #: 200 matches); as much again is left for tails that are not Gaussian.
-    min_turning_residual: float = 1.5
+    #: What a turning camera with a focal length off by up to a tenth leaves of the matches must be more than noise and
+    #: three times what tracks share, or there may be no translation at all: their ratio, after four standard deviations
+    #: of chance.
+    min_turning_residual: float = 1.0
     #: Share of the landmarks' observations by further views that agree with the two-view map: as many as a scene with
     #: 30 % of moving objects can have. Sound maps showed 0.9 and more.
     min_further_agreement: float = 0.7
@@ -220,6 +227,8 @@ def _number_or_text(wanted: type, value: Any, where: str, key: str) -> Any:
         value = float(value)
     if type(value) is not wanted:
         raise ConfigError(f"{where}: {key} must be of type {wanted.__name__}, not {value!r}")
+    if wanted is bool:
+        return value
     least, most = _RANGES.get(key, (float("-inf"), float("inf")))
     if isinstance(value, int | float) and not least <= value <= most:
         raise ConfigError(f"{where}: {key} is {value!r}: it must lie in {least} .. {most}")

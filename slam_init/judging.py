@@ -31,14 +31,28 @@ __all__ = [
     "vote_of_plane",
 ]
 
+#: A turn takes tracks farther across the lens than a short translation does: what its calibration leaves grows with it.
+_TURNING_SHARED = 3.0
 #: A vote that leans to one side by a standard deviation: by chance it leans to the wrong one in a sixth of the cases.
 _LEANS = 1.0
 
 
 def judge_two_views(
-    camera: Camera, config: Config, attempt: Attempt, pose: RelativePose, turning: TurningCamera
+    camera: Camera, config: Config, attempt: Attempt, pose: RelativePose, turning: TurningCamera, shared_rad: float
 ) -> Attempt:
-    """What two views alone refuse, before any map is built: ``turning`` is the best rotation for the same matches."""
+    """What two views alone refuse, before any map is built.
+
+    Parameters
+    ----------
+    camera : Camera
+    config : Config
+    attempt : Attempt
+    pose : RelativePose
+    turning : TurningCamera
+        The best rotation for the same matches.
+    shared_rad : float
+        Error that neighbouring tracks share.
+    """
     if pose.kind == "rotation":
         # A rotation is fitted to noise as well, and turns by next to nothing then.
         least_px = difference_gate(max(config.map.noise_px, pose.noise_rad * camera.focal_px))
@@ -50,14 +64,12 @@ def judge_two_views(
         return refused_at(attempt, "pure_rotation", "motion")
     settings = config.acceptance
     # Further views and the adjustment bring the uncertainty down by about the square root of their number: a pair
-    # whose single standard deviation is beyond what three of the map may be is too early by far, and so is one
-    # whose parallax is not above what no average removes.
-    systematic_rad = 1e-3 * settings.systematic_error_mrad
-    bound_deg = float(np.degrees(max(pose.direction_sigma_rad, systematic_rad / max(pose.parallax_rad, 1e-12))))
+    # whose single standard deviation is beyond what three of the map may be is too early by far.
+    sigma_deg = float(np.degrees(pose.direction_sigma_rad))
     # What no rotation explains tells a translation. An error that tracks share turns the baseline by its ratio to that,
     # however many tracks there are: before a plane it is far less than the parallax.
     off_rotation_rad = np.sqrt(max(turning.stated_residual_rad**2 - pose.noise_rad**2, 1e-24))
-    systematic_deg = float(np.degrees(systematic_rad / off_rotation_rad))
+    shared_deg = float(np.degrees(shared_rad / off_rotation_rad))
     most_deg, least_share = settings.max_direction_error_deg, config.two_view.min_inlier_share
     gates = (
         Gate(
@@ -68,10 +80,10 @@ def judge_two_views(
             "no_consistent_motion",
             ADVICE["no_consistent_motion"],
         ),
-        Gate("two_view_direction_bound_deg", bound_deg, most_deg, False, "low_parallax", ADVICE["low_parallax"]),
+        Gate("two_view_direction_sigma_deg", sigma_deg, most_deg, False, "low_parallax", ADVICE["low_parallax"]),
         Gate(
-            "direction_systematic_deg",
-            systematic_deg,
+            "direction_shared_deg",
+            shared_deg,
             most_deg,
             False,
             "low_parallax",
@@ -135,7 +147,7 @@ def vote(
     chosen = min(votes, key=Margin.share)
     curve = "scene too flat: move in a curve, or show something off the plane"
     gates = (
-        Gate("vote_z", chosen.z, Margin.Z_NEEDED, True, "ambiguous_plane", curve),
+        Gate("vote_z", chosen.z, chosen.z_needed, True, "ambiguous_plane", curve),
         Gate(
             "vote_log_likelihood",
             chosen.log_likelihood,
@@ -153,10 +165,16 @@ def vote(
 
 
 def judge_map(
-    camera: Camera, config: Config, attempt: Attempt, best: MapCandidate, bundle: BundleSolution, third_view: bool
+    camera: Camera,
+    config: Config,
+    attempt: Attempt,
+    best: MapCandidate,
+    bundle: BundleSolution,
+    shared_rad: float,
+    third_view: bool,
 ) -> Attempt:
     """The gates of the acceptance; without a third view those that ask for one are passed over."""
-    verdict, gates = acceptance.check(camera, best, bundle, config.acceptance)
+    verdict, gates = acceptance.check(camera, best, bundle, shared_rad, config.acceptance)
     lacking = max(gate.lacking() for gate in gates)
     attempt = looked_at(attempt, gates)
     attempt = replace(attempt, evidence=attempt.evidence | {"reprojection_rmse_px": bundle.rmse_px, "lacking": lacking})
@@ -166,14 +184,15 @@ def judge_map(
 
 
 def judge_turning(
-    camera: Camera, config: Config, attempt: Attempt, turning: TurningCamera, noise_rad: float
+    camera: Camera, config: Config, attempt: Attempt, turning: TurningCamera, noise_rad: float, shared_rad: float
 ) -> Attempt:
     """Refuse a map where a turning camera with another focal length explains the matches as well."""
-    residual = turning.residual_rad / _expected_rad(camera, config, noise_rad)
+    residual = turning.residual_rad / _turning_rad(camera, config, turning, noise_rad, shared_rad)
     needed = config.acceptance.min_turning_residual
     gate = Gate("turning_residual", residual, needed, True, "pure_rotation", _turning_advice(turning))
     attempt = looked_at(attempt, (gate,))
-    attempt = replace(attempt, evidence=attempt.evidence | turning_evidence(camera, config, turning, noise_rad))
+    evidence = turning_evidence(camera, config, turning, noise_rad, shared_rad)
+    attempt = replace(attempt, evidence=attempt.evidence | evidence)
     if gate.passes():
         return attempt
     attempt = replace(attempt, evidence=attempt.evidence | {"lacking": needed / residual})
@@ -181,7 +200,7 @@ def judge_turning(
 
 
 def suspect_calibration(
-    camera: Camera, config: Config, attempt: Attempt, pose: RelativePose, turning: TurningCamera
+    camera: Camera, config: Config, attempt: Attempt, pose: RelativePose, turning: TurningCamera, shared_rad: float
 ) -> Attempt:
     """A refused pair; refused as a turning camera where one with another focal length explains a plane's matches.
 
@@ -189,25 +208,26 @@ def suspect_calibration(
     """
     if pose.kind != "planar":
         return attempt
-    evidence = turning_evidence(camera, config, turning, pose.noise_rad)
+    evidence = turning_evidence(camera, config, turning, pose.noise_rad, shared_rad)
     attempt = replace(attempt, evidence=attempt.evidence | evidence)
     if "suspected_focal_factor" not in evidence:
         return attempt
     return replace(attempt, verdict="pure_rotation", advice=_turning_advice(turning))
 
 
-def turning_evidence(camera: Camera, config: Config, turning: TurningCamera, noise_rad: float) -> Evidence:
+def turning_evidence(
+    camera: Camera, config: Config, turning: TurningCamera, noise_rad: float, shared_rad: float
+) -> Evidence:
     """The focal length that a turning camera would have, and whether the stated one is suspected to be wrong."""
     evidence: Evidence = {"turning_focal_factor": turning.focal_factor}
-    most_rad = config.acceptance.min_turning_residual * _expected_rad(camera, config, noise_rad)
-    suspected = suspected_focal_factor(turning, most_rad)
+    suspected = suspected_focal_factor(turning, _turning_rad(camera, config, turning, noise_rad, shared_rad))
     return evidence if suspected is None else evidence | {"suspected_focal_factor": suspected}
 
 
-def _expected_rad(camera: Camera, config: Config, noise_rad: float) -> float:
-    """What a right model leaves of the matches: the noise, and what tracks share."""
+def _turning_rad(camera: Camera, config: Config, turning: TurningCamera, noise_rad: float, shared_rad: float) -> float:
+    """What a camera that does turn may leave of the matches: the noise, what tracks share, and chance."""
     noise_rad = max(noise_rad, config.map.min_noise_px / camera.focal_px)
-    return float(np.hypot(noise_rad, 1e-3 * config.acceptance.systematic_error_mrad))
+    return turning.chance_factor * float(np.hypot(noise_rad, _TURNING_SHARED * shared_rad))
 
 
 def _turning_advice(turning: TurningCamera) -> str:

@@ -8,7 +8,7 @@ the number of tracks, less where they crowd in a part of the image.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -159,9 +159,11 @@ class KeyframeManager:
         settings = self._config.keyframes
         # Promise and gates are no exact multiples of each other: four fifths of the way are close enough to look again.
         gain = min(max(settings.retry_gain, 0.8 * lacking), settings.max_retry_gain)
-        # The views between change even where the promise does not, so a pair is looked at again after a while. Each
-        # time in vain it waits twice as long, else a window of hopeless references would be tried on every frame.
-        last, wait = self._failed.get(pair.reference), settings.new_after_frames
+        # Where little parallax drowns in noise the promise hardly grows, but in a steady motion the way does: after so
+        # many frames it is longer by that gain. Each time in vain the pair waits twice as long, else a window of
+        # hopeless references would be tried on every frame.
+        frames = int(np.ceil(round((gain - 1) * (pair.current - pair.reference), 6)))
+        last, wait = self._failed.get(pair.reference), min(frames, settings.new_after_frames)
         if last is not None and pair.promise < last.needed:
             wait = min(2 * last.wait, _LONGEST_WAIT * settings.new_after_frames)
         self._failed[pair.reference] = _Failure(gain * pair.promise, pair.current + wait, wait)
@@ -176,7 +178,8 @@ class KeyframeManager:
                 return
             # It sees what its neighbour saw: what was not enough there is not enough here.
             if newest in self._failed and to_newest.overlap >= _SAME_SCENE:
-                self._failed[current.frame] = self._failed[newest]
+                later = current.frame + settings.new_after_frames
+                self._failed[current.frame] = replace(self._failed[newest], again=later)
         # A candidate that lost its tracks is of no use any more; next goes the one that promises least.
         by_use = sorted(pairs, key=lambda p: (p.matches >= settings.min_matches, p.promise, -p.reference))
         dropped = {p.reference for p in by_use[: max(len(pairs) + 1 - settings.window, 0)]}

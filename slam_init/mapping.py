@@ -7,12 +7,13 @@ views between and around the pair vote by how well its points predict them.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from quest.estimate import Hypothesis, RelativePose
+from quest.neighbours import regions_of, scatter_of_sum
 from quest.quaternion import rotation_angle
 from slam_init.bundle import BundleFailure, BundleProblem, BundleSolution, adjust, min_parallax_rad
 from slam_init.camera import Camera
@@ -36,8 +37,6 @@ __all__ = [
     "voting_views",
 ]
 
-#: Regions of the view, across and down, whose tracks are taken to share errors: a clear vote needs a dozen to agree.
-_REGIONS = (8, 6)
 #: Two adjusted maps nearer than this are one: an order below what makes an initialization wrong.
 _SAME_ROTATION_RAD = np.deg2rad(0.3)
 _SAME_DIRECTION_RAD = np.deg2rad(2.0)
@@ -95,25 +94,27 @@ class Margin:
     z : float
         The same as a sum over tracks in units of its own fluctuation (Vuong 1989): tracks vote, each by as much as it
         knows, and the scatter of the votes says how far their sum can be trusted.
+    z_needed : float
+        One chance in 30 000 for a fair coin, where it is not stated otherwise.
     """
 
-    Z_NEEDED: ClassVar[float] = 4.0
     LOG_LIKELIHOOD_NEEDED: ClassVar[float] = 20.0
 
     log_likelihood: float
     z: float
+    z_needed: float = 4.0
 
     def decides(self) -> bool:
-        """One chance in 30 000 for a fair coin, and odds that a wrong noise level by a factor of two does not turn."""
+        """Beyond chance, and by odds that a wrong noise level by a factor of two does not turn."""
         return self.share() >= 1
 
     def share(self) -> float:
         """How far the vote is on its way to a decision; from 1 on it has decided."""
-        return min(self.z / self.Z_NEEDED, self.log_likelihood / self.LOG_LIKELIHOOD_NEEDED)
+        return min(self.z / self.z_needed, self.log_likelihood / self.LOG_LIKELIHOOD_NEEDED)
 
     def reversed(self) -> Margin:
         """The same seen from the other map."""
-        return Margin(-self.log_likelihood, -self.z)
+        return replace(self, log_likelihood=-self.log_likelihood, z=-self.z)
 
 
 def table_of(reference: Observations, current: Observations, further: list[Observations]) -> TrackTable:
@@ -248,15 +249,11 @@ def margin_of(difference: Floats, where: Floats) -> Margin:
     """The margin of differences of costs (T,) of tracks that were seen at (T, 2) in the first view.
 
     Neighbours share errors (drift, blur, lens), so that their votes are not independent: the scatter is that of the
-    sums over regions of the view, where that is larger than the one of single tracks.
+    sums over regions of the view, where that is larger than the one of single tracks: a clear vote needs a dozen of
+    them to agree.
     """
     total = float(difference.sum())
-    low, high = np.percentile(where, [1, 99], axis=0)
-    cells = np.clip((where - low) / np.maximum(high - low, 1e-12) * _REGIONS, 0, np.array(_REGIONS) - 1).astype(int)
-    region = cells[:, 0] * _REGIONS[1] + cells[:, 1]
-    # What the regions say beside their share of the total: where all of them agree there is nothing left.
-    sums = np.bincount(region, weights=difference) - np.bincount(region) * difference.mean()
-    scatter = float(np.sqrt(max(np.sum(difference**2), np.sum(sums**2))))
+    scatter = scatter_of_sum(difference, regions_of(where))
     return Margin(0.5 * total, total / scatter if scatter > 0 else 0.0)
 
 

@@ -16,6 +16,7 @@ from slam_init.reasons import ACCEPTED, REASONS, Gate
 from slam_init.types import Pose
 
 GATES = CONFIG.acceptance
+SHARED_RAD = GATES.min_shared_error_px / CAMERA.focal_px
 
 
 def candidate_of(poses, noise_px=0.2, count=400, seed=1, lost=0):
@@ -32,11 +33,11 @@ def shrunk(factor, count=4):
 
 
 def verdict(candidate, **changed):
-    return check(CAMERA, candidate, candidate.bundle, replace(GATES, **changed))[0]
+    return check(CAMERA, candidate, candidate.bundle, SHARED_RAD, replace(GATES, **changed))[0]
 
 
 def measured(candidate):
-    return {gate.name: gate.value for gate in check(CAMERA, candidate, candidate.bundle, GATES)[1]}
+    return {gate.name: gate.value for gate in check(CAMERA, candidate, candidate.bundle, SHARED_RAD, GATES)[1]}
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +47,7 @@ def good():
 
 
 def test_a_good_map_is_accepted_and_every_gate_says_so(good):
-    result, gates = check(CAMERA, good, good.bundle, GATES)
+    result, gates = check(CAMERA, good, good.bundle, SHARED_RAD, GATES)
     assert result == ACCEPTED
     assert all(gate.passes() for gate in gates)
     assert len({gate.name for gate in gates}) == len(gates)
@@ -115,7 +116,7 @@ def test_half_of_what_is_needed_is_half_fulfilled():
 
 
 def test_every_gate_says_what_would_help_and_what_it_compared(good):
-    _, gates = check(CAMERA, good, good.bundle, GATES)
+    _, gates = check(CAMERA, good, good.bundle, SHARED_RAD, GATES)
     assert all(gate.advice for gate in gates)
     for gate in gates:
         assert gate.evidence() == {gate.name: gate.value, f"{gate.name}_gate": gate.threshold}
@@ -137,9 +138,18 @@ def test_uncertainty_grows_with_the_noise():
 def test_more_tracks_lower_the_bound_but_not_below_what_they_share(good):
     few, many = (measured(candidate_of(make_poses(4), 0.6, count))["direction_bound_deg"] for count in (100, 1600))
     assert many < few
-    shared = replace(GATES, systematic_error_mrad=4 * GATES.systematic_error_mrad)
-    (bound,) = (g.value for g in check(CAMERA, good, good.bundle, shared)[1] if g.name == "direction_bound_deg")
+    shared = check(CAMERA, good, good.bundle, 4 * SHARED_RAD, GATES)[1]
+    (bound,) = (gate.value for gate in shared if gate.name == "direction_bound_deg")
     assert bound > 2 * measured(good)["direction_bound_deg"]
+
+
+def test_a_direction_that_hangs_on_the_focal_length_is_distrusted(good):
+    """A turning camera before a wall: as the motion grows short, a focal length that is a little off turns it away."""
+    turns = [rotation_from_vector(np.array([0, 0.05 * k, 0])) for k in range(4)]
+    turning = [Pose(R, np.array([0.002 * k, 0, 0])) for k, R in enumerate(turns)]
+    assert measured(candidate_of(turning, 0.05))["direction_focal_deg"] > 5 * measured(good)["direction_focal_deg"]
+    assert verdict(good, focal_error=1e-6) == ACCEPTED
+    assert verdict(candidate_of(turning, 0.05), max_direction_error_deg=1.0, focal_error=0.1) == "low_parallax"
 
 
 def test_the_direction_is_as_good_as_the_bound_says():

@@ -63,8 +63,18 @@ def test_a_camera_that_stands_still_says_nothing_of_its_focal_length():
 
 
 def test_a_suspicion_needs_all_of_three():
-    assert suspected_focal_factor(TurningCamera(1.05, 1.0, 2.0), 1.5) == 1.05
-    assert suspected_focal_factor(TurningCamera(1.05, 1.0, 2.0), 0.9) is None  # it does not explain the matches
-    assert suspected_focal_factor(TurningCamera(1.05, 1.0, 1.1), 1.5) is None  # the stated one explains them as well
-    assert suspected_focal_factor(TurningCamera(1.01, 1.0, 2.0), 1.5) is None  # it is near enough
-    assert suspected_focal_factor(TurningCamera(0.98, 1.0, 2.0), 1.5) == 0.98
+    assert suspected_focal_factor(TurningCamera(1.05, 1.0, 2.0, 400), 1.5) == 1.05
+    assert suspected_focal_factor(TurningCamera(1.05, 1.0, 2.0, 400), 0.9) is None  # it does not explain the matches
+    assert suspected_focal_factor(TurningCamera(1.05, 1.0, 1.1, 400), 1.5) is None  # as does the stated one
+    assert suspected_focal_factor(TurningCamera(1.01, 1.0, 2.0, 400), 1.5) is None  # it is near enough
+    assert suspected_focal_factor(TurningCamera(0.98, 1.0, 2.0, 400), 1.5) == 0.98
+
+
+def test_the_fewer_the_matches_the_more_a_residual_may_exceed_its_expectation():
+    """Over many draws the median length of Gaussian errors stays below the factor, and comes near it."""
+    rng = np.random.default_rng(0)
+    for count in (50, 800):
+        lengths = np.linalg.norm(rng.normal(size=(2000, count, 2)), axis=2)
+        medians = np.median(lengths, axis=1) / np.sqrt(2 * np.log(2))
+        limit = TurningCamera(1.0, 1.0, 1.0, count).chance_factor
+        assert 1 + 0.7 * (limit - 1) < medians.max() < 1 + 1.3 * (limit - 1)

@@ -171,12 +171,22 @@ def test_too_few_matches_are_not_worth_a_try():
 def test_a_failed_pair_waits_until_it_promises_more_or_time_has_passed():
     settings = CONFIG.keyframes
     manager = KeyframeManager(CAMERA, CONFIG)
-    manager.failed(pair(0, 5, parallax_px=10))
-    assert manager.worth_trying([pair(0, 6, parallax_px=10)]) is None
-    assert manager.worth_trying([pair(0, 6, parallax_px=10.1 * settings.retry_gain)]) is not None
-    assert manager.worth_trying([pair(0, 5 + settings.new_after_frames, parallax_px=10)]) is not None
-    other = pair(1, 6, parallax_px=5)
-    assert manager.worth_trying([pair(0, 6, parallax_px=10), other]) is other
+    manager.failed(pair(0, 20, parallax_px=10))
+    assert manager.worth_trying([pair(0, 21, parallax_px=10)]) is None
+    assert manager.worth_trying([pair(0, 21, parallax_px=10.1 * settings.retry_gain)]) is not None
+    assert manager.worth_trying([pair(0, 20 + settings.new_after_frames, parallax_px=10)]) is not None
+    other = pair(1, 21, parallax_px=5)
+    assert manager.worth_trying([pair(0, 21, parallax_px=10), other]) is other
+
+
+def test_in_a_steady_motion_a_pair_is_tried_again_when_its_way_is_as_long_as_it_must_be():
+    """The promise of little parallax is noise and hardly grows; the way does."""
+    lacking = 2.0
+    manager = KeyframeManager(CAMERA, CONFIG)
+    manager.failed(pair(0, 10), lacking=lacking)
+    waited = [frame for frame in range(11, 20) if manager.worth_trying([pair(0, frame)]) is None]
+    # Four fifths of the way, as for the promise.
+    assert len(waited) + 11 == round(0.8 * lacking * 10)
 
 
 def test_a_pair_that_failed_by_far_waits_for_more_than_one_that_failed_just_so():
@@ -204,7 +214,7 @@ def test_a_pair_that_never_promises_more_is_tried_ever_more_seldom():
             manager.failed(chosen)
             tried.append(frame)
     waits = np.diff(tried)
-    assert waits[0] == settings.new_after_frames
+    assert waits[0] == 1
     # Doubled each time, up to a few seconds of video.
     assert (waits[1:] == np.minimum(2 * waits[:-1], 8 * settings.new_after_frames)).all()
     # A promise that grows ends the wait at once, and the next one is short again.

@@ -238,7 +238,7 @@ def test_a_track_without_freedom_explains_nothing():
 
 
 def test_a_margin_decides_when_both_of_its_figures_do():
-    z, log_likelihood = Margin.Z_NEEDED, Margin.LOG_LIKELIHOOD_NEEDED
+    z, log_likelihood = Margin(0.0, 0.0).z_needed, Margin.LOG_LIKELIHOOD_NEEDED
     assert Margin(log_likelihood, z).decides()
     assert not Margin(0.99 * log_likelihood, 10 * z).decides()
     assert not Margin(10 * log_likelihood, 0.99 * z).decides()
