@@ -15,7 +15,7 @@ __all__ = ["COLMAP_FILES", "colmap_model", "numbers_text"]
 COLMAP_FILES = ("colmap/cameras.txt", "colmap/images.txt", "colmap/points3D.txt")
 
 
-def colmap_model(map_: InitialMap, camera: Camera) -> tuple[str, str, str]:
+def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
     """The map as a COLMAP text model of the original images.
 
     COLMAP puts the centre of the first pixel at (0.5, 0.5) where this project has (0, 0), so half a pixel is
@@ -25,14 +25,14 @@ def colmap_model(map_: InitialMap, camera: Camera) -> tuple[str, str, str]:
     Parameters
     ----------
     map_ : InitialMap
-    camera : Camera
-        Of the original images.
+        Its camera is that of the original images, with the focal length as adjusted.
 
     Returns
     -------
     cameras, images, points : str
         Contents of ``cameras.txt``, ``images.txt``, ``points3D.txt``.
     """
+    camera = map_.camera
     model, parameters = _colmap_camera(camera)
     cameras = (
         "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"

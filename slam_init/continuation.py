@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.camera import Camera
 from slam_init.errors import SourceError
 from slam_init.recording import Recorder
 from slam_init.tracks import Tracker
@@ -55,7 +54,6 @@ class Continuation:
 def follow(
     map_: InitialMap,
     tracker: Tracker,
-    camera: Camera,
     frames: Iterator[Frame],
     count: int,
     recorder: Recorder,
@@ -67,12 +65,12 @@ def follow(
     map_ : InitialMap
     tracker : Tracker
         As it is after the frame that the map was accepted at.
-    camera : Camera
     frames : iterator of Frame
         The frames that follow.
     count : int
     recorder : Recorder
     """
+    camera = map_.camera
     located: list[Keyframe] = []
     survival: list[float] = []
     guess: Pose | None = None
@@ -88,8 +86,8 @@ def follow(
         observed = tracker.track(frame)
         tracker.history.forget(keep=())
         recorder.frame(frame, observed)
-        _, i, j = np.intersect1d(map_.track_ids, observed.track_ids, return_indices=True)
-        resected = resect(map_.points[i], observed.bearings[j], _SURVIVAL_PX / camera.focal_px, guess)
+        i, j, bearings = map_.seen_in(observed)
+        resected = resect(map_.points[i], bearings, _SURVIVAL_PX / camera.focal_px, guess)
         if resected is None:
             survival.append(0.0)
             continue

@@ -113,7 +113,6 @@ def write_results(
     out: Path,
     result: Result,
     summary: Mapping[str, Any],
-    camera: Camera,
     config_toml: str | None = None,
     continued: Sequence[Keyframe] = (),
 ) -> None:
@@ -128,8 +127,6 @@ def write_results(
     result : Result
     summary : mapping
         Of :func:`summary_dict`.
-    camera : Camera
-        Of the original images.
     config_toml : str or None
         The resolved configuration.
     continued : sequence of Keyframe
@@ -147,7 +144,7 @@ def write_results(
         files |= {
             # Names of images as the file system has them, Unicode or not.
             name: text.encode("utf-8", "surrogateescape")
-            for name, text in zip(COLMAP_FILES, colmap_model(result.map, camera), strict=True)
+            for name, text in zip(COLMAP_FILES, colmap_model(result.map), strict=True)
         }
         files[_GRAPH] = result.map.graph.serialize().encode()
         files[_VALUES] = result.map.values.serialize().encode()
@@ -224,7 +221,8 @@ def summary_dict(
     result : Result
     source : Source
     camera : Camera
-        The calibration used.
+        The calibration that was stated. Where the focal length was adjusted the summary has ``focal_length`` as well:
+        the adjusted one in pixels, its ratio to the stated one, and the standard deviation of that ratio.
     method : str
         Of relative pose, e.g. ``quest``.
     seed : int
@@ -279,6 +277,11 @@ def summary_dict(
         "ground_truth": None if ground_truth is None else _plain(ground_truth),
         "notes": list(result.notes),
     }
+    if map_ is not None and map_.focal_factor_sigma is not None:
+        summary["focal_length"] = {
+            **_plain({"fx": map_.camera.fx, "fy": map_.camera.fy}, 9),
+            **_plain({"factor": map_.focal_factor, "factor_sigma": map_.focal_factor_sigma}),
+        }
     if continued is not None:
         summary["continued"] = _plain(continued)
     return summary

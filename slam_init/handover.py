@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.bundle import BundleSolution
+from slam_init.config import MapConfig
 from slam_init.keyframes import PairPreview
 from slam_init.online import progress
 from slam_init.reasons import ACCEPTED, ADVICE, REASONS, Gate
@@ -18,6 +19,7 @@ __all__ = [
     "ATTEMPTS_KEPT",
     "AttemptLog",
     "Evidence",
+    "focal_notes",
     "initial_map",
     "looked_at",
     "preview_evidence",
@@ -156,6 +158,26 @@ def reported_focal_factor(attempts: Iterable[Attempt]) -> float | None:
     return factor if alike else None
 
 
+def focal_notes(map_: InitialMap | None, config: MapConfig) -> tuple[str, ...]:
+    """What the user should know of an adjusted focal length: that the views did not tell it, where that is so.
+
+    Parameters
+    ----------
+    map_ : InitialMap or None
+    config : MapConfig
+        That the map was adjusted with.
+    """
+    if map_ is None or map_.focal_factor_sigma is None:
+        return ()
+    # Below this the views know more of it than the prior: two equal variances together are half of one.
+    if map_.focal_factor_sigma < config.focal_sigma / np.sqrt(2):
+        return ()
+    return (
+        f"the views do not tell the focal length: {map_.focal_factor:.3f} +- {map_.focal_factor_sigma:.3f} times the "
+        f"stated one is little more than the assumption of +- {config.focal_sigma:.3g}; turn the camera while it moves",
+    )
+
+
 def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: str) -> InitialMap:
     """The map of an adjusted bundle.
 
@@ -195,4 +217,7 @@ def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: st
         median_parallax_deg=float(np.degrees(np.median(problem.parallax_rad()))),
         noise_px=bundle.noise_px,
         scene=scene,
+        camera=bundle.camera,
+        focal_factor=bundle.focal_factor,
+        focal_factor_sigma=bundle.focal_factor_sigma,
     )

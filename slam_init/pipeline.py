@@ -18,7 +18,7 @@ from slam_init.camera import Camera
 from slam_init.config import Config, config_toml
 from slam_init.continuation import follow
 from slam_init.export import RECORDING, prepare_folder, summary_dict, write_results
-from slam_init.handover import AttemptLog
+from slam_init.handover import AttemptLog, focal_notes
 from slam_init.keyframes import KeyframeManager, PairPreview
 from slam_init.mapping import Margin
 from slam_init.methods import make_initializer
@@ -96,7 +96,7 @@ def run(
         result = replace(result, notes=(*notes, *result.notes))
         continued = None
         if result.map is not None and continue_frames:
-            continued = follow(result.map, initializer.tracker, camera, frames, continue_frames, recorder)
+            continued = follow(result.map, initializer.tracker, frames, continue_frames, recorder)
             if continued.ended_by is not None:
                 result = replace(result, notes=(*result.notes, f"the continuation ended early: {continued.ended_by}"))
         truth = None
@@ -114,7 +114,7 @@ def run(
         recorder.summary(summary)
     if out is not None:
         poses = continued.keyframes if continued else ()
-        write_results(out, result, summary, camera, config_toml(config), poses)
+        write_results(out, result, summary, config_toml(config), poses)
     return result, summary
 
 
@@ -269,7 +269,7 @@ class Initializer:
             frames_to_init=self.frames_read if self.map is not None else None,
             attempts=self._attempts.kept,
             timing_ms=self.stopwatch.summary(),
-            notes=self._attempts.notes(),
+            notes=(*self._attempts.notes(), *focal_notes(self.map, self.config.map)),
             advice="" if reason is None else self._attempts.advice(reason),
             hypotheses=self._hypotheses,
             margin=self._margin,

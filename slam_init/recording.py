@@ -257,6 +257,7 @@ class RerunRecorder(Recorder):
         poses_after = tuple(keyframe.world_from_cam for keyframe in map_.keyframes)
         path = max(float(np.linalg.norm(pose.t - poses_after[0].t)) for pose in poses_after)
         size = float(np.clip(_FRUSTUM_OF_PATH * path, _SMALLEST_FRUSTUM, _FRUSTUM))
+        self._camera = map_.camera
         rec.set_time("stage", sequence=0)
         for view in map_.keyframes:
             # Without their images, which cover one another on a short path; the pair view shows two of them.

@@ -46,7 +46,7 @@ def summary_markdown(summary: Mapping[str, Any]) -> str:
     reason = f": {summary['reason']}" if summary.get("reason") else ""
     plain = {k: v for k, v in summary.items() if k not in _LISTS and not isinstance(v, Mapping)}
     lines = [f"# {summary.get('status', 'run')}{reason}", *_table("figure", plain)]
-    for name in ("margin", "ground_truth", "camera", "source", "continued"):
+    for name in ("margin", "ground_truth", "camera", "focal_length", "source", "continued"):
         if isinstance(summary.get(name), Mapping):
             lines += ["", *_table(name, summary[name])]
     if summary.get("keyframes"):

@@ -43,6 +43,9 @@ def _map_facts(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("parallax", f"{summary['median_parallax_deg']:.2f} deg (median)"),
         ("reprojection", f"{summary['reprojection_rmse_px']:.2f} px (rms)"),
     ]
+    if focal := summary.get("focal_length"):
+        told = f"{focal['factor']:.3f} +- {focal['factor_sigma']:.3f} times the stated one (adjusted)"
+        facts.append(("focal length", told))
     if continued := summary.get("continued"):
         located = f"{continued['located']} of {continued['frames']} further frames located"
         survival = continued["survival_median"]

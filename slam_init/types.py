@@ -278,8 +278,8 @@ class InitialMap:
     gauge : str
         What was held fixed.
     graph, values
-        ``gtsam.NonlinearFactorGraph`` and ``gtsam.Values``: keys ``X(frame)`` for poses (world_from_cam) and
-        ``L(track_id)`` for landmarks.
+        ``gtsam.NonlinearFactorGraph`` and ``gtsam.Values``: keys ``X(frame)`` for poses (world_from_cam),
+        ``L(track_id)`` for landmarks and, where the focal length was adjusted, ``K(0)`` for the calibration.
     points_before : (L, 3) float
         The landmarks as triangulated, before bundle adjustment, in the same frame and scale.
     keyframes_before : tuple of K Pose
@@ -295,6 +295,13 @@ class InitialMap:
         Standard deviation of a coordinate as estimated from the residuals.
     scene : str
         ``general`` or ``planar``.
+    camera : Camera
+        With which the landmarks project to the observations: the stated one, or the same with the adjusted focal
+        length. The bearings of :class:`Observations` stay those of the stated camera: :meth:`seen_in` has the others.
+    focal_factor : float
+        The adjusted focal length over the stated one; 1 where it was held.
+    focal_factor_sigma : float or None
+        Its standard deviation, by the noise of the tracks and the prior; None where it was held.
     """
 
     keyframes: tuple[Keyframe, ...]
@@ -315,6 +322,28 @@ class InitialMap:
     median_parallax_deg: float
     noise_px: float
     scene: str
+    camera: Camera
+    focal_factor: float = 1.0
+    focal_factor_sigma: float | None = None
+
+    def seen_in(self, observed: Observations) -> tuple[Ints, Ints, Floats]:
+        """The landmarks that a frame sees, and where.
+
+        Returns
+        -------
+        landmarks : (N,) int
+            Positions in ``points``.
+        features : (N,) int
+            Positions in the observations.
+        bearings : (N, 3) float
+            Unit rays in the camera frame, by the camera of the map; what it cannot have seen is left out.
+        """
+        _, i, j = np.intersect1d(self.track_ids, observed.track_ids, return_indices=True)
+        if self.focal_factor_sigma is None:
+            return i, j, observed.bearings[j]
+        bearings = self.camera.bearings(observed.pixels[j])
+        known = np.isfinite(bearings).all(axis=1)
+        return i[known], j[known], bearings[known]
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,6 +62,7 @@ def make_map(model: str = "pinhole", keyframes: int = 4, points: int = 60, noise
         median_parallax_deg=12.5,
         noise_px=noise_px,
         scene="general",
+        camera=camera,
     )
 
 

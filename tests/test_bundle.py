@@ -5,13 +5,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from make_map import CAMERAS, make_poses
-from make_scene import CAMERA, CONFIG, between, cloud, problem
+from make_scene import CAMERA, CONFIG, between, cloud, plane, problem
 
 from quest.quaternion import rotation_angle, rotation_from_vector
-from slam_init.bundle import BundleFailure, BundleSolution, adjust, gtsam_calibration, measured_pixels
+from slam_init.bundle import (
+    BundleFailure,
+    BundleSolution,
+    adjust,
+    calibration_key,
+    camera_with_focal_factor,
+    gtsam_calibration,
+    measured_pixels,
+)
 from slam_init.types import Pose
 
 MAP = CONFIG.map
+FOCAL = replace(MAP, refine_focal=True)
+#: 20 degrees in five views, as far as the camera goes to the side.
+TURNING = [
+    Pose(rotation_from_vector(np.array([0.02, -0.08, 0.03]) * i), np.array([0.1 * i, 0.01 * i * i, 0.03 * i]))
+    for i in range(5)
+]
+SIDEWAYS = [Pose(np.eye(3), np.array([0.08 * i, 0.0, 0.0])) for i in range(5)]
 
 
 def disturbed(exact, rng, angle_rad=0.0003, length=0.0003):
@@ -198,11 +213,12 @@ def no_baseline():
     return problem(CAMERA, cloud(np.random.default_rng(10)), [Pose.identity()] * 3)
 
 
+@pytest.mark.parametrize("config", [MAP, FOCAL], ids=["held", "adjusted"])
 @pytest.mark.parametrize(
     "bad", [few_points, nan_start, nan_pixel, view_without_points, unrelated_pixels, all_behind, no_baseline]
 )
-def test_what_cannot_be_adjusted_is_a_failure_with_its_cause(bad):
-    failure = adjust(CAMERA, bad(), MAP)
+def test_what_cannot_be_adjusted_is_a_failure_with_its_cause(bad, config):
+    failure = adjust(CAMERA, bad(), config)
     assert isinstance(failure, BundleFailure)
     assert not failure
     assert failure.cause
@@ -219,3 +235,165 @@ def test_gtsam_projects_as_the_camera_does(model):
     uncalibrated = np.array([calibration.uncalibrate(point[:2] / point[2]) for point in points])
     assert not isinstance(calibration, gtsam.Cal3_S2) or model in ("pinhole", "radtan5")
     np.testing.assert_allclose(uncalibrated, pixels, atol=1e-6)
+
+
+# -- the focal length --------------------------------------------------------------------------------
+
+
+def map_errors(solution, exact):
+    """Of a map in the truth's scale: rotation (degrees), direction of the baselines (degrees), median of the points."""
+    scale = scale_of(solution, exact)
+    pairs = list(zip(solution.problem.world_from_cam, exact.world_from_cam, strict=True))
+    rotation = max(rotation_angle(pose.R.T @ true.R) for pose, true in pairs)
+    cosines = [pose.t @ true.t / np.linalg.norm(pose.t) / np.linalg.norm(true.t) for pose, true in pairs[1:]]
+    points = exact.points[solution.problem.track_ids // 3]
+    return (
+        np.degrees(rotation),
+        np.degrees(np.arccos(min(1.0, *cosines))),
+        np.median(np.linalg.norm(solution.problem.points - scale * points, axis=1)),
+    )
+
+
+@pytest.mark.parametrize("model", CAMERAS)
+def test_exact_observations_give_the_true_focal_length(model):
+    rng = np.random.default_rng(1)
+    exact = problem(CAMERAS[model], cloud(rng), TURNING)
+    stated = camera_with_focal_factor(CAMERAS[model], 1.05)
+    held, adjusted = (adjust(stated, disturbed(exact, rng), config) for config in (MAP, FOCAL))
+    # The prior pulls by the square of sigma over 0.05 of the twentieth, since no noise under 0.1 px is believed.
+    assert adjusted.focal_factor_sigma < 0.008
+    assert adjusted.focal_factor * 1.05 == pytest.approx(1, abs=1.2 * adjusted.focal_factor_sigma**2 / 0.05)
+    assert adjusted.camera.fx == pytest.approx(CAMERAS[model].fx, rel=2e-3)
+    for found, before in zip(map_errors(adjusted, exact), map_errors(held, exact), strict=True):
+        assert found < 0.05 * before
+
+
+@pytest.mark.parametrize("model", CAMERAS)
+def test_a_focal_length_off_by_a_twentieth_is_found_where_the_camera_turns(model):
+    """With noise of a fifth of a pixel, by the median of four worlds: half of the errors at most.
+
+    All but that of the baselines' direction, which such noise alone turns by half a degree.
+    """
+    stated = camera_with_focal_factor(CAMERAS[model], 1.05)
+    off, errors = [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        noisy = problem(CAMERAS[model], cloud(rng), TURNING, 0.2, rng)
+        held, adjusted = (adjust(stated, noisy, config) for config in (MAP, FOCAL))
+        off.append(adjusted.focal_factor * 1.05 - 1)
+        errors.append([map_errors(adjusted, noisy), map_errors(held, noisy)])
+        assert abs(off[-1]) < 3 * adjusted.focal_factor_sigma
+    assert np.median(np.abs(off)) < 0.5 * 0.05
+    (rotation, direction, points), (rotation_held, direction_held, points_held) = np.median(errors, axis=0)
+    assert rotation < 0.5 * rotation_held
+    assert direction < direction_held
+    assert points < 0.5 * points_held
+
+
+@pytest.mark.parametrize("scene", [plane, cloud])
+def test_a_camera_that_goes_sideways_without_turning_cannot_tell_its_focal_length(scene):
+    """Stretched along the optical axis the scene looks the same to a longer lens: the prior is all there is."""
+    rng = np.random.default_rng(2)
+    noisy = problem(CAMERA, scene(rng), SIDEWAYS, 0.5, rng)
+    solution = adjust(camera_with_focal_factor(CAMERA, 1.05), noisy, FOCAL)
+    assert 0.95 * FOCAL.focal_sigma < solution.focal_factor_sigma <= 1.001 * FOCAL.focal_sigma
+    assert abs(solution.focal_factor - 1) < 0.02
+    narrow = adjust(CAMERA, noisy, replace(FOCAL, focal_sigma=0.01))
+    assert narrow.focal_factor_sigma == pytest.approx(0.01, rel=0.05)
+
+
+def test_held_as_stated_it_is_no_variable():
+    rng = np.random.default_rng(3)
+    solution = adjust(CAMERA, problem(CAMERA, cloud(rng), TURNING, 0.5, rng), MAP)
+    assert solution.camera is CAMERA
+    assert (solution.focal_factor, solution.focal_factor_sigma) == (1.0, None)
+    assert not solution.values.exists(calibration_key())
+
+
+@pytest.mark.parametrize("model", CAMERAS)
+def test_a_prior_that_leaves_no_freedom_is_the_stated_camera(model):
+    rng = np.random.default_rng(4)
+    noisy = problem(CAMERAS[model], cloud(rng), TURNING, 0.5, rng)
+    held, adjusted = (adjust(CAMERAS[model], noisy, c) for c in (MAP, replace(FOCAL, focal_sigma=1e-7)))
+    assert adjusted.focal_factor == pytest.approx(1, abs=1e-9)
+    np.testing.assert_allclose(adjusted.problem.points, held.problem.points, atol=1e-4)
+    np.testing.assert_allclose(adjusted.pose_covariances, held.pose_covariances, rtol=0.02, atol=1e-9)
+
+
+@pytest.mark.parametrize("model", CAMERAS)
+def test_the_graph_with_the_calibration_is_at_its_optimum_and_holds_all_else(model):
+    import gtsam
+
+    rng = np.random.default_rng(6)
+    noisy = problem(CAMERAS[model], cloud(rng), TURNING, 0.5, rng)
+    stated = camera_with_focal_factor(CAMERAS[model], 1.05)
+    solution = adjust(stated, noisy, FOCAL)
+    assert solution.graph.size() == len(solution.problem.pixels) + 3  # priors of pose and calibration, range
+    at = getattr(solution.values, f"at{type(gtsam_calibration(stated)).__name__}")
+    np.testing.assert_allclose(at(calibration_key()).vector(), gtsam_calibration(solution.camera).vector())
+    again = gtsam.LevenbergMarquardtOptimizer(solution.graph, solution.values).optimize()
+    assert solution.graph.error(again) == pytest.approx(solution.graph.error(solution.values), rel=1e-3)
+    moved = getattr(again, f"at{type(gtsam_calibration(stated)).__name__}")(calibration_key()).vector()
+    vector = gtsam_calibration(solution.camera).vector()
+    assert abs(moved[0] / vector[0] - 1) < 0.1 * solution.focal_factor_sigma
+    np.testing.assert_allclose(moved[:2] / moved[0], vector[:2] / vector[0], rtol=1e-4)
+    np.testing.assert_allclose(moved[2:], vector[2:], atol=1e-6)
+
+
+@pytest.mark.parametrize("model", ["pinhole", "radtan", "fisheye"])
+def test_gtsam_projects_with_the_adjusted_camera_as_we_do(model):
+    rng = np.random.default_rng(6)
+    noisy = problem(CAMERAS[model], cloud(rng), TURNING, 0.5, rng)
+    solution = adjust(camera_with_focal_factor(CAMERAS[model], 1.05), noisy, FOCAL)
+    residuals = solution.problem.residuals(solution.camera)
+    theirs = [solution.graph.at(i).error(solution.values) for i in range(len(residuals))]
+    np.testing.assert_allclose(theirs, 0.5 * np.sum(residuals**2, axis=1) / solution.noise_px**2, rtol=1e-6)
+
+
+def test_its_standard_deviation_is_the_scatter_of_many_runs():
+    """Monte Carlo: true focal lengths drawn from the prior lie about the adjusted ones as the figure says."""
+    rng = np.random.default_rng(7)
+    exact = problem(CAMERA, cloud(rng, 50), TURNING)
+    scores = []
+    for _ in range(20):
+        factor = rng.normal(1, FOCAL.focal_sigma)  # the true one over the stated one
+        noisy = replace(exact, pixels=exact.pixels + rng.normal(0, 0.5, exact.pixels.shape))
+        solution = adjust(camera_with_focal_factor(CAMERA, 1 / factor), noisy, FOCAL)
+        scores.append((solution.focal_factor - factor) / solution.focal_factor_sigma)
+    # Chi-squared with 20 degrees of freedom: mean 1, standard deviation 0.32.
+    assert 0.3 < np.mean(np.square(scores)) < 2.2
+
+
+def test_observations_that_a_wrong_focal_length_made_outliers_come_back():
+    """A fifth off, and noise of a fifth of a pixel: some of what is right looks wrong until the focal length is."""
+    rng = np.random.default_rng(8)
+    noisy = problem(CAMERA, cloud(rng, 150), TURNING, 0.2, rng)
+    wrong = rng.choice(len(noisy.pixels), 60, replace=False)
+    pixels = noisy.pixels.copy()
+    pixels[wrong] += rng.choice([-1, 1], (60, 2)) * rng.uniform(8, 40, (60, 2))
+    stated = camera_with_focal_factor(CAMERA, 1.2)
+    held, adjusted = (adjust(stated, replace(noisy, pixels=pixels), config) for config in (MAP, FOCAL))
+    assert adjusted.focal_factor * 1.2 == pytest.approx(1, abs=0.02)
+    assert adjusted.noise_px == pytest.approx(0.2, rel=0.15)
+    kept = {tuple(pixel) for pixel in adjusted.problem.pixels}
+    assert not any(tuple(pixel) in kept for pixel in pixels[wrong])
+    assert len(held.problem.pixels) < len(kept) > 0.99 * (len(pixels) - 60)
+
+
+def test_a_point_behind_the_camera_is_told_to_nobody(capfd):
+    rng = np.random.default_rng(9)
+    exact = problem(CAMERA, cloud(rng), TURNING)
+    points = exact.points.copy()
+    points[:5, 2] *= -1
+    solution = adjust(CAMERA, replace(exact, points=points), FOCAL)
+    assert isinstance(solution, BundleSolution)
+    assert (solution.problem.points[:, 2] > 0).all()
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_longer_lens_with_k3_bends_the_image_as_before():
+    """Undistorted pixels are what such a camera is adjusted on: the factor only scales what they mean."""
+    camera, pixels = CAMERAS["radtan5"], np.random.default_rng(0).uniform((0, 0), (640, 480), (50, 2))
+    longer = camera_with_focal_factor(camera, 1.07)
+    np.testing.assert_allclose(measured_pixels(longer, pixels), measured_pixels(camera, pixels), atol=1e-9)
+    np.testing.assert_allclose(1.07 * longer.normalize(pixels), camera.normalize(pixels), atol=1e-12)

@@ -31,7 +31,8 @@ def as_toml(path, value):
 
 
 OPTIONS = dict(leaves(Config()))
-NUMBERS = {path: value for path, value in OPTIONS.items() if isinstance(value, int | float)}
+NUMBERS = {path: value for path, value in OPTIONS.items() if type(value) in (int, float)}
+SWITCHES = {path: value for path, value in OPTIONS.items() if type(value) is bool}
 
 
 def name(path):
@@ -52,6 +53,17 @@ def test_every_option_can_be_set_and_comes_back(tmp_path, path):
     changed = load_config(written(tmp_path, as_toml(path, 2 * NUMBERS[path] + 1)))
     assert dict(leaves(changed)) == OPTIONS | {path: 2 * NUMBERS[path] + 1}
     assert load_config(written(tmp_path, config_toml(changed))) == changed
+
+
+@pytest.mark.parametrize("path", SWITCHES, ids=name)
+def test_a_switch_is_true_or_false_and_nothing_else(tmp_path, path):
+    for value in (True, False):
+        read = load_config(written(tmp_path, as_toml(path, str(value).lower())))
+        assert dict(leaves(read)) == OPTIONS | {path: value}
+        assert load_config(written(tmp_path, config_toml(read))) == read
+    for value in ("1", "0", '"yes"', "1.0"):
+        with pytest.raises(ConfigError, match=f"{path[-1]} must be of type bool"):
+            load_config(written(tmp_path, as_toml(path, value)))
 
 
 def test_options_of_the_command_line_win_over_the_file(tmp_path):

@@ -1,12 +1,20 @@
 """Going on from the map: by resection alone, and with ISAM2 as the example does."""
 
+import copy
+from dataclasses import replace
+from itertools import islice
+
 import numpy as np
+import pytest
+from conftest import Fed
 
 import slam_init.examples.continue_with_isam2 as continue_with_isam2_module
-from slam_init.bundle import pose_key
+from slam_init.bundle import calibration_key, camera_with_focal_factor, pose_key
+from slam_init.config import Config
 from slam_init.continuation import Continuation, follow
 from slam_init.errors import SourceError
 from slam_init.examples.continue_with_isam2 import continue_with_isam2, main, position_errors
+from slam_init.pipeline import Initializer
 from slam_init.recording import Recorder
 from slam_init.types import Frame
 
@@ -23,8 +31,24 @@ class Diary(Recorder):
 
 
 def followed(fed, frames, count, recorder=None):
-    tracker, camera = fed.tracker, fed.source.camera
-    return follow(fed.result.map, tracker, camera, iter(frames), count, recorder or Recorder())
+    return follow(fed.result.map, fed.tracker, iter(frames), count, recorder or Recorder())
+
+
+@pytest.fixture(scope="module")
+def room_refined_once(room):
+    """A map made with a focal length stated a twentieth too long, and adjusted."""
+    config = Config()
+    config = replace(config, map=replace(config.map, refine_focal=True))
+    initializer, frames = Initializer(camera_with_focal_factor(room.camera, 1.05), config), room.frames()
+    for frame in frames:
+        if initializer.process(frame):
+            break
+    return Fed(room, initializer.tracker, initializer.finish(), list(islice(frames, 15)))
+
+
+@pytest.fixture
+def room_refined(room_refined_once):
+    return replace(room_refined_once, tracker=copy.deepcopy(room_refined_once.tracker))
 
 
 def blank(index):
@@ -74,8 +98,8 @@ def test_the_summary_counts():
 
 
 def test_isam2_goes_on_from_the_graph_of_the_map(room_fed):
-    map_, camera = room_fed.result.map, room_fed.source.camera
-    poses = continue_with_isam2(map_, room_fed.tracker, camera, room_fed.following)
+    map_ = room_fed.result.map
+    poses = continue_with_isam2(map_, room_fed.tracker, room_fed.following)
     assert [keyframe.frame for keyframe in poses] == [frame.index for frame in room_fed.following]
     assert position_errors([*map_.keyframes, *poses], room_fed.source.groundtruth).max() < 0.02
     assert not map_.values.exists(pose_key(poses[0].frame))  # the map itself stays as it was
@@ -83,8 +107,7 @@ def test_isam2_goes_on_from_the_graph_of_the_map(room_fed):
 
 def test_isam2_leaves_out_a_frame_that_it_cannot_locate(room_fed):
     first = room_fed.following[0].index
-    tracker, camera = room_fed.tracker, room_fed.source.camera
-    assert continue_with_isam2(room_fed.result.map, tracker, camera, [blank(first)]) == []
+    assert continue_with_isam2(room_fed.result.map, room_fed.tracker, [blank(first)]) == []
 
 
 def test_the_landmarks_come_out_of_the_values_in_the_order_of_the_map(room_fed):
@@ -119,3 +142,30 @@ def test_a_frame_that_cannot_be_read_ends_the_continuation_and_not_the_run(room_
     continued = followed(room_fed, broken(), 5)
     assert continued.frames == 1
     assert continued.ended_by == "000030.png is truncated"
+
+
+def test_an_adjusted_focal_length_is_what_the_next_frames_are_located_with(room_refined):
+    map_, true = room_refined.result.map, room_refined.source.camera
+    assert abs(map_.camera.fx / true.fx - 1) < 0.025
+    continued = followed(room_refined, room_refined.following, 15)
+    assert len(continued.keyframes) == 15
+    assert min(continued.survival) > 0.9
+    errors = position_errors([*map_.keyframes, *continued.keyframes], room_refined.source.groundtruth)
+    assert errors.max() < 0.01
+
+
+def test_rays_are_those_of_the_camera_that_the_map_was_adjusted_with(room_fed, room_refined):
+    for fed, adjusted in ((room_fed, False), (room_refined, True)):
+        map_, seen = fed.result.map, fed.tracker.track(fed.following[0])
+        landmarks, features, bearings = map_.seen_in(seen)
+        assert np.array_equal(map_.track_ids[landmarks], seen.track_ids[features])
+        np.testing.assert_allclose(bearings, map_.camera.bearings(seen.pixels[features]), atol=1e-12)
+        assert np.array_equal(bearings, seen.bearings[features]) != adjusted
+
+
+def test_isam2_goes_on_with_the_calibration_as_a_variable(room_refined):
+    map_ = room_refined.result.map
+    assert map_.values.exists(calibration_key())
+    poses = continue_with_isam2(map_, room_refined.tracker, room_refined.following)
+    assert [keyframe.frame for keyframe in poses] == [frame.index for frame in room_refined.following]
+    assert position_errors([*map_.keyframes, *poses], room_refined.source.groundtruth).max() < 0.02

@@ -13,7 +13,9 @@ import pycolmap
 import pytest
 from evo.tools import file_interface
 from make_map import CAMERAS, make_map, make_result
+from make_scene import CONFIG, cloud, observe, problem
 
+from slam_init.bundle import adjust, calibration_key, camera_with_focal_factor
 from slam_init.camera import Camera
 from slam_init.errors import OutputError, SourceError
 from slam_init.export import (
@@ -24,6 +26,7 @@ from slam_init.export import (
     summary_text,
     write_results,
 )
+from slam_init.handover import initial_map
 
 FILES_WITH_MAP = {
     "summary.json",
@@ -55,8 +58,8 @@ def summarize(result, **keywords):
     return summary_dict(result, FakeSource(), CAMERAS["pinhole"], "quest", 0, **keywords)
 
 
-def write(out, result, model="pinhole", **keywords):
-    write_results(out, result, summarize(result), CAMERAS[model], **keywords)
+def write(out, result, **keywords):
+    write_results(out, result, summarize(result), **keywords)
     return {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
 
 
@@ -143,7 +146,7 @@ def test_evo_reads_the_keyframes_with_the_time_stamps_of_the_source(tmp_path):
 @pytest.mark.parametrize("model", CAMERAS)
 def test_colmap_reads_the_model_and_finds_our_reprojection_error(tmp_path, model):
     map_, camera = make_map(model), CAMERAS[model]
-    write(tmp_path, make_result(map_), model)
+    write(tmp_path, make_result(map_))
     read = pycolmap.Reconstruction(tmp_path / "colmap")
     expected = {
         "pinhole": "PINHOLE",
@@ -173,8 +176,7 @@ def test_colmap_reads_the_model_and_finds_our_reprojection_error(tmp_path, model
 
 def test_a_fifth_coefficient_of_zero_is_the_plain_opencv_camera(tmp_path):
     camera = replace(CAMERAS["radtan5"], distortion=(-0.2, 0.05, 1e-3, -5e-4, 0.0))
-    result = make_result(make_map("radtan"))
-    write_results(tmp_path, result, summarize(result), camera)
+    write(tmp_path, make_result(replace(make_map("radtan"), camera=camera)))
     read = pycolmap.Reconstruction(tmp_path / "colmap").cameras[1]
     assert read.model.name == "OPENCV"
     np.testing.assert_allclose(read.params[4:], camera.distortion[:4])
@@ -183,7 +185,7 @@ def test_a_fifth_coefficient_of_zero_is_the_plain_opencv_camera(tmp_path):
 @pytest.mark.parametrize("model", ["pinhole", "radtan", "fisheye"])
 def test_gtsam_reads_the_graph_and_goes_on_with_it(tmp_path, model):
     map_ = make_map(model)
-    write(tmp_path, make_result(map_), model)
+    write(tmp_path, make_result(map_))
     graph, values = load_graph(tmp_path)
     assert graph.equals(map_.graph, 1e-12)
     assert values.equals(map_.values, 1e-12)
@@ -201,6 +203,48 @@ def test_a_folder_without_a_graph_or_with_a_damaged_one_is_told(tmp_path):
         load_graph(tmp_path)
 
 
+@pytest.mark.parametrize("model", CAMERAS)
+def test_a_map_with_an_adjusted_focal_length_goes_out_and_comes_back_with_it(tmp_path, model):
+    """COLMAP's error is ours, and gtsam goes on with the calibration as a variable."""
+    rng = np.random.default_rng(2)
+    points = cloud(rng, 60)
+    noisy = problem(CAMERAS[model], points, noise_px=0.5, rng=rng)
+    stated = camera_with_focal_factor(CAMERAS[model], 1.05)
+    solution = adjust(stated, noisy, replace(CONFIG.map, refine_focal=True))
+    views = observe(CAMERAS[model], noisy.world_from_cam, points, frames=noisy.frames)
+    map_ = initial_map(solution, views, "general")
+    assert map_.camera == solution.camera != stated
+    assert map_.camera.fx == pytest.approx(map_.focal_factor * stated.fx)
+    result = make_result(map_)
+    write_results(tmp_path, result, summary_dict(result, FakeSource(), stated, "quest", 0))
+
+    read = pycolmap.Reconstruction(tmp_path / "colmap")
+    np.testing.assert_allclose(read.cameras[1].params[:2], (map_.camera.fx, map_.camera.fy))
+    errors_px = np.linalg.norm(solution.problem.residuals(map_.camera), axis=1)
+    read.update_point_3d_errors()
+    by_point = [np.mean(errors_px[map_.observation_landmarks == i]) for i in range(len(map_.points))]
+    assert read.compute_mean_reprojection_error() == pytest.approx(np.mean(by_point), abs=1e-6)
+
+    graph, values = load_graph(tmp_path)
+    assert graph.equals(solution.graph, 1e-12)
+    assert values.equals(solution.values, 1e-12)
+    assert values.exists(calibration_key())
+    assert graph.error(values) == solution.graph.error(solution.values)
+
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["camera"]["fx"] == pytest.approx(stated.fx)
+    assert summary["focal_length"] == {
+        "fx": pytest.approx(map_.camera.fx),
+        "fy": pytest.approx(map_.camera.fy),
+        "factor": pytest.approx(map_.focal_factor, rel=1e-5),
+        "factor_sigma": pytest.approx(map_.focal_factor_sigma, rel=1e-5),
+    }
+
+
+def test_a_focal_length_that_was_held_is_not_in_the_summary():
+    assert "focal_length" not in summarize(make_result(make_map()))
+
+
 def test_the_ply_holds_every_landmark_with_its_colour(tmp_path):
     map_ = make_map()
     write(tmp_path, make_result(map_))
@@ -216,7 +260,7 @@ def test_the_summary_has_the_documented_keys_and_counts_what_is_on_disk(tmp_path
     map_ = make_map()
     truth = {"rotation_error_deg": 0.25, "direction_error_deg": None, "ate_rmse": 0.01, "path_length": 1.5}
     result = make_result(map_)
-    write_results(tmp_path, result, summarize(result, ground_truth=truth), CAMERAS["pinhole"])
+    write_results(tmp_path, result, summarize(result, ground_truth=truth))
     read = json.loads((tmp_path / "summary.json").read_text())
     assert {
         "schema": 1,

@@ -5,7 +5,7 @@ from itertools import zip_longest
 
 import numpy as np
 import pytest
-from make_map import make_poses
+from make_map import make_map, make_poses
 from make_scene import CAMERA, CONFIG, cloud, observe, plane
 from make_source import GivenFrames
 
@@ -13,7 +13,7 @@ from quest.quaternion import rotation_from_vector
 from slam_init.compare.measures import pose_errors
 from slam_init.errors import SlamInitError
 from slam_init.export import summary_dict
-from slam_init.handover import ATTEMPTS_KEPT, AttemptLog
+from slam_init.handover import ATTEMPTS_KEPT, AttemptLog, focal_notes
 from slam_init.methods import make_initializer
 from slam_init.online import Status, frame_of, progress
 from slam_init.pipeline import Initializer
@@ -284,3 +284,27 @@ def test_every_verdict_fits_the_log():
     for verdict in (*REASONS, ACCEPTED):
         log.add(refusal(1, verdict))
     assert len(log) == len(REASONS) + 1
+
+
+# -- the focal length ---------------------------------------------------------------------------------
+
+
+def test_a_focal_length_that_the_views_cannot_tell_is_told():
+    """A camera that goes sideways without turning: the map is good, and says that the prior is all it knows."""
+    config = replace(CONFIG, map=replace(CONFIG.map, refine_focal=True))
+    initializer = Initializer(CAMERA, config)
+    for observed in seen_from([Pose(np.eye(3), np.array([0.08 * k, 0.0, 0.0])) for k in range(5)]):
+        initializer.process_tracks(observed)
+    result = initializer.finish()
+    assert result.map.focal_factor_sigma > 0.9 * config.map.focal_sigma
+    (note,) = result.notes
+    assert "do not tell the focal length" in note
+    assert "turn the camera" in note
+
+
+def test_what_the_views_tell_better_than_the_prior_needs_no_note():
+    prior, map_ = CONFIG.map.focal_sigma, make_map()
+    assert focal_notes(None, CONFIG.map) == ()
+    assert focal_notes(map_, CONFIG.map) == ()  # it was held
+    assert focal_notes(replace(map_, focal_factor_sigma=0.7 * prior), CONFIG.map) == ()
+    assert len(focal_notes(replace(map_, focal_factor_sigma=0.72 * prior), CONFIG.map)) == 1

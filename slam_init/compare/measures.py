@@ -16,7 +16,6 @@ from slam_init.triangulation import resect
 from slam_init.types import Bools, Floats, InitialMap, Ints, Pose, Trajectory
 
 if TYPE_CHECKING:
-    from slam_init.camera import Camera
     from slam_init.datasets import TimedSource
     from slam_init.datasets.points import PointSource
 
@@ -87,17 +86,18 @@ def _within(errors: PoseErrors, judging: Judging, bounds_deg: tuple[float, float
     return rotation and (direction or not judging.direction_known)
 
 
-def survival(map_: InitialMap, camera: Camera, following: Iterable[Step]) -> float | None:
+def survival(map_: InitialMap, following: Iterable[Step]) -> float | None:
     """Share of the landmarks that the next 30 frames see within 3 px, after resection with the map; median over frames.
 
     None where no frame follows.
     """
+    camera = map_.camera
     shares: list[float] = []
     guess: Pose | None = None
     for step in islice(following, _SURVIVAL_STEP - 1, _SURVIVAL_FRAMES, _SURVIVAL_STEP):
         observed = step.current
-        _, i, j = np.intersect1d(map_.track_ids, observed.track_ids, return_indices=True)
-        resected = resect(map_.points[i], observed.bearings[j], _SURVIVAL_PX / camera.focal_px, guess)
+        i, j, bearings = map_.seen_in(observed)
+        resected = resect(map_.points[i], bearings, _SURVIVAL_PX / camera.focal_px, guess)
         if resected is None:
             shares.append(0.0)
             continue

@@ -206,7 +206,7 @@ def _row(
         "keyframes": " ".join(str(keyframe.frame) for keyframe in result.map.keyframes),
         "parallax_deg": _rounded(result.map.median_parallax_deg),
         "reprojection_rmse_px": _rounded(result.map.reprojection_rmse_px),
-        "survival": _rounded(survival(result.map, camera, following)),
+        "survival": _rounded(survival(result.map, following)),
     }
     if judging.cause is not None:
         row["reason_right"] = False  # a map where there should be a reason

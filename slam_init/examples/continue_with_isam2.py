@@ -2,7 +2,7 @@
 
 The map comes as a factor graph with its optimum. ISAM2 takes both as they are; for each next frame the tracker says
 which landmarks are seen where, resection gives the initial pose, and a projection factor for each landmark goes into
-the update.
+the update. Where the focal length was adjusted with the map it is a variable of the graph, and keeps improving as well.
 
 Run it as ``python -m slam_init.examples.continue_with_isam2 [SOURCE]``.
 """
@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.bundle import gtsam_calibration, landmark_key, measured_pixels, pose_key
-from slam_init.camera import Camera
+from slam_init.bundle import calibration_key, landmark_key, measured_pixels, pose_key, projection
 from slam_init.datasets import open_source
 from slam_init.errors import SlamInitError
 from slam_init.metrics import align_positions
@@ -35,7 +34,7 @@ _GATE_PX = 3.0
 _FRAMES = 15
 
 
-def continue_with_isam2(map_: InitialMap, tracker: Tracker, camera: Camera, frames: Iterable[Frame]) -> list[Keyframe]:
+def continue_with_isam2(map_: InitialMap, tracker: Tracker, frames: Iterable[Frame]) -> list[Keyframe]:
     """Add frames to the map one by one.
 
     Parameters
@@ -44,7 +43,6 @@ def continue_with_isam2(map_: InitialMap, tracker: Tracker, camera: Camera, fram
         Its graph and values are copied, not changed.
     tracker : Tracker
         As it is after the frame that the map was accepted at.
-    camera : Camera
     frames : iterable of Frame
         The frames that follow.
 
@@ -59,11 +57,12 @@ def continue_with_isam2(map_: InitialMap, tracker: Tracker, camera: Camera, fram
     """
     import gtsam
 
-    calibration = gtsam_calibration(camera)
-    projection = getattr(gtsam, f"GenericProjectionFactor{type(calibration).__name__}")
+    camera, calibration = map_.camera, calibration_key()
+    adjusted = map_.values.exists(calibration)
     # Huber: a track that slides off its landmark must not drag the pose with it (95 % efficient at 1.345).
     huber = gtsam.noiseModel.mEstimator.Huber.Create(1.345)
     noise = gtsam.noiseModel.Robust.Create(huber, gtsam.noiseModel.Isotropic.Sigma(2, map_.noise_px))
+    factor = projection(camera, noise, adjusted=adjusted)
     isam = gtsam.ISAM2(_parameters())
     isam.update(map_.graph, map_.values)
     located: list[Frame] = []
@@ -71,8 +70,8 @@ def continue_with_isam2(map_: InitialMap, tracker: Tracker, camera: Camera, fram
         seen = tracker.track(frame)
         tracker.history.forget(keep=())
         points = gtsam.utilities.extractPoint3(isam.calculateEstimate())  # in order of track id, as the map's
-        _, i, j = np.intersect1d(map_.track_ids, seen.track_ids, return_indices=True)
-        resected = resect(points[i], seen.bearings[j], _GATE_PX / camera.focal_px)
+        i, j, bearings = map_.seen_in(seen)
+        resected = resect(points[i], bearings, _GATE_PX / camera.focal_px)
         if resected is None:
             continue
         world_from_cam, inliers = resected[0].inverse(), resected[1]
@@ -80,11 +79,13 @@ def continue_with_isam2(map_: InitialMap, tracker: Tracker, camera: Camera, fram
         for track, pixel in zip(
             map_.track_ids[i[inliers]], measured_pixels(camera, seen.pixels[j[inliers]]), strict=True
         ):
-            graph.add(projection(pixel, noise, pose, landmark_key(int(track)), calibration))
+            graph.add(factor(pixel, pose, landmark_key(int(track))))
         values.insert(pose, gtsam.Pose3(gtsam.Rot3(world_from_cam.R), world_from_cam.t))
         # Left alone, ISAM2 would eliminate all that the frame sees last, landmarks included: eight times slower.
         last = gtsam.KeyGroupMap()
         last.insert2(pose, 1)
+        if adjusted:
+            last.insert2(calibration, 1)
         isam.update(graph, values, constrainedKeys=last)
         located.append(frame)
     estimate = isam.calculateEstimate()
@@ -117,7 +118,7 @@ def _main(name: str) -> int:
     if result.map is None:
         print(f"not initialized: {result.reason}")
         return 3
-    poses = continue_with_isam2(result.map, initializer.tracker, source.camera, islice(frames, _FRAMES))
+    poses = continue_with_isam2(result.map, initializer.tracker, islice(frames, _FRAMES))
     print(f"initialized after {result.frames_to_init} frames; {len(poses)} of the next {_FRAMES} frames located")
     for keyframe in poses:
         x, y, z = keyframe.world_from_cam.t

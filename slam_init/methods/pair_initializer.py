@@ -10,7 +10,7 @@ import numpy as np
 from slam_init.bundle import BundleProblem, BundleSolution, adjust
 from slam_init.camera import Camera
 from slam_init.config import Config
-from slam_init.handover import AttemptLog, Evidence, initial_map, refusal, refused
+from slam_init.handover import AttemptLog, Evidence, focal_notes, initial_map, refusal, refused
 from slam_init.methods.two_view import TwoViewMethod, TwoViewOutcome, undistorted_pixels
 from slam_init.online import Status, frame_of
 from slam_init.reasons import ACCEPTED
@@ -114,7 +114,7 @@ class PairInitializer:
             frames_to_init=self.frames_read if self.map is not None else None,
             attempts=self._attempts.kept,
             timing_ms=self.stopwatch.summary(),
-            notes=self._attempts.notes(),
+            notes=(*self._attempts.notes(), *focal_notes(self.map, self.config.map)),
             advice="" if reason is None else self._attempts.advice(reason),
             hypotheses=() if self.map is None else (self.map,),
         )
