@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -123,6 +124,7 @@ def _parser() -> _Parser:
         dest="continue_frames",
         help="then resect the next N frames with the map",
     )
+    run.add_argument("--refine-focal", action="store_true", help="adjust the focal length with the map")
     run.add_argument("--config", metavar="FILE", help="options in TOML, as in DIR/config.toml")
     run.add_argument("--json", action="store_true", help="print the summary as JSON and nothing else")
     run.add_argument("--quiet", action="store_true", help="print nothing but errors (and --json)")
@@ -195,6 +197,8 @@ def _run(arguments: argparse.Namespace) -> int:
 
     config_path = Path(arguments.config).expanduser() if arguments.config is not None else None
     config = load_config(config_path, {"method": arguments.method, "seed": arguments.seed})
+    if arguments.refine_focal:  # without it the file decides
+        config = replace(config, map=replace(config.map, refine_focal=True))
     _not_inside_source(out, arguments.source)
     source = open_source(arguments.source, config.seed)
     camera = _camera(arguments, source, arguments.start)

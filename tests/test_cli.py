@@ -321,6 +321,16 @@ def test_the_seed_makes_the_synthetic_world_too(pipeline, capsys):
     assert str(options["out"]) == "slam-init-out"
 
 
+def test_the_focal_length_is_adjusted_where_the_command_line_or_the_configuration_says_so(world, pipeline):
+    Path("c.toml").write_text("[map]\nmax_further_views = 3\n")
+    Path("on.toml").write_text("[map]\nrefine_focal = true\n")
+    for options in ([], ["--refine-focal"], ["--config", "c.toml", "--refine-focal"], ["--config", "on.toml"]):
+        assert main(["run", IMAGES, *WITH, *options]) == 0
+    maps = [config.map for _, _, config, _ in pipeline.calls]
+    assert [map_.refine_focal for map_ in maps] == [False, True, True, True]
+    assert maps[2].max_further_views == 3
+
+
 def test_a_seed_of_the_configuration_counts_where_none_is_given(world, pipeline):
     (world / "c.toml").write_text("seed = 9\n")
     assert main(["run", IMAGES, *WITH, "--config", "c.toml"]) == 0
@@ -379,6 +389,14 @@ def test_report_of_a_map(world, pipeline, capsys):
     ):
         assert fact in out
     assert "None" not in out and "ATE" not in out
+
+
+def test_report_tells_an_adjusted_focal_length_with_its_uncertainty(world, pipeline, capsys):
+    assert main(["run", IMAGES, *WITH]) == 0
+    assert "focal length" not in capsys.readouterr().out
+    pipeline.summary = INITIALIZED | {"focal_length": {"fx": 57.0, "fy": 57.0, "factor": 0.95, "factor_sigma": 0.0123}}
+    assert main(["run", IMAGES, *WITH]) == 0
+    assert "0.950 +- 0.012 times the stated one" in capsys.readouterr().out
 
 
 def test_report_of_a_refusal_tells_reason_advice_and_attempts(world, pipeline, capsys):
