@@ -33,6 +33,9 @@ __all__ = ["Handover", "Outcome", "screen", "try_pair", "with_calibration_check"
 
 #: A tenth of the tracks may be mistaken; more of them displaced against the rotation is a motion to look at.
 _LEAST_PARALLAX_SHARE = 0.1
+#: An outlier threshold of three standard deviations is what is wanted. One that is only two of those that are left
+#: within it cut off a good part of the right matches, and is widened, once: to what tracks of 2 px noise need.
+_TOO_NOISY_SIGMAS, _WIDER = 2.0, 2.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +126,9 @@ def with_calibration_check(
         A pair far apart in rotation: the further, the more a wrong focal length shows.
     """
     i, j = common_tracks(reference, current)
-    # There is no estimate of the errors yet.
-    noise_rad = config.map.noise_px / camera.focal_px
+    # Where two views were looked at they told the noise.
+    noise_px = max(config.map.noise_px, float(attempt.evidence.get("two_view_noise_px", 0.0)))
+    noise_rad = noise_px / camera.focal_px
     shared_rad = config.acceptance.min_shared_error_px / camera.focal_px
     turning = turning_camera(reference.bearings[i], current.bearings[j], noise_rad)
     evidence = turning_evidence(camera, config, turning, noise_rad, shared_rad)
@@ -165,6 +169,9 @@ def try_pair(
     with stopwatch("two_view"):
         threshold_rad = config.two_view.threshold_px / camera.focal_px
         pose = estimate_relative_pose(m, n, threshold_rad=threshold_rad, seed=config.seed)
+        if isinstance(pose, RelativePose) and pose.noise_rad > threshold_rad / _TOO_NOISY_SIGMAS:
+            threshold_rad *= _WIDER
+            pose = estimate_relative_pose(m, n, threshold_rad=threshold_rad, seed=config.seed)
     attempt = Attempt(
         frames=(pair.reference, pair.current),
         verdict=ACCEPTED,
@@ -191,7 +198,7 @@ def try_pair(
         views = further_views(history, reference, current, config.map) if third_view else []
         table = table_of(reference, current, views)
         hypotheses: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
-        candidates = [build_candidate(camera, config, table, hypothesis) for hypothesis in hypotheses]
+        candidates = [build_candidate(camera, config, table, h, threshold_rad) for h in hypotheses]
         candidates = rank(camera, config, candidates)
         plane = vote_of_plane(config, history, reference, current, pose, candidates) if third_view else None
         if plane is not None and plane.reversed().decides():

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quest.neighbours import directions_of, regions_of, scatter_of_sum
 from quest.rotation import refine_rotation_compiled
 from slam_init.types import Floats
 
@@ -21,8 +22,11 @@ __all__ = ["TurningCamera", "suspected_focal_factor", "turning_camera"]
 _FACTORS = np.linspace(0.9, 1.1, 21)
 #: Calibrations are rarely better than a hundredth without care; twice that is worth a word.
 _LEAST_OFF = 0.02
-#: A median over 200 matches is known to a fifth (four standard deviations).
-_CLEARLY_MORE = 1.2
+#: By how much the free focal length must be better: chi-square of one degree of freedom, once in 15 000 cases; and in
+#: standard deviations of what regions of the view say, so that no body that moves by itself decides.
+_LEAST_GAIN, _LEAST_GAIN_Z = 16.0, 3.0
+#: Squared residuals beyond three standard deviations count no more than that.
+_GATE2 = 9.0
 
 
 @dataclass(frozen=True)
@@ -40,12 +44,17 @@ class TurningCamera:
         What the best rotation with the stated focal length leaves.
     matches : int
         What the medians are over.
+    gain, gain_z : float
+        What the free focal length takes from the squared residuals, in units of their variance, and in units of the
+        scatter of that sum.
     """
 
     focal_factor: float
     residual_rad: float
     stated_residual_rad: float
     matches: int
+    gain: float
+    gain_z: float
 
     @property
     def chance_factor(self) -> float:
@@ -66,18 +75,30 @@ def turning_camera(m: Floats, n: Floats, noise_rad: float) -> TurningCamera:
     noise_rad : float
         Standard deviation of a component of a bearing, roughly: the scale down to which the fit is robust.
     """
-    residuals = np.empty(len(_FACTORS))
+    lengths = np.empty((len(_FACTORS), len(m)))
     R = np.eye(3)
     for i, factor in enumerate(_FACTORS):
         a, b = (_unit(rays * (1.0, 1.0, factor)) for rays in (m, n))
         # Wide first: the first fit starts from no rotation at all, the others from their neighbour.
         for scale_rad in (0.2, 40 * noise_rad, 4 * noise_rad):
             R = refine_rotation_compiled(R, a, b, scale_rad, iterations=4)
-        # The median of a Rayleigh variable is 1.18 of its scale; a difference has the noise of two bearings.
-        residuals[i] = np.median(np.linalg.norm(b - a @ R.T, axis=1)) / (np.sqrt(2 * np.log(2)) * np.sqrt(2))
+        lengths[i] = np.linalg.norm(b - a @ R.T, axis=1)
+    # The median of a Rayleigh variable is 1.18 of its scale; a difference has the noise of two bearings.
+    residuals = np.median(lengths, axis=1) / (np.sqrt(2 * np.log(2)) * np.sqrt(2))
     best = int(np.argmin(residuals))
     stated = int(np.argmin(np.abs(_FACTORS - 1)))
-    return TurningCamera(float(_FACTORS[best]), float(residuals[best]), float(residuals[stated]), len(m))
+    variance = max(2 * float(residuals[best]) ** 2, 1e-24)
+    costs = np.minimum(lengths[[stated, best]] ** 2 / variance, 2 * _GATE2)
+    difference = costs[0] - costs[1]
+    gain, scatter = float(difference.sum()), scatter_of_sum(difference, regions_of(directions_of(m)))
+    return TurningCamera(
+        focal_factor=float(_FACTORS[best]),
+        residual_rad=float(residuals[best]),
+        stated_residual_rad=float(residuals[stated]),
+        matches=len(m),
+        gain=gain,
+        gain_z=gain / scatter if scatter > 0 else 0.0,
+    )
 
 
 def suspected_focal_factor(turning: TurningCamera, expected_rad: float) -> float | None:
@@ -86,15 +107,16 @@ def suspected_focal_factor(turning: TurningCamera, expected_rad: float) -> float
     Parameters
     ----------
     turning : TurningCamera
-        It is suspected where it explains the matches and the best rotation with the stated focal length leaves clearly
-        more.
+        It is suspected where it explains the matches, the best rotation with the stated focal length leaves clearly
+        more, and the best factor is not the last one tried: a plane's matches pull it beyond all bounds.
     expected_rad : float
         What a right model may leave: a standard deviation of a component of a bearing.
     """
     explains = turning.residual_rad <= expected_rad
-    matters = turning.stated_residual_rad > _CLEARLY_MORE * turning.residual_rad
+    matters = turning.gain > _LEAST_GAIN and turning.gain_z > _LEAST_GAIN_Z
     off = abs(turning.focal_factor - 1) >= _LEAST_OFF - 1e-9
-    return turning.focal_factor if explains and matters and off else None
+    found = _FACTORS[0] < turning.focal_factor < _FACTORS[-1]
+    return turning.focal_factor if explains and matters and off and found else None
 
 
 def _unit(rays: Floats) -> Floats:

@@ -81,7 +81,7 @@ def refused_at(attempt: Attempt, reason: str, stage: str) -> Attempt:
 ATTEMPTS_KEPT = 1000
 
 #: A single pair may look like a turning camera by chance. The check finds the factor of one that turns to a hundredth.
-_LEAST_SUSPICIONS, _ALIKE = 3, 0.015
+_LEAST_SUSPICIONS, _ALIKE = 2, 0.015
 
 
 class AttemptLog:
@@ -137,7 +137,7 @@ class AttemptLog:
 
 
 def reported_focal_factor(attempts: Iterable[Attempt]) -> float | None:
-    """What most checks of the calibration suspect, three at least, and alike: a wrong one is so in every pair.
+    """What most checks of the calibration suspect, two at least, and alike: a wrong one is so in every pair.
 
     Parameters
     ----------

@@ -33,8 +33,8 @@ __all__ = [
 
 #: A turn takes tracks farther across the lens than a short translation does: what its calibration leaves grows with it.
 _TURNING_SHARED = 3.0
-#: A vote that leans to one side by a standard deviation: by chance it leans to the wrong one in a sixth of the cases.
-_LEANS = 1.0
+#: Odds of the plane's vote, as a logarithm, from which on the maps of free points are heard as well: a thousand to one.
+_ODDS = 7.0
 
 
 def judge_two_views(
@@ -138,8 +138,8 @@ def vote(
         if k == 1 and plane is not None:
             evidence |= {"plane_log_likelihood": plane.log_likelihood, "plane_z": plane.z}
             # Maps of free points are hard to adjust under a wrong motion, and one that ended in a bad optimum votes for
-            # its rival. They are believed where the plane, whose points cannot give way, leans to the same side.
-            margins = [free, plane] if plane.z > _LEANS else [plane]
+            # its rival. They are believed where the plane, whose points cannot give way, says the same at long odds.
+            margins = [free, plane] if plane.log_likelihood > _ODDS else [plane]
         against = [m for m in margins if m.reversed().decides()]
         votes.append(min(against or [max(margins, key=Margin.share)], key=Margin.share))
     if not votes:

@@ -182,10 +182,25 @@ def _evenly_spaced(views: list[Observations], at_most: int) -> list[Observations
 
 
 def build_candidate(
-    camera: Camera, config: Config, table: TrackTable, hypothesis: Hypothesis | RelativePose
+    camera: Camera,
+    config: Config,
+    table: TrackTable,
+    hypothesis: Hypothesis | RelativePose,
+    threshold_rad: float | None = None,
 ) -> MapCandidate:
-    """Triangulate the pair, resect the further views, adjust everything."""
-    threshold_rad = config.two_view.threshold_px / camera.focal_px
+    """Triangulate the pair, resect the further views, adjust everything.
+
+    Parameters
+    ----------
+    camera : Camera
+    config : Config
+    table : TrackTable
+    hypothesis : Hypothesis or RelativePose
+    threshold_rad : float, optional
+        Outliers of a further view are farther off than this; by default that of the configuration.
+    """
+    if threshold_rad is None:
+        threshold_rad = config.two_view.threshold_px / camera.focal_px
     cam2_from_cam1 = Pose(hypothesis.R, hypothesis.t)
     poses = {0: Pose.identity(), 1: cam2_from_cam1.inverse()}  # view -> world_from_cam
     points = triangulate([poses[0], poses[1]], table.bearings[:2])

@@ -1,5 +1,7 @@
 """A camera that only turns, whose stated focal length may be wrong, told from a translation before a wall."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -62,12 +64,18 @@ def test_a_camera_that_stands_still_says_nothing_of_its_focal_length():
     assert suspected_focal_factor(found, 1.5 * NOISE) is None
 
 
-def test_a_suspicion_needs_all_of_three():
-    assert suspected_focal_factor(TurningCamera(1.05, 1.0, 2.0, 400), 1.5) == 1.05
-    assert suspected_focal_factor(TurningCamera(1.05, 1.0, 2.0, 400), 0.9) is None  # it does not explain the matches
-    assert suspected_focal_factor(TurningCamera(1.05, 1.0, 1.1, 400), 1.5) is None  # as does the stated one
-    assert suspected_focal_factor(TurningCamera(1.01, 1.0, 2.0, 400), 1.5) is None  # it is near enough
-    assert suspected_focal_factor(TurningCamera(0.98, 1.0, 2.0, 400), 1.5) == 0.98
+def test_a_suspicion_needs_all_of_its_grounds():
+    sure = TurningCamera(1.05, 1.0, 2.0, matches=400, gain=100.0, gain_z=8.0)
+    assert suspected_focal_factor(sure, 1.5) == 1.05
+    assert suspected_focal_factor(replace(sure, focal_factor=0.98), 1.5) == 0.98
+    for reason, weak in {
+        "it does not explain the matches": replace(sure, residual_rad=1.6),
+        "the stated one explains them as well": replace(sure, gain=10.0),
+        "one region of the view speaks for it": replace(sure, gain_z=2.0),
+        "it is near enough": replace(sure, focal_factor=1.01),
+        "it is the last one that was tried": replace(sure, focal_factor=1.1),
+    }.items():
+        assert suspected_focal_factor(weak, 1.5) is None, reason
 
 
 def test_the_fewer_the_matches_the_more_a_residual_may_exceed_its_expectation():
@@ -76,5 +84,5 @@ def test_the_fewer_the_matches_the_more_a_residual_may_exceed_its_expectation():
     for count in (50, 800):
         lengths = np.linalg.norm(rng.normal(size=(2000, count, 2)), axis=2)
         medians = np.median(lengths, axis=1) / np.sqrt(2 * np.log(2))
-        limit = TurningCamera(1.0, 1.0, 1.0, count).chance_factor
+        limit = TurningCamera(1.0, 1.0, 1.0, count, 0.0, 0.0).chance_factor
         assert 1 + 0.7 * (limit - 1) < medians.max() < 1 + 1.3 * (limit - 1)
