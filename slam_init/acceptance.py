@@ -10,7 +10,7 @@ from slam_init.camera import Camera
 from slam_init.config import AcceptanceConfig
 from slam_init.mapping import MapCandidate
 from slam_init.reasons import ACCEPTED, ADVICE, Gate
-from slam_init.types import Floats
+from slam_init.types import Floats, Pose
 
 __all__ = ["check", "depth_sigma", "direction_bound_deg", "direction_focal_deg", "direction_sigmas_deg"]
 
@@ -19,7 +19,7 @@ _SHORT_BASELINE = 0.3
 
 
 def check(
-    camera: Camera, candidate: MapCandidate, bundle: BundleSolution, shared_rad: float, config: AcceptanceConfig
+    camera: Camera, candidate: MapCandidate, bundle: BundleSolution, shared_turn_rad: float, config: AcceptanceConfig
 ) -> tuple[str, list[Gate]]:
     """The verdict on an adjusted map, and all gates.
 
@@ -29,8 +29,8 @@ def check(
     candidate : MapCandidate
     bundle : BundleSolution
         The adjusted map of the candidate.
-    shared_rad : float
-        Error that neighbouring tracks share (:mod:`slam_init.shared_error`).
+    shared_turn_rad : float
+        By how much errors that tracks share may turn the baseline of the pair (:mod:`slam_init.shared_error`).
     config : AcceptanceConfig
     """
     points = len(bundle.problem.points)
@@ -38,7 +38,14 @@ def check(
     explained = points / max(len(candidate.table.track_ids), 1)
     sideways = "translate sideways: the path is too short for the depth of the scene"
     gates = [
-        Gate("direction_bound_deg", direction_bound_deg(bundle, shared_rad), error, False, "low_parallax", sideways),
+        Gate(
+            "direction_bound_deg",
+            direction_bound_deg(candidate, bundle, shared_turn_rad),
+            error,
+            False,
+            "low_parallax",
+            sideways,
+        ),
         Gate(
             "direction_focal_deg",
             direction_focal_deg(candidate, bundle.noise_px / camera.focal_px, config.focal_error),
@@ -86,18 +93,16 @@ def check(
     return (failed[0].reason if failed else ACCEPTED), gates
 
 
-def direction_bound_deg(bundle: BundleSolution, shared_rad: float) -> float:
+def direction_bound_deg(candidate: MapCandidate, bundle: BundleSolution, shared_turn_rad: float) -> float:
     """How far the direction of a baseline from the first view may be off, for the worst view, in degrees.
 
-    Three standard deviations, and what no average removes: an error that neighbouring tracks share (lens model,
-    rolling shutter, blur) tilts a baseline by its ratio to the parallax that it makes, however many tracks there are.
+    Three standard deviations, and what no average removes: an error that neighbouring tracks share (lens model, blur,
+    the tracker's interpolation) is each view's own, and turns a baseline by the more the shorter it is.
     """
-    parallax = bundle.problem.parallax_rad()
-    # The median: a few near or moving things with much parallax do not make up for a scene that has little.
-    median = float(np.median(parallax))
-    sigmas_deg, shares = direction_sigmas_deg(bundle)
-    shared_deg = np.degrees(shared_rad / np.maximum(median * shares, 1e-12))
-    return float(np.max(3 * sigmas_deg + shared_deg))
+    sigmas_deg, lengths = direction_sigmas_deg(bundle)
+    first, second = _pair(candidate, bundle)
+    share = lengths / max(float(np.linalg.norm(second.t - first.t)), 1e-300)
+    return float(np.max(np.hypot(3 * sigmas_deg, np.degrees(shared_turn_rad) / share)))
 
 
 def direction_focal_deg(candidate: MapCandidate, noise_rad: float, focal_error: float) -> float:
@@ -115,22 +120,20 @@ def direction_shift_deg(candidate: MapCandidate, bundle: BundleSolution) -> floa
     The two-view estimate and the adjusted one weigh the data differently (a plane's constraint, further views). Where
     they differ by more than the error that is allowed, one of them is that wrong.
     """
-    problem = bundle.problem
-    pose_of = dict(zip(problem.frames, problem.world_from_cam, strict=True))
-    first, second = (pose_of[frame] for frame in candidate.table.frames[:2])
+    first, second = _pair(candidate, bundle)
     adjusted = (second.inverse() @ first).t
     cosine = float(adjusted @ candidate.hypothesis.t) / max(float(np.linalg.norm(adjusted)), 1e-300)
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def direction_sigmas_deg(bundle: BundleSolution) -> tuple[Floats, Floats]:
-    """The baselines from the first view: standard deviation of their direction (degrees), share of the longest.
+    """The baselines from the first view: standard deviation of their direction (degrees), and their length.
 
     Baselines under 0.3 of the longest are left out.
     """
     poses = bundle.problem.world_from_cam
     lengths = np.array([np.linalg.norm(pose.t - poses[0].t) for pose in poses])
-    sigmas, shares = [], []
+    sigmas, kept = [], []
     for pose, covariance, length in zip(poses, bundle.pose_covariances, lengths, strict=True):
         if length < _SHORT_BASELINE * lengths.max() or length == 0:
             continue
@@ -138,8 +141,15 @@ def direction_sigmas_deg(bundle: BundleSolution) -> tuple[Floats, Floats]:
         across = np.eye(3) - np.outer(along, along)
         in_world = across @ pose.R @ covariance[3:, 3:] @ pose.R.T @ across
         sigmas.append(float(np.degrees(np.sqrt(np.linalg.eigvalsh(in_world)[-1]) / length)))
-        shares.append(float(length / lengths.max()))
-    return np.array(sigmas), np.array(shares)
+        kept.append(float(length))
+    return np.array(sigmas), np.array(kept)
+
+
+def _pair(candidate: MapCandidate, bundle: BundleSolution) -> tuple[Pose, Pose]:
+    """``world_from_cam`` of the pair, as adjusted."""
+    pose_of = dict(zip(bundle.problem.frames, bundle.problem.world_from_cam, strict=True))
+    first, second = candidate.table.frames[:2]
+    return pose_of[first], pose_of[second]
 
 
 def depth_sigma(camera: Camera, bundle: BundleSolution) -> float:

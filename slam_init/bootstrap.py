@@ -188,7 +188,10 @@ def try_pair(
         if pose.kind != "rotation":
             shared_rad = max(shared_rad, shared_error_rad(pose, m, n, reference.pixels[i]))
     attempt = replace(attempt, evidence=attempt.evidence | {"shared_error_px": shared_rad * camera.focal_px})
-    attempt = judge_two_views(camera, config, attempt, pose, turning, shared_rad)
+    # An error that tracks share turns the baseline by its ratio to what no rotation explains, however many tracks there
+    # are: before a plane that is far less than the parallax.
+    shared_turn_rad = shared_rad / turning.off_rotation_rad(pose.noise_rad)
+    attempt = judge_two_views(camera, config, attempt, pose, shared_turn_rad)
     if attempt.verdict != ACCEPTED:
         if attempt.verdict == "low_parallax":
             attempt = suspect_calibration(camera, config, attempt, pose, turning, shared_rad)
@@ -217,7 +220,7 @@ def try_pair(
         undecided = () if suspected.verdict != attempt.verdict else _undecided(history, candidates, pose.kind)
         return Outcome(suspected, hypotheses=undecided, margin=decided_by)
 
-    attempt = judge_map(camera, config, attempt, best, best.bundle, shared_rad, third_view)
+    attempt = judge_map(camera, config, attempt, best, best.bundle, shared_turn_rad, third_view)
     confirmable = attempt.verdict == "no_third_view" and len(table.frames) == 2 and len(candidates) == 1
     if attempt.verdict != ACCEPTED and not confirmable:
         return Outcome(attempt, margin=decided_by)

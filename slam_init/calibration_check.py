@@ -64,6 +64,10 @@ class TurningCamera:
         """
         return 1 + 4 * 0.72 / float(np.sqrt(max(self.matches, 1)))
 
+    def off_rotation_rad(self, noise_rad: float) -> float:
+        """What no rotation under the stated calibration explains, beside the noise: it tells a translation."""
+        return float(np.sqrt(max(self.stated_residual_rad**2 - noise_rad**2, 1e-24)))
+
 
 def turning_camera(m: Floats, n: Floats, noise_rad: float) -> TurningCamera:
     """Fit a rotation and a focal factor to matches.

@@ -108,8 +108,8 @@ class MapConfig:
     #: Views that vote where a plane has two explanations: their points need no adjustment, so there may be more.
     max_voting_views: int = 8
     #: Further views have at least this share of the pair's baseline, where there are such: the error of a baseline's
-    #: direction grows with the inverse of its length.
-    min_motion_share: float = 0.6
+    #: direction grows with the inverse of its length, by a third here.
+    min_motion_share: float = 0.75
     #: A further view must see this many of the map's landmarks: 40 coordinates for six unknowns leave enough over to
     #: disagree with a wrong map.
     min_resected: int = 20

@@ -38,7 +38,7 @@ _ODDS = 7.0
 
 
 def judge_two_views(
-    camera: Camera, config: Config, attempt: Attempt, pose: RelativePose, turning: TurningCamera, shared_rad: float
+    camera: Camera, config: Config, attempt: Attempt, pose: RelativePose, shared_turn_rad: float
 ) -> Attempt:
     """What two views alone refuse, before any map is built.
 
@@ -48,10 +48,8 @@ def judge_two_views(
     config : Config
     attempt : Attempt
     pose : RelativePose
-    turning : TurningCamera
-        The best rotation for the same matches.
-    shared_rad : float
-        Error that neighbouring tracks share.
+    shared_turn_rad : float
+        By how much errors that tracks share may turn the baseline.
     """
     if pose.kind == "rotation":
         # A rotation is fitted to noise as well, and turns by next to nothing then.
@@ -66,10 +64,6 @@ def judge_two_views(
     # Further views and the adjustment bring the uncertainty down by about the square root of their number: a pair
     # whose single standard deviation is beyond what three of the map may be is too early by far.
     sigma_deg = float(np.degrees(pose.direction_sigma_rad))
-    # What no rotation explains tells a translation. An error that tracks share turns the baseline by its ratio to that,
-    # however many tracks there are: before a plane it is far less than the parallax.
-    off_rotation_rad = np.sqrt(max(turning.stated_residual_rad**2 - pose.noise_rad**2, 1e-24))
-    shared_deg = float(np.degrees(shared_rad / off_rotation_rad))
     most_deg, least_share = settings.max_direction_error_deg, config.two_view.min_inlier_share
     gates = (
         Gate(
@@ -83,7 +77,7 @@ def judge_two_views(
         Gate("two_view_direction_sigma_deg", sigma_deg, most_deg, False, "low_parallax", ADVICE["low_parallax"]),
         Gate(
             "direction_shared_deg",
-            shared_deg,
+            float(np.degrees(shared_turn_rad)),
             most_deg,
             False,
             "low_parallax",
@@ -170,11 +164,11 @@ def judge_map(
     attempt: Attempt,
     best: MapCandidate,
     bundle: BundleSolution,
-    shared_rad: float,
+    shared_turn_rad: float,
     third_view: bool,
 ) -> Attempt:
     """The gates of the acceptance; without a third view those that ask for one are passed over."""
-    verdict, gates = acceptance.check(camera, best, bundle, shared_rad, config.acceptance)
+    verdict, gates = acceptance.check(camera, best, bundle, shared_turn_rad, config.acceptance)
     lacking = max(gate.lacking() for gate in gates)
     attempt = looked_at(attempt, gates)
     attempt = replace(attempt, evidence=attempt.evidence | {"reprojection_rmse_px": bundle.rmse_px, "lacking": lacking})

@@ -223,8 +223,8 @@ def build_candidate(
     placed = len(poses)
     # The tracks' way is a first guess at the baseline, rotation included; now it is known.
     share = {k: float(np.linalg.norm(poses[k].t) / np.linalg.norm(poses[1].t)) for k in poses if k > 1}
-    if max(share.values(), default=0.0) >= config.map.min_motion_share:
-        poses = {k: pose for k, pose in poses.items() if share.get(k, 1.0) >= config.map.min_motion_share}
+    least = min(config.map.min_motion_share, max(share.values(), default=0.0))
+    poses = {k: pose for k, pose in poses.items() if share.get(k, 1.0) >= least}
     # In time order: the first view is the world.
     views = sorted(poses, key=lambda k: table.frames[k])
     first_from_world = poses[views[0]].inverse()
@@ -328,11 +328,16 @@ def _track_costs(camera: Camera, candidate: MapCandidate, frames: set[int], nois
     of the two is taken.
     """
     table, poses = candidate.table, _poses(candidate)
+    bearings = table.bearings
+    if isinstance(candidate.bundle, BundleSolution) and candidate.bundle.focal_factor_sigma is not None:
+        # The poses are those of another camera than the bearings.
+        camera = candidate.bundle.camera
+        bearings = camera.bearings(table.pixels.reshape(-1, 2)).reshape(bearings.shape)
     rows = [k for k, frame in enumerate(table.frames) if frame in frames]
     placed = [poses[table.frames[k]] for k in rows]
-    points = triangulate(placed, table.bearings[rows])
+    points = triangulate(placed, bearings[rows])
     # The mean ray from the first camera, a million baselines away.
-    rays = np.array([pose.R for pose in placed])[:, None] @ np.nan_to_num(table.bearings[rows])[..., None]
+    rays = np.array([pose.R for pose in placed])[:, None] @ np.nan_to_num(bearings[rows])[..., None]
     mean = rays[..., 0].sum(axis=0)
     farthest = max(float(np.linalg.norm(pose.t - placed[0].t)) for pose in placed)
     distant = placed[0].t + 1e6 * max(farthest, 1e-12) * mean / np.linalg.norm(mean, axis=1, keepdims=True)

@@ -16,7 +16,8 @@ from slam_init.reasons import ACCEPTED, REASONS, Gate
 from slam_init.types import Pose
 
 GATES = CONFIG.acceptance
-SHARED_RAD = GATES.min_shared_error_px / CAMERA.focal_px
+#: Errors that tracks share turn the baseline of the pair by a degree at most.
+SHARED_TURN_RAD = np.deg2rad(1.0)
 
 
 def candidate_of(poses, noise_px=0.2, count=400, seed=1, lost=0):
@@ -33,11 +34,11 @@ def shrunk(factor, count=4):
 
 
 def verdict(candidate, **changed):
-    return check(CAMERA, candidate, candidate.bundle, SHARED_RAD, replace(GATES, **changed))[0]
+    return check(CAMERA, candidate, candidate.bundle, SHARED_TURN_RAD, replace(GATES, **changed))[0]
 
 
-def measured(candidate):
-    return {gate.name: gate.value for gate in check(CAMERA, candidate, candidate.bundle, SHARED_RAD, GATES)[1]}
+def measured(candidate, shared_turn_rad=SHARED_TURN_RAD):
+    return {gate.name: gate.value for gate in check(CAMERA, candidate, candidate.bundle, shared_turn_rad, GATES)[1]}
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +48,7 @@ def good():
 
 
 def test_a_good_map_is_accepted_and_every_gate_says_so(good):
-    result, gates = check(CAMERA, good, good.bundle, SHARED_RAD, GATES)
+    result, gates = check(CAMERA, good, good.bundle, SHARED_TURN_RAD, GATES)
     assert result == ACCEPTED
     assert all(gate.passes() for gate in gates)
     assert len({gate.name for gate in gates}) == len(gates)
@@ -74,7 +75,7 @@ def test_two_views_alone_are_told_apart():
 
 
 def test_a_short_baseline_is_low_parallax():
-    assert verdict(candidate_of(shrunk(0.02))) == "low_parallax"
+    assert verdict(candidate_of(shrunk(0.02), 1.0)) == "low_parallax"
 
 
 def test_an_adjustment_that_turned_the_baseline_is_distrusted(good):
@@ -116,15 +117,16 @@ def test_half_of_what_is_needed_is_half_fulfilled():
 
 
 def test_every_gate_says_what_would_help_and_what_it_compared(good):
-    _, gates = check(CAMERA, good, good.bundle, SHARED_RAD, GATES)
+    _, gates = check(CAMERA, good, good.bundle, SHARED_TURN_RAD, GATES)
     assert all(gate.advice for gate in gates)
     for gate in gates:
         assert gate.evidence() == {gate.name: gate.value, f"{gate.name}_gate": gate.threshold}
 
 
 def test_uncertainty_grows_as_the_baseline_shrinks():
-    whole, half = measured(candidate_of(make_poses(4))), measured(candidate_of(shrunk(0.5)))
-    # Both go as noise over parallax; the noise is estimated anew from each residual.
+    whole = measured(candidate_of(make_poses(4)), 0.5 * SHARED_TURN_RAD)
+    half = measured(candidate_of(shrunk(0.5)), SHARED_TURN_RAD)
+    # All go as noise over parallax; the noise is estimated anew from each residual.
     for name in ("direction_bound_deg", "depth_sigma"):
         assert half[name] == pytest.approx(2 * whole[name], rel=0.2)
 
@@ -138,7 +140,7 @@ def test_uncertainty_grows_with_the_noise():
 def test_more_tracks_lower_the_bound_but_not_below_what_they_share(good):
     few, many = (measured(candidate_of(make_poses(4), 0.6, count))["direction_bound_deg"] for count in (100, 1600))
     assert many < few
-    shared = check(CAMERA, good, good.bundle, 4 * SHARED_RAD, GATES)[1]
+    shared = check(CAMERA, good, good.bundle, 4 * SHARED_TURN_RAD, GATES)[1]
     (bound,) = (gate.value for gate in shared if gate.name == "direction_bound_deg")
     assert bound > 2 * measured(good)["direction_bound_deg"]
 
