@@ -11,7 +11,7 @@ The order of the function :func:`estimate_relative_pose` is the order of the que
 
 "As well" has two sides. No significant number of matches may be explained by one motion only: a count, compared with
 its fluctuation (:func:`decides`). And the residuals of those that both explain may not be larger: a sum of truncated
-squares, compared with its own scatter, so that a few systematic ones (moving objects, lens) do not dominate it. A
+squares, compared with its scatter over regions of the view, so that one body or a part of the lens does not decide. A
 plane's two motions have the same residuals: between them the counts alone speak.
 """
 
@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from quest.epipolar import as_matches, depths_from_pose
 from quest.errors import InputError, as_floats, as_index, as_positive
 from quest.modes import same_mode, spread_out
-from quest.neighbours import directions_of, regions_of, scatter_of_sum
+from quest.neighbours import directions_of, scatter_of_sum
 from quest.parallax import ParallaxStatement, parallax_statement, typical_ratios
 from quest.planes import PlaneFit, fit_plane, off_line_rad
 from quest.pose_problem import SAMPLERS, CompiledPoseProblem, RelativePoseProblem
@@ -69,7 +69,8 @@ def decides(votes_for: int, votes_against: int, total: int, scatter: float | Non
     Under the null hypothesis that neither is better, each such vote is a fair coin, and the difference has the standard
     deviation sqrt(for + against): four of them are exceeded once in 30 000. Votes that come from one small moving
     object or a repeated texture are not independent: their ``scatter`` (:mod:`quest.neighbours`) takes its place where
-    it is known. Twelve votes, and 3 % of all matches, are asked for besides.
+    it is known. Twelve votes, and 3 % of all matches, are asked for besides: fewer may lie in regions of their own and
+    still be one repeated texture.
     """
     difference = votes_for - votes_against
     deviation = float(np.sqrt(votes_for + votes_against)) if scatter is None else scatter
@@ -278,14 +279,16 @@ def _alternatives(
     Residuals are compared where their noise is given: the two motions of a plane have the same.
     """
     alternatives: list[Hypothesis] = []
-    region = regions_of(directions_of(problem.m))
+    where = directions_of(problem.m)
     for model in modes:
         explained = problem.explained(model, gate_rad)
         known = [best, *(np.concatenate([h.q_wxyz, h.t]) for h in alternatives)]
         if any(same_mode(model, other) for other in known):
             continue
         for_best, against = inliers & ~explained, explained & ~inliers
-        scatter = scatter_of_sum(for_best.astype(float) - against, region)
+        # Regions of what either explains: a poster that fills a part of the view has as many as a wall.
+        either = inliers | explained
+        scatter = scatter_of_sum(for_best[either].astype(float) - against[either], where[either])
         if decides(int(for_best.sum()), int(against.sum()), int(inliers.sum()), scatter):
             continue
         if noise_rad is not None and _worse(problem, model, best, gate_rad, noise_rad, *_RIVAL_LEVEL):
@@ -325,7 +328,8 @@ def _worse(
     r2, behind = problem.residuals(np.stack([model, other]))
     r2[behind] = np.inf
     difference = (np.minimum(r2[0], gate_rad**2) - np.minimum(r2[1], gate_rad**2)) / noise_rad**2
-    scatter = scatter_of_sum(difference, regions_of(directions_of(problem.m)))
+    told = difference != 0
+    scatter = scatter_of_sum(difference[told], directions_of(problem.m[told]))
     return bool(difference.sum() > max(least, deviations * scatter))
 
 

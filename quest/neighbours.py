@@ -14,7 +14,7 @@ __all__ = ["directions_of", "regions_of", "scatter_of_sum"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Regions of the view, across and down: small against a lens and a body, large enough to hold some matches.
+#: Regions of the view, across and down: as small as a body or a patch of texture.
 _REGIONS = (8, 6)
 
 
@@ -25,16 +25,23 @@ def directions_of(rays: Floats) -> Floats:
 
 def regions_of(where: Floats) -> Ints:
     """The region of the view (N,) of matches that were seen at (N, 2); the view is what 98 % of them fill."""
+    if len(where) == 0:
+        return np.zeros(0, np.int64)
     low, high = np.percentile(where, [1, 99], axis=0)
     cells = np.clip((where - low) / np.maximum(high - low, 1e-12) * _REGIONS, 0, np.array(_REGIONS) - 1).astype(int)
     return np.asarray(cells[:, 0] * _REGIONS[1] + cells[:, 1])
 
 
-def scatter_of_sum(values: Floats, region: Ints) -> float:
-    """Standard deviation of the sum of values (N,) whose neighbours err alike, under the hypothesis that it is zero.
+def scatter_of_sum(values: Floats, where: Floats) -> float:
+    """Standard deviation of the sum of values (N,) at (N, 2) whose neighbours err alike, if its expectation is zero.
 
-    It is that of the sums over regions, where that is larger than the one of single values.
+    It is that of the sums over regions of the view, where that is larger than the one of single values. Errors that
+    reach farther than a region are not known by it; with regions twice as large, what two planes predict differently in
+    different parts of the view was taken for such errors, and one plane in twenty more stayed undecided.
     """
+    if len(values) == 0:
+        return 0.0
+    region = regions_of(where)
     # What the regions say beside their share of the total: where all of them agree there is nothing left.
     sums = np.bincount(region, weights=values) - np.bincount(region) * values.mean()
     return float(np.sqrt(max(np.sum(values**2), np.sum(sums**2))))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from quest.refine import refine_pose
-from slam_init.bundle import BundleSolution
+from slam_init.bundle import BundleSolution, camera_with_focal_factor
 from slam_init.camera import Camera
 from slam_init.config import AcceptanceConfig
 from slam_init.mapping import MapCandidate
@@ -48,7 +48,7 @@ def check(
         ),
         Gate(
             "direction_focal_deg",
-            direction_focal_deg(candidate, bundle.noise_px / camera.focal_px, config.focal_error),
+            direction_focal_deg(camera, candidate, bundle, config.focal_error),
             error,
             False,
             "low_parallax",
@@ -105,13 +105,27 @@ def direction_bound_deg(candidate: MapCandidate, bundle: BundleSolution, shared_
     return float(np.max(np.hypot(3 * sigmas_deg, np.degrees(shared_turn_rad) / share)))
 
 
-def direction_focal_deg(candidate: MapCandidate, noise_rad: float, focal_error: float) -> float:
-    """By how much the baseline of the pair turns where the focal length is off by a share, in degrees."""
+def direction_focal_deg(camera: Camera, candidate: MapCandidate, bundle: BundleSolution, focal_error: float) -> float:
+    """By how much the baseline of the pair turns where the focal length is off by a share, in degrees.
+
+    Either way, whichever is worse. Compared is what epipolar lines say, with the error and without: the motion of a
+    plane obeys the plane as well, and is another estimate. A focal length that was adjusted is off by three of its
+    standard deviations.
+    """
+    if bundle.focal_factor_sigma is not None:
+        camera, focal_error = bundle.camera, 3 * bundle.focal_factor_sigma
     motion = candidate.hypothesis
-    m, n = candidate.table.bearings[:2, motion.inliers] * (1.0, 1.0, 1 + focal_error)
-    m, n = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (m, n))
-    _, t = refine_pose(motion.R, motion.t, m, n, 3 * noise_rad)
-    return float(np.degrees(np.arccos(np.clip(t @ motion.t, -1, 1))))
+    pixels = candidate.table.pixels[:2, motion.inliers]
+
+    def direction(R: Floats, t: Floats, factor: float) -> tuple[Floats, Floats]:
+        turned = camera_with_focal_factor(camera, factor)
+        m, n = (turned.bearings(seen) for seen in pixels)
+        known = np.isfinite(m).all(axis=1) & np.isfinite(n).all(axis=1)
+        return refine_pose(R, t, m[known], n[known], 3 * bundle.noise_px / camera.focal_px)
+
+    R, t = direction(motion.R, motion.t, 1.0)
+    cosine = min(float(t @ direction(R, t, 1 + sign * focal_error)[1]) for sign in (-1, 1))
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def direction_shift_deg(candidate: MapCandidate, bundle: BundleSolution) -> float:

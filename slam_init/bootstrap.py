@@ -33,9 +33,10 @@ __all__ = ["Handover", "Outcome", "screen", "try_pair", "with_calibration_check"
 
 #: A tenth of the tracks may be mistaken; more of them displaced against the rotation is a motion to look at.
 _LEAST_PARALLAX_SHARE = 0.1
-#: An outlier threshold of three standard deviations is what is wanted. One that is only two of those that are left
-#: within it cut off a good part of the right matches, and is widened, once: to what tracks of 2 px noise need.
-_TOO_NOISY_SIGMAS, _WIDER = 2.0, 2.5
+#: An outlier threshold of three standard deviations is what is wanted. Where those that are left within it are half of
+#: it, it cut off a good part of the right matches (if they filled it evenly it would be three quarters), and it is
+#: widened, once: from what a noise of 0.7 px needs to one of 2 px.
+_TOO_NOISY_SIGMAS, _WIDER = 2.0, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,8 +171,10 @@ def try_pair(
         threshold_rad = config.two_view.threshold_px / camera.focal_px
         pose = estimate_relative_pose(m, n, threshold_rad=threshold_rad, seed=config.seed)
         if isinstance(pose, RelativePose) and pose.noise_rad > threshold_rad / _TOO_NOISY_SIGMAS:
-            threshold_rad *= _WIDER
-            pose = estimate_relative_pose(m, n, threshold_rad=threshold_rad, seed=config.seed)
+            wider_rad = min(_WIDER * threshold_rad, 1.0)
+            again = estimate_relative_pose(m, n, threshold_rad=wider_rad, seed=config.seed)
+            if isinstance(again, RelativePose) and again.kind != "rotation":
+                pose, threshold_rad = again, wider_rad
     attempt = Attempt(
         frames=(pair.reference, pair.current),
         verdict=ACCEPTED,
@@ -190,7 +193,7 @@ def try_pair(
     attempt = replace(attempt, evidence=attempt.evidence | {"shared_error_px": shared_rad * camera.focal_px})
     # An error that tracks share turns the baseline by its ratio to what no rotation explains, however many tracks there
     # are: before a plane that is far less than the parallax.
-    shared_turn_rad = shared_rad / turning.off_rotation_rad(pose.noise_rad)
+    shared_turn_rad = float(np.arctan2(shared_rad, turning.off_rotation_rad(pose.noise_rad)))
     attempt = judge_two_views(camera, config, attempt, pose, shared_turn_rad)
     if attempt.verdict != ACCEPTED:
         if attempt.verdict == "low_parallax":

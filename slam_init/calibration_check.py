@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quest.neighbours import directions_of, regions_of, scatter_of_sum
+from quest.neighbours import directions_of, scatter_of_sum
 from quest.rotation import refine_rotation_compiled
 from slam_init.types import Floats
 
@@ -25,8 +25,8 @@ _LEAST_OFF = 0.02
 #: By how much the free focal length must be better: chi-square of one degree of freedom, once in 15 000 cases; and in
 #: standard deviations of what regions of the view say, so that no body that moves by itself decides.
 _LEAST_GAIN, _LEAST_GAIN_Z = 16.0, 3.0
-#: Squared residuals beyond three standard deviations count no more than that.
-_GATE2 = 9.0
+#: Squared lengths count up to three standard deviations in each of their two components.
+_GATE2 = 18.0
 
 
 @dataclass(frozen=True)
@@ -92,9 +92,9 @@ def turning_camera(m: Floats, n: Floats, noise_rad: float) -> TurningCamera:
     best = int(np.argmin(residuals))
     stated = int(np.argmin(np.abs(_FACTORS - 1)))
     variance = max(2 * float(residuals[best]) ** 2, 1e-24)
-    costs = np.minimum(lengths[[stated, best]] ** 2 / variance, 2 * _GATE2)
+    costs = np.minimum(lengths[[stated, best]] ** 2 / variance, _GATE2)
     difference = costs[0] - costs[1]
-    gain, scatter = float(difference.sum()), scatter_of_sum(difference, regions_of(directions_of(m)))
+    gain, scatter = float(difference.sum()), scatter_of_sum(difference, directions_of(m))
     return TurningCamera(
         focal_factor=float(_FACTORS[best]),
         residual_rad=float(residuals[best]),

@@ -35,7 +35,10 @@ _RANGES: dict[str, tuple[float, float]] = {
     "tracking.sift_features": (10, 100_000),
     "tracking.sift_frames": (1, 100),
     "keyframes.window": (1, 1000),
+    "keyframes.retry_gain": (1, 1000),
+    "keyframes.max_retry_gain": (1, 1000),
     "map.max_further_views": (1, 100),
+    "map.min_motion_share": (0, 1),
     "map.max_voting_views": (1, 100),
 }
 
@@ -138,13 +141,15 @@ class AcceptanceConfig:
 
     #: As in ORB-SLAM and stella_vslam: what tracking goes on from.
     min_landmarks: int = 50
-    #: Bound on the error of the direction of the baseline: three standard deviations plus what tracks share. A map
+    #: Bound on the error of the direction of the baseline: three standard deviations and what tracks share. A map
     #: is wrong from 15 degrees on; a third of that is left for what a noise model does not hold.
     max_direction_error_deg: float = 10.0
-    #: Error that neighbouring tracks share and that does not average out. It is measured for each pair
-    #: (:mod:`slam_init.shared_error`); less than this is not believed, since what a motion took in does not show.
+    #: Error that tracks share and that does not average out. It is measured for each pair
+    #: (:mod:`slam_init.shared_error`); less than this is not believed, since what a motion took in does not show: three
+    #: times the 0.05 px by which interpolation between pixels misleads a tracker.
     min_shared_error_px: float = 0.15
-    #: By what share the focal length may be off: the direction may not turn by more than the bound if it is.
+    #: By what share the focal length may be off, as those of data sheets and zooms are: the direction may not turn by
+    #: more than the bound if it is.
     focal_error: float = 0.05
     #: Median relative uncertainty of the landmarks' depths (one standard deviation). One degree of parallax, which
     #: ORB-SLAM and stella_vslam ask for, is 0.18 at 1 px of noise and a focal length of 460 px.

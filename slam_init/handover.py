@@ -154,7 +154,8 @@ def reported_focal_factor(attempts: Iterable[Attempt]) -> float | None:
     if len(factors) < _LEAST_SUSPICIONS or 2 * len(factors) <= len(checked):
         return None
     factor = float(np.median(factors))
-    alike = np.median(np.abs(np.array(factors) - factor)) < _ALIKE
+    first, second = np.triu_indices(len(factors), 1)
+    alike = np.median(np.abs(np.array(factors)[first] - np.array(factors)[second])) < _ALIKE
     return factor if alike else None
 
 

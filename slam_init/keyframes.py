@@ -163,7 +163,7 @@ class KeyframeManager:
         # many frames it is longer by that gain. Each time in vain the pair waits twice as long, else a window of
         # hopeless references would be tried on every frame.
         frames = int(np.ceil(round((gain - 1) * (pair.current - pair.reference), 6)))
-        last, wait = self._failed.get(pair.reference), min(frames, settings.new_after_frames)
+        last, wait = self._failed.get(pair.reference), max(1, min(frames, settings.new_after_frames))
         if last is not None and pair.promise < last.needed:
             wait = min(2 * last.wait, _LONGEST_WAIT * settings.new_after_frames)
         self._failed[pair.reference] = _Failure(gain * pair.promise, pair.current + wait, wait)
@@ -176,7 +176,8 @@ class KeyframeManager:
             to_newest = next(pair for pair in pairs if pair.reference == newest)
             if to_newest.overlap >= settings.new_overlap and current.frame - newest < settings.new_after_frames:
                 return
-            # It sees what its neighbour saw: what was not enough there is not enough here.
+            # It sees what its neighbour saw: what was not enough there is not enough here, nor before it is as old as
+            # its neighbour was when it became one.
             if newest in self._failed and to_newest.overlap >= _SAME_SCENE:
                 later = current.frame + settings.new_after_frames
                 self._failed[current.frame] = replace(self._failed[newest], again=later)

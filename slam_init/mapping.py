@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 
 from quest.estimate import Hypothesis, RelativePose
-from quest.neighbours import regions_of, scatter_of_sum
+from quest.neighbours import directions_of, scatter_of_sum
 from quest.quaternion import rotation_angle
 from slam_init.bundle import BundleFailure, BundleProblem, BundleSolution, adjust, min_parallax_rad
 from slam_init.camera import Camera
@@ -223,8 +223,8 @@ def build_candidate(
     placed = len(poses)
     # The tracks' way is a first guess at the baseline, rotation included; now it is known.
     share = {k: float(np.linalg.norm(poses[k].t) / np.linalg.norm(poses[1].t)) for k in poses if k > 1}
-    least = min(config.map.min_motion_share, max(share.values(), default=0.0))
-    poses = {k: pose for k, pose in poses.items() if share.get(k, 1.0) >= least}
+    least = config.map.min_motion_share * min(1.0, max(share.values(), default=0.0))
+    poses = {k: pose for k, pose in poses.items() if share.get(k, np.inf) >= least}
     # In time order: the first view is the world.
     views = sorted(poses, key=lambda k: table.frames[k])
     first_from_world = poses[views[0]].inverse()
@@ -257,24 +257,19 @@ def margin(camera: Camera, config: Config, better: MapCandidate, worse: MapCandi
     gate2 = config.map.outlier_sigmas**2
     difference = _track_costs(camera, worse, frames, better.bundle.noise_px, gate2)
     difference -= _track_costs(camera, better, frames, better.bundle.noise_px, gate2)
-    return margin_of(difference, _unit_plane(better.table.bearings[0]))
+    return margin_of(difference, directions_of(better.table.bearings[0]))
 
 
 def margin_of(difference: Floats, where: Floats) -> Margin:
     """The margin of differences of costs (T,) of tracks that were seen at (T, 2) in the first view.
 
     Neighbours share errors (drift, blur, lens), so that their votes are not independent: the scatter is that of the
-    sums over regions of the view, where that is larger than the one of single tracks: a clear vote needs a dozen of
-    them to agree.
+    sums over regions of the view, where that is larger than the one of single tracks. Four standard deviations take a
+    dozen regions that agree.
     """
     total = float(difference.sum())
-    scatter = scatter_of_sum(difference, regions_of(where))
+    scatter = scatter_of_sum(difference, where)
     return Margin(0.5 * total, total / scatter if scatter > 0 else 0.0)
-
-
-def _unit_plane(rays: Floats) -> Floats:
-    """Where rays (T, 3) meet the plane before the camera, (T, 2); rays beside it go to its far edge."""
-    return np.asarray(rays[:, :2] / np.maximum(rays[:, 2:], 0.1))
 
 
 def rank(camera: Camera, config: Config, candidates: list[MapCandidate]) -> list[MapCandidate]:

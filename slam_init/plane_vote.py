@@ -34,8 +34,9 @@ Motion = Hypothesis | RelativePose
 
 #: Damped Gauss-Newton steps; the starts are a few pixels off.
 _STEPS = 20
-#: Once in 740 cases by chance. It is less than maps of free points are asked for: one of the two planes is the right
-#: one, so that a vote for the other is no fair coin, and as no point can give way there is no bad optimum that votes.
+#: Once in 740 cases by chance, if errors reach no further than a region of the view. Less than maps of free points are
+#: asked for, where bad optima vote as well: of 1700 votes of planes, drawn and filmed, none was for the wrong one from
+#: two deviations on.
 _Z_NEEDED = 3.0
 #: A view must see this many of the plane's points to have a say: six unknowns, and as many again to disagree.
 _MIN_SEEN = 12

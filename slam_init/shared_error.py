@@ -4,6 +4,10 @@ What averages out among tracks is no danger to a baseline's direction; what neig
 what a lens calibration leaves, a rolling shutter, blur. A motion fitted to such a field takes in a part of it, and
 leaves the rest in the residuals, where neighbours then agree. The products of the residuals of two tracks of one region
 of the view have the variance of the shared error as their mean, whatever the noise of single tracks is.
+
+On filmed sequences with a good ground truth the directions were off by what this says: in half of the pairs by less, in
+one of ten by more than twice as much. A field that is smooth over the whole view and in one of the views only (another
+focus) is taken in by the motion nearly as a whole, and is not measured.
 """
 
 from __future__ import annotations
@@ -17,7 +21,7 @@ from slam_init.types import Floats
 
 __all__ = ["shared_error_rad"]
 
-#: A wrong match that was taken for a right one must not make a region of its own.
+#: More than an inlier's residual cannot be shared.
 _GATE_SIGMAS = 3.0
 
 
@@ -36,7 +40,6 @@ def shared_error_rad(pose: RelativePose, m: Floats, n: Floats, where: Floats) ->
     inliers = pose.inliers
     residuals, _ = sampson_jacobian(pose.R, pose.t, m[inliers], n[inliers])
     most = _GATE_SIGMAS * pose.noise_rad
-    residuals = np.clip(residuals, -most, most)
     region = regions_of(where[inliers])
     count = np.bincount(region)
     pairs = float(np.sum(count * (count - 1.0)))
@@ -47,4 +50,4 @@ def shared_error_rad(pose: RelativePose, m: Floats, n: Floats, where: Floats) ->
     # Of independent residuals: each pair is counted twice and has the squared variance.
     deviation = float(np.mean(residuals**2)) * np.sqrt(2 * pairs) / pairs
     # What is not seen may still be there.
-    return float(np.sqrt(max(products / pairs, 0.0) + deviation))
+    return float(min(np.sqrt(max(products / pairs, 0.0) + deviation), most))
