@@ -24,7 +24,7 @@ from slam_init.judging import (
 from slam_init.keyframes import PairPreview, difference_gate
 from slam_init.mapping import MapCandidate, Margin, build_candidate, further_views, rank, same_map, table_of
 from slam_init.reasons import ACCEPTED, ADVICE, Gate
-from slam_init.shared_error import shared_error_rad
+from slam_init.shared_error import rounding_error_px, shared_error_rad
 from slam_init.timing import Stopwatch
 from slam_init.tracks import History, common_tracks
 from slam_init.types import Attempt, InitialMap, Observations
@@ -187,7 +187,8 @@ def try_pair(
         return Outcome(refused_at(attempt, pose.reason, "two views"))
     with stopwatch("two_view"):
         turning = turning_camera(m[pose.inliers], n[pose.inliers], pose.noise_rad)
-        shared_rad = config.acceptance.min_shared_error_px / camera.focal_px
+        rounding_px = rounding_error_px(current.pixels[j])
+        shared_rad = max(config.acceptance.min_shared_error_px, rounding_px) / camera.focal_px
         if pose.kind != "rotation":
             shared_rad = max(shared_rad, shared_error_rad(pose, m, n, reference.pixels[i]))
     attempt = replace(attempt, evidence=attempt.evidence | {"shared_error_px": shared_rad * camera.focal_px})

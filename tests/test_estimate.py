@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from quest import Hypothesis, NoPose, RelativePose, estimate_relative_pose
 from quest.estimate import decides
+from quest.neighbours import scatter_of_sum
 from quest.quaternion import matrix_from_quaternion, rotation_angle, rotation_from_vector
 
 # The estimate is one path of batched arithmetic: no warning of a division or an overflow is harmless there.
@@ -430,3 +431,15 @@ def test_a_vote_against_never_helps(a, b, total):
 )
 def test_how_many_votes_decide(votes_for, votes_against, total, decided):
     assert decides(votes_for, votes_against, total) is decided
+
+
+def test_the_votes_of_one_region_do_not_decide():
+    """A body that moves by itself, or a repeated texture, has many votes and one opinion."""
+    rng = np.random.default_rng(0)
+    where = rng.uniform(-1, 1, (600, 2))
+    spread = np.zeros(600)
+    spread[::12] = 1.0
+    corner = np.where(np.argsort(np.argsort(np.linalg.norm(where + 1, axis=1))) < 50, 1.0, 0.0)
+    assert spread.sum() == corner.sum() == 50
+    assert decides(50, 0, 600, scatter_of_sum(spread, where))
+    assert not decides(50, 0, 600, scatter_of_sum(corner, where))

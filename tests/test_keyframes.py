@@ -133,6 +133,8 @@ def test_a_new_candidate_waits_for_what_its_neighbour_lacked():
     assert manager.candidates == [first, second]
     assert manager.worth_trying([pair(second, second + 1)]) is None
     assert manager.worth_trying([pair(second, second + 1, parallax_px=10.1 * settings.retry_gain)]) is not None
+    # Nor is it tried before it is as old as its neighbour was when it became one.
+    assert manager.worth_trying([pair(second, second + settings.new_after_frames)]) is not None
     # Another scene is another matter.
     third = second + settings.new_after_frames
     manager.update(replace(current, frame=third), [replace(pair(k, third), overlap=0.1) for k in manager.candidates])

@@ -90,6 +90,16 @@ def test_short_baselines_serve_where_there_are_no_longer_ones():
     assert build(observe(CAMERA, poses, cloud(rng), 0.3, rng), true_hypothesis()).bundle.problem.frames == (0, 1, 2)
 
 
+def test_where_all_further_baselines_are_short_the_longest_of_them_serve():
+    """One view below the gate does not cost all its neighbours."""
+    rng = np.random.default_rng(1)
+    shares = (0.2, 0.5, 0.55, 0.6)
+    poses = [POSES[0], *(Pose(POSES[-1].R, share * POSES[-1].t) for share in shares), POSES[-1]]
+    assert shares[-1] < CONFIG.map.min_motion_share
+    frames = build(observe(CAMERA, poses, cloud(rng), 0.3, rng), true_hypothesis()).bundle.problem.frames
+    assert frames == (0, 2, 3, 4, 5)
+
+
 def test_the_world_is_the_earliest_camera_whatever_the_order_of_the_pair():
     """Views before the pair vote too where there are none between; the first of them is the world then."""
     rng = np.random.default_rng(3)

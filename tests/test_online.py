@@ -273,7 +273,9 @@ def test_a_calibration_is_suspected_where_most_checks_say_the_same():
 
     (note,) = notes(1.05, 1.04, 1.05, None)
     assert "focal length 1.05 times the stated one: check the calibration" in note
+    (note,) = notes(1.05, 1.04)
     assert notes(1.05) == ()  # by chance
+    assert notes(1.021, 1.049) == ()  # not alike
     assert notes(1.05, 1.05, 1.05, None, None, None) == ()  # not most
     assert notes(0.92, 1.05, 1.09, 0.98) == ()  # not alike
     assert notes() == ()

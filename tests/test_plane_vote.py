@@ -158,6 +158,7 @@ def test_views_in_a_curve_decide_for_the_truth(seed):
     there = plane_margin(table(seen), true, twin, noise_rad)
     back = plane_margin(table(seen), twin, true, noise_rad)
     assert there.decides()
+    assert replace(there, z=3.5, log_likelihood=25.0).decides()  # maps of free points need four
     assert (back.log_likelihood, back.z) == pytest.approx((-there.log_likelihood, -there.z))
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from quest.estimate import RelativePose, estimate_relative_pose
 from quest.neighbours import directions_of, regions_of, scatter_of_sum
-from slam_init.shared_error import shared_error_rad
+from slam_init.shared_error import rounding_error_px, shared_error_rad
 
 NOISE = 1e-3
 T = np.array([0.3, 0.05, 0.02])
@@ -48,11 +48,20 @@ def test_the_more_tracks_the_less_may_be_hidden():
 def test_tracks_without_neighbours_say_nothing_and_all_of_the_gate_is_feared():
     m, n, x = views(0.0, count=40)
     pose = estimate_relative_pose(m, n, threshold_rad=2e-2)
-    one_each = np.unique(regions_of(x), return_index=True)[1]
-    alone = np.isin(np.arange(len(x)), one_each) & pose.inliers
-    lonely = RelativePose(**{**vars(pose), "inliers": alone})
     spread = np.column_stack([np.arange(len(x)) % 8, np.arange(len(x)) // 8]).astype(float)
-    assert shared_error_rad(lonely, m, n, spread) == pytest.approx(3 * pose.noise_rad)
+    assert len(np.unique(regions_of(spread))) == len(x)
+    assert shared_error_rad(pose, m, n, spread) == pytest.approx(3 * pose.noise_rad)
+
+
+def test_whole_pixels_are_rounded_ones():
+    pixels = np.random.default_rng(0).uniform(0, 640, (500, 2))
+    assert rounding_error_px(pixels) == 0
+    assert rounding_error_px(np.zeros((0, 2))) == 0
+    error = rounding_error_px(np.round(pixels))
+    assert error == pytest.approx(np.std(np.round(pixels) - pixels), rel=0.05)
+    # ORB: whole pixels in the first octave, multiples of 1.2 in the next ones.
+    pixels[:100] = np.round(pixels[:100])
+    assert rounding_error_px(pixels) == error
 
 
 def test_regions_split_the_view_and_a_sum_of_alike_neighbours_scatters_more():
@@ -63,9 +72,10 @@ def test_regions_split_the_view_and_a_sum_of_alike_neighbours_scatters_more():
     assert (np.abs(np.bincount(region) - 100) < 50).all()
     single = rng.choice([-1.0, 1.0], 4800)
     by_region = rng.choice([-1.0, 1.0], 48)[region]
-    assert scatter_of_sum(single, region) == pytest.approx(np.sqrt(4800), rel=0.2)
-    assert scatter_of_sum(by_region, region) > 5 * np.sqrt(4800)
-    assert scatter_of_sum(np.zeros(4800), region) == 0
+    assert scatter_of_sum(single, where) == pytest.approx(np.sqrt(4800), rel=0.2)
+    assert scatter_of_sum(by_region, where) > 5 * np.sqrt(4800)
+    assert scatter_of_sum(np.zeros(4800), where) == 0
+    assert scatter_of_sum(np.zeros(0), np.zeros((0, 2))) == 0
 
 
 def test_directions_all_around_keep_their_neighbours():
