@@ -28,7 +28,7 @@ _GATE_SIGMAS = 3.0
 
 
 def rounding_error_px(pixels: Floats) -> float:
-    """Standard deviation of rounding of pixels (N, 2) that a detector gives as whole numbers; 0 where it does not.
+    """Standard deviation of the rounding of pixels (N, 2) that are whole numbers; 0 where they are not.
 
     Tracks that move alike are rounded alike, so that their residuals do not show it: with ORB's corners, whole pixels in
     the first octave, many tracks follow a wrong motion exactly.
