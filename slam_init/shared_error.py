@@ -30,8 +30,8 @@ _GATE_SIGMAS = 3.0
 def rounding_error_px(pixels: Floats) -> float:
     """Standard deviation of the rounding of pixels (N, 2) that are whole numbers; 0 where they are not.
 
-    Tracks that move alike are rounded alike, so that their residuals do not show it: with ORB's corners, which are whole
-    pixels in the first octave, many tracks follow a wrong motion exactly.
+    Tracks that move alike are rounded alike, so that their residuals do not show it: with ORB's corners, whole in the
+    first octave, many tracks follow a wrong motion exactly.
     """
     whole = float(np.mean(pixels == np.round(pixels))) if len(pixels) else 0.0
     return float(1 / np.sqrt(12)) if whole > _WHOLE else 0.0
