@@ -26,6 +26,8 @@ _GRID = (8, 6)
 #: A pair that fails again and again waits no longer than this many times the first wait: after some seconds of video
 #: the rest of the scene may have changed.
 _LONGEST_WAIT = 8
+#: A map that is refused costs as much time as this many frames of video: so long all rest, unless one promises more.
+_REST_FRAMES = 3
 #: Two frames that share half of their tracks see the same scene.
 _SAME_SCENE = 0.5
 #: Tracks drift, and drift looks like parallax: over 600 to 900 frames of pure rotation, a tenth of those with the
@@ -113,6 +115,10 @@ class _Failure:
     again: int
     wait: int
 
+    def over(self, pair: PairPreview) -> bool:
+        """Whether a pair need not wait any more."""
+        return pair.promise >= self.needed or pair.current >= self.again
+
 
 class KeyframeManager:
     """Keeps the candidate references and offers pairs with the current frame.
@@ -128,6 +134,7 @@ class KeyframeManager:
         self._config = config
         self.candidates: list[int] = []
         self._failed: dict[int, _Failure] = {}  # by reference
+        self._rest = _Failure(0.0, 0, 0)  # of any reference
 
     def preview(self, history: History, current: Observations) -> list[PairPreview]:
         """Pairs of the candidates with the current frame, the most promising first."""
@@ -142,11 +149,13 @@ class KeyframeManager:
             if pair.matches < settings.min_matches:
                 continue
             failure = self._failed.get(pair.reference)
-            if failure is None or pair.promise >= failure.needed or pair.current >= failure.again:
+            if not self._rest.over(pair):
+                continue
+            if failure is None or failure.over(pair):
                 return pair
         return None
 
-    def failed(self, pair: PairPreview, lacking: float = 1.0) -> None:
+    def failed(self, pair: PairPreview, lacking: float = 1.0, *, as_map: bool = False) -> None:
         """Remember that the pair did not lead to a map.
 
         Parameters
@@ -155,6 +164,8 @@ class KeyframeManager:
         lacking : float
             Factor by which the worst gate was missed; for the gates that go with the inverse of the parallax the pair
             has to promise that much more.
+        as_map : bool
+            Whether a map was built and refused, which costs the time of some frames: no other pair is tried meanwhile.
         """
         settings = self._config.keyframes
         # Promise and gates are no exact multiples of each other: four fifths of the way are close enough to look again.
@@ -167,6 +178,8 @@ class KeyframeManager:
         if last is not None and pair.promise < last.needed:
             wait = min(2 * last.wait, _LONGEST_WAIT * settings.new_after_frames)
         self._failed[pair.reference] = _Failure(gain * pair.promise, pair.current + wait, wait)
+        if as_map:
+            self._rest = _Failure(settings.retry_gain * pair.promise, pair.current + _REST_FRAMES, _REST_FRAMES)
 
     def update(self, current: Observations, pairs: list[PairPreview]) -> None:
         """Let the current frame become a candidate where the newest one grows old, and drop useless ones."""

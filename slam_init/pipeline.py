@@ -23,7 +23,7 @@ from slam_init.keyframes import KeyframeManager, PairPreview
 from slam_init.mapping import Margin
 from slam_init.methods import make_initializer
 from slam_init.metrics import compare_with_groundtruth
-from slam_init.online import Status, frame_of
+from slam_init.online import Status, frame_of, progress
 from slam_init.reasons import ACCEPTED
 from slam_init.recording import Recorder, RerunRecorder
 from slam_init.timing import Stopwatch
@@ -301,7 +301,8 @@ class Initializer:
         if outcome.accepted is not None:
             self._hand_over(outcome.accepted)
         else:
-            self.keyframes.failed(pair, float(attempt.evidence.get("lacking", 1.0)))
+            lacking, as_map = float(attempt.evidence.get("lacking", 1.0)), attempt.progress >= progress("map")
+            self.keyframes.failed(pair, lacking, as_map=as_map)
             if outcome.unconfirmed is not None:
                 self._unconfirmed = attempt, outcome.unconfirmed
             self._keep_hypotheses(outcome)

@@ -224,3 +224,18 @@ def test_a_pair_that_never_promises_more_is_tried_ever_more_seldom():
     assert manager.worth_trying([more]) is more
     manager.failed(more)
     assert manager.worth_trying([replace(more, current=more.current + settings.new_after_frames)]) is not None
+
+
+def test_after_a_map_that_was_refused_all_pairs_rest_unless_one_promises_more():
+    """A map takes the time of some frames: a window of references would fall behind the video."""
+    settings = CONFIG.keyframes
+    manager = KeyframeManager(CAMERA, CONFIG)
+    manager.failed(pair(0, 20, parallax_px=10), as_map=True)
+    other = pair(5, 21, parallax_px=10)
+    assert manager.worth_trying([other]) is None
+    assert manager.worth_trying([replace(other, parallax_px=10.1 * settings.retry_gain)]) is not None
+    later = replace(other, current=23)
+    assert manager.worth_trying([later]) is later
+    without_map = KeyframeManager(CAMERA, CONFIG)
+    without_map.failed(pair(0, 20, parallax_px=10))
+    assert without_map.worth_trying([other]) is other
