@@ -17,7 +17,7 @@ from quest.homography import decompose_homography, fit_homography
 from quest.monomials import coefficient_rows, quartics, rows_of_moments
 from quest.newton import polish_on_matches
 from quest.nullspace import quest6_fast
-from quest.quaternion import canonical, conjugate, matrix_from_quaternion, multiply, quaternion_from_matrix
+from quest.quaternion import conjugate, matrix_from_quaternion, multiply, quaternion_from_matrix
 from quest.questn import questn
 from quest.selection import select_candidates
 from quest.solvers import SOLVERS, Solver
@@ -87,7 +87,10 @@ def test_more_matches_are_solved_exactly_too(solver: Solver):
 def test_a_camera_that_only_turns_leaves_its_rotation_alone(solver: Solver, scene: str):
     q = unit(SCENES[scene][0])
     m, n = two_views(scene_points(0, solver.sample_size), q, [0, 0, 0])
-    assert solver.function(m, n) == pytest.approx(canonical(q)[None], abs=1e-12)
+    found = solver.function(m, n)
+    # Up to its sign, which rounding decides at a half turn.
+    assert len(found) == 1
+    assert distance(found, q) < 1e-12
 
 
 @ALL
