@@ -344,7 +344,7 @@ def _fit_focal(prior: FocalPrior, start: BundleProblem, fit: _Fit, config: MapCo
             break
         again = _fit(joint.camera, start, config)
         if isinstance(again, BundleFailure):
-            return again
+            break  # the last one stands
         fit = again._replace(errors=(*joint.errors, *again.errors))
         joint = _adjust_focal(prior, fit, config)
     final = _scale_to_median_depth(joint.problem)

@@ -1,9 +1,9 @@
 """A translation before a plane, or a turning camera whose stated focal length is wrong: a check to tell them apart.
 
 A camera that turns by R, while its focal length is stated wrong by a factor s, shows ``n ~ D R D^-1 m`` with
-``D = diag(1, 1, s)``: in stated bearings a homography of four unknowns. To an estimator that takes the calibration for
-granted it looks like a plane and a translation, with every point in front of both cameras. A real translation is not of
-this form, except where it is too small to be told from it.
+``D = diag(1, 1, s)`` (a pinhole; a fisheye follows it near the axis only): in stated bearings a homography of four
+unknowns. To an estimator that takes the calibration for granted it looks like a plane and a translation, with every
+point in front of both cameras. A real translation is not of this form, except where it is too small to be told from it.
 """
 
 from __future__ import annotations
