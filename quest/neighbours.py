@@ -23,13 +23,13 @@ def directions_of(rays: Floats) -> Floats:
     return np.asarray(rays[:, :2] / np.maximum(1 + rays[:, 2:], 1e-9))
 
 
-def regions_of(where: Floats) -> Ints:
+def regions_of(where: Floats, shape: tuple[int, int] = _REGIONS) -> Ints:
     """The region of the view (N,) of matches that were seen at (N, 2); the view is what 98 % of them fill."""
     if len(where) == 0:
         return np.zeros(0, np.int64)
     low, high = np.percentile(where, [1, 99], axis=0)
-    cells = np.clip((where - low) / np.maximum(high - low, 1e-12) * _REGIONS, 0, np.array(_REGIONS) - 1).astype(int)
-    return np.asarray(cells[:, 0] * _REGIONS[1] + cells[:, 1])
+    cells = np.clip((where - low) / np.maximum(high - low, 1e-12) * shape, 0, np.array(shape) - 1).astype(int)
+    return np.asarray(cells[:, 0] * shape[1] + cells[:, 1])
 
 
 def scatter_of_sum(values: Floats, where: Floats) -> float:

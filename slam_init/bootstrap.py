@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
+from quest.jackknife import direction_spread_rad
 from slam_init.bundle import BundleSolution
 from slam_init.calibration_check import turning_camera
 from slam_init.camera import Camera
@@ -189,13 +190,15 @@ def try_pair(
         turning = turning_camera(m[pose.inliers], n[pose.inliers], pose.noise_rad)
         rounding_px = rounding_error_px(current.pixels[j])
         shared_rad = max(config.acceptance.min_shared_error_px, rounding_px) / camera.focal_px
+        spread_rad = 0.0
         if pose.kind != "rotation":
             shared_rad = max(shared_rad, shared_error_rad(pose, m, n, reference.pixels[i]))
+            spread_rad = direction_spread_rad(pose, m, n)
     attempt = replace(attempt, evidence=attempt.evidence | {"shared_error_px": shared_rad * camera.focal_px})
     # An error that tracks share turns the baseline by its ratio to what no rotation explains, however many tracks there
     # are: before a plane that is far less than the parallax.
     shared_turn_rad = float(np.arctan2(shared_rad, turning.off_rotation_rad(pose.noise_rad)))
-    attempt = judge_two_views(camera, config, attempt, pose, shared_turn_rad)
+    attempt = judge_two_views(camera, config, attempt, pose, shared_turn_rad, spread_rad)
     if attempt.verdict != ACCEPTED:
         if attempt.verdict == "low_parallax":
             attempt = suspect_calibration(camera, config, attempt, pose, turning, shared_rad)

@@ -15,7 +15,15 @@ from slam_init.camera import Camera
 from slam_init.config import Config
 from slam_init.handover import Evidence, looked_at, refused_at, refused_by
 from slam_init.keyframes import difference_gate
-from slam_init.mapping import MapCandidate, Margin, margin, same_map, table_of, voting_views
+from slam_init.mapping import (
+    MapCandidate,
+    Margin,
+    difference_of_maps_deg,
+    margin,
+    same_map,
+    table_of,
+    voting_views,
+)
 from slam_init.plane_vote import plane_margin
 from slam_init.reasons import ACCEPTED, ADVICE, Gate
 from slam_init.tracks import History
@@ -38,10 +46,13 @@ _TURNING_SHARED = 3.0
 #: err by themselves, as a logarithm, and more than one standard deviation if neighbours err alike. Of 1300 votes on
 #: drawn planes, free points decided for the wrong one twice without the former, never with both.
 _ODDS, _LEANS = 7.0, 1.0
+#: Of a near rival the rotation may differ by a tenth of what the direction may: that is what trading one for the other
+#: amounts to where the parallax is a tenth of a radian, and an initialization is not wrong by it.
+_NEAR_ROTATION = 0.1
 
 
 def judge_two_views(
-    camera: Camera, config: Config, attempt: Attempt, pose: RelativePose, shared_turn_rad: float
+    camera: Camera, config: Config, attempt: Attempt, pose: RelativePose, shared_turn_rad: float, spread_rad: float
 ) -> Attempt:
     """What two views alone refuse, before any map is built.
 
@@ -53,6 +64,8 @@ def judge_two_views(
     pose : RelativePose
     shared_turn_rad : float
         By how much errors that tracks share may turn the baseline.
+    spread_rad : float
+        Standard error of its direction by leaving out parts of the view (:mod:`quest.jackknife`).
     """
     if pose.kind == "rotation":
         # A rotation is fitted to noise as well, and turns by next to nothing then.
@@ -68,7 +81,7 @@ def judge_two_views(
     # whose single standard deviation is beyond what three of the map may be is too early by far.
     sigma_deg = float(np.degrees(pose.direction_sigma_rad))
     most_deg, least_share = settings.max_direction_error_deg, config.two_view.min_inlier_share
-    gates = (
+    by_noise = (
         Gate(
             "inlier_share",
             float(pose.inliers.mean()),
@@ -87,13 +100,23 @@ def judge_two_views(
             "translate further: what is seen could nearly be a rotation",
         ),
     )
+    spread = Gate(
+        "direction_spread_deg",
+        3 * float(np.degrees(spread_rad)),
+        most_deg,
+        False,
+        "low_parallax",
+        "parts of the view disagree on the direction of motion: translate further, and look at what stands still",
+    )
+    gates = (*by_noise, spread)
     attempt = looked_at(attempt, gates)
     if all(gate.passes() for gate in gates):
         return attempt
     refused = refused_by(attempt, "two views", gates)
     if refused.verdict != "low_parallax":
         return refused
-    return replace(refused, evidence=refused.evidence | {"lacking": max(gate.lacking() for gate in gates)})
+    # What the noise lacks foretells how much longer the way has to be; a spread of a dozen fits jumps.
+    return replace(refused, evidence=refused.evidence | {"lacking": max(gate.lacking() for gate in by_noise)})
 
 
 # -- the vote -------------------------------------------------------------------------------------
@@ -120,12 +143,15 @@ def vote(
 ) -> tuple[Attempt, Margin | None]:
     """Whether the best map is better than each of its rivals, beyond doubt: as free points, or as a plane.
 
+    A rival that is nearly the same map need not be beaten: were it the right one, the best would be off by what lies
+    between them. So much goes into the bound of the direction, as the evidence ``near_rival_deg``.
+
     The margin is the one that the verdict hangs on: of the rival that came nearest, and of its votes the clearest, or
     the one that speaks against the best map.
     """
     best, *rivals = candidates
     evidence = dict(attempt.evidence)
-    votes = []
+    votes, near_deg = [], 0.0
     for k, rival in enumerate(rivals, start=1):
         if same_map(best, rival):
             continue
@@ -138,9 +164,17 @@ def vote(
             # its rival. They are believed where the plane, whose points cannot give way, says the same at long odds.
             margins = [free, plane] if plane.log_likelihood > _ODDS and plane.z > _LEANS else [plane]
         against = [m for m in margins if m.reversed().decides()]
-        votes.append(min(against or [max(margins, key=Margin.share)], key=Margin.share))
+        ruling = min(against or [max(margins, key=Margin.share)], key=Margin.share)
+        rotation_deg, direction_deg = difference_of_maps_deg(best, rival)
+        most_deg = config.acceptance.max_direction_error_deg
+        if not ruling.decides() and rotation_deg < _NEAR_ROTATION * most_deg and direction_deg < most_deg:
+            near_deg = max(near_deg, direction_deg)
+        else:
+            votes.append(ruling)
+    if near_deg > 0:
+        evidence["near_rival_deg"] = near_deg
     if not votes:
-        return attempt, None
+        return replace(attempt, evidence=evidence), None
     chosen = min(votes, key=Margin.share)
     curve = "scene too flat: move in a curve, or show something off the plane"
     gates = (
@@ -171,7 +205,8 @@ def judge_map(
     third_view: bool,
 ) -> Attempt:
     """The gates of the acceptance; without a third view those that ask for one are passed over."""
-    verdict, gates = acceptance.check(camera, best, bundle, shared_turn_rad, config.acceptance)
+    rival_deg = float(attempt.evidence.get("near_rival_deg", 0.0))
+    verdict, gates = acceptance.check(camera, best, bundle, shared_turn_rad, config.acceptance, rival_deg=rival_deg)
     lacking = max(gate.lacking() for gate in gates)
     attempt = looked_at(attempt, gates)
     attempt = replace(attempt, evidence=attempt.evidence | {"reprojection_rmse_px": bundle.rmse_px, "lacking": lacking})
