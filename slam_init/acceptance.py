@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from quest.refine import refine_pose
-from slam_init.bundle import BundleSolution, camera_with_focal_factor
+from slam_init.bundle_problem import BundleSolution
 from slam_init.camera import Camera
 from slam_init.config import AcceptanceConfig
+from slam_init.focal_adjustment import camera_with_focal_factor
 from slam_init.mapping import MapCandidate
 from slam_init.reasons import ACCEPTED, ADVICE, Gate
 from slam_init.types import Floats, Pose

@@ -8,7 +8,7 @@ import numpy as np
 
 from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
 from quest.jackknife import direction_spread_rad
-from slam_init.bundle import BundleSolution
+from slam_init.bundle_problem import BundleSolution
 from slam_init.calibration_check import turning_camera
 from slam_init.camera import Camera
 from slam_init.config import Config

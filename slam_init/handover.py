@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam_init.bundle import BundleSolution
+from slam_init.bundle_problem import BundleSolution
 from slam_init.config import MapConfig
 from slam_init.keyframes import PairPreview
 from slam_init.online import progress

@@ -9,7 +9,7 @@ import numpy as np
 from quest.estimate import RelativePose
 from quest.quaternion import rotation_angle
 from slam_init import acceptance
-from slam_init.bundle import BundleSolution
+from slam_init.bundle_problem import BundleSolution
 from slam_init.calibration_check import TurningCamera, suspected_focal_factor
 from slam_init.camera import Camera
 from slam_init.config import Config

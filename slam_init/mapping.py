@@ -15,7 +15,9 @@ import numpy as np
 from quest.estimate import Hypothesis, RelativePose
 from quest.neighbours import directions_of, scatter_of_sum
 from quest.quaternion import rotation_angle
-from slam_init.bundle import BundleFailure, BundleProblem, BundleSolution, adjust, min_parallax_rad
+from slam_init.bundle import adjust
+from slam_init.bundle_noise import min_parallax_rad
+from slam_init.bundle_problem import BundleFailure, BundleProblem, BundleSolution
 from slam_init.camera import Camera
 from slam_init.config import Config, MapConfig
 from slam_init.tracks import History, common_tracks

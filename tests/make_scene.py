@@ -7,7 +7,7 @@ import numpy as np
 from make_map import make_poses
 
 from quest import Hypothesis
-from slam_init.bundle import BundleProblem
+from slam_init.bundle_problem import BundleProblem
 from slam_init.camera import Camera
 from slam_init.config import Config
 from slam_init.mapping import TrackTable, table_of

@@ -8,15 +8,10 @@ from make_map import CAMERAS, make_poses
 from make_scene import CAMERA, CONFIG, between, cloud, plane, problem
 
 from quest.quaternion import rotation_angle, rotation_from_vector
-from slam_init.bundle import (
-    BundleFailure,
-    BundleSolution,
-    adjust,
-    calibration_key,
-    camera_with_focal_factor,
-    gtsam_calibration,
-    measured_pixels,
-)
+from slam_init.bundle import adjust
+from slam_init.bundle_graph import calibration_key, gtsam_calibration, measured_pixels
+from slam_init.bundle_problem import BundleFailure, BundleSolution
+from slam_init.focal_adjustment import camera_with_focal_factor
 from slam_init.types import Pose
 
 MAP = CONFIG.map

@@ -9,11 +9,12 @@ import pytest
 from conftest import Fed
 
 import slam_init.examples.continue_with_isam2 as continue_with_isam2_module
-from slam_init.bundle import calibration_key, camera_with_focal_factor, pose_key
+from slam_init.bundle_graph import calibration_key, pose_key
 from slam_init.config import Config
 from slam_init.continuation import Continuation, follow
 from slam_init.errors import SourceError
 from slam_init.examples.continue_with_isam2 import continue_with_isam2, main, position_errors
+from slam_init.focal_adjustment import camera_with_focal_factor
 from slam_init.pipeline import Initializer
 from slam_init.recording import Recorder
 from slam_init.types import Frame

@@ -15,7 +15,8 @@ from evo.tools import file_interface
 from make_map import CAMERAS, make_map, make_result
 from make_scene import CONFIG, cloud, observe, problem
 
-from slam_init.bundle import adjust, calibration_key, camera_with_focal_factor
+from slam_init.bundle import adjust
+from slam_init.bundle_graph import calibration_key
 from slam_init.camera import Camera
 from slam_init.errors import OutputError, SourceError
 from slam_init.export import (
@@ -26,6 +27,7 @@ from slam_init.export import (
     summary_text,
     write_results,
 )
+from slam_init.focal_adjustment import camera_with_focal_factor
 from slam_init.handover import initial_map
 
 FILES_WITH_MAP = {

@@ -68,7 +68,7 @@ def test_the_synthetic_world_knows_nothing_of_what_is_tested_on_it(library):
 
 def test_gtsam_has_one_module_and_the_graph_reader():
     examples = {name for name in users("slam_init", "gtsam") if name.startswith("examples/")}
-    assert users("slam_init", "gtsam") - examples == {"bundle.py", "export.py"}
+    assert users("slam_init", "gtsam") - examples == {"bundle_graph.py", "export.py"}
     tree = ast.parse((ROOT / "slam_init/export.py").read_text(encoding="utf-8"))
     functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
     assert [f.name for f in functions if "import gtsam" in ast.unparse(f)] == ["load_graph"]

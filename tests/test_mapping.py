@@ -9,7 +9,7 @@ from make_scene import CAMERA, CONFIG, cloud, history_of, hypothesis, observe, p
 
 from quest import estimate_relative_pose
 from quest.quaternion import rotation_angle, rotation_from_vector
-from slam_init.bundle import BundleFailure, BundleSolution
+from slam_init.bundle_problem import BundleFailure, BundleSolution
 from slam_init.judging import vote
 from slam_init.mapping import (
     Margin,

@@ -26,7 +26,8 @@ from quest.epipolar import sampson_error
 from slam_init.benchmarks.study_parts import GENERAL, PLANAR
 from slam_init.benchmarks.study_tables import interval_text
 from slam_init.benchmarks.tables import markdown_table, number
-from slam_init.bundle import BundleProblem, BundleSolution, adjust
+from slam_init.bundle import adjust
+from slam_init.bundle_problem import BundleProblem, BundleSolution
 from slam_init.camera import Camera
 from slam_init.compare.sources import drawn_sources, open_compared
 from slam_init.compare.statistics import restricted_mean

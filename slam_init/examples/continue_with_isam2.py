@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.bundle import calibration_key, landmark_key, measured_pixels, pose_key, projection
+from slam_init.bundle_graph import calibration_key, landmark_key, measured_pixels, pose_key, projection
 from slam_init.datasets import open_source
 from slam_init.errors import SlamInitError
 from slam_init.metrics import align_positions

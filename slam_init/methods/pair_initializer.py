@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam_init.bundle import BundleProblem, BundleSolution, adjust
+from slam_init.bundle import adjust
+from slam_init.bundle_problem import BundleProblem, BundleSolution
 from slam_init.camera import Camera
 from slam_init.config import Config
 from slam_init.handover import AttemptLog, Evidence, focal_notes, initial_map, refusal, refused
