@@ -119,9 +119,9 @@ class MapConfig:
     #: Landmarks whose relative depth is less certain than this are left out (one standard deviation): from here on one
     #: in 160 would lie behind the camera by noise alone (2.5 deviations).
     max_depth_sigma: float = 0.4
-    #: Residuals beyond this many standard deviations are outliers: 1 % of a 2-D Gaussian. That costs some percent of
-    #: accuracy against four; with four, pixels without any relation were adjusted to a map.
-    outlier_sigmas: float = 3.0
+    #: Residuals beyond this many standard deviations are outliers: one in 3000 of a 2-D Gaussian. At three, one in 90
+    #: right observations is lost, and those of the most leverage first, since they draw the robust fit least.
+    outlier_sigmas: float = 4.0
     #: Noise of a track before the residuals tell better: two to five times what flow shows on sharp video, so that blur
     #: and drift are not taken for motion.
     noise_px: float = 0.5

@@ -42,6 +42,8 @@ __all__ = [
 
 #: Two adjusted maps nearer than this are one: an order below what makes an initialization wrong.
 _SAME_ROTATION_DEG, _SAME_DIRECTION_DEG = 0.3, 2.0
+#: A vote counts up to three standard deviations: what lies beyond, one in 90 by noise, is unexplained either way.
+_VOTING_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,9 +258,8 @@ def margin(camera: Camera, config: Config, better: MapCandidate, worse: MapCandi
     frames = set(_poses(better)) & set(_poses(worse))
     if not isinstance(better.bundle, BundleSolution):
         return Margin(0.0, 0.0)
-    gate2 = config.map.outlier_sigmas**2
-    difference = _track_costs(camera, worse, frames, better.bundle.noise_px, gate2)
-    difference -= _track_costs(camera, better, frames, better.bundle.noise_px, gate2)
+    difference = _track_costs(camera, worse, frames, better.bundle.noise_px)
+    difference -= _track_costs(camera, better, frames, better.bundle.noise_px)
     return margin_of(difference, directions_of(better.table.bearings[0]))
 
 
@@ -284,10 +285,9 @@ def rank(camera: Camera, config: Config, candidates: list[MapCandidate]) -> list
     failed = [c for c in candidates if not isinstance(c.bundle, BundleSolution)]
     noise_px = min((c.bundle.noise_px for c in solved if isinstance(c.bundle, BundleSolution)), default=1.0)
     frames = set.intersection(*(set(_poses(c)) for c in solved)) if solved else set()
-    gate2 = config.map.outlier_sigmas**2
 
     def key(candidate: MapCandidate) -> tuple[int, float]:
-        cost = _track_costs(camera, candidate, frames, noise_px, gate2).sum()
+        cost = _track_costs(camera, candidate, frames, noise_px).sum()
         return -candidate.placed, float(cost)
 
     return sorted(solved, key=key) + failed
@@ -325,8 +325,8 @@ def _poses(candidate: MapCandidate) -> dict[int, Pose]:
     return {first: Pose.identity(), second: Pose(candidate.hypothesis.R, candidate.hypothesis.t).inverse()}
 
 
-def _track_costs(camera: Camera, candidate: MapCandidate, frames: set[int], noise_px: float, gate2: float) -> Floats:
-    """Cost (T,) of each track of the table: squared residuals in units of the noise, each truncated at the gate.
+def _track_costs(camera: Camera, candidate: MapCandidate, frames: set[int], noise_px: float) -> Floats:
+    """Cost (T,) of each track of the table: squared residuals in units of the noise, each truncated.
 
     The tracks are triangulated anew from the poses, so that a point which one map left out is judged alike in both. A
     point of little parallax may come out behind the cameras by noise alone: infinity explains it then, and the better
@@ -352,7 +352,7 @@ def _track_costs(camera: Camera, candidate: MapCandidate, frames: set[int], nois
         for k, pose in zip(rows, placed, strict=True):
             r2 = np.sum((camera.project(pose.inverse().apply(X)) - table.pixels[k]) ** 2, axis=1) / noise_px**2
             # NaN is a point behind the camera, or a track that the view does not see.
-            cost += np.where(np.isfinite(table.pixels[k, :, 0]), np.fmin(r2, gate2), 0.0)
+            cost += np.where(np.isfinite(table.pixels[k, :, 0]), np.fmin(r2, _VOTING_SIGMAS**2), 0.0)
         costs.append(cost)
     seen = np.isfinite(table.pixels[rows, :, 0]).sum(axis=0)
     return np.minimum(np.minimum(*costs), explained_at_most(np.maximum(2 * seen - 3, 0)))
