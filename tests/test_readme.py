@@ -6,7 +6,6 @@ import shutil
 import subprocess
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 ROOT = Path(__file__).parent.parent
@@ -102,12 +101,27 @@ def test_the_script_fails_where_a_step_fails(integrate, failing):
     assert code != 0
 
 
+def python_of(readme):
+    """The one fenced block of Python in a file."""
+    blocks = re.findall(r"^```python\n(.*?)^```$", readme.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    assert len(blocks) == 1
+    return compile(blocks[0], str(readme), "exec")
+
+
 def test_the_python_of_the_readme_runs(capsys):
-    pipeline, estimation = re.findall(r"^```python\n(.*?)^```$", (ROOT / "README.md").read_text("utf-8"), re.M | re.S)
-    exec(compile(pipeline, "README.md", "exec"), {})
+    exec(python_of(ROOT / "README.md"), {})
     assert "Keyframe(" in capsys.readouterr().out
-    rng = np.random.default_rng(0)
-    points = rng.uniform([-1, -1, 2], [1, 1, 6], size=(100, 3))
-    rays = {"rays1": points, "rays2": points + np.array([0.5, 0, 0]), "focal_px": 500.0}
-    exec(compile(estimation, "README.md", "exec"), rays)
+
+
+def test_the_python_of_the_readme_of_quest_runs(capsys):
+    exec(python_of(ROOT / "quest" / "README.md"), {})
     assert capsys.readouterr().out.startswith("general")
+
+
+@pytest.mark.parametrize("readme", ["README.md", "quest/README.md"])
+def test_the_links_of_the_readmes_lead_somewhere(readme):
+    file = ROOT / readme
+    links = re.findall(r"\]\(([^)#\s]+)\)", file.read_text(encoding="utf-8"))
+    assert links
+    for link in links:
+        assert link.startswith("https://") or (file.parent / link).exists(), link
