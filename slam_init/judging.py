@@ -116,7 +116,7 @@ def judge_two_views(
     if refused.verdict != "low_parallax":
         return refused
     # What the noise lacks foretells how much longer the way has to be; a spread of a dozen fits jumps.
-    return replace(refused, evidence=refused.evidence | {"lacking": max(gate.lacking() for gate in by_noise)})
+    return replace(refused, lacking=max(gate.lacking() for gate in by_noise))
 
 
 # -- the vote -------------------------------------------------------------------------------------
@@ -207,9 +207,12 @@ def judge_map(
     """The gates of the acceptance; without a third view those that ask for one are passed over."""
     rival_deg = float(attempt.evidence.get("near_rival_deg", 0.0))
     verdict, gates = acceptance.check(camera, best, bundle, shared_turn_rad, config.acceptance, rival_deg=rival_deg)
-    lacking = max(gate.lacking() for gate in gates)
     attempt = looked_at(attempt, gates)
-    attempt = replace(attempt, evidence=attempt.evidence | {"reprojection_rmse_px": bundle.rmse_px, "lacking": lacking})
+    attempt = replace(
+        attempt,
+        evidence=attempt.evidence | {"reprojection_rmse_px": bundle.rmse_px},
+        lacking=max(gate.lacking() for gate in gates),
+    )
     if verdict == ACCEPTED or (verdict == "no_third_view" and not third_view):
         return attempt
     return refused_by(attempt, "map", gates)
@@ -227,8 +230,7 @@ def judge_turning(
     attempt = replace(attempt, evidence=attempt.evidence | evidence)
     if gate.passes():
         return attempt
-    attempt = replace(attempt, evidence=attempt.evidence | {"lacking": needed / residual})
-    return refused_by(attempt, "map", (gate,))
+    return refused_by(replace(attempt, lacking=needed / residual), "map", (gate,))
 
 
 def suspect_calibration(

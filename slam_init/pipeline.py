@@ -301,8 +301,7 @@ class Initializer:
         if outcome.accepted is not None:
             self._hand_over(outcome.accepted)
         else:
-            lacking, as_map = float(attempt.evidence.get("lacking", 1.0)), attempt.progress >= progress("map")
-            self.keyframes.failed(pair, lacking, as_map=as_map)
+            self.keyframes.failed(pair, attempt.lacking, as_map=attempt.progress >= progress("map"))
             if outcome.unconfirmed is not None:
                 self._unconfirmed = attempt, outcome.unconfirmed
             self._keep_hypotheses(outcome)

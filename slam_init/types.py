@@ -228,6 +228,9 @@ class Attempt:
         The conditions that were looked at, with values and thresholds, up to the stage that failed.
     progress : float
         How far the pair came, 0 to 1: see :func:`slam_init.online.progress`.
+    lacking : float
+        By which factor the gates were missed that go with the inverse of the parallax: so much longer the way has to
+        be. 1 where that is not what failed.
     """
 
     frames: tuple[int, ...]
@@ -239,6 +242,7 @@ class Attempt:
     inliers: Bools = field(default_factory=lambda: np.zeros(0, bool))
     gates: tuple[Gate, ...] = ()
     progress: float = 0.0
+    lacking: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
