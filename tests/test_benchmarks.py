@@ -97,6 +97,23 @@ def test_every_kth_frame_is_a_start_that_leaves_frames_to_run_on(tmp_path, monke
     assert [task.start for task in initialization._real_tasks(tmp_path, every=None)] == [0]
 
 
+def test_the_delay_is_counted_from_an_initializer_that_begins_with_the_motion():
+    whole = Task("synth:rotate-then-move", "synth:rotate-then-move", 3)
+    late = initialization.from_first_motion(whole)
+    assert (late.source, late.seed) == (whole.source, whole.seed)
+    assert 39 <= late.start <= 50
+
+    def took(task, frames):
+        return Outcome(task, None if frames else "low_parallax", frames_to_init=frames)
+
+    text = initialization.delay_text([took(whole, 60), took(whole, 63)], [took(late, 60 - late.start)] * 2)
+    assert "1.5 frames later (median; 0 to 3)" in text
+    assert "of 2 runs" in text
+    assert "no delay" in initialization.delay_text([took(whole, None)], [took(late, 20)])
+    with pytest.raises(ValueError, match="never moves"):
+        initialization.from_first_motion(Task("synth:static", "synth:static?frames=5"))
+
+
 @pytest.mark.parametrize("options", [["--scenes", "moon"], ["--seeds", "0"], ["--every", "x"], ["--jobs", "-1"]])
 def test_bad_options_are_refused(options, capsys):
     with pytest.raises(SystemExit) as error:
