@@ -270,8 +270,8 @@ def delay_text(whole: Sequence[Outcome], from_motion: Sequence[Outcome]) -> str:
     if not delays:
         return "No map of a camera that first turns, or none without its turn: no delay to tell."
     return (
-        f"`{_MOVES_LATER.removeprefix('synth:')}`: the map comes {median(delays):g} frames later (median; {min(delays)} "
-        f"to {max(delays)}) than that of an initializer that begins with the motion, of {len(delays)} runs."
+        f"`{_MOVES_LATER.removeprefix('synth:')}`: the map comes {median(delays):g} frames later (median; "
+        f"{min(delays)} to {max(delays)}; {len(delays)} runs) than that of an initializer that begins with the motion."
     )
 
 

@@ -26,6 +26,8 @@ __all__ = ["VARIANTS", "Variant", "ablation_cells", "run_ablation"]
 
 #: Gates that are open to everything: no angle, ratio or share is beyond.
 _ANY, _NONE = 1e9, 1e-9
+#: What is measured of shared errors remains; no least one is assumed.
+_LEAST_PX = 1e-3
 _VIEWS = 30
 
 
@@ -58,6 +60,10 @@ VARIANTS: tuple[Variant, ...] = (
     Variant(
         "no test of what agrees",
         config=Config(acceptance=AcceptanceConfig(min_explained=_NONE, min_further_agreement=_NONE)),
+    ),
+    Variant(
+        "no allowance for shared errors and the focal length",
+        config=Config(acceptance=AcceptanceConfig(min_shared_error_px=_LEAST_PX, focal_error=_NONE)),
     ),
     Variant("no test for a turning camera", config=Config(acceptance=AcceptanceConfig(min_turning_residual=_NONE))),
     Variant(
