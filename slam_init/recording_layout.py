@@ -24,6 +24,7 @@ Color = tuple[int, int, int]
 ESTIMATE_COLOR: Color = (60, 160, 255)
 TRUTH_COLOR: Color = (255, 150, 40)
 _GREEN: Color = (60, 200, 90)
+_PURPLE: Color = (190, 120, 230)
 _GATE_COLOR: Color = (230, 70, 70)
 
 TRACKS = "stats/counts/tracks"
@@ -51,16 +52,18 @@ class Series:
     evidence: str = ""
 
 
-#: Of all evidence, what tells how an initialization comes about: the parallax grows, the bound on the direction error
-#: falls below its gate. The verdict beside it lists the rest.
+#: Of all evidence, what tells how an initialization comes about: the parallax grows, the bounds on the direction error
+#: fall below their gate, those of a pair first, then that of a map. The verdict beside it lists the rest.
 SERIES = (
     Series(TRACKS, "tracks", ESTIMATE_COLOR),
     Series("stats/counts/landmarks", "landmarks", _GREEN, "landmarks"),
     Series("stats/parallax/median", "median", ESTIMATE_COLOR, "parallax_px"),
     Series("stats/shares/parallax", "with parallax", ESTIMATE_COLOR, "parallax_share"),
     Series("stats/shares/explained", "become landmarks", _GREEN, "explained_share"),
-    Series("stats/direction/bound", "bound", ESTIMATE_COLOR, "direction_bound_deg"),
-    Series("stats/direction/gate", "gate", _GATE_COLOR, "direction_bound_deg_gate"),
+    Series("stats/direction/bound", "bound of the map", ESTIMATE_COLOR, "direction_bound_deg"),
+    Series("stats/direction/shared", "by shared errors", _PURPLE, "direction_shared_deg"),
+    Series("stats/direction/spread", "by parts of the view", _GREEN, "direction_spread_deg"),
+    Series("stats/direction/gate", "gate", _GATE_COLOR, "direction_shared_deg_gate"),
     Series(ERROR, "rms residual", ESTIMATE_COLOR),
 )
 

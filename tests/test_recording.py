@@ -47,7 +47,7 @@ def tell(recorder, model="pinhole", color=True):
     """A whole run: frames, attempts, a map, a frame after it, a summary."""
     map_ = make_map(model)
     observations = make_observations(map_, model)
-    evidence = {"parallax_px": 2.5, "direction_bound_deg": 7.0, "direction_bound_deg_gate": 5.0}
+    evidence = {"parallax_px": 2.5, "direction_bound_deg": 7.0, "direction_shared_deg_gate": 5.0}
     attempts = [replace(attempt, evidence=attempt.evidence | evidence) for attempt in make_attempts(map_)]
     for i, seen in enumerate(observations):
         recorder.frame(make_frame(seen.frame, seen.timestamp_s, seen.name, color), seen)
