@@ -4,11 +4,12 @@ A standard deviation from residuals knows the noise of single matches. It does n
 body that moves by itself, slowly enough to be explained as well by a motion that is bent half way towards it: such a
 motion has small residuals and is wrong. But it bends back where the body's part of the view is left out. So the motion
 is fitted anew without each part, and the spread of these fits is the standard error that is right whatever the matches
-of one part have in common (the delete-a-group jackknife [E82]_).
+of one part have in common (the delete-a-group jackknife [E82]_, with weights for parts of unequal size [B99]_).
 
 References
 ----------
 .. [E82] B. Efron, "The Jackknife, the Bootstrap and Other Resampling Plans", SIAM 1982, chapter 3.
+.. [B99] F. Busing, E. Meijer, R. van der Leeden, "Delete-m jackknife for unequal m", Statistics and Computing 1999.
 """
 
 from __future__ import annotations
@@ -20,15 +21,19 @@ from quest.epipolar import as_matches
 from quest.errors import InputError
 from quest.neighbours import directions_of, regions_of
 from quest.pose_problem import CompiledPoseProblem
+from quest.refine import sampson_jacobian
 from quest.relative_pose import RelativePose
 
 __all__ = ["direction_spread_rad"]
 
 Floats = NDArray[np.float64]
 
-#: Parts of the view, across and down: as large as a body that can bend a motion without being told as an outlier. With
-#: a dozen fits their spread is itself known to a fifth.
+#: Parts of what the inliers fill, across and down: as large as a body that can bend a motion without being told as an
+#: outlier. With a dozen fits their spread is itself known to a fifth.
 _PARTS = (4, 3)
+#: A fit needs six matches, and some to spare, to be a second opinion; and a hundredth of the information of all: with
+#: less it stays where it started, and its spread says nothing.
+_LEAST_LEFT, _LEAST_INFORMATION = 10, 0.01
 #: Of the kernel, in deviations of the noise: that of the estimate itself.
 _SCALE_SIGMAS = 3.0
 
@@ -48,16 +53,16 @@ def direction_spread_rad(pose: RelativePose, bearings1: ArrayLike, bearings2: Ar
     Returns
     -------
     float
-        Radians. Infinite where the inliers fill one part alone, or where too few are left without one.
+        Radians. Infinite where what is left without one of the parts says nothing of the motion.
 
     Raises
     ------
     InputError
-        Where the pose is a rotation, or the bearings are not those it was estimated from.
+        Where the pose is a rotation, or the bearings are not as many as it was estimated from.
 
     References
     ----------
-    Module docstring.
+    Module docstring; [B99]_, equation 8.
     """
     m, n = as_matches(bearings1, bearings2, at_least=0)
     if pose.kind == "rotation":
@@ -66,12 +71,19 @@ def direction_spread_rad(pose: RelativePose, bearings1: ArrayLike, bearings2: Ar
         raise InputError(f"bearings have shape {m.shape}: give the {len(pose.inliers)} matches of the pose")
     m, n = m[pose.inliers], n[pose.inliers]
     part = regions_of(directions_of(m), _PARTS)
-    parts = np.unique(part)
-    if len(parts) < 2 or np.bincount(part).max() > len(m) - 6:
+    parts, count = np.unique(part, return_counts=True)
+    if len(parts) < 2 or len(m) - count.max() < _LEAST_LEFT:
+        return float("inf")
+    _, J = sampson_jacobian(pose.R, pose.t, m, n)
+    information = J.T @ J
+    left = np.array([information - J[part == one].T @ J[part == one] for one in parts])
+    # In units of the information of all, whatever the units of the five unknowns are.
+    whiten = np.linalg.inv(np.linalg.cholesky(information + 1e-12 * np.trace(information) * np.eye(5)))
+    if np.linalg.eigvalsh(whiten @ left @ whiten.T).min() < _LEAST_INFORMATION:
         return float("inf")
     problem = CompiledPoseProblem(m, n, _SCALE_SIGMAS * pose.noise_rad)
     whole = problem.refine(np.concatenate([pose.q_wxyz, pose.t]), np.ones(len(m), bool), problem.threshold_rad)
     fits = np.array([problem.refine(whole, part != left_out, problem.threshold_rad)[4:] for left_out in parts])
-    off = fits - fits.mean(axis=0)
-    covariance = (len(parts) - 1) / len(parts) * off.T @ off
-    return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))
+    weight = (len(m) / count - 1) / len(parts)
+    off = fits - whole[4:]
+    return float(np.sqrt(max(np.linalg.eigvalsh((off * weight[:, None]).T @ off)[-1], 0.0)))

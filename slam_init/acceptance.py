@@ -20,13 +20,7 @@ _SHORT_BASELINE = 0.3
 
 
 def check(
-    camera: Camera,
-    candidate: MapCandidate,
-    bundle: BundleSolution,
-    shared_turn_rad: float,
-    config: AcceptanceConfig,
-    *,
-    rival_deg: float = 0.0,
+    camera: Camera, candidate: MapCandidate, bundle: BundleSolution, shared_turn_rad: float, config: AcceptanceConfig
 ) -> tuple[str, list[Gate]]:
     """The verdict on an adjusted map, and all gates.
 
@@ -39,8 +33,6 @@ def check(
     shared_turn_rad : float
         By how much errors that tracks share may turn the baseline of the pair (:mod:`slam_init.shared_error`).
     config : AcceptanceConfig
-    rival_deg : float
-        How far the baselines of a nearly equal map lie that could not be ruled out.
     """
     points = len(bundle.problem.points)
     error = config.max_direction_error_deg
@@ -49,7 +41,7 @@ def check(
     gates = [
         Gate(
             "direction_bound_deg",
-            direction_bound_deg(candidate, bundle, shared_turn_rad) + rival_deg,
+            direction_bound_deg(candidate, bundle, shared_turn_rad),
             error,
             False,
             "low_parallax",

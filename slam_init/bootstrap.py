@@ -23,7 +23,7 @@ from slam_init.judging import (
     vote_of_plane,
 )
 from slam_init.keyframes import PairPreview, difference_gate
-from slam_init.mapping import MapCandidate, Margin, build_candidate, further_views, rank, same_map, table_of
+from slam_init.mapping import Margin, build_candidate, further_views, rank, table_of
 from slam_init.reasons import ACCEPTED, ADVICE, Gate
 from slam_init.shared_error import rounding_error_px, shared_error_rad
 from slam_init.timing import Stopwatch
@@ -220,11 +220,15 @@ def try_pair(
         attempt = replace(attempt, evidence=attempt.evidence | {"cause": best.bundle.cause})
         return Outcome(refused_at(attempt, "bundle_adjustment_failed", "map"))
 
-    attempt, decided_by = vote(camera, config, attempt, candidates if third_view else candidates[:1], plane)
-    if attempt.verdict != ACCEPTED:
+    attempt, ruling = vote(camera, config, attempt, candidates if third_view else candidates[:1], plane)
+    decided_by = None if ruling is None else ruling.margin
+    if attempt.verdict != ACCEPTED and ruling is not None:
         suspected = suspect_calibration(camera, config, attempt, pose, turning, shared_rad)
         # A turning camera is a third explanation then, and the two maps are no kept set.
-        undecided = () if suspected.verdict != attempt.verdict else _undecided(history, candidates, pose.kind)
+        kept = (best, ruling.rival) if suspected.verdict == attempt.verdict else ()
+        undecided = tuple(
+            _hand_over(history, one.bundle, pose.kind).map for one in kept if isinstance(one.bundle, BundleSolution)
+        )
         return Outcome(suspected, hypotheses=undecided, margin=decided_by)
 
     attempt = judge_map(camera, config, attempt, best, best.bundle, shared_turn_rad, third_view)
@@ -237,13 +241,6 @@ def try_pair(
     if attempt.verdict == ACCEPTED:
         return Outcome(replace(attempt, progress=1.0), accepted=handover, margin=decided_by)
     return Outcome(attempt, unconfirmed=handover if attempt.verdict == "no_third_view" else None, margin=decided_by)
-
-
-def _undecided(history: History, candidates: list[MapCandidate], scene: str) -> tuple[InitialMap, ...]:
-    """The best map and its first rival that is not the same: the two that live on."""
-    best, *rivals = [c for c in candidates if isinstance(c.bundle, BundleSolution)]
-    kept = [best, *[rival for rival in rivals if not same_map(best, rival)][:1]]
-    return tuple(_hand_over(history, c.bundle, scene).map for c in kept if isinstance(c.bundle, BundleSolution))
 
 
 def _hand_over(history: History, bundle: BundleSolution, scene: str) -> Handover:

@@ -112,7 +112,10 @@ def _fit_focal(prior: FocalPrior, start: BundleProblem, fit: BundleFit, config: 
     for _ in range(_FOCAL_ROUNDS):
         if abs(joint.camera.fx / fit.camera.fx - 1) < _FOCAL_TOLERANCE:
             break
-        again = _fit(joint.camera, start, config)
+        try:
+            again = _fit(joint.camera, start, config)
+        except RuntimeError:  # as in adjust
+            break
         if isinstance(again, BundleFailure):
             break  # the last one stands
         fit = again._replace(errors=(*joint.errors, *again.errors))

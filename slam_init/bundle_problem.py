@@ -56,7 +56,8 @@ class BundleProblem:
         d = self.points[self.landmarks] - centres[self.views]
         rays[self.landmarks, self.views] = d / np.linalg.norm(d, axis=1, keepdims=True)
         cosine = np.einsum("lik,ljk->lij", rays, rays)
-        return np.asarray(np.arccos(np.clip(np.nanmin(cosine.reshape(len(rays), -1), axis=1), -1, 1)))
+        least = np.nanmin(cosine, axis=(1, 2)) if len(rays) else np.zeros(0)
+        return np.asarray(np.arccos(np.clip(least, -1, 1)))
 
     def keep(self, observations: Bools) -> BundleProblem:
         """Only these observations, and only landmarks that two views still see."""

@@ -120,7 +120,7 @@ class MapConfig:
     #: in 160 would lie behind the camera by noise alone (2.5 deviations).
     max_depth_sigma: float = 0.4
     #: Residuals beyond this many standard deviations are outliers: one in 3000 of a 2-D Gaussian. At three, one in 90
-    #: right observations is lost, and those of the most leverage first, since they draw the robust fit least.
+    #: right observations is lost, and more where the noise is underestimated: poses were a fifth less accurate.
     outlier_sigmas: float = 4.0
     #: Noise of a track before the residuals tell better: two to five times what flow shows on sharp video, so that blur
     #: and drift are not taken for motion.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,21 +16,14 @@ from slam_init.camera import Camera
 from slam_init.config import Config
 from slam_init.handover import Evidence, looked_at, refused_at, refused_by
 from slam_init.keyframes import difference_gate
-from slam_init.mapping import (
-    MapCandidate,
-    Margin,
-    difference_of_maps_deg,
-    margin,
-    same_map,
-    table_of,
-    voting_views,
-)
+from slam_init.mapping import MapCandidate, Margin, margin, same_map, table_of, voting_views
 from slam_init.plane_vote import plane_margin
 from slam_init.reasons import ACCEPTED, ADVICE, Gate
 from slam_init.tracks import History
 from slam_init.types import Attempt, Observations
 
 __all__ = [
+    "Ruling",
     "judge_map",
     "judge_turning",
     "judge_two_views",
@@ -46,9 +40,6 @@ _TURNING_SHARED = 3.0
 #: err by themselves, as a logarithm, and more than one standard deviation if neighbours err alike. Of 1300 votes on
 #: drawn planes, free points decided for the wrong one twice without the former, never with both.
 _ODDS, _LEANS = 7.0, 1.0
-#: Of a near rival the rotation may differ by a tenth of what the direction may: that is what trading one for the other
-#: amounts to where the parallax is a tenth of a radian, and an initialization is not wrong by it.
-_NEAR_ROTATION = 0.1
 
 
 def judge_two_views(
@@ -102,7 +93,7 @@ def judge_two_views(
     )
     spread = Gate(
         "direction_spread_deg",
-        3 * float(np.degrees(spread_rad)),
+        min(3 * float(np.degrees(spread_rad)), 180.0),
         most_deg,
         False,
         "low_parallax",
@@ -138,20 +129,24 @@ def vote_of_plane(
     return plane_margin(voters, solved[0].hypothesis, solved[1].hypothesis, pose.noise_rad)
 
 
+class Ruling(NamedTuple):
+    """A vote between the best map and a rival."""
+
+    margin: Margin
+    rival: MapCandidate
+
+
 def vote(
     camera: Camera, config: Config, attempt: Attempt, candidates: list[MapCandidate], plane: Margin | None
-) -> tuple[Attempt, Margin | None]:
+) -> tuple[Attempt, Ruling | None]:
     """Whether the best map is better than each of its rivals, beyond doubt: as free points, or as a plane.
 
-    A rival that is nearly the same map need not be beaten: were it the right one, the best would be off by what lies
-    between them. So much goes into the bound of the direction, as the evidence ``near_rival_deg``.
-
-    The margin is the one that the verdict hangs on: of the rival that came nearest, and of its votes the clearest, or
-    the one that speaks against the best map.
+    The ruling is the one that the verdict hangs on: of the rival that came nearest, and of its votes the clearest, or
+    the one that speaks against the best map; None without a rival.
     """
     best, *rivals = candidates
     evidence = dict(attempt.evidence)
-    votes, near_deg = [], 0.0
+    rulings = []
     for k, rival in enumerate(rivals, start=1):
         if same_map(best, rival):
             continue
@@ -164,18 +159,11 @@ def vote(
             # its rival. They are believed where the plane, whose points cannot give way, says the same at long odds.
             margins = [free, plane] if plane.log_likelihood > _ODDS and plane.z > _LEANS else [plane]
         against = [m for m in margins if m.reversed().decides()]
-        ruling = min(against or [max(margins, key=Margin.share)], key=Margin.share)
-        rotation_deg, direction_deg = difference_of_maps_deg(best, rival)
-        most_deg = config.acceptance.max_direction_error_deg
-        if not ruling.decides() and rotation_deg < _NEAR_ROTATION * most_deg and direction_deg < most_deg:
-            near_deg = max(near_deg, direction_deg)
-        else:
-            votes.append(ruling)
-    if near_deg > 0:
-        evidence["near_rival_deg"] = near_deg
-    if not votes:
-        return replace(attempt, evidence=evidence), None
-    chosen = min(votes, key=Margin.share)
+        rulings.append(Ruling(min(against or [max(margins, key=Margin.share)], key=Margin.share), rival))
+    if not rulings:
+        return attempt, None
+    ruling = min(rulings, key=lambda one: one.margin.share())
+    chosen = ruling.margin
     curve = "scene too flat: move in a curve, or show something off the plane"
     gates = (
         Gate("vote_z", chosen.z, chosen.z_needed, True, "ambiguous_plane", curve),
@@ -189,7 +177,7 @@ def vote(
         ),
     )
     attempt = looked_at(replace(attempt, evidence=evidence), gates)
-    return (attempt if chosen.decides() else refused_by(attempt, "map", gates)), chosen
+    return (attempt if chosen.decides() else refused_by(attempt, "map", gates)), ruling
 
 
 # -- the map --------------------------------------------------------------------------------------
@@ -205,8 +193,7 @@ def judge_map(
     third_view: bool,
 ) -> Attempt:
     """The gates of the acceptance; without a third view those that ask for one are passed over."""
-    rival_deg = float(attempt.evidence.get("near_rival_deg", 0.0))
-    verdict, gates = acceptance.check(camera, best, bundle, shared_turn_rad, config.acceptance, rival_deg=rival_deg)
+    verdict, gates = acceptance.check(camera, best, bundle, shared_turn_rad, config.acceptance)
     attempt = looked_at(attempt, gates)
     attempt = replace(
         attempt,

@@ -140,15 +140,6 @@ def test_what_tracks_share_turns_a_short_baseline_farther_than_that_of_the_pair(
     assert measured(candidate)["direction_bound_deg"] == pytest.approx(expected, rel=0.02)
 
 
-def test_a_near_rival_adds_to_the_bound(good):
-    alone, beside = (
-        {gate.name: gate.value for gate in check(CAMERA, good, good.bundle, SHARED_TURN_RAD, GATES, rival_deg=deg)[1]}
-        for deg in (0.0, 4.0)
-    )
-    assert beside.pop("direction_bound_deg") == pytest.approx(alone.pop("direction_bound_deg") + 4.0)
-    assert beside == alone
-
-
 def test_uncertainty_grows_with_the_noise():
     quiet, loud = (measured(candidate_of(make_poses(4), noise_px)) for noise_px in (0.2, 0.6))
     assert loud["depth_sigma"] == pytest.approx(3 * quiet["depth_sigma"], rel=0.2)

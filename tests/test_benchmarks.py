@@ -103,12 +103,14 @@ def test_the_delay_is_counted_from_an_initializer_that_begins_with_the_motion():
     assert (late.source, late.seed) == (whole.source, whole.seed)
     assert 39 <= late.start <= 50
 
-    def took(task, frames):
-        return Outcome(task, None if frames else "low_parallax", frames_to_init=frames)
+    def took(task, frames, error=0.1):
+        reason = None if frames else "low_parallax"
+        return Outcome(task, reason, frames_to_init=frames, rotation_error_deg=error, direction_error_deg=error)
 
     text = initialization.delay_text([took(whole, 60), took(whole, 63)], [took(late, 60 - late.start)] * 2)
-    assert "1.5 frames later (median; 0 to 3; 2 runs)" in text
-    assert "no delay" in initialization.delay_text([took(whole, None)], [took(late, 20)])
+    assert "1.5 frames later (median; 0 to 3; 2 of 2 runs)" in text
+    for without in (took(whole, None), took(whole, 12, error=90.0)):
+        assert "no delay" in initialization.delay_text([without], [took(late, 20)])
     with pytest.raises(ValueError, match="never moves"):
         initialization.from_first_motion(Task("synth:static", "synth:static?frames=5"))
 

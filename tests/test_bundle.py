@@ -267,7 +267,7 @@ def test_exact_observations_give_the_true_focal_length(model):
 def test_a_focal_length_off_by_a_twentieth_is_found_where_the_camera_turns(model):
     """With noise of a fifth of a pixel, by the median of four worlds: half of the errors at most.
 
-    All but that of the baselines' direction, which such noise alone turns by half a degree: it is no worse.
+    All but that of the baselines' direction, which such noise alone turns by half a degree: it is no worse than that.
     """
     stated = camera_with_focal_factor(CAMERAS[model], 1.05)
     off, errors = [], []

@@ -1,5 +1,7 @@
 """How much a direction hangs on single parts of the view: right for noise, and for a body that bends the motion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -61,11 +63,31 @@ def test_a_body_that_bends_the_motion_shows_where_the_residuals_do_not():
     assert np.median(told) < 2
 
 
-def test_matches_in_one_part_of_the_view_say_nothing_of_the_others():
-    m, n = views(count=300, extent=(0.7, 0.5))
+def test_where_one_part_holds_all_that_is_known_nothing_can_be_said():
+    m, n = views()
     pose = estimate(m, n)
     same = np.repeat(m[:1], len(m), axis=0)
     assert direction_spread_rad(pose, same, n) == np.inf
+    # A dozen matches far off, all of one ray: without the rest they fix no motion.
+    by_distance = np.argsort(np.linalg.norm(m - unit(np.array([[0.5, 0.35, 1.0]])), axis=1))
+    kept = np.concatenate([by_distance[:60], np.repeat(by_distance[-1:], 12)])
+    crowded = replace(pose, inliers=np.ones(len(kept), bool))
+    assert direction_spread_rad(crowded, m[kept], n[kept]) == np.inf
+
+
+def test_parts_of_unequal_size_weigh_as_much_as_they_should():
+    """Half of the matches crowd in a twentieth of the view: the standard error is still that of the noise."""
+    ratios = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        x = rng.uniform([-0.7, -0.5], [0.7, 0.5], (600, 2))
+        x[:300] = [0.5, 0.3] + 0.1 * x[:300]
+        X = np.column_stack([x, np.ones(600)]) * rng.uniform(1, 4, (600, 1))
+        m, n = (rays[:, :2] / rays[:, 2:] + rng.normal(0, NOISE, (600, 2)) for rays in (X, X + T))
+        m, n = (unit(np.column_stack([rays, np.ones(600)])) for rays in (m, n))
+        pose = estimate(m, n)
+        ratios.append(direction_spread_rad(pose, m, n) / pose.direction_sigma_rad)
+    assert 0.7 < np.median(ratios) < 1.6
 
 
 def test_a_wrong_call_is_told():

@@ -10,11 +10,9 @@ from make_scene import CAMERA, CONFIG, cloud, history_of, hypothesis, observe, p
 from quest import estimate_relative_pose
 from quest.quaternion import rotation_angle, rotation_from_vector
 from slam_init.bundle_problem import BundleFailure, BundleSolution
-from slam_init.judging import vote
 from slam_init.mapping import (
     Margin,
     build_candidate,
-    difference_of_maps_deg,
     explained_at_most,
     further_views,
     margin,
@@ -24,8 +22,7 @@ from slam_init.mapping import (
     table_of,
     voting_views,
 )
-from slam_init.reasons import ACCEPTED
-from slam_init.types import Attempt, Pose
+from slam_init.types import Pose
 
 POSES = make_poses(5)
 #: Towards the plane in a curve. The twin's plane is perpendicular to the baseline: only where the camera moves roughly
@@ -271,47 +268,3 @@ def test_votes_that_neighbours_share_count_as_one():
     assert margin_of(shared, where).z < 0.6 * shared.sum() / np.sqrt(np.sum(shared**2))
     assert margin_of(-shared, where).z == pytest.approx(-margin_of(shared, where).z)
     assert margin_of(np.zeros(480), where).z == 0
-
-
-def bent(candidate, angle_rad):
-    """The same map with all its baselines turned about the first camera, in a plane that they do not stand upon."""
-    problem = candidate.bundle.problem
-    turn = rotation_from_vector(np.array([0.0, angle_rad, 0.0]))
-    poses = tuple(Pose(pose.R, turn @ pose.t) for pose in problem.world_from_cam)
-    bundle = replace(candidate.bundle, problem=replace(problem, world_from_cam=poses))
-    return replace(candidate, bundle=bundle)
-
-
-def with_noise(candidate, noise_px):
-    return replace(candidate, bundle=replace(candidate.bundle, noise_px=noise_px))
-
-
-def test_maps_differ_by_the_angles_between_their_baselines(general):
-    rotation_deg, direction_deg = difference_of_maps_deg(general, bent(general, np.deg2rad(5)))
-    assert rotation_deg == pytest.approx(0, abs=1e-6)
-    assert 1 < direction_deg <= 5 + 1e-9
-    assert difference_of_maps_deg(general, general) == pytest.approx((0, 0), abs=1e-5)
-    failed = replace(general, bundle=BundleFailure("for this test"))
-    assert difference_of_maps_deg(general, failed) == (np.inf, np.inf)
-
-
-@pytest.mark.parametrize(("angle_deg", "verdict"), [(5, "accepted"), (40, "ambiguous_plane")])
-def test_a_rival_that_is_nearly_the_same_need_not_be_beaten_but_counts_as_error(general, angle_deg, verdict):
-    # So much noise that nothing can be told.
-    vague = with_noise(general, 1e4)
-    attempt = Attempt((0, 1), ACCEPTED, {})
-    attempt, margin_ = vote(CAMERA, CONFIG, attempt, [vague, bent(vague, np.deg2rad(angle_deg))], None)
-    assert attempt.verdict == verdict
-    if verdict == "accepted":
-        assert margin_ is None
-        assert 1 < attempt.evidence["near_rival_deg"] <= angle_deg + 1e-9
-    else:
-        assert "near_rival_deg" not in attempt.evidence
-
-
-def test_a_near_rival_that_is_beaten_is_none(general):
-    attempt = Attempt((0, 1), ACCEPTED, {})
-    attempt, margin_ = vote(CAMERA, CONFIG, attempt, [general, bent(general, np.deg2rad(5))], None)
-    assert attempt.verdict == ACCEPTED
-    assert margin_.decides()
-    assert "near_rival_deg" not in attempt.evidence

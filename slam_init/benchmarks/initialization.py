@@ -246,14 +246,14 @@ def _count_table(outcomes: Sequence[Outcome], what: str) -> str:
 
 
 def from_first_motion(task: Task) -> Task:
-    """The same source from the last frame on in which its camera is where it was at first."""
+    """The same source, from the last frame before its camera's first motion on."""
     from slam_init.datasets import open_source
 
     source = open_source(task.source, task.seed)
     if source.groundtruth is None:
         raise ValueError(f"{task.source}: no ground truth says when it moves")
     poses = [source.groundtruth.at(time_s) for time_s in source.timestamps_s]
-    places = np.array([pose.t for pose in poses if pose is not None])
+    places = np.array([np.full(3, np.nan) if pose is None else pose.t for pose in poses])
     moved = np.linalg.norm(places - places[0], axis=1) > _AT_REST_M
     if not moved.any():
         raise ValueError(f"{task.source}: the camera never moves")
@@ -261,17 +261,19 @@ def from_first_motion(task: Task) -> Task:
 
 
 def delay_text(whole: Sequence[Outcome], from_motion: Sequence[Outcome]) -> str:
-    """By how many frames the map comes later than that of an initializer that begins with the motion."""
+    """By how many frames a correct map comes later than that of an initializer that begins with the motion."""
     delays = [
         one.frames_to_init - (other.task.start + other.frames_to_init)
         for one, other in zip(whole, from_motion, strict=True)
+        if {judge(one), judge(other)} <= {"strict", "correct"}
         if one.frames_to_init is not None and other.frames_to_init is not None
     ]
     if not delays:
-        return "No map of a camera that first turns, or none without its turn: no delay to tell."
+        return "No run has a correct map both with its turn and without it: no delay to tell."
     return (
         f"`{_MOVES_LATER.removeprefix('synth:')}`: the map comes {median(delays):g} frames later (median; "
-        f"{min(delays)} to {max(delays)}; {len(delays)} runs) than that of an initializer that begins with the motion."
+        f"{min(delays)} to {max(delays)}; {len(delays)} of {len(whole)} runs) than that of an initializer that begins "
+        "with the motion."
     )
 
 

@@ -62,7 +62,7 @@ VARIANTS: tuple[Variant, ...] = (
         config=Config(acceptance=AcceptanceConfig(min_explained=_NONE, min_further_agreement=_NONE)),
     ),
     Variant(
-        "no allowance for shared errors and the focal length",
+        "no least shared error, no focal error",
         config=Config(acceptance=AcceptanceConfig(min_shared_error_px=_LEAST_PX, focal_error=_NONE)),
     ),
     Variant("no test for a turning camera", config=Config(acceptance=AcceptanceConfig(min_turning_residual=_NONE))),
