@@ -20,7 +20,12 @@ _SHORT_BASELINE = 0.3
 
 
 def check(
-    camera: Camera, candidate: MapCandidate, bundle: BundleSolution, shared_turn_rad: float, config: AcceptanceConfig
+    camera: Camera,
+    candidate: MapCandidate,
+    bundle: BundleSolution,
+    shared_turn_rad: float,
+    near_deg: float,
+    config: AcceptanceConfig,
 ) -> tuple[str, list[Gate]]:
     """The verdict on an adjusted map, and all gates.
 
@@ -32,6 +37,8 @@ def check(
         The adjusted map of the candidate.
     shared_turn_rad : float
         By how much errors that tracks share may turn the baseline of the pair (:mod:`slam_init.shared_error`).
+    near_deg : float
+        How far the baselines of a nearly equal map are that could not be ruled out.
     config : AcceptanceConfig
     """
     points = len(bundle.problem.points)
@@ -41,7 +48,7 @@ def check(
     gates = [
         Gate(
             "direction_bound_deg",
-            direction_bound_deg(candidate, bundle, shared_turn_rad),
+            direction_bound_deg(candidate, bundle, shared_turn_rad) + near_deg,
             error,
             False,
             "low_parallax",

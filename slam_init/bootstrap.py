@@ -221,26 +221,27 @@ def try_pair(
         return Outcome(refused_at(attempt, "bundle_adjustment_failed", "map"))
 
     attempt, ruling = vote(camera, config, attempt, candidates if third_view else candidates[:1], plane)
-    decided_by = None if ruling is None else ruling.margin
-    if attempt.verdict != ACCEPTED and ruling is not None:
+    if attempt.verdict != ACCEPTED:
         suspected = suspect_calibration(camera, config, attempt, pose, turning, shared_rad)
         # A turning camera is a third explanation then, and the two maps are no kept set.
         kept = (best, ruling.rival) if suspected.verdict == attempt.verdict else ()
         undecided = tuple(
-            _hand_over(history, one.bundle, pose.kind).map for one in kept if isinstance(one.bundle, BundleSolution)
+            _hand_over(history, one.bundle, pose.kind).map
+            for one in kept
+            if one is not None and isinstance(one.bundle, BundleSolution)
         )
-        return Outcome(suspected, hypotheses=undecided, margin=decided_by)
+        return Outcome(suspected, hypotheses=undecided, margin=ruling.margin)
 
-    attempt = judge_map(camera, config, attempt, best, best.bundle, shared_turn_rad, third_view)
+    attempt = judge_map(camera, config, attempt, best, best.bundle, shared_turn_rad, ruling.near_deg, third_view)
     confirmable = attempt.verdict == "no_third_view" and len(table.frames) == 2 and len(candidates) == 1
     if attempt.verdict != ACCEPTED and not confirmable:
-        return Outcome(attempt, margin=decided_by)
+        return Outcome(attempt, margin=ruling.margin)
     noise_rad = best.bundle.noise_px / camera.focal_px
     attempt = judge_turning(camera, config, attempt, turning, noise_rad, shared_rad)
     handover = _hand_over(history, best.bundle, pose.kind)
     if attempt.verdict == ACCEPTED:
-        return Outcome(replace(attempt, progress=1.0), accepted=handover, margin=decided_by)
-    return Outcome(attempt, unconfirmed=handover if attempt.verdict == "no_third_view" else None, margin=decided_by)
+        return Outcome(replace(attempt, progress=1.0), accepted=handover, margin=ruling.margin)
+    return Outcome(attempt, unconfirmed=handover if attempt.verdict == "no_third_view" else None, margin=ruling.margin)
 
 
 def _hand_over(history: History, bundle: BundleSolution, scene: str) -> Handover:

@@ -16,7 +16,15 @@ from slam_init.camera import Camera
 from slam_init.config import Config
 from slam_init.handover import Evidence, looked_at, refused_at, refused_by
 from slam_init.keyframes import difference_gate
-from slam_init.mapping import MapCandidate, Margin, margin, same_map, table_of, voting_views
+from slam_init.mapping import (
+    MapCandidate,
+    Margin,
+    difference_of_maps_deg,
+    margin,
+    same_map,
+    table_of,
+    voting_views,
+)
 from slam_init.plane_vote import plane_margin
 from slam_init.reasons import ACCEPTED, ADVICE, Gate
 from slam_init.tracks import History
@@ -40,6 +48,9 @@ _TURNING_SHARED = 3.0
 #: err by themselves, as a logarithm, and more than one standard deviation if neighbours err alike. Of 1300 votes on
 #: drawn planes, free points decided for the wrong one twice without the former, never with both.
 _ODDS, _LEANS = 7.0, 1.0
+#: Two maps nearer than this are nearly the same: an initialization is wrong by more. The rotation is that of the
+#: direction where parallax is a tenth of a radian: the one is traded for the other.
+_NEAR_ROTATION_DEG, _NEAR_DIRECTION_DEG = 1.0, 10.0
 
 
 def judge_two_views(
@@ -130,23 +141,36 @@ def vote_of_plane(
 
 
 class Ruling(NamedTuple):
-    """A vote between the best map and a rival."""
+    """What the votes between the best map and its rivals came to.
 
-    margin: Margin
-    rival: MapCandidate
+    Attributes
+    ----------
+    margin : Margin or None
+        The one that the verdict hangs on: of the rival that came nearest, and of its votes the clearest, or the one
+        that speaks against the best map. None where no rival had to be beaten.
+    rival : MapCandidate or None
+        That rival.
+    near_deg : float
+        How far the baselines of the nearly equal maps are that could not be ruled out.
+    """
+
+    margin: Margin | None
+    rival: MapCandidate | None
+    near_deg: float
 
 
 def vote(
     camera: Camera, config: Config, attempt: Attempt, candidates: list[MapCandidate], plane: Margin | None
-) -> tuple[Attempt, Ruling | None]:
+) -> tuple[Attempt, Ruling]:
     """Whether the best map is better than each of its rivals, beyond doubt: as free points, or as a plane.
 
-    The ruling is the one that the verdict hangs on: of the rival that came nearest, and of its votes the clearest, or
-    the one that speaks against the best map; None without a rival.
+    A rival that is nearly the same map need not be beaten: were it the right one, the best would be off by about what
+    lies between them, and so much is added to the bound of its direction.
     """
     best, *rivals = candidates
     evidence = dict(attempt.evidence)
-    rulings = []
+    votes: list[tuple[Margin, MapCandidate]] = []
+    near_deg = 0.0
     for k, rival in enumerate(rivals, start=1):
         if same_map(best, rival):
             continue
@@ -159,11 +183,17 @@ def vote(
             # its rival. They are believed where the plane, whose points cannot give way, says the same at long odds.
             margins = [free, plane] if plane.log_likelihood > _ODDS and plane.z > _LEANS else [plane]
         against = [m for m in margins if m.reversed().decides()]
-        rulings.append(Ruling(min(against or [max(margins, key=Margin.share)], key=Margin.share), rival))
-    if not rulings:
-        return attempt, None
-    ruling = min(rulings, key=lambda one: one.margin.share())
-    chosen = ruling.margin
+        clearest = min(against or [max(margins, key=Margin.share)], key=Margin.share)
+        rotation_deg, direction_deg = difference_of_maps_deg(best, rival)
+        near = rotation_deg < _NEAR_ROTATION_DEG and direction_deg < _NEAR_DIRECTION_DEG
+        if near and not against and not clearest.decides():
+            near_deg = max(near_deg, direction_deg)
+            evidence["near_rival_deg"] = near_deg
+        else:
+            votes.append((clearest, rival))
+    if not votes:
+        return replace(attempt, evidence=evidence), Ruling(None, None, near_deg)
+    chosen, closest = min(votes, key=lambda one: one[0].share())
     curve = "scene too flat: move in a curve, or show something off the plane"
     gates = (
         Gate("vote_z", chosen.z, chosen.z_needed, True, "ambiguous_plane", curve),
@@ -177,7 +207,7 @@ def vote(
         ),
     )
     attempt = looked_at(replace(attempt, evidence=evidence), gates)
-    return (attempt if chosen.decides() else refused_by(attempt, "map", gates)), ruling
+    return (attempt if chosen.decides() else refused_by(attempt, "map", gates)), Ruling(chosen, closest, near_deg)
 
 
 # -- the map --------------------------------------------------------------------------------------
@@ -190,10 +220,11 @@ def judge_map(
     best: MapCandidate,
     bundle: BundleSolution,
     shared_turn_rad: float,
+    near_deg: float,
     third_view: bool,
 ) -> Attempt:
     """The gates of the acceptance; without a third view those that ask for one are passed over."""
-    verdict, gates = acceptance.check(camera, best, bundle, shared_turn_rad, config.acceptance)
+    verdict, gates = acceptance.check(camera, best, bundle, shared_turn_rad, near_deg, config.acceptance)
     attempt = looked_at(attempt, gates)
     attempt = replace(
         attempt,

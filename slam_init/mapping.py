@@ -29,6 +29,7 @@ __all__ = [
     "Margin",
     "TrackTable",
     "build_candidate",
+    "difference_of_maps_deg",
     "explained_at_most",
     "further_views",
     "margin",
@@ -40,8 +41,7 @@ __all__ = [
 ]
 
 #: Two adjusted maps nearer than this are one: an order below what makes an initialization wrong.
-_SAME_ROTATION_RAD = np.deg2rad(0.3)
-_SAME_DIRECTION_RAD = np.deg2rad(2.0)
+_SAME_ROTATION_DEG, _SAME_DIRECTION_DEG = 0.3, 2.0
 #: A vote counts up to three standard deviations: what lies beyond, one in 90 by noise, is unexplained either way.
 _VOTING_SIGMAS = 3.0
 
@@ -295,17 +295,25 @@ def rank(camera: Camera, config: Config, candidates: list[MapCandidate]) -> list
 
 def same_map(a: MapCandidate, b: MapCandidate) -> bool:
     """Whether two hypotheses ended in the same optimum."""
+    rotation_deg, direction_deg = difference_of_maps_deg(a, b)
+    return rotation_deg <= _SAME_ROTATION_DEG and direction_deg <= _SAME_DIRECTION_DEG
+
+
+def difference_of_maps_deg(a: MapCandidate, b: MapCandidate) -> tuple[float, float]:
+    """Largest angle between the rotations of two maps, and between their baselines from the first view.
+
+    Infinite where one could not be adjusted, or they have not the same keyframes.
+    """
     if not (isinstance(a.bundle, BundleSolution) and isinstance(b.bundle, BundleSolution)):
-        return False
+        return float("inf"), float("inf")
     if a.bundle.problem.frames != b.bundle.problem.frames:
-        return False
+        return float("inf"), float("inf")
+    rotations, directions = [], []
     for p, q in zip(a.bundle.problem.world_from_cam[1:], b.bundle.problem.world_from_cam[1:], strict=True):
-        if rotation_angle(p.R.T @ q.R) > _SAME_ROTATION_RAD:
-            return False
+        rotations.append(float(rotation_angle(p.R.T @ q.R)))
         cosine = float(p.t @ q.t) / max(float(np.linalg.norm(p.t) * np.linalg.norm(q.t)), 1e-300)
-        if cosine < np.cos(_SAME_DIRECTION_RAD):
-            return False
-    return True
+        directions.append(float(np.arccos(np.clip(cosine, -1, 1))))
+    return float(np.degrees(max(rotations))), float(np.degrees(max(directions)))
 
 
 def _poses(candidate: MapCandidate) -> dict[int, Pose]:

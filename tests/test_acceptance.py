@@ -35,11 +35,13 @@ def shrunk(factor, count=4):
 
 
 def verdict(candidate, **changed):
-    return check(CAMERA, candidate, candidate.bundle, SHARED_TURN_RAD, replace(GATES, **changed))[0]
+    return check(CAMERA, candidate, candidate.bundle, SHARED_TURN_RAD, 0.0, replace(GATES, **changed))[0]
 
 
 def measured(candidate, shared_turn_rad=SHARED_TURN_RAD):
-    return {gate.name: gate.value for gate in check(CAMERA, candidate, candidate.bundle, shared_turn_rad, GATES)[1]}
+    return {
+        gate.name: gate.value for gate in check(CAMERA, candidate, candidate.bundle, shared_turn_rad, 0.0, GATES)[1]
+    }
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +51,7 @@ def good():
 
 
 def test_a_good_map_is_accepted_and_every_gate_says_so(good):
-    result, gates = check(CAMERA, good, good.bundle, SHARED_TURN_RAD, GATES)
+    result, gates = check(CAMERA, good, good.bundle, SHARED_TURN_RAD, 0.0, GATES)
     assert result == ACCEPTED
     assert all(gate.passes() for gate in gates)
     assert len({gate.name for gate in gates}) == len(gates)
@@ -118,7 +120,7 @@ def test_half_of_what_is_needed_is_half_fulfilled():
 
 
 def test_every_gate_says_what_would_help_and_what_it_compared(good):
-    _, gates = check(CAMERA, good, good.bundle, SHARED_TURN_RAD, GATES)
+    _, gates = check(CAMERA, good, good.bundle, SHARED_TURN_RAD, 0.0, GATES)
     assert all(gate.advice for gate in gates)
     for gate in gates:
         assert gate.evidence() == {gate.name: gate.value, f"{gate.name}_gate": gate.threshold}
@@ -140,6 +142,15 @@ def test_what_tracks_share_turns_a_short_baseline_farther_than_that_of_the_pair(
     assert measured(candidate)["direction_bound_deg"] == pytest.approx(expected, rel=0.02)
 
 
+def test_a_near_rival_adds_to_the_bound(good):
+    alone, beside = (
+        {gate.name: gate.value for gate in check(CAMERA, good, good.bundle, SHARED_TURN_RAD, near_deg, GATES)[1]}
+        for near_deg in (0.0, 4.0)
+    )
+    assert beside.pop("direction_bound_deg") == pytest.approx(alone.pop("direction_bound_deg") + 4.0)
+    assert beside == alone
+
+
 def test_uncertainty_grows_with_the_noise():
     quiet, loud = (measured(candidate_of(make_poses(4), noise_px)) for noise_px in (0.2, 0.6))
     assert loud["depth_sigma"] == pytest.approx(3 * quiet["depth_sigma"], rel=0.2)
@@ -149,7 +160,7 @@ def test_uncertainty_grows_with_the_noise():
 def test_more_tracks_lower_the_bound_but_not_below_what_they_share(good):
     few, many = (measured(candidate_of(make_poses(4), 0.6, count))["direction_bound_deg"] for count in (100, 1600))
     assert many < few
-    shared = check(CAMERA, good, good.bundle, 4 * SHARED_TURN_RAD, GATES)[1]
+    shared = check(CAMERA, good, good.bundle, 4 * SHARED_TURN_RAD, 0.0, GATES)[1]
     (bound,) = (gate.value for gate in shared if gate.name == "direction_bound_deg")
     assert bound > 2 * measured(good)["direction_bound_deg"]
 

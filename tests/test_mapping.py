@@ -10,9 +10,11 @@ from make_scene import CAMERA, CONFIG, cloud, history_of, hypothesis, observe, p
 from quest import estimate_relative_pose
 from quest.quaternion import rotation_angle, rotation_from_vector
 from slam_init.bundle_problem import BundleFailure, BundleSolution
+from slam_init.judging import vote
 from slam_init.mapping import (
     Margin,
     build_candidate,
+    difference_of_maps_deg,
     explained_at_most,
     further_views,
     margin,
@@ -22,7 +24,8 @@ from slam_init.mapping import (
     table_of,
     voting_views,
 )
-from slam_init.types import Pose
+from slam_init.reasons import ACCEPTED
+from slam_init.types import Attempt, Pose
 
 POSES = make_poses(5)
 #: Towards the plane in a curve. The twin's plane is perpendicular to the baseline: only where the camera moves roughly
@@ -268,3 +271,58 @@ def test_votes_that_neighbours_share_count_as_one():
     assert margin_of(shared, where).z < 0.6 * shared.sum() / np.sqrt(np.sum(shared**2))
     assert margin_of(-shared, where).z == pytest.approx(-margin_of(shared, where).z)
     assert margin_of(np.zeros(480), where).z == 0
+
+
+def bent(candidate, angle_deg):
+    """The same map with all its baselines turned about the first camera, in a plane that they do not stand upon."""
+    problem = candidate.bundle.problem
+    turn = rotation_from_vector(np.array([0.0, np.deg2rad(angle_deg), 0.0]))
+    poses = tuple(Pose(pose.R, turn @ pose.t) for pose in problem.world_from_cam)
+    return replace(candidate, bundle=replace(candidate.bundle, problem=replace(problem, world_from_cam=poses)))
+
+
+def with_noise(candidate, noise_px):
+    return replace(candidate, bundle=replace(candidate.bundle, noise_px=noise_px))
+
+
+def voted(*candidates):
+    return vote(CAMERA, CONFIG, Attempt((0, 1), ACCEPTED, {}), list(candidates), None)
+
+
+def test_maps_differ_by_the_angles_between_their_baselines(general):
+    rotation_deg, direction_deg = difference_of_maps_deg(general, bent(general, 5))
+    assert rotation_deg == pytest.approx(0, abs=1e-6)
+    assert 1 < direction_deg <= 5 + 1e-9
+    assert difference_of_maps_deg(general, general) == pytest.approx((0, 0), abs=1e-5)
+    failed = replace(general, bundle=BundleFailure("for this test"))
+    assert difference_of_maps_deg(general, failed) == (np.inf, np.inf)
+
+
+def test_a_rival_that_is_nearly_the_same_need_not_be_beaten_but_counts_as_error(general):
+    vague = with_noise(general, 1e4)  # nothing can be told
+    attempt, ruling = voted(vague, bent(vague, 5))
+    assert attempt.verdict == ACCEPTED
+    assert ruling.margin is None
+    assert 1 < ruling.near_deg == attempt.evidence["near_rival_deg"] <= 5 + 1e-9
+
+
+def test_a_rival_far_off_must_be_beaten_and_is_the_one_that_is_kept(general):
+    vague = with_noise(general, 1e4)
+    near, far = bent(vague, 5), bent(vague, 40)
+    attempt, ruling = voted(vague, near, far)
+    assert attempt.verdict == "ambiguous_plane"
+    assert ruling.rival is far
+
+
+def test_a_near_rival_that_beats_the_best_map_is_not_passed_over(general):
+    attempt, ruling = voted(bent(general, 5), general)
+    assert attempt.verdict == "ambiguous_plane"
+    assert ruling.rival is general
+    assert ruling.margin.reversed().decides()
+
+
+def test_a_near_rival_that_is_beaten_is_none(general):
+    attempt, ruling = voted(general, bent(general, 5))
+    assert attempt.verdict == ACCEPTED
+    assert ruling.margin.decides()
+    assert ruling.near_deg == 0
