@@ -62,7 +62,8 @@ def direction_spread_rad(pose: RelativePose, bearings1: ArrayLike, bearings2: Ar
 
     References
     ----------
-    Module docstring; [B99]_, equation 8.
+    Module docstring. Departing from [B99]_ the spread is taken around the fit to all matches and not around the
+    jackknife's own mean: what leaving out a part changes on average, a bias, counts as error too.
     """
     m, n = as_matches(bearings1, bearings2, at_least=0)
     if pose.kind == "rotation":
@@ -76,6 +77,8 @@ def direction_spread_rad(pose: RelativePose, bearings1: ArrayLike, bearings2: Ar
         return float("inf")
     _, J = sampson_jacobian(pose.R, pose.t, m, n)
     information = J.T @ J
+    if not np.trace(information) > 0:
+        return float("inf")
     left = np.array([information - J[part == one].T @ J[part == one] for one in parts])
     # In units of the information of all, whatever the units of the five unknowns are.
     whiten = np.linalg.inv(np.linalg.cholesky(information + 1e-12 * np.trace(information) * np.eye(5)))

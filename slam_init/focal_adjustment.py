@@ -16,6 +16,7 @@ from slam_init.bundle_noise import least_squares_noise
 from slam_init.bundle_problem import BundleFit, FocalPrior
 from slam_init.camera import Camera
 from slam_init.config import MapConfig
+from slam_init.errors import CalibrationError
 
 __all__ = ["adjust_focal", "camera_with_focal_factor"]
 
@@ -55,17 +56,23 @@ def adjust_focal(prior: FocalPrior, fit: BundleFit, config: MapConfig) -> Bundle
     graph, values = build_graph(camera, problem, noise_px, robust=False, prior=prior)
     error = float(graph.error(values))
     for _ in range(_NEWTON_STEPS):
-        # The step of all unknowns: its part in the focal length is Newton's.
-        step = graph.linearize(values).optimize()
+        try:
+            # The step of all unknowns: its part in the focal length is Newton's.
+            step = graph.linearize(values).optimize()
+        except RuntimeError:  # how gtsam reports singular systems and cheirality
+            break
         for share in _STEP_SHARES:
             moved = values.retract(step.scale(share))
             factor = read_focal_factor(prior.camera, moved)
             if not _FACTORS[0] < factor < _FACTORS[1]:
                 continue
-            tried = camera_with_focal_factor(prior.camera, factor)
-            polished, more = optimize(
-                tried, read_problem(moved, problem), noise_px, robust=False, iterations=15, tolerance=1e-6
-            )
+            try:
+                tried = camera_with_focal_factor(prior.camera, factor)
+                polished, more = optimize(
+                    tried, read_problem(moved, problem), noise_px, robust=False, iterations=15, tolerance=1e-6
+                )
+            except (RuntimeError, CalibrationError):  # too far: a shorter step, or the last fit stands
+                continue
             # Asked first: gtsam tells of a landmark behind a camera of variable calibration on the standard output.
             if not np.isfinite(polished.residuals(tried)).all():
                 continue

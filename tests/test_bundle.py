@@ -8,6 +8,7 @@ from make_map import CAMERAS, make_poses
 from make_scene import CAMERA, CONFIG, between, cloud, plane, problem
 
 from quest.quaternion import rotation_angle, rotation_from_vector
+from slam_init import bundle, focal_adjustment
 from slam_init.bundle import adjust
 from slam_init.bundle_graph import calibration_key, gtsam_calibration, measured_pixels
 from slam_init.bundle_problem import BundleFailure, BundleSolution
@@ -392,3 +393,41 @@ def test_a_longer_lens_with_k3_bends_the_image_as_before():
     longer = camera_with_focal_factor(camera, 1.07)
     np.testing.assert_allclose(measured_pixels(longer, pixels), measured_pixels(camera, pixels), atol=1e-9)
     np.testing.assert_allclose(1.07 * longer.normalize(pixels), camera.normalize(pixels), atol=1e-12)
+
+
+def failing_from(call, count):
+    """A function that fails as gtsam does from some call on."""
+    calls = []
+
+    def wrapped(*args, **kwargs):
+        calls.append(args)
+        if len(calls) >= count:
+            raise RuntimeError("Indeterminant linear system")
+        return call(*args, **kwargs)
+
+    return wrapped
+
+
+def test_a_round_of_the_focal_length_that_fails_leaves_the_last_one(monkeypatch):
+    rng = np.random.default_rng(0)
+    noisy = problem(CAMERA, cloud(rng), TURNING, 0.2, rng)
+    stated = camera_with_focal_factor(CAMERA, 1.05)
+    monkeypatch.setattr(bundle, "_fit", failing_from(bundle._fit, 2))
+    solution = adjust(stated, noisy, FOCAL)
+    assert isinstance(solution, BundleSolution)
+    assert solution.focal_factor < 0.99  # of the one step before
+
+
+def test_steps_of_the_focal_length_that_fail_leave_the_stated_one(monkeypatch):
+    rng = np.random.default_rng(0)
+    noisy = problem(CAMERA, cloud(rng), TURNING, 0.2, rng)
+    monkeypatch.setattr(focal_adjustment, "optimize", failing_from(focal_adjustment.optimize, 1))
+    solution = adjust(CAMERA, noisy, FOCAL)
+    assert isinstance(solution, BundleSolution)
+    assert solution.focal_factor == 1
+
+
+def test_no_landmarks_have_no_parallax():
+    rng = np.random.default_rng(0)
+    exact = problem(CAMERA, cloud(rng), SIDEWAYS, 0.0, rng)
+    assert exact.keep(np.zeros(len(exact.views), bool)).parallax_rad().shape == (0,)

@@ -71,6 +71,9 @@ def test_where_one_part_holds_all_that_is_known_nothing_can_be_said():
     # A dozen matches far off, all of one ray: without the rest they fix no motion.
     by_distance = np.argsort(np.linalg.norm(m - unit(np.array([[0.5, 0.35, 1.0]])), axis=1))
     kept = np.concatenate([by_distance[:60], np.repeat(by_distance[-1:], 12)])
+    # Every ray along the translation: no residual depends on the motion.
+    along = np.repeat(pose.t[None], len(m), axis=0)
+    assert direction_spread_rad(pose, along, along @ pose.R.T) == np.inf
     crowded = replace(pose, inliers=np.ones(len(kept), bool))
     assert direction_spread_rad(crowded, m[kept], n[kept]) == np.inf
 
