@@ -23,14 +23,14 @@ References
 
 from quest.errors import InputError
 from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
-from quest.nullspace import quest6_fast
-from quest.parallax import ParallaxStatement, parallax_statement
-from quest.quest5 import quest5
-from quest.quest6 import quest6
-from quest.quest7 import quest7
-from quest.questn import questn
-from quest.solvers import SOLVERS, Solver
-from quest.translation import translation_and_depths
+from quest.registry import SOLVERS, Solver
+from quest.solvers.quest5 import quest5
+from quest.solvers.quest6 import quest6
+from quest.solvers.quest6_fast import quest6_fast
+from quest.solvers.quest7 import quest7
+from quest.solvers.questn import questn
+from quest.solvers.translation import translation_and_depths
+from quest.uncertainty.parallax import ParallaxStatement, parallax_statement
 
 __all__ = [
     "SOLVERS",

@@ -3,7 +3,7 @@
 The order of the function :func:`estimate_relative_pose` is the order of the questions:
 
 1. Which rigid motion explains most matches? Small samples, cheirality, locally optimized RANSAC.
-2. Is its translation observable (:mod:`quest.parallax`)? Else the kind is "rotation", where a rotation explains a
+2. Is its translation observable (:mod:`quest.uncertainty.parallax`)? Else the kind is "rotation", where a rotation explains a
    quarter of the matches, and there is no pose where it does not.
 3. Is the motion more than chance would explain, and do the points spread beyond a line? Else there is no pose.
 4. Do the points lie on a plane, and does the plane's twin explain them as well? Then the twin is an alternative. Any
@@ -20,19 +20,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.epipolar import as_matches, depths_from_pose
 from quest.errors import InputError, as_floats, as_index, as_positive
-from quest.modes import same_mode, spread_out
-from quest.neighbours import directions_of, scatter_of_sum
-from quest.parallax import ParallaxStatement, parallax_statement, typical_ratios
-from quest.planes import PlaneFit, fit_plane, off_line_rad
-from quest.pose_problem import SAMPLERS, CompiledPoseProblem, RelativePoseProblem
-from quest.quaternion import canonical, matrix_from_quaternion, quaternion_from_matrix
-from quest.ransac import RansacReport, ransac
-from quest.refine import sampson_jacobian
+from quest.geometry.epipolar import as_matches, depths_from_pose
+from quest.geometry.quaternion import canonical, matrix_from_quaternion, quaternion_from_matrix
+from quest.geometry.refine import sampson_jacobian
 from quest.relative_pose import Hypothesis, NoPose, RelativePose
-from quest.rotation import fit_rotation
-from quest.search import search_five
+from quest.robust.lo_ransac import search_five
+from quest.robust.plane import PlaneFit, fit_plane, off_line_rad
+from quest.robust.pose_modes import same_mode, spread_out
+from quest.robust.pose_problem import SAMPLERS, CompiledPoseProblem, RelativePoseProblem
+from quest.robust.ransac import RansacReport, ransac
+from quest.robust.rotation import fit_rotation
+from quest.robust.spatial_blocks import directions_of, scatter_of_sum
+from quest.uncertainty.parallax import ParallaxStatement, parallax_statement, typical_ratios
 
 __all__ = ["Hypothesis", "NoPose", "RelativePose", "decides", "estimate_relative_pose"]
 
@@ -68,7 +68,7 @@ def decides(votes_for: int, votes_against: int, total: int, scatter: float | Non
 
     Under the null hypothesis that neither is better, each such vote is a fair coin, and the difference has the standard
     deviation sqrt(for + against): four of them are exceeded once in 30 000. Votes that come from one small moving
-    object or a repeated texture are not independent: their ``scatter`` (:mod:`quest.neighbours`) takes its place where
+    object or a repeated texture are not independent: their ``scatter`` (:mod:`quest.robust.spatial_blocks`) takes its place where
     it is known. Twelve votes, and 3 % of all matches, are asked for besides: fewer may lie in regions of their own and
     still be one repeated texture.
     """

@@ -17,12 +17,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.epipolar import as_matches
 from quest.errors import InputError
-from quest.neighbours import directions_of, regions_of
-from quest.pose_problem import CompiledPoseProblem
-from quest.refine import sampson_jacobian
+from quest.geometry.epipolar import as_matches
+from quest.geometry.refine import sampson_jacobian
 from quest.relative_pose import RelativePose
+from quest.robust.pose_problem import CompiledPoseProblem
+from quest.robust.spatial_blocks import directions_of, regions_of
 
 __all__ = ["direction_spread_rad"]
 

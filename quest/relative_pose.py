@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.parallax import ParallaxStatement
+from quest.uncertainty.parallax import ParallaxStatement
 
 __all__ = ["Hypothesis", "NoPose", "RelativePose"]
 

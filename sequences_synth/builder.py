@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sequences_synth.quad import Painter
+from sequences_synth.textured_quad import Painter
 from sequences_synth.trajectory import Jitter
 
 __all__ = ["Setup", "hand", "sweep", "turning"]

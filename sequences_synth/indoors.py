@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sequences_synth.builder import Setup, hand, sweep, turning
-from sequences_synth.quad import Painter, Quad, box
+from sequences_synth.textured_quad import Painter, Quad, box
 from sequences_synth.trajectory import Path
 
 __all__ = ["corridor", "desk"]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sequences_synth.builder import Setup, hand, sweep, turning
-from sequences_synth.quad import Quad
+from sequences_synth.textured_quad import Quad
 from sequences_synth.trajectory import PROGRESS_RANGE, Jitter, Path
 
 __all__ = ["nadir", "nadir_turn", "wall"]

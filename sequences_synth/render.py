@@ -16,7 +16,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from sequences_synth.quad import Quad
+from sequences_synth.textured_quad import Quad
 
 __all__ = ["View", "render"]
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from sequences_synth.builder import Setup
 from sequences_synth.indoors import corridor, desk
 from sequences_synth.planes import nadir, nadir_turn, wall
-from sequences_synth.quad import Quad
-from sequences_synth.rooms import room, rotate_then_move, rotation, static
+from sequences_synth.room_scenes import room, rotate_then_move, rotation, static
+from sequences_synth.textured_quad import Quad
 from sequences_synth.trajectory import Path, progress
 
 __all__ = ["SCENES", "World", "build_world"]

@@ -9,15 +9,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from slam_init.calibration import load_camera
-    from slam_init.camera import Camera
+    from slam_init.calibration.files import load_camera
     from slam_init.config import Config, load_config
     from slam_init.datasets import open_source
     from slam_init.errors import SlamInitError
-    from slam_init.export import load_graph
-    from slam_init.online import Status
-    from slam_init.pipeline import Initializer, run
-    from slam_init.types import Frame, InitialMap, Result
+    from slam_init.initializer import Initializer
+    from slam_init.output.results import load_graph
+    from slam_init.runner import run
+    from slam_init.status import Status
+    from slam_init.types.camera import Camera
+    from slam_init.types.frame import Frame
+    from slam_init.types.initial_map import InitialMap
+    from slam_init.types.result import Result
 
 __all__ = [
     "Camera",
@@ -36,19 +39,19 @@ __all__ = [
 ]
 
 _HOME = {
-    "Camera": "camera",
+    "Camera": "types.camera",
     "Config": "config",
-    "Frame": "types",
-    "InitialMap": "types",
-    "Initializer": "pipeline",
-    "Result": "types",
+    "Frame": "types.frame",
+    "InitialMap": "types.initial_map",
+    "Initializer": "initializer",
+    "Result": "types.result",
     "SlamInitError": "errors",
-    "Status": "online",
-    "load_camera": "calibration",
+    "Status": "status",
+    "load_camera": "calibration.files",
     "load_config": "config",
-    "load_graph": "export",
+    "load_graph": "output.results",
     "open_source": "datasets",
-    "run": "pipeline",
+    "run": "runner",
 }
 
 

@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from slam_init.errors import CalibrationError, OutputError, SlamInitError
-from slam_init.streams import InterruptsNoted, NativeStderrSilenced, complain, fill_closed_streams, tell
+from slam_init.process_io import InterruptsNoted, NativeStderrSilenced, complain, fill_closed_streams, tell
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
 
-    from slam_init.camera import Camera
-    from slam_init.types import Source
+    from slam_init.types.camera import Camera
+    from slam_init.types.frame import Source
 
 __all__ = ["entry_point", "main"]
 
@@ -194,9 +194,11 @@ def _run(arguments: argparse.Namespace) -> int:
 
     from slam_init.config import load_config
     from slam_init.datasets import open_source
+    from slam_init.methods.registry import method_info
 
     config_path = Path(arguments.config).expanduser() if arguments.config is not None else None
     config = load_config(config_path, {"method": arguments.method, "seed": arguments.seed})
+    method_info(config.method)
     if arguments.refine_focal:  # without it the file decides
         config = replace(config, map=replace(config.map, refine_focal=True))
     _not_inside_source(out, arguments.source)
@@ -208,8 +210,8 @@ def _run(arguments: argparse.Namespace) -> int:
         ("the focal length is a guess (1.2 times the longer image side): expect a bent map",) if camera.guessed else ()
     )
 
-    from slam_init.export import remove_older_results, summary_text
-    from slam_init.pipeline import run
+    from slam_init.output.results import remove_older_results, summary_text
+    from slam_init.runner import run
 
     new_folder = not out.exists()
     try:
@@ -234,7 +236,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         tell(summary_text(summary))
     elif not arguments.quiet:
-        from slam_init.report import report_text
+        from slam_init.output.report import report_text
 
         tell(report_text(summary, out))
     return _DONE if summary["status"] == "initialized" else _NOT_INITIALIZED
@@ -275,7 +277,7 @@ def _synth(arguments: argparse.Namespace) -> int:
 def _info(arguments: argparse.Namespace) -> int:
     """``slam-init info``."""
     from slam_init.datasets import open_source
-    from slam_init.info import describe, describe_text
+    from slam_init.datasets.describe import describe, describe_text
 
     source = open_source(arguments.source)
     info = describe(source, _camera(arguments, source, 0))
@@ -314,7 +316,7 @@ def _camera(arguments: argparse.Namespace, source: Source, start: int) -> Camera
     frame = next(source.frames(start, 1))
     if arguments.camera is None:
         return source.camera
-    from slam_init.calibration import load_camera
+    from slam_init.calibration.files import load_camera
 
     return load_camera(arguments.camera, (frame.image.shape[1], frame.image.shape[0]))
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from slam_init.errors import ConfigError
-from slam_init.methods.registry import method_info
 
 __all__ = [
     "AcceptanceConfig",
@@ -45,7 +44,7 @@ _RANGES: dict[str, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class TrackingConfig:
-    """Features and tracks (:mod:`slam_init.tracks`)."""
+    """Features and tracks (:mod:`slam_init.frontend.tracks`)."""
 
     #: Corners followed at a time. The direction of the baseline gets more certain with their square root; 800 keep
     #: one core within a 30 Hz frame.
@@ -70,7 +69,7 @@ class TrackingConfig:
 
 @dataclass(frozen=True)
 class KeyframeConfig:
-    """Keyframe manager (:mod:`slam_init.keyframes`)."""
+    """Keyframe manager (:mod:`slam_init.frontend.keyframes`)."""
 
     #: Candidate reference frames kept at a time: each costs about a millisecond a frame, and eight reach back over 70
     #: frames of slow video.
@@ -137,7 +136,7 @@ class MapConfig:
 
 @dataclass(frozen=True)
 class AcceptanceConfig:
-    """When a map is handed over (:mod:`slam_init.acceptance`)."""
+    """When a map is handed over (:mod:`slam_init.decision.map_gates`)."""
 
     #: As in ORB-SLAM and stella_vslam: what tracking goes on from.
     min_landmarks: int = 50
@@ -145,7 +144,7 @@ class AcceptanceConfig:
     #: is wrong from 15 degrees on; a third of that is left for what a noise model does not hold.
     max_direction_error_deg: float = 10.0
     #: Error that tracks share and that does not average out. It is measured for each pair
-    #: (:mod:`slam_init.shared_error`); less than this is not believed, since what a motion took in does not show: three
+    #: (:mod:`slam_init.decision.correlated_error`); less than this is not believed, since what a motion took in does not show: three
     #: times the 0.05 px by which interpolation between pixels misleads a tracker.
     min_shared_error_px: float = 0.15
     #: By what share the focal length may be off, as those of data sheets and zooms are: the direction may not turn by
@@ -199,7 +198,6 @@ def load_config(path: Path | None, overrides: dict[str, Any] | None = None) -> C
             raise ConfigError(f"{path} is not valid TOML: {error}") from None
     table |= {key: value for key, value in (overrides or {}).items() if value is not None}
     config: Config = _build(Config, table, where=str(path) if path else "options", prefix="")
-    method_info(config.method)
     return config
 
 

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from slam_init.errors import SourceError
-from slam_init.recording import Recorder
-from slam_init.tracks import Tracker
-from slam_init.triangulation import resect
-from slam_init.types import Frame, InitialMap, Keyframe, Pose
+from slam_init.frontend.tracks import Tracker
+from slam_init.mapping.triangulation import resect
+from slam_init.recording.recorder import Recorder
+from slam_init.types.frame import Frame
+from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.pose import Pose
 
 __all__ = ["Continuation", "follow"]
 

@@ -1,6 +1,6 @@
 """What can be wrong with the caller or the data, as opposed to the scene.
 
-A scene that does not allow initialization is not an error: it is a :class:`slam_init.types.Result` with a
+A scene that does not allow initialization is not an error: it is a :class:`slam_init.types.result.Result` with a
 ``reason``. The classes here mean that somebody has to change an argument or a file, and their message is one line
 that names what is wrong and what to do about it. The command line prints that line and exits with code 2.
 """

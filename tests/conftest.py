@@ -3,38 +3,16 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
-from pathlib import Path
-from typing import Any
 
 import pytest
 from make_source import KeptSource, synth
+from runs import Fed, Run
 
 from slam_init.config import Config
-from slam_init.pipeline import Initializer, run
-from slam_init.tracks import Tracker
-from slam_init.types import Frame, Result
-
-
-@dataclass(frozen=True)
-class Run:
-    """A run and what it left."""
-
-    source: KeptSource
-    result: Result
-    summary: dict[str, Any]
-    out: Path
-
-
-@dataclass(frozen=True)
-class Fed:
-    """What an initializer holds once it has a map, and the frames that follow."""
-
-    source: KeptSource
-    tracker: Tracker
-    result: Result
-    following: list[Frame]
+from slam_init.initializer import Initializer
+from slam_init.runner import run
 
 
 @pytest.fixture(scope="session")

@@ -4,11 +4,10 @@ import os
 import re
 import shutil
 import subprocess
-from pathlib import Path
 
 import pytest
+from paths import ROOT
 
-ROOT = Path(__file__).parent.parent
 COMMANDS = ["python -m pip install . && slam-init run", 'python -m pip install ".[test]" && python -m pytest']
 
 #: Stands in for every program that the script may start: notes how it was called, makes what ``-m venv`` would.

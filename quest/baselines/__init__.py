@@ -2,7 +2,7 @@
 
 Written here in batched numpy, so that all solvers meet on equal terms and one suite tests them; the benchmarks set the
 implementations of OpenCV and PoseLib beside them. Each essential matrix gives its two rotations, the twisted pair;
-the translation follows from :func:`quest.selection.select_candidates` or :func:`quest.translation_and_depths`, as for
+the translation follows from :func:`quest.solvers.selection.select_candidates` or :func:`quest.translation_and_depths`, as for
 QuEst.
 """
 

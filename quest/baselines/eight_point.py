@@ -24,7 +24,7 @@ def eight_point(m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
     Returns
     -------
     (2, 4) or (B, 2, 4) float
-        Unit quaternions wxyz, canonical in sign, the twisted pair; the form is that of :func:`quest.quest6`.
+        Unit quaternions wxyz, canonical in sign, the twisted pair; the form is that of :func:`quest.solvers.quest6`.
 
     Raises
     ------

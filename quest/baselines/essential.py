@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.epipolar import as_matches
 from quest.errors import InputError
-from quest.quaternion import quaternion_from_matrix
-from quest.quest6 import rotation_alone
+from quest.geometry.epipolar import as_matches
+from quest.geometry.quaternion import quaternion_from_matrix
+from quest.solvers.quest6 import rotation_alone
 
 __all__ = ["as_samples", "constraints", "finish", "null_space", "rotations_of_essential"]
 
@@ -23,7 +23,7 @@ def as_samples(m: ArrayLike, n: ArrayLike, at_least: int, at_most: int | None = 
     Raises
     ------
     InputError
-        As :func:`quest.epipolar.as_matches`, and where N is larger than ``at_most``.
+        As :func:`quest.geometry.epipolar.as_matches`, and where N is larger than ``at_most``.
     """
     m, n = as_matches(m, n, at_least=at_least)
     if at_most is not None and m.shape[-2] > at_most:
@@ -67,7 +67,7 @@ def finish(q: Floats, m: Floats, n: Floats, single: bool) -> Floats:
     """Candidates (B, K, 4) as a solver returns them.
 
     Where the camera has only turned, every translation fits, essential matrices are not determined, and the rotation
-    that turns m into n takes the place of what a solver found: :func:`quest.quest6.rotation_alone`.
+    that turns m into n takes the place of what a solver found: :func:`quest.solvers.quest6.rotation_alone`.
     """
     still = rotation_alone(m, n)
     turned = np.isfinite(still[:, 0])

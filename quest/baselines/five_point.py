@@ -54,7 +54,7 @@ def five_point(m: ArrayLike, n: ArrayLike) -> Floats:
     -------
     (K, 4) or (B, 20, 4) float
         Unit quaternions wxyz, canonical in sign, two for each of at most ten essential matrices; the form is that of
-        :func:`quest.quest6`.
+        :func:`quest.solvers.quest6`.
 
     Raises
     ------

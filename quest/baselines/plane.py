@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quest.baselines.essential import as_samples, finish
-from quest.quaternion import quaternion_from_matrix
+from quest.geometry.quaternion import quaternion_from_matrix
 
 __all__ = ["homography"]
 
@@ -24,7 +24,7 @@ def homography(m: ArrayLike, n: ArrayLike) -> Floats:
     """Rotations cam2_from_cam1 of the two motions that the homography of four or more matches allows.
 
     ``n x H m = 0`` in least squares over H of unit norm, then H = R + t k' is taken apart as in
-    :func:`quest.homography.decompose_homography`, here for a batch. It takes the points to lie on a plane: of others
+    :func:`quest.geometry.homography.decompose_homography`, here for a batch. It takes the points to lie on a plane: of others
     what comes out is wrong.
 
     Parameters
@@ -35,7 +35,7 @@ def homography(m: ArrayLike, n: ArrayLike) -> Floats:
     Returns
     -------
     (K, 4) or (B, 2, 4) float
-        Unit quaternions wxyz, canonical in sign, in the form of :func:`quest.quest6`.
+        Unit quaternions wxyz, canonical in sign, in the form of :func:`quest.solvers.quest6`.
 
     Raises
     ------

@@ -34,7 +34,7 @@ def seven_point(m: ArrayLike, n: ArrayLike) -> Floats:
     Returns
     -------
     (K, 4) or (B, 6, 4) float
-        Unit quaternions wxyz, canonical in sign, in the form of :func:`quest.quest6`.
+        Unit quaternions wxyz, canonical in sign, in the form of :func:`quest.solvers.quest6`.
 
     Raises
     ------

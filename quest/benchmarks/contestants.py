@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.baselines.essential import rotations_of_essential
-from quest.printed import quest6_printed, quest7_printed
-from quest.quest6 import quest6
-from quest.solvers import SOLVERS
+from quest.registry import SOLVERS
+from quest.solvers.printed import quest6_printed, quest7_printed
+from quest.solvers.quest6 import quest6
 
 __all__ = ["Contestant", "contestants"]
 

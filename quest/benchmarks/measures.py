@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.quaternion import rotation_angle
+from quest.geometry.quaternion import rotation_angle
 
 __all__ = ["accuracy", "area_under_recall", "pose_errors_deg"]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from quest.benchmarks.paper_tables import NOISES_PX, Cell
+from quest.benchmarks.paper_cells import NOISES_PX, Cell
 
 __all__ = ["draw"]
 

@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quest.benchmarks.contestants import Contestant, contestants
-from quest.benchmarks.paper_protocol import Problems, draw_problems, rotation_error
+from quest.benchmarks.paper_cells import NOISES_PX, Cell
+from quest.benchmarks.paper_problems import Problems, draw_problems, rotation_error
 from quest.benchmarks.running import save
 from quest.benchmarks.tables import markdown_table
-from quest.quaternion import matrix_from_quaternion
-from quest.refine import refine_pose
-from quest.selection import select_candidates
-from quest.translation import translation_and_depths
+from quest.geometry.quaternion import matrix_from_quaternion
+from quest.geometry.refine import refine_pose
+from quest.solvers.selection import select_candidates
+from quest.solvers.translation import translation_and_depths
 
-__all__ = ["NOISES_PX", "Cell", "measure", "report"]
+__all__ = ["measure", "report"]
 
 Floats = NDArray[np.float64]
-
-#: The levels of the paper's figures, by scene.
-NOISES_PX = {"general": (0.0, 0.5, 1.0, 2.0, 5.0, 10.0), "coplanar": (0.0, 0.25, 0.5, 1.0, 2.0)}
 
 # The levels at which the fair measures are tabulated.
 _FAIR_NOISES_PX = (0.5, 2.0)
@@ -37,31 +34,6 @@ _SAME_ROTATION_RAD, _SAME_DIRECTION_RAD = 1e-3, 1e-2
 
 # All matches are inliers, so nothing has to be robust: a kernel this wide (in rad) is least squares.
 _LEAST_SQUARES = 10.0
-
-
-@dataclass(frozen=True)
-class Cell:
-    """What a solver did to the problems of one scene and level.
-
-    Attributes
-    ----------
-    closest, first : (B,) float
-        Rotation error of the candidate closest to the truth, and of the one ranked first.
-    direction, direction_of_first : (B,) float
-        Direction error of the translation that goes with them.
-    candidates : float
-        Their mean number.
-    reached_by_first, reached_by_four : float
-        Share of problems from which refinement reaches the truth; NaN where that was not asked.
-    """
-
-    closest: Floats
-    first: Floats
-    direction: Floats
-    direction_of_first: Floats
-    candidates: float
-    reached_by_first: float
-    reached_by_four: float
 
 
 def measure(contestant: Contestant, problems: Problems, refined: int = 0) -> Cell:

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from quest.benchmarks.running import positive, run_on_one_thread, save
 from quest.benchmarks.tables import markdown_table
-from quest.epipolar import depths_from_pose, sampson_error
-from quest.parallax import ParallaxStatement, parallax_statement, typical_ratios
-from quest.quaternion import rotation_from_vector
-from quest.refine import refine_pose, refine_rotation, tangent_basis
+from quest.geometry.epipolar import depths_from_pose, sampson_error
+from quest.geometry.quaternion import rotation_from_vector
+from quest.geometry.refine import refine_pose, refine_rotation, tangent_basis
+from quest.uncertainty.parallax import ParallaxStatement, parallax_statement, typical_ratios
 
 __all__ = ["Motion", "Scene", "Views", "draw_views", "fitted_motion", "main", "true_ratio"]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from quest.benchmarks.measures import pose_errors_deg
 from quest.benchmarks.robust_methods import METHODS, Estimate
 from quest.benchmarks.scenes import FOCAL_PX, SCENES, Scene, draw_scene
-from quest.refine import refine_pose
+from quest.geometry.refine import refine_pose
 
 __all__ = [
     "Answer",

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.quaternion import rotation_from_vector
+from quest.geometry.quaternion import rotation_from_vector
 
 __all__ = ["FOCAL_PX", "SCENES", "Scene", "SceneKind", "draw_scene"]
 

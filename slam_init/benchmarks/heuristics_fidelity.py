@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from slam_init.benchmarks.options import positive, show
-from slam_init.benchmarks.tables import markdown_table
 from slam_init.benchmarks.two_view_scenes import CAMERA, make_scene
+from slam_init.output.tables import markdown_table
 
 __all__ = ["ORIGINAL", "ROWS", "Cell", "fisher_p", "main", "run_cell"]
 

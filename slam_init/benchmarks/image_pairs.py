@@ -3,7 +3,7 @@
 Three kinds below the folder of data: pair sets (``pairs.json``: images, calibrations, ``T_0to1``), sequences with a
 ground truth (pairs of frames some steps apart), and a chessboard whose corners are known by number (``corners.txt``).
 Except for the corners, matches are those of SIFT with mutual nearest neighbours and Lowe's ratio, as the pipeline links
-photographs (:mod:`slam_init.matching`).
+photographs (:mod:`slam_init.frontend.sift`).
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from quest.epipolar import depths_from_pose, sampson_error
-from slam_init.camera import Camera
+from quest.geometry.epipolar import depths_from_pose, sampson_error
 from slam_init.config import TrackingConfig
 from slam_init.datasets import TimedSource
 from slam_init.errors import SourceError
-from slam_init.matching import SiftFeatures, detect_sift, match_descriptors
-from slam_init.types import Bools, Floats, Pose
+from slam_init.frontend.sift import SiftFeatures, detect_sift, match_descriptors
+from slam_init.types.arrays import Bools, Floats
+from slam_init.types.camera import Camera
+from slam_init.types.pose import Pose
 
 __all__ = [
     "DIRECTION_UNKNOWN",
@@ -122,7 +123,7 @@ def _entry_camera(entry: dict[str, Any], i: int) -> Camera:
 
 def _image_features(path: Path) -> SiftFeatures:
     from slam_init.datasets.image_files import read_image
-    from slam_init.types import Frame
+    from slam_init.types.frame import Frame
 
     return detect_sift(Frame(0, 0.0, path.name, read_image(path)).gray, TrackingConfig().sift_features)
 

@@ -8,7 +8,7 @@ each. An accepted map is
 * *strict* where it is within 1 and 5 degrees (a strict one is also counted as correct),
 * *false* otherwise; where the camera never translates, every accepted map is false.
 
-No map is *none*, with its reason. The errors are those of :func:`slam_init.metrics.compare_with_groundtruth`.
+No map is *none*, with its reason. The errors are those of :func:`slam_init.evaluation.metrics.compare_with_groundtruth`.
 
 Where a camera first turns and then moves, the parallax suffices no earlier than for an initializer that begins with the
 first motion and has seen nothing of the turn: by how much the map comes later than that one's is told as well.
@@ -31,7 +31,7 @@ import numpy as np
 from sequences_synth import SCENES
 from slam_init.benchmarks.image_pairs import DIRECTION_UNKNOWN, STILL, data_folder
 from slam_init.benchmarks.options import positive, show
-from slam_init.benchmarks.tables import markdown_table, number
+from slam_init.output.tables import markdown_table, number
 
 __all__ = [
     "Outcome",
@@ -110,7 +110,7 @@ def run_task(task: Task) -> Outcome:
 
     from slam_init.config import Config
     from slam_init.datasets import open_source
-    from slam_init.pipeline import run
+    from slam_init.runner import run
 
     cv2.setNumThreads(1)  # one process, one core: --jobs is the number of cores in use
     source = open_source(task.source, task.seed)

@@ -6,7 +6,7 @@ In each world ``quest`` finds a map. Its poses before the adjustment are the sta
     The observations that ours kept, least squares: whether the optimum is one.
 ``as found``
     All tracks that follow the epipolar geometry of the start's first and last view to 2 px, wrong matches among them,
-    triangulated in the start's poses. Ours goes its own way (:func:`slam_init.bundle.adjust`). pycolmap goes that of
+    triangulated in the start's poses. Ours goes its own way (:func:`slam_init.bundle.adjustment.adjust`). pycolmap goes that of
     COLMAP's mapper: a soft kernel of one pixel, then what is beyond 4 px out, then least squares.
 
 Compared are the rotation and the direction of the baselines (worst keyframe against the first), and the depths of the
@@ -22,22 +22,24 @@ from itertools import islice
 
 import numpy as np
 
-from quest.epipolar import sampson_error
+from quest.geometry.epipolar import sampson_error
 from slam_init.benchmarks.study_parts import GENERAL, PLANAR
 from slam_init.benchmarks.study_tables import interval_text
-from slam_init.benchmarks.tables import markdown_table, number
-from slam_init.bundle import adjust
-from slam_init.bundle_problem import BundleProblem, BundleSolution
-from slam_init.camera import Camera
+from slam_init.bundle.adjustment import adjust
+from slam_init.bundle.problem import BundleProblem, BundleSolution
 from slam_init.compare.sources import drawn_sources, open_compared
 from slam_init.compare.statistics import restricted_mean
 from slam_init.config import Config
 from slam_init.datasets.points import PointSource
 from slam_init.errors import ConfigError
-from slam_init.mapping import table_of
-from slam_init.metrics import compare_with_groundtruth
-from slam_init.triangulation import triangulate
-from slam_init.types import Bools, Floats, InitialMap, Ints, Keyframe, Pose
+from slam_init.evaluation.metrics import compare_with_groundtruth
+from slam_init.mapping.triangulation import triangulate
+from slam_init.mapping.views import table_of
+from slam_init.output.tables import markdown_table, number
+from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.types.camera import Camera
+from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.pose import Pose
 
 __all__ = ["Errors", "adjusted_by_pycolmap", "errors_of", "map_quality_table", "opened_points", "posed_problems"]
 
@@ -161,7 +163,7 @@ def opened_points(text: str) -> PointSource:
 
 
 def _map_of(source: PointSource, seed: int) -> InitialMap | None:
-    from slam_init.pipeline import Initializer
+    from slam_init.initializer import Initializer
 
     initializer = Initializer(source.camera, Config(seed=seed))
     for observations in source.observations():

@@ -12,7 +12,7 @@ Errors are angles over pi: that of the rotation by the metric of [F17] with its 
 ``acos |q . q*| / pi`` in [0, 1/2], that of the translation's direction alike, ``acos(t . t* / |t| |t*|) / pi`` in
 [0, 1]; a sample without any candidate counts 1/2. "Closest" is the paper's measure, the candidate nearest to the true
 rotation: it favours solvers with many candidates. "Ranked" is what a user gets: the candidate that
-:func:`quest.selection.select_candidates` puts first, which knows the sample and nothing else. The translation is that
+:func:`quest.solvers.selection.select_candidates` puts first, which knows the sample and nothing else. The translation is that
 of the candidate's rotation in both cases, its sign by cheirality. Five matches are obeyed exactly by every candidate of
 a 5-point solver, so that only cheirality ranks them: such solvers are made for RANSAC, not for this experiment. One
 wrong match among the best spoils a sample: "clean" counts the samples whose matches all obey the true pose within 2 px.
@@ -33,12 +33,12 @@ from typing import Any
 
 import numpy as np
 
-from quest.benchmarks.paper_protocol import rotation_error
+from quest.benchmarks.paper_problems import rotation_error
 from quest.benchmarks.running import positive, run_on_one_thread, save
 from quest.benchmarks.tables import markdown_table
-from quest.epipolar import parallax_angles
-from quest.selection import select_candidates
-from quest.solvers import SOLVERS
+from quest.geometry.epipolar import parallax_angles
+from quest.registry import SOLVERS
+from quest.solvers.selection import select_candidates
 from slam_init.benchmarks.image_pairs import (
     DIRECTION_UNKNOWN,
     STILL,
@@ -49,7 +49,7 @@ from slam_init.benchmarks.image_pairs import (
 )
 from slam_init.benchmarks.initialization import find_sequences
 from slam_init.datasets import TimedSource, open_source
-from slam_init.types import Floats
+from slam_init.types.arrays import Floats
 
 __all__ = ["DataSet", "Errors", "main", "measure", "read_data_set", "sample_of_best"]
 

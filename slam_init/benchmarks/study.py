@@ -30,7 +30,8 @@ from slam_init.benchmarks.study_oracle import solvable_worlds
 from slam_init.benchmarks.study_parts import PARTS, Cell, sources_of
 from slam_init.benchmarks.study_tables import grid_table, moving_table, read_rows, still_table
 from slam_init.compare.command import chosen_methods
-from slam_init.compare.run import Plan, compare
+from slam_init.compare.plan import Plan
+from slam_init.compare.run import compare
 from slam_init.compare.trials import Settings
 from slam_init.errors import SlamInitError
 from slam_init.methods import METHODS

@@ -15,12 +15,13 @@ import numpy as np
 
 from slam_init.benchmarks.study_parts import GENERAL, PLANAR, Cell, sources_of
 from slam_init.benchmarks.study_tables import Rows, counts_text, frames_to_correct, interval_text, read_rows
-from slam_init.benchmarks.tables import markdown_table, number
-from slam_init.compare.run import Plan, compare
+from slam_init.compare.plan import Plan
+from slam_init.compare.run import compare
 from slam_init.compare.sources import drawn_sources
 from slam_init.compare.statistics import mcnemar_exact, wilson
 from slam_init.compare.trials import Settings
 from slam_init.config import AcceptanceConfig, Config, KeyframeConfig, MapConfig
+from slam_init.output.tables import markdown_table, number
 
 __all__ = ["VARIANTS", "Variant", "ablation_cells", "run_ablation"]
 

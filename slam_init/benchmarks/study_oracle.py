@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from slam_init.benchmarks.map_quality import adjusted_by_pycolmap, errors_of, opened_points
-from slam_init.bundle_problem import BundleProblem
+from slam_init.bundle.problem import BundleProblem
 from slam_init.compare.measures import PoseErrors, is_correct
 from slam_init.compare.sources import Judging
 from slam_init.datasets.points import PointSource

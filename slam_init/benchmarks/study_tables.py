@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from slam_init.benchmarks.study_parts import NOISES_PX, Cell, grid_name
-from slam_init.benchmarks.tables import markdown_table, number
 from slam_init.compare.sources import GRID
 from slam_init.compare.statistics import Interval, restricted_mean, wilson
+from slam_init.output.tables import markdown_table, number
 
 __all__ = [
     "Rows",

@@ -1,6 +1,6 @@
 """How long it takes on one core: ``python -m slam_init.benchmarks.timing``.
 
-Feeds images of 640x480 to the :class:`~slam_init.pipeline.Initializer` and takes the wall-clock time of each frame,
+Feeds images of 640x480 to the :class:`~slam_init.initializer.Initializer` and takes the wall-clock time of each frame,
 reading or rendering of the image excluded, and of each stage. A frame is *waiting* until the one at which the map is
 accepted; attempts that are refused on the way are part of waiting. ``static`` and ``rotation`` never end, so that all
 of their frames wait.
@@ -54,8 +54,8 @@ def measure(name: str, runs: Sequence[tuple[str, int]], max_frames: int | None =
     """Time the runs of (source, seed), each until its map is accepted."""
     from slam_init.config import Config
     from slam_init.datasets import open_source
-    from slam_init.pipeline import Initializer
-    from slam_init.timing import Stopwatch
+    from slam_init.initializer import Initializer
+    from slam_init.types.stopwatch import Stopwatch
 
     timing, stopwatch = Timing(name), Stopwatch()
     for text, seed in runs:
@@ -95,7 +95,7 @@ def machine() -> str:
 def _tables(timings: Sequence[Timing]) -> str:
     import numpy as np
 
-    from slam_init.benchmarks.tables import markdown_table, number
+    from slam_init.output.tables import markdown_table, number
 
     def percentile(samples: list[float], q: float) -> str:
         return number(float(np.percentile(samples, q)) if samples else None, 1)

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quest.quaternion import rotation_from_vector
-from slam_init.camera import Camera
-from slam_init.types import Bools, Floats, Pose
+from quest.geometry.quaternion import rotation_from_vector
+from slam_init.types.arrays import Bools, Floats
+from slam_init.types.camera import Camera
+from slam_init.types.pose import Pose
 
 __all__ = ["CAMERA", "KINDS", "TwoViewScene", "make_scene"]
 

@@ -20,7 +20,8 @@ module          concept
 ==============  ==================================================================================
 """
 
-from slam_init.compare.run import Plan, compare
+from slam_init.compare.plan import Plan
+from slam_init.compare.run import compare
 from slam_init.compare.sources import ComparedSource, describe_sources
 from slam_init.compare.trials import COLUMNS, Settings, Trial, run_trial
 

@@ -15,7 +15,7 @@ import numpy as np
 from slam_init.compare.sources import focal_error_of, judging_of
 from slam_init.compare.statistics import Interval, holm, mcnemar_exact, restricted_mean, wilson
 from slam_init.datasets.points import POINTS
-from slam_init.types import Bools, Floats
+from slam_init.types.arrays import Bools, Floats
 
 __all__ = ["NUMBERS", "PARTS", "Figures", "PairTest", "TrialTable", "figures_of", "pair_tests", "summary_of"]
 

@@ -12,7 +12,7 @@ from html import escape
 
 import numpy as np
 
-from slam_init.types import Floats
+from slam_init.types.arrays import Floats
 
 __all__ = ["Axis", "box_chart", "curve_chart", "share_bar", "stacked_chart"]
 

@@ -9,12 +9,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from slam_init.benchmarks.tables import markdown_table, number
 from slam_init.compare.aggregate import PARTS
-from slam_init.compare.run import Plan, compare
+from slam_init.compare.plan import Plan
+from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources, grid_sources
 from slam_init.compare.trials import Settings
 from slam_init.errors import ConfigError
+from slam_init.output.tables import markdown_table, number
 
 __all__ = ["chosen_methods", "main_table", "run_command"]
 

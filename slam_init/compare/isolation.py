@@ -108,7 +108,7 @@ class TrialProcess:
     def __init__(self, memory_limit_mb: int) -> None:
         self.memory_limit_mb = memory_limit_mb
         self._connection, theirs = Pipe()
-        command = [sys.executable, "-m", "slam_init.compare.child", str(theirs.fileno()), str(memory_limit_mb)]
+        command = [sys.executable, "-m", "slam_init.compare.worker", str(theirs.fileno()), str(memory_limit_mb)]
         # One trial, one core; what the parent can import, the child can.
         environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)

@@ -11,9 +11,11 @@ import numpy as np
 
 from slam_init.compare.replay import Step
 from slam_init.compare.sources import Judging
-from slam_init.metrics import compare_with_groundtruth
-from slam_init.triangulation import resect
-from slam_init.types import Bools, Floats, InitialMap, Ints, Pose, Trajectory
+from slam_init.evaluation.metrics import compare_with_groundtruth
+from slam_init.mapping.triangulation import resect
+from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.types.initial_map import InitialMap
+from slam_init.types.pose import Pose, Trajectory
 
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource

@@ -18,7 +18,7 @@ from urllib.parse import quote
 import numpy as np
 
 from slam_init.compare.sources import calibration_of
-from slam_init.types import Observations
+from slam_init.types.frame import Observations
 
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
@@ -114,7 +114,7 @@ def find_tracks(source: TimedSource, text: str, folder: Path) -> Tracks:
 
 def _store(source: TimedSource, text: str, home: Path) -> None:
     from slam_init.config import TrackingConfig
-    from slam_init.tracks import Tracker
+    from slam_init.frontend.tracks import Tracker
 
     config = TrackingConfig()
     # The tracker looks back over the frames that descriptors are matched with, no further.

@@ -13,12 +13,12 @@ import numpy as np
 
 from slam_init.compare.aggregate import PARTS, Figures, TrialTable, figures_of
 from slam_init.compare.charts import Axis, box_chart, curve_chart, stacked_chart
+from slam_init.compare.failure_gallery import worst_cases
 from slam_init.compare.report_tables import group_table, pair_table, quality_table, rates_table, still_table
-from slam_init.compare.worst import worst_cases
-from slam_init.types import Bools, Floats
+from slam_init.types.arrays import Bools, Floats
 
 if TYPE_CHECKING:
-    from slam_init.compare.run import Plan
+    from slam_init.compare.plan import Plan
 
 __all__ = ["report_html"]
 

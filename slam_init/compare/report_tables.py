@@ -10,7 +10,7 @@ import numpy as np
 from slam_init.compare.aggregate import Figures, PairTest, TrialTable, pair_tests
 from slam_init.compare.charts import share_bar
 from slam_init.compare.statistics import Interval
-from slam_init.types import Bools
+from slam_init.types.arrays import Bools
 
 __all__ = ["group_table", "pair_table", "quality_table", "rates_table", "still_table"]
 

@@ -16,7 +16,7 @@ from slam_init.compare.trials import COLUMNS
 from slam_init.errors import OutputError
 
 if TYPE_CHECKING:
-    from slam_init.compare.run import Plan
+    from slam_init.compare.plan import Plan
 
 __all__ = ["remove_results", "write_results"]
 

@@ -4,61 +4,24 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property, partial
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from slam_init.compare.backends import Backend, open_backend
 from slam_init.compare.isolation import isolated_tracks, isolated_trial
-from slam_init.compare.journal import Journal, Key
+from slam_init.compare.journal import Journal
+from slam_init.compare.plan import Plan
 from slam_init.compare.results import remove_results, write_results
-from slam_init.compare.sources import ComparedSource
-from slam_init.compare.trials import Settings, Trial
+from slam_init.compare.trials import Settings
 from slam_init.datasets.points import POINTS
 from slam_init.errors import OutputError
 
-__all__ = ["Plan", "compare"]
+__all__ = ["compare"]
 
 _JOURNAL = "trials.jsonl"
 _RECORDINGS = "recordings"
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What is compared.
-
-    Attributes
-    ----------
-    sources : tuple of ComparedSource
-    methods : tuple of str
-    every : int
-        A trial starts at every so many frames.
-    settings : Settings
-        Without its folders, which :func:`compare` chooses.
-    """
-
-    sources: tuple[ComparedSource, ...]
-    methods: tuple[str, ...]
-    every: int = 10
-    settings: Settings = field(default_factory=Settings)
-
-    def trials(self) -> Iterator[Trial]:
-        """All trials; those of one source follow one another, as it is opened once then."""
-        for source in self.sources:
-            for start in source.starts(self.every):
-                for method in self.methods:
-                    yield Trial(source, method, start)
-
-    def holds(self, key: Key) -> bool:
-        """Whether a trial belongs to this comparison; a folder may hold those of a wider one."""
-        label, method, start = key
-        return method in self.methods and start in self._starts.get(label, ())
-
-    @cached_property
-    def _starts(self) -> dict[str, range]:
-        return {source.label: source.starts(self.every) for source in self.sources}
 
 
 def compare(

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from slam_init.compare.kept import kept_result
+from slam_init.compare.map_snapshot import kept_result
 from slam_init.compare.replay import replay
 from slam_init.compare.sources import ComparedSource, open_compared
 from slam_init.compare.trials import Settings, file_name, recording_folder
-from slam_init.types import Frame, Observations
+from slam_init.types.frame import Frame, Observations
 
 __all__ = ["combine"]
 
@@ -30,7 +30,7 @@ def combine(source: ComparedSource, start: int, settings: Settings, outcomes: Ma
     Path or None
         None where no trial left anything: all ended in errors, or were run without recordings.
     """
-    from slam_init.recording_methods import record_side_by_side
+    from slam_init.compare.methods_recorder import record_side_by_side
 
     folder = recording_folder(str(settings.recordings), source.label, start)
     kept = {method: folder / f"{file_name(method)}.npz" for method in outcomes}

@@ -11,12 +11,12 @@ from urllib.parse import parse_qsl, urlencode
 import numpy as np
 
 from slam_init.errors import CalibrationError, SourceError
-from slam_init.types import Floats
+from slam_init.types.arrays import Floats
 
 if TYPE_CHECKING:
-    from slam_init.camera import Camera
     from slam_init.datasets import TimedSource
     from slam_init.datasets.points import PointSource
+    from slam_init.types.camera import Camera
 
 __all__ = [
     "GRID",

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slam_init.types import Floats
+from slam_init.types.arrays import Floats
 
 __all__ = ["Interval", "holm", "mcnemar_exact", "restricted_mean", "wilson"]
 

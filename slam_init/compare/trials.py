@@ -12,19 +12,20 @@ from urllib.parse import quote
 
 import numpy as np
 
+from slam_init.attempt_log import reported_focal_factor
 from slam_init.compare.measures import depth_errors, is_correct, is_strict, pose_errors, survival
 from slam_init.compare.replay import Step, replay
 from slam_init.compare.sources import ComparedSource, Judging, calibration_of, judging_of, open_compared
 from slam_init.config import Config
-from slam_init.handover import reported_focal_factor
-from slam_init.reasons import ACCEPTED
-from slam_init.recording import Recorder
-from slam_init.types import InitialMap, Result
+from slam_init.recording.recorder import Recorder
+from slam_init.types.initial_map import InitialMap
+from slam_init.types.reasons import ACCEPTED
+from slam_init.types.result import Result
 
 if TYPE_CHECKING:
-    from slam_init.camera import Camera
     from slam_init.datasets import TimedSource
     from slam_init.datasets.points import PointSource
+    from slam_init.types.camera import Camera
 
 __all__ = ["COLUMNS", "Settings", "Trial", "error_row", "file_name", "recording_folder", "run_trial"]
 
@@ -267,7 +268,7 @@ def _rounded(value: float | None) -> float | None:
 def _recorder(trial: Trial, settings: Settings, source: TimedSource | PointSource, camera: Camera) -> Recorder:
     if settings.recordings is None:
         return Recorder()
-    from slam_init.recording import RerunRecorder
+    from slam_init.recording.recorder import RerunRecorder
 
     folder = recording_folder(settings.recordings, trial.source.label, trial.start)
     folder.mkdir(parents=True, exist_ok=True)
@@ -290,9 +291,9 @@ def _record_end(
     recorder: Recorder,
 ) -> None:
     """Finish the trial's recording, and keep the map for the one that shows the methods side by side."""
-    from slam_init.compare.kept import keep_result
-    from slam_init.export import summary_dict
-    from slam_init.metrics import compare_with_groundtruth
+    from slam_init.compare.map_snapshot import keep_result
+    from slam_init.evaluation.metrics import compare_with_groundtruth
+    from slam_init.output.results import summary_dict
 
     truth = compare_with_groundtruth(result.map.keyframes, source.groundtruth) if result.map is not None else None
     recorder.summary(summary_dict(result, source, camera, trial.method, settings.seed, truth))

@@ -1,5 +1,6 @@
-"""Readers: folders, videos and synthetic worlds, all as a :class:`slam_init.types.Source`."""
+"""Readers: folders, videos and synthetic worlds, all as a :class:`slam_init.types.frame.Source`."""
 
-from slam_init.datasets.opening import TimedSource, detect_kind, open_source
+from slam_init.datasets.opening import detect_kind, open_source
+from slam_init.datasets.timed import TimedSource
 
 __all__ = ["TimedSource", "detect_kind", "open_source"]

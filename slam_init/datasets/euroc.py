@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.calibration import load_camera, load_yaml
+from slam_init.calibration.files import load_camera, load_yaml
 from slam_init.datasets.image_files import ImageFileSource, read_image
 from slam_init.datasets.text import numbers, pose_from_matrix, pose_from_quaternion, read_rows, trajectory
 from slam_init.errors import SourceError
-from slam_init.types import Pose, Trajectory
+from slam_init.types.pose import Pose, Trajectory
 
 __all__ = ["find_euroc_camera", "open_euroc"]
 

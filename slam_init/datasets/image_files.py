@@ -11,9 +11,11 @@ from typing import cast
 
 import numpy as np
 
-from slam_init.camera import Camera
 from slam_init.errors import SourceError
-from slam_init.types import Floats, Frame, Image, Trajectory
+from slam_init.types.arrays import Floats, Image
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame
+from slam_init.types.pose import Trajectory
 
 __all__ = [
     "IMAGE_SUFFIXES",
@@ -109,7 +111,7 @@ def frame_range(length: int, start: int, max_frames: int | None, name: str) -> r
 
 def stored_camera(folder: Path, first_image: Path) -> Camera | None:
     """The calibration in a folder's ``camera.yaml``, if any; it must fit the size of the first image."""
-    from slam_init.calibration import load_camera
+    from slam_init.calibration.files import load_camera
 
     path = folder / "camera.yaml"
     if not path.is_file():
@@ -120,7 +122,7 @@ def stored_camera(folder: Path, first_image: Path) -> Camera | None:
 
 @dataclass(frozen=True, eq=False)
 class ImageFileSource:
-    """A :class:`slam_init.types.Source` over image files.
+    """A :class:`slam_init.types.frame.Source` over image files.
 
     Attributes
     ----------

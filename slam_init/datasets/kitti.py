@@ -12,11 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.camera import Camera
 from slam_init.datasets.image_files import ImageFileSource, list_images, read_image, stored_camera
 from slam_init.datasets.text import numbers, pose_from_matrix, read_rows, trajectory
 from slam_init.errors import SourceError
-from slam_init.types import Floats, Pose, Trajectory
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
+from slam_init.types.pose import Pose, Trajectory
 
 __all__ = ["find_kitti_images", "open_kitti"]
 

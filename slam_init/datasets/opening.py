@@ -4,29 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
 
 from slam_init.datasets.euroc import find_euroc_camera, open_euroc
 from slam_init.datasets.folder import find_images, open_folder
 from slam_init.datasets.image_files import IMAGE_SUFFIXES
 from slam_init.datasets.kitti import find_kitti_images, open_kitti
-from slam_init.datasets.own import PYTHON, open_python
 from slam_init.datasets.synth import PREFIX, open_synth
+from slam_init.datasets.timed import TimedSource
 from slam_init.datasets.tum import INDEX_FILES, open_tum
+from slam_init.datasets.user import PYTHON, open_python
 from slam_init.datasets.video import open_video
 from slam_init.errors import SourceError
-from slam_init.types import Floats, Source
 
-__all__ = ["TimedSource", "detect_kind", "open_source"]
-
-
-class TimedSource(Source, Protocol):
-    """A source that knows its time stamps without reading its images."""
-
-    @property
-    def timestamps_s(self) -> Floats:
-        """(N,) float, strictly increasing."""
-        ...
+__all__ = ["detect_kind", "open_source"]
 
 
 def open_source(text: str, seed: int = 0) -> TimedSource:

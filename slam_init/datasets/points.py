@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.camera import Camera
 from slam_init.datasets.image_files import frame_range
 from slam_init.datasets.synth import option_values
 from slam_init.datasets.text import pose_from_matrix
 from slam_init.errors import SourceError
-from slam_init.types import Floats, Frame, Observations, Trajectory
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, Observations
+from slam_init.types.pose import Trajectory
 
 if TYPE_CHECKING:
     from sequences_synth import PointSequence
@@ -27,7 +29,7 @@ _BACKGROUND, _DOT = 30, 220
 
 @dataclass(frozen=True, eq=False)
 class PointSource:
-    """A :class:`slam_init.types.Source` that knows its tracks; its images are dots on a dark ground."""
+    """A :class:`slam_init.types.frame.Source` that knows its tracks; its images are dots on a dark ground."""
 
     sequence: PointSequence
 

@@ -7,11 +7,13 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qsl
 
-from slam_init.camera import Camera
 from slam_init.datasets.image_files import frame_range
 from slam_init.datasets.text import pose_from_matrix
 from slam_init.errors import SourceError
-from slam_init.types import Floats, Frame, Trajectory
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame
+from slam_init.types.pose import Trajectory
 
 if TYPE_CHECKING:
     from sequences_synth import SynthOptions, SynthSequence
@@ -23,7 +25,7 @@ PREFIX = "synth:"
 
 @dataclass(frozen=True, eq=False)
 class SynthSource:
-    """A :class:`slam_init.types.Source` that renders a frame when it is asked for."""
+    """A :class:`slam_init.types.frame.Source` that renders a frame when it is asked for."""
 
     sequence: SynthSequence
 

@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from quest.quaternion import quaternion_from_matrix
+from quest.geometry.quaternion import quaternion_from_matrix
 from slam_init.errors import SourceError
-from slam_init.types import Floats, Pose, Trajectory
+from slam_init.types.arrays import Floats
+from slam_init.types.pose import Pose, Trajectory
 
 __all__ = [
     "Row",

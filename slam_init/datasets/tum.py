@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.camera import Camera
 from slam_init.datasets.image_files import ImageFileSource, stored_camera
 from slam_init.datasets.text import numbers, read_rows, read_tum_trajectory
 from slam_init.errors import SourceError
-from slam_init.types import Pose, Trajectory
+from slam_init.types.camera import Camera
+from slam_init.types.pose import Pose, Trajectory
 
 __all__ = ["INDEX_FILES", "open_tum"]
 

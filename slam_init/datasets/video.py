@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from slam_init.camera import Camera
 from slam_init.datasets.image_files import check_size, frame_range
 from slam_init.errors import SourceError
-from slam_init.types import Floats, Frame, Image, Trajectory
+from slam_init.types.arrays import Floats, Image
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame
+from slam_init.types.pose import Trajectory
 
 if TYPE_CHECKING:
     import cv2
@@ -25,7 +27,7 @@ _NOMINAL_RATE_HZ = 30.0
 
 @dataclass(frozen=True, eq=False)
 class VideoSource:
-    """A :class:`slam_init.types.Source` over a video file; time stamps are index over frame rate.
+    """A :class:`slam_init.types.frame.Source` over a video file; time stamps are index over frame rate.
 
     Attributes
     ----------

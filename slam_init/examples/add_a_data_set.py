@@ -16,16 +16,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from quest.quaternion import rotation_from_vector
-from slam_init.camera import Camera
-from slam_init.types import Floats, Frame, Pose, Trajectory
+from quest.geometry.quaternion import rotation_from_vector
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame
+from slam_init.types.pose import Pose, Trajectory
 
 __all__ = ["Poster"]
 
 
 @dataclass(frozen=True)
 class Poster:
-    """A :class:`slam_init.datasets.opening.TimedSource`."""
+    """A :class:`slam_init.datasets.timed.TimedSource`."""
 
     name: str = "poster"
     kind: str = "example"

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from slam_init.camera import Camera
 from slam_init.methods.motions import CheckRule, check_motions, motions_of_essential
 from slam_init.methods.two_view import PairRule, TwoViewOutcome, check_matches
-from slam_init.types import Floats
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
 
 __all__ = ["MedianParallax"]
 

@@ -16,14 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.bundle_graph import calibration_key, landmark_key, measured_pixels, pose_key, projection
+from slam_init.bundle.graph import calibration_key, landmark_key, measured_pixels, pose_key, projection
 from slam_init.datasets import open_source
 from slam_init.errors import SlamInitError
-from slam_init.metrics import align_positions
-from slam_init.pipeline import Initializer
-from slam_init.tracks import Tracker
-from slam_init.triangulation import resect
-from slam_init.types import Floats, Frame, InitialMap, Keyframe, Pose, Trajectory
+from slam_init.evaluation.metrics import align_positions
+from slam_init.frontend.tracks import Tracker
+from slam_init.initializer import Initializer
+from slam_init.mapping.triangulation import resect
+from slam_init.types.arrays import Floats
+from slam_init.types.frame import Frame
+from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.pose import Pose, Trajectory
 
 __all__ = ["continue_with_isam2", "main"]
 

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.calibration import load_camera
-from slam_init.camera import Camera
+from slam_init.calibration.files import load_camera
 from slam_init.errors import SlamInitError
-from slam_init.pipeline import Initializer
-from slam_init.types import Result
+from slam_init.initializer import Initializer
+from slam_init.types.camera import Camera
+from slam_init.types.result import Result
 
 if TYPE_CHECKING:
     import cv2

@@ -11,11 +11,13 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from slam_init.camera import Camera
 from slam_init.datasets import open_source
 from slam_init.errors import SlamInitError
-from slam_init.pipeline import Initializer
-from slam_init.types import Floats, Frame, Image, Ints, Observations, Result
+from slam_init.initializer import Initializer
+from slam_init.types.arrays import Floats, Image, Ints
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, Observations
+from slam_init.types.result import Result
 
 __all__ = ["OrbTracks", "initialize_from_tracks", "main"]
 

@@ -14,8 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from quest.ransac import draw_samples
-from slam_init.camera import Camera
+from quest.robust.ransac import draw_samples
 from slam_init.methods.gates import GATED_PAIRS, GateRules, accept_best
 from slam_init.methods.models import (
     fundamental_eight_point,
@@ -25,7 +24,8 @@ from slam_init.methods.models import (
 )
 from slam_init.methods.motions import motions_of_essential
 from slam_init.methods.two_view import TwoViewOutcome, check_matches
-from slam_init.types import Floats
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
 
 __all__ = ["EightPointRules", "EssentialEightPoint", "EssentialFivePoint", "FivePointRules"]
 

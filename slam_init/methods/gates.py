@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slam_init.camera import Camera
-from slam_init.handover import Evidence
+from slam_init.decision.refusal import Evidence
 from slam_init.methods.motions import IN_FRONT, MotionCheck, check_motions
 from slam_init.methods.two_view import PairRule, TwoViewOutcome
-from slam_init.types import Bools, Floats
+from slam_init.types.arrays import Bools, Floats
+from slam_init.types.camera import Camera
 
 __all__ = ["GATED_PAIRS", "GateRules", "accept_best"]
 

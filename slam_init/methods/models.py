@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slam_init.types import Floats
+from slam_init.types.arrays import Floats
 
 __all__ = [
     "epipolar_errors",

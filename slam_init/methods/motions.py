@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slam_init.camera import Camera
-from slam_init.types import Bools, Floats, Pose
+from slam_init.types.arrays import Bools, Floats
+from slam_init.types.camera import Camera
+from slam_init.types.pose import Pose
 
 __all__ = [
     "IN_FRONT",

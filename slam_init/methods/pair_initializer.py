@@ -7,18 +7,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam_init.bundle import adjust
-from slam_init.bundle_problem import BundleProblem, BundleSolution
-from slam_init.camera import Camera
+from slam_init.attempt_log import AttemptLog, focal_notes
+from slam_init.bundle.adjustment import adjust
+from slam_init.bundle.problem import BundleProblem, BundleSolution
 from slam_init.config import Config
-from slam_init.handover import AttemptLog, Evidence, focal_notes, initial_map, refusal, refused
+from slam_init.decision.refusal import Evidence, refusal, refused
+from slam_init.frontend.tracks import Tracker, common_tracks
+from slam_init.mapping.map_building import initial_map
 from slam_init.methods.two_view import TwoViewMethod, TwoViewOutcome, undistorted_pixels
-from slam_init.online import Status, frame_of
-from slam_init.reasons import ACCEPTED
-from slam_init.recording import Recorder
-from slam_init.timing import Stopwatch
-from slam_init.tracks import Tracker, common_tracks
-from slam_init.types import Attempt, Frame, Image, InitialMap, Observations, Pose, Result
+from slam_init.recording.recorder import Recorder
+from slam_init.status import Status, frame_of
+from slam_init.types.arrays import Image
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, Observations
+from slam_init.types.initial_map import InitialMap
+from slam_init.types.pose import Pose
+from slam_init.types.reasons import ACCEPTED
+from slam_init.types.result import Attempt, Result
+from slam_init.types.stopwatch import Stopwatch
 
 __all__ = ["PairInitializer"]
 
@@ -30,7 +36,7 @@ _NEW_REFERENCE = ("too_few_features", "too_few_matches")
 
 
 class PairInitializer:
-    """Feed it frames until the method accepts a pair; the same interface as :class:`slam_init.pipeline.Initializer`.
+    """Feed it frames until the method accepts a pair; the same interface as :class:`slam_init.initializer.Initializer`.
 
     Parameters
     ----------
@@ -67,7 +73,7 @@ class PairInitializer:
         self._attempts = AttemptLog()
 
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
-        """Take in the next frame; see :meth:`slam_init.pipeline.Initializer.process`."""
+        """Take in the next frame; see :meth:`slam_init.initializer.Initializer.process`."""
         if self.map is not None:
             return self.status
         frame = frame_of(image, timestamp_s, self._next_index, self.camera)
@@ -77,7 +83,7 @@ class PairInitializer:
         return self.process_tracks(current)
 
     def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
-        """Take in the tracks of the next frame; see :meth:`slam_init.pipeline.Initializer.process_tracks`."""
+        """Take in the tracks of the next frame; see :meth:`slam_init.initializer.Initializer.process_tracks`."""
         if self.map is not None:
             return self.status
         self.history.take(current, revised)

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from slam_init.camera import Camera
 from slam_init.methods.gates import GATED_PAIRS, GateRules, accept_best
 from slam_init.methods.two_view import TwoViewOutcome, check_matches
-from slam_init.types import Floats
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
 
 __all__ = ["PoseLib", "PoseLibRules"]
 

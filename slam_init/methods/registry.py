@@ -17,12 +17,15 @@ from slam_init.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from slam_init.camera import Camera
     from slam_init.config import Config
-    from slam_init.online import Status
-    from slam_init.recording import Recorder
-    from slam_init.tracks import History, Tracker
-    from slam_init.types import Frame, Image, InitialMap, Observations, Result
+    from slam_init.frontend.tracks import History, Tracker
+    from slam_init.recording.recorder import Recorder
+    from slam_init.status import Status
+    from slam_init.types.arrays import Image
+    from slam_init.types.camera import Camera
+    from slam_init.types.frame import Frame, Observations
+    from slam_init.types.initial_map import InitialMap
+    from slam_init.types.result import Result
 
 __all__ = ["METHODS", "FrontEnd", "MethodInfo", "make_initializer", "make_two_view", "method_info"]
 
@@ -202,7 +205,7 @@ def make_initializer(name: str, camera: Camera, config: Config, recorder: Record
     ConfigError
         Where there is no such method, or the package that it needs is not installed.
     """
-    from slam_init.pipeline import Initializer
+    from slam_init.initializer import Initializer
 
     info = method_info(name)
     if not info.home:

@@ -13,9 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from quest.ransac import draw_samples
-from slam_init.camera import Camera
-from slam_init.handover import Evidence
+from quest.robust.ransac import draw_samples
+from slam_init.decision.refusal import Evidence
 from slam_init.methods.models import (
     fundamental_eight_point,
     homography_dlt,
@@ -26,7 +25,8 @@ from slam_init.methods.models import (
 )
 from slam_init.methods.motions import CheckRule, check_motions, motions_of_essential, motions_of_homography
 from slam_init.methods.two_view import PairRule, TwoViewOutcome, check_matches
-from slam_init.types import Bools, Floats
+from slam_init.types.arrays import Bools, Floats
+from slam_init.types.camera import Camera
 
 __all__ = ["Stella", "StellaRules"]
 

@@ -11,11 +11,12 @@ from typing import Protocol
 
 import numpy as np
 
-from slam_init.camera import Camera
+from slam_init.decision.refusal import Evidence
 from slam_init.errors import SlamInitError
-from slam_init.handover import Evidence
-from slam_init.reasons import ACCEPTED
-from slam_init.types import Bools, Floats, Pose
+from slam_init.types.arrays import Bools, Floats
+from slam_init.types.camera import Camera
+from slam_init.types.pose import Pose
+from slam_init.types.reasons import ACCEPTED
 
 __all__ = ["PairRule", "TwoViewMethod", "TwoViewOutcome", "check_matches", "undistorted_pixels"]
 
@@ -46,7 +47,7 @@ class TwoViewOutcome:
     Attributes
     ----------
     reason : str
-        ``accepted`` or a reason of :data:`slam_init.reasons.REASONS`.
+        ``accepted`` or a reason of :data:`slam_init.types.reasons.REASONS`.
     cam2_from_cam1 : Pose or None
         ``u R m + t = v n`` with |t| = 1; None where the pair is refused.
     landmarks : (N,) bool

@@ -1,0 +1,40 @@
+"""What is measured of one solver at one noise level of the synthetic experiment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["NOISES_PX", "Cell"]
+
+Floats = NDArray[np.float64]
+
+#: The levels of the paper's figures, by scene.
+NOISES_PX = {"general": (0.0, 0.5, 1.0, 2.0, 5.0, 10.0), "coplanar": (0.0, 0.25, 0.5, 1.0, 2.0)}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What a solver did to the problems of one scene and level.
+
+    Attributes
+    ----------
+    closest, first : (B,) float
+        Rotation error of the candidate closest to the truth, and of the one ranked first.
+    direction, direction_of_first : (B,) float
+        Direction error of the translation that goes with them.
+    candidates : float
+        Their mean number.
+    reached_by_first, reached_by_four : float
+        Share of problems from which refinement reaches the truth; NaN where that was not asked.
+    """
+
+    closest: Floats
+    first: Floats
+    direction: Floats
+    direction_of_first: Floats
+    candidates: float
+    reached_by_first: float
+    reached_by_four: float

@@ -1,0 +1,1 @@
+"""Rotations, epipolar geometry, homographies, refinement of a pose on its inliers."""

@@ -1,0 +1,87 @@
+"""Planes: the homography that a plane induces between bearings, and the two poses that explain it.
+
+A plane with ``k . X = 1`` in camera 1 turns ``u R m + t = v n`` into ``n ~ (R + t k^T) m``, and the inverse depth of a
+point on it is linear in its bearing, ``1/u = k . m``. H fixes R, t (up to scale) and k only up to a two-fold choice
+that keeps points in front of both cameras [1]_: the other one is called the planar twin here.
+
+References
+----------
+.. [1] Y. Ma, S. Soatto, J. Kosecka, S. Sastry, "An Invitation to 3-D Vision", 2004, section 5.3.3.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quest.geometry.refine import tangent_basis
+
+__all__ = ["decompose_homography", "fit_homography", "homography_residuals"]
+
+Floats = NDArray[np.float64]
+
+
+def fit_homography(m: Floats, n: Floats, weight: Floats | None = None) -> Floats:
+    """Linear least squares ``n x H m = 0`` over bearings (N, 3), N >= 4, optionally weighted; (3, 3), unit norm."""
+    # The two components of n x Hm orthogonal to n; with unit bearings the equations need no further conditioning.
+    first, second = np.moveaxis(tangent_basis(n), -1, 0)
+    if weight is not None:
+        first, second = first * weight[:, None], second * weight[:, None]
+    rows = np.concatenate(
+        [
+            (first[:, :, None] * m[:, None, :]).reshape(-1, 9),
+            (second[:, :, None] * m[:, None, :]).reshape(-1, 9),
+        ]
+    )
+    _, vectors = np.linalg.eigh(rows.T @ rows)
+    H = vectors[:, 0].reshape(3, 3)
+    # Sign: points lie in front of both cameras, so H m points along n.
+    return H if np.median(np.einsum("ij,ij->i", n, m @ H.T)) > 0 else -H
+
+
+def homography_residuals(H: Floats, m: Floats, n: Floats) -> Floats:
+    """Angles-like residuals (N, 3), tangent to n, of ``n ~ H m``, in units of the noise of one bearing.
+
+    Each of the two tangent components mixes the noise of n and of m; for motions between video frames H is close to
+    a rotation and both weigh the same, hence the division by sqrt(2).
+    """
+    transferred = m @ H.T
+    norm = np.linalg.norm(transferred, axis=1, keepdims=True)
+    a = transferred / np.maximum(norm, 1e-300)
+    d = a - n
+    return np.asarray((d - np.einsum("ij,ij->i", d, n)[:, None] * n) / np.sqrt(2.0))
+
+
+def decompose_homography(H: Floats, m: Floats) -> list[tuple[Floats, Floats, Floats]]:
+    """The two poses and planes (R, t, k), with ``H ~ R + t k^T`` and t in units of the plane's distance from camera 1.
+
+    (R, -t, -k) is the same homography: the sign is the one that puts most of the bearings m (N, 3) of camera 1 on the
+    plane in front of it. Where H is a rotation there is nothing to decompose and the list is empty.
+    """
+    _, S, Vt = np.linalg.svd(H)
+    H = H / S[1]
+    if np.linalg.det(H) < 0:
+        H = -H
+    s1, s3 = (S[0] / S[1]) ** 2, (S[2] / S[1]) ** 2
+    if s1 - s3 < 1e-12:
+        return []
+    v1, v2, v3 = Vt
+    if np.linalg.det(Vt) < 0:
+        v1, v2, v3 = -Vt
+    solutions = []
+    spread1, spread3 = np.sqrt(max(1 - s3, 0.0)), np.sqrt(max(s1 - 1, 0.0))
+    for sign in (1.0, -1.0):
+        u = (spread1 * v1 + sign * spread3 * v3) / np.sqrt(s1 - s3)
+        Hv, Hu = H @ v2, H @ u
+        frame1 = np.column_stack([v2, u, np.cross(v2, u)])
+        frame2 = np.column_stack([Hv, Hu, np.cross(Hv, Hu)])
+        R = frame2 @ frame1.T
+        # H is known to a few digits: bring R back to a rotation exactly.
+        A, _, Bt = np.linalg.svd(R)
+        R = A @ np.diag([1.0, 1.0, np.linalg.det(A @ Bt)]) @ Bt
+        k = np.cross(v2, u)
+        t = (H - R) @ k
+        if np.median(m @ k) < 0:
+            k, t = -k, -t
+        solutions.append((R, t, k))
+    return solutions

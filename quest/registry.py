@@ -1,0 +1,73 @@
+"""All solvers by name, with what a caller has to know to run any of them.
+
+Each takes bearings ``m, n`` (N, 3) or (B, N, 3) and gives the rotations cam2_from_cam1 that they allow as unit
+quaternions wxyz, (K, 4), or (B, K, 4) padded with NaN. :func:`quest.solvers.selection.select_candidates` ranks them and adds
+the translations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quest.baselines import eight_point, five_point, homography, seven_point, six_point
+from quest.solvers.quest5 import quest5
+from quest.solvers.quest6 import quest6
+from quest.solvers.quest6_fast import quest6_fast
+from quest.solvers.quest7 import quest7
+from quest.solvers.questn import questn
+
+__all__ = ["SOLVERS", "Solver"]
+
+
+@dataclass(frozen=True)
+class Solver:
+    """A solver of the relative rotation.
+
+    Attributes
+    ----------
+    name : str
+        As in tables.
+    function : callable
+        ``function(m, n)``, see the module docstring.
+    sample_size : int
+        The smallest number of matches.
+    takes_more : bool
+        Whether a sample may hold more matches than that.
+    most_candidates : int
+        No sample has more.
+    handles_planes : bool
+        Whether points on a plane are solved exactly.
+    handles_depth : bool
+        Whether points that lie on no plane are solved exactly.
+    citation : str
+    """
+
+    name: str
+    function: Callable[..., NDArray[np.float64]]
+    sample_size: int
+    takes_more: bool
+    most_candidates: int
+    handles_planes: bool
+    handles_depth: bool
+    citation: str
+
+
+_F17 = "Fathian et al., arXiv:1704.02672, 2017"
+
+#: The solvers by the name of their function.
+SOLVERS: dict[str, Solver] = {
+    "quest5": Solver("QuEst 5", quest5, 5, False, 20, True, True, "Fathian et al., IEEE RA-L, 2018"),
+    "quest6": Solver("QuEst 6", quest6, 6, True, 60, True, True, _F17),
+    "quest6_fast": Solver("QuEst 6 fast", quest6_fast, 6, False, 12, True, True, f"{_F17}; deflated"),
+    "quest7": Solver("QuEst 7", quest7, 7, True, 12, False, True, _F17),
+    "questn": Solver("QuEst N", questn, 7, True, 16, True, True, f"{_F17}; deflated, any number of matches"),
+    "five_point": Solver("5-point", five_point, 5, False, 20, True, True, "Stewenius, Engels, Nister, ISPRS J., 2006"),
+    "six_point": Solver("6-point", six_point, 6, True, 2, False, True, "Philip, TRITA-MAT-1998-MA-13, 1998"),
+    "seven_point": Solver("7-point", seven_point, 7, True, 6, False, True, "Hartley, Zisserman, 2004, section 11.1.2"),
+    "eight_point": Solver("8-point", eight_point, 8, True, 2, False, True, "Longuet-Higgins, Nature 293, 1981"),
+    "homography": Solver("homography", homography, 4, True, 2, True, False, "Ma et al., 2004, section 5.3.3"),
+}

@@ -1,0 +1,1 @@
+"""Robust estimation: RANSAC, local optimization, compiled kernels, rotation, plane, pose modes."""

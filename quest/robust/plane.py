@@ -1,0 +1,115 @@
+"""Whether one plane explains the matches of a motion, and the two motions that such a plane allows; or even a line."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quest.geometry.homography import decompose_homography, fit_homography, homography_residuals
+from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_matrix
+from quest.robust.ransac import draw_samples
+
+__all__ = ["PlaneFit", "fit_plane", "off_line_rad"]
+
+Floats = NDArray[np.float64]
+
+#: A Gaussian error exceeds three standard deviations in 0.3 % of the cases.
+_GATE_SIGMAS = 3.0
+
+
+class PlaneFit(NamedTuple):
+    """The plane that explains most inliers of a motion.
+
+    Attributes
+    ----------
+    on, off : int
+        How many matches lie on the plane, and how many do not.
+    along_rad : float
+        Standard deviation of the former along their epipolar lines, by the median: the noise, where they do lie on a
+        plane. Infinite where there is none.
+    poses : list of (7,) float
+        The motions (q_wxyz, t) of its homography, |t| = 1, the one nearest to the given motion first. Empty where
+        there is none.
+    """
+
+    on: int
+    off: int
+    along_rad: float
+    poses: list[Floats]
+
+
+def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit:
+    """The plane that explains most of the matches of a motion.
+
+    Parameters
+    ----------
+    model : (7,) float
+        q_wxyz and t of the motion.
+    m, n : (N, 3) float
+        Unit bearings of its inliers.
+    noise_rad : float
+        Standard deviation of a bearing.
+    """
+    R, t = matrix_from_quaternion(model[:4]), model[4:]
+    # The inverse depth of a point on a plane is k . m: project n x (R m + t (k . m)) = 0 on the epipolar line.
+    a = m @ R.T
+    n_cross_t = np.cross(n, t)
+    lhs = -np.einsum("ij,ij->i", n_cross_t, np.cross(n, a))
+    gain = np.einsum("ij,ij->i", n_cross_t, n_cross_t)
+    k = _robust_plane(m, lhs, gain, noise_rad, np.random.default_rng(0))
+    if k is None:
+        return PlaneFit(0, len(m), np.inf, [])
+    gate2 = 2 * (_GATE_SIGMAS * noise_rad) ** 2
+    H = R + np.outer(t, k)
+    on_plane = np.sum(homography_residuals(H, m, n) ** 2, axis=1) < 2 * gate2
+    for _ in range(3):
+        # Where most points are off the plane they speak against its other motion.
+        if on_plane.sum() < max(8, 0.5 * len(m)):
+            return PlaneFit(int(on_plane.sum()), int((~on_plane).sum()), np.inf, [])
+        H = fit_homography(m[on_plane], n[on_plane])
+        on_plane = np.sum(homography_residuals(H, m, n) ** 2, axis=1) < gate2
+    poses = [
+        np.concatenate([quaternion_from_matrix(R_i), t_i / np.linalg.norm(t_i)])
+        for R_i, t_i, _ in decompose_homography(H, m[on_plane])
+        if np.linalg.norm(t_i) > 0
+    ]
+    # One of the two is the motion itself, up to noise; the other is its twin.
+    poses.sort(key=lambda pose: -abs(float(pose[:4] @ model[:4])) - 0.25 * float(pose[4:] @ t))
+    on = int(on_plane.sum())
+    # A residual across its epipolar line speaks about the motion, along it about the plane.
+    lines = np.cross(n_cross_t, n)
+    lines /= np.maximum(np.linalg.norm(lines, axis=1, keepdims=True), 1e-300)
+    along = np.einsum("ij,ij->i", homography_residuals(H, m, n), lines)[on_plane]
+    return PlaneFit(on, len(m) - on, 1.4826 * float(np.median(np.abs(along))) if on else np.inf, poses)
+
+
+def off_line_rad(rays: Floats) -> float:
+    """Standard deviation of unit rays (N, 3) from their best great circle, by the median: zero for points on a line."""
+    weight = np.ones(len(rays))
+    distance = np.zeros(len(rays))
+    # A few rays off the line, wrong matches among them, must not tilt it: each time they count less.
+    for _ in range(4):
+        normal = np.linalg.eigh((rays * weight[:, None]).T @ rays)[1][:, 0]
+        distance = np.abs(rays @ normal)
+        scale = max(1.4826 * float(np.median(distance)), 1e-12)
+        weight = 1 / (1 + (distance / (_GATE_SIGMAS * scale)) ** 2) ** 2
+    return 1.4826 * float(np.median(distance))
+
+
+def _robust_plane(m: Floats, lhs: Floats, gain: Floats, noise_rad: float, rng: np.random.Generator) -> Floats | None:
+    """The plane k (3,) with ``gain (k . m) = lhs`` for most points: the best of samples of three."""
+    if len(m) < 8:
+        return None
+    samples = draw_samples(rng, len(m), 3, 64)
+    A = m[samples] * gain[samples][..., None]
+    keep = np.abs(np.linalg.det(A)) > 1e-30
+    if not keep.any():
+        return None
+    planes = np.linalg.solve(A[keep], lhs[samples][keep][..., None])[..., 0]
+    # Displacement along the epipolar line, in units of one bearing's noise.
+    root = np.sqrt(np.maximum(gain, 1e-300))
+    residual = np.abs((planes @ m.T) * root - lhs / root) / np.sqrt(2.0)
+    limit = _GATE_SIGMAS * noise_rad
+    return np.asarray(planes[int(np.argmin(np.minimum(residual, limit).sum(axis=1)))])

@@ -1,0 +1,111 @@
+"""Gauss-Newton: what the linear algebra of the solvers leaves, in one or two steps.
+
+The eigenproblems treat the monomials as unknowns of their own, so that rounding and noise move them apart. Minimizing
+over unit q puts them together again: near a solution without noise each step squares the error. What is minimized is
+``|A quartics(q)|^2`` or the sum of squared Sampson errors of the sample (:mod:`quest.geometry.refine` derives the derivatives).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quest.geometry.quaternion import canonical, matrix_from_quaternion, multiply, quaternion_from_vector
+from quest.geometry.refine import tangent_basis
+from quest.solvers.monomials import QUARTICS, quartics
+from quest.solvers.selection import smallest_eigenvectors
+
+__all__ = ["polish_on_matches", "polish_on_quartics"]
+
+Floats = NDArray[np.float64]
+
+# Steps are cut to this angle of q in radians, 6 degrees of rotation: a larger one says that the candidate is
+# false, or that its normal equations are singular, and should not send it next to another solution.
+_LONGEST_STEP_RAD = 0.05
+
+# Rotation and direction together; the direction, which is determined worst, moves furthest.
+_LONGEST_POSE_STEP_RAD = 0.3
+
+_EXPONENTS = np.array([[letters.count(a) for a in range(4)] for letters in QUARTICS])
+# d/dq_a takes one letter a from each monomial and multiplies it by their number.
+_LOWERED = np.maximum(_EXPONENTS[:, None, :] - np.eye(4, dtype=np.int64), 0)
+
+
+def polish_on_quartics(A: Floats, q: Floats, steps: int) -> Floats:
+    """Move unit quaternions (B, K, 4) towards the nearest minimum of ``|A quartics(q)|``, A (B, T, 35).
+
+    NaN rows stay NaN.
+    """
+    for _ in range(steps):
+        residual = quartics(q) @ A.swapaxes(-1, -2)
+        J = _derivatives(q) @ A.swapaxes(-1, -2)[:, None]  # (B, K, 4, T)
+        # Along q nothing can change: leave the tangent space of the unit sphere.
+        J -= q[..., None] * (q[..., None, :] @ J)
+        normal = J @ J.swapaxes(-1, -2)
+        scale = np.trace(normal, axis1=-2, axis2=-1)[..., None, None] + 1e-100
+        # q q^T makes the matrix regular along q, a rounding error of its trace where nothing else does.
+        normal += scale * (q[..., :, None] * q[..., None, :] + 1e-15 * np.eye(4))
+        step = _solve(normal, J @ residual[..., None])[..., 0]
+        length = np.linalg.norm(step, axis=-1, keepdims=True)
+        q = q - step * np.minimum(1.0, _LONGEST_STEP_RAD / np.maximum(length, _LONGEST_STEP_RAD))
+        q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return q
+
+
+def polish_on_matches(q: Floats, m: Floats, n: Floats, steps: int) -> Floats:
+    """Move unit quaternions (B, K, 4) towards the nearest minimum of the Sampson errors of unit bearings (B, N, 3).
+
+    The translation starts as the best one of each rotation and is moved with it. NaN rows stay NaN. The derivatives of
+    the denominators are no refinement: without them many matches under noise settle elsewhere, several times as far
+    from the truth.
+    """
+    known = np.isfinite(q[..., 0])
+    q = np.where(known[..., None], q, [1.0, 0.0, 0.0, 0.0])
+    m, n = m[:, None], n[:, None]
+    t = None
+    for _ in range(steps):
+        a = m @ matrix_from_quaternion(q).swapaxes(-1, -2)
+        c = _cross(a, n)
+        if t is None:
+            t = smallest_eigenvectors(c.swapaxes(-1, -2) @ c)
+        column, B = t[..., None], tangent_basis(t)
+        e, p, s = ((rays @ column)[..., 0] for rays in (c, a, n))
+        # A match at both epipoles weighs much and says nothing: the bound keeps it from dividing by zero.
+        D = np.maximum(2 - p * p - s * s - 2 * e * e, 1e-12)
+        # de, and the half of -dD, by the rotation and by the direction.
+        by_rotation = p[..., None] * n - (a * n).sum(axis=-1)[..., None] * t[..., None, :]
+        J = np.concatenate([by_rotation, c @ B], axis=-1)
+        dD = np.concatenate(
+            [p[..., None] * _cross(a, t[..., None, :]), (p[..., None] * a + s[..., None] * n) @ B], axis=-1
+        )
+        dD += 2 * e[..., None] * J
+        J = (J + (e / D)[..., None] * dD) / np.sqrt(D)[..., None]
+        normal = J.swapaxes(-1, -2) @ J
+        scale = np.trace(normal, axis1=-2, axis2=-1)[..., None, None] + 1e-100
+        gradient = J.swapaxes(-1, -2) @ (e / np.sqrt(D))[..., None]
+        step = -np.linalg.solve(normal + 1e-12 * scale * np.eye(5), gradient)[..., 0]
+        length = np.linalg.norm(step, axis=-1, keepdims=True)
+        step *= np.minimum(1.0, _LONGEST_POSE_STEP_RAD / np.maximum(length, _LONGEST_POSE_STEP_RAD))
+        q = multiply(quaternion_from_vector(step[..., :3]), q)
+        t = t + (B @ step[..., 3:, None])[..., 0]
+        t = t / np.linalg.norm(t, axis=-1, keepdims=True)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.where(known[..., None], canonical(q), np.nan)
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """Cross product over the last axis, broadcasting."""
+    return np.asarray(a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]])
+
+
+def _derivatives(q: Floats) -> Floats:
+    """Derivatives (..., 4, 35) of the quartic monomials by w, x, y, z."""
+    powers = q[..., None] ** np.arange(5)  # (..., 4, 5): letter, exponent
+    factors = powers[..., np.arange(4), _LOWERED]  # (..., 35, 4, 4)
+    return np.asarray((_EXPONENTS * factors.prod(axis=-1)).swapaxes(-1, -2))
+
+
+def _solve(matrices: Floats, right: Floats) -> Floats:
+    """``np.linalg.solve``, with NaN for matrices that hold NaN."""
+    known = np.isfinite(matrices).all(axis=(-1, -2), keepdims=True)
+    return np.where(known, np.linalg.solve(np.where(known, matrices, np.eye(4)), right), np.nan)

@@ -1,0 +1,116 @@
+"""QuEst 6, QuEst 7, translation and depths to the letter of [F17], as a reference.
+
+The public solvers, :func:`quest.solvers.quest6.quest6` and :func:`quest.solvers.quest7.quest7`, say where they depart from
+these and why: these fail at rotations by 180 degrees, where w = 0, and lose accuracy under noise. The
+rotation matrix and the quartics are the corrected ones in both, since the printed ones describe no rotation.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quest.geometry.epipolar import as_matches
+from quest.geometry.quaternion import canonical, matrix_from_quaternion
+from quest.solvers.monomials import coefficient_rows, quartic_index
+from quest.solvers.quest6 import TIMES
+from quest.solvers.quest7 import cubed_eigenproblem
+
+__all__ = ["quest6_printed", "quest7_printed", "translation_and_depths_printed"]
+
+Floats = NDArray[np.float64]
+
+
+def quest6_printed(m: ArrayLike, n: ArrayLike) -> Floats:
+    """QuEst 6 with ``lambda = x / w`` and cube roots of w^3, x^3, y^3, z^3.
+
+    Parameters
+    ----------
+    m, n : (N, 3) float
+        Bearings in camera 1 and camera 2, N >= 6.
+
+    Returns
+    -------
+    (K, 4) float
+        Unit quaternions wxyz of the real eigenvectors and of the real part of each complex pair.
+
+    Raises
+    ------
+    InputError
+        As :func:`quest.solvers.quest6.quest6`.
+    """
+    m, n = as_matches(m, n, at_least=6)
+    A = coefficient_rows(m[None], n[None])[0]
+    powers = np.concatenate([np.eye(20), -np.linalg.pinv(A[:, 20:]) @ A[:, :20]])
+    x1 = _real_eigenvectors(powers[TIMES[1]])
+    cubes = x1[:, [quartic_index(0, a, a, a) for a in range(4)]]
+    return _unit(np.cbrt(cubes))
+
+
+def quest7_printed(m: ArrayLike, n: ArrayLike) -> Floats:
+    """QuEst 7 with ``lambda = x^3 / w^3``.
+
+    Parameters
+    ----------
+    m, n : (N, 3) float
+        Bearings in camera 1 and camera 2, N >= 7.
+
+    Returns
+    -------
+    (K, 4) float
+        Unit quaternions wxyz of the real eigenvectors and of the real part of each complex pair.
+
+    Raises
+    ------
+    InputError
+        As :func:`quest.solvers.quest7.quest7`.
+    """
+    m, n = as_matches(m, n, at_least=7)
+    (B,), _ = cubed_eigenproblem(coefficient_rows(m[None], n[None]), "x")
+    return _unit(_real_eigenvectors(B[0]))
+
+
+def translation_and_depths_printed(q: ArrayLike, m: ArrayLike, n: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """Translation and depths as the null vector of the matrix C, at norm 1 in all; of a cost that grows with N^3.
+
+    Parameters
+    ----------
+    q : (4,) float
+        Unit quaternion wxyz of cam2_from_cam1.
+    m, n : (N, 3) float
+        Bearings in camera 1 and camera 2, N >= 2.
+
+    Returns
+    -------
+    t : (3,) float
+    u, v : (N,) float
+        In the unit of t, along rays of unit norm. Most of u and v are positive.
+
+    Raises
+    ------
+    InputError
+        Where the bearings are not as above.
+    """
+    m, n = as_matches(m, n, at_least=2)
+    count = len(m)
+    C = np.zeros((count, 3, 3 + 2 * count))
+    C[:, :, :3] = np.eye(3)
+    match = np.arange(count)
+    C[match, :, 3 + match] = m @ matrix_from_quaternion(q).T
+    C[match, :, 3 + count + match] = -n
+    null = np.linalg.svd(C.reshape(3 * count, -1))[2][-1]
+    null = null * (1.0 if np.sign(null[3:]).sum() >= 0 else -1.0)
+    return null[:3], null[3 : 3 + count], null[3 + count :]
+
+
+def _real_eigenvectors(B: Floats) -> Floats:
+    """Eigenvectors of B as rows: the real ones, and the real part of one of each complex pair."""
+    values, vectors = np.linalg.eig(B)
+    return np.asarray(vectors[:, values.imag >= 0].real.T)
+
+
+def _unit(q: Floats) -> Floats:
+    """Quaternions (K, 4) of unit norm and canonical sign, without those of norm zero."""
+    norm = np.linalg.norm(q, axis=1, keepdims=True)
+    some = norm[:, 0] > 0
+    return canonical(q[some] / norm[some])

@@ -1,0 +1,115 @@
+"""QuEst for seven and more matches, planes included.
+
+QuEst 7 (:mod:`quest.solvers.quest7`) needs A to be of rank 31 and fails on planes, where it has rank 20 for any number of
+matches. QuEst 6 needs no more than the 15 smallest dimensions of A, which hold the monomials of every true rotation
+in both cases; so does this solver, for any number of matches.
+
+Bounded equations. The quartic of a triple is linear in each of the three matrices ``n m'`` of its matches (see
+:func:`quest.solvers.monomials.rows_of_moments`) and changes sign where two are exchanged. Let Z be the N x 9 matrix of those
+matrices as rows, and ``Z = Q S`` its QR decomposition. The triples of the N matches are then the triples of the rows
+of S, at most nine, mixed by a matrix of orthonormal columns (the third compound matrix of Q), so that ::
+
+    |A quartics(q)| = |A_S quartics(q)|     for all q,
+
+where A has N (N - 1) (N - 2) / 6 rows and A_S at most 84. Nothing is lost, and nothing grows with N but the QR.
+
+With the 15 right singular vectors of A_S that belong to its smallest singular values as null space, the rest is as in
+:mod:`quest.solvers.quest6_fast`. Of general points only four dimensions are null (three from eight matches on), and those that
+planes need besides let noise in. So the four smallest alone are tried too: that is QuEst 7 as an eigenproblem of the
+null space. Gauss-Newton on the Sampson errors of all matches removes the rest of the noise from the candidates near a
+solution.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quest.geometry.epipolar import as_matches
+from quest.geometry.quaternion import conjugate, multiply
+from quest.solvers.monomials import rows_of_moments
+from quest.solvers.newton import polish_on_matches
+from quest.solvers.quest6 import PRE_ROTATION, TIMES, rotation_alone
+from quest.solvers.quest6_fast import DIRECTION, candidates_from_basis, candidates_from_null_space
+
+__all__ = ["questn"]
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+# R of the QR decomposition of orthonormal columns has a pivot this small only where the null space holds a quartic
+# without w, that is, where a solution lies in the blind spot w' = 0; see quest.solvers.quest6 for the number.
+_SINGULAR = 1e-11
+
+# Noise of 0.5 px leaves .03 rad, from which Gauss-Newton needs three or four steps, and some more where the direction
+# of the translation is weak.
+_POLISHING_STEPS = 6
+
+
+def questn(m: ArrayLike, n: ArrayLike) -> Floats:
+    """Rotations cam2_from_cam1 that fit seven or more matches, planes included.
+
+    Parameters
+    ----------
+    m, n : (N, 3) or (B, N, 3) float
+        Bearings in camera 1 and camera 2, of any norm, N >= 7, without outliers.
+
+    Returns
+    -------
+    (K, 4) or (B, 16, 4) float
+        Unit quaternions wxyz, canonical in sign; K <= 16. One sample: only the candidates. A batch: padded with NaN.
+        The true rotation is among false ones: :func:`quest.solvers.selection.select_candidates` tells them apart.
+
+    Raises
+    ------
+    InputError
+        Where the shapes do not fit, N < 7, a number is not finite, or a ray is zero.
+
+    References
+    ----------
+    [F17] Fathian et al., arXiv:1704.02672, for the quartics; the rest is this package's, see the module docstring.
+    """
+    m, n = as_matches(m, n, at_least=7)
+    single = m.ndim == 2
+    if single:
+        m, n = m[None], n[None]
+    moments = (n[..., :, None] * m[..., None, :]).reshape(*m.shape[:2], 9)
+    S = np.asarray(np.linalg.qr(moments, mode="r")).reshape(len(m), -1, 3, 3)
+    q = multiply(conjugate(PRE_ROTATION), _candidates(rows_of_moments(S, PRE_ROTATION)))
+    q = polish_on_matches(q, m, n, _POLISHING_STEPS)
+    still = rotation_alone(m, n)
+    turned = np.isfinite(still[:, 0])
+    q[turned] = np.nan
+    q[turned, 0] = still[turned]
+    return q[0][np.isfinite(q[0, :, 0])] if single else q
+
+
+def _candidates(A: Floats) -> Floats:
+    """Rotations (B, 16, 4) of the smallest singular values of A (B, T, 35), NaN-padded."""
+    N = np.linalg.svd(np.linalg.qr(A, mode="r"))[2].swapaxes(-1, -2)
+    C, K, regular = _normalized(N[..., 20:])
+    planes_too = np.where(regular, candidates_from_null_space(C, K), np.nan)
+    _, K, regular = _normalized(N[..., 31:])
+    x1_times = np.tensordot(DIRECTION, K[:, TIMES[1:]], axes=(0, 1))
+    general = np.where(regular, candidates_from_basis(K[:, :20], x1_times), np.nan)
+    return np.concatenate([planes_too, general], axis=1)
+
+
+def _normalized(N: Floats) -> tuple[Floats, Floats, Bools]:
+    """A basis N (B, 35, D) of quartic monomials, turned so that its first 20 rows are orthonormal columns.
+
+    Returns
+    -------
+    C : (B, 20 - D, 20) float
+        Orthonormal rows, orthogonal to those columns.
+    K : (B, 35, D) float
+    regular : (B, 1, 1) bool
+        Whether there is such a basis; C and K mean nothing elsewhere.
+    """
+    D = N.shape[-1]
+    Q, R = np.linalg.qr(N[:, :20], mode="complete")
+    R = R[:, :D]
+    regular = (np.abs(np.diagonal(R, axis1=-2, axis2=-1)).min(axis=-1) > _SINGULAR)[:, None, None]
+    R = np.where(regular, R, np.eye(D))
+    x2 = np.linalg.solve(R.swapaxes(-1, -2), N[:, 20:].swapaxes(-1, -2)).swapaxes(-1, -2)
+    return Q[..., D:].swapaxes(-1, -2), np.concatenate([Q[..., :D], x2], axis=1), regular

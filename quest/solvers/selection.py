@@ -1,0 +1,105 @@
+"""Which of the many candidates of a sample deserve to be tried.
+
+A minimal problem has more solutions than one; the eigenproblem of QuEst adds false ones, since it knows
+each monomial without knowing that they are monomials of one q. Three things tell them apart:
+
+* agreement: a candidate of the x/w problem that solves the problems of y/w and z/w too fulfils
+  ``A quartics(q) = 0``. The sum of squares of these residuals is, by Cauchy and Binet, the determinant of
+  ``M = sum c_i c_i^T`` with the epipolar normals ``c_i = R m_i x n_i``, and vanishes exactly where the
+  smallest eigenvalue of M does, whose eigenvector is t: no further eigenproblem of QuEst is needed;
+* the geometric (Sampson) residual of the sample with that t. The algebraic one favours candidates of small
+  parallax;
+* cheirality: the depths of a true pose are positive. It is all that separates the twisted pair.
+
+Everything is vectorized over the samples of a batch and their candidates.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quest.geometry.epipolar import depths_from_pose, sampson_error
+from quest.geometry.quaternion import matrix_from_quaternion
+from quest.solvers.translation import epipolar_normals
+
+__all__ = ["select_candidates", "smallest_eigenvectors"]
+
+Floats = NDArray[np.float64]
+
+# Candidates this close in rotation are one solution seen through several eigenproblems: refinement takes
+# both to the same place, and the two poses of a plane or a twisted pair are tens of degrees apart.
+_SAME_ROTATION_RAD = 0.01
+
+# Sine of the parallax under which the sign of a depth is left to noise: 1.4 px at a focal length of 700 px.
+_VISIBLE_PARALLAX = 2e-3
+
+# Residuals under a hundredth of a pixel are alike: what rounding leaves of exact solutions is not ranked.
+_RESIDUAL_FLOOR_RAD = 1e-5
+
+
+def select_candidates(q: Floats, m: Floats, n: Floats, keep: int = 4) -> tuple[Floats, Floats]:
+    """Rank the candidates of each sample and keep the best few, with their translations.
+
+    Parameters
+    ----------
+    q : (B, K, 4) float
+        Candidates of a solver, unit quaternions wxyz, NaN-padded.
+    m, n : (B, N, 3) float
+        The samples' unit bearings.
+    keep : int
+        How many to keep of each sample.
+
+    Returns
+    -------
+    q : (B, keep, 4) float
+        Best first, NaN-padded, no two of a sample within 0.01 rad.
+    t : (B, keep, 3) float
+        Unit translations with most depths of the sample in front; NaN where q is.
+    """
+    known = np.isfinite(q[..., 0])
+    R = matrix_from_quaternion(np.where(known[..., None], q, [1.0, 0.0, 0.0, 0.0]))
+    normals = epipolar_normals(R, m[:, None], n[:, None])
+    t = smallest_eigenvectors(normals.swapaxes(-1, -2) @ normals)
+    u, v = depths_from_pose(R, t, m, n)
+    visible = np.linalg.norm(normals, axis=-1) > _VISIBLE_PARALLAX
+    votes = np.where(visible, np.sign(u) + np.sign(v), 0.0)
+    sign = np.where(votes.sum(axis=-1) < 0, -1.0, 1.0)[..., None]
+    t = sign * t
+    behind = (sign * votes < 2) & visible
+    rms = np.sqrt((sampson_error(R, t, m, n) ** 2).mean(axis=-1))
+    # One match of six behind a camera may be noise, so it weighs against a candidate without ruling it out.
+    # Over 500 noisy samples the first of the ranking has half the error that it has with the power 1, and 4
+    # adds nothing.
+    cost = np.where(known, (rms + _RESIDUAL_FLOOR_RAD) * (1 + behind.sum(axis=-1)) ** 2, np.inf)
+
+    sample = np.arange(len(q))
+    chosen = np.empty((len(q), keep), dtype=np.int64)
+    found = np.empty((len(q), keep), dtype=bool)
+    for k in range(keep):
+        best = np.argmin(cost, axis=-1)
+        chosen[:, k], found[:, k] = best, np.isfinite(cost[sample, best])
+        cosine = np.abs((q @ q[sample, best][..., None])[..., 0])
+        cost = np.where(cosine > np.cos(_SAME_ROTATION_RAD / 2), np.inf, cost)
+    rows = sample[:, None]
+    return np.where(found[..., None], q[rows, chosen], np.nan), np.where(found[..., None], t[rows, chosen], np.nan)
+
+
+def smallest_eigenvectors(M: Floats) -> Floats:
+    """Unit eigenvectors (..., 3) of the smallest eigenvalue of positive semi-definite M (..., 3, 3).
+
+    The adjugate has the same eigenvectors, and its largest eigenvalue belongs to the smallest one of M:
+    squared twice, its largest column is that vector but for the fourth power of the ratio of the two
+    smallest eigenvalues. A tenth of the time of an eigen-decomposition.
+    """
+    a, b, c = M[..., 0], M[..., 1], M[..., 2]
+    power = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
+    for _ in range(2):
+        trace = np.trace(power, axis1=-2, axis2=-1)[..., None, None]
+        power = power / np.where(trace > 0, trace, 1.0)
+        power = power @ power
+    largest = np.argmax(np.diagonal(power, axis1=-2, axis2=-1), axis=-1)
+    column = np.take_along_axis(power, largest[..., None, None], axis=-1)[..., 0]
+    norm = np.linalg.norm(column, axis=-1, keepdims=True)
+    # No parallax at all leaves no direction; any will do, since every translation then fits.
+    return np.where(norm > 0, column / np.where(norm > 0, norm, 1.0), [0.0, 0.0, 1.0])

@@ -1,0 +1,1 @@
+"""What can be said of the parallax and of the direction of the translation."""

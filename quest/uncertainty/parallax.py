@@ -1,0 +1,360 @@
+r"""Is the translation observable? A statement with an error rate, from residuals alone.
+
+Let R0 be the rotation that fits the matches best and d = n - R0 m the displacement of a match that it leaves. If the
+camera only turned (or stood still), d is the noise of two bearings: its **direction** on the sphere is uniform,
+whatever its length. If it moved by t, every point slides along its own epipolar line, towards or away from t. So two
+things tell a translation:
+
+*Near matches* (d within three standard deviations: noise and parallax are of one size). Compare what lies along the
+epipolar lines with what lies across. A small rotation is allowed to reduce the latter, three degrees of freedom:
+
+    T = sum |d|^2 - 2 min_w sum (d - w x R0 m)_across^2 - 6 v,      z = T / sqrt(sum |d|^4 / 2)
+
+v is the variance of a component of d, and 3 v what the rotation takes of noise on average. Given the lengths |d|, T
+is a sum of |d|^2 cos 2 theta with uniform theta: mean 0, variance as above, and its tails are lighter than Gaussian
+ones for any lengths (E exp(s cos) = I0(s) <= exp(s^2/4)), so neither heavy tails of the noise nor its scale matter.
+
+But t was chosen, among all directions, to make the residuals across small. As a function of t, z(t) is a random field
+on the projective plane, nearly Gaussian, with the gradient covariance Lambda(t) = 4 <g g^T>, g_i = (t x n_i) / |t x
+n_i|^2 (the rate at which the direction of an epipolar line turns with t). The chance that its maximum exceeds z is
+the expected Euler characteristic of what exceeds z [A81]_, [W95]_:
+
+    p_near = Q(z) + A (2 pi)^(-3/2) z exp(-z^2 / 2),        A = integral of sqrt(det Lambda) over the half sphere
+
+with Q the Gaussian tail. A was computed for fields of view from 20 degrees to all around: it grows with the logarithm
+of the number N of matches, since close to its epipole a line turns fast, and stays under 21 + 8 log(N / 10). As the
+bound is for the maximum over all t, it holds for whatever way t was found.
+
+*Far matches* (d beyond five standard deviations). A rotation explains none of them, so under the null hypothesis they
+are wrong matches that agree with the epipolar lines by chance. With mu of those expected for an arbitrary motion, and
+two degrees of freedom of t that can be spent on going through two of the W wrong matches exactly:
+
+    p_far = W (W - 1) / 2 P(Poisson(mu) >= far - 2)
+
+The standard deviation is estimated from the residuals across, which the choice of t made small; here it is replaced by
+its upper confidence limit for the most favourable t (Wilson and Hilferty's approximation of chi-square).
+
+The statement's p is 2 min(p_near, p_far), which needs no independence of the two.
+
+References
+----------
+.. [A81] R. J. Adler, "The Geometry of Random Fields", 1981.
+.. [W95] K. J. Worsley, "Estimating the number of peaks in a random field using the Hadwiger characteristic of excursion
+   sets", Annals of Statistics 1995.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb, erfc, exp, inf, isfinite, lgamma, log, pi, sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quest.errors import InputError, as_floats, as_index, as_positive
+from quest.geometry.epipolar import as_matches
+from quest.geometry.quaternion import matrix_from_quaternion
+from quest.geometry.refine import sampson_jacobian, tangent_basis
+from quest.robust.rotation import refine_rotation_compiled
+
+__all__ = ["ParallaxStatement", "gaussian_tail", "parallax_statement", "poisson_tail", "typical_ratios"]
+
+Floats = NDArray[np.float64]
+
+#: Within this many standard deviations, noise and parallax are compared: the usual gate of inliers, so that selecting
+#: them by their distance from an epipolar line has cut off nothing that lies within.
+_NEAR_SIGMAS = 3.0
+#: Noise takes a match beyond five standard deviations once in 3e5 matches (exp(-25/2)).
+_FAR_SIGMAS = 5.0
+#: The deviate of 1e-3 among all t: Q(4.4) = 5e-6 is that over the 200 independent directions of the field.
+_FAVOURED_DEVIATE = 4.4
+#: Ratios farther than this many median absolute deviations from the median belong to chance matches: depths of a scene
+#: between a seventh of the median and infinity stay where half of them lie within a factor of two.
+_RATIO_MADS = 6.0
+#: A ray nearer than 1e-6 rad to t has no epipolar line to speak of.
+_LEAST_SINE2 = 1e-12
+#: What rounding leaves of exact bearings after fitting a rotation is a few 1e-16, and its direction is not random.
+_LEAST_NOISE_RAD = 1e-13
+
+
+@dataclass(frozen=True)
+class ParallaxStatement:
+    """What two views say about the camera's translation.
+
+    Attributes
+    ----------
+    ratio : float
+        a in "|t|/depth = a +- b": the mean over the matches of the length of the translation divided by the depth in
+        camera 1, weighted by the squared sine of the angle between ray and t (of a ray along t, the depth is unknown).
+        NaN where no ray is off t.
+    ratio_sigma : float
+        b, its standard deviation, from the noise and the covariance of R and t, less what noise alone lends to the
+        latter. Infinite where the direction of t is not fixed: then the test may see that there is a translation, and
+        nobody can say how long it is. Of a translation that is not there, neither a nor b means anything.
+    test_value : float
+        z of the near matches: how many standard deviations the displacements off a pure rotation are longer along the
+        epipolar lines than across. To be compared with about 3.5 to 4.5, not with 2, since t was chosen to make it
+        large: the p value knows.
+    p_value : float
+        Probability, or a bound on it, of such matches where the camera only turned or stood still.
+    near, far : int
+        Matches within three, and beyond five, standard deviations of the best rotation.
+    noise_rad : float
+        Standard deviation of a bearing, as given or estimated from the residuals across the epipolar lines.
+    """
+
+    ratio: float
+    ratio_sigma: float
+    test_value: float
+    p_value: float
+    near: int
+    far: int
+    noise_rad: float
+
+    def observable(self, error_rate: float = 1e-3) -> bool:
+        """Whether there is a translation, falsely said of at most this share of cameras that do not translate."""
+        return self.p_value < error_rate
+
+
+def parallax_statement(
+    q_or_R: ArrayLike,
+    t: ArrayLike,
+    m: ArrayLike,
+    n: ArrayLike,
+    noise_rad: float | None = None,
+    *,
+    chance_matches: float = 0.0,
+    wrong_matches: int = 450,
+    rotation: ArrayLike | None = None,
+) -> ParallaxStatement:
+    """Whether the translation of a motion is observable, and how long it is compared with the depths.
+
+    Parameters
+    ----------
+    q_or_R : (4,) or (3, 3) float
+        Rotation cam2_from_cam1 of the motion, refined on the matches, as a quaternion wxyz or as a matrix.
+    t : (3,) float
+        Its translation, of any norm but zero.
+    m, n : (N, 3) float
+        Bearings of the motion's inliers in camera 1 and camera 2, N >= 6, of any norm. Select them by their distance
+        from the epipolar lines, at three standard deviations or more, not by their parallax.
+    noise_rad : float, optional
+        Standard deviation of a bearing in radians; by default it is estimated from the residuals.
+    chance_matches : float
+        How many wrong matches among the N an arbitrary motion would be expected to have: 0 for data without outliers,
+        else for example the mean count after shuffling n.
+    wrong_matches : int
+        How many wrong matches there were to choose the motion from, these N and those it left out together; about, and
+        not too few. The default makes 10^5 pairs.
+    rotation : (3, 3) float, optional
+        A rotation that explains the matches about as well as a rotation can, where one is known: where the fit of R0
+        starts. By default it starts at R.
+
+    Returns
+    -------
+    ParallaxStatement
+
+    Raises
+    ------
+    InputError
+        Where the shapes do not fit, N < 6, q or t is zero, R is no rotation, a number is not finite, or noise_rad is
+        not positive or a count negative.
+
+    References
+    ----------
+    Derived in the module docstring.
+    """
+    m, n = as_matches(m, n, at_least=6)
+    if m.ndim != 2:
+        raise InputError(f"bearings have shape {m.shape}: give two arrays (N, 3)")
+    R, t = _as_rotation(q_or_R), _as_direction(t)
+    if noise_rad is not None:
+        noise_rad = max(as_positive(noise_rad, "noise_rad", "a positive angle in radians, or None"), _LEAST_NOISE_RAD)
+        if noise_rad > 1:
+            raise InputError(f"noise_rad is {noise_rad:g}: give an angle of at most 1 rad, or None")
+    chance = as_positive(chance_matches, "chance_matches", "an expected count, zero or more", or_zero=True)
+    wrong = as_index(wrong_matches, "wrong_matches", at_least=0)
+
+    residuals, J = sampson_jacobian(R, t, m, n)
+    squares = float(residuals @ residuals)
+    noise = noise_rad if noise_rad is not None else max(sqrt(squares / (len(m) - 5)), _LEAST_NOISE_RAD)
+    largest_noise = noise_rad if noise_rad is not None else max(noise, _upper_noise(squares, len(m)))
+
+    a, d = _displacements(R if rotation is None else _as_rotation(rotation), m, n, noise)
+    length2 = np.einsum("ij,ij->i", d, d)
+    near = length2 < 2 * (_NEAR_SIGMAS * noise) ** 2
+    far = int((length2 > 2 * (_FAR_SIGMAS * largest_noise) ** 2).sum())
+    z = _anisotropy(a[near], d[near], t)
+    p_near = _chance_of_maximum(z, int(near.sum()))
+    by_noise = len(m) * exp(-(_FAR_SIGMAS**2) / 2)
+    # The far matches themselves are wrong ones under the null hypothesis.
+    pairs = comb(min(max(wrong, far, 2), 2**53), 2)  # a bound that a double holds: p_far is 1 long before
+    p_far = pairs * poisson_tail(far - 2, chance + by_noise)
+    ratio, ratio_sigma = _ratio(R, t, m, n, J, noise)
+    return ParallaxStatement(
+        ratio=ratio,
+        ratio_sigma=ratio_sigma,
+        test_value=z,
+        p_value=min(1.0, 2 * min(p_near, p_far)),
+        near=int(near.sum()),
+        far=far,
+        noise_rad=noise,
+    )
+
+
+def gaussian_tail(z: float) -> float:
+    """Probability that a standard normal variable exceeds z."""
+    return 0.5 * erfc(z / sqrt(2))
+
+
+def poisson_tail(count: int, mean: float) -> float:
+    """Probability that a Poisson variable of a mean >= 0 is at least ``count``: the sum of its terms."""
+    if count <= 0:
+        return 1.0
+    if mean == 0:
+        return 0.0
+    # The smaller side is summed, from its largest term outwards.
+    if count > mean:
+        term = total = exp(count * log(mean) - mean - lgamma(count + 1))
+        k = count
+        while term > 1e-14 * total:
+            k += 1
+            term *= mean / k
+            total += term
+        return total
+    term = below = exp((count - 1) * log(mean) - mean - lgamma(count))
+    for k in range(count - 1, 0, -1):
+        term *= k / mean
+        below += term
+    return max(0.0, 1 - below)
+
+
+def _as_rotation(q_or_R: ArrayLike) -> Floats:
+    """A rotation matrix (3, 3), whichever way it was given."""
+    given = as_floats(q_or_R, "the rotation")
+    if given.shape not in ((4,), (3, 3)) or not np.isfinite(given).all():
+        raise InputError(f"the rotation has shape {given.shape}: give a finite quaternion (4,) or a matrix (3, 3)")
+    if given.shape == (4,):
+        largest = np.abs(given).max()
+        if largest == 0:
+            raise InputError("the quaternion is zero: give one of any other norm")
+        return matrix_from_quaternion(given / largest)
+    # 1e-6 rad is a thousandth of a pixel; what rounds worse was not meant as a rotation.
+    if np.abs(given).max() > 2 or np.abs(given @ given.T - np.eye(3)).max() > 1e-6 or np.linalg.det(given) < 0:
+        raise InputError("the matrix is no rotation: give an orthogonal one of determinant 1")
+    return given
+
+
+def _as_direction(t: ArrayLike) -> Floats:
+    """A translation (3,) at unit norm."""
+    given = as_floats(t, "t")
+    if given.shape != (3,) or not np.isfinite(given).all() or not given.any():
+        raise InputError(f"t of shape {given.shape}: give three finite numbers, not all zero")
+    scaled = given / np.abs(given).max()
+    return np.asarray(scaled / np.linalg.norm(scaled))
+
+
+def _upper_noise(squares: float, count: int) -> float:
+    """Upper limit of the noise from the sum of squares across the epipolar lines of the most favourable t."""
+    dof = count - 3
+    least = dof * (1 - 2 / (9 * dof) - _FAVOURED_DEVIATE * sqrt(2 / (9 * dof))) ** 3
+    return sqrt(squares / least) if least > 0 else inf
+
+
+def _displacements(R: Floats, m: Floats, n: Floats, noise_rad: float) -> tuple[Floats, Floats]:
+    """Bearings a (N, 3) turned by the best rotation and displacements d (N, 3), tangent to them."""
+    # From the median residual down to the noise, so that a scene with parallax is fitted as a whole first.
+    last = inf
+    for _ in range(8):
+        median = sqrt(0.5 * float(np.median(np.sum((n - m @ R.T) ** 2, axis=1))))
+        scale = max(2 * noise_rad, median)
+        if scale > 0.99 * last:  # as far down as the scene allows
+            break
+        R, last = refine_rotation_compiled(R, m, n, scale, iterations=4), scale
+    a = m @ R.T
+    d = n - a
+    return a, d - np.einsum("ij,ij->i", d, a)[:, None] * a
+
+
+def _anisotropy(a: Floats, d: Floats, t: Floats) -> float:
+    """The z of the module docstring; 0 where the matches leave nothing to compare."""
+    across = np.cross(a, t)
+    length = np.linalg.norm(across, axis=1)
+    some = length**2 > _LEAST_SINE2
+    a, d, across = a[some], d[some], across[some] / length[some, None]
+    if len(a) < 4:
+        return 0.0
+    squares = np.einsum("ij,ij->i", d, d)
+    spread = sqrt(0.5 * float(np.sum(np.maximum(squares, _LEAST_NOISE_RAD**2) ** 2)))
+    y = np.einsum("ij,ij->i", across, d)
+    J = np.cross(a, across)  # across . (w x a) = w . (a x across)
+    w = np.linalg.pinv(J.T @ J, rcond=1e-12, hermitian=True) @ (J.T @ y)
+    total = squares.sum()
+    rest = y - J @ w
+    variance = total / (2 * len(a) - 3)
+    return float(total - 2 * (rest @ rest) - 6 * variance) / spread
+
+
+def _chance_of_maximum(z: float, count: int) -> float:
+    """Bound on the probability that the maximum over t of the field of z exceeds z."""
+    if z <= 1:
+        return 1.0  # the Euler characteristic counts more than maxima there
+    area = 21 + 8 * log(max(count, 10) / 10)
+    return min(1.0, gaussian_tail(z) + area * z * exp(-z * z / 2) / sqrt(2 * pi) ** 3)
+
+
+def typical_ratios(R: Floats, t: Floats, m: Floats, n: Floats) -> NDArray[np.bool_]:
+    """The matches (N,) of which the mean ratio is taken: those within six median absolute deviations of the median."""
+    shift, sine2, _, _ = _shifts(R, t, m, n)
+    known = sine2 > _LEAST_SINE2
+    if not known.any():
+        return np.asarray(known)
+    ratios = shift / np.where(known, sine2, 1.0)
+    distance = np.abs(ratios - np.median(ratios[known]))
+    return np.asarray(known & (distance <= _RATIO_MADS * np.median(distance[known])))
+
+
+def _shifts(R: Floats, t: Floats, m: Floats, n: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """``(n - R m) . l``, ``|l|^2``, l = t orthogonal to n, and R m: the first is exactly |l|^2 / u."""
+    a = m @ R.T
+    along = t - (n @ t)[:, None] * n
+    return np.einsum("ij,ij->i", n - a, along), np.einsum("ij,ij->i", along, along), along, a
+
+
+def _ratio(R: Floats, t: Floats, m: Floats, n: Floats, J: Floats, noise_rad: float) -> tuple[float, float]:
+    """The weighted mean of |t| / depth and its standard deviation."""
+    typical = typical_ratios(R, t, m, n)
+    if not typical.any():
+        return float("nan"), inf
+    shift, sine2, along, a = _shifts(R, t, m, n)
+    weight = float(sine2[typical].sum())
+    ratio = float(shift[typical].sum()) / weight
+    # Rotating by w moves a by w x a; moving t turns the line, which changes shift and sine2 alike to first order.
+    by_rotation = -np.cross(a, along)[typical].sum(axis=0) / weight
+    by_direction = (n - a - 2 * ratio * along)[typical].sum(axis=0) @ tangent_basis(t) / weight
+    gradient = np.concatenate([by_rotation, by_direction])
+    raw = J.T @ J
+    information = raw - _information_of_noise(R, t, m, n, noise_rad)
+    values, vectors = np.linalg.eigh(information)
+    if values[0] <= 1e-12 * values[-1]:
+        return ratio, inf
+    image = (vectors / values) @ (vectors.T @ gradient)
+    variance = float(image @ raw @ image) + 2 / weight
+    sigma = noise_rad * sqrt(variance)
+    return ratio, sigma if isfinite(sigma) else inf
+
+
+def _information_of_noise(R: Floats, t: Floats, m: Floats, n: Floats, noise_rad: float) -> Floats:
+    """What noise adds to J^T J (5, 5) on average: the derivative by t is a x n, as long as parallax and noise together.
+
+    Without it the direction of t would seem known where there is no parallax at all.
+    """
+    a = m @ R.T
+    p, s = a @ t, n @ t
+    weight = 1 / np.maximum(2 - p * p - s * s, 1e-12)
+    B = tangent_basis(t)
+    aB = a @ B
+    added = np.zeros((5, 5))
+    # The noise of two bearings, orthogonal to a, seen from the two directions in which t can move.
+    added[3:, 3:] = 2 * noise_rad**2 * (weight.sum() * np.eye(2) - (aB * weight[:, None]).T @ aB)
+    return added

@@ -1,0 +1,1 @@
+"""Bundle adjustment: problem, noise, gtsam graph, focal length, recipe."""

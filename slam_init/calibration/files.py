@@ -1,0 +1,218 @@
+"""Camera calibrations as people have them, told apart by their content.
+
+* our own YAML (``model``, ``width``, ``height``, ``fx``, ``fy``, ``cx``, ``cy``, ``distortion_model``,
+  ``distortion``);
+* OpenCV ``FileStorage`` YAML and XML (``camera_matrix`` / ``K``, ``distortion_coefficients`` / ``D``);
+* ORB-SLAM2 and 3 (``Camera.fx``, ``Camera1.fx``; ``Camera.type: KannalaBrandt8`` is fisheye);
+* Kalibr camchain (``cam0: intrinsics``), EuRoC ``sensor.yaml`` (``intrinsics``), ROS ``camera_info`` (``K``,
+  ``D``);
+* COLMAP ``cameras.txt``, whose pixel centres lie at .5: half a pixel is subtracted from the principal point.
+
+YAML goes through PyYAML's safe loader only; its tags ``!!opencv-matrix`` are read as plain mappings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slam_init.calibration.formats import parse_colmap, parse_mapping
+from slam_init.errors import CalibrationError
+from slam_init.types.camera import Camera
+
+__all__ = ["GUESS", "guess_camera", "load_camera", "load_yaml"]
+
+#: What to give instead of a file to have the focal length guessed.
+GUESS = "guess"
+
+# The largest calibration files in use (Kalibr's of a rig) take 20 kB and four levels; a video or a bomb given
+# by mistake must not hang the parser, whose time grows with the square of the depth.
+_MAX_BYTES = 200_000
+_MAX_DEPTH = 20
+
+# Share of an image that a lens model must reach: a fisheye of 220 degrees reaches half of it with the rays that are in
+# use (89 degrees); a slip in a coefficient leaves a spot in the middle.
+_MIN_REACHED = 0.2
+
+
+def guess_camera(image_size: tuple[int, int]) -> Camera:
+    """A pinhole with focal length ``1.2 max(width, height)``, COLMAP's default prior, for (width, height)."""
+    width, height = image_size
+    focal_px = 1.2 * max(width, height)
+    return Camera("pinhole", width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, guessed=True)
+
+
+def load_camera(path: str | Path, image_size: tuple[int, int] | None = None) -> Camera:
+    """Read a calibration of any known format.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file, or ``guess``.
+    image_size : (int, int), optional
+        Width and height of the images. Formats without a size take it from here; a format with another size
+        is refused, since a calibration of other images makes a wrong map.
+
+    Raises
+    ------
+    CalibrationError
+        Where the file is missing, no calibration, or an impossible one; one line that names file and key.
+    """
+    if str(path) == GUESS:
+        if image_size is None:
+            raise CalibrationError("a guessed camera needs the size of the images")
+        return guess_camera(image_size)
+    path = Path(path).expanduser()
+    text = _read_text(path)
+    try:
+        camera = _parse(path, text, image_size)
+    except CalibrationError as error:
+        raise CalibrationError(f"{path}: {error}") from None
+    if image_size is not None and (camera.width, camera.height) != image_size:
+        ours, theirs = f"{camera.width}x{camera.height}", f"{image_size[0]}x{image_size[1]}"
+        raise CalibrationError(
+            f"{path}: calibration is for {ours} images, but these are {theirs}: "
+            f"give the calibration of these, or scale fx, fy, cx, cy if they are resized"
+        )
+    _check_reach(path, camera)
+    return camera
+
+
+def _check_reach(path: Path, camera: Camera) -> None:
+    """Refuse distortion coefficients that leave most of the image without rays."""
+    grid = np.stack(np.meshgrid(np.linspace(0, camera.width - 1, 21), np.linspace(0, camera.height - 1, 21)), axis=-1)
+    reached = float(np.isfinite(camera.normalize(grid.reshape(-1, 2))).all(axis=1).mean())
+    if reached < _MIN_REACHED:
+        raise CalibrationError(
+            f"{path}: distortion {list(camera.distortion)} gives rays to {100 * reached:.0f} % of the image only: "
+            "check its coefficients and their order"
+        )
+
+
+def load_yaml(path: Path) -> Any:
+    """The content of a YAML file through the safe loader; a broken or unsafe file is a CalibrationError."""
+    try:
+        return _parse_yaml(_read_text(path))
+    except CalibrationError as error:
+        message = str(error)
+        raise CalibrationError(message if message.startswith(str(path)) else f"{path}: {message}") from None
+
+
+def _read_text(path: Path) -> str:
+    try:
+        if path.is_dir():
+            raise CalibrationError(f"{path}: is a folder: give a calibration file")
+        if path.exists() and not path.is_file():  # a pipe that nobody writes to is waited for without end
+            raise CalibrationError(f"{path}: is no regular file: give a calibration file")
+        with path.open("rb") as file:
+            data = file.read(_MAX_BYTES + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise CalibrationError(f"{path}: cannot read this calibration ({reason}): give a file or {GUESS!r}") from None
+    if len(data) > _MAX_BYTES:
+        raise CalibrationError(f"{path}: more than {_MAX_BYTES // 1000} kB: this is no calibration")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = "\0"
+    if "\0" in text:
+        raise CalibrationError(f"{path}: not a text file: give a YAML, XML or COLMAP calibration")
+    if not text.strip():
+        raise CalibrationError(f"{path}: the file is empty")
+    return text
+
+
+def _parse(path: Path, text: str, image_size: tuple[int, int] | None) -> Camera:
+    if path.suffix.lower() == ".xml" or text.lstrip().startswith("<"):
+        return parse_mapping(_parse_xml(text), image_size)
+    if path.suffix.lower() == ".txt":
+        return parse_colmap(text)
+    content = _parse_yaml(text)
+    if not isinstance(content, dict):
+        raise CalibrationError("not a calibration: expected lines of the form key: value")
+    return parse_mapping(content, image_size)
+
+
+def _parse_yaml(text: str) -> Any:
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        """The safe loader, for files of OpenCV too; a key that is given two values is an error, as YAML wants it."""
+
+        def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+            given: dict[str, object] = {}
+            for key, value in node.value:
+                if isinstance(key, yaml.ScalarNode) and given.setdefault(key.value, value.value) != value.value:
+                    raise yaml.constructor.ConstructorError(None, None, f"{key.value} is given twice", key.start_mark)
+            return super().construct_mapping(node, deep)
+
+    def construct_matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> Any:
+        return loader.construct_mapping(node, deep=True)
+
+    Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", construct_matrix)
+    # OpenCV writes its own dialect: "%YAML:1.0" is no directive, and "key:value" may lack the space.
+    lines = text.splitlines()
+    body = "\n".join(line for line in lines if not line.startswith("%YAML"))
+    try:
+        _check_structure(yaml.scan(body, Loader=Loader))
+        return yaml.load(body, Loader=Loader)
+    except yaml.constructor.ConstructorError as error:
+        mark = error.problem_mark
+        raise CalibrationError(
+            f"refused YAML in line {mark.line + 1 if mark else '?'}: {_one_line(error.problem)}"
+        ) from None
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        raise CalibrationError(
+            f"broken YAML in line {mark.line + 1 if mark else '?'}: {_one_line(error.problem)}"
+        ) from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise CalibrationError(f"broken YAML: {_one_line(error)}") from None
+
+
+def _check_structure(tokens: Iterator[Any]) -> None:
+    """Refuse what would make a small file take long, before anything is built from it."""
+    import yaml
+
+    opening = (
+        yaml.FlowSequenceStartToken,
+        yaml.FlowMappingStartToken,
+        yaml.BlockSequenceStartToken,
+        yaml.BlockMappingStartToken,
+    )
+    closing = (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken, yaml.BlockEndToken)
+    depth = 0
+    for token in tokens:
+        depth += isinstance(token, opening) - isinstance(token, closing)
+        if isinstance(token, yaml.AliasToken):
+            raise CalibrationError("broken YAML: a calibration needs no aliases")
+        if depth > _MAX_DEPTH:
+            raise CalibrationError(f"broken YAML: nested deeper than {_MAX_DEPTH} levels")
+
+
+def _parse_xml(text: str) -> dict[str, Any]:
+    """OpenCV's XML through OpenCV, which alone knows the format; only the keys that a camera needs."""
+    import cv2
+
+    content: dict[str, Any] = {}
+    try:
+        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        root = storage.root()
+        for key in root.keys():  # noqa: SIM118 (a FileNode is no mapping)
+            node = root.getNode(key)
+            if node.isMap() and node.mat() is not None:
+                content[key] = {"data": node.mat().ravel().tolist()}
+            elif node.isReal() or node.isInt():
+                content[key] = node.real()
+            elif node.isString():
+                content[key] = node.string()
+    except (cv2.error, SystemError):
+        raise CalibrationError("broken XML: expected a file of OpenCV's FileStorage") from None
+    return content
+
+
+def _one_line(problem: object) -> str:
+    return " ".join(str(problem).split())[:120]

@@ -1,0 +1,89 @@
+"""What a trial leaves for the recording that shows the methods side by side: its map, small, in one file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from slam_init.evaluation.metrics import align_poses
+from slam_init.types.arrays import Floats, Image
+from slam_init.types.pose import Trajectory
+from slam_init.types.result import Result
+
+__all__ = ["KeptResult", "keep_result", "kept_result"]
+
+
+@dataclass(frozen=True, eq=False)
+class KeptResult:
+    """A trial's result.
+
+    Attributes
+    ----------
+    verdicts : (A, 3) str
+        Frame, verdict and advice of each attempt.
+    reason : str
+        Empty where there is a map.
+    last_frame : int
+        Absolute index of the last frame that was read; where there is a map it was accepted there.
+    poses : (K, 4, 4) float
+        world_from_cam of the keyframes.
+    points : (L, 3) float
+    colors : (L, 3) uint8
+    truth : (N, 3) float
+        True positions from the first keyframe to the last, brought to the map by a similarity.
+    """
+
+    verdicts: np.ndarray[tuple[int, ...], np.dtype[np.str_]]
+    reason: str
+    last_frame: int
+    poses: Floats
+    points: Floats
+    colors: Image
+    truth: Floats
+
+
+def keep_result(path: Path, result: Result, start: int, truth: Trajectory | None) -> None:
+    """Write the result of a trial that began at a frame; what there is not is empty."""
+    attempts = [(str(a.frames[1] if len(a.frames) > 1 else -1), a.verdict, a.advice) for a in result.attempts]
+    map_ = result.map
+    poses = np.zeros((0 if map_ is None else len(map_.keyframes), 4, 4))
+    for pose, keyframe in zip(poses, map_.keyframes if map_ is not None else (), strict=True):
+        pose[:3, :3], pose[:3, 3], pose[3, 3] = keyframe.world_from_cam.R, keyframe.world_from_cam.t, 1.0
+    np.savez(
+        path,
+        verdicts=np.array(attempts, np.str_).reshape(-1, 3),
+        reason=np.array(result.reason or "", np.str_),
+        last_frame=np.array(start + result.frames_read - 1),
+        poses=poses,
+        points=np.zeros((0, 3)) if map_ is None else map_.points,
+        colors=np.zeros((0, 3), np.uint8) if map_ is None else map_.colors,
+        truth=_true_path(result, truth),
+    )
+
+
+def kept_result(path: Path) -> KeptResult:
+    """Read a result that :func:`keep_result` wrote."""
+    with np.load(path) as stored:
+        return KeptResult(
+            verdicts=stored["verdicts"],
+            reason=str(stored["reason"]),
+            last_frame=int(stored["last_frame"]),
+            poses=stored["poses"],
+            points=stored["points"],
+            colors=stored["colors"],
+            truth=stored["truth"],
+        )
+
+
+def _true_path(result: Result, truth: Trajectory | None) -> Floats:
+    if result.map is None or truth is None:
+        return np.zeros((0, 3))
+    pairs = [(true, k) for k in result.map.keyframes if (true := truth.at(k.timestamp_s)) is not None]
+    if len(pairs) < 2:
+        return np.zeros((0, 3))
+    world_from_gt = align_poses([true for true, _ in pairs], [keyframe.world_from_cam for _, keyframe in pairs])
+    times = truth.timestamps_s
+    first, last = (int(np.argmin(np.abs(times - pairs[i][1].timestamp_s))) for i in (0, -1))
+    return world_from_gt.apply(np.array([pose.t for pose in truth.world_from_cam[first : last + 1]]))

@@ -1,0 +1,89 @@
+"""What a source holds, told without running anything."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from slam_init.datasets import TimedSource
+from slam_init.types.camera import Camera
+
+__all__ = ["describe", "describe_text"]
+
+# Ground truth belongs to a frame when it is no further away in time.
+_TOLERANCE_S = 0.02
+
+
+def describe(source: TimedSource, camera: Camera | None) -> dict[str, Any]:
+    """Plain JSON types: kind, frames, size, timing, camera and ground truth of a source.
+
+    Reads the first image. ``path_length`` is the length of the true trajectory between the first and the last
+    frame, in its own unit.
+    """
+    first = next(source.frames(0, 1))
+    times_s = source.timestamps_s
+    duration_s = float(times_s[-1] - times_s[0])
+    return {
+        "name": source.name,
+        "kind": source.kind,
+        "frames": len(source),
+        "width": first.image.shape[1],
+        "height": first.image.shape[0],
+        "color": first.image.ndim == 3,
+        "duration_s": round(duration_s, 6),
+        "fps": round((len(source) - 1) / duration_s, 3) if duration_s > 0 else None,
+        "camera": None if camera is None else _camera_dict(camera),
+        "ground_truth": _truth_dict(source),
+    }
+
+
+def describe_text(info: dict[str, Any]) -> str:
+    """The same for a person, one fact a line."""
+    camera, truth = info["camera"], info["ground_truth"]
+    rate = "" if info["fps"] is None else f", {info['duration_s']:.2f} s at {info['fps']:.3g} frames a second"
+    lines = [
+        f"{info['name']} ({info['kind']})",
+        f"  frames        {info['frames']}{rate}",
+        f"  images        {info['width']}x{info['height']}, {'colour' if info['color'] else 'grey'}",
+    ]
+    if camera is None:
+        lines.append("  camera        none: give --camera FILE, or --camera guess")
+    else:
+        lens = ", ".join(f"{k:.4g}" for k in camera["distortion"])
+        lines.append(
+            f"  camera        {camera['model']}{' (guessed)' if camera['guessed'] else ''}, "
+            f"f = {camera['fx']:.2f}, {camera['fy']:.2f}, c = {camera['cx']:.2f}, {camera['cy']:.2f} px"
+            + (f", distortion {lens}" if lens else "")
+        )
+    if truth is None:
+        lines.append("  ground truth  none")
+    else:
+        matched = f"{truth['frames']} of {info['frames']} frames"
+        lines.append(f"  ground truth  for {matched}, path of {truth['path_length']:.3f}")
+    return "\n".join(lines) + "\n"
+
+
+def _camera_dict(camera: Camera) -> dict[str, Any]:
+    return {
+        "model": camera.model,
+        "fx": camera.fx,
+        "fy": camera.fy,
+        "cx": camera.cx,
+        "cy": camera.cy,
+        "distortion": list(camera.distortion),
+        "guessed": camera.guessed,
+    }
+
+
+def _truth_dict(source: TimedSource) -> dict[str, Any] | None:
+    truth, times_s = source.groundtruth, source.timestamps_s
+    if truth is None:
+        return None
+    within = (truth.timestamps_s >= times_s[0] - _TOLERANCE_S) & (truth.timestamps_s <= times_s[-1] + _TOLERANCE_S)
+    positions = np.array([pose.t for pose, keep in zip(truth.world_from_cam, within, strict=True) if keep])
+    steps = np.diff(positions.reshape(-1, 3), axis=0)
+    return {
+        "frames": sum(truth.at(float(time_s), _TOLERANCE_S) is not None for time_s in times_s),
+        "path_length": round(float(np.linalg.norm(steps, axis=1).sum()), 6),
+    }

@@ -1,0 +1,1 @@
+"""Decision rules: two views, planar ambiguity, map, rotation-only camera."""

@@ -1,0 +1,1 @@
+"""Comparison of estimates with ground truth."""

@@ -1,0 +1,1 @@
+"""Features, tracks and keyframes: from images to pairs of frames."""

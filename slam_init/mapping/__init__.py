@@ -1,0 +1,1 @@
+"""From a relative pose to a map: views, triangulation, candidates, rivals."""

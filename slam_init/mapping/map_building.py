@@ -1,0 +1,58 @@
+"""Builds the `InitialMap` from an adjusted bundle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from slam_init.bundle.problem import BundleSolution
+from slam_init.types.frame import Observations
+from slam_init.types.initial_map import InitialMap, Keyframe
+
+__all__ = ["initial_map"]
+
+
+def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: str) -> InitialMap:
+    """The map of an adjusted bundle.
+
+    Parameters
+    ----------
+    bundle : BundleSolution
+    views : sequence of Observations
+        Of the frames of the bundle, in its order.
+    scene : str
+        ``general`` or ``planar``.
+    """
+    problem = bundle.problem
+    colors = np.full((len(problem.points), 3), 128, np.uint8)
+    for view in views:
+        _, at, of = np.intersect1d(problem.track_ids, view.track_ids, return_indices=True)
+        if len(view.colors):
+            colors[at] = view.colors[of]
+    return InitialMap(
+        keyframes=tuple(
+            Keyframe(view.frame, view.timestamp_s, view.name, pose)
+            for view, pose in zip(views, problem.world_from_cam, strict=True)
+        ),
+        points=problem.points,
+        track_ids=problem.track_ids,
+        observation_keyframes=problem.views,
+        observation_landmarks=problem.landmarks,
+        observation_pixels=problem.pixels,
+        colors=colors,
+        pose_covariances=bundle.pose_covariances,
+        gauge=bundle.gauge,
+        graph=bundle.graph,
+        values=bundle.values,
+        points_before=bundle.before.points,
+        keyframes_before=bundle.before.world_from_cam,
+        bundle_errors=bundle.errors,
+        reprojection_rmse_px=bundle.rmse_px,
+        median_parallax_deg=float(np.degrees(np.median(problem.parallax_rad()))),
+        noise_px=bundle.noise_px,
+        scene=scene,
+        camera=bundle.camera,
+        focal_factor=bundle.focal_factor,
+        focal_factor_sigma=bundle.focal_factor_sigma,
+    )

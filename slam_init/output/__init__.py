@@ -1,0 +1,1 @@
+"""What a run writes: results, COLMAP model, terminal report."""

@@ -1,0 +1,373 @@
+"""The results of a run on disk.
+
+A folder holds exactly one run::
+
+    summary.json                what ``--json`` prints
+    trajectory.txt              TUM: the keyframes, world_from_cam
+    map.ply                     the landmarks with their colours, binary
+    colmap/                     text model of the original images (cameras.txt, images.txt, points3D.txt)
+    graph.txt, values.txt       factor graph and estimate as gtsam's text archives
+    continued.txt               TUM: the frames resected after the initialization
+    config.toml                 the resolved configuration
+
+Everything is written beside its place before the first file of an earlier run is touched, then renamed, the
+summary last: a folder with a summary is complete, and a run that fails leaves what was there.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slam_init.errors import OutputError, SourceError
+from slam_init.output.colmap import COLMAP_FILES, colmap_model, numbers_text
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Source
+from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.result import Result
+
+__all__ = [
+    "RECORDING",
+    "load_graph",
+    "ply_bytes",
+    "prepare_folder",
+    "remove_older_results",
+    "summary_dict",
+    "summary_text",
+    "tum_text",
+    "write_results",
+]
+
+SCHEMA = 1
+#: Name of the recording within the folder; written by :mod:`slam_init.recording.recorder` while the run goes on.
+RECORDING = "recording.rrd"
+
+_SUMMARY, _GRAPH, _VALUES = "summary.json", "graph.txt", "values.txt"
+_FILES = (
+    _SUMMARY,
+    "trajectory.txt",
+    "map.ply",
+    *COLMAP_FILES,
+    _GRAPH,
+    _VALUES,
+    "continued.txt",
+    "config.toml",
+)
+
+
+def prepare_folder(out: Path) -> None:
+    """Make sure, before a run, that results can be written to a folder. What is in it stays.
+
+    Parameters
+    ----------
+    out : Path
+        Created with its parents where missing.
+
+    Raises
+    ------
+    OutputError
+        Where the path is a file, or the folder cannot be created or written, or something else has the name of
+        a result.
+    """
+    try:
+        if out.exists() and not out.is_dir():
+            raise OutputError(f"--out {out} is a file: give a folder")
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            pass  # only to learn whether a file can be created
+        for name in (*_FILES, RECORDING):
+            path = out / name
+            if path.is_dir():
+                raise OutputError(f"{path} is a folder where a result belongs: give another --out")
+            if path.parent.exists() and not path.parent.is_dir():
+                raise OutputError(f"{path.parent} is a file where results belong: give another --out")
+    except OSError as error:
+        raise _output_error(out, error) from error
+
+
+def remove_older_results(out: Path) -> None:
+    """Remove results that are older than the recording beside them: an interrupted run has replaced only that.
+
+    Raises
+    ------
+    OutputError
+        Where one cannot be removed.
+    """
+    try:
+        if (out / RECORDING).is_file():
+            recorded = (out / RECORDING).stat().st_mtime_ns
+            for path in (out / name for name in _FILES):
+                if path.is_file() and path.stat().st_mtime_ns < recorded:
+                    path.unlink()
+    except OSError as error:
+        raise _output_error(out, error) from error
+
+
+def write_results(
+    out: Path,
+    result: Result,
+    summary: Mapping[str, Any],
+    config_toml: str | None = None,
+    continued: Sequence[Keyframe] = (),
+) -> None:
+    """Write everything but the recording, all or nothing.
+
+    Files of an earlier run that this one does not write are removed.
+
+    Parameters
+    ----------
+    out : Path
+        Folder, created where missing.
+    result : Result
+    summary : mapping
+        Of :func:`summary_dict`.
+    config_toml : str or None
+        The resolved configuration.
+    continued : sequence of Keyframe
+        The poses of the frames after the initialization.
+
+    Raises
+    ------
+    OutputError
+        Where the path is a file, or something cannot be written there.
+    """
+    files: dict[str, bytes] = {}
+    if result.map is not None:
+        files["trajectory.txt"] = tum_text(result.map.keyframes).encode()
+        files["map.ply"] = ply_bytes(result.map)
+        files |= {
+            # Names of images as the file system has them, Unicode or not.
+            name: text.encode("utf-8", "surrogateescape")
+            for name, text in zip(COLMAP_FILES, colmap_model(result.map), strict=True)
+        }
+        files[_GRAPH] = result.map.graph.serialize().encode()
+        files[_VALUES] = result.map.values.serialize().encode()
+    if continued:
+        files["continued.txt"] = tum_text(continued).encode()
+    if config_toml is not None:
+        files["config.toml"] = config_toml.encode()
+    files[_SUMMARY] = summary_text(summary).encode()
+
+    if out.exists() and not out.is_dir():
+        raise OutputError(f"--out {out} is a file: give a folder")
+    temporaries: dict[str, Path] = {}
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for name, content in files.items():
+            temporaries[name] = _write_beside(out / name, content)
+        for name in (_SUMMARY, *_FILES):  # the summary goes first and comes last
+            if name == _SUMMARY or name not in files:
+                (out / name).unlink(missing_ok=True)
+        for name, temporary in temporaries.items():
+            temporary.replace(out / name)
+    except OSError as error:
+        raise _output_error(out, error) from error
+    finally:  # also after an interrupt: leave no debris
+        for temporary in temporaries.values():
+            temporary.unlink(missing_ok=True)
+
+
+def load_graph(out: Path) -> tuple[Any, Any]:
+    """Read back the factor graph of a run, to go on with it in gtsam.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of a run that initialized.
+
+    Returns
+    -------
+    graph : gtsam.NonlinearFactorGraph
+    values : gtsam.Values
+        Keys as in :class:`slam_init.types.initial_map.InitialMap`.
+
+    Raises
+    ------
+    SourceError
+        Where the folder holds no readable graph.
+    """
+    import gtsam
+
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    try:
+        graph.deserialize((out / _GRAPH).read_text())
+        values.deserialize((out / _VALUES).read_text())
+    except OSError as error:
+        raise SourceError(f"no graph in {out}: give the --out folder of a run that initialized") from error
+    except RuntimeError as error:  # how gtsam's archive reports what it cannot parse
+        raise SourceError(f"the graph in {out} is damaged: run again") from error
+    return graph, values
+
+
+def summary_dict(
+    result: Result,
+    source: Source,
+    camera: Camera,
+    method: str,
+    seed: int,
+    ground_truth: Mapping[str, float | None] | None = None,
+    continued: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """The summary of a run: plain JSON types, the same for the same run except ``timing_ms``.
+
+    Parameters
+    ----------
+    result : Result
+    source : Source
+    camera : Camera
+        The calibration that was stated. Where the focal length was adjusted the summary has ``focal_length`` as well:
+        the adjusted one in pixels, its ratio to the stated one, and the standard deviation of that ratio.
+    method : str
+        Of relative pose, e.g. ``quest``.
+    seed : int
+    ground_truth : mapping or None
+        Of :func:`slam_init.evaluation.metrics.compare_with_groundtruth`.
+    continued : mapping or None
+        What became of the frames after the initialization; the key is absent where none were asked for.
+
+    Returns
+    -------
+    dict
+        Numbers that are not finite are None. Without a map ``keyframes`` is empty, ``landmarks`` 0 and the
+        figures of the map None.
+    """
+    map_ = result.map
+    summary: dict[str, Any] = {
+        "schema": SCHEMA,
+        "status": result.status,
+        "reason": result.reason,
+        "advice": result.advice,
+        "source": {"name": source.name, "kind": source.kind},
+        "method": method,
+        "seed": int(seed),
+        "camera": {
+            "model": camera.model,
+            "width": camera.width,
+            "height": camera.height,
+            **_plain({name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "distortion")}, 9),
+            "guessed": camera.guessed,
+        },
+        "frames_read": int(result.frames_read),
+        "frames_to_init": None if result.frames_to_init is None else int(result.frames_to_init),
+        "keyframes": [] if map_ is None else [_keyframe_dict(keyframe) for keyframe in map_.keyframes],
+        "landmarks": 0 if map_ is None else len(map_.points),
+        "median_parallax_deg": None if map_ is None else _plain(map_.median_parallax_deg),
+        "reprojection_rmse_px": None if map_ is None else _plain(map_.reprojection_rmse_px),
+        "scene": None if map_ is None else map_.scene,
+        # The map itself, where there is one, is no hypothesis any more.
+        "hypotheses": [] if map_ is not None else [_hypothesis_dict(kept) for kept in result.hypotheses],
+        "margin": None if result.margin is None else _plain(asdict(result.margin)),
+        "attempts": [
+            {
+                "frames": _plain(attempt.frames),
+                "verdict": attempt.verdict,
+                "advice": attempt.advice,
+                "progress": _plain(attempt.progress),
+                "evidence": _plain(attempt.evidence),
+            }
+            for attempt in result.attempts
+        ],
+        "timing_ms": _plain(result.timing_ms),
+        "ground_truth": None if ground_truth is None else _plain(ground_truth),
+        "notes": list(result.notes),
+    }
+    if map_ is not None and map_.focal_factor_sigma is not None:
+        summary["focal_length"] = {
+            **_plain({"fx": map_.camera.fx, "fy": map_.camera.fy}, 9),
+            **_plain({"factor": map_.focal_factor, "factor_sigma": map_.focal_factor_sigma}),
+        }
+    if continued is not None:
+        summary["continued"] = _plain(continued)
+    return summary
+
+
+def summary_text(summary: Mapping[str, Any]) -> str:
+    """The summary as JSON in ASCII, which any stream takes, indented, with a final newline."""
+    return json.dumps(summary, indent=2, allow_nan=False) + "\n"
+
+
+def tum_text(keyframes: Sequence[Keyframe]) -> str:
+    """A trajectory in TUM's format: ``timestamp tx ty tz qx qy qz qw``, world_from_cam, quaternion w last."""
+    lines = ["# timestamp tx ty tz qx qy qz qw (world_from_cam)"]
+    for keyframe in keyframes:
+        w, x, y, z = keyframe.world_from_cam.q_wxyz
+        numbers = numbers_text([*keyframe.world_from_cam.t, x, y, z, w])
+        lines.append(f"{keyframe.timestamp_s:.9f} {numbers}")
+    return "\n".join(lines) + "\n"
+
+
+def ply_bytes(map_: InitialMap) -> bytes:
+    """The landmarks as a binary little-endian PLY with positions (float) and colours (uchar)."""
+    header = (
+        "ply\nformat binary_little_endian 1.0\n"
+        "comment world frame: the first keyframe's camera, x right, y down, z forward\n"
+        f"element vertex {len(map_.points)}\n"
+        "property float x\nproperty float y\nproperty float z\n"
+        "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+        "end_header\n"
+    )
+    vertices = np.zeros(len(map_.points), dtype=[("xyz", "<f4", 3), ("rgb", "u1", 3)])
+    vertices["xyz"], vertices["rgb"] = map_.points, map_.colors
+    return header.encode() + vertices.tobytes()
+
+
+def _keyframe_dict(keyframe: Keyframe) -> dict[str, Any]:
+    return {
+        "frame": int(keyframe.frame),
+        "timestamp": float(keyframe.timestamp_s),
+        "q_wxyz": _plain(keyframe.world_from_cam.q_wxyz, 9),
+        "t": _plain(keyframe.world_from_cam.t, 9),
+    }
+
+
+def _hypothesis_dict(map_: InitialMap) -> dict[str, Any]:
+    """A map that was kept beside another, compactly."""
+    return {
+        "keyframes": [_keyframe_dict(keyframe) for keyframe in map_.keyframes],
+        "landmarks": len(map_.points),
+        "reprojection_rmse_px": _plain(map_.reprojection_rmse_px),
+    }
+
+
+def _plain(value: Any, digits: int = 6) -> Any:
+    """Plain JSON types: arrays as lists, floats to some significant digits, None for what is not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item, digits) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(item, digits) for item in value]
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, int | np.integer):
+        return int(value)
+    if isinstance(value, float | np.floating):
+        return float(f"{value:.{digits}g}") if math.isfinite(value) else None
+    return value
+
+
+def _write_beside(path: Path, content: bytes) -> Path:
+    """Write a hidden file beside the one that it is to replace."""
+    path.parent.mkdir(exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        # mkstemp makes files private; results are as readable as any other file of the user.
+        umask = os.umask(0)
+        os.umask(umask)
+        Path(temporary).chmod(0o666 & ~umask)
+    except BaseException:  # also an interrupt: leave no debris
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    return Path(temporary)
+
+
+def _output_error(out: Path, error: OSError) -> OutputError:
+    return OutputError(f"cannot write to --out {out}: {error.strerror or error}: give a folder you may write to")

@@ -1,0 +1,1 @@
+"""The rerun recording: everything that the pipeline saw and decided."""

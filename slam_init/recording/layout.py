@@ -1,0 +1,138 @@
+"""How the viewer lays a recording out, and which figures it plots. Used by :mod:`slam_init.recording.recorder` only."""
+
+from __future__ import annotations
+
+import uuid
+from dataclasses import dataclass
+from typing import Any
+
+__all__ = [
+    "ERROR",
+    "ERROR_BARS",
+    "ESTIMATE_COLOR",
+    "SERIES",
+    "TRACKS",
+    "TRUTH_COLOR",
+    "Color",
+    "Series",
+    "blueprint",
+    "name_parts",
+]
+
+Color = tuple[int, int, int]
+
+ESTIMATE_COLOR: Color = (60, 160, 255)
+TRUTH_COLOR: Color = (255, 150, 40)
+_GREEN: Color = (60, 200, 90)
+_PURPLE: Color = (190, 120, 230)
+_GATE_COLOR: Color = (230, 70, 70)
+
+TRACKS = "stats/counts/tracks"
+ERROR = "stats/bundle/error"
+ERROR_BARS = "stats/bundle/error_bars"
+
+
+@dataclass(frozen=True)
+class Series:
+    """A plotted figure.
+
+    Attributes
+    ----------
+    entity : str
+        The last but one part of the path is the plot.
+    label : str
+    color : (int, int, int)
+    evidence : str
+        Its name in the evidence of an attempt; empty where it comes from elsewhere.
+    """
+
+    entity: str
+    label: str
+    color: Color
+    evidence: str = ""
+
+
+#: Of all evidence, what tells how an initialization comes about: the parallax grows, the bounds on the direction error
+#: fall below their gate, those of a pair first, then that of a map. The verdict beside it lists the rest.
+SERIES = (
+    Series(TRACKS, "tracks", ESTIMATE_COLOR),
+    Series("stats/counts/landmarks", "landmarks", _GREEN, "landmarks"),
+    Series("stats/parallax/median", "median", ESTIMATE_COLOR, "parallax_px"),
+    Series("stats/shares/parallax", "with parallax", ESTIMATE_COLOR, "parallax_share"),
+    Series("stats/shares/explained", "become landmarks", _GREEN, "explained_share"),
+    Series("stats/direction/bound", "bound of the map", ESTIMATE_COLOR, "direction_bound_deg"),
+    Series("stats/direction/shared", "by shared errors", _PURPLE, "direction_shared_deg"),
+    Series("stats/direction/spread", "by parts of the view", _GREEN, "direction_spread_deg"),
+    Series("stats/direction/gate", "gate", _GATE_COLOR, "direction_shared_deg_gate"),
+    Series(ERROR, "rms residual", ESTIMATE_COLOR),
+)
+
+
+def blueprint() -> Any:
+    """The map and the cameras close up at the left; image, pair, series and verdict at the right."""
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    no_axes = [rr.TransformAxes3D(0.0)]  # the frusta show where a camera looks
+    space = rrb.Spatial3DView(
+        origin="world",
+        # Keypoints belong on the flat image; painted on a frustum they hide it.
+        contents=["$origin/**", "- /world/camera/image/keypoints", "- /world/camera/image/motion"],
+        name="map: estimate blue, ground truth orange",
+        defaults=no_axes,
+        line_grid=False,
+        # Behind, above and beside the first camera; the unit is the median depth of the landmarks.
+        eye_controls=rrb.EyeControls3D(position=(-0.4, -0.45, -0.65), look_target=(0.0, 0.0, 0.8), eye_up=(0, -1, 0)),
+    )
+    # Without an eye of its own the viewer frames what is there, however short the path.
+    cameras = rrb.Spatial3DView(
+        origin="world",
+        contents=["/world/trajectory/**", "/world/keyframes/**"],
+        name="keyframes",
+        defaults=no_axes,
+        line_grid=False,
+    )
+    camera = rrb.Spatial2DView(origin="world/camera/image", name="frame and tracks")
+    pair = rrb.Spatial2DView(origin="pairs/image", name="pair tried: inliers green, outliers red")
+    verdict = rrb.TextDocumentView(origin="pairs/verdict", name="verdict")
+    parallax, shares, direction, counts = (
+        rrb.TimeSeriesView(origin=f"stats/{plot}", name=name, plot_legend=corner)
+        for plot, name, corner in (
+            ("parallax", "parallax (px)", rrb.Corner2D.LeftTop),
+            ("shares", "shares of matches", rrb.Corner2D.LeftTop),
+            ("direction", "direction (deg)", rrb.Corner2D.RightTop),
+            ("counts", "counts", rrb.Corner2D.LeftBottom),
+        )
+    )
+    bundle = rrb.BarChartView(origin=ERROR_BARS, name="BA rms (px)", plot_legend=rrb.PlotLegend(visible=False))
+    iterations = rrb.TimeSeriesView(origin=ERROR, name="BA rms (px), timeline ba_iter")
+    log = rrb.TextLogView(
+        origin="log",
+        name="log",
+        columns=rrb.TextLogColumns(timeline_columns=["frame"], text_log_columns=["Body"]),
+    )
+    summary = rrb.TextDocumentView(origin="summary", name="summary")
+    root = rrb.Horizontal(
+        rrb.Vertical(
+            space,
+            rrb.Horizontal(cameras, rrb.Tabs(log, summary, iterations, name="text"), column_shares=[1, 1]),
+            row_shares=[5, 3],
+        ),
+        rrb.Vertical(
+            rrb.Horizontal(camera, verdict, column_shares=[3, 2]),
+            pair,
+            rrb.Horizontal(rrb.Tabs(parallax, shares), direction, counts, bundle),
+            row_shares=[3, 3, 2],
+        ),
+        column_shares=[1, 1],
+    )
+    name_parts(root, "slam-init")
+    return rrb.Blueprint(root, rrb.TimePanel(timeline="frame", state="collapsed"), collapse_panels=True)
+
+
+def name_parts(part: Any, path: str) -> None:
+    """Replace the random ids of a layout by ids made from the place of each part."""
+    part.id = uuid.uuid5(uuid.NAMESPACE_URL, path)
+    for i, child in enumerate(getattr(part, "contents", ())):
+        if hasattr(child, "id"):
+            name_parts(child, f"{path}/{i}")

@@ -1,0 +1,283 @@
+"""The camera: what a pixel means.
+
+Three models, told apart by ``model``:
+
+* ``pinhole``: no distortion;
+* ``radtan``: OpenCV's radial-tangential model ``k1, k2, p1, p2[, k3]`` (COLMAP: OPENCV, FULL_OPENCV);
+* ``fisheye``: OpenCV's equidistant model ``k1, k2, k3, k4`` (COLMAP: OPENCV_FISHEYE, Kalibr: equidistant).
+
+Pixels are undistorted once, into unit bearings; everything after works on bearings.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slam_init.errors import CalibrationError
+from slam_init.types.arrays import Floats
+
+__all__ = ["Camera"]
+
+# Newton's method doubles its digits each step; lenses in use need 4 to 8, those near turning back more.
+_NEWTON_STEPS = 30
+# Residual on the plane z = 1 of a pixel that counts as undistorted: 1e-7 px for a focal length of 1000 px.
+_SOLVED = 1e-10
+# Rays are kept on the plane z = 1, which ends at 90 degrees.
+_MAX_FISHEYE_ANGLE_RAD = math.radians(89.0)
+
+# Focal lengths in units of the longer side: a fisheye of 180 degrees has 0.3, a telescope 100. Beyond this range it is
+# the unit that is wrong (metres, a fraction of the width), and numbers overflow further on.
+_FOCAL_RANGE = (0.01, 1000.0)
+# Principal points in units of the longer side from the centre: crops move it, but not that far.
+_MAX_OFFSET = 10.0
+# Anamorphic lenses squeeze by 2; more is a slip in the decimal point.
+_MAX_ASPECT = 5.0
+
+_DISTORTION_SIZES = {"pinhole": (0,), "radtan": (4, 5), "fisheye": (4,)}
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Intrinsic calibration of one camera.
+
+    Attributes
+    ----------
+    model : str
+        ``pinhole``, ``radtan`` or ``fisheye``.
+    width, height : int
+        Image size in pixels.
+    fx, fy, cx, cy : float
+        Focal lengths and principal point in pixels; pixel centres at integer coordinates.
+    distortion : tuple of float
+        ``()``, ``(k1, k2, p1, p2[, k3])`` or ``(k1, k2, k3, k4)``.
+    guessed : bool
+        True where the focal length is a guess, not a calibration.
+
+    Raises
+    ------
+    CalibrationError
+        Where a number is not finite or beyond what lenses have, a focal length not positive, a size not positive, a
+        model unknown.
+    """
+
+    model: str
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = ()
+    guessed: bool = False
+
+    def __post_init__(self) -> None:
+        if self.model not in _DISTORTION_SIZES:
+            raise CalibrationError(f"unknown camera model {self.model!r}: use one of {', '.join(_DISTORTION_SIZES)}")
+        for name in ("fx", "fy"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise CalibrationError(f"focal length {name} is {value!r}: it must be a positive number of pixels")
+        for name in ("cx", "cy"):
+            value = getattr(self, name)
+            if not math.isfinite(value):
+                raise CalibrationError(f"principal point {name} is {value!r}: it must be a finite number of pixels")
+        if self.width <= 0 or self.height <= 0:
+            raise CalibrationError(f"image size {self.width}x{self.height}: both sides must be positive")
+        self._check_plausible()
+        if len(self.distortion) not in _DISTORTION_SIZES[self.model]:
+            allowed = " or ".join(str(n) for n in _DISTORTION_SIZES[self.model])
+            raise CalibrationError(
+                f"{len(self.distortion)} distortion coefficients for a {self.model} camera: give {allowed}"
+            )
+        if not all(math.isfinite(k) for k in self.distortion):
+            raise CalibrationError(f"distortion {list(self.distortion)} holds a number that is not finite")
+
+    def _check_plausible(self) -> None:
+        side = max(self.width, self.height)
+        for name in ("fx", "fy"):
+            if not _FOCAL_RANGE[0] * side <= getattr(self, name) <= _FOCAL_RANGE[1] * side:
+                raise CalibrationError(
+                    f"focal length {name} is {getattr(self, name)!r} for {self.width}x{self.height} images: give pixels"
+                )
+        if not 1 / _MAX_ASPECT <= self.fx / self.fy <= _MAX_ASPECT:
+            raise CalibrationError(f"focal lengths fx = {self.fx!r}, fy = {self.fy!r} are too different: correct one")
+        for name, length in (("cx", self.width), ("cy", self.height)):
+            if abs(getattr(self, name) - length / 2) > _MAX_OFFSET * side:
+                raise CalibrationError(
+                    f"principal point {name} is {getattr(self, name)!r} for {self.width}x{self.height} images: "
+                    "give pixels"
+                )
+
+    @property
+    def K(self) -> Floats:
+        """(3, 3) calibration matrix."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], float)
+
+    @property
+    def focal_px(self) -> float:
+        """Geometric mean of the focal lengths: turns pixels into radians near the centre."""
+        return math.sqrt(self.fx * self.fy)
+
+    @property
+    def is_distorted(self) -> bool:
+        """True where raw pixels differ from those of a pinhole camera."""
+        return self.model == "fisheye" or any(k != 0 for k in self.distortion)
+
+    def scaled(self, factor: float) -> Camera:
+        """The same camera for images resized by ``factor`` (pixel centres at integers)."""
+        return replace(
+            self,
+            width=max(1, round(self.width * factor)),
+            height=max(1, round(self.height * factor)),
+            fx=self.fx * factor,
+            fy=self.fy * factor,
+            cx=(self.cx + 0.5) * factor - 0.5,
+            cy=(self.cy + 0.5) * factor - 0.5,
+        )
+
+    def normalize(self, pixels: Floats) -> Floats:
+        """Undistort raw pixels (N, 2) to the plane z = 1 (N, 2).
+
+        The distortion is inverted by Newton's method to machine precision; OpenCV's fixed-point iteration
+        stops 0.1 px short in the corners of a strong lens.
+
+        Returns
+        -------
+        (N, 2) float
+            NaN for pixels that no ray reaches: beyond the radius at which the lens polynomial turns back, and
+            for fisheye cameras beyond 89 degrees from the optical axis.
+        """
+        pixels = np.asarray(pixels, float).reshape(-1, 2)
+        centred = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
+        if self.model == "fisheye":
+            return _undistort_fisheye(centred, self.distortion)
+        return _undistort_radtan(centred, self.distortion) if self.is_distorted else centred
+
+    def bearings(self, pixels: Floats) -> Floats:
+        """Unit rays (N, 3) of raw pixels (N, 2), in the camera frame; NaN where :meth:`normalize` is."""
+        xy = self.normalize(pixels)
+        rays = np.column_stack([xy, np.ones(len(xy))])
+        return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+    def project(self, points: Floats) -> Floats:
+        """Raw pixels (N, 2) of points (N, 3) in the camera frame.
+
+        Returns
+        -------
+        (N, 2) float
+            NaN for points that the lens does not see: not in front, or beyond the radius at which the lens
+            polynomial turns back and would fold them into the image.
+        """
+        points = np.asarray(points, float).reshape(-1, 3)
+        in_front = points[:, 2] > 0
+        xy = points[:, :2] / np.where(in_front, points[:, 2], 1.0)[:, None]
+        seen = in_front
+        if self.model == "fisheye":
+            angle = np.arctan(np.hypot(xy[:, 0], xy[:, 1]))
+            seen = in_front & (angle < _turning_radius(self.distortion, _MAX_FISHEYE_ANGLE_RAD))
+            xy = _distort_fisheye(xy, self.distortion)
+        elif self.is_distorted:
+            seen = in_front & (np.hypot(xy[:, 0], xy[:, 1]) < _turning_radius(_radial(self.distortion), np.inf))
+            xy = _distort_radtan(xy, self.distortion)
+        pixels = xy * (self.fx, self.fy) + (self.cx, self.cy)
+        pixels[~seen] = np.nan
+        return np.asarray(pixels)
+
+
+def _radial(distortion: tuple[float, ...]) -> tuple[float, ...]:
+    """``k1, k2[, k3]`` of radtan coefficients."""
+    return (*distortion[:2], *distortion[4:])
+
+
+def _polynomial(k: tuple[float, ...], r: Floats) -> tuple[Floats, Floats]:
+    """Value and derivative of ``r (1 + k1 r^2 + k2 r^4 + ...)``."""
+    value, slope = np.ones_like(r), np.ones_like(r)
+    for i, ki in enumerate(k, start=1):
+        power = r ** (2 * i)
+        value = value + ki * power
+        slope = slope + (2 * i + 1) * ki * power
+    return r * value, slope
+
+
+def _turning_radius(k: tuple[float, ...], limit: float) -> float:
+    """Radius at which ``r (1 + k1 r^2 + ...)`` stops growing; ``limit`` where that comes first."""
+    # The slope is a polynomial in s = r^2: its smallest positive root is where the lens model turns back.
+    coefficients = [(2 * i + 1) * ki for i, ki in enumerate(k, start=1)]
+    roots = np.roots([*reversed(coefficients), 1.0])
+    real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
+    return min(limit, float(np.sqrt(real.min()))) if len(real) else limit
+
+
+def _distort_radtan(xy: Floats, distortion: tuple[float, ...]) -> Floats:
+    """Distorted plane coordinates (N, 2) of ideal ones (N, 2); OpenCV's ``k1, k2, p1, p2[, k3]``."""
+    k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
+    x, y = xy[:, 0], xy[:, 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return np.column_stack(
+        [
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        ]
+    )
+
+
+def _undistort_radtan(distorted: Floats, distortion: tuple[float, ...]) -> Floats:
+    """Inverse of :func:`_distort_radtan`; NaN where there is none.
+
+    Newton's method from the distorted point. On the purely radial part it converges monotonically for barrel
+    and for pincushion lenses (the profile is concave or convex), and the tangential part is small.
+    """
+    k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
+    xy = distorted.copy()
+    with np.errstate(all="ignore"):  # points without a ray may overflow; they end as NaN
+        for _ in range(_NEWTON_STEPS):
+            x, y = xy[:, 0], xy[:, 1]
+            r2 = x * x + y * y
+            radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+            radial_slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial / d r2, times 2
+            residual = _distort_radtan(xy, distortion) - distorted
+            jxx = radial + x * x * radial_slope + 2 * p1 * y + 6 * p2 * x
+            jxy = x * y * radial_slope + 2 * p1 * x + 2 * p2 * y
+            jyy = radial + y * y * radial_slope + 6 * p1 * y + 2 * p2 * x
+            determinant = jxx * jyy - jxy * jxy
+            step = np.column_stack(
+                [
+                    (jyy * residual[:, 0] - jxy * residual[:, 1]) / determinant,
+                    (jxx * residual[:, 1] - jxy * residual[:, 0]) / determinant,
+                ]
+            )
+            xy = xy - step
+            if np.all(np.abs(step) < 1e-13):
+                break
+        residual = _distort_radtan(xy, distortion) - distorted
+        solved = np.abs(residual).max(axis=1, initial=0.0) < _SOLVED
+        # A root beyond the turning radius is a different ray that happens to end in the same pixel.
+        seen = np.hypot(xy[:, 0], xy[:, 1]) < _turning_radius(_radial(distortion), np.inf)
+    xy[~(solved & seen)] = np.nan
+    return xy
+
+
+def _distort_fisheye(xy: Floats, distortion: tuple[float, ...]) -> Floats:
+    """Distorted plane coordinates (N, 2) of ideal ones: the angle from the axis becomes the radius."""
+    radius = np.hypot(xy[:, 0], xy[:, 1])
+    distorted, _ = _polynomial(distortion, np.arctan(radius))
+    return np.asarray(xy * np.where(radius > 1e-12, distorted / np.maximum(radius, 1e-12), 1.0)[:, None])
+
+
+def _undistort_fisheye(distorted: Floats, distortion: tuple[float, ...]) -> Floats:
+    """Inverse of :func:`_distort_fisheye`; NaN where there is none."""
+    radius = np.hypot(distorted[:, 0], distorted[:, 1])
+    limit = _turning_radius(distortion, _MAX_FISHEYE_ANGLE_RAD)
+    angle = np.minimum(radius, limit)
+    with np.errstate(all="ignore"):  # points without a ray end as NaN
+        for _ in range(_NEWTON_STEPS):
+            value, slope = _polynomial(distortion, angle)
+            angle = np.clip(angle - (value - radius) / slope, 0.0, limit)
+        value, _ = _polynomial(distortion, angle)
+        solved = (np.abs(value - radius) < _SOLVED) & (angle < limit)
+        scale = np.where(radius > 1e-12, np.tan(angle) / np.maximum(radius, 1e-12), 1.0)
+    return np.where(solved[:, None], distorted * scale[:, None], np.nan)

@@ -1,0 +1,114 @@
+"""Frames, the sources that yield them, and the tracks seen in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from slam_init.types.camera import Camera
+
+from slam_init.types.arrays import Floats, Image, Ints
+from slam_init.types.pose import Trajectory
+
+__all__ = ["Frame", "Observations", "Source"]
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One image of a source.
+
+    Attributes
+    ----------
+    index : int
+        Absolute position in the source, from 0, whatever ``--start`` says.
+    timestamp_s : float
+        Time stamp of the source in seconds.
+    name : str
+        File name relative to the source's image folder, or ``frame-000012`` for videos.
+    image : (H, W) or (H, W, 3) uint8
+        Grey or BGR, as read.
+    """
+
+    index: int
+    timestamp_s: float
+    name: str
+    image: Image
+
+    @cached_property
+    def gray(self) -> Image:
+        """(H, W) uint8 luminance."""
+        if self.image.ndim == 2:
+            return self.image
+        import cv2
+
+        return np.asarray(cv2.cvtColor(self.image, cv2.COLOR_BGR2GRAY), np.uint8)
+
+
+class Source(Protocol):
+    """Anything that yields frames in time order: a folder, a video, a synthetic world."""
+
+    @property
+    def name(self) -> str:
+        """Short name for reports."""
+        ...
+
+    @property
+    def kind(self) -> str:
+        """``tum``, ``euroc``, ``kitti``, ``images``, ``video`` or ``synth``."""
+        ...
+
+    @property
+    def camera(self) -> Camera | None:
+        """The calibration that comes with the source, if any."""
+        ...
+
+    @property
+    def groundtruth(self) -> Trajectory | None:
+        """The true trajectory that comes with the source, if any."""
+        ...
+
+    def __len__(self) -> int:
+        """Number of frames (for a video, as its header says)."""
+        ...
+
+    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
+        """Yield frames in order from absolute index ``start``."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Where the tracks are seen in one frame.
+
+    Attributes
+    ----------
+    frame : int
+        Absolute index of the frame.
+    timestamp_s : float
+    name : str
+        Name of the image.
+    track_ids : (N,) int
+        Strictly increasing, so that two frames are joined by a sorted intersection.
+    pixels : (N, 2) float
+        As measured in the raw image.
+    bearings : (N, 3) float
+        Unit rays in the camera frame (undistorted once, here).
+    colors : (N, 3) uint8
+        RGB of the image there.
+    """
+
+    frame: int
+    timestamp_s: float
+    name: str
+    track_ids: Ints
+    pixels: Floats
+    bearings: Floats
+    colors: Image = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
+
+    def __len__(self) -> int:
+        return len(self.track_ids)

@@ -1,0 +1,123 @@
+"""The initial map and its keyframes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from slam_init.types.camera import Camera
+
+from slam_init.types.arrays import Floats, Ints
+from slam_init.types.frame import Observations
+from slam_init.types.pose import Pose
+
+__all__ = ["InitialMap", "Keyframe"]
+
+
+@dataclass(frozen=True, eq=False)
+class Keyframe:
+    """A view of the initial map."""
+
+    frame: int
+    timestamp_s: float
+    name: str
+    world_from_cam: Pose
+
+
+@dataclass(frozen=True, eq=False)
+class InitialMap:
+    """The initial map: keyframes in time order, landmarks, and which keyframe saw which landmark where.
+
+    The world frame is the first keyframe's camera frame; the unit of length is the median depth of the landmarks in
+    it.
+
+    Attributes
+    ----------
+    keyframes : tuple of K Keyframe
+    points : (L, 3) float
+        Landmarks in the world frame.
+    track_ids : (L,) int
+    observation_keyframes : (M,) int
+        Position in ``keyframes``.
+    observation_landmarks : (M,) int
+        Position in ``points``.
+    observation_pixels : (M, 2) float
+        Raw pixels.
+    colors : (L, 3) uint8
+        RGB of each landmark, sampled from the images.
+    pose_covariances : (K, 6, 6) float
+        Marginal covariances of ``world_from_cam`` in gtsam's tangent order (rotation, translation) in the camera
+        frame, in the gauge that ``gauge`` names, scaled by the noise estimated from the residuals.
+    gauge : str
+        What was held fixed.
+    graph, values
+        ``gtsam.NonlinearFactorGraph`` and ``gtsam.Values``: keys ``X(frame)`` for poses (world_from_cam),
+        ``L(track_id)`` for landmarks and, where the focal length was adjusted, ``K(0)`` for the calibration.
+    points_before : (L, 3) float
+        The landmarks as triangulated, before bundle adjustment, in the same frame and scale.
+    keyframes_before : tuple of K Pose
+        world_from_cam before bundle adjustment.
+    bundle_errors : tuple of float
+        Bundle adjustment: root mean square residual in pixels at the start and after each iteration; while the kernel
+        is robust, of what the kernel leaves of the residuals.
+    reprojection_rmse_px : float
+        Root mean square over observations of the 2-D reprojection error.
+    median_parallax_deg : float
+        Median over landmarks of the largest angle between two of its rays.
+    noise_px : float
+        Standard deviation of a coordinate as estimated from the residuals.
+    scene : str
+        ``general`` or ``planar``.
+    camera : Camera
+        With which the landmarks project to the observations: the stated one, or the same with the adjusted focal
+        length. The bearings of :class:`Observations` stay those of the stated camera: :meth:`seen_in` has the others.
+    focal_factor : float
+        The adjusted focal length over the stated one; 1 where it was held.
+    focal_factor_sigma : float or None
+        Its standard deviation, by the noise of the tracks and the prior; None where it was held.
+    """
+
+    keyframes: tuple[Keyframe, ...]
+    points: Floats
+    track_ids: Ints
+    observation_keyframes: Ints
+    observation_landmarks: Ints
+    observation_pixels: Floats
+    colors: NDArray[np.uint8]
+    pose_covariances: Floats
+    gauge: str
+    graph: Any
+    values: Any
+    points_before: Floats
+    keyframes_before: tuple[Pose, ...]
+    bundle_errors: tuple[float, ...]
+    reprojection_rmse_px: float
+    median_parallax_deg: float
+    noise_px: float
+    scene: str
+    camera: Camera
+    focal_factor: float = 1.0
+    focal_factor_sigma: float | None = None
+
+    def seen_in(self, observed: Observations) -> tuple[Ints, Ints, Floats]:
+        """The landmarks that a frame sees, and where.
+
+        Returns
+        -------
+        landmarks : (N,) int
+            Positions in ``points``.
+        features : (N,) int
+            Positions in the observations.
+        bearings : (N, 3) float
+            Unit rays in the camera frame, by the camera of the map; what it cannot have seen is left out.
+        """
+        _, i, j = np.intersect1d(self.track_ids, observed.track_ids, return_indices=True)
+        if self.focal_factor_sigma is None:
+            return i, j, observed.bearings[j]
+        bearings = self.camera.bearings(observed.pixels[j])
+        known = np.isfinite(bearings).all(axis=1)
+        return i[known], j[known], bearings[known]

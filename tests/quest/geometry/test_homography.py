@@ -1,0 +1,128 @@
+"""Homographies of planes: the fit, and that their decomposition holds the truth and the twin of the plane."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from quest.geometry.homography import decompose_homography, fit_homography, homography_residuals
+from quest.geometry.quaternion import rotation_angle, rotation_from_vector
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def unit(values) -> np.ndarray:
+    a = np.asarray(values, float)
+    return a / np.linalg.norm(a, axis=-1, keepdims=True)
+
+
+def plane_views(seed: int, count: int = 40):
+    """R, t, k and the bearings of points on the plane k . X = 1 that both cameras see in front."""
+    rng = np.random.default_rng(seed)
+    R = rotation_from_vector(rng.uniform(-0.3, 0.3, 3))
+    t = rng.uniform(-0.8, 0.8, 3)
+    k = np.array([*rng.uniform(-0.08, 0.08, 2), 0.25])
+    m = unit(rng.uniform([-0.5, -0.4, 1], [0.5, 0.4, 1], (count, 3)))
+    X = m / (m @ k)[:, None]
+    return R, t, k, m, unit(X @ R.T + t)
+
+
+def distances(solutions, R, t, k) -> list[float]:
+    return [
+        float(rotation_angle(R_i @ R.T)) + float(np.linalg.norm(t_i * np.linalg.norm(k_i) - t * np.linalg.norm(k)))
+        for R_i, t_i, k_i in solutions
+    ]
+
+
+@settings(deadline=None)
+@given(seed=SEEDS)
+def test_the_fit_of_exact_points_is_the_homography_of_the_plane(seed):
+    R, t, k, m, n = plane_views(seed)
+    H = fit_homography(m, n)
+    expected = R + np.outer(t, k)
+    assert pytest.approx(expected / np.linalg.norm(expected), abs=1e-9) == H
+    assert np.abs(homography_residuals(H, m, n)).max() < 1e-9
+
+
+@settings(deadline=None, max_examples=50)
+@given(seed=SEEDS)
+def test_points_of_weight_zero_have_no_say(seed):
+    _, _, _, m, n = plane_views(seed)
+    weight = np.ones(len(m))
+    weight[:10] = 0
+    wrong = n.copy()
+    wrong[:10] = wrong[9::-1]
+    assert fit_homography(m, wrong, weight) == pytest.approx(fit_homography(m[10:], n[10:]), abs=1e-12)
+
+
+@settings(deadline=None, max_examples=50)
+@given(seed=SEEDS)
+def test_turning_the_second_camera_turns_the_residuals(seed):
+    R, t, k, m, n = plane_views(seed)
+    rng = np.random.default_rng(seed)
+    n = unit(n + 1e-3 * rng.normal(size=n.shape))
+    H, Q = R + np.outer(t, k), rotation_from_vector(rng.uniform(-3, 3, 3))
+    turned = homography_residuals(Q @ H, m, n @ Q.T)
+    assert turned == pytest.approx(homography_residuals(H, m, n) @ Q.T, abs=1e-14)
+    assert np.einsum("ij,ij->i", homography_residuals(H, m, n), n) == pytest.approx(np.zeros(len(m)), abs=1e-14)
+
+
+def test_residuals_have_the_size_of_the_noise_of_one_bearing():
+    rng = np.random.default_rng(0)
+    m = unit(rng.uniform([-0.5, -0.4, 1], [0.5, 0.4, 1], (4000, 3)))
+    n = m @ np.eye(3)
+    m, n = (unit(rays + 1e-3 * rng.normal(size=rays.shape)) for rays in (m, n))
+    r = homography_residuals(np.eye(3), m, n)
+    # Two components, 4000 points: the mean square is known to 1.6 %.
+    assert np.sqrt(np.sum(r**2) / (2 * len(m))) == pytest.approx(1e-3, rel=0.05)
+
+
+@settings(deadline=None)
+@given(seed=SEEDS, scale=st.floats(-5, 5).filter(lambda s: abs(s) > 0.01))
+def test_the_decomposition_holds_the_truth_whatever_the_scale_and_sign(seed, scale):
+    R, t, k, m, _ = plane_views(seed)
+    assume(np.linalg.norm(t) > 0.05)
+    solutions = decompose_homography(scale * (R + np.outer(t, k)), m)
+    assert len(solutions) == 2
+    assert min(distances(solutions, R, t, k)) < 1e-6
+
+
+@settings(deadline=None)
+@given(seed=SEEDS)
+def test_both_poses_explain_the_homography_with_the_plane_in_front(seed):
+    R, t, k, m, _ = plane_views(seed)
+    assume(np.linalg.norm(t) > 0.05)
+    H = R + np.outer(t, k)
+    for R_i, t_i, k_i in decompose_homography(H, m):
+        assert R_i @ R_i.T == pytest.approx(np.eye(3), abs=1e-12)
+        assert np.linalg.det(R_i) == pytest.approx(1)
+        H_i = R_i + np.outer(t_i, k_i)
+        assert np.abs(H_i / np.linalg.norm(H_i)) == pytest.approx(np.abs(H / np.linalg.norm(H)), abs=1e-9)
+        assert np.median(m @ k_i) > 0
+
+
+def test_the_points_decide_the_sign():
+    R, t, k, m, _ = plane_views(7)
+    H = R + np.outer(t, k)
+    for (R1, t1, k1), (R2, t2, k2) in zip(decompose_homography(H, m), decompose_homography(H, -m), strict=True):
+        assert pytest.approx(R1) == R2
+        assert t2 == pytest.approx(-t1)
+        assert k2 == pytest.approx(-k1)
+
+
+def test_moving_along_the_normal_leaves_one_pose_twice():
+    # Towards a wall seen head-on the two solutions are one.
+    R, k = rotation_from_vector([0.1, -0.2, 0.05]), np.array([0.0, 0.0, 0.25])
+    t = R @ np.array([0.0, 0.0, 0.5])
+    m = unit(np.random.default_rng(0).uniform([-0.5, -0.4, 1], [0.5, 0.4, 1], (40, 3)))
+    solutions = decompose_homography(R + np.outer(t, k), m)
+    assert len(solutions) == 2
+    assert distances(solutions, R, t, k) == pytest.approx([0, 0], abs=1e-6)
+
+
+@given(w=st.tuples(*[st.floats(-1.7, 1.7)] * 3), scale=st.sampled_from([1.0, -2.0, 1e-3]))
+def test_a_rotation_is_nothing_to_decompose(w, scale):
+    m = unit(np.random.default_rng(0).normal(size=(10, 3)))
+    assert decompose_homography(scale * rotation_from_vector(w), m) == []

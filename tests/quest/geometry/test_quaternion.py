@@ -1,0 +1,94 @@
+"""Laws of rotations as quaternions; near-identity and half-turn cases are drawn on purpose."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from quest.geometry.quaternion import (
+    canonical,
+    conjugate,
+    matrix_from_quaternion,
+    multiply,
+    quaternion_from_matrix,
+    rotation_angle,
+    rotation_from_vector,
+)
+
+SEEDS = st.integers(0, 2**32 - 1)
+ANGLES = st.one_of(st.sampled_from([0.0, 1e-12, 1e-8, 1e-4, np.pi - 1e-8, np.pi]), st.floats(0, np.pi, allow_nan=False))
+
+
+def axis_of(seed: int) -> np.ndarray:
+    a = np.random.default_rng(seed).normal(size=3)
+    return a / np.linalg.norm(a)
+
+
+def unit(seed: int) -> np.ndarray:
+    q = np.random.default_rng(seed).normal(size=4)
+    return q / np.linalg.norm(q)
+
+
+def test_half_angle_about_x_turns_y_to_z():
+    R = matrix_from_quaternion([np.cos(np.pi / 4), np.sin(np.pi / 4), 0, 0])
+    assert pytest.approx([0, 0, 1]) == R @ [0, 1, 0]
+
+
+def test_all_signs_of_the_matrix_are_those_of_the_sandwich_product():
+    # The paper prints four entries with the sign exchanged (R13, R23, R31, R32).
+    q = unit(0)
+    for v in np.eye(3):
+        sandwich = multiply(multiply(q, np.r_[0, v]), conjugate(q))
+        assert matrix_from_quaternion(q) @ v == pytest.approx(sandwich[1:], abs=1e-15)
+
+
+@given(SEEDS, SEEDS)
+def test_product_composes_rotations(a: int, b: int):
+    p, q = unit(a), unit(b)
+    composed = matrix_from_quaternion(p) @ matrix_from_quaternion(q)
+    assert np.allclose(matrix_from_quaternion(multiply(p, q)), composed, atol=1e-14)
+
+
+@given(SEEDS, ANGLES)
+def test_matrix_and_back(seed: int, angle: float):
+    q = canonical(np.r_[np.cos(angle / 2), np.sin(angle / 2) * axis_of(seed)])
+    R = matrix_from_quaternion(q)
+    assert np.allclose(R @ R.T, np.eye(3), atol=1e-14)
+    assert np.linalg.det(R) == pytest.approx(1)
+    # At a half turn both signs are the same rotation, and rounding may choose.
+    back = quaternion_from_matrix(R)
+    assert min(np.abs(back - q).max(), np.abs(back + q).max()) < 1e-14
+
+
+@given(SEEDS, ANGLES)
+def test_angle_is_accurate_near_zero_and_near_a_half_turn(seed: int, angle: float):
+    R = rotation_from_vector(angle * axis_of(seed))
+    assert rotation_angle(R) == pytest.approx(angle, abs=1e-15 + 1e-14 * angle + 1e-15)
+
+
+@given(SEEDS, ANGLES)
+def test_opposite_vectors_are_inverse_rotations(seed: int, angle: float):
+    w = angle * axis_of(seed)
+    assert np.allclose(rotation_from_vector(-w), rotation_from_vector(w).T, atol=1e-15)
+
+
+def test_canonical_sign_at_zero_w():
+    assert canonical([0.0, -1.0, 0.0, 0.0]) == pytest.approx([0, 1, 0, 0])
+    assert canonical([0.0, 0.0, -0.6, 0.8]) == pytest.approx([0, 0, 0.6, -0.8])
+    assert canonical([-0.5, 0.5, 0.5, 0.5])[0] > 0
+
+
+def test_canonical_passes_nan_rows_and_mends_the_others():
+    q = canonical([[np.nan] * 4, [-1.0, 0.0, 0.0, 0.0]])
+    assert np.isnan(q[0]).all()
+    assert q[1] == pytest.approx([1, 0, 0, 0])
+
+
+def test_batches_equal_one_by_one():
+    q = np.random.default_rng(1).normal(size=(3, 5, 4))
+    R = matrix_from_quaternion(q)
+    assert R.shape == (3, 5, 3, 3)
+    assert np.array_equal(R[2, 3], matrix_from_quaternion(q[2, 3]))
+    assert np.array_equal(quaternion_from_matrix(R)[1, 2], quaternion_from_matrix(R[1, 2]))

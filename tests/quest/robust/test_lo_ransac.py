@@ -1,0 +1,242 @@
+"""The search for the motion of least cost: progressive samples, the five-point search, solvers that drive it."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quest import InputError, estimate_relative_pose
+from quest.geometry.quaternion import (
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotation_angle,
+    rotation_from_vector,
+)
+from quest.robust.lo_ransac import progressive_samples, search_five
+from quest.robust.pose_problem import RelativePoseProblem
+from quest.robust.ransac import ransac
+
+SEEDS = st.integers(0, 2**32 - 1)
+THRESHOLD_RAD = 2e-3
+NOISE_RAD = 5e-4
+R_TRUE = rotation_from_vector([0.05, -0.15, 0.08])
+T_TRUE = np.array([0.6, -0.1, 0.2])
+
+
+def unit(values) -> np.ndarray:
+    a = np.asarray(values, float)
+    return a / np.linalg.norm(a, axis=-1, keepdims=True)
+
+
+def scene(seed: int, count: int = 200, *, outliers: float = 0.0, planar: bool = False, noise_rad: float = NOISE_RAD):
+    """Bearings of a box or of a plane in both views; the first matches are the outliers."""
+    rng = np.random.default_rng(seed)
+    X = rng.uniform([-1.6, -1.2, 3], [1.6, 1.2, 6], (count, 3))
+    if planar:
+        X[:, 2] = 4.5 + 0.3 * X[:, 0] - 0.6 * X[:, 1]
+    m, n = (unit(unit(rays) + noise_rad * rng.normal(size=X.shape)) for rays in (X, X @ R_TRUE.T + T_TRUE))
+    wrong = int(outliers * count)
+    n[:wrong] = unit(rng.uniform([-0.5, -0.4, 1], [0.5, 0.4, 1], (wrong, 3)))
+    return m, n
+
+
+def errors_deg(R, t, R_other=R_TRUE, t_other=T_TRUE) -> tuple[float, float]:
+    chord = min(2.0, float(np.linalg.norm(t - unit(t_other))))
+    return float(np.degrees(rotation_angle(R @ R_other.T))), float(np.degrees(2 * np.arcsin(chord / 2)))
+
+
+def errors_of(model) -> tuple[float, float]:
+    return errors_deg(matrix_from_quaternion(model[:4]), model[4:])
+
+
+# --- progressive samples ---
+
+
+@given(
+    seed=SEEDS,
+    size=st.integers(2, 7),
+    surplus=st.integers(0, 300),
+    drawn=st.sampled_from([0, 1, 50, 5_000, 199_000, 10**6]),
+    batch=st.integers(0, 60),
+)
+def test_progressive_samples_hold_distinct_ranks_of_the_data(seed, size, surplus, drawn, batch):
+    count = size + surplus
+    samples = progressive_samples(np.random.default_rng(seed), count, size, drawn, batch)
+    assert samples.shape == (batch, size)
+    assert ((samples >= 0) & (samples < count)).all()
+    assert all(len(set(row)) == size for row in samples.tolist())
+
+
+@given(seed=SEEDS, size=st.integers(2, 7), surplus=st.integers(1, 300))
+def test_the_first_samples_come_from_the_best_and_the_set_grows_by_one_at_most(seed, size, surplus):
+    samples = progressive_samples(np.random.default_rng(seed), size + surplus, size, 0, 300)
+    assert sorted(samples[0].tolist()) == list(range(size))
+    worst = samples.max(axis=1)
+    assert (samples[:, 0] == worst)[worst < size + surplus - 1].all()  # the newest match is in each sample of its set
+    grows = np.diff(samples[: surplus + 1, 0])
+    assert ((grows == 0) | (grows == 1)).all()
+
+
+@pytest.mark.parametrize(("drawn", "newest"), [(500, 8), (10**7, None)], ids=["growing", "grown"])
+def test_the_others_of_a_sample_are_drawn_equally_often(drawn, newest):
+    # 9 matches grow to all 9 in the end; while they grow, each sample holds the newest and 2 of those before it.
+    rng, count = np.random.default_rng(5), 9
+    samples = progressive_samples(rng, count, 3, drawn, 200_000 if newest is None else 20_000)
+    if newest is None:
+        drawn_sets, population = samples, range(count)
+        subsets = dict.fromkeys(combinations(population, 3), 0)
+    else:
+        of_newest = samples[samples[:, 0] == samples[0, 0]]
+        newest = int(samples[0, 0])
+        drawn_sets = of_newest[:, 1:]
+        subsets = dict.fromkeys(combinations(range(newest), 2), 0)
+    for row in np.sort(drawn_sets, axis=1).tolist():
+        subsets[tuple(row)] += 1
+    counts = np.array(list(subsets.values()))
+    mean = len(drawn_sets) / len(counts)
+    assert mean > 100
+    assert np.abs(counts - mean).max() < 5 * np.sqrt(mean)
+
+
+def test_all_matches_take_part_in_the_end():
+    samples = progressive_samples(np.random.default_rng(0), 100, 5, 300_000, 2000)
+    assert np.bincount(samples.ravel(), minlength=100).min() > 50  # 100 each, give or take ten
+
+
+# --- the search ---
+
+
+def search(m, n, seed: int = 0, *, scores=None, max_samples: int = 50_000):
+    rng = np.random.default_rng(seed)
+    options = {"confidence": 0.999, "max_samples": max_samples, "scores": scores}
+    return search_five(m, n, THRESHOLD_RAD, rng, np.eye(3), **options)
+
+
+@settings(deadline=None, max_examples=8)
+@given(seed=SEEDS, outliers=st.floats(0, 0.5))
+def test_the_motion_is_found_and_costs_hardly_more_than_the_truth(seed, outliers):
+    m, n = scene(seed, outliers=outliers)
+    report = search(m, n, seed)
+    rotation, direction = errors_of(report.models[0])
+    assert rotation < 0.5
+    assert direction < 2
+    problem = RelativePoseProblem(m, n, THRESHOLD_RAD)
+    truth = np.concatenate([quaternion_from_matrix(R_TRUE), unit(T_TRUE)])
+    # What is refined is a smooth cost, and its optimum is that of the truncated one but for the matches at the gate.
+    assert report.costs[0] <= 1.02 * problem.costs(truth[None])[0][0]
+    assert problem.costs(report.models)[0] == pytest.approx(report.costs, rel=1e-6)
+    assert (np.diff(report.costs) >= 0).all()
+
+
+def test_the_seed_decides_everything_in_the_search():
+    m, n = scene(0, outliers=0.4)
+    first, second, other = (search(m, n, seed) for seed in (1, 1, 2))
+    assert first.models.tobytes() == second.models.tobytes()
+    assert first.costs.tobytes() == second.costs.tobytes()
+    assert first.models.tobytes() != other.models.tobytes()
+
+
+def test_easy_data_stop_early_and_no_search_exceeds_its_bound():
+    easy, hard = scene(0), scene(0, outliers=1.0)
+    assert search(*easy).samples < 500
+    assert search(*hard, max_samples=700).samples == 700
+    assert search(*easy, max_samples=0) is None
+
+
+def test_repeated_matches_have_no_motion():
+    m, n = scene(0)
+    assert search(np.repeat(m[:1], 50, axis=0), np.repeat(n[:1], 50, axis=0), max_samples=300) is None
+
+
+def test_good_scores_lead_to_the_motion_in_fewer_samples():
+    # 85 % outliers: one sample in 13 000 is free of them. Half of the inliers are known to be the best matches.
+    def bound_that_succeeds(seed: int, scored: bool) -> int:
+        m, n = scene(seed, 400, outliers=0.85)
+        scores = np.zeros(400)
+        scores[370:] = 1
+        bounds = [64, 256, 1024, 4096, 16384]
+        for bound in bounds:
+            report = search(m, n, seed, scores=scores if scored else None, max_samples=bound)
+            if report is not None and max(errors_of(report.models[0])) < 3:
+                return bound
+        return 2 * bounds[-1]
+
+    with_scores = [bound_that_succeeds(seed, True) for seed in range(5)]
+    without = [bound_that_succeeds(seed, False) for seed in range(5)]
+    assert max(with_scores) <= 256
+    assert np.median(without) >= 4 * np.median(with_scores)
+
+
+def test_bad_scores_do_no_harm_where_samples_suffice():
+    m, n = scene(0, outliers=0.3)
+    scores = np.zeros(200)
+    scores[:60] = 1  # the outliers are said to be the best
+    pose = estimate_relative_pose(m, n, scores=scores)
+    assert max(errors_deg(pose.R, pose.t)) < 2
+
+
+# --- compiled against readable ---
+
+
+@pytest.mark.parametrize("planar", [False, True], ids=["general", "planar"])
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("solver", ["quest6", "quest7"])
+def test_the_compiled_search_agrees_with_the_readable_one(seed, planar, solver):
+    m, n = scene(seed, outliers=0.3, planar=planar)
+    compiled = estimate_relative_pose(m, n, seed=seed)
+    readable = estimate_relative_pose(m, n, seed=seed, solver=solver, max_samples=2000)
+    assert compiled.kind == readable.kind == ("planar" if planar else "general")
+    # Both end at the same optimum; a match at the gate may count for one of them.
+    kept = [(h.R, h.t) for h in (readable, *readable.alternatives)]
+    rotation, direction = min(errors_deg(compiled.R, compiled.t, *pose) for pose in kept)
+    sigma = np.degrees(np.sqrt(np.diag(compiled.covariance)))
+    assert rotation < sigma[:3].max()
+    assert direction < np.degrees(compiled.direction_sigma_rad)
+    assert (compiled.inliers == readable.inliers).mean() > 0.97
+
+
+def test_the_searches_find_the_same_cost():
+    m, n = scene(1, outliers=0.4)
+    compiled = search(m, n)
+    readable = ransac(RelativePoseProblem(m, n, THRESHOLD_RAD), np.random.default_rng(0))
+    assert compiled.costs[0] <= readable.costs[0] * 1.02
+
+
+# --- arguments ---
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"solver": "six"}, "solver"),
+        ({"solver": None}, "solver"),
+        ({"solver": ["five"]}, "solver"),
+        ({"scores": np.ones(199)}, "scores"),
+        ({"scores": np.ones((200, 1))}, "scores"),
+        ({"scores": np.full(200, np.nan)}, "scores"),
+        ({"scores": "best first"}, "scores"),
+        ({"confidence": 0.0}, "confidence"),
+        ({"confidence": 1.0}, "confidence"),
+        ({"confidence": 1.5}, "confidence"),
+        ({"confidence": np.nan}, "confidence"),
+        ({"confidence": None}, "confidence"),
+        ({"seed": -1}, "seed"),
+        ({"seed": 1.5}, "seed"),
+        ({"max_samples": -1}, "max_samples"),
+        ({"max_samples": 0.5}, "max_samples"),
+        ({"threshold_rad": 4.0}, "threshold_rad"),
+    ],
+)
+def test_arguments_that_mean_nothing_are_named(arguments, message):
+    with pytest.raises(InputError, match=message):
+        estimate_relative_pose(*scene(0), **arguments)
+
+
+@pytest.mark.parametrize("arguments", [{"solver": "six"}, {"seed": -1}, {"scores": [1.0]}, {"confidence": 2}])
+def test_too_few_matches_do_not_excuse_a_wrong_argument(arguments):
+    with pytest.raises(InputError):
+        estimate_relative_pose(*scene(0, count=4), **arguments)

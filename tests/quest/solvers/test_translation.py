@@ -1,0 +1,167 @@
+"""Translation, depths and epipolar quantities obey ``u R m + t = v n``."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from quest.geometry.epipolar import depths_from_pose, essential_from_pose, parallax_angles, sampson_error
+from quest.geometry.quaternion import matrix_from_quaternion
+from quest.solvers.printed import translation_and_depths_printed
+from quest.solvers.translation import translation_and_depths
+
+
+def two_views(seed: int, points: int = 8, baseline: float = 1.0):
+    """Points in a shell all around camera 1, so that many rays are beyond 90 degrees from the axis."""
+    rng = np.random.default_rng(seed)
+    m = rng.normal(size=(points, 3))
+    m /= np.linalg.norm(m, axis=1, keepdims=True)
+    u = rng.uniform(3, 6, points)
+    q = rng.normal(size=4)
+    q /= np.linalg.norm(q)
+    t = rng.normal(size=3)
+    t *= baseline / np.linalg.norm(t) if baseline else 0.0
+    X = (u[:, None] * m) @ matrix_from_quaternion(q).T + t
+    v = np.linalg.norm(X, axis=1)
+    return q, t, m, X / v[:, None], u, v
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_truth_comes_back_in_one_scale(seed: int):
+    q, t, m, n, u, v = two_views(seed)
+    t_, u_, v_ = translation_and_depths(q, m, n)
+    assert t_ == pytest.approx(t, abs=1e-10)
+    assert u_ == pytest.approx(u, abs=1e-8)
+    assert v_ == pytest.approx(v, abs=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("points", [3, 8, 40])
+def test_equals_the_null_vector_of_the_papers_matrix(seed: int, points: int):
+    q, _, m, n, _, _ = two_views(seed, points)
+    expected = np.concatenate(translation_and_depths_printed(q, m, n))
+    found = np.concatenate(translation_and_depths(q, m, n))
+    assert found / np.linalg.norm(found) == pytest.approx(expected, abs=1e-11)
+
+
+@pytest.mark.parametrize("baseline", [0.05, 0.3])
+def test_under_noise_the_direction_is_nearer_than_that_of_the_null_vector(baseline: float):
+    errors = {translation_and_depths: [], translation_and_depths_printed: []}
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        q, t = np.array([1.0, *rng.uniform(-0.2, 0.2, 3)]), rng.normal(size=3)
+        q, t = q / np.linalg.norm(q), t / np.linalg.norm(t)
+        X = rng.uniform([-1.2, -0.9, 3], [1.2, 0.9, 6], (60, 3))
+        # 2 px at a focal length of 800 px, in both views.
+        noisy = [
+            Y / Y[:, 2:] + np.column_stack([rng.normal(size=(60, 2)) / 400, np.zeros(60)])
+            for Y in (X, X @ matrix_from_quaternion(q).T + 4.5 * baseline * t)
+        ]
+        for solve, found in errors.items():
+            direction = solve(q, *noisy)[0]
+            found.append(np.arccos(min(1.0, abs(direction @ t) / np.linalg.norm(direction))))
+    ours, printed = (np.mean(found) for found in errors.values())
+    assert ours < printed
+
+
+def test_many_matches_cost_no_matrix_of_their_number_squared():
+    q, t, m, n, u, _ = two_views(0, points=50_000)
+    t_, u_, _ = translation_and_depths(q, m, n)
+    assert t_ == pytest.approx(t, abs=1e-10)
+    assert np.median(np.abs(u_ / u - 1)) < 1e-12
+
+
+def test_many_rotations_equal_one_by_one_and_padding_is_passed_on():
+    q, _, m, n, _, _ = two_views(0)
+    other = np.roll(q, 1)
+    together = translation_and_depths(np.stack([q, [np.nan] * 4, other]), m, n)
+    for alone, row in ((q, 0), (other, 2)):
+        for a, b in zip(translation_and_depths(alone, m, n), together, strict=True):
+            assert b[row] == pytest.approx(a)
+    assert all(np.isnan(a[1]).all() for a in together)
+
+
+def test_a_turning_camera_has_no_translation():
+    q, _, m, n, _, _ = two_views(0, baseline=0.0)
+    t, u, v = translation_and_depths(q, m, n)
+    assert np.array_equal(t, np.zeros(3))
+    residual = u[:, None] * (m @ matrix_from_quaternion(q).T) + t - v[:, None] * n
+    assert np.abs(residual).max() < 1e-14
+
+
+def test_majority_of_depths_is_in_front_though_some_are_behind():
+    q, t, m, n, _, _ = two_views(1)
+    m[0], n[0] = -m[0], -n[0]
+    t_, u_, v_ = translation_and_depths(q, m, n)
+    assert t_ == pytest.approx(t, abs=1e-10)
+    assert u_[0] < 0 < u_[1:].min()
+    assert v_[0] < 0 < v_[1:].min()
+
+
+@pytest.mark.parametrize(
+    ("q", "m", "message"),
+    [
+        (np.ones(3), np.ones((6, 3)), r"\(4,\) or \(K, 4\)"),
+        (np.ones(4), np.ones((1, 3)), "at least 2"),
+        (np.ones(4), np.full((6, 3), np.inf), "not finite"),
+        (np.ones(4), np.zeros((6, 3)), "zero"),
+        (np.zeros(4), np.ones((6, 3)), "q is zero"),
+        (np.array([1, np.inf, 0, 0]), np.ones((6, 3)), "infinite"),
+    ],
+)
+def test_wrong_input_is_named(q, m, message: str):
+    with pytest.raises(ValueError, match=message):
+        translation_and_depths(q, m, m)
+
+
+def test_essential_matrix_annihilates_matches():
+    q, t, m, n, _, _ = two_views(2)
+    E = essential_from_pose(matrix_from_quaternion(q), t)
+    assert np.abs(np.einsum("ni,ij,nj->n", n, E, m)).max() < 1e-14
+    assert pytest.approx(np.cross(np.eye(3), t) @ matrix_from_quaternion(q)) == E
+
+
+def test_sampson_error_is_the_angle_off_the_epipolar_plane():
+    q, t, m, n, _, _ = two_views(3)
+    R, angle = matrix_from_quaternion(q), 1e-5
+    normal = np.cross(t, n)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    moved = n + angle * normal
+    moved /= np.linalg.norm(moved, axis=1, keepdims=True)
+    error = sampson_error(R, t, m, moved)
+    # Moving n alone would mend it by the angle; shared, each view counts by the gradient of n . E m in it,
+    # the sine of the other view's distance from its epipole.
+    sine_n = np.linalg.norm(np.cross(t, n), axis=1)
+    sine_m = np.linalg.norm(np.cross(R.T @ t, m), axis=1)
+    assert np.abs(error) == pytest.approx(angle * sine_m / np.hypot(sine_n, sine_m), rel=1e-3)
+
+
+def test_sampson_error_is_alike_in_both_views_and_blind_to_the_length_of_t():
+    q, t, m, n, _, _ = two_views(4)
+    R = matrix_from_quaternion(q)
+    m = m + 1e-3 * np.random.default_rng(0).normal(size=m.shape)
+    m /= np.linalg.norm(m, axis=1, keepdims=True)
+    there, back = sampson_error(R, 7 * t, m, n), sampson_error(R.T, -R.T @ t, n, m)
+    assert np.abs(there) == pytest.approx(np.abs(back))
+    assert np.abs(there).min() > 0
+
+
+def test_many_hypotheses_equal_one_by_one():
+    q, t, m, n, _, _ = two_views(5)
+    R = np.stack([matrix_from_quaternion(np.roll(q, k)) for k in range(4)])
+    ts = np.stack([np.roll(t, k) for k in range(4)])
+    errors, (u, v) = sampson_error(R, ts, m, n), depths_from_pose(R, ts, m, n)
+    angles = parallax_angles(R, m, n)
+    for k in range(4):
+        assert errors[k] == pytest.approx(sampson_error(R[k], ts[k], m, n))
+        assert u[k] == pytest.approx(depths_from_pose(R[k], ts[k], m, n)[0])
+        assert v[k] == pytest.approx(depths_from_pose(R[k], ts[k], m, n)[1])
+        assert angles[k] == pytest.approx(parallax_angles(R[k], m, n))
+
+
+def test_parallax_of_parallel_rays_is_zero_and_of_the_sideways_camera_the_angle():
+    m = np.array([[0.0, 0.0, 1.0]])
+    angle = 1e-7
+    n = np.array([[np.sin(angle), 0.0, np.cos(angle)]])
+    assert parallax_angles(np.eye(3), m, m) == pytest.approx([0.0])
+    assert parallax_angles(np.eye(3), m, n) == pytest.approx([angle], rel=1e-6)

@@ -1,0 +1,121 @@
+"""The statement on parallax: its error rate, its power, and what it says of degenerate scenes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from quest import InputError, parallax_statement
+from quest.benchmarks.parallax_calibration import Scene, draw_views, fitted_motion, true_ratio
+from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
+from quest.uncertainty.parallax import gaussian_tail, poisson_tail
+
+NOISE_RAD = 1.5e-3
+
+
+def views(seed, *, ratio=0.1, count=200, noise_rad=NOISE_RAD, shape="box"):
+    return draw_views(Scene(shape, count, ratio, noise_rad=noise_rad), np.random.default_rng(seed))
+
+
+@settings(deadline=None)
+@given(st.floats(-6, 30))
+def test_gaussian_tail_is_that_of_scipy(z):
+    assert gaussian_tail(z) == pytest.approx(stats.norm.sf(z), rel=1e-11, abs=1e-300)
+
+
+@settings(deadline=None)
+@given(st.integers(-3, 400), st.floats(0, 300))
+def test_poisson_tail_is_that_of_scipy(count, mean):
+    assert poisson_tail(count, mean) == pytest.approx(stats.poisson.sf(count - 1, mean), rel=1e-9, abs=1e-13)
+
+
+def test_a_turning_camera_is_rarely_said_to_translate():
+    # With a true error rate of 5 % more than 5 of 30 would happen once in 300 times; the seeds are fixed.
+    values = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        scene = draw_views(Scene("box", 80, 0.0, outliers=0.2), rng)
+        motion = fitted_motion(scene, rng)
+        values.append(motion.statement.p_value)
+    assert np.mean(np.array(values) < 0.05) <= 5 / 30
+    assert min(values) > 1e-3 / 30
+
+
+@pytest.mark.parametrize("shape", ["box", "plane", "wall"])
+def test_a_translation_is_seen_and_measured(shape):
+    found = []
+    for seed in range(20):
+        two = views(seed, shape=shape, count=300, ratio=0.05)
+        statement = parallax_statement(two.R, two.t, two.m, two.n, NOISE_RAD)
+        assert statement.observable(1e-6)
+        found.append((statement.ratio - true_ratio(two, two.R, two.t, np.ones(300, bool))) / statement.ratio_sigma)
+    # At the true motion only the points' own noise is left, which b exceeds.
+    assert np.abs(found).max() < 4
+
+
+def test_two_identical_images_say_nothing():
+    two = views(0)
+    statement = parallax_statement(np.eye(3), two.t, two.m, two.m)
+    assert statement.p_value == 1
+    assert statement.far == 0
+    assert not statement.observable()
+
+
+def test_exact_translation_is_beyond_doubt():
+    two = views(1, noise_rad=0.0)
+    statement = parallax_statement(two.R, two.t, two.m, two.n)
+    assert statement.p_value < 1e-12
+    assert statement.ratio == pytest.approx(true_ratio(two, two.R, two.t, np.ones(200, bool)), rel=1e-9)
+    assert statement.ratio_sigma < 1e-9
+
+
+def test_chance_matches_explain_what_lies_far():
+    two = views(2, ratio=0.0, count=300)
+    n = two.n.copy()
+    # Eight wrong matches, put on their epipolar lines far ahead, as the selection of a motion among many would.
+    n[:8] += 0.2 * (two.t - (n[:8] @ two.t)[:, None] * n[:8])
+    naive = parallax_statement(two.R, two.t, two.m, n)
+    aware = parallax_statement(two.R, two.t, two.m, n, chance_matches=5.0)
+    assert naive.far == aware.far == 8
+    assert naive.p_value < 1e-3 < 0.05 < aware.p_value
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 1000), st.floats(0.0, 0.1))
+def test_neither_the_frame_of_camera_2_nor_lengths_nor_order_change_it(seed, ratio):
+    two = views(seed, ratio=ratio, count=60)
+    rng = np.random.default_rng(seed)
+    turn = rotation_from_vector(rng.normal(size=3))
+    order = rng.permutation(60)
+    reference = parallax_statement(two.R, two.t, two.m, two.n)
+    q = quaternion_from_matrix(turn @ two.R)
+    other = parallax_statement(q, 7 * (turn @ two.t), 3 * two.m[order], (two.n @ turn.T)[order])
+    assert other.p_value == pytest.approx(reference.p_value, rel=1e-5, abs=1e-300)
+    assert other.ratio == pytest.approx(reference.ratio, rel=1e-6, abs=1e-9)
+    assert (other.near, other.far) == (reference.near, reference.far)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"q_or_R": np.zeros(4)}, "zero"),
+        ({"q_or_R": 2 * np.eye(3)}, "no rotation"),
+        ({"q_or_R": np.diag([1.0, 1.0, -1.0])}, "no rotation"),
+        ({"q_or_R": np.eye(2)}, r"\(2, 2\)"),
+        ({"t": np.zeros(3)}, "not all zero"),
+        ({"t": [0, np.nan, 1]}, "finite"),
+        ({"m": np.ones((5, 3)), "n": np.ones((5, 3))}, "at least 6"),
+        ({"noise_rad": 0.0}, "noise_rad"),
+        ({"noise_rad": "small"}, "noise_rad"),
+        ({"chance_matches": -1.0}, "chance_matches"),
+        ({"wrong_matches": 1.5}, "wrong_matches"),
+    ],
+)
+def test_wrong_input_is_named(change, message):
+    two = views(0, count=20)
+    good = {"q_or_R": two.R, "t": two.t, "m": two.m, "n": two.n}
+    with pytest.raises(InputError, match=message):
+        parallax_statement(**{**good, **change})

@@ -1,0 +1,174 @@
+"""Laws of the trajectory metrics, with evo as the independent judge."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from evo.core import metrics as evo_metrics
+from evo.core.trajectory import PosePath3D
+from hypothesis import given
+from hypothesis import strategies as st
+from make_map import make_map, make_poses, make_truth
+
+from quest.geometry.quaternion import rotation_angle, rotation_from_vector
+from slam_init.evaluation.metrics import (
+    align_poses,
+    align_positions,
+    ate_rmse,
+    compare_with_groundtruth,
+    relative_pose_errors,
+)
+from slam_init.types.initial_map import Keyframe
+from slam_init.types.pose import Pose, Trajectory
+
+
+def noisy(poses, rng, scale=0.4):
+    return [
+        Pose(p.R @ rotation_from_vector(rng.normal(0, 0.02, 3)), scale * p.t + rng.normal(0, 0.02, 3)) for p in poses
+    ]
+
+
+def evo_path(poses):
+    matrices = []
+    for pose in poses:
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = pose.R, pose.t
+        matrices.append(matrix)
+    return PosePath3D(poses_se3=matrices)
+
+
+def keyframes_of(poses, start=0.0):
+    return [Keyframe(i, start + i / 10, f"{i}.png", pose) for i, pose in enumerate(poses)]
+
+
+def trajectory_of(poses):
+    return Trajectory(np.arange(len(poses)) / 10, tuple(poses))
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_similarity_is_recovered_exactly(seed):
+    rng = np.random.default_rng(seed)
+    a = rng.normal(size=(6, 3))
+    R, s, t = rotation_from_vector(rng.normal(size=3)), rng.uniform(0.1, 10), rng.normal(size=3)
+    found = align_positions(a, s * a @ R.T + t)
+    np.testing.assert_allclose(found.R, R, atol=1e-9)
+    np.testing.assert_allclose([found.scale, *found.t], [s, *t], atol=1e-8)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_reflection_is_never_the_answer(seed):
+    rng = np.random.default_rng(seed)
+    a = rng.normal(size=(6, 3))
+    assert np.linalg.det(align_positions(a, a * [1, 1, -1]).R) == pytest.approx(1)
+    assert ate_rmse(a, a * [1, 1, -1]) > 0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_ate_and_rpe_are_those_of_evo(seed):
+    rng = np.random.default_rng(seed)
+    truth = make_poses(12)
+    estimated = noisy(truth, rng)
+    reference, aligned = evo_path(truth), evo_path(estimated)
+    aligned.align(reference, correct_scale=True)
+    ape = evo_metrics.APE(evo_metrics.PoseRelation.translation_part)
+    ape.process_data((reference, aligned))
+    ours = ate_rmse(np.array([p.t for p in estimated]), np.array([p.t for p in truth]))
+    assert ours == pytest.approx(ape.get_statistic(evo_metrics.StatisticsType.rmse), abs=1e-9)
+
+    translation, rotation_deg = relative_pose_errors(estimated, truth, delta=2)
+    for relation, mine in (
+        (evo_metrics.PoseRelation.translation_part, translation),
+        (evo_metrics.PoseRelation.rotation_angle_deg, rotation_deg),
+    ):
+        rpe = evo_metrics.RPE(relation, delta=2, delta_unit=evo_metrics.Unit.frames, all_pairs=True)
+        rpe.process_data((reference, evo_path(estimated)))
+        np.testing.assert_allclose(mine, rpe.error, atol=1e-9)
+
+
+def test_two_positions_are_always_fitted_exactly():
+    assert ate_rmse(np.array([[0.0, 0, 0], [1, 0, 0]]), np.array([[5.0, 1, 0], [5, 1, 7]])) == pytest.approx(0)
+
+
+def test_collinear_positions_have_an_error_although_no_unique_rotation():
+    a, b = np.zeros((4, 3)), np.zeros((4, 3))
+    a[:, 0], b[:, 2] = [0, 1, 2, 3], [0, 1, 2, 3.4]
+    slope, intercept = np.polyfit(a[:, 0], b[:, 2], 1)
+    expected = np.sqrt(np.mean((b[:, 2] - slope * a[:, 0] - intercept) ** 2))
+    assert ate_rmse(a, b) == pytest.approx(expected)
+
+
+def test_coinciding_positions_do_not_divide_by_zero():
+    moving = np.arange(9.0).reshape(3, 3)
+    assert align_positions(np.ones((3, 3)), moving).scale == 1
+    assert align_positions(moving, np.ones((3, 3))).scale == pytest.approx(0)
+
+
+@pytest.mark.parametrize("shapes", [((2, 3), (3, 3)), ((0, 3), (0, 3)), ((3, 2), (3, 2))])
+def test_positions_that_do_not_correspond_are_refused(shapes):
+    with pytest.raises(ValueError, match="positions of shapes"):
+        align_positions(np.zeros(shapes[0]), np.zeros(shapes[1]))
+
+
+def test_poses_align_two_cameras_where_positions_leave_a_rotation_free():
+    map_ = make_map(keyframes=2)
+    truth, estimated = make_truth(map_), [k.world_from_cam for k in map_.keyframes]
+    similarity = align_poses(truth.world_from_cam, estimated)
+    assert similarity.scale == pytest.approx(1 / 2.5)
+    for mine, true in zip(estimated, truth.world_from_cam, strict=True):
+        np.testing.assert_allclose(similarity.R @ true.R, mine.R, atol=1e-12)
+        np.testing.assert_allclose(similarity.apply(true.t), mine.t, atol=1e-12)
+
+
+def test_a_perfect_map_has_no_error_in_whatever_frame_and_scale_the_truth_is():
+    map_ = make_map()
+    truth = make_truth(map_, scale=2.5)
+    found = compare_with_groundtruth(map_.keyframes, truth)
+    assert found is not None
+    steps = np.diff([pose.t for pose in truth.world_from_cam], axis=0)
+    assert found.pop("path_length") == pytest.approx(np.linalg.norm(steps, axis=1).sum())
+    assert found == pytest.approx({"rotation_error_deg": 0, "direction_error_deg": 0, "ate_rmse": 0}, abs=1e-5)
+
+
+def test_the_worst_keyframe_counts():
+    truth = make_poses(4)
+    wrong = Pose(truth[2].R @ rotation_from_vector(np.deg2rad([0, 3.0, 0])), truth[2].t)
+    found = compare_with_groundtruth(keyframes_of([truth[0], truth[1], wrong, truth[3]]), trajectory_of(truth))
+    assert found is not None
+    assert found["rotation_error_deg"] == pytest.approx(3)
+    assert found["direction_error_deg"] == pytest.approx(0, abs=1e-5)
+
+
+@pytest.mark.parametrize(("share", "expected"), [(0.29, 0.0), (0.31, 90.0)])
+def test_short_baselines_have_no_say_in_the_direction(share, expected):
+    truth = [Pose(np.eye(3), np.array(t, float)) for t in ([0, 0, 0], [share, 0, 0], [1, 0, 0])]
+    estimated = [truth[0], Pose(np.eye(3), np.array([0, share, 0])), truth[2]]
+    found = compare_with_groundtruth(keyframes_of(estimated), trajectory_of(truth))
+    assert found is not None
+    assert found["direction_error_deg"] == pytest.approx(expected)
+
+
+def test_a_map_that_moves_backwards_is_180_degrees_wrong_and_one_that_does_not_move_too():
+    truth = [Pose.identity(), Pose(np.eye(3), np.array([0.0, 0, 1]))]
+    for t in ([0, 0, -1], [0, 0, 0]):
+        found = compare_with_groundtruth(
+            keyframes_of([truth[0], Pose(np.eye(3), np.array(t, float))]), trajectory_of(truth)
+        )
+        assert found is not None
+        assert found["direction_error_deg"] == pytest.approx(180)
+
+
+def test_a_truth_that_stands_still_has_no_direction_and_no_scale():
+    truth = [Pose.identity()] * 3
+    found = compare_with_groundtruth(keyframes_of(make_poses(3)), trajectory_of(truth))
+    assert found is not None
+    assert found["direction_error_deg"] is None
+    assert found["ate_rmse"] is None
+    assert found["path_length"] == 0
+    assert found["rotation_error_deg"] == pytest.approx(float(np.rad2deg(rotation_angle(make_poses(3)[2].R))))
+
+
+def test_no_truth_at_the_time_of_the_keyframes_is_no_comparison():
+    poses = make_poses(3)
+    assert compare_with_groundtruth(keyframes_of(poses), None) is None
+    assert compare_with_groundtruth(keyframes_of(poses, start=100.0), trajectory_of(poses)) is None
+    assert compare_with_groundtruth(keyframes_of(poses), Trajectory(np.zeros(0), ())) is None

@@ -1,0 +1,185 @@
+"""Tracks on textures whose motion is known: flow, descriptors, and the book-keeping of both."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from make_scene import texture, window
+
+from slam_init.config import TrackingConfig
+from slam_init.frontend.tracks import History, Tracker, common_tracks
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, Observations
+
+SIZE = (320, 240)
+CAMERA = Camera("pinhole", *SIZE, 260.0, 260.0, 159.5, 119.5)
+CONFIG = TrackingConfig()
+TEXTURE = texture(1, 500, 900)
+
+
+def look(*places):
+    """Frames that look at the texture from these places."""
+    return [window(TEXTURE, x, y, *SIZE, index=k) for k, (x, y) in enumerate(places)]
+
+
+def follow(frames, camera=CAMERA, config=CONFIG):
+    tracker = Tracker(camera, config)
+    return tracker, [tracker.track(frame) for frame in frames]
+
+
+def displacement(a, b):
+    i, j = common_tracks(a, b)
+    return b.pixels[j] - a.pixels[i]
+
+
+def observed(frame, ids):
+    ids = np.asarray(ids, np.int64)
+    zeros = np.zeros((len(ids), 2))
+    return Observations(frame, float(frame), "", ids, zeros, np.zeros((len(ids), 3)))
+
+
+def test_a_known_shift_is_measured_to_a_tenth_of_a_pixel():
+    _, seen = follow(look(*[(100 + 4.3 * k, 60 + 1.7 * k) for k in range(6)]))
+    moved = displacement(seen[0], seen[-1])
+    assert len(moved) > 0.5 * len(seen[0])
+    errors = np.linalg.norm(moved - (-21.5, -8.5), axis=1)
+    assert np.median(errors) < 0.1
+    assert np.percentile(errors, 95) < 0.7
+
+
+def test_a_still_image_keeps_its_tracks_where_they_are():
+    _, seen = follow(look(*[(100, 60)] * 4))
+    assert np.array_equal(seen[0].track_ids, seen[-1].track_ids)
+    np.testing.assert_allclose(seen[0].pixels, seen[-1].pixels, atol=0.01)
+
+
+def test_ids_are_sorted_and_unique_and_bearings_fit_the_pixels():
+    _, seen = follow(look(*[(100 + 15 * k, 60) for k in range(8)]))
+    for observations in seen:
+        assert (np.diff(observations.track_ids) > 0).all()
+        assert len(observations.pixels) == len(observations.bearings) == len(observations.colors) == len(observations)
+        np.testing.assert_allclose(CAMERA.project(observations.bearings), observations.pixels, atol=1e-9)
+        assert (observations.pixels >= -0.5).all()
+        assert (observations.pixels <= np.array(SIZE) - 0.5).all()
+
+
+def test_lost_tracks_are_replaced_under_new_ids():
+    _, seen = follow(look(*[(100 + 15 * k, 60) for k in range(12)]))
+    assert len(seen[-1]) > 0.5 * len(seen[0])
+    lost = np.setdiff1d(seen[0].track_ids, seen[5].track_ids)
+    assert len(lost) > 0
+    assert not np.isin(lost, seen[-1].track_ids).any()  # an id does not come back for another point
+
+
+def test_there_are_never_more_tracks_than_wanted():
+    config = replace(CONFIG, max_tracks=60)
+    _, seen = follow(look(*[(100 + 15 * k, 60) for k in range(6)]), config=config)
+    assert all(0 < len(observations) <= 60 for observations in seen)
+
+
+def test_features_keep_their_distance():
+    _, (first, *_) = follow(look((100, 60)))
+    gaps = np.linalg.norm(first.pixels[:, None] - first.pixels[None], axis=2) + 1e9 * np.eye(len(first))
+    assert gaps.min() >= CONFIG.min_distance * SIZE[0] - 1
+
+
+def test_two_tracks_that_slide_together_are_one_and_the_older_stays():
+    """The scene shrinks to a third: what were neighbours end within a pixel of one another."""
+    frames = [
+        Frame(k, k / 30, "", cv2.warpAffine(TEXTURE, np.array([[s, 0, 20], [0, s, 20]]), SIZE, flags=cv2.INTER_AREA))
+        for k, s in enumerate(1.12 ** -np.arange(12.0))
+    ]
+    _, seen = follow(frames)
+    last = seen[-1]
+    cell = 0.5 * CONFIG.min_distance * SIZE[0]
+    cells = np.floor(last.pixels / cell).astype(int)
+    assert len(np.unique(cells, axis=0)) == len(cells)
+    survivors = last.track_ids[last.track_ids < len(seen[0])]
+    assert 0 < len(survivors) < len(seen[0])
+
+
+def test_descriptors_link_what_flow_cannot_follow():
+    """Half an image further at once: photographs, not video."""
+    tracker, _ = follow(look((100, 60), (230, 60), (230, 160)))
+    for a, b, expected in ((0, 1, (-130, 0)), (1, 2, (0, -100))):
+        moved = displacement(tracker.history[a], tracker.history[b])
+        assert len(moved) >= 30
+        assert np.mean(np.linalg.norm(moved - expected, axis=1) < 1.0) > 0.9
+
+
+def test_a_link_by_descriptors_enriches_the_frames_before():
+    tracker, seen = follow(look((100, 60), (230, 60)))
+    enriched = tracker.history[0]
+    assert len(enriched) > len(seen[0])
+    assert np.isin(seen[0].track_ids, enriched.track_ids).all()
+    assert (np.diff(enriched.track_ids) > 0).all()
+    moved = displacement(enriched, tracker.history[1])
+    assert len(moved) >= 30
+    assert np.mean(np.linalg.norm(moved - (-130, 0), axis=1) < 1.0) > 0.9
+
+
+def test_a_cut_to_another_scene_leaves_no_tracks_worth_the_name():
+    other = window(texture(2, 500, 900), 100, 60, *SIZE, index=1)
+    _, seen = follow([*look((100, 60)), other])
+    i, _ = common_tracks(*seen)
+    assert len(i) < 0.1 * len(seen[0])
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_an_empty_image_has_no_tracks_and_does_no_harm(level):
+    blank = Frame(1, 0.1, "", np.full((240, 320), level, np.uint8))
+    first, last = look((100, 60), (100, 60))
+    _, seen = follow([blank, first, replace(blank, index=2), replace(last, index=3)])
+    assert len(seen[0]) == 0
+    assert len(seen[1]) > 100
+    assert len(seen[2]) < 10
+    assert len(seen[3]) > 100
+
+
+def test_pixels_that_no_ray_reaches_are_no_tracks():
+    """A fisheye whose polynomial turns back inside of the image."""
+    lens = Camera("fisheye", *SIZE, 90.0, 90.0, 159.5, 119.5, (-0.2, 0.0, 0.0, 0.0))
+    assert np.isnan(lens.bearings(np.array([[1.0, 1.0]]))).any()
+    _, seen = follow(look((100, 60), (103, 60), (106, 60)), lens)
+    for observations in seen:
+        assert len(observations) > 20
+        assert np.isfinite(observations.bearings).all()
+
+
+def test_colours_are_those_of_the_image_red_first():
+    grey = look((100, 60))[0]
+    tinted = np.stack([grey.image, grey.image, 255 - grey.image], axis=2)  # blue, green, red
+    _, (seen,) = follow([Frame(0, 0.0, "", tinted)])
+    x, y = np.round(seen.pixels).astype(int).T
+    assert np.array_equal(seen.colors, tinted[y, x][:, ::-1])
+    _, (plain,) = follow([grey])
+    x, y = np.round(plain.pixels).astype(int).T
+    assert np.array_equal(plain.colors, np.repeat(grey.image[y, x][:, None], 3, axis=1))
+
+
+@pytest.mark.parametrize("places", [[(100 + 7 * k, 60) for k in range(5)], [(100, 60), (230, 60), (230, 160)]])
+def test_the_same_frames_give_the_same_tracks(places):
+    runs = [follow(look(*places))[1] for _ in range(2)]
+    for a, b in zip(*runs, strict=True):
+        assert np.array_equal(a.track_ids, b.track_ids)
+        assert np.array_equal(a.pixels, b.pixels)
+
+
+def test_common_tracks_come_in_the_order_of_their_ids():
+    i, j = common_tracks(observed(0, [1, 4, 6, 9]), observed(1, [0, 4, 9, 12]))
+    assert i.tolist() == [1, 3]
+    assert j.tolist() == [1, 2]
+
+
+def test_the_history_is_bounded_and_keeps_what_is_asked_for():
+    history = History(5)
+    for frame in range(20):
+        history.put(observed(frame, [frame]))
+        history.forget(keep=[2])
+        assert len(history) <= 6
+    assert [o.frame for o in history.between(-1, 100)] == [2, 15, 16, 17, 18, 19]
+    assert [o.frame for o in history.between(15, 18)] == [16, 17]
+    history.put(observed(17, [1, 2, 3]))
+    assert len(history[17]) == 3
+    assert len(history) == 6

@@ -1,0 +1,138 @@
+"""The configuration: what is written is read back, what is not understood is refused in one line."""
+
+import dataclasses
+import os
+
+import pytest
+
+from slam_init.config import Config, config_toml, load_config
+from slam_init.errors import ConfigError
+
+
+def written(tmp_path, text):
+    path = tmp_path / "config.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def leaves(config, prefix=()):
+    """(path, value) of every option."""
+    for field in dataclasses.fields(config):
+        value = getattr(config, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from leaves(value, (*prefix, field.name))
+        else:
+            yield (*prefix, field.name), value
+
+
+def as_toml(path, value):
+    *table, key = path
+    return (f"[{'.'.join(table)}]\n" if table else "") + f"{key} = {value}\n"
+
+
+OPTIONS = dict(leaves(Config()))
+NUMBERS = {path: value for path, value in OPTIONS.items() if type(value) in (int, float)}
+SWITCHES = {path: value for path, value in OPTIONS.items() if type(value) is bool}
+
+
+def name(path):
+    return ".".join(path)
+
+
+def test_nothing_given_is_the_defaults():
+    assert load_config(None) == Config()
+    assert load_config(None, {"seed": None, "method": None}) == Config()
+
+
+def test_the_defaults_come_back(tmp_path):
+    assert load_config(written(tmp_path, config_toml(Config()))) == Config()
+
+
+@pytest.mark.parametrize("path", NUMBERS, ids=name)
+def test_every_option_can_be_set_and_comes_back(tmp_path, path):
+    value = 0.5 * NUMBERS[path] if name(path) == "map.min_motion_share" else 2 * NUMBERS[path] + 1
+    changed = load_config(written(tmp_path, as_toml(path, value)))
+    assert dict(leaves(changed)) == OPTIONS | {path: value}
+    assert load_config(written(tmp_path, config_toml(changed))) == changed
+
+
+@pytest.mark.parametrize("path", SWITCHES, ids=name)
+def test_a_switch_is_true_or_false_and_nothing_else(tmp_path, path):
+    for value in (True, False):
+        read = load_config(written(tmp_path, as_toml(path, str(value).lower())))
+        assert dict(leaves(read)) == OPTIONS | {path: value}
+        assert load_config(written(tmp_path, config_toml(read))) == read
+    for value in ("1", "0", '"yes"', "1.0"):
+        with pytest.raises(ConfigError, match=f"{path[-1]} must be of type bool"):
+            load_config(written(tmp_path, as_toml(path, value)))
+
+
+def test_options_of_the_command_line_win_over_the_file(tmp_path):
+    path = written(tmp_path, "seed = 3\n")
+    assert load_config(path).seed == 3
+    assert load_config(path, {"seed": 5}).seed == 5
+    assert load_config(path, {"seed": 0}).seed == 0
+
+
+def test_a_whole_number_serves_as_a_decimal(tmp_path):
+    value = load_config(written(tmp_path, "[two_view]\nthreshold_px = 3\n")).two_view.threshold_px
+    assert value == 3.0
+    assert isinstance(value, float)
+
+
+@pytest.mark.parametrize("path", NUMBERS, ids=name)
+@pytest.mark.parametrize("value", ["-1", "nan", "inf", '"many"', "true", "[1]"])
+def test_a_value_that_is_none_is_refused_by_name(tmp_path, path, value):
+    with pytest.raises(ConfigError, match=path[-1]) as refusal:
+        load_config(written(tmp_path, as_toml(path, value)))
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("path", [path for path in NUMBERS if path != ("seed",)], ids=name)
+def test_zero_is_refused_for_all_but_the_seed(tmp_path, path):
+    with pytest.raises(ConfigError, match=path[-1]):
+        load_config(written(tmp_path, as_toml(path, 0)))
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("sead = 3\n", "sead"),
+        ("[tracking]\nmax_trax = 3\n", "tracking.max_trax"),
+        ("[nothing]\n", "nothing"),
+        ("tracking = 3\n", "tracking must be a table"),
+        ("seed = 1.5\n", "seed must be of type int"),
+        ("method = 3\n", "method must be of type str"),
+        ("seed = \n", "not valid TOML"),
+        ("seed = 1\nseed = 2\n", "not valid TOML"),
+    ],
+)
+def test_what_is_not_understood_is_refused_in_one_line(tmp_path, text, told):
+    with pytest.raises(ConfigError, match=told) as refusal:
+        load_config(written(tmp_path, text))
+    assert "\n" not in str(refusal.value)
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(ConfigError, match="cannot read"):
+        load_config(tmp_path / "missing.toml")
+    with pytest.raises(ConfigError, match="cannot read"):
+        load_config(tmp_path)
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ConfigError, match="not valid TOML"):
+        load_config(binary)
+
+
+@pytest.mark.parametrize("text", ["window_px = 1", "window_px = 1000", "max_tracks = 100000000000000"])
+def test_numbers_that_would_crash_a_library_are_refused(tmp_path, text):
+    path = tmp_path / "c.toml"
+    path.write_text(f"[tracking]\n{text}\n")
+    with pytest.raises(ConfigError, match="it must lie in"):
+        load_config(path)
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ConfigError, match="no regular file"):
+        load_config(tmp_path / "pipe")

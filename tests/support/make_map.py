@@ -1,0 +1,158 @@
+"""A small exact world for the tests of what is written: cameras on an arc, points ahead, matching pixels."""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+
+from quest.geometry.quaternion import rotation_from_vector
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, Observations
+from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.pose import Pose, Trajectory
+from slam_init.types.result import Attempt, Result
+
+CAMERAS = {
+    "pinhole": Camera("pinhole", 640, 480, 500.0, 510.0, 321.5, 238.25),
+    "radtan": Camera("radtan", 640, 480, 500.0, 510.0, 321.5, 238.25, (-0.2, 0.05, 1e-3, -5e-4)),
+    "radtan5": Camera("radtan", 640, 480, 500.0, 510.0, 321.5, 238.25, (-0.2, 0.05, 1e-3, -5e-4, 0.01)),
+    "fisheye": Camera("fisheye", 640, 480, 300.0, 305.0, 321.5, 238.25, (0.02, -0.01, 3e-3, -1e-3)),
+}
+
+
+def make_poses(count: int) -> tuple[Pose, ...]:
+    """world_from_cam on a gentle arc, the first at the origin."""
+    return tuple(
+        Pose(
+            rotation_from_vector(np.array([0.01, -0.03, 0.005]) * i),
+            np.array([0.1 * i, 0.01 * i * i, 0.03 * i]),
+        )
+        for i in range(count)
+    )
+
+
+def make_map(model: str = "pinhole", keyframes: int = 4, points: int = 60, noise_px: float = 0.3) -> InitialMap:
+    """A map whose truth is known, with noise on the pixels only; landmark 0 is seen by two keyframes only."""
+    rng = np.random.default_rng(7)
+    camera, poses = CAMERAS[model], make_poses(keyframes)
+    xyz = rng.uniform([-0.35, -0.25, 0.8], [0.45, 0.25, 1.6], (points, 3))
+    frames = [10 + 7 * i for i in range(keyframes)]
+    views = tuple(
+        Keyframe(frame, 1305031102.175304 + frame / 30, f"rgb/{frame:04d}.png", pose)
+        for frame, pose in zip(frames, poses, strict=True)
+    )
+    seen = [(k, i) for k in range(keyframes) for i in range(points) if i > 0 or k < 2]
+    k, i = np.array(seen).T
+    pixels = np.array([camera.project(poses[a].inverse().apply(xyz[b]))[0] for a, b in seen])
+    noisy = pixels + rng.normal(0, noise_px, pixels.shape)
+    graph, values = make_graph(camera, views, xyz, k, i, noisy)
+    return InitialMap(
+        keyframes=views,
+        points=xyz,
+        track_ids=3 * np.arange(points),
+        observation_keyframes=k,
+        observation_landmarks=i,
+        observation_pixels=noisy,
+        colors=rng.integers(0, 256, (points, 3), dtype=np.uint8),
+        pose_covariances=np.zeros((keyframes, 6, 6)),
+        gauge="first pose and the distance to the second",
+        graph=graph,
+        values=values,
+        points_before=xyz + rng.normal(0, 0.01, xyz.shape),
+        keyframes_before=poses,
+        bundle_errors=(900.0, 120.0, 60.5, 60.1),
+        reprojection_rmse_px=float(np.sqrt(np.mean(np.sum((noisy - pixels) ** 2, axis=1)))),
+        median_parallax_deg=12.5,
+        noise_px=noise_px,
+        scene="general",
+        camera=camera,
+    )
+
+
+def make_graph(camera, keyframes, points, observation_keyframes, observation_landmarks, pixels):
+    """The map as a factor graph: robust projection factors on raw pixels, a prior and a range as gauge."""
+    factor = {
+        "pinhole": gtsam.GenericProjectionFactorCal3_S2,
+        "radtan": gtsam.GenericProjectionFactorCal3DS2,
+        "fisheye": gtsam.GenericProjectionFactorCal3Fisheye,
+    }[camera.model]
+    calibration = {"pinhole": gtsam.Cal3_S2, "radtan": gtsam.Cal3DS2, "fisheye": gtsam.Cal3Fisheye}[camera.model]
+    K = calibration(camera.fx, camera.fy, 0.0, camera.cx, camera.cy, *camera.distortion[:4])
+    noise = gtsam.noiseModel.Robust.Create(
+        gtsam.noiseModel.mEstimator.Cauchy.Create(1.0), gtsam.noiseModel.Isotropic.Sigma(2, 1.0)
+    )
+    X, L = gtsam.symbol_shorthand.X, gtsam.symbol_shorthand.L
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    for keyframe in keyframes:
+        pose = keyframe.world_from_cam
+        values.insert(X(keyframe.frame), gtsam.Pose3(gtsam.Rot3(pose.R), pose.t))
+    for i, point in enumerate(points):
+        values.insert(L(3 * i), point)
+    first, second = (X(keyframe.frame) for keyframe in keyframes[:2])
+    baseline = float(np.linalg.norm(keyframes[1].world_from_cam.t))
+    graph.push_back(gtsam.PriorFactorPose3(first, gtsam.Pose3(), gtsam.noiseModel.Isotropic.Sigma(6, 1e-6)))
+    graph.push_back(gtsam.RangeFactorPose3(first, second, baseline, gtsam.noiseModel.Isotropic.Sigma(1, 1e-6)))
+    for k, i, pixel in zip(observation_keyframes, observation_landmarks, pixels, strict=True):
+        graph.push_back(factor(pixel, noise, X(keyframes[k].frame), L(3 * int(i)), K))
+    return graph, values
+
+
+def make_observations(map_: InitialMap, model: str = "pinhole") -> list[Observations]:
+    """What the tracker would have handed over for each keyframe."""
+    observations = []
+    for position, keyframe in enumerate(map_.keyframes):
+        mine = map_.observation_keyframes == position
+        pixels = map_.observation_pixels[mine]
+        ids = map_.track_ids[map_.observation_landmarks[mine]]
+        bearings = CAMERAS[model].bearings(pixels)
+        observations.append(Observations(keyframe.frame, keyframe.timestamp_s, keyframe.name, ids, pixels, bearings))
+    return observations
+
+
+def make_frame(index: int, timestamp_s: float, name: str, color: bool = True) -> Frame:
+    """A textured image of 640x480."""
+    rng = np.random.default_rng(index)
+    blocks = rng.integers(0, 256, (15, 20, 3) if color else (15, 20), dtype=np.uint8)
+    return Frame(index, timestamp_s, name, np.ascontiguousarray(blocks.repeat(32, axis=0).repeat(32, axis=1)))
+
+
+def make_attempts(map_: InitialMap) -> tuple[Attempt, ...]:
+    """Two refusals and an acceptance, with matches."""
+    first, *others = make_observations(map_)
+    evidence: dict[str, float | int | str] = {"matches": 60, "parallax_deg": 0.4, "parallax_min_deg": 1.0}
+    attempts = []
+    for n, other in enumerate(others):
+        ids, a, b = np.intersect1d(first.track_ids, other.track_ids, return_indices=True)
+        accepted = n == len(others) - 1
+        attempts.append(
+            Attempt(
+                (first.frame, other.frame),
+                "accepted" if accepted else "low_parallax",
+                evidence | {"parallax_deg": 0.4 + n},
+                "" if accepted else "keep translating",
+                first.pixels[a],
+                other.pixels[b],
+                np.arange(len(ids)) % 5 > 0,
+            )
+        )
+    return tuple(attempts)
+
+
+def make_result(map_: InitialMap | None, reason: str | None = None) -> Result:
+    """A run that ended with the map, or without one."""
+    return Result(
+        map=map_,
+        reason=None if map_ is not None else reason,
+        frames_read=32,
+        frames_to_init=22 if map_ is not None else None,
+        attempts=make_attempts(map_ if map_ is not None else make_map()),
+        timing_ms={"track": {"median": 4.0, "p95": 6.0, "total": 130.0, "calls": 32.0}},
+        notes=(),
+    )
+
+
+def make_truth(map_: InitialMap, scale: float = 2.5) -> Trajectory:
+    """The true trajectory of a map's keyframes in another frame and scale, sampled between them too."""
+    R, t = rotation_from_vector(np.array([0.4, -0.2, 1.1])), np.array([3.0, -1.0, 0.5])
+    poses = [Pose(R @ k.world_from_cam.R, scale * R @ k.world_from_cam.t + t) for k in map_.keyframes]
+    return Trajectory(np.array([k.timestamp_s for k in map_.keyframes]), tuple(poses))

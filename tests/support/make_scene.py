@@ -1,0 +1,100 @@
+"""Exact geometry seen through a camera: observations, tables and bundle problems, with as much noise as asked for."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from make_map import make_poses
+
+from quest import Hypothesis
+from slam_init.bundle.problem import BundleProblem
+from slam_init.config import Config
+from slam_init.frontend.tracks import History
+from slam_init.mapping.views import TrackTable, table_of
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, Observations
+from slam_init.types.pose import Pose
+
+CAMERA = Camera("pinhole", 640, 480, 500.0, 510.0, 321.5, 238.25)
+CONFIG = Config()
+
+
+def cloud(rng: np.random.Generator, count: int = 120) -> np.ndarray:
+    """Points (count, 3) in general position that all cameras of :func:`make_map.make_poses` see."""
+    return rng.uniform([-0.35, -0.25, 0.8], [0.45, 0.25, 1.6], (count, 3))
+
+
+def plane(rng: np.random.Generator, count: int = 120) -> np.ndarray:
+    """Points (count, 3) of a tilted plane ahead."""
+    points = cloud(rng, count)
+    points[:, 2] = 1.2 + 0.3 * points[:, 0] + 0.2 * points[:, 1]
+    return points
+
+
+def observe(camera, poses, points, noise_px=0.0, rng=None, frames=None) -> list[Observations]:
+    """What each camera sees of each point; the track id of point i is 3 i."""
+    frames = frames if frames is not None else range(len(poses))
+    seen = []
+    for frame, pose in zip(frames, poses, strict=True):
+        pixels = camera.project(pose.inverse().apply(points))
+        if noise_px:
+            pixels = pixels + rng.normal(0, noise_px, pixels.shape)
+        ids = 3 * np.arange(len(points))
+        seen.append(Observations(frame, frame / 30, f"{frame}.png", ids, pixels, camera.bearings(pixels)))
+    return seen
+
+
+def history_of(observations) -> History:
+    """A history that holds them all."""
+    history = History(1000)
+    for observed in observations:
+        history.put(observed)
+    return history
+
+
+def table(observations) -> TrackTable:
+    """First and last frame as the pair, those between as voters."""
+    return table_of(observations[0], observations[-1], list(observations[1:-1]))
+
+
+def problem(camera, points, poses=None, noise_px=0.0, rng=None) -> BundleProblem:
+    """The truth as a start, with noise on the pixels only."""
+    poses = poses if poses is not None else make_poses(4)
+    pixels = np.concatenate([o.pixels for o in observe(camera, poses, points, noise_px, rng)])
+    n = len(points)
+    return BundleProblem(
+        frames=tuple(10 + 7 * k for k in range(len(poses))),
+        world_from_cam=tuple(poses),
+        points=points,
+        track_ids=3 * np.arange(n),
+        views=np.repeat(np.arange(len(poses)), n),
+        landmarks=np.tile(np.arange(n), len(poses)),
+        pixels=pixels,
+    )
+
+
+def hypothesis(cam2_from_cam1: Pose, inliers: np.ndarray) -> Hypothesis:
+    """A two-view hypothesis, its baseline of unit length."""
+    t = cam2_from_cam1.t / np.linalg.norm(cam2_from_cam1.t)
+    return Hypothesis(q_wxyz=cam2_from_cam1.q_wxyz, R=cam2_from_cam1.R, t=t, inliers=inliers)
+
+
+def between(a: Pose, b: Pose) -> Pose:
+    """What is left when b is taken from a."""
+    return a.inverse() @ b
+
+
+def texture(seed: int, height: int, width: int) -> np.ndarray:
+    """A smooth random grey image with structure at several scales."""
+    rng = np.random.default_rng(seed)
+    image = np.zeros((height, width))
+    for sigma in (1.5, 3.0, 8.0):
+        layer = cv2.GaussianBlur(rng.normal(size=(height, width)), (0, 0), sigma)
+        image += layer / layer.std()
+    return np.clip(128 + 35 * image, 0, 255).astype(np.uint8)
+
+
+def window(image: np.ndarray, x: float, y: float, width: int, height: int, index: int = 0) -> Frame:
+    """A frame that looks at the texture from (x, y), at subpixel accuracy."""
+    centre = (x + (width - 1) / 2, y + (height - 1) / 2)
+    return Frame(index, index / 30, f"{index}.png", cv2.getRectSubPix(image, (width, height), centre))
