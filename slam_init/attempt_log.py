@@ -1,7 +1,8 @@
-"""What an initializer hands over, whatever its method: refusals with a reason, the map, the reason of a whole run."""
+"""The attempts of a run: what is kept of them, the reason of the whole run, and the notes for the user."""
 
 from __future__ import annotations
 
+import logging
 from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import replace
@@ -9,63 +10,120 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.config import MapConfig
+from slam_init.types.gates import Stage
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.reasons import ACCEPTED, ADVICE, REASONS
+from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
 __all__ = ["ATTEMPTS_KEPT", "AttemptLog", "focal_notes", "reported_focal_factor"]
 
-_VERDICTS = (*REASONS, ACCEPTED)
+_LOG = logging.getLogger("slam_init")
+_VERDICTS = tuple(Verdict)
 
-
-#: Attempts that are remembered in full: half a minute of video, and all that a recording of that length shows. What is
-#: remembered must not grow with the length of the video.
+#: Attempts that are kept in full: half a minute of video, and all that a recording of that length shows. The memory of
+#: an initializer must not grow with the length of the video.
 ATTEMPTS_KEPT = 1000
 
-#: A single pair may look like a turning camera by chance. The check finds the factor of one that turns to a hundredth.
+#: A single pair may look like a rotation-only camera by chance, so two are needed. The focal factors of a camera that
+#: does only rotate agree to a hundredth.
 _LEAST_SUSPICIONS, _ALIKE = 2, 0.015
 
 
 class AttemptLog:
-    """The attempts of a run: the last ones without their matches, of all of them the verdict in one byte.
+    """The last attempts without their matches, the verdict of all attempts in one byte each, and the best progress.
+
+    Each attempt is also told to the logger ``slam_init``: at INFO a pair of which maps or two views were estimated, at
+    DEBUG a refusal by the previews or by the rules of another system.
 
     Parameters
     ----------
     limit : int
-        How many are kept.
+        Number of attempts that are kept.
     """
 
     def __init__(self, limit: int = ATTEMPTS_KEPT) -> None:
         self._kept: deque[Attempt] = deque(maxlen=limit)
         self._verdicts = bytearray()
+        self._progress: dict[int, float] = {}  # by reference frame
 
     def __len__(self) -> int:
         return len(self._verdicts)
 
     def add(self, attempt: Attempt) -> None:
-        """Remember an attempt."""
+        """Keep an attempt.
+
+        Parameters
+        ----------
+        attempt : Attempt
+        """
         none = np.zeros((0, 2))
         self._kept.append(replace(attempt, pixels1=none, pixels2=none, inliers=np.zeros(0, bool)))
         self._verdicts.append(_VERDICTS.index(attempt.verdict))
+        reference = attempt.frames[0]
+        self._progress[reference] = max(self._progress.get(reference, 0.0), attempt.progress)
+        tried = attempt.verdict == Verdict.ACCEPTED or attempt.stage in (Stage.TWO_VIEWS, Stage.MAP)
+        _LOG.log(
+            logging.INFO if tried else logging.DEBUG,
+            "frames %s: %s%s",
+            attempt.frames,
+            attempt.verdict,
+            f" ({attempt.advice})" if attempt.advice else "",
+        )
+
+    def best_progress(self, references: Iterable[int]) -> float:
+        """How far the best pair came, of those with a reference frame that is still a candidate.
+
+        The progress of all other reference frames is forgotten.
+
+        Parameters
+        ----------
+        references : iterable of int
+            The candidate reference frames.
+
+        Returns
+        -------
+        float
+        """
+        self._progress = {frame: self._progress.get(frame, 0.0) for frame in references}
+        return max(self._progress.values(), default=0.0)
 
     @property
     def kept(self) -> tuple[Attempt, ...]:
         """The last attempts."""
         return tuple(self._kept)
 
-    def prevailing_reason(self) -> str:
-        """What the second half of the attempts mostly said; the slow start of a video says little."""
+    def prevailing_reason(self) -> Verdict:
+        """The most frequent verdict of the second half of the attempts; a video that starts slowly tells little at first.
+
+        Returns
+        -------
+        Verdict
+        """
         if not self._verdicts:
-            return "too_few_frames"
+            return Verdict.TOO_FEW_FRAMES
         counts = Counter(self._verdicts[len(self._verdicts) // 2 :])
         return _VERDICTS[min(counts, key=lambda verdict: (-counts[verdict], verdict))]
 
-    def advice(self, reason: str) -> str:
-        """What would help: that of the last attempt that was refused for the reason."""
-        return next((a.advice for a in reversed(self._kept) if a.verdict == reason), ADVICE[reason])
+    def advice(self, reason: Verdict) -> str:
+        """What would help: the advice of the last attempt that was refused for a reason.
+
+        Parameters
+        ----------
+        reason : Verdict
+
+        Returns
+        -------
+        str
+        """
+        return next((a.advice for a in reversed(self._kept) if a.verdict == reason), reason.advice)
 
     def notes(self) -> tuple[str, ...]:
-        """What the user should know: a calibration that most checks suspect, attempts that are not kept."""
+        """What the user should know: a focal length that most checks suspect, attempts that are not kept.
+
+        Returns
+        -------
+        tuple of str
+        """
         notes = []
         factor = reported_focal_factor(self._kept)
         if factor is not None:
@@ -79,7 +137,9 @@ class AttemptLog:
 
 
 def reported_focal_factor(attempts: Iterable[Attempt]) -> float | None:
-    """What most checks of the calibration suspect, two at least, and alike: a wrong one is so in every pair.
+    """The focal factor that most checks of the calibration suspect.
+
+    A wrong focal length is wrong in every pair, so at least two suspicions and more than half of the checks must agree.
 
     Parameters
     ----------
@@ -89,10 +149,10 @@ def reported_focal_factor(attempts: Iterable[Attempt]) -> float | None:
     Returns
     -------
     float or None
-        The focal length over the stated one; None where nothing is suspected.
+        The true focal length over the stated one; None where nothing is suspected.
     """
-    checked = [a.evidence for a in attempts if "turning_focal_factor" in a.evidence]
-    factors = [float(e["suspected_focal_factor"]) for e in checked if "suspected_focal_factor" in e]
+    checked = [a.rotation_only for a in attempts if a.rotation_only is not None]
+    factors = [e.suspected_focal_factor for e in checked if e.suspected_focal_factor is not None]
     if len(factors) < _LEAST_SUSPICIONS or 2 * len(factors) <= len(checked):
         return None
     factor = float(np.median(factors))
@@ -102,17 +162,22 @@ def reported_focal_factor(attempts: Iterable[Attempt]) -> float | None:
 
 
 def focal_notes(map_: InitialMap | None, config: MapConfig) -> tuple[str, ...]:
-    """What the user should know of an adjusted focal length: that the views did not tell it, where that is so.
+    """A note where bundle adjustment adjusted the focal length, but the views hardly determine it.
 
     Parameters
     ----------
     map_ : InitialMap or None
     config : MapConfig
-        That the map was adjusted with.
+        With which the map was adjusted.
+
+    Returns
+    -------
+    tuple of str
+        Empty where the focal length was held, or where the views determine it.
     """
     if map_ is None or map_.focal_factor_sigma is None:
         return ()
-    # Below this the views know more of it than the prior: two equal variances together are half of one.
+    # Below this the views tell more than the prior: two equal variances together are half of one.
     if map_.focal_factor_sigma < config.focal_sigma / np.sqrt(2):
         return ()
     return (

@@ -210,7 +210,8 @@ def _run(arguments: argparse.Namespace) -> int:
         ("the focal length is a guess (1.2 times the longer image side): expect a bent map",) if camera.guessed else ()
     )
 
-    from slam_init.output.results import remove_older_results, summary_text
+    from slam_init.output.results import remove_older_results
+    from slam_init.output.summary import summary_text
     from slam_init.runner import run
 
     new_folder = not out.exists()
@@ -239,7 +240,7 @@ def _run(arguments: argparse.Namespace) -> int:
         from slam_init.output.report import report_text
 
         tell(report_text(summary, out))
-    return _DONE if summary["status"] == "initialized" else _NOT_INITIALIZED
+    return _DONE if summary.reason is None else _NOT_INITIALIZED
 
 
 def _synth(arguments: argparse.Namespace) -> int:

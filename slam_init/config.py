@@ -79,7 +79,7 @@ class KeyframeConfig:
     #: ... or, in a slow video, after so many frames.
     new_after_frames: int = 10
     #: A pair needs this many common tracks: the epipolar geometry has five unknowns, a decision between two motions
-    #: needs votes by the dozen (see quest.estimate.decides).
+    #: needs votes by the dozen (see quest.alternatives.decides).
     min_matches: int = 40
     #: A pair is tried again when it promises this much more than at its last failure, or after a while: trying each
     #: frame costs time and brings the same answer.
@@ -146,7 +146,7 @@ class AcceptanceConfig:
     #: Error that tracks share and that does not average out. It is measured for each pair
     #: (:mod:`slam_init.decision.correlated_error`); less than this is not believed, since what a motion took in does not show: three
     #: times the 0.05 px by which interpolation between pixels misleads a tracker.
-    min_shared_error_px: float = 0.15
+    min_correlated_error_px: float = 0.15
     #: By what share the focal length may be off, as those of data sheets and zooms are: the direction may not turn by
     #: more than the bound if it is.
     focal_error: float = 0.05
@@ -159,7 +159,7 @@ class AcceptanceConfig:
     #: What a turning camera with a focal length off by up to a tenth leaves of the matches must be more than noise and
     #: three times what tracks share, or there may be no translation at all: their ratio, after four standard deviations
     #: of chance.
-    min_turning_residual: float = 1.0
+    min_rotation_only_residual: float = 1.0
     #: Share of the landmarks' observations by further views that agree with the two-view map: as many as a scene with
     #: 30 % of moving objects can have. Sound maps showed 0.9 and more.
     min_further_agreement: float = 0.7

@@ -1,16 +1,16 @@
-"""After the initialization: locate the next frames in the map, to see that it carries."""
+"""After the initialization: locates the next frames in the map, which tests the map."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from slam_init.errors import SourceError
 from slam_init.frontend.tracks import Tracker
 from slam_init.mapping.triangulation import resect
+from slam_init.output.summary import ContinuationRecord
 from slam_init.recording.recorder import Recorder
 from slam_init.types.frame import Frame
 from slam_init.types.initial_map import InitialMap, Keyframe
@@ -18,7 +18,7 @@ from slam_init.types.pose import Pose
 
 __all__ = ["Continuation", "follow"]
 
-#: A landmark is observed again where its track lies this near to its projection.
+#: A landmark counts as observed again where its track lies within this distance of its projection.
 _SURVIVAL_PX = 3.0
 
 
@@ -31,9 +31,9 @@ class Continuation:
     keyframes : tuple of Keyframe
         The located frames, world_from_cam; frames that could not be located are missing.
     frames : int
-        How many frames were looked at.
+        Number of frames that were looked at.
     survival : tuple of float
-        For each of them the share of the map's landmarks that it sees within 3 px.
+        For each of these frames the share of the map's landmarks that it sees within 3 px.
     ended_by : str or None
         Why it ended early: the message of a frame that could not be read.
     """
@@ -43,14 +43,19 @@ class Continuation:
     survival: tuple[float, ...]
     ended_by: str | None = None
 
-    def summary(self) -> dict[str, Any]:
-        """For ``summary.json``."""
-        return {
-            "frames": self.frames,
-            "located": len(self.keyframes),
-            "survival_median": float(np.median(self.survival)) if self.survival else None,
-            "survival_last": self.survival[-1] if self.survival else None,
-        }
+    def record(self) -> ContinuationRecord:
+        """For ``summary.json``.
+
+        Returns
+        -------
+        ContinuationRecord
+        """
+        return ContinuationRecord(
+            frames=self.frames,
+            located=len(self.keyframes),
+            survival_median=float(np.median(self.survival)) if self.survival else None,
+            survival_last=self.survival[-1] if self.survival else None,
+        )
 
 
 def follow(
@@ -66,11 +71,16 @@ def follow(
     ----------
     map_ : InitialMap
     tracker : Tracker
-        As it is after the frame that the map was accepted at.
+        In its state after the frame at which the map was accepted.
     frames : iterator of Frame
         The frames that follow.
     count : int
+        Largest number of frames.
     recorder : Recorder
+
+    Returns
+    -------
+    Continuation
     """
     camera = map_.camera
     located: list[Keyframe] = []
@@ -80,7 +90,7 @@ def follow(
     while len(survival) < count:
         try:
             frame = next(frames, None)
-        except SourceError as error:  # the map is there already: what follows must not cost it
+        except SourceError as error:  # the map exists already, and a broken frame must not lose it
             ended_by = str(error)
             break
         if frame is None:

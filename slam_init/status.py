@@ -2,97 +2,117 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
 from slam_init.errors import SlamInitError
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
+from slam_init.types.display import Described
 from slam_init.types.frame import Frame
-from slam_init.types.reasons import ADVICE, Gate
+from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
-__all__ = ["INITIALIZED", "WAITING", "Status", "frame_of", "progress"]
-
-WAITING, INITIALIZED = "waiting", "initialized"
-
-#: What a pair has to pass, one after the other.
-_STAGES = ("matches", "motion", "two views", "map")
+__all__ = ["State", "Status", "frame_of"]
 
 
-@dataclass(frozen=True, eq=False)
-class Status:
+class State(StrEnum):
+    """State of an initializer."""
+
+    WAITING = "waiting"
+    INITIALIZED = "initialized"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Status(Described):
     """How far the initialization is. Truthy when there is a map.
 
     Attributes
     ----------
-    state : str
+    state : State
         ``waiting`` or ``initialized``.
     progress : float
-        0 at the start, 1 when initialized; between them how far the best pair came (:func:`progress`), of those whose
-        reference frame is still a candidate. It falls when that frame is given up.
-    reason : str or None
-        Why there is no map yet, of the last attempt: one of :data:`slam_init.types.reasons.REASONS`; None when initialized.
+        0 at the start, 1 when initialized. Between them it tells how far the best pair came
+        (:func:`slam_init.types.gates.progress`), of those whose reference frame is still a candidate. It falls when
+        that frame is dropped.
+    reason : Verdict or None
+        Why there is no map yet: the verdict of the last attempt; None when initialized.
     advice : str
         What the person who moves the camera should do; empty when initialized.
     attempt : Attempt or None
-        What this frame led to: each gate with its value, its threshold and its advice, and the matches. None where
-        nothing was tried.
+        The attempt of this frame: each gate with its value, its threshold and its advice, and the matches. None where
+        no pair was tried.
     """
 
-    state: str = WAITING
+    state: State = State.WAITING
     progress: float = 0.0
-    reason: str | None = "too_few_frames"
-    advice: str = ADVICE["too_few_frames"]
+    reason: Verdict | None = Verdict.TOO_FEW_FRAMES
+    advice: str = Verdict.TOO_FEW_FRAMES.advice
     attempt: Attempt | None = None
 
     def __bool__(self) -> bool:
-        return self.state == INITIALIZED
+        return self.state == State.INITIALIZED
 
     def after(self, attempt: Attempt | None, progress: float) -> Status:
-        """The status after a frame that did not lead to a map; reason and advice stay where nothing was tried."""
+        """The status after a frame that did not lead to a map.
+
+        Parameters
+        ----------
+        attempt : Attempt or None
+            Of this frame. Without one, reason and advice stay.
+        progress : float
+
+        Returns
+        -------
+        Status
+        """
         if attempt is None:
             return replace(self, progress=progress, attempt=None)
-        return Status(WAITING, progress, attempt.verdict, attempt.advice, attempt)
+        return Status(State.WAITING, progress, attempt.verdict, attempt.advice, attempt)
 
     @staticmethod
     def initialized(attempt: Attempt | None) -> Status:
-        """The status once there is a map."""
-        return Status(INITIALIZED, 1.0, None, "", attempt)
+        """The status once there is a map.
 
+        Parameters
+        ----------
+        attempt : Attempt or None
+            The accepted one.
 
-def progress(stage: str, gates: Iterable[Gate] = ()) -> float:
-    """How far a pair came that was refused at a stage: 0 to 1, and 1 only for a map.
+        Returns
+        -------
+        Status
+        """
+        return Status(State.INITIALIZED, 1.0, None, "", attempt)
 
-    There are four stages, a quarter each: enough matches; a motion that is more than a rotation; two views that agree
-    on it and know its direction; a map that further views confirm. Within the stage counts how far the worst of its
-    gates is: the ratio of value and threshold.
-
-    Parameters
-    ----------
-    stage : str
-        ``matches``, ``motion``, ``two views`` or ``map``.
-    gates : iterable of Gate
-        Of this stage; none where it was refused without a figure.
-    """
-    return (_STAGES.index(stage) + min((gate.fulfilled() for gate in gates), default=0.0)) / len(_STAGES)
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        if self:
+            return "initialized", [("attempt", str(self.attempt).split("\n")[0])] if self.attempt is not None else []
+        facts = [("advice", self.advice)]
+        if self.attempt is not None:
+            facts += [("failed", str(gate)) for gate in self.attempt.failed_gates[:2]]
+        return f"waiting, {self.progress:.0%}: {self.reason}", facts
 
 
 def frame_of(image: Image | Frame, timestamp_s: float | None, index: int, camera: Camera) -> Frame:
-    """An image as a frame with an index; a frame as it is.
+    """Make a frame of an image; a frame is returned as it is.
 
     Parameters
     ----------
     image : (H, W) or (H, W, 3) uint8, or Frame
         Grey or BGR.
     timestamp_s : float or None
-        None: that of the frame, or the index for an image.
+        In seconds. None: the time stamp of the frame, or the index for an image.
     index : int
-        Of an image.
+        Index of an image.
     camera : Camera
         Its size is that of the images.
+
+    Returns
+    -------
+    Frame
 
     Raises
     ------

@@ -1,13 +1,14 @@
-"""Errors that neighbouring tracks share, measured by how much alike the residuals of neighbours are.
+"""Correlated tracking errors: errors that neighbouring tracks have in common, measured from their residuals.
 
-What averages out among tracks is no danger to a baseline's direction; what neighbours share is: drift of the tracker,
-what a lens calibration leaves, a rolling shutter, blur. A motion fitted to such a field takes in a part of it, and
-leaves the rest in the residuals, where neighbours then agree. The products of the residuals of two tracks of one region
-of the view have the variance of the shared error as their mean, whatever the noise of single tracks is.
+Independent errors average out over the tracks and hardly change the direction of the baseline. Errors that neighbouring
+tracks have in common do not average out: drift of the tracker, the remaining error of the lens calibration, a rolling
+shutter, blur. A motion that is fitted to such a field of errors absorbs a part of it. The rest stays in the residuals,
+where neighbours then agree. The product of the residuals of two tracks of one image region has the variance of the
+correlated error as its mean, whatever the noise of single tracks is.
 
-On filmed sequences with a good ground truth the directions were off by what this says: in half of the pairs by less, in
-one of ten by more than twice as much. A field that is smooth over the whole view and in one of the views only (another
-focus) is taken in by the motion nearly as a whole, and is not measured.
+On filmed sequences with sound ground truth the error of the direction was below this measure in half of the pairs, and
+above twice the measure in one of ten. A field that is smooth over the whole image and present in one view only (another
+focus) is absorbed by the motion nearly as a whole, and is not measured.
 """
 
 from __future__ import annotations
@@ -19,38 +20,52 @@ from quest.relative_pose import RelativePose
 from quest.robust.spatial_blocks import regions_of
 from slam_init.types.arrays import Floats
 
-__all__ = ["rounding_error_px", "shared_error_rad"]
+__all__ = ["correlated_error_rad", "rounding_error_px"]
 
-#: Of coordinates with a fraction hardly any is a whole number.
-_WHOLE = 0.1
-#: More than an inlier's residual cannot be shared.
+#: Coordinates with fractions are hardly ever whole numbers; a tenth of them allows for chance.
+_WHOLE_SHARE = 0.1
+#: The correlated error of inliers cannot exceed their largest residual, three standard deviations.
 _GATE_SIGMAS = 3.0
 
 
 def rounding_error_px(pixels: Floats) -> float:
-    """Standard deviation of the rounding of pixels (N, 2) that are whole numbers; 0 where they are not.
+    """Standard deviation of the rounding of pixels that are whole numbers.
 
-    Tracks that move alike are rounded alike, so that their residuals do not show it: with ORB's corners, whole in the
-    first octave, many tracks follow a wrong motion exactly.
+    Tracks with equal displacements are rounded alike, so that their residuals do not show the rounding: with ORB's
+    corners, whole in the first octave, many tracks follow a wrong motion exactly.
+
+    Parameters
+    ----------
+    pixels : (N, 2) float
+
+    Returns
+    -------
+    float
+        In pixels; 0 where the coordinates have fractions.
     """
     whole = float(np.mean(pixels == np.round(pixels))) if len(pixels) else 0.0
-    return float(1 / np.sqrt(12)) if whole > _WHOLE else 0.0
+    return float(1 / np.sqrt(12)) if whole > _WHOLE_SHARE else 0.0
 
 
-def shared_error_rad(pose: RelativePose, m: Floats, n: Floats, where: Floats) -> float:
-    """The error that neighbours share, of a motion's inliers, in radians: measured, and what may be hidden.
+def correlated_error_rad(pose: RelativePose, rays1: Floats, rays2: Floats, where: Floats) -> float:
+    """Upper estimate of the correlated tracking error of the inliers of a motion.
 
     Parameters
     ----------
     pose : RelativePose
         Not of kind "rotation".
-    m, n : (N, 3) float
+    rays1, rays2 : (N, 3) float
         Unit bearings of the matches that the pose was estimated from.
     where : (N, 2) float
-        Where the tracks were seen in the first view.
+        Coordinates of the tracks in the first view.
+
+    Returns
+    -------
+    float
+        Radians of a bearing: the measured value and one standard deviation of the measurement.
     """
     inliers = pose.inliers
-    residuals, _ = sampson_jacobian(pose.R, pose.t, m[inliers], n[inliers])
+    residuals, _ = sampson_jacobian(pose.R, pose.t, rays1[inliers], rays2[inliers])
     most = _GATE_SIGMAS * pose.noise_rad
     region = regions_of(where[inliers])
     count = np.bincount(region)
@@ -59,7 +74,8 @@ def shared_error_rad(pose: RelativePose, m: Floats, n: Floats, where: Floats) ->
         return most
     squares = np.bincount(region, weights=residuals**2)
     products = float(np.sum(np.bincount(region, weights=residuals) ** 2 - squares))
-    # Of independent residuals: each pair is counted twice and has the squared variance.
+    # Standard deviation of the mean product of independent residuals: each pair is counted twice, and each product has
+    # the squared variance of a residual.
     deviation = float(np.mean(residuals**2)) * np.sqrt(2 * pairs) / pairs
-    # What is not seen may still be there.
+    # The deviation is added, since a correlated error below it would not be noticed.
     return float(min(np.sqrt(max(products / pairs, 0.0) + deviation), most))

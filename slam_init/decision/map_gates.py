@@ -1,6 +1,8 @@
-"""Whether a map is good enough to be handed over: gates, each with its value, its threshold and its reason."""
+"""Decision rules for an adjusted map: gates on the direction of the baselines, the depths, the landmarks, the views."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,27 +10,85 @@ from quest.geometry.refine import refine_pose
 from slam_init.bundle.focal import camera_with_focal_factor
 from slam_init.bundle.problem import BundleSolution
 from slam_init.config import AcceptanceConfig
+from slam_init.decision.refusal import refused_by, with_gates
 from slam_init.mapping.candidate import MapCandidate
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
+from slam_init.types.evidence import MapEvidence
+from slam_init.types.gates import Gate, GateName, Stage, at_least, at_most
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import ACCEPTED, ADVICE, Gate
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import Attempt
 
-__all__ = ["check", "depth_sigma", "direction_bound_deg", "direction_focal_deg", "direction_sigmas_deg"]
+__all__ = [
+    "depth_sigma",
+    "direction_bound_deg",
+    "direction_focal_deg",
+    "direction_shift_deg",
+    "direction_sigmas_deg",
+    "judge_map",
+    "map_gates",
+]
 
-#: Views nearer to the first than this share of the longest baseline have no direction worth a statement.
+#: The direction of a view nearer to the first view than this share of the longest baseline is too uncertain to count.
 _SHORT_BASELINE = 0.3
 
 
-def check(
+def judge_map(
+    camera: Camera,
+    attempt: Attempt,
+    candidate: MapCandidate,
+    bundle: BundleSolution,
+    correlated_turn_rad: float,
+    near_rival_deg: float,
+    config: AcceptanceConfig,
+    *,
+    third_view: bool = True,
+) -> Attempt:
+    """Refuse a map that does not pass all gates.
+
+    Parameters
+    ----------
+    camera : Camera
+    attempt : Attempt
+    candidate : MapCandidate
+        The best map.
+    bundle : BundleSolution
+        The adjusted map of the candidate.
+    correlated_turn_rad : float
+        Angle by which correlated tracking errors may turn the baseline of the pair.
+    near_rival_deg : float
+        Angle between the baselines of the map and of a nearly equal rival that could not be ruled out.
+    config : AcceptanceConfig
+    third_view : bool
+        Without a third view the gates that ask for one are ignored.
+
+    Returns
+    -------
+    Attempt
+        With the gates of the map, and its verdict.
+    """
+    gates = map_gates(camera, candidate, bundle, correlated_turn_rad, near_rival_deg, config)
+    attempt = replace(
+        with_gates(attempt, gates),
+        map=MapEvidence(reprojection_rmse_px=bundle.rmse_px),
+        parallax_shortfall=max(gate.parallax_shortfall() for gate in gates),
+    )
+    failed = next((gate for gate in gates if not gate.passes()), None)
+    if failed is None or (failed.reason == Verdict.NO_THIRD_VIEW and not third_view):
+        return attempt
+    return refused_by(attempt, Stage.MAP, gates)
+
+
+def map_gates(
     camera: Camera,
     candidate: MapCandidate,
     bundle: BundleSolution,
-    shared_turn_rad: float,
-    near_deg: float,
+    correlated_turn_rad: float,
+    near_rival_deg: float,
     config: AcceptanceConfig,
-) -> tuple[str, list[Gate]]:
-    """The verdict on an adjusted map, and all gates.
+) -> tuple[Gate, ...]:
+    """All gates of an adjusted map, in the order in which they are reported.
 
     Parameters
     ----------
@@ -36,90 +96,112 @@ def check(
     candidate : MapCandidate
     bundle : BundleSolution
         The adjusted map of the candidate.
-    shared_turn_rad : float
-        By how much errors that tracks share may turn the baseline of the pair (:mod:`slam_init.decision.correlated_error`).
-    near_deg : float
-        How far the baselines of a nearly equal map are that could not be ruled out.
+    correlated_turn_rad : float
+        Angle by which correlated tracking errors may turn the baseline of the pair.
+    near_rival_deg : float
+        Angle between the baselines of the map and of a nearly equal rival that could not be ruled out.
     config : AcceptanceConfig
+
+    Returns
+    -------
+    tuple of Gate
     """
+    low_parallax, max_deg = Verdict.LOW_PARALLAX, config.max_direction_error_deg
     points = len(bundle.problem.points)
-    error = config.max_direction_error_deg
     explained = points / max(len(candidate.table.track_ids), 1)
-    sideways = "translate sideways: the path is too short for the depth of the scene"
-    gates = [
-        Gate(
-            "direction_bound_deg",
-            direction_bound_deg(candidate, bundle, shared_turn_rad) + near_deg,
-            error,
-            False,
-            "low_parallax",
-            sideways,
+    return (
+        at_most(
+            GateName.DIRECTION_BOUND_DEG,
+            direction_bound_deg(candidate, bundle, correlated_turn_rad) + near_rival_deg,
+            max_deg,
+            low_parallax,
+            "translate sideways: the path is too short for the depth of the scene",
         ),
-        Gate(
-            "direction_focal_deg",
+        at_most(
+            GateName.DIRECTION_FOCAL_DEG,
             direction_focal_deg(camera, candidate, bundle, config.focal_error),
-            error,
-            False,
-            "low_parallax",
-            "the direction of motion hangs on the exact focal length: translate further for the same turn",
+            max_deg,
+            low_parallax,
+            "the direction of motion depends on the exact focal length: translate further for the same turn",
         ),
-        Gate(
-            "direction_shift_deg",
+        at_most(
+            GateName.DIRECTION_SHIFT_DEG,
             direction_shift_deg(candidate, bundle),
-            error,
-            False,
-            "low_parallax",
+            max_deg,
+            low_parallax,
             "two views and all views disagree on the direction of motion: translate further, best sideways",
         ),
-        Gate(
-            "depth_sigma",
+        at_most(
+            GateName.DEPTH_SIGMA,
             depth_sigma(camera, bundle),
             config.max_median_depth_sigma,
-            False,
-            "low_parallax",
+            low_parallax,
             "translate sideways, or come nearer: the depths are too uncertain",
         ),
-        Gate("landmarks", points, config.min_landmarks, True, "too_few_landmarks", ADVICE["too_few_landmarks"]),
-        Gate(
-            "explained_share",
+        at_least(GateName.LANDMARKS, points, config.min_landmarks, Verdict.TOO_FEW_LANDMARKS),
+        at_least(
+            GateName.EXPLAINED_SHARE,
             explained,
             config.min_explained,
-            True,
-            "no_consistent_motion",
-            "too much of what is seen moves by itself or has no measurable depth: look at what stands still, and near",
+            Verdict.NO_CONSISTENT_MOTION,
+            "too many tracks move by themselves or have no measurable depth: look at static objects that are near",
         ),
-        Gate("further_views", len(bundle.problem.frames) - 2, 1, True, "no_third_view", ADVICE["no_third_view"]),
-        Gate(
-            "further_agreement",
+        at_least(GateName.FURTHER_VIEWS, len(bundle.problem.frames) - 2, 1, Verdict.NO_THIRD_VIEW),
+        at_least(
+            GateName.FURTHER_AGREEMENT,
             candidate.agreement,
             config.min_further_agreement,
-            True,
-            "no_third_view",
-            "further views contradict the pair: move more slowly, and look at what stands still",
+            Verdict.NO_THIRD_VIEW,
+            "further views contradict the pair: move more slowly, and look at static objects",
         ),
-    ]
-    failed = [gate for gate in gates if not gate.passes()]
-    return (failed[0].reason if failed else ACCEPTED), gates
+    )
 
 
-def direction_bound_deg(candidate: MapCandidate, bundle: BundleSolution, shared_turn_rad: float) -> float:
-    """How far the direction of a baseline from the first view may be off, for the worst view, in degrees.
+def direction_bound_deg(candidate: MapCandidate, bundle: BundleSolution, correlated_turn_rad: float) -> float:
+    """Bound of the direction error of a baseline from the first view, for the worst view.
 
-    Three standard deviations, and what no average removes: an error that neighbouring tracks share (lens model, blur,
-    the tracker's interpolation) is each view's own, and turns a baseline by the more the shorter it is.
+    The bound has two parts: three standard deviations by independent noise, and the correlated tracking error, which no
+    average removes. Each view has its own correlated error (lens model, blur, interpolation of the tracker), and this
+    error turns a short baseline more than a long one.
+
+    Parameters
+    ----------
+    candidate : MapCandidate
+    bundle : BundleSolution
+    correlated_turn_rad : float
+        Angle by which correlated tracking errors may turn the baseline of the pair.
+
+    Returns
+    -------
+    float
+        In degrees.
     """
     sigmas_deg, lengths = direction_sigmas_deg(bundle)
     first, second = _pair(candidate, bundle)
     share = lengths / max(float(np.linalg.norm(second.t - first.t)), 1e-300)
-    return float(np.max(np.hypot(3 * sigmas_deg, np.degrees(shared_turn_rad) / share)))
+    return float(np.max(np.hypot(3 * sigmas_deg, np.degrees(correlated_turn_rad) / share)))
 
 
 def direction_focal_deg(camera: Camera, candidate: MapCandidate, bundle: BundleSolution, focal_error: float) -> float:
-    """By how much the baseline of the pair turns where the focal length is off by a share, in degrees.
+    """Angle by which the baseline of the pair turns where the focal length is wrong.
 
-    Either way, whichever is worse. Compared is what epipolar lines say, with the error and without: the motion of a
-    plane obeys the plane as well, and is another estimate. A focal length that was adjusted is off by three of its
-    standard deviations.
+    The function refines the pose on epipolar lines alone, with the stated focal length and with a wrong one in both
+    directions, and returns the larger angle. The pose itself is not compared, since on a plane it is an estimate with
+    the plane as a constraint.
+
+    Parameters
+    ----------
+    camera : Camera
+    candidate : MapCandidate
+    bundle : BundleSolution
+    focal_error : float
+        Relative error of the focal length. Where the focal length was adjusted, three of its standard deviations are
+        taken instead.
+
+    Returns
+    -------
+    float
+        In degrees.
     """
     if bundle.focal_factor_sigma is not None:
         camera, focal_error = bundle.camera, 3 * bundle.focal_factor_sigma
@@ -138,10 +220,20 @@ def direction_focal_deg(camera: Camera, candidate: MapCandidate, bundle: BundleS
 
 
 def direction_shift_deg(candidate: MapCandidate, bundle: BundleSolution) -> float:
-    """By how much the adjustment turned the baseline of the pair: two estimates of one thing should agree.
+    """Angle by which bundle adjustment turned the baseline of the pair.
 
-    The two-view estimate and the adjusted one weigh the data differently (a plane's constraint, further views). Where
-    they differ by more than the error that is allowed, one of them is that wrong.
+    The two-view estimate and the adjusted one weigh the data differently (constraint of a plane, further views). Where
+    they differ by more than the allowed error, one of them is wrong by that much.
+
+    Parameters
+    ----------
+    candidate : MapCandidate
+    bundle : BundleSolution
+
+    Returns
+    -------
+    float
+        In degrees.
     """
     first, second = _pair(candidate, bundle)
     adjusted = (second.inverse() @ first).t
@@ -150,9 +242,18 @@ def direction_shift_deg(candidate: MapCandidate, bundle: BundleSolution) -> floa
 
 
 def direction_sigmas_deg(bundle: BundleSolution) -> tuple[Floats, Floats]:
-    """The baselines from the first view: standard deviation of their direction (degrees), and their length.
+    """Uncertainty and length of the baselines from the first view.
 
-    Baselines under 0.3 of the longest are left out.
+    Parameters
+    ----------
+    bundle : BundleSolution
+
+    Returns
+    -------
+    sigmas_deg : (B,) float
+        Standard deviation of the direction, in degrees.
+    lengths : (B,) float
+        In units of the map. Baselines under 0.3 of the longest are left out.
     """
     poses = bundle.problem.world_from_cam
     lengths = np.array([np.linalg.norm(pose.t - poses[0].t) for pose in poses])
@@ -176,6 +277,16 @@ def _pair(candidate: MapCandidate, bundle: BundleSolution) -> tuple[Pose, Pose]:
 
 
 def depth_sigma(camera: Camera, bundle: BundleSolution) -> float:
-    """Median over the landmarks of the relative standard deviation of the depth, from parallax and noise."""
+    """Median over the landmarks of the relative standard deviation of the depth, from parallax and noise.
+
+    Parameters
+    ----------
+    camera : Camera
+    bundle : BundleSolution
+
+    Returns
+    -------
+    float
+    """
     parallax = bundle.problem.parallax_rad()
     return float(np.median(np.sqrt(2) * bundle.noise_px / camera.focal_px / np.maximum(parallax, 1e-12)))

@@ -3,14 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from slam_init.bundle.problem import BundleSolution
+from slam_init.frontend.tracks import History
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 
-__all__ = ["initial_map"]
+__all__ = ["MapWithViews", "initial_map", "map_with_views"]
+
+
+@dataclass(frozen=True, eq=False)
+class MapWithViews:
+    """A map, and the observations of its keyframes, which the history may have forgotten when the map is accepted.
+
+    Attributes
+    ----------
+    map : InitialMap
+    views : tuple of Observations
+        Of the keyframes, in their order.
+    """
+
+    map: InitialMap
+    views: tuple[Observations, ...]
+
+
+def map_with_views(history: History, bundle: BundleSolution, scene: str) -> MapWithViews:
+    """The map of an adjusted bundle, with the observations of its keyframes.
+
+    Parameters
+    ----------
+    history : History
+        Holds the frames of the bundle.
+    bundle : BundleSolution
+    scene : str
+        ``general`` or ``planar``.
+
+    Returns
+    -------
+    MapWithViews
+    """
+    views = tuple(history[frame] for frame in bundle.problem.frames)
+    return MapWithViews(initial_map(bundle, views, scene), views)
 
 
 def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: str) -> InitialMap:
@@ -23,6 +59,10 @@ def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: st
         Of the frames of the bundle, in its order.
     scene : str
         ``general`` or ``planar``.
+
+    Returns
+    -------
+    InitialMap
     """
     problem = bundle.problem
     colors = np.full((len(problem.points), 3), 128, np.uint8)

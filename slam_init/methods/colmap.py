@@ -14,9 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slam_init.decision.refusal import Evidence
 from slam_init.methods.motions import IN_FRONT, CheckRule, check_motions, motions_of_essential, motions_of_homography
-from slam_init.methods.two_view import PairRule, TwoViewOutcome, check_matches
+from slam_init.methods.two_view import Evidence, PairRule, TwoViewOutcome, check_matches
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slam_init.decision.refusal import Evidence
 from slam_init.methods.motions import IN_FRONT, MotionCheck, check_motions
-from slam_init.methods.two_view import PairRule, TwoViewOutcome
+from slam_init.methods.two_view import Evidence, PairRule, TwoViewOutcome
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 

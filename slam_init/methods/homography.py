@@ -13,9 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from quest.geometry.epipolar import sampson_error
-from slam_init.decision.refusal import Evidence
 from slam_init.methods.motions import CheckRule, check_motions, motions_of_homography
-from slam_init.methods.two_view import PairRule, TwoViewOutcome, check_matches
+from slam_init.methods.two_view import Evidence, PairRule, TwoViewOutcome, check_matches
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 

@@ -15,7 +15,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from quest.robust.ransac import draw_samples
-from slam_init.decision.refusal import Evidence
 from slam_init.methods.models import (
     epipolar_errors,
     fundamental_eight_point,
@@ -25,7 +24,7 @@ from slam_init.methods.models import (
     transfer_errors,
 )
 from slam_init.methods.motions import CheckRule, check_motions, motions_of_essential, motions_of_homography
-from slam_init.methods.two_view import PairRule, TwoViewOutcome, check_matches
+from slam_init.methods.two_view import Evidence, PairRule, TwoViewOutcome, check_matches
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
 

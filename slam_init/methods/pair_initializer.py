@@ -11,7 +11,7 @@ from slam_init.attempt_log import AttemptLog, focal_notes
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.problem import BundleProblem, BundleSolution
 from slam_init.config import Config
-from slam_init.decision.refusal import Evidence, refusal, refused
+from slam_init.decision.refusal import refused, with_gates
 from slam_init.frontend.tracks import Tracker, common_tracks
 from slam_init.mapping.map_building import initial_map
 from slam_init.methods.two_view import TwoViewMethod, TwoViewOutcome, undistorted_pixels
@@ -19,20 +19,22 @@ from slam_init.recording.recorder import Recorder
 from slam_init.status import Status, frame_of
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
+from slam_init.types.evidence import MapEvidence
 from slam_init.types.frame import Frame, Observations
+from slam_init.types.gates import Gate, GateName, at_least
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import ACCEPTED
+from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, Result
 from slam_init.types.stopwatch import Stopwatch
 
 __all__ = ["PairInitializer"]
 
-#: None of the two-view methods asks how certain a depth is: what they triangulate stays, unless bundle adjustment makes
-#: its depth a guess.
+#: None of the two-view methods tests the uncertainty of a depth. So their landmarks are kept, unless their depth is
+#: entirely uncertain after bundle adjustment.
 _ANY_DEPTH_SIGMA = 1.0
-#: The tracks of the reference are lost.
-_NEW_REFERENCE = ("too_few_features", "too_few_matches")
+#: The tracks of the reference frame are lost: it is replaced.
+_NEW_REFERENCE = (Verdict.TOO_FEW_FEATURES, Verdict.TOO_FEW_MATCHES)
 
 
 class PairInitializer:
@@ -97,9 +99,10 @@ class PairInitializer:
         if self._reference is None or (attempt is not None and attempt.verdict in _NEW_REFERENCE):
             enough = len(current) >= self.method.pair_rule.min_features
             self._reference = current.frame if enough else None
-        if attempt is not None and attempt.verdict == ACCEPTED and self.map is not None:
+        if attempt is not None and attempt.verdict == Verdict.ACCEPTED and self.map is not None:
             views = [self.history[keyframe.frame] for keyframe in self.map.keyframes]
             self.recorder.initialized(self.map, views)
+        self._attempts.best_progress(())  # none of these methods has a measure of progress
         self.history.forget(keep=() if self._reference is None else (self._reference,))
         self.status = self.status.after(attempt, 0.0) if self.map is None else Status.initialized(attempt)
         return self.status
@@ -112,8 +115,8 @@ class PairInitializer:
     def result(self) -> Result:
         """What is known by now: the map, or the reason why there is none."""
         reason = None if self.map is not None else self._attempts.prevailing_reason()
-        if reason == "too_few_frames" and self.frames_read > 1:
-            reason = "too_few_features"  # no frame had enough of them to become a reference
+        if reason == Verdict.TOO_FEW_FRAMES and self.frames_read > 1:
+            reason = Verdict.TOO_FEW_FEATURES  # no frame had enough of them to become a reference
         return Result(
             map=self.map,
             reason=reason,
@@ -127,13 +130,11 @@ class PairInitializer:
         )
 
     def _try(self, reference: Observations, current: Observations) -> Attempt:
-        rule, frames = self.method.pair_rule, (reference.frame, current.frame)
         i, j = common_tracks(reference, current)
-        evidence: Evidence = {"features": len(current), "matches": len(i)}
-        if len(current) < rule.min_features:
-            return refusal(frames, "too_few_features", evidence | {"features_needed": rule.min_features})
-        if len(i) < rule.min_matches:
-            return refusal(frames, "too_few_matches", evidence | {"matches_needed": rule.min_matches})
+        gates = self._tracks_gates(len(current), len(i))
+        attempt = with_gates(Attempt((reference.frame, current.frame), Verdict.ACCEPTED), gates)
+        if attempt.failed_gates:
+            return refused(attempt, attempt.failed_gates[0].reason)
         m, n = reference.bearings[i], current.bearings[j]
         with self.stopwatch("two_view"):
             outcome = self.method.bootstrap(
@@ -144,18 +145,26 @@ class PairInitializer:
                 n,
                 self.config.seed,
             )
-        attempt = Attempt(
-            frames=frames,
-            verdict=outcome.reason,
-            evidence=evidence | outcome.evidence,
+        attempt = replace(
+            attempt,
+            verdict=outcome.verdict,
+            method_evidence=outcome.evidence,
             pixels1=reference.pixels[i],
             pixels2=current.pixels[j],
             inliers=outcome.landmarks,
         )
         if outcome.cam2_from_cam1 is None:
-            return refused(attempt, outcome.reason)
+            return refused(attempt, outcome.verdict)
         with self.stopwatch("map"):
             return self._adjusted(attempt, outcome, outcome.cam2_from_cam1, reference, current)
+
+    def _tracks_gates(self, features: int, matches: int) -> tuple[Gate, Gate]:
+        """The pair rule of the method."""
+        rule = self.method.pair_rule
+        return (
+            at_least(GateName.FEATURES, features, rule.min_features, Verdict.TOO_FEW_FEATURES),
+            at_least(GateName.MATCHES, matches, rule.min_matches, Verdict.TOO_FEW_MATCHES),
+        )
 
     def _adjusted(
         self, attempt: Attempt, outcome: TwoViewOutcome, pose: Pose, reference: Observations, current: Observations
@@ -176,13 +185,16 @@ class PairInitializer:
         bundle = adjust(self.camera, problem, replace(self.config.map, max_depth_sigma=_ANY_DEPTH_SIGMA))
         if not isinstance(bundle, BundleSolution):
             self._reference = None
-            return refused(attempt, "bundle_adjustment_failed", {"cause": bundle.cause})
-        needed = self.method.pair_rule.min_landmarks
-        left = len(bundle.problem.points)
-        evidence: Evidence = {"landmarks": left, "landmarks_gate": needed, "reprojection_rmse_px": bundle.rmse_px}
-        attempt = replace(attempt, evidence=attempt.evidence | evidence)
-        if left < needed:
+            return refused(replace(attempt, map=MapEvidence(failure=bundle.cause)), Verdict.BUNDLE_ADJUSTMENT_FAILED)
+        landmarks = at_least(
+            GateName.LANDMARKS,
+            len(bundle.problem.points),
+            self.method.pair_rule.min_landmarks,
+            Verdict.TOO_FEW_LANDMARKS,
+        )
+        attempt = replace(with_gates(attempt, (landmarks,)), map=MapEvidence(reprojection_rmse_px=bundle.rmse_px))
+        if not landmarks.passes():
             self._reference = None
-            return refused(attempt, "too_few_landmarks")
+            return refused(attempt, Verdict.TOO_FEW_LANDMARKS)
         self.map = initial_map(bundle, (reference, current), "planar" if outcome.planar else "general")
         return attempt

@@ -33,11 +33,15 @@ __all__ = ["METHODS", "FrontEnd", "MethodInfo", "make_initializer", "make_two_vi
 class FrontEnd(Protocol):
     """What every method is run as: it is fed frames until it has a map."""
 
-    map: InitialMap | None
     status: Status
     frames_read: int
     tracker: Tracker
     history: History
+
+    @property
+    def map(self) -> InitialMap | None:
+        """The accepted map; None before."""
+        ...
 
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
         """Take in the next frame."""

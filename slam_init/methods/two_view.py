@@ -11,14 +11,16 @@ from typing import Protocol
 
 import numpy as np
 
-from slam_init.decision.refusal import Evidence
 from slam_init.errors import SlamInitError
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import ACCEPTED
+from slam_init.types.reasons import REASONS, Verdict
 
-__all__ = ["PairRule", "TwoViewMethod", "TwoViewOutcome", "check_matches", "undistorted_pixels"]
+__all__ = ["Evidence", "PairRule", "TwoViewMethod", "TwoViewOutcome", "check_matches", "undistorted_pixels"]
+
+#: What a method tells about its decision: names of its own, which nothing in this project acts on.
+Evidence = dict[str, float | int | str]
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,21 @@ class TwoViewOutcome:
     def __bool__(self) -> bool:
         return self.cam2_from_cam1 is not None
 
+    @property
+    def verdict(self) -> Verdict:
+        """The reason as a verdict of the pipeline.
+
+        Raises
+        ------
+        SlamInitError
+            Where a method gives a reason that is none of :data:`slam_init.types.reasons.REASONS`.
+        """
+        try:
+            return Verdict(self.reason)
+        except ValueError:
+            known = ", ".join(REASONS)
+            raise SlamInitError(f"a method gave the unknown reason {self.reason!r}: use one of {known}") from None
+
     @staticmethod
     def refused(reason: str, count: int, evidence: Evidence | None = None) -> TwoViewOutcome:
         """No motion from ``count`` matches, for a reason."""
@@ -81,7 +98,7 @@ class TwoViewOutcome:
     ) -> TwoViewOutcome:
         """A motion, and the points that become landmarks."""
         kept = np.where(landmarks[:, None], points, np.nan)
-        return TwoViewOutcome(ACCEPTED, cam2_from_cam1, landmarks, kept, planar, evidence)
+        return TwoViewOutcome(Verdict.ACCEPTED, cam2_from_cam1, landmarks, kept, planar, evidence)
 
 
 class TwoViewMethod(Protocol):

@@ -16,12 +16,9 @@ summary last: a folder with a summary is complete, and a run that fails leaves w
 
 from __future__ import annotations
 
-import json
-import math
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +26,7 @@ import numpy as np
 
 from slam_init.errors import OutputError, SourceError
 from slam_init.output.colmap import COLMAP_FILES, colmap_model, numbers_text
-from slam_init.types.camera import Camera
-from slam_init.types.frame import Source
+from slam_init.output.summary import Summary, summary_text
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.result import Result
 
@@ -40,13 +36,10 @@ __all__ = [
     "ply_bytes",
     "prepare_folder",
     "remove_older_results",
-    "summary_dict",
-    "summary_text",
     "tum_text",
     "write_results",
 ]
 
-SCHEMA = 1
 #: Name of the recording within the folder; written by :mod:`slam_init.recording.recorder` while the run goes on.
 RECORDING = "recording.rrd"
 
@@ -114,7 +107,7 @@ def remove_older_results(out: Path) -> None:
 def write_results(
     out: Path,
     result: Result,
-    summary: Mapping[str, Any],
+    summary: Summary,
     config_toml: str | None = None,
     continued: Sequence[Keyframe] = (),
 ) -> None:
@@ -127,8 +120,8 @@ def write_results(
     out : Path
         Folder, created where missing.
     result : Result
-    summary : mapping
-        Of :func:`summary_dict`.
+    summary : Summary
+        Of :func:`slam_init.output.summary.summary_of`.
     config_toml : str or None
         The resolved configuration.
     continued : sequence of Keyframe
@@ -175,12 +168,12 @@ def write_results(
             temporary.unlink(missing_ok=True)
 
 
-def load_graph(out: Path) -> tuple[Any, Any]:
+def load_graph(out: str | os.PathLike[str]) -> tuple[Any, Any]:
     """Read back the factor graph of a run, to go on with it in gtsam.
 
     Parameters
     ----------
-    out : Path
+    out : str or path
         Folder of a run that initialized.
 
     Returns
@@ -196,6 +189,7 @@ def load_graph(out: Path) -> tuple[Any, Any]:
     """
     import gtsam
 
+    out = Path(out)
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     try:
         graph.deserialize((out / _GRAPH).read_text())
@@ -205,93 +199,6 @@ def load_graph(out: Path) -> tuple[Any, Any]:
     except RuntimeError as error:  # how gtsam's archive reports what it cannot parse
         raise SourceError(f"the graph in {out} is damaged: run again") from error
     return graph, values
-
-
-def summary_dict(
-    result: Result,
-    source: Source,
-    camera: Camera,
-    method: str,
-    seed: int,
-    ground_truth: Mapping[str, float | None] | None = None,
-    continued: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
-    """The summary of a run: plain JSON types, the same for the same run except ``timing_ms``.
-
-    Parameters
-    ----------
-    result : Result
-    source : Source
-    camera : Camera
-        The calibration that was stated. Where the focal length was adjusted the summary has ``focal_length`` as well:
-        the adjusted one in pixels, its ratio to the stated one, and the standard deviation of that ratio.
-    method : str
-        Of relative pose, e.g. ``quest``.
-    seed : int
-    ground_truth : mapping or None
-        Of :func:`slam_init.evaluation.metrics.compare_with_groundtruth`.
-    continued : mapping or None
-        What became of the frames after the initialization; the key is absent where none were asked for.
-
-    Returns
-    -------
-    dict
-        Numbers that are not finite are None. Without a map ``keyframes`` is empty, ``landmarks`` 0 and the
-        figures of the map None.
-    """
-    map_ = result.map
-    summary: dict[str, Any] = {
-        "schema": SCHEMA,
-        "status": result.status,
-        "reason": result.reason,
-        "advice": result.advice,
-        "source": {"name": source.name, "kind": source.kind},
-        "method": method,
-        "seed": int(seed),
-        "camera": {
-            "model": camera.model,
-            "width": camera.width,
-            "height": camera.height,
-            **_plain({name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "distortion")}, 9),
-            "guessed": camera.guessed,
-        },
-        "frames_read": int(result.frames_read),
-        "frames_to_init": None if result.frames_to_init is None else int(result.frames_to_init),
-        "keyframes": [] if map_ is None else [_keyframe_dict(keyframe) for keyframe in map_.keyframes],
-        "landmarks": 0 if map_ is None else len(map_.points),
-        "median_parallax_deg": None if map_ is None else _plain(map_.median_parallax_deg),
-        "reprojection_rmse_px": None if map_ is None else _plain(map_.reprojection_rmse_px),
-        "scene": None if map_ is None else map_.scene,
-        # The map itself, where there is one, is no hypothesis any more.
-        "hypotheses": [] if map_ is not None else [_hypothesis_dict(kept) for kept in result.hypotheses],
-        "margin": None if result.margin is None else _plain(asdict(result.margin)),
-        "attempts": [
-            {
-                "frames": _plain(attempt.frames),
-                "verdict": attempt.verdict,
-                "advice": attempt.advice,
-                "progress": _plain(attempt.progress),
-                "evidence": _plain(attempt.evidence),
-            }
-            for attempt in result.attempts
-        ],
-        "timing_ms": _plain(result.timing_ms),
-        "ground_truth": None if ground_truth is None else _plain(ground_truth),
-        "notes": list(result.notes),
-    }
-    if map_ is not None and map_.focal_factor_sigma is not None:
-        summary["focal_length"] = {
-            **_plain({"fx": map_.camera.fx, "fy": map_.camera.fy}, 9),
-            **_plain({"factor": map_.focal_factor, "factor_sigma": map_.focal_factor_sigma}),
-        }
-    if continued is not None:
-        summary["continued"] = _plain(continued)
-    return summary
-
-
-def summary_text(summary: Mapping[str, Any]) -> str:
-    """The summary as JSON in ASCII, which any stream takes, indented, with a final newline."""
-    return json.dumps(summary, indent=2, allow_nan=False) + "\n"
 
 
 def tum_text(keyframes: Sequence[Keyframe]) -> str:
@@ -317,39 +224,6 @@ def ply_bytes(map_: InitialMap) -> bytes:
     vertices = np.zeros(len(map_.points), dtype=[("xyz", "<f4", 3), ("rgb", "u1", 3)])
     vertices["xyz"], vertices["rgb"] = map_.points, map_.colors
     return header.encode() + vertices.tobytes()
-
-
-def _keyframe_dict(keyframe: Keyframe) -> dict[str, Any]:
-    return {
-        "frame": int(keyframe.frame),
-        "timestamp": float(keyframe.timestamp_s),
-        "q_wxyz": _plain(keyframe.world_from_cam.q_wxyz, 9),
-        "t": _plain(keyframe.world_from_cam.t, 9),
-    }
-
-
-def _hypothesis_dict(map_: InitialMap) -> dict[str, Any]:
-    """A map that was kept beside another, compactly."""
-    return {
-        "keyframes": [_keyframe_dict(keyframe) for keyframe in map_.keyframes],
-        "landmarks": len(map_.points),
-        "reprojection_rmse_px": _plain(map_.reprojection_rmse_px),
-    }
-
-
-def _plain(value: Any, digits: int = 6) -> Any:
-    """Plain JSON types: arrays as lists, floats to some significant digits, None for what is not finite."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item, digits) for key, item in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [_plain(item, digits) for item in value]
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, int | np.integer):
-        return int(value)
-    if isinstance(value, float | np.floating):
-        return float(f"{value:.{digits}g}") if math.isfinite(value) else None
-    return value
 
 
 def _write_beside(path: Path, content: bytes) -> Path:

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import uuid
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+
+from slam_init.types.gates import GateName
+from slam_init.types.result import Attempt
 
 __all__ = [
     "ERROR",
@@ -42,28 +46,52 @@ class Series:
         The last but one part of the path is the plot.
     label : str
     color : (int, int, int)
-    evidence : str
-        Its name in the evidence of an attempt; empty where it comes from elsewhere.
+    of_attempt : function of Attempt, or None
+        Takes the figure from an attempt; the function returns None where the attempt does not have it. None where the
+        figure does not come from an attempt.
     """
 
     entity: str
     label: str
     color: Color
-    evidence: str = ""
+    of_attempt: Callable[[Attempt], float | None] | None = None
 
 
-#: Of all evidence, what tells how an initialization comes about: the parallax grows, the bounds on the direction error
-#: fall below their gate, those of a pair first, then that of a map. The verdict beside it lists the rest.
+def _gate_value(name: GateName) -> Callable[[Attempt], float | None]:
+    """The value of a gate of an attempt."""
+    return lambda attempt: next((gate.value for gate in attempt.gates if gate.name is name), None)
+
+
+def _gate_threshold(name: GateName) -> Callable[[Attempt], float | None]:
+    """The threshold of a gate of an attempt."""
+    return lambda attempt: next((gate.threshold for gate in attempt.gates if gate.name is name), None)
+
+
+def _parallax_px(attempt: Attempt) -> float | None:
+    return None if attempt.preview is None else attempt.preview.parallax_px
+
+
+def _parallax_share(attempt: Attempt) -> float | None:
+    return None if attempt.preview is None else attempt.preview.parallax_share
+
+
+#: The figures that show how an initialization develops: the parallax grows, then the bounds of the direction error fall
+#: below their threshold, first those of a pair, then that of a map. The verdict panel lists the other figures.
 SERIES = (
     Series(TRACKS, "tracks", ESTIMATE_COLOR),
-    Series("stats/counts/landmarks", "landmarks", _GREEN, "landmarks"),
-    Series("stats/parallax/median", "median", ESTIMATE_COLOR, "parallax_px"),
-    Series("stats/shares/parallax", "with parallax", ESTIMATE_COLOR, "parallax_share"),
-    Series("stats/shares/explained", "become landmarks", _GREEN, "explained_share"),
-    Series("stats/direction/bound", "bound of the map", ESTIMATE_COLOR, "direction_bound_deg"),
-    Series("stats/direction/shared", "by shared errors", _PURPLE, "direction_shared_deg"),
-    Series("stats/direction/spread", "by parts of the view", _GREEN, "direction_spread_deg"),
-    Series("stats/direction/gate", "gate", _GATE_COLOR, "direction_shared_deg_gate"),
+    Series("stats/counts/landmarks", "landmarks", _GREEN, _gate_value(GateName.LANDMARKS)),
+    Series("stats/parallax/median", "median", ESTIMATE_COLOR, _parallax_px),
+    Series("stats/shares/parallax", "with parallax", ESTIMATE_COLOR, _parallax_share),
+    Series("stats/shares/explained", "become landmarks", _GREEN, _gate_value(GateName.EXPLAINED_SHARE)),
+    Series("stats/direction/bound", "bound of the map", ESTIMATE_COLOR, _gate_value(GateName.DIRECTION_BOUND_DEG)),
+    Series(
+        "stats/direction/correlated",
+        "by correlated errors",
+        _PURPLE,
+        _gate_value(GateName.DIRECTION_CORRELATED_DEG),
+    ),
+    Series("stats/direction/jackknife", "by parts of the view", _GREEN, _gate_value(GateName.DIRECTION_JACKKNIFE_DEG)),
+    Series("stats/direction/gate", "gate", _GATE_COLOR, _gate_threshold(GateName.DIRECTION_CORRELATED_DEG)),
     Series(ERROR, "rms residual", ESTIMATE_COLOR),
 )
 

@@ -27,7 +27,7 @@ import errno
 import os
 import uuid
 from collections import OrderedDict, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -36,6 +36,7 @@ import numpy as np
 
 from slam_init.errors import OutputError, SlamInitError
 from slam_init.evaluation.metrics import Similarity, align_poses
+from slam_init.output.summary import Summary
 from slam_init.recording.images import bgr, jpeg, reduced, reduced_shape
 from slam_init.recording.layout import ERROR, ERROR_BARS, ESTIMATE_COLOR, SERIES, TRACKS, TRUTH_COLOR, Color, blueprint
 from slam_init.recording.paths import dashes, log_hypotheses
@@ -45,7 +46,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose, Trajectory
-from slam_init.types.reasons import ACCEPTED
+from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
 __all__ = ["Recorder", "RerunRecorder"]
@@ -90,7 +91,7 @@ class Recorder:
     def continued(self, keyframe: Keyframe) -> None:
         """A frame after the initialization was located in the map."""
 
-    def summary(self, summary: Mapping[str, Any]) -> None:
+    def summary(self, summary: Summary) -> None:
         """The run has ended with this summary."""
 
     def close(self) -> None:
@@ -213,7 +214,7 @@ class RerunRecorder(Recorder):
     def attempt(self, attempt: Attempt) -> None:
         """Log the pair with its matches, the verdict with its evidence, and the numbers as series."""
         rr, rec = self._rr, self._rec
-        accepted = attempt.verdict == ACCEPTED
+        accepted = attempt.verdict == Verdict.ACCEPTED
         level = rr.TextLogLevel.INFO if accepted else rr.TextLogLevel.WARN
         rec.log("log", rr.TextLog(attempt_line(attempt), level=level, color=_GREEN if accepted else _YELLOW))
         rec.log(
@@ -221,8 +222,8 @@ class RerunRecorder(Recorder):
             rr.TextDocument(attempt_markdown(attempt), media_type=rr.MediaType.MARKDOWN),
         )
         for series in SERIES:
-            value = attempt.evidence.get(series.evidence)
-            if isinstance(value, int | float) and np.isfinite(value):
+            value = None if series.of_attempt is None else series.of_attempt(attempt)
+            if value is not None and np.isfinite(value):
                 rec.log(series.entity, rr.Scalars(float(value)))
         self._log_pair(attempt)
 
@@ -278,7 +279,7 @@ class RerunRecorder(Recorder):
         if self._groundtruth is not None and self._world_from_gt is not None:
             self._log_true_path(self._groundtruth, self._world_from_gt, keyframe.timestamp_s)
 
-    def summary(self, summary: Mapping[str, Any]) -> None:
+    def summary(self, summary: Summary) -> None:
         """Log the summary as a table, without the times that no two runs share."""
         rr = self._rr
         document = rr.TextDocument(_unicode(summary_markdown(summary)), media_type=rr.MediaType.MARKDOWN)

@@ -2,64 +2,139 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
-from typing import Any
 
-from slam_init.types.reasons import ACCEPTED
+from slam_init.output.summary import Json, Summary, plain_fields
+from slam_init.types.evidence import VoteEvidence
+from slam_init.types.gates import Direction, Gate
+from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
 __all__ = ["attempt_line", "attempt_markdown", "summary_markdown"]
 
-#: Keys of the summary that a table of one line each cannot show, or that no two runs share.
-_LISTS = ("keyframes", "attempts", "timing_ms", "notes", "hypotheses")
+#: Fields of the summary that have one line each.
+_FIGURES = (
+    "schema",
+    "reason",
+    "advice",
+    "method",
+    "seed",
+    "frames_read",
+    "frames_to_init",
+    "landmarks",
+    "median_parallax_deg",
+    "reprojection_rmse_px",
+    "scene",
+)
+#: Fields that have a table each. Times and provenance are left out: no two runs have the same ones.
+_TABLES = ("margin", "ground_truth", "camera", "focal_length", "source", "continued")
 
 
 def attempt_line(attempt: Attempt) -> str:
-    """One line: the frames, the verdict and what would help."""
+    """One line: the frames, the verdict and what would help.
+
+    Parameters
+    ----------
+    attempt : Attempt
+
+    Returns
+    -------
+    str
+    """
     advice = f": {attempt.advice}" if attempt.advice else ""
     return f"frames {', '.join(map(str, attempt.frames))} {attempt.verdict}{advice}"
 
 
 def attempt_markdown(attempt: Attempt) -> str:
-    """The verdict as a heading, the advice, what was compared with what, then the rest of the evidence."""
-    sign = "accepted" if attempt.verdict == ACCEPTED else f"refused: {attempt.verdict}"
-    lines = [f"### {sign}", f"frames {', '.join(map(str, attempt.frames))}", ""]
+    """The verdict as a heading, the advice, the gates, then the rest of the evidence.
+
+    Parameters
+    ----------
+    attempt : Attempt
+
+    Returns
+    -------
+    str
+        In Markdown.
+    """
+    verdict = "accepted" if attempt.verdict == Verdict.ACCEPTED else f"refused: {attempt.verdict}"
+    lines = [f"### {verdict}", f"frames {', '.join(map(str, attempt.frames))}", ""]
     if attempt.advice:
         lines += [attempt.advice, ""]
-    evidence = attempt.evidence
-    gates = {name: gate for gate in evidence if (name := _gated(gate)) in evidence and name != gate}
-    if gates:
-        lines += ["| gate | value | threshold |", "|---|---:|---:|"]
-        lines += [f"| {name} | {_shown(evidence[name])} | {_shown(evidence[gate])} |" for name, gate in gates.items()]
+    if attempt.gates:
+        lines += ["| gate | value | threshold | |", "|---|---:|---:|---|"]
+        lines += [_gate_row(gate) for gate in attempt.gates]
         lines.append("")
-    rest = {name: value for name, value in evidence.items() if name not in gates and name not in gates.values()}
-    return "\n".join(lines + _table("evidence", rest))
+    return "\n".join(lines + _table("evidence", _evidence(attempt)))
 
 
-def _gated(name: str) -> str:
-    """The evidence that a threshold is for: ``landmarks`` of ``landmarks_gate``, ``matches`` of ``matches_needed``."""
-    return name.replace("_gate", "").removesuffix("_needed")
+def summary_markdown(summary: Summary) -> str:
+    """The figures of a summary as tables, its keyframes listed.
 
+    Parameters
+    ----------
+    summary : Summary
 
-def summary_markdown(summary: Mapping[str, Any]) -> str:
-    """The figures of a summary as tables, its keyframes listed."""
-    reason = f": {summary['reason']}" if summary.get("reason") else ""
-    plain = {k: v for k, v in summary.items() if k not in _LISTS and not isinstance(v, Mapping)}
-    lines = [f"# {summary.get('status', 'run')}{reason}", *_table("figure", plain)]
-    for name in ("margin", "ground_truth", "camera", "focal_length", "source", "continued"):
-        if isinstance(summary.get(name), Mapping):
-            lines += ["", *_table(name, summary[name])]
-    if summary.get("keyframes"):
-        frames = ", ".join(str(keyframe["frame"]) for keyframe in summary["keyframes"])
+    Returns
+    -------
+    str
+        In Markdown.
+    """
+    fields = summary.as_dict()
+    reason = f": {summary.reason}" if summary.reason else ""
+    lines = [f"# {summary.status}{reason}", *_table("figure", {name: fields[name] for name in _FIGURES})]
+    for name in _TABLES:
+        table = fields[name]
+        if isinstance(table, Mapping):
+            lines += ["", *_table(name, table)]
+    if summary.keyframes:
+        frames = ", ".join(str(keyframe.frame) for keyframe in summary.keyframes)
         lines += ["", f"Keyframes: {frames}"]
-    verdicts = [attempt["verdict"] for attempt in summary.get("attempts", ())]
-    counts = {verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)}
+    counts = Counter(str(attempt.verdict) for attempt in summary.attempts)
     if counts:
         lines += ["", *_table("attempts", counts)]
-    return "\n".join([*lines, "", *(f"- {note}" for note in summary.get("notes", ()))])
+    return "\n".join([*lines, "", *(f"- {note}" for note in summary.notes)])
 
 
-def _table(title: str, rows: Mapping[str, Any]) -> list[str]:
+def _gate_row(gate: Gate) -> str:
+    sign = "≥" if gate.direction is Direction.AT_LEAST else "≤"
+    mark = "" if gate.passes() else "**fails**"
+    return f"| {gate.name} | {_shown(gate.value)} | {sign} {_shown(gate.threshold)} | {mark} |"
+
+
+def _evidence(attempt: Attempt) -> dict[str, Json]:
+    """All evidence of an attempt by name, flat, without what is not known."""
+    rows: dict[str, Json] = dict(attempt.method_evidence)
+    if attempt.preview is not None:
+        rows |= plain_fields(attempt.preview)
+    if attempt.two_view is not None:
+        figures = plain_fields(attempt.two_view)
+        statistics = figures.pop("statistics")
+        rows |= {f"two_view_{name}": value for name, value in figures.items()}
+        if isinstance(statistics, Mapping):
+            rows |= {f"two_view_{name}": value for name, value in statistics.items()}
+    if attempt.rotation_only is not None:
+        rows |= {f"rotation_only_{name}": value for name, value in plain_fields(attempt.rotation_only).items()}
+    if attempt.vote is not None:
+        rows |= _vote(attempt.vote)
+    if attempt.map is not None:
+        rows |= plain_fields(attempt.map)
+    return {name: value for name, value in rows.items() if value is not None}
+
+
+def _vote(vote: VoteEvidence) -> dict[str, Json]:
+    rows: dict[str, Json] = {}
+    for rival in vote.rivals:
+        rows |= {f"rival{rival.rival}_log_likelihood": rival.log_likelihood, f"rival{rival.rival}_z": rival.z}
+    if vote.plane is not None:
+        rows |= {"plane_log_likelihood": vote.plane.log_likelihood, "plane_z": vote.plane.z}
+    if vote.near_rival_deg:
+        rows["near_rival_deg"] = vote.near_rival_deg
+    return rows
+
+
+def _table(title: str, rows: Mapping[str, Json] | Mapping[str, int]) -> list[str]:
     return [
         f"| {title} | |",
         "|---|---:|",
@@ -67,7 +142,7 @@ def _table(title: str, rows: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _shown(value: Any) -> str:
+def _shown(value: Json) -> str:
     if value is None:
         return "none"
     return f"{value:.4g}" if isinstance(value, float) else str(value).replace("|", "/")

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from slam_init.types.camera import Camera
-
-from slam_init.types.arrays import Floats, Ints
+from slam_init.types.arrays import Floats, Image, Ints
+from slam_init.types.camera import Camera
+from slam_init.types.display import Described
 from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
 
@@ -20,7 +18,17 @@ __all__ = ["InitialMap", "Keyframe"]
 
 @dataclass(frozen=True, eq=False)
 class Keyframe:
-    """A view of the initial map."""
+    """A view of the initial map.
+
+    Attributes
+    ----------
+    frame : int
+        Absolute index of the frame.
+    timestamp_s : float
+    name : str
+        Name of the image.
+    world_from_cam : Pose
+    """
 
     frame: int
     timestamp_s: float
@@ -28,8 +36,8 @@ class Keyframe:
     world_from_cam: Pose
 
 
-@dataclass(frozen=True, eq=False)
-class InitialMap:
+@dataclass(frozen=True, eq=False, repr=False)
+class InitialMap(Described):
     """The initial map: keyframes in time order, landmarks, and which keyframe saw which landmark where.
 
     The world frame is the first keyframe's camera frame; the unit of length is the median depth of the landmarks in
@@ -87,7 +95,7 @@ class InitialMap:
     observation_keyframes: Ints
     observation_landmarks: Ints
     observation_pixels: Floats
-    colors: NDArray[np.uint8]
+    colors: Image
     pose_covariances: Floats
     gauge: str
     graph: Any
@@ -121,3 +129,14 @@ class InitialMap:
         bearings = self.camera.bearings(observed.pixels[j])
         known = np.isfinite(bearings).all(axis=1)
         return i[known], j[known], bearings[known]
+
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        frames = ", ".join(str(keyframe.frame) for keyframe in self.keyframes)
+        return f"map of {len(self.keyframes)} keyframes and {len(self.points)} landmarks, {self.scene} scene", [
+            ("keyframes", f"frames {frames}"),
+            (
+                "landmarks",
+                f"{len(self.points)}, {self.scene} scene, median parallax {self.median_parallax_deg:.2f} deg",
+            ),
+            ("reprojection", f"{self.reprojection_rmse_px:.2f} px (rms), noise {self.noise_px:.2f} px"),
+        ]

@@ -1,71 +1,58 @@
-"""Why there is no map yet: a closed set of reasons, their precedence, what to do about each; the gates that tell."""
+"""Why there is no map yet: a closed set of verdicts, their order of precedence, and what to do about each."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from enum import StrEnum
 
-__all__ = ["ACCEPTED", "ADVICE", "REASONS", "Gate"]
-
-ACCEPTED = "accepted"
-
-#: Reason -> advice, in order of precedence. An attempt reports the first that holds: a static camera is also a pure
-#: rotation (by nothing) and a pure rotation also has low parallax. A run reports what the second half of its attempts
-#: mostly said, and of equals the first here.
-ADVICE: dict[str, str] = {
-    "static_camera": "the camera stands still: move it sideways",
-    "pure_rotation": "the camera only turns: translate it, best sideways",
-    "low_parallax": "the views are too close together for the depth of the scene: keep translating",
-    "too_few_features": "too few features in the image: more light, focus or texture",
-    "too_few_matches": "too few features are seen in both views: move more slowly, or look at more texture",
-    "no_consistent_motion": "no rigid motion explains enough matches: moving objects, or a wrong calibration",
-    "ambiguous_plane": "the scene is flat and two motions explain it: move in a curve, or show something off the plane",
-    "too_few_landmarks": "too few points can be triangulated well: keep translating",
-    "no_third_view": "no further view confirms the pair: keep moving",
-    "bundle_adjustment_failed": "bundle adjustment found no consistent map: keep moving",
-    "too_few_frames": "fewer than two frames were read: give a longer sequence",
-}
-
-REASONS: tuple[str, ...] = tuple(ADVICE)
+__all__ = ["REASONS", "Verdict"]
 
 
-@dataclass(frozen=True)
-class Gate:
-    """One condition. It passes when the value is at least (or at most) the threshold.
+class Verdict(StrEnum):
+    """The verdict on a pair of frames: accepted, or the reason of the refusal.
+
+    The order of the members is the order of precedence. An attempt reports the first reason that holds: a static camera
+    is also a pure rotation (by zero degrees), and a pure rotation also has low parallax. A run reports the most frequent
+    reason of the second half of its attempts; of equally frequent reasons it reports the first.
+
+    To add a reason, add a line here: the value goes to ``summary.json``, the advice is shown to the person who moves the
+    camera. A gate (:class:`slam_init.types.gates.Gate`) or a stage of :mod:`slam_init.attempt` then names the reason.
 
     Attributes
     ----------
-    name : str
-    value, threshold : float
-    at_least : bool
-    reason : str
-        Reported when the gate does not pass.
     advice : str
-        What would help then, in a few words for a person.
+        What would help, in a few words for a person; empty for ``accepted``.
     """
 
-    name: str
-    value: float
-    threshold: float
-    at_least: bool
-    reason: str
     advice: str
 
-    def passes(self) -> bool:
-        """NaN never passes."""
-        return self.value >= self.threshold if self.at_least else self.value <= self.threshold
+    def __new__(cls, value: str, advice: str = "") -> Verdict:
+        member = str.__new__(cls, value)
+        member._value_ = value
+        member.advice = advice
+        return member
 
-    def fulfilled(self) -> float:
-        """How far the value is on its way to the threshold: 1 where it passes, else below; 0 for what is no number."""
-        if self.passes():
-            return 1.0
-        if self.at_least:
-            return self.value / self.threshold if self.value > 0 else 0.0
-        return max(self.threshold, 0.0) / self.value if self.value > 0 else 0.0
+    STATIC_CAMERA = "static_camera", "the camera stands still: move it sideways"
+    PURE_ROTATION = "pure_rotation", "the camera only turns: translate it, best sideways"
+    LOW_PARALLAX = "low_parallax", "the views are too close together for the depth of the scene: keep translating"
+    TOO_FEW_FEATURES = "too_few_features", "too few features in the image: more light, focus or texture"
+    TOO_FEW_MATCHES = (
+        "too_few_matches",
+        "too few features are seen in both views: move more slowly, or look at more texture",
+    )
+    NO_CONSISTENT_MOTION = (
+        "no_consistent_motion",
+        "no rigid motion explains enough matches: moving objects, or a wrong calibration",
+    )
+    AMBIGUOUS_PLANE = (
+        "ambiguous_plane",
+        "the scene is flat and two motions explain it: move in a curve, or show something off the plane",
+    )
+    TOO_FEW_LANDMARKS = "too_few_landmarks", "too few points can be triangulated well: keep translating"
+    NO_THIRD_VIEW = "no_third_view", "no further view confirms the pair: keep moving"
+    BUNDLE_ADJUSTMENT_FAILED = "bundle_adjustment_failed", "bundle adjustment found no consistent map: keep moving"
+    TOO_FEW_FRAMES = "too_few_frames", "fewer than two frames were read: give a longer sequence"
+    ACCEPTED = "accepted", ""
 
-    def lacking(self) -> float:
-        """The factor by which a value that more parallax would lower is beyond its threshold; 1 for other gates."""
-        return 1.0 if self.at_least or not self.value > 0 else self.value / self.threshold
 
-    def evidence(self) -> dict[str, float | int | str]:
-        """Value and threshold by name."""
-        return {self.name: self.value, f"{self.name}_gate": self.threshold}
+#: Every verdict but ``accepted``, in order of precedence.
+REASONS: tuple[Verdict, ...] = tuple(verdict for verdict in Verdict if verdict is not Verdict.ACCEPTED)

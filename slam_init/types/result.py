@@ -2,95 +2,186 @@
 
 from __future__ import annotations
 
+import dataclasses
+import warnings
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.types.reasons import Gate
-
-if TYPE_CHECKING:
-    from slam_init.types.comparison import Margin
-
 from slam_init.types.arrays import Bools, Floats
+from slam_init.types.comparison import Margin
+from slam_init.types.display import Described
+from slam_init.types.evidence import (
+    FreeEvidence,
+    MapEvidence,
+    PreviewEvidence,
+    RotationOnlyEvidence,
+    TwoViewEvidence,
+    VoteEvidence,
+)
+from slam_init.types.gates import Gate, Stage
 from slam_init.types.initial_map import InitialMap
+from slam_init.types.reasons import Verdict
+from slam_init.types.stopwatch import StageTimes
 
-__all__ = ["Attempt", "Result"]
+__all__ = ["Attempt", "GroundTruthErrors", "Result"]
 
 
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """One attempt to initialize, and what became of it.
+@dataclass(frozen=True, eq=False, repr=False)
+class Attempt(Described):
+    """One attempt to initialize from a pair of frames, and its verdict.
 
     Attributes
     ----------
     frames : tuple of int
-        Absolute indices of the pair (reference, current), then of further views that had a vote.
-    verdict : str
-        ``accepted`` or a reason of :data:`slam_init.types.reasons.REASONS`.
-    evidence : dict
-        Name -> number (or short text) that led to the verdict: each gate's value and threshold.
+        Absolute indices of the pair (reference, current), then of further views that voted.
+    verdict : Verdict
+        ``accepted`` or the reason of the refusal.
     advice : str
         What would help, in a few words for a person: that of the gate that failed; empty when accepted.
+    gates : tuple of Gate
+        The conditions that were looked at, up to the stage that failed.
+    stage : Stage or None
+        The stage that refused the pair; None where it was accepted, or refused by the rules of another method.
+    progress : float
+        How far the pair came, 0 to 1: see :func:`slam_init.types.gates.progress`.
+    parallax_shortfall : float
+        Required baseline divided by the current one, from the worst gate that scales with parallax; 1 if none does.
     pixels1, pixels2 : (N, 2) float
         The matches of the pair, raw pixels.
     inliers : (N,) bool
         Which of them the best model explains.
-    gates : tuple of Gate
-        The conditions that were looked at, with values and thresholds, up to the stage that failed.
-    progress : float
-        How far the pair came, 0 to 1: see :func:`slam_init.status.progress`.
-    lacking : float
-        By which factor the gates were missed that go with the inverse of the parallax: so much longer the way has to
-        be. 1 where that is not what failed.
+    preview : PreviewEvidence or None
+        Before any epipolar geometry; None for the rules of another method.
+    two_view : TwoViewEvidence or None
+        Of the relative pose; None where the pair was refused before.
+    rotation_only : RotationOnlyEvidence or None
+        Of the rival explanation by a camera that only rotates; None where it was not looked at.
+    vote : VoteEvidence or None
+        Of the vote between rival maps; None where no map was built.
+    map : MapEvidence or None
+        Of bundle adjustment; None where no map was built.
+    method_evidence : mapping of str to float, int or str
+        What a method of somebody else told; empty for ``quest``.
     """
 
     frames: tuple[int, ...]
-    verdict: str
-    evidence: dict[str, float | int | str]
+    verdict: Verdict
     advice: str = ""
+    gates: tuple[Gate, ...] = ()
+    stage: Stage | None = None
+    progress: float = 0.0
+    parallax_shortfall: float = 1.0
     pixels1: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     pixels2: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     inliers: Bools = field(default_factory=lambda: np.zeros(0, bool))
-    gates: tuple[Gate, ...] = ()
-    progress: float = 0.0
-    lacking: float = 1.0
+    preview: PreviewEvidence | None = None
+    two_view: TwoViewEvidence | None = None
+    rotation_only: RotationOnlyEvidence | None = None
+    vote: VoteEvidence | None = None
+    map: MapEvidence | None = None
+    method_evidence: FreeEvidence = field(default_factory=dict)
+
+    @property
+    def failed_gates(self) -> tuple[Gate, ...]:
+        """The gates that did not pass."""
+        return tuple(gate for gate in self.gates if not gate.passes())
+
+    @property
+    def suspected_focal_factor(self) -> float | None:
+        """The suspected true focal length over the stated one; None where the stated one is not suspected."""
+        return None if self.rotation_only is None else self.rotation_only.suspected_focal_factor
+
+    @property
+    def evidence(self) -> dict[str, float | int | str]:
+        """Deprecated: all figures by name; use the typed fields and :attr:`gates`."""
+        warnings.warn(
+            "Attempt.evidence is deprecated: use the fields preview, two_view, rotation_only, vote, map and gates",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        figures: dict[str, float | int | str] = dict(self.method_evidence)
+        for part in (self.preview, self.two_view, self.rotation_only, self.vote, self.map):
+            for item in dataclasses.fields(part) if part is not None else ():
+                value = getattr(part, item.name)
+                if isinstance(value, float | int | str):
+                    figures[item.name] = value
+        for gate in self.gates:
+            figures |= {str(gate.name): gate.value, f"{gate.name}_gate": gate.threshold}
+        return figures
+
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        facts = [("advice", self.advice)] if self.advice else []
+        facts.append(("gates", f"{len(self.gates) - len(self.failed_gates)} of {len(self.gates)} pass"))
+        facts += [("failed", str(gate)) for gate in self.failed_gates[:2]]
+        if self.two_view is not None and self.two_view.kind is not None:
+            facts.append(("two views", f"{self.two_view.kind}, {self.two_view.alternatives} alternatives"))
+        return f"frames {', '.join(map(str, self.frames))}: {self.verdict}", facts
 
 
-@dataclass(frozen=True, eq=False)
-class Result:
+@dataclass(frozen=True)
+class GroundTruthErrors:
+    """Errors of the keyframes of a map against the true trajectory.
+
+    Attributes
+    ----------
+    rotation_error_deg : float
+        Worst keyframe against the first one: angle between the estimated and the true relative rotation.
+    direction_error_deg : float or None
+        Worst keyframe against the first one: angle between the estimated and the true relative translation, in the
+        first camera's frame. True baselines under 0.3 of the longest are left out. A keyframe estimated exactly at the
+        first one has no direction and counts as 180. None where the true camera is static.
+    ate_rmse : float or None
+        Root mean square trajectory error of the keyframes after a similarity alignment, in units of the ground truth; 0
+        for two keyframes. None where the true camera is static.
+    path_length : float
+        Length of the true path from the first keyframe to the last, in units of the ground truth.
+    """
+
+    rotation_error_deg: float
+    direction_error_deg: float | None
+    ate_rmse: float | None
+    path_length: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Result(Described):
     """What a run ends with. Truthy when initialized.
 
     Attributes
     ----------
     map : InitialMap or None
-    reason : str or None
-        None when initialized, else one of :data:`slam_init.types.reasons.REASONS`.
+        None where no map was found.
+    reason : Verdict or None
+        Why there is no map; None when initialized.
     frames_read : int
+        Number of frames that were fed.
     frames_to_init : int or None
         Number of frames consumed, counted from the first one fed, when the map was accepted.
     attempts : tuple of Attempt
-        The last :data:`slam_init.attempt_log.ATTEMPTS_KEPT`.
-    timing_ms : dict
-        Stage -> {"median", "p95", "total", "calls"} in milliseconds.
+        The last :data:`slam_init.attempt_log.ATTEMPTS_KEPT`, without their matches.
+    timing_ms : mapping of str to StageTimes
+        Times by stage of the pipeline.
     notes : tuple of str
         What the user should know, e.g. that the camera was guessed.
     advice : str
         What would help, for the reason; empty when initialized.
     hypotheses : tuple of InitialMap
-        The maps one of which is true: ``(map,)`` when initialized; the two that the views could not decide between,
-        the better one first, while that is so; else empty.
+        ``(map,)`` when initialized. Two maps where the views could not decide between them: one of the two is right, and
+        the one that explains the tracks better comes first. Else empty.
     margin : Margin or None
-        By how much the first hypothesis is better than its rival, of the last vote between two maps; None where there
-        was no rival.
+        The last vote between two maps: how much better the first hypothesis is than its rival. None where there was no
+        rival.
     """
 
     map: InitialMap | None
-    reason: str | None
+    reason: Verdict | None
     frames_read: int
     frames_to_init: int | None
     attempts: tuple[Attempt, ...]
-    timing_ms: dict[str, dict[str, float]]
+    timing_ms: Mapping[str, StageTimes]
     notes: tuple[str, ...] = ()
     advice: str = ""
     hypotheses: tuple[InitialMap, ...] = ()
@@ -103,3 +194,15 @@ class Result:
     def status(self) -> str:
         """``initialized`` or ``not_initialized``."""
         return "initialized" if self.map is not None else "not_initialized"
+
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        verdicts = Counter(str(attempt.verdict).replace("_", " ") for attempt in self.attempts)
+        counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common(4))
+        attempts = [("attempts", f"{len(self.attempts)} ({counts})" if counts else "0")]
+        notes = [("note", note) for note in self.notes[:1]]
+        if self.map is not None:
+            _, facts = self.map._facts()
+            return f"initialized after {self.frames_to_init} frames", [*facts[:3], *attempts, *notes]
+        title = f"not initialized after {self.frames_read} frames: {self.reason}"
+        kept = [("kept", f"{len(self.hypotheses)} maps, one of them right")] if self.hypotheses else []
+        return title, [("advice", self.advice), *kept, *attempts, *notes]

@@ -6,10 +6,20 @@ import time
 from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TypedDict
 
 import numpy as np
 
-__all__ = ["Stopwatch"]
+__all__ = ["StageTimes", "Stopwatch"]
+
+
+class StageTimes(TypedDict):
+    """Wall-clock times of a stage, in milliseconds, and the number of its calls."""
+
+    median: float
+    p95: float
+    total: float
+    calls: float
 
 
 class Stopwatch:
@@ -27,7 +37,7 @@ class Stopwatch:
         finally:
             self._samples_ms.setdefault(stage, array("d")).append(1e3 * (time.perf_counter() - begin))
 
-    def summary(self) -> dict[str, dict[str, float]]:
+    def summary(self) -> dict[str, StageTimes]:
         """Stage -> median, 95th percentile, total (ms) and number of calls."""
         return {
             stage: {

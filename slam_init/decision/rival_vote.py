@@ -1,0 +1,160 @@
+"""The planar ambiguity and other rival hypotheses: the best map has to explain the tracks better than each rival."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from quest.estimate import RelativePose
+from slam_init.bundle.problem import BundleSolution
+from slam_init.config import Config
+from slam_init.decision.plane_vote import plane_margin
+from slam_init.frontend.tracks import History
+from slam_init.mapping.candidate import MapCandidate
+from slam_init.mapping.rivals import difference_of_maps_deg, margin, same_map
+from slam_init.mapping.views import table_of, voting_views
+from slam_init.types.camera import Camera
+from slam_init.types.comparison import Margin
+from slam_init.types.evidence import RivalVote, VoteEvidence
+from slam_init.types.frame import Observations
+from slam_init.types.gates import Gate, GateName, at_least
+from slam_init.types.reasons import Verdict
+
+__all__ = ["VoteOutcome", "vote_gates", "vote_of_plane", "vote_on_rivals"]
+
+#: What the vote with the plane as a constraint must show before the vote of free points is heard as well: odds of 1000
+#: to 1 if the errors of tracks are independent (as a logarithm), and more than one standard deviation if the errors of
+#: neighbours are correlated. Of 1300 votes on drawn planes, free points decided for the wrong map twice without the
+#: former condition, never with both.
+_PLANE_LOG_ODDS, _PLANE_Z = 7.0, 1.0
+#: Two maps nearer than this count as nearly equal, since an initialization is wrong only beyond 5 and 15 degrees. The
+#: rotation is that of the direction at a parallax of a tenth of a radian: with little parallax an error of the rotation
+#: compensates one of the direction.
+_NEAR_ROTATION_DEG, _NEAR_DIRECTION_DEG = 1.0, 10.0
+_CURVE = "scene too flat: move in a curve, or show something off the plane"
+
+
+class VoteOutcome(NamedTuple):
+    """The votes between the best map and its rivals, and the rival that was nearest.
+
+    Attributes
+    ----------
+    evidence : VoteEvidence
+    nearest : MapCandidate or None
+        The rival of the deciding vote; None where no rival had to be beaten.
+    """
+
+    evidence: VoteEvidence
+    nearest: MapCandidate | None
+
+
+def vote_of_plane(
+    config: Config,
+    history: History,
+    reference: Observations,
+    current: Observations,
+    pose: RelativePose,
+    candidates: Sequence[MapCandidate],
+) -> Margin | None:
+    """The vote of all views between the two maps of a plane, with the plane as a constraint.
+
+    Parameters
+    ----------
+    config : Config
+    history : History
+        Holds the views that may vote.
+    reference, current : Observations
+        The pair.
+    pose : RelativePose
+        Of the pair.
+    candidates : sequence of MapCandidate
+        The best first.
+
+    Returns
+    -------
+    Margin or None
+        How much better the first adjusted candidate is than the second one. None where the scene is not planar, where
+        there are not two different adjusted maps, or where no further view sees the plane.
+    """
+    solved = [c for c in candidates if isinstance(c.bundle, BundleSolution)]
+    if pose.kind != "planar" or len(solved) != 2 or same_map(*solved):
+        return None
+    voters = table_of(reference, current, voting_views(history, reference, current, config.map))
+    return plane_margin(voters, solved[0].hypothesis, solved[1].hypothesis, pose.noise_rad)
+
+
+def vote_on_rivals(
+    camera: Camera, config: Config, candidates: Sequence[MapCandidate], plane: Margin | None
+) -> VoteOutcome:
+    """Compare the best map with each of its rivals: as free points, and as a plane where there is such a vote.
+
+    A rival that is nearly the same map need not be beaten: were it the right one, the error of the best map would be
+    about the difference of the two. This difference is added to the bound of the direction error.
+
+    Parameters
+    ----------
+    camera : Camera
+    config : Config
+    candidates : sequence of MapCandidate
+        The best map first; the others are its rivals.
+    plane : Margin or None
+        Of :func:`vote_of_plane`.
+
+    Returns
+    -------
+    VoteOutcome
+    """
+    best, *rivals = candidates
+    told: list[RivalVote] = []
+    votes: list[tuple[Margin, MapCandidate]] = []
+    plane_used: Margin | None = None
+    near_deg = 0.0
+    for k, rival in enumerate(rivals, start=1):
+        if same_map(best, rival):
+            continue
+        free = margin(camera, config, best, rival)
+        told.append(RivalVote(k, free.log_likelihood, free.z))
+        margins = [free]
+        if k == 1 and plane is not None:
+            plane_used = plane
+            margins = _with_plane(free, plane)
+        against = [m for m in margins if m.reversed().decides()]
+        clearest = min(against or [max(margins, key=Margin.decision_ratio)], key=Margin.decision_ratio)
+        rotation_deg, direction_deg = difference_of_maps_deg(best, rival)
+        near = rotation_deg < _NEAR_ROTATION_DEG and direction_deg < _NEAR_DIRECTION_DEG
+        if near and not against and not clearest.decides():
+            near_deg = max(near_deg, direction_deg)
+        else:
+            votes.append((clearest, rival))
+    deciding, nearest = min(votes, key=lambda one: one[0].decision_ratio()) if votes else (None, None)
+    return VoteOutcome(VoteEvidence(tuple(told), plane_used, deciding, near_deg), nearest)
+
+
+def _with_plane(free: Margin, plane: Margin) -> list[Margin]:
+    """The votes that count on a plane.
+
+    Maps of free points are hard to adjust under a wrong motion, and one that ended in a bad optimum votes for its rival.
+    So the vote of free points counts only where the plane, whose points cannot move off it, says the same at long odds.
+    """
+    heard = plane.log_likelihood > _PLANE_LOG_ODDS and plane.z > _PLANE_Z
+    return [free, plane] if heard else [plane]
+
+
+def vote_gates(deciding: Margin) -> tuple[Gate, Gate]:
+    """The two gates of a vote.
+
+    Parameters
+    ----------
+    deciding : Margin
+
+    Returns
+    -------
+    tuple of two Gate
+        Both pass where the vote decides for the best map.
+    """
+    ambiguous = Verdict.AMBIGUOUS_PLANE
+    needed = Margin.LOG_LIKELIHOOD_NEEDED
+    return (
+        at_least(GateName.VOTE_Z, deciding.z, deciding.z_needed, ambiguous, _CURVE),
+        at_least(GateName.VOTE_LOG_LIKELIHOOD, deciding.log_likelihood, needed, ambiguous, _CURVE),
+    )

@@ -1,0 +1,279 @@
+"""The rival explanation of a pair by a camera that only rotates, while its stated focal length is wrong.
+
+A camera that rotates by R, while its focal length is stated wrong by a factor s, shows ``n ~ D R D^-1 m`` with
+``D = diag(1, 1, s)`` (exact for a pinhole; for a fisheye near the optical axis only): in stated bearings a homography of
+four unknowns. To an estimator that takes the calibration for granted this looks like a plane and a translation, with
+every point in front of both cameras. A real translation is not of this form, except where it is too small to be
+distinguished from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from quest.estimate import RelativePose
+from quest.robust.rotation import refine_rotation_compiled
+from quest.robust.spatial_blocks import directions_of, scatter_of_sum
+from slam_init.config import Config
+from slam_init.decision.refusal import refused_by, with_gates
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
+from slam_init.types.evidence import RotationOnlyEvidence
+from slam_init.types.gates import GateName, Stage, at_least
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import Attempt
+
+__all__ = [
+    "RotationOnlyCamera",
+    "fit_rotation_only",
+    "judge_rotation_only",
+    "rotation_only_evidence",
+    "suspect_calibration",
+    "suspected_focal_factor",
+]
+
+#: Focal factors that are tried: calibrations from memory or from a data sheet are off by up to a tenth.
+_FACTORS = np.linspace(0.9, 1.1, 21)
+#: A focal length is suspected only if it is off by twice the accuracy of a careless calibration, a hundredth.
+_LEAST_OFF = 0.02
+#: How much better the free focal length must be: chi-square of one degree of freedom, exceeded by chance once in 15 000
+#: cases; and in standard deviations over regions of the image, so that no body that moves by itself decides.
+_LEAST_GAIN, _LEAST_GAIN_Z = 16.0, 3.0
+#: Squared lengths count up to three standard deviations in each of their two components.
+_GATE2 = 18.0
+#: A rotation moves tracks farther across the lens than a short translation does, and the remaining error of the lens
+#: calibration grows with the displacement: three times the error that a translation is allowed is what a lens that is
+#: calibrated to half a pixel leaves.
+_CORRELATED_FACTOR = 3.0
+
+
+@dataclass(frozen=True)
+class RotationOnlyCamera:
+    """The best pure rotation with a free focal length.
+
+    Attributes
+    ----------
+    focal_factor : float
+        The true focal length over the stated one.
+    residual_rad : float
+        Unexplained standard deviation of a component of a bearing, by the median over the matches. For a camera that
+        does only rotate this is the noise.
+    stated_residual_rad : float
+        The same for the best rotation with the stated focal length.
+    matches : int
+        Number of matches of the medians.
+    gain, gain_z : float
+        Decrease of the squared residuals by the free focal length, in units of their variance, and in units of the
+        standard deviation of that sum over regions of the image.
+    """
+
+    focal_factor: float
+    residual_rad: float
+    stated_residual_rad: float
+    matches: int
+    gain: float
+    gain_z: float
+
+    @property
+    def chance_factor(self) -> float:
+        """Factor over its expectation that a residual exceeds once in 30 000 cases.
+
+        The median of N lengths with two Gaussian components each has a relative standard deviation of 0.72 / sqrt(N).
+        """
+        return 1 + 4 * 0.72 / float(np.sqrt(max(self.matches, 1)))
+
+    def off_rotation_rad(self, noise_rad: float) -> float:
+        """Displacement that no rotation with the stated focal length explains, beside the noise.
+
+        Parameters
+        ----------
+        noise_rad : float
+            Standard deviation of a component of a bearing.
+
+        Returns
+        -------
+        float
+            In radians; a translation shows here.
+        """
+        return float(np.sqrt(max(self.stated_residual_rad**2 - noise_rad**2, 1e-24)))
+
+
+def fit_rotation_only(rays1: Floats, rays2: Floats, noise_rad: float) -> RotationOnlyCamera:
+    """Fit a rotation and a focal factor to matches.
+
+    Parameters
+    ----------
+    rays1, rays2 : (N, 3) float
+        Unit bearings under the stated calibration.
+    noise_rad : float
+        Approximate standard deviation of a component of a bearing: the scale down to which the fit is robust.
+
+    Returns
+    -------
+    RotationOnlyCamera
+    """
+    m, n = rays1, rays2
+    lengths = np.empty((len(_FACTORS), len(m)))
+    R = np.eye(3)
+    for i, factor in enumerate(_FACTORS):
+        a, b = (_unit(rays * (1.0, 1.0, factor)) for rays in (m, n))
+        # Wide first: the first factor starts from no rotation, each other factor from the rotation of the one before.
+        for scale_rad in (0.2, 40 * noise_rad, 4 * noise_rad):
+            R = refine_rotation_compiled(R, a, b, scale_rad, iterations=4)
+        lengths[i] = np.linalg.norm(b - a @ R.T, axis=1)
+    # The median of a Rayleigh variable is 1.18 of its scale; a difference has the noise of two bearings.
+    residuals = np.median(lengths, axis=1) / (np.sqrt(2 * np.log(2)) * np.sqrt(2))
+    best = int(np.argmin(residuals))
+    stated = int(np.argmin(np.abs(_FACTORS - 1)))
+    variance = max(2 * float(residuals[best]) ** 2, 1e-24)
+    costs = np.minimum(lengths[[stated, best]] ** 2 / variance, _GATE2)
+    difference = costs[0] - costs[1]
+    gain, scatter = float(difference.sum()), scatter_of_sum(difference, directions_of(m))
+    return RotationOnlyCamera(
+        focal_factor=float(_FACTORS[best]),
+        residual_rad=float(residuals[best]),
+        stated_residual_rad=float(residuals[stated]),
+        matches=len(m),
+        gain=gain,
+        gain_z=gain / scatter if scatter > 0 else 0.0,
+    )
+
+
+def suspected_focal_factor(rotation_only: RotationOnlyCamera, expected_rad: float) -> float | None:
+    """The focal factor of a camera that seems to rotate only, with a wrong calibration.
+
+    Parameters
+    ----------
+    rotation_only : RotationOnlyCamera
+    expected_rad : float
+        Largest residual of a right model: a standard deviation of a component of a bearing.
+
+    Returns
+    -------
+    float or None
+        The calibration is suspected where the rotation-only camera explains the matches, where the stated focal length
+        explains clearly less, and where the best factor is not the first or last one tried (a plane's matches pull the
+        factor beyond all bounds). Else None.
+    """
+    explains = rotation_only.residual_rad <= expected_rad
+    matters = rotation_only.gain > _LEAST_GAIN and rotation_only.gain_z > _LEAST_GAIN_Z
+    off = abs(rotation_only.focal_factor - 1) >= _LEAST_OFF - 1e-9
+    inside = _FACTORS[0] < rotation_only.focal_factor < _FACTORS[-1]
+    return rotation_only.focal_factor if explains and matters and off and inside else None
+
+
+def rotation_only_evidence(
+    camera: Camera, config: Config, rotation_only: RotationOnlyCamera, noise_rad: float, correlated_rad: float
+) -> RotationOnlyEvidence:
+    """The focal length that a rotation-only camera would have, and whether the stated one is suspected to be wrong.
+
+    Parameters
+    ----------
+    camera : Camera
+    config : Config
+    rotation_only : RotationOnlyCamera
+    noise_rad : float
+        Standard deviation of a component of a bearing.
+    correlated_rad : float
+        Correlated tracking error of a translation.
+
+    Returns
+    -------
+    RotationOnlyEvidence
+    """
+    expected_rad = _expected_rad(camera, config, rotation_only, noise_rad, correlated_rad)
+    most_rad = config.acceptance.min_rotation_only_residual * expected_rad
+    return RotationOnlyEvidence(rotation_only.focal_factor, suspected_focal_factor(rotation_only, most_rad))
+
+
+def judge_rotation_only(
+    camera: Camera,
+    config: Config,
+    attempt: Attempt,
+    rotation_only: RotationOnlyCamera,
+    noise_rad: float,
+    correlated_rad: float,
+) -> Attempt:
+    """Refuse a map where a rotation-only camera with another focal length explains the matches as well.
+
+    Parameters
+    ----------
+    camera : Camera
+    config : Config
+    attempt : Attempt
+    rotation_only : RotationOnlyCamera
+    noise_rad : float
+        Standard deviation of a component of a bearing.
+    correlated_rad : float
+        Correlated tracking error of a translation.
+
+    Returns
+    -------
+    Attempt
+        With one gate more; refused as ``pure_rotation`` where the gate does not pass.
+    """
+    residual = rotation_only.residual_rad / _expected_rad(camera, config, rotation_only, noise_rad, correlated_rad)
+    needed = config.acceptance.min_rotation_only_residual
+    gate = at_least(GateName.ROTATION_ONLY_RESIDUAL, residual, needed, Verdict.PURE_ROTATION, _advice(rotation_only))
+    evidence = rotation_only_evidence(camera, config, rotation_only, noise_rad, correlated_rad)
+    attempt = replace(with_gates(attempt, (gate,)), rotation_only=evidence)
+    if gate.passes():
+        return attempt
+    return refused_by(replace(attempt, parallax_shortfall=needed / residual), Stage.MAP, (gate,))
+
+
+def suspect_calibration(
+    camera: Camera,
+    config: Config,
+    attempt: Attempt,
+    pose: RelativePose,
+    rotation_only: RotationOnlyCamera,
+    correlated_rad: float,
+) -> Attempt:
+    """Tell a refused pair as ``pure_rotation`` where a rotation-only camera with another focal length explains it.
+
+    Only a planar pair can be explained so, since the matches of such a camera obey a homography.
+
+    Parameters
+    ----------
+    camera : Camera
+    config : Config
+    attempt : Attempt
+        Refused.
+    pose : RelativePose
+    rotation_only : RotationOnlyCamera
+    correlated_rad : float
+        Correlated tracking error of a translation.
+
+    Returns
+    -------
+    Attempt
+    """
+    if pose.kind != "planar":
+        return attempt
+    evidence = rotation_only_evidence(camera, config, rotation_only, pose.noise_rad, correlated_rad)
+    attempt = replace(attempt, rotation_only=evidence)
+    if evidence.suspected_focal_factor is None:
+        return attempt
+    return replace(attempt, verdict=Verdict.PURE_ROTATION, advice=_advice(rotation_only))
+
+
+def _expected_rad(
+    camera: Camera, config: Config, rotation_only: RotationOnlyCamera, noise_rad: float, correlated_rad: float
+) -> float:
+    """Largest residual of a camera that does only rotate: noise, correlated tracking error, and chance."""
+    noise_rad = max(noise_rad, config.map.min_noise_px / camera.focal_px)
+    return rotation_only.chance_factor * float(np.hypot(noise_rad, _CORRELATED_FACTOR * correlated_rad))
+
+
+def _advice(rotation_only: RotationOnlyCamera) -> str:
+    return (
+        f"a camera that only turns, with {rotation_only.focal_factor:.2f} times the stated focal length, shows the same: "
+        "translate sideways, or check the calibration"
+    )
+
+
+def _unit(rays: Floats) -> Floats:
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))

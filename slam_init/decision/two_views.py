@@ -1,0 +1,125 @@
+"""Decision rules for the relative pose of a pair, before any map is built.
+
+Three bounds of the direction error have to hold, since the error has three sources: the noise of single tracks, the
+correlated error of neighbouring tracks, and bodies in a part of the image that move by themselves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from quest.estimate import RelativePose
+from quest.geometry.quaternion import rotation_angle
+from slam_init.config import Config
+from slam_init.decision.refusal import refused_at, refused_by, with_gates
+from slam_init.decision.rotation_only import RotationOnlyCamera
+from slam_init.frontend.keyframes import difference_gate
+from slam_init.types.camera import Camera
+from slam_init.types.gates import GateName, Stage, at_least, at_most
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import Attempt
+
+__all__ = ["TwoViewEstimate", "judge_two_views"]
+
+
+@dataclass(frozen=True, eq=False)
+class TwoViewEstimate:
+    """The relative pose of a pair, and what bounds the error of its direction.
+
+    Attributes
+    ----------
+    pose : RelativePose
+        ``cam2_from_cam1``, with its alternatives.
+    threshold_rad : float
+        Outlier threshold of the estimate.
+    rotation_only : RotationOnlyCamera
+        The rival explanation of the inliers by a camera that only rotates, with a free focal length.
+    correlated_rad : float
+        Correlated tracking error, in radians of a bearing.
+    correlated_turn_rad : float
+        Angle by which this error may turn the baseline.
+    jackknife_rad : float
+        Standard deviation of the direction by leaving out parts of the image (:mod:`quest.jackknife`); 0 for a pure
+        rotation.
+    """
+
+    pose: RelativePose
+    threshold_rad: float
+    rotation_only: RotationOnlyCamera
+    correlated_rad: float
+    correlated_turn_rad: float
+    jackknife_rad: float
+
+
+def judge_two_views(camera: Camera, config: Config, attempt: Attempt, estimate: TwoViewEstimate) -> Attempt:
+    """Refuse a pair whose two views show no translation, or tell its direction too badly.
+
+    Parameters
+    ----------
+    camera : Camera
+    config : Config
+    attempt : Attempt
+    estimate : TwoViewEstimate
+
+    Returns
+    -------
+    Attempt
+        With the gates of this stage; its verdict is still ``accepted`` where all pass.
+    """
+    if estimate.pose.kind == "rotation":
+        return _judge_rotation(camera, config, attempt, estimate.pose)
+    return _judge_direction(config, attempt, estimate)
+
+
+def _judge_rotation(camera: Camera, config: Config, attempt: Attempt, pose: RelativePose) -> Attempt:
+    """A pure rotation; or a static camera, where the rotation is within the noise that it was fitted to."""
+    least_px = difference_gate(max(config.map.noise_px, pose.noise_rad * camera.focal_px))
+    rotation_px = float(rotation_angle(pose.R)) * camera.focal_px
+    gate = at_least(GateName.ROTATION_PX, rotation_px, least_px, Verdict.STATIC_CAMERA)
+    attempt = with_gates(attempt, (gate,))
+    if not gate.passes():
+        return refused_by(attempt, Stage.MOTION, (gate,))
+    return refused_at(attempt, Verdict.PURE_ROTATION, Stage.MOTION)
+
+
+def _judge_direction(config: Config, attempt: Attempt, estimate: TwoViewEstimate) -> Attempt:
+    pose, settings = estimate.pose, config.acceptance
+    max_deg = settings.max_direction_error_deg
+    # Further views and the adjustment lower the standard deviation by about the square root of their number. So here the
+    # bound holds for one standard deviation, and for three of them in the map.
+    sigma_deg = float(np.degrees(pose.direction_sigma_rad))
+    by_noise = (
+        at_least(
+            GateName.INLIER_SHARE,
+            float(pose.inliers.mean()),
+            config.two_view.min_inlier_share,
+            Verdict.NO_CONSISTENT_MOTION,
+        ),
+        at_most(GateName.TWO_VIEW_DIRECTION_SIGMA_DEG, sigma_deg, max_deg, Verdict.LOW_PARALLAX),
+        at_most(
+            GateName.DIRECTION_CORRELATED_DEG,
+            float(np.degrees(estimate.correlated_turn_rad)),
+            max_deg,
+            Verdict.LOW_PARALLAX,
+            "translate further: the motion of the tracks is nearly that of a pure rotation",
+        ),
+    )
+    jackknife = at_most(
+        GateName.DIRECTION_JACKKNIFE_DEG,
+        min(3 * float(np.degrees(estimate.jackknife_rad)), 180.0),
+        max_deg,
+        Verdict.LOW_PARALLAX,
+        "parts of the view disagree on the direction of motion: translate further, and look at static objects",
+    )
+    gates = (*by_noise, jackknife)
+    attempt = with_gates(attempt, gates)
+    if all(gate.passes() for gate in gates):
+        return attempt
+    refused = refused_by(attempt, Stage.TWO_VIEWS, gates)
+    if refused.verdict != Verdict.LOW_PARALLAX:
+        return refused
+    # The gates by noise predict how much longer the baseline has to be. The jackknife does not: it comes from a dozen
+    # fits, and jumps from frame to frame.
+    return replace(refused, parallax_shortfall=max(gate.parallax_shortfall() for gate in by_noise))

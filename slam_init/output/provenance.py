@@ -1,0 +1,84 @@
+"""What a result was made with and from: versions, command line, options, and a hash of what was read."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+
+import numpy as np
+
+from slam_init.output.summary import Json, Provenance
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame
+
+__all__ = ["InputHash", "provenance_of"]
+
+#: A result may change with these packages.
+_PACKAGES = ("slam-init", "numpy", "scipy", "opencv-python-headless", "gtsam", "rerun-sdk", "numba")
+
+
+class InputHash:
+    """Hash of the frames that a run reads: the same for the same pixels, names, time stamps and calibration.
+
+    Parameters
+    ----------
+    camera : Camera
+        The stated calibration.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self._hash = hashlib.blake2b(repr(camera).encode(), digest_size=16)
+
+    def reading(self, frames: Iterator[Frame]) -> Iterator[Frame]:
+        """Hash frames while they are read.
+
+        Parameters
+        ----------
+        frames : iterator of Frame
+
+        Yields
+        ------
+        Frame
+            As it came.
+        """
+        for frame in frames:
+            header = f"{frame.index} {frame.timestamp_s!r} {frame.name} {frame.image.shape}"
+            self._hash.update(header.encode("utf-8", "surrogateescape"))
+            self._hash.update(np.ascontiguousarray(frame.image).data)
+            yield frame
+
+    def hexdigest(self) -> str:
+        """The hash of what was read up to now.
+
+        Returns
+        -------
+        str
+        """
+        return self._hash.hexdigest()
+
+
+def provenance_of(command: Sequence[str], options: Mapping[str, Json], input_hash: InputHash) -> Provenance:
+    """Gather the provenance of a run.
+
+    Parameters
+    ----------
+    command : sequence of str
+        The command line.
+    options : mapping of str to JSON
+        The resolved configuration and the options of the run.
+    input_hash : InputHash
+        Of the frames that were read.
+
+    Returns
+    -------
+    Provenance
+    """
+    packages = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            packages[name] = version(name)
+        except PackageNotFoundError:
+            packages[name] = "not installed"
+    return Provenance(packages, tuple(command), dict(options), input_hash.hexdigest())

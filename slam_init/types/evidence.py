@@ -1,0 +1,164 @@
+"""Evidence: the figures behind a verdict, one type for each stage of an attempt.
+
+The stages of :mod:`slam_init.attempt` fill these types, :class:`slam_init.types.result.Attempt` holds them, and
+``summary.json`` and the recording are written from them. What is compared with a threshold is a gate
+(:mod:`slam_init.types.gates`); what is only told is here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from quest.relative_pose import PoseEvidence
+from slam_init.types.comparison import Margin
+
+__all__ = [
+    "FreeEvidence",
+    "MapEvidence",
+    "PreviewEvidence",
+    "RivalVote",
+    "RotationOnlyEvidence",
+    "TwoViewEvidence",
+    "VoteEvidence",
+]
+
+#: What a method of somebody else tells about its decision: names of its own. Nothing in this project acts on it.
+FreeEvidence = Mapping[str, float | int | str]
+
+
+@dataclass(frozen=True)
+class PreviewEvidence:
+    """What the keyframe manager knew of the pair, before any epipolar geometry.
+
+    Attributes
+    ----------
+    matches : int
+        Tracks that both views see.
+    motion_px : float
+        90th percentile of the displacement of the tracks.
+    rotation_deg : float
+        Angle of the rotation that aligns the tracks best.
+    parallax_px : float
+        Median displacement after this rotation is removed.
+    parallax_share : float
+        Share of the tracks that are displaced by more than noise after the rotation is removed.
+    spread : float
+        Share of the image's grid cells that hold a common track, in (0, 1].
+    """
+
+    matches: int
+    motion_px: float
+    rotation_deg: float
+    parallax_px: float
+    parallax_share: float
+    spread: float
+
+
+@dataclass(frozen=True)
+class TwoViewEvidence:
+    """What the relative pose of the pair tells.
+
+    Attributes
+    ----------
+    statistics : PoseEvidence
+        Counts and test values of :func:`quest.estimate_relative_pose`.
+    kind : str or None
+        ``general``, ``planar`` or ``rotation``; None where no pose was found, as are all fields below then.
+    alternatives : int or None
+        Number of other motions that explain the matches as well.
+    noise_px : float or None
+        Standard deviation of a coordinate of a match, from the residuals.
+    parallax_deg : float or None
+        Median parallax of the inliers.
+    direction_sigma_deg : float or None
+        Standard deviation of the direction of the translation, by the noise of single matches.
+    correlated_error_px : float or None
+        Correlated tracking error of neighbouring tracks (:mod:`slam_init.decision.correlated_error`), not less than
+        ``acceptance.min_correlated_error_px``.
+    """
+
+    statistics: PoseEvidence
+    kind: str | None = None
+    alternatives: int | None = None
+    noise_px: float | None = None
+    parallax_deg: float | None = None
+    direction_sigma_deg: float | None = None
+    correlated_error_px: float | None = None
+
+
+@dataclass(frozen=True)
+class RotationOnlyEvidence:
+    """The best explanation of the matches by a camera that only rotates, with a free focal length.
+
+    Attributes
+    ----------
+    focal_factor : float
+        Focal length of that camera over the stated one.
+    suspected_focal_factor : float or None
+        The same, where the stated focal length is suspected to be wrong: the rotation-only camera explains the matches,
+        and the free focal length explains clearly more than the stated one. None where it is not suspected.
+    """
+
+    focal_factor: float
+    suspected_focal_factor: float | None = None
+
+
+@dataclass(frozen=True)
+class RivalVote:
+    """How clearly the tracks, as free points, prefer the best map to one rival.
+
+    Attributes
+    ----------
+    rival : int
+        Rank of the rival among the candidate maps, from 1; the best map has rank 0.
+    log_likelihood : float
+        Difference of the log likelihoods in nats; negative where the rival is better.
+    z : float
+        The same as a sum over tracks, in units of the standard deviation of that sum.
+    """
+
+    rival: int
+    log_likelihood: float
+    z: float
+
+
+@dataclass(frozen=True)
+class VoteEvidence:
+    """The votes between the best map and its rivals.
+
+    Attributes
+    ----------
+    rivals : tuple of RivalVote
+        Rivals that are the same map as the best one are left out.
+    plane : Margin or None
+        Vote on the first rival with the plane as a constraint (:mod:`slam_init.decision.plane_vote`); None where the
+        scene is not planar or no further view sees the plane.
+    deciding : Margin or None
+        The vote that the verdict depends on: that of the rival which is nearest to the best map in likelihood. None
+        where no rival had to be beaten.
+    near_rival_deg : float
+        Largest angle between the baselines of the best map and of a nearly equal rival that could not be ruled out. It
+        is added to the bound of the direction error.
+    """
+
+    rivals: tuple[RivalVote, ...] = ()
+    plane: Margin | None = None
+    deciding: Margin | None = None
+    near_rival_deg: float = 0.0
+
+
+@dataclass(frozen=True)
+class MapEvidence:
+    """What bundle adjustment of the best map tells.
+
+    Attributes
+    ----------
+    reprojection_rmse_px : float or None
+        Root mean square of the reprojection errors; None where the adjustment failed.
+    failure : str or None
+        Why bundle adjustment failed; None where it did not.
+    """
+
+    reprojection_rmse_px: float | None = None
+    failure: str | None = None
