@@ -41,7 +41,7 @@ def integrate(tmp_path):
             (tmp_path / folder).mkdir()
         shutil.copy(ROOT / ".ci" / "run", tmp_path / ".ci" / "run")
         (tmp_path / "README.md").write_text(readme, encoding="utf-8")
-        for program in ("python", "python3", "slam-init", "ruff", "mypy"):
+        for program in ("python", "python3", "slam-init", "ruff", "lint-imports", "numpydoc", "git", "mypy"):
             stand_in = tmp_path / "bin" / program
             stand_in.write_text(STAND_IN)
             stand_in.chmod(0o755)
@@ -68,7 +68,7 @@ def test_the_readme_holds_exactly_the_two_commands():
     assert set_up((ROOT / "README.md").read_text(encoding="utf-8")) == COMMANDS
 
 
-def test_the_script_runs_the_two_commands_of_the_readme_then_lint_and_types(integrate):
+def test_the_script_runs_the_two_commands_of_the_readme_then_lint_layers_docstrings_and_types(integrate):
     code, calls = integrate((ROOT / "README.md").read_text(encoding="utf-8"))
     assert code == 0
     environment, *called = calls
@@ -76,7 +76,7 @@ def test_the_script_runs_the_two_commands_of_the_readme_then_lint_and_types(inte
     first, second = map(called_by, COMMANDS)
     assert called[:4] == first + second
     later = {call.split()[0] for call in called[4:]}
-    assert {"ruff", "mypy"} <= later
+    assert {"ruff", "lint-imports", "numpydoc", "mypy"} <= later
     assert "slam-init" not in later
 
 
@@ -94,7 +94,7 @@ def test_the_script_refuses_a_readme_with_any_other_number_of_commands(integrate
     assert not any(call.startswith(("slam-init", "ruff")) for call in calls)
 
 
-@pytest.mark.parametrize("failing", ["slam-init run", "python -m pytest", "ruff check .", "mypy "])
+@pytest.mark.parametrize("failing", ["slam-init run", "python -m pytest", "ruff check .", "lint-imports --no-cache", "mypy "])
 def test_the_script_fails_where_a_step_fails(integrate, failing):
     code, _ = integrate(readme_of(*COMMANDS), failing)
     assert code != 0
