@@ -1,19 +1,24 @@
-"""Textured worlds with exact truth, seen by real feature detectors.
+"""Synthetic sequences with exact ground truth: rendered images of textured worlds, or tracks without images.
 
-A sequence is a world of textured planes, a smooth camera path and a sensor, all drawn from one seed. Poses
-are ``world_from_cam`` in metres, camera frames optical (x right, y down, z forward), pixel centres at
-integers ::
+A sequence is a world of textured planes, a smooth camera path and a sensor, all drawn from one seed. Poses are
+``world_from_cam`` in metres; camera frames are optical (x right, y down, z forward); pixel centres lie at integers ::
 
     sequence = make_sequence("room", seed=3)
     image, depth = sequence.render(12)
 
-Scenes: ``room`` (general), ``wall`` (one tilted plane), ``nadir`` (straight flight over flat ground),
-``nadir-turn`` (the same in a turn), ``corridor`` (forward motion), ``desk`` (dominant plane with objects),
-``rotation`` (pure), ``rotate-then-move`` and ``static``. :func:`make_points` makes tracks in scenes of the same kind,
-without images.
+Scenes: ``room`` (general), ``wall`` (one tilted plane), ``nadir`` (straight flight over flat ground), ``nadir-turn``
+(flight in a turn over flat ground), ``corridor`` (forward motion), ``desk`` (dominant plane with objects), ``rotation``
+(rotation-only camera), ``rotate-then-move`` and ``static``. :func:`make_points` makes tracks without images, in scenes
+of the same kind.
 """
 
-from sequences_synth.points import POINT_SCENES, STILL_SCENES, PointOptions, PointSequence, make_points
+from sequences_synth.points import (
+    POINT_SCENES,
+    SCENES_WITHOUT_TRANSLATION,
+    PointOptions,
+    PointSequence,
+    make_points,
+)
 from sequences_synth.scene import SCENES
 from sequences_synth.sequence import PinholeCamera, SynthOptions, SynthSequence, make_sequence
 from sequences_synth.writer import write_tum
@@ -21,7 +26,7 @@ from sequences_synth.writer import write_tum
 __all__ = [
     "POINT_SCENES",
     "SCENES",
-    "STILL_SCENES",
+    "SCENES_WITHOUT_TRANSLATION",
     "PinholeCamera",
     "PointOptions",
     "PointSequence",

@@ -1,11 +1,11 @@
-"""Scenes with structure of their own: `corridor` and `desk`."""
+"""Scenes that are neither one plane nor a room: `corridor` and `desk`."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sequences_synth.builder import Setup, hand, sweep, turning
+from sequences_synth.builder import Setup, curved_path, hand_jitter, linear_angles
 from sequences_synth.textured_quad import Painter, Quad, box
 from sequences_synth.trajectory import Path
 
@@ -15,7 +15,17 @@ Floats = NDArray[np.float64]
 
 
 def corridor(setup: Setup) -> tuple[list[Quad], Path]:
-    """Walking down a corridor."""
+    """Build a corridor through which the camera is carried forwards.
+
+    Parameters
+    ----------
+    setup : Setup
+
+    Returns
+    -------
+    quads : list of Quad
+    path : Path
+    """
     rng = setup.rng
     half, top, length = rng.uniform(1.0, 1.4), rng.uniform(2.3, 2.7), rng.uniform(14, 20)
     start = np.array([rng.uniform(-0.25, 0.25) * half, 0.0, rng.uniform(1.2, 1.6)])
@@ -23,15 +33,15 @@ def corridor(setup: Setup) -> tuple[list[Quad], Path]:
     turn_from = np.radians([rng.uniform(-3, 3), rng.uniform(-5, 0), rng.uniform(-1, 1)])
     turn_by = np.radians([rng.uniform(-4, 4), rng.uniform(-2, 2), rng.uniform(-2, 2)])
     path = Path(
-        sweep(start, along, np.zeros(3)),
-        turning(turn_from, turn_by),
+        curved_path(start, along, np.zeros(3)),
+        linear_angles(turn_from, turn_by),
         setup.slow_start,
-        jitter=hand(setup, 2.0),
+        jitter=hand_jitter(setup, 2.0),
     )
     painter = setup.painter(start, 1.4)
     quads = _corridor_walls(painter, rng, half, top, length)
     for _ in range(int(rng.integers(6, 10))):
-        side = setup.sign()
+        side = setup.random_sign()
         size = np.array([rng.uniform(0.25, 0.5), rng.uniform(0.3, 1.0), rng.uniform(0.3, 1.4)])
         centre = np.array([side * (half - 0.5 * size[0]), rng.uniform(3.4, 0.8 * length), 0])
         quads += box(painter, centre, size, 0.0, str(rng.choice(["print", "wood"])))
@@ -39,7 +49,10 @@ def corridor(setup: Setup) -> tuple[list[Quad], Path]:
 
 
 def _corridor_walls(painter: Painter, rng: np.random.Generator, half: float, top: float, length: float) -> list[Quad]:
-    """Walls, floor and ceiling in panels as fine as their distance asks; some door frames between them."""
+    """Walls, floor and ceiling in panels, with some door frames between them.
+
+    Each panel has a texture as fine as its distance requires.
+    """
     quads = []
     x, z, m = np.array([2 * half + 0.04, 0, 0]), np.array([0, 0, top + 0.04]), 0.02
     y0 = -2.0
@@ -65,7 +78,17 @@ def _corridor_walls(painter: Painter, rng: np.random.Generator, half: float, top
 
 
 def desk(setup: Setup) -> tuple[list[Quad], Path]:
-    """A desk top that fills most of the view, with boxes on it; a hand carries the camera over it."""
+    """Build a desk top that fills most of the view, with boxes on it; the camera is held by hand above it.
+
+    Parameters
+    ----------
+    setup : Setup
+
+    Returns
+    -------
+    quads : list of Quad
+    path : Path
+    """
     rng = setup.rng
     desk_z = 0.75
     pitch = np.radians(-rng.uniform(42, 55))
@@ -73,13 +96,14 @@ def desk(setup: Setup) -> tuple[list[Quad], Path]:
     # Look at the middle of the desk from its near side.
     middle = np.array([0, 0, desk_z])
     start = middle + distance * np.array([0, -np.cos(pitch), -np.sin(pitch)])
-    side = setup.sign()
+    side = setup.random_sign()
     along = distance * rng.uniform(0.27, 0.36) * np.array([side, rng.uniform(-0.3, 0.3), rng.uniform(-0.2, 0.2)])
     bend = distance * np.array([0, rng.uniform(-0.06, 0.06), rng.uniform(-0.05, 0.05)])
     turn_from = np.array([-side * np.radians(rng.uniform(-4, 4)), pitch, np.radians(rng.uniform(-4, 4))])
     turn_by = np.radians([side * rng.uniform(2, 14), rng.uniform(-3, 3), rng.uniform(-5, 5)])
     start = start - 0.5 * along
-    path = Path(sweep(start, along, bend), turning(turn_from, turn_by), setup.slow_start, jitter=hand(setup, 1.0))
+    centre, angles = curved_path(start, along, bend), linear_angles(turn_from, turn_by)
+    path = Path(centre, angles, setup.slow_start, jitter=hand_jitter(setup, 1.0))
     painter = setup.painter(start, 0.6)
     wide, deep = rng.uniform(1.0, 1.3), rng.uniform(0.75, 0.95)
     quads = [

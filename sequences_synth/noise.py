@@ -1,4 +1,4 @@
-"""What the sensor adds: motion blur, exposure, shot and read noise."""
+"""Effects of the sensor: motion blur, exposure, shot and read noise."""
 
 from __future__ import annotations
 
@@ -12,41 +12,48 @@ __all__ = ["blur_along", "expose"]
 Floats32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
 
-# Blur shorter than this (pixels, half length) is not seen by any detector.
+# Blur of less than this half length in pixels is skipped: it does not affect feature detectors.
 _LEAST_BLUR_PX = 0.1
-# Samples along a blur: one a pixel, no more than this many.
-_MOST_TAPS = 9
-# Share of the noise variance at mid grey that is read noise; the rest is shot noise, proportional to the
-# light.
+# An image is averaged over one sample per pixel of the blur, but over no more samples than this.
+_MAX_SAMPLES = 9
+# Share of the noise variance at mid grey that is read noise. The rest is shot noise, whose variance is proportional to
+# the light.
 _READ_SHARE = 0.3
 _MID_GREY = 128.0
 
 
 def blur_along(image: Image, half_flow: Floats32) -> Image:
-    """Average an image along the motion of its pixels, symmetrically, so that no feature is displaced.
+    """Average an image along the motion of its pixels.
+
+    The average is symmetric about the middle of the exposure, so that no feature is displaced.
 
     Parameters
     ----------
     image : (H, W, 3) uint8
     half_flow : (H, W, 2) float32
-        How far each pixel moves from the middle of the exposure to its end, pixels.
+        Motion of each pixel from the middle of the exposure to its end, pixels.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        The given image itself where the blur is below a tenth of a pixel.
     """
     import cv2
 
-    # The longest blurs are at the rim of the image or on near objects: size the taps for nearly all pixels.
+    # The number of samples suits 95 % of the pixels: a few at the border or on near objects have a longer blur.
     longest = float(np.percentile(np.hypot(half_flow[::8, ::8, 0], half_flow[::8, ::8, 1]), 95))
     if longest < _LEAST_BLUR_PX:
         return image
-    taps = int(np.clip(np.ceil(2 * longest), 2, _MOST_TAPS))
+    samples = int(np.clip(np.ceil(2 * longest), 2, _MAX_SAMPLES))
     height, width = image.shape[:2]
     x, y = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)[:, None]
     u, v = np.ascontiguousarray(half_flow[..., 0]), np.ascontiguousarray(half_flow[..., 1])
     total = np.zeros(image.shape, np.uint16)
-    # Middles of equal parts of the exposure.
-    for instant in ((2 * np.arange(taps) + 1) / taps - 1).astype(np.float32):
+    # The instants are the middles of equal parts of the exposure.
+    for instant in ((2 * np.arange(samples) + 1) / samples - 1).astype(np.float32):
         moved = cv2.remap(image, x + instant * u, y + instant * v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         total += cast(Image, moved)
-    return cast(Image, cv2.convertScaleAbs(total, alpha=1 / taps))
+    return cast(Image, cv2.convertScaleAbs(total, alpha=1 / samples))
 
 
 def expose(image: Image, gain: float, noise: float, rng: np.random.Generator) -> Image:
@@ -58,10 +65,14 @@ def expose(image: Image, gain: float, noise: float, rng: np.random.Generator) ->
     gain : float
         Factor on the light.
     noise : float
-        Standard deviation of the luminance at mid grey, grey levels: shot noise grows with the root of the
-        light, read noise does not depend on it.
+        Standard deviation of the luminance at mid grey, grey levels. Shot noise grows with the square root of the
+        light; read noise does not depend on the light.
     rng : numpy.random.Generator
-        Of this frame alone.
+        Generator of this frame only.
+
+    Returns
+    -------
+    (H, W, 3) uint8
     """
     import cv2
 
@@ -69,10 +80,10 @@ def expose(image: Image, gain: float, noise: float, rng: np.random.Generator) ->
         return image if gain == 1.0 else cast(Image, cv2.convertScaleAbs(image, alpha=gain))
     grey = np.arange(256) * gain
     sigma = noise * np.sqrt(_READ_SHARE + (1 - _READ_SHARE) * grey / _MID_GREY)
-    # One draw for the three channels: the noise of the luminance is then what the caller asked for, at a
-    # third of the cost. The green channel stands for the light.
+    # The three channels share one draw: the luminance then has the requested noise, at a third of the cost. The green
+    # channel is taken as the amount of light.
     grain = rng.standard_normal(image.shape[:2], np.float32) * sigma.astype(np.float32)[image[..., 1]]
     noisy = cv2.merge([grain, grain, grain])
     noisy = cv2.scaleAdd(image.astype(np.float32), gain, noisy)
-    # Rounds and saturates.
+    # This rounds and saturates.
     return cast(Image, np.clip(noisy + np.float32(0.5), 0, 255).astype(np.uint8))

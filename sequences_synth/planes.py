@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sequences_synth.builder import Setup, hand, sweep, turning
+from sequences_synth.builder import Setup, curved_path, hand_jitter, linear_angles
 from sequences_synth.textured_quad import Quad
 from sequences_synth.trajectory import PROGRESS_RANGE, Jitter, Path
 
@@ -13,7 +13,7 @@ __all__ = ["nadir", "nadir_turn", "wall"]
 
 Floats = NDArray[np.float64]
 
-# A drone's gimbal trembles less than a hand; the wind moves the drone.
+# A gimbal trembles less than a hand (degrees), but the wind moves the drone (metres).
 _GIMBAL_DEG, _GIMBAL_M = 0.08, 0.03
 
 
@@ -30,7 +30,7 @@ def _plane(setup: Setup, path: Path, origin: Floats, u: Floats, v: Floats, look:
         spots.append(pose[:3, 3] + reach[:, None] * directions - origin)
     ab = np.concatenate(spots) @ np.column_stack([u, v])
     low, high = ab.min(axis=0), ab.max(axis=0)
-    # Jitter is not in the steady path: a margin of 5 % is many times what it moves.
+    # The steady path has no jitter. A margin of 5 % is many times the displacement by the jitter.
     margin = 0.05 * (high - low)
     low, high = low - margin, high + margin
     viewpoint = path.centre(0.0)
@@ -39,24 +39,36 @@ def _plane(setup: Setup, path: Path, origin: Floats, u: Floats, v: Floats, look:
 
 
 def wall(setup: Setup) -> tuple[list[Quad], Path]:
-    """One tilted wall and nothing else; a hand carries the camera in a curve."""
+    """Build one tilted wall and nothing else; the camera is held by hand and moves in a curve.
+
+    Parameters
+    ----------
+    setup : Setup
+
+    Returns
+    -------
+    quads : list of Quad
+        The one quad of the wall.
+    path : Path
+    """
     rng = setup.rng
     distance = rng.uniform(1.8, 3.5)
-    # Normal of the wall 12 to 32 degrees off the optical axis, in any direction but kept upright enough to be
-    # a wall.
-    turned, leaning = setup.sign() * np.radians(rng.uniform(12, 30)), np.radians(rng.uniform(-10, 10))
+    # The normal of the wall is 12 to 32 degrees off the optical axis. The wall leans by 10 degrees at most.
+    turned, leaning = setup.random_sign() * np.radians(rng.uniform(12, 30)), np.radians(rng.uniform(-10, 10))
     u = np.array([np.cos(turned), np.sin(turned), 0])
     v = np.array([-np.sin(turned) * np.sin(leaning), np.cos(turned) * np.sin(leaning), -np.cos(leaning)])
     origin = np.array([0, distance, 1.5])
     heading = rng.uniform(0, 2 * np.pi)
     reach = distance * rng.uniform(0.26, 0.36)
-    # In the image plane mostly; a curve, since a straight slide along a plane is the `nadir` scene.
+    # The motion is mostly parallel to the image. The path is curved: a straight path along a plane is scene `nadir`.
     along = reach * np.array([np.cos(heading), rng.uniform(-0.2, 0.35), 0.6 * np.sin(heading)])
-    bend = 0.25 * reach * setup.sign() * np.array([-np.sin(heading), rng.uniform(-0.3, 0.3), 0.6 * np.cos(heading)])
+    side = setup.random_sign()
+    bend = 0.25 * reach * side * np.array([-np.sin(heading), rng.uniform(-0.3, 0.3), 0.6 * np.cos(heading)])
     start = np.array([0, 0, 1.5]) - 0.5 * along
     turn_by = np.radians([rng.uniform(-8, 8), rng.uniform(-5, 5), rng.uniform(-6, 6)])
     turn_from = np.radians([rng.uniform(-3, 3), rng.uniform(-3, 3), rng.uniform(-3, 3)])
-    path = Path(sweep(start, along, bend), turning(turn_from, turn_by), setup.slow_start, jitter=hand(setup, distance))
+    centre, angles = curved_path(start, along, bend), linear_angles(turn_from, turn_by)
+    path = Path(centre, angles, setup.slow_start, jitter=hand_jitter(setup, distance))
     return [_plane(setup, path, origin, u, v, "wall", 0.75 * distance)], path
 
 
@@ -67,12 +79,12 @@ def _flight(setup: Setup, turn_deg: float) -> tuple[list[Quad], Path]:
     reach = height * rng.uniform(0.30, 0.38)
     climb = reach * rng.uniform(0, 0.2)
     pitch = np.radians(-90 + rng.uniform(0, 30))
-    # Drones fly where they look, or sideways, or backwards.
+    # The direction of flight is independent of the heading: a drone can fly sideways and backwards.
     course, yaw = rng.uniform(0, 2 * np.pi, 2)
     turn = np.radians(turn_deg)
 
     def centre(p: float) -> Floats:
-        # An arc: the velocity turns evenly. np.sinc keeps the straight line, its limit, free of 0 / 0.
+        # An arc: the direction of the velocity is linear in p. np.sinc avoids 0 / 0 in the limit of a straight line.
         ahead = p * np.sinc(turn * p / np.pi)
         aside = 0.5 * turn * p * p * np.sinc(0.5 * turn * p / np.pi) ** 2
         c, s = np.cos(course), np.sin(course)
@@ -80,7 +92,7 @@ def _flight(setup: Setup, turn_deg: float) -> tuple[list[Quad], Path]:
         return np.array([*(reach * flat), height + climb * p])
 
     roll = np.radians(rng.uniform(-2, 2))
-    angles = turning(np.array([yaw, pitch, roll]), np.array([turn, 0, 0]))
+    angles = linear_angles(np.array([yaw, pitch, roll]), np.array([turn, 0, 0]))
     jitter = Jitter.draw(rng, _GIMBAL_DEG, _GIMBAL_M)
     path = Path(centre, angles, setup.slow_start, jitter=jitter)
     u, v = np.array([np.cos(yaw), np.sin(yaw), 0]), np.array([np.sin(yaw), -np.cos(yaw), 0])
@@ -88,10 +100,32 @@ def _flight(setup: Setup, turn_deg: float) -> tuple[list[Quad], Path]:
 
 
 def nadir(setup: Setup) -> tuple[list[Quad], Path]:
-    """Straight flight over flat ground: two poses explain it, and later views do not decide."""
+    """Build a straight flight over flat ground. Two poses explain its views, and later views do not decide.
+
+    Parameters
+    ----------
+    setup : Setup
+
+    Returns
+    -------
+    quads : list of Quad
+        The one quad of the ground.
+    path : Path
+    """
     return _flight(setup, 0.0)
 
 
 def nadir_turn(setup: Setup) -> tuple[list[Quad], Path]:
-    """The same ground in a turn: later views decide between the two poses."""
-    return _flight(setup, setup.sign() * float(setup.rng.uniform(45, 90)))
+    """Build a flight in a turn over flat ground. Later views decide between the two poses.
+
+    Parameters
+    ----------
+    setup : Setup
+
+    Returns
+    -------
+    quads : list of Quad
+        The one quad of the ground.
+    path : Path
+    """
+    return _flight(setup, setup.random_sign() * float(setup.rng.uniform(45, 90)))

@@ -1,4 +1,4 @@
-"""The scenes of :mod:`sequences_synth.points`: where a ray ends, and how the camera goes."""
+"""The scenes of :mod:`sequences_synth.points`: depth along a ray, and motion of the camera."""
 
 from __future__ import annotations
 
@@ -17,26 +17,34 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """A scene: where a ray ends, and how the camera goes.
+    """A scene: its surfaces and the motion of the camera.
 
-    ``depth(origins, rays)`` is the distance along rays (N, 3) with z = 1 in their own camera, in the world's axes, and
-    not positive where there is nothing. ``way(s)`` is the position at progress s in 0 .. 1 for a way of unit length,
-    ``turn(s)`` the rotation vector.
+    Attributes
+    ----------
+    depth : callable
+        Origins (N, 3) and rays (N, 3) in world axes -> depth (N,) along the rays, which have z = 1 in the frame of
+        their camera. A depth of 0 or less means that the ray meets no surface.
+    position : callable
+        Progress s in [0, 1] -> camera centre (3,), for a path whose ends are about 1 apart.
+    rotation : callable
+        Progress s in [0, 1] -> rotation vector (3,) of world_from_cam, radians.
+    tremor : bool
+        Whether the tremor of a hand is added.
     """
 
     depth: Callable[[Floats, Floats], Floats]
-    way: Callable[[float], Floats]
-    turn: Callable[[float], Floats]
+    position: Callable[[float], Floats]
+    rotation: Callable[[float], Floats]
     tremor: bool = True
 
 
 def _cloud(rng: np.random.Generator) -> Callable[[Floats, Floats], Floats]:
-    """Depths 1 to 4, whatever the direction."""
+    """Random depths from 1 to 4, independent of the ray."""
     return lambda origins, rays: rng.uniform(1.0, 4.0, len(rays))
 
 
 def _plane(normal: Floats, distance: float) -> Callable[[Floats, Floats], Floats]:
-    """Depth along rays to the plane ``normal . X = distance``; nothing beyond three times the distance."""
+    """Depth along rays to the plane ``normal . X = distance``; no surface beyond three times the distance."""
 
     def depth(origins: Floats, rays: Floats) -> Floats:
         towards = rays @ normal
@@ -47,7 +55,7 @@ def _plane(normal: Floats, distance: float) -> Callable[[Floats, Floats], Floats
 
 
 def _tunnel(rng: np.random.Generator) -> Callable[[Floats, Floats], Floats]:
-    """Four walls along z; nothing farther than ten half-widths."""
+    """Four walls along z; no surface at a depth of 10 or more."""
     half = np.array([rng.uniform(0.9, 1.3), rng.uniform(0.7, 1.0)])
 
     def depth(origins: Floats, rays: Floats) -> Floats:
@@ -59,7 +67,7 @@ def _tunnel(rng: np.random.Generator) -> Callable[[Floats, Floats], Floats]:
     return depth
 
 
-def _with_things_on_it(
+def _with_objects_on_it(
     rng: np.random.Generator, plane: Callable[[Floats, Floats], Floats]
 ) -> Callable[[Floats, Floats], Floats]:
     """A quarter of the points lie up to a fifth of their distance in front of the plane."""
@@ -76,86 +84,87 @@ def _unit(vector: Floats) -> Floats:
 
 
 def _straight(direction: Floats, bend: Floats | float = 0.0) -> Callable[[float], Floats]:
-    """Unit way in a direction that swings out to the side; the bend is the farthest from the straight line."""
+    """Path of unit length along a direction; ``bend`` is the largest departure from the straight line."""
     return lambda s: s * direction + 4 * s * (1 - s) * bend
 
 
-def _stay(_: float) -> Floats:
+def _no_motion(_: float) -> Floats:
     return np.zeros(3)
 
 
-def _hand_way(rng: np.random.Generator) -> Callable[[float], Floats]:
-    """Mostly sideways, in a curve: how a person moves a camera."""
+def _hand_position(rng: np.random.Generator) -> Callable[[float], Floats]:
+    """A curved path, mostly sideways, as of a hand-held camera."""
     direction = _unit(rng.normal(size=3) * [1.0, 0.6, 0.5])
     bend = np.cross(direction, _unit(rng.normal(size=3)))
     return _straight(direction, rng.uniform(0.05, 0.2) * bend)
 
 
-def _hand_turn(rng: np.random.Generator) -> Callable[[float], Floats]:
-    """A few degrees about any axis."""
+def _hand_rotation(rng: np.random.Generator) -> Callable[[float], Floats]:
+    """2 to 6 degrees about any axis."""
     total = np.radians(rng.uniform(2, 6)) * _unit(rng.normal(size=3))
     return lambda s: s * total
 
 
 def _pan(rng: np.random.Generator) -> Callable[[float], Floats]:
-    """10 to 20 degrees, mostly about the vertical."""
+    """10 to 20 degrees, mostly about the vertical axis."""
     total = np.radians(rng.uniform(10, 20)) * _unit(rng.normal(size=3) * 0.2 + [0, rng.choice([-1.0, 1.0]), 0])
     return lambda s: s * total
 
 
 def _room(rng: np.random.Generator) -> Layout:
-    return Layout(_cloud(rng), _hand_way(rng), _hand_turn(rng))
+    return Layout(_cloud(rng), _hand_position(rng), _hand_rotation(rng))
 
 
 def _wall(rng: np.random.Generator) -> Layout:
     normal = _unit(np.array([rng.uniform(-0.7, 0.7), rng.uniform(-0.7, 0.7), 1.0]))
-    return Layout(_plane(normal, 2.0), _hand_way(rng), _hand_turn(rng))
+    return Layout(_plane(normal, 2.0), _hand_position(rng), _hand_rotation(rng))
 
 
 def _nadir(rng: np.random.Generator) -> Layout:
-    """Level and straight over flat ground, the camera straight down."""
+    """A straight level flight over flat ground; the camera looks straight down."""
     heading = rng.uniform(0, 2 * np.pi)
-    way = _straight(np.array([np.cos(heading), np.sin(heading), 0.0]))
-    return Layout(_plane(np.array([0.0, 0.0, 1.0]), 2.0), way, lambda _: np.zeros(3))
+    position = _straight(np.array([np.cos(heading), np.sin(heading), 0.0]))
+    return Layout(_plane(np.array([0.0, 0.0, 1.0]), 2.0), position, _no_motion)
 
 
 def _nadir_turn(rng: np.random.Generator) -> Layout:
-    """The same in a turn of 30 to 60 degrees, the camera turning along."""
+    """A level flight over flat ground in a turn of 30 to 60 degrees; the camera turns with the direction of flight."""
     heading, turn = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(30, 60)) * rng.choice([-1.0, 1.0])
 
-    def way(s: float) -> Floats:
+    def position(s: float) -> Floats:
         ahead = np.array([np.sin(turn * s), 1 - np.cos(turn * s), 0.0]) / turn
         return np.asarray(rotation_from_vector(np.array([0, 0, heading])) @ ahead)
 
-    return Layout(_plane(np.array([0.0, 0.0, 1.0]), 2.0), way, lambda s: np.array([0.0, 0.0, turn * s]))
+    return Layout(_plane(np.array([0.0, 0.0, 1.0]), 2.0), position, lambda s: np.array([0.0, 0.0, turn * s]))
 
 
 def _corridor(rng: np.random.Generator) -> Layout:
-    way = _straight(_unit(np.array([*(0.05 * rng.normal(size=2)), 1.0])))
-    return Layout(_tunnel(rng), way, _hand_turn(rng))
+    position = _straight(_unit(np.array([*(0.05 * rng.normal(size=2)), 1.0])))
+    return Layout(_tunnel(rng), position, _hand_rotation(rng))
 
 
 def _desk(rng: np.random.Generator) -> Layout:
-    # Looking down at 40 to 60 degrees: y is down, so the table's normal leans towards +y.
+    # The camera looks down at 40 to 60 degrees. As y points down, the normal of the table leans towards +y.
     down = np.radians(rng.uniform(40, 60))
     plane = _plane(np.array([0.0, np.cos(down), np.sin(down)]), 1.5)
-    return Layout(_with_things_on_it(rng, plane), _hand_way(rng), _hand_turn(rng))
+    return Layout(_with_objects_on_it(rng, plane), _hand_position(rng), _hand_rotation(rng))
 
 
 def _rotation_only(rng: np.random.Generator) -> Layout:
-    return Layout(_cloud(rng), _stay, _pan(rng))
+    return Layout(_cloud(rng), _no_motion, _pan(rng))
 
 
 def _rotate_then_move(rng: np.random.Generator) -> Layout:
-    way, turn, still = _hand_way(rng), _pan(rng), rng.uniform(0.3, 0.4)
-    return Layout(_cloud(rng), lambda s: way(max(0.0, (s - still) / (1 - still))), turn)
+    """The translation starts after 30 to 40 % of the views."""
+    position, rotation, start = _hand_position(rng), _pan(rng), rng.uniform(0.3, 0.4)
+    return Layout(_cloud(rng), lambda s: position(max(0.0, (s - start) / (1 - start))), rotation)
 
 
 def _static(rng: np.random.Generator) -> Layout:
-    return Layout(_cloud(rng), _stay, lambda _: np.zeros(3), tremor=False)
+    return Layout(_cloud(rng), _no_motion, _no_motion, tremor=False)
 
 
-#: By name, each drawn from a generator.
+#: Scene name -> function that draws the scene from a random generator.
 LAYOUTS: dict[str, Callable[[np.random.Generator], Layout]] = {
     "room": _room,
     "wall": _wall,

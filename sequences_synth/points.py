@@ -1,9 +1,9 @@
-"""Tracks without images: points of a known scene seen by a moving camera, thousands of sequences a minute.
+"""Tracks without images: points of a known scene seen by a moving camera, thousands of sequences per minute.
 
-The scenes bear the names of the rendered ones and have their geometry: depth, planes and motion of the same kind, drawn
-from a seed. Tracks have Gaussian noise; some are wrong matches, and on request some lie on bodies that move on their
-own. Poses are ``world_from_cam``; the world is where the camera would start without the tremor of the hand; the length
-of its way is given relative to the median depth of the scene ::
+The scenes have the names of the rendered ones, and depth, planes and motion of the same kind, drawn from a seed. Tracks
+have Gaussian noise. Some tracks are outliers, and on request some lie on bodies that move on their own. Poses are
+``world_from_cam``. The world frame is the pose at which the camera would start without the tremor of the hand. The
+length of the path is given relative to the median depth of the scene ::
 
     sequence = make_points("wall", seed=3, options=PointOptions(noise_px=1.0))
     track_ids, pixels = sequence.observe(5)
@@ -21,47 +21,55 @@ from sequences_synth.point_scenes import LAYOUTS, Layout
 from sequences_synth.sequence import PinholeCamera
 from sequences_synth.trajectory import rotation_from_vector
 
-__all__ = ["POINT_SCENES", "STILL_SCENES", "PointOptions", "PointSequence", "make_points"]
+__all__ = ["POINT_SCENES", "SCENES_WITHOUT_TRANSLATION", "PointOptions", "PointSequence", "make_points"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
+#: Names of the scenes.
 POINT_SCENES: tuple[str, ...] = tuple(LAYOUTS)
-#: Where the camera never translates.
-STILL_SCENES: tuple[str, ...] = ("rotation", "static")
+#: Scenes in which the camera never translates.
+SCENES_WITHOUT_TRANSLATION: tuple[str, ...] = ("rotation", "static")
 
-# 70 degrees across at 640x480: an ordinary wide lens.
+# A horizontal field of view of 70 degrees at 640x480: an ordinary wide lens.
 _WIDTH, _HEIGHT, _FOCAL_PX = 640, 480, 458.0
-# Nothing nearer than this share of the median depth is seen: it would be out of focus.
+# A point nearer than this share of the median depth is not visible: it would be out of focus.
 _NEAREST = 0.05
-# Views are this far apart in time.
+# Time between two views.
 _STEP_S = 0.1
-# Points that leave the view are replaced by others that enter: about this many tracks for each one in a view.
+# Number of tracks of a sequence over the number of visible points in a view: points leave the view and others enter.
 _TRACKS_BY_VISIBLE = 1.15
-_STATIC, _MOVING, _WRONG = 0, 1, 2
+# What a track is: a point of the scene at rest, a point on a moving body, or an outlier.
+_STATIC, _MOVING, _OUTLIER = 0, 1, 2
 
 
 @dataclass(frozen=True)
 class PointOptions:
-    """What is varied; the same for every scene.
+    """Options of a sequence; the same for every scene.
 
     Attributes
     ----------
     views : int
         Number of frames, 0.1 s apart.
     points : int
-        Tracks in a view, about.
+        Approximate number of tracks in a view.
     noise_px : float
-        Standard deviation of a coordinate.
+        Standard deviation of one coordinate of a pixel.
     outliers : float
-        Share of the tracks that are wrong matches: in each view somewhere in the image.
+        Share of the tracks that are outliers: in each view at a random place in the image.
     moving : float
         Share of the tracks on two bodies that move on their own.
     baseline : float
-        Way of the camera from first to last view over the median depth. Without meaning where the camera stays.
+        Distance of the camera from first to last view over the median depth. Ignored where the camera does not
+        translate.
     focal_error : float
         The stated focal length is the true one times ``1 + focal_error``.
+
+    Raises
+    ------
+    ValueError
+        If an option is out of range; the message names the option.
     """
 
     views: int = 12
@@ -95,19 +103,22 @@ class PointSequence:
     seed : int
     options : PointOptions
     camera : PinholeCamera
-        As stated to the user: wrong where ``options.focal_error`` is not 0.
+        The stated camera; its focal length is wrong where ``options.focal_error`` is not 0.
     true_camera : PinholeCamera
-        What the pixels were made with.
+        The camera by which the points were projected.
     poses : (V, 4, 4) float
         world_from_cam.
     timestamps_s : (V,) float
     points : (M, 3) float
-        In the world, at the first view; those on moving bodies are elsewhere later.
-    wrong, moving : (M,) bool
-        Tracks that are wrong matches, and that lie on moving bodies.
+        In the world frame, at the first view. Those on moving bodies change their place later.
+    is_outlier : (M,) bool
+        Tracks that are outliers.
+    is_moving : (M,) bool
+        Tracks on moving bodies.
     pixels : (V, M, 2) float
-        As measured.
+        Measured pixels, with noise.
     visible : (V, M) bool
+        Whether a view sees a track.
     """
 
     name: str
@@ -118,8 +129,8 @@ class PointSequence:
     poses: Floats
     timestamps_s: Floats
     points: Floats
-    wrong: Bools
-    moving: Bools
+    is_outlier: Bools
+    is_moving: Bools
     pixels: Floats
     visible: Bools
 
@@ -127,15 +138,39 @@ class PointSequence:
         return len(self.poses)
 
     def observe(self, index: int) -> tuple[Ints, Floats]:
-        """Track ids (N,), ascending, and their pixels (N, 2) in one view."""
+        """Read the tracks that one view sees.
+
+        Parameters
+        ----------
+        index : int
+            Position of the view, from 0.
+
+        Returns
+        -------
+        track_ids : (N,) int
+            Ascending.
+        pixels : (N, 2) float
+            Measured pixels.
+        """
         ids = np.flatnonzero(self.visible[index])
         return ids.astype(np.int64), self.pixels[index, ids]
 
     def depths(self, index: int) -> Floats:
-        """(M,) true depth of each track along the optical axis of a view; NaN for what is no point at rest."""
+        """Compute the true depth of each track in one view.
+
+        Parameters
+        ----------
+        index : int
+            Position of the view, from 0.
+
+        Returns
+        -------
+        (M,) float
+            Depth along the optical axis; NaN for outliers and for tracks on moving bodies.
+        """
         cam_from_world = np.linalg.inv(self.poses[index])
         z = self.points @ cam_from_world[2, :3] + cam_from_world[2, 3]
-        return np.asarray(np.where(self.wrong | self.moving, np.nan, z))
+        return np.asarray(np.where(self.is_outlier | self.is_moving, np.nan, z))
 
 
 def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -> PointSequence:
@@ -149,10 +184,14 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
         Changes geometry, path, noise and outliers; not negative.
     options : PointOptions, optional
 
+    Returns
+    -------
+    PointSequence
+
     Raises
     ------
     ValueError
-        Where the scene is unknown, naming those there are, or the seed is negative.
+        If the scene is unknown (the message lists the known ones), or if the seed is negative.
     """
     if name not in LAYOUTS:
         raise ValueError(f"unknown scene {name!r}: use one of {', '.join(POINT_SCENES)}")
@@ -176,15 +215,15 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
         poses=poses,
         timestamps_s=_STEP_S * np.arange(options.views, dtype=float),
         points=points,
-        wrong=kinds == _WRONG,
-        moving=kinds == _MOVING,
+        is_outlier=kinds == _OUTLIER,
+        is_moving=kinds == _MOVING,
         pixels=pixels,
         visible=visible,
     )
 
 
 def _poses(layout: Layout, options: PointOptions, rng: np.random.Generator) -> tuple[float, Floats]:
-    """Length of the way, and world_from_cam (V, 4, 4)."""
+    """Length of the path, and world_from_cam (V, 4, 4)."""
     rays = _rays(rng.uniform((0, 0), (_WIDTH, _HEIGHT), (500, 2)), _FOCAL_PX)
     depths = layout.depth(np.zeros((500, 3)), rays)
     scale = options.baseline * float(np.median(depths[depths > 0]))
@@ -193,12 +232,12 @@ def _poses(layout: Layout, options: PointOptions, rng: np.random.Generator) -> t
     for view, pose in enumerate(poses):
         s = view / (options.views - 1)
         waves = sizes * np.sin(phases + 2 * np.pi * s * np.array([[1.0, 1.3, 0.8], [1.1, 0.7, 1.4]]))
-        # A third of a degree and a hundredth of the way: a steady hand.
+        # The tremor of a steady hand: a third of a degree, and a hundredth of the path length.
         shake, offset = (np.radians(0.3) * waves[0], 0.01 * waves[1]) if layout.tremor else (0.0, 0.0)
-        way = layout.way(s)
-        pose[:3, :3] = rotation_from_vector(layout.turn(s)) @ rotation_from_vector(np.zeros(3) + shake)
-        # Where the camera does not go anywhere the tremor must not take it there.
-        pose[:3, 3] = scale * (way + offset * bool(np.any(layout.way(1.0))) * (s > 0) * np.any(way))
+        position = layout.position(s)
+        pose[:3, :3] = rotation_from_vector(layout.rotation(s)) @ rotation_from_vector(np.zeros(3) + shake)
+        # A camera that does not translate must not be translated by the tremor.
+        pose[:3, 3] = scale * (position + offset * bool(np.any(layout.position(1.0))) * (s > 0) * np.any(position))
     return scale, poses
 
 
@@ -221,7 +260,7 @@ def _points(
 
 
 def _kinds(points: Floats, options: PointOptions, rng: np.random.Generator) -> Ints:
-    """(M,) what each track is: bodies are compact in the first view, wrong matches are anywhere."""
+    """(M,) kind of each track. Moving bodies are compact in the first view; outliers are random tracks."""
     count = len(points)
     kinds = np.full(count, _STATIC, np.int64)
     direction = points / np.linalg.norm(points, axis=1, keepdims=True)
@@ -231,7 +270,7 @@ def _kinds(points: Floats, options: PointOptions, rng: np.random.Generator) -> I
         nearest = np.argsort(-direction @ centre + 10.0 * (kinds == _MOVING), kind="stable")
         kinds[nearest[:size]] = _MOVING
     rest = rng.permutation(np.flatnonzero(kinds == _STATIC))
-    kinds[rest[: round(options.outliers * count)]] = _WRONG
+    kinds[rest[: round(options.outliers * count)]] = _OUTLIER
     return kinds
 
 
@@ -246,7 +285,8 @@ def _project(
 ) -> tuple[Floats, Bools]:
     """Measured pixels (V, M, 2), and which tracks each view sees (V, M)."""
     size = np.array([camera.width, camera.height], float)
-    # Bodies go as fast as the camera (at the default baseline where it goes nowhere), each its own way.
+    # Each body moves about as fast as the camera, in its own direction. Where the camera does not translate, the
+    # speed is that of the default baseline.
     speed = scale if scale > 0 else PointOptions.baseline * float(np.median(np.linalg.norm(points, axis=1)))
     moving = np.flatnonzero(kinds == _MOVING)
     body = np.arange(len(moving)) < len(moving) // 2
@@ -263,7 +303,7 @@ def _project(
         true = camera.fx * X[:, :2] / z + [camera.cx, camera.cy]
         measured = true + options.noise_px * rng.normal(size=true.shape)
         anywhere = rng.uniform(0, size - 1, measured.shape)
-        pixels[view] = np.where((kinds == _WRONG)[:, None], anywhere, measured)
+        pixels[view] = np.where((kinds == _OUTLIER)[:, None], anywhere, measured)
         inside = ((pixels[view] >= 0) & (pixels[view] <= size - 1)).all(axis=1)
         visible[view] = ahead & inside & (true >= 0).all(axis=1) & (true <= size - 1).all(axis=1)
     return pixels, visible

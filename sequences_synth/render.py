@@ -1,9 +1,10 @@
-"""Rendering textured quads: exact homographies, mipmaps, a depth buffer with four samples a pixel.
+"""Rendering textured quads: exact homographies, mipmaps, and a depth buffer with four samples per pixel.
 
-A quad's texels map to pixels by the homography ``H = K cam_from_world [edge_u | edge_v | corner]``, so a
-world point lands exactly where its texel does (pixel centres at integers). Inverse depth is affine in the
-pixel on a plane, which makes the depth buffer cheap and exact. Visibility is decided at four samples a pixel,
-colour once a pixel and quad; pixels on silhouettes mix the quads by the samples they won, as a lens would.
+The texels of a quad map to pixels by the homography ``H = K cam_from_world [edge_u | edge_v | corner]``, so that a
+world point and its texel project to exactly the same place (pixel centres at integers). The inverse depth of a plane is
+affine in the pixel, which makes the depth buffer cheap and exact. Visibility is decided at four samples per pixel.
+Colour is computed once per pixel and quad. A pixel on a silhouette is the mean of the quads, weighted by their visible
+samples, as in a real lens.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ Floats32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
 Ids = NDArray[np.int16]
 
-# Nothing is drawn nearer than this, metres: what is nearer would fill the view.
+# The near plane in metres: a surface that is nearer would fill the view.
 _NEAR_M = 0.05
 _NOTHING = -1
-# A plane seen from nearer than this (metres) is seen edge-on.
+# A camera nearer than this (metres) to the plane of a quad sees the quad edge-on, and the quad is not drawn.
 _EDGE_ON_M = 1e-6
-# The level of detail is smooth: computed on a coarse grid of so many nodes a side, then interpolated.
+# The level of detail is smooth. It is computed on a coarse grid with this many nodes per side, then interpolated.
 _GRID = 16
 
 
@@ -45,7 +46,7 @@ class View:
     inverse_depth : (H, W) float32
         1 / z at the pixel centres, 0 where there is nothing.
     ids : (H, W) int16
-        Position of the quad seen, -1 where there is none.
+        Position of the visible quad in the list, -1 where there is none.
     """
 
     image: Image
@@ -73,12 +74,17 @@ def render(quads: Sequence[Quad], K: Floats, cam_from_world: Floats, frame: floa
     ----------
     quads : sequence of Quad
     K : (3, 3) float
-        Calibration matrix.
+        Calibration matrix, pixels.
     cam_from_world : (4, 4) float
+        Translation in metres.
     frame : float
         Frame number, for quads that move.
     width, height : int
         Image size in pixels.
+
+    Returns
+    -------
+    View
     """
     seen = _project(quads, K, cam_from_world, frame)
     depth_samples = np.zeros((2 * height, 2 * width), np.float32)
@@ -89,11 +95,11 @@ def render(quads: Sequence[Quad], K: Floats, cam_from_world: Floats, frame: floa
 
 
 def _project(quads: Sequence[Quad], K: Floats, cam_from_world: Floats, frame: float) -> dict[int, _Seen]:
-    """Clip and project the quads; left out are those behind the camera or with their back to it."""
+    """Clip and project the quads, without those behind the camera and one-sided ones seen from behind."""
     R, t = cam_from_world[:3, :3], cam_from_world[:3, 3]
     cam_from_texel = R @ np.stack([quad.world_from_texel(frame) for quad in quads])
     cam_from_texel[:, :, 2] += t
-    # The triple product u x v . corner: the distance to the plane times the area of a texel.
+    # The triple product u x v . corner is the distance to the plane times the area of a texel.
     facing = np.linalg.det(cam_from_texel)
     distance = facing / np.array([quad.texel_area for quad in quads])
     one_sided = np.array([quad.one_sided for quad in quads])
@@ -142,7 +148,7 @@ def _fill(seen: _Seen, identity: int, depth_samples: Floats32, id_samples: Ids) 
     inverse_depth = down[:, None] + across
     window = depth_samples[top:bottom, first:last]
     wins = inverse_depth > window
-    # Quads that fill the window on every row need no outline test.
+    # A quad that fills the window on every row needs no test against its outline.
     if left.max() > first or right.min() < last - 1:
         wins &= x >= left[:, None].astype(np.float32)
         wins &= x <= right[:, None].astype(np.float32)
@@ -151,7 +157,7 @@ def _fill(seen: _Seen, identity: int, depth_samples: Floats32, id_samples: Ids) 
 
 
 def _spans(outline: list[tuple[float, float]], top: int, bottom: int) -> tuple[Floats, Floats]:
-    """Where the rows from top to before bottom enter and leave a convex outline that all of them cross."""
+    """First and last x of each row inside a convex outline; all rows, from ``top`` to before ``bottom``, cross it."""
     left, right = np.full(bottom - top, np.inf), np.full(bottom - top, -np.inf)
     for (xa, ya), (xb, yb) in zip(outline, outline[1:] + outline[:1], strict=True):
         first, last = max(top, math.ceil(min(ya, yb))), min(bottom, math.floor(max(ya, yb)) + 1)
@@ -165,15 +171,15 @@ def _spans(outline: list[tuple[float, float]], top: int, bottom: int) -> tuple[F
 
 
 def _shade(quads: Sequence[Quad], seen: dict[int, _Seen], depth_samples: Floats32, id_samples: Ids) -> View:
-    """Colour what the depth buffer left visible."""
+    """Colour the visible parts of the quads."""
     import cv2
 
     corners = [id_samples[i::2, j::2] for i in (0, 1) for j in (0, 1)]
     ids = corners[0].copy()
     mixed = (corners[1] != ids) | (corners[2] != ids) | (corners[3] != ids)
     height, width = ids.shape
-    # The mean of four samples of an affine function is its value at the pixel centre; on a silhouette, where
-    # samples come from several planes, the plane of the first sample is evaluated there.
+    # The mean of four samples of an affine function is its value at the pixel centre. On a silhouette the samples come
+    # from several planes; there the plane of the first sample is evaluated at the pixel centre.
     inverse_depth = cast(Floats32, cv2.resize(depth_samples, (width, height), interpolation=cv2.INTER_AREA))
     planes = np.zeros((len(quads) + 1, 3))  # the last row stands for nothing, id -1
     for i, s in seen.items():
@@ -183,7 +189,7 @@ def _shade(quads: Sequence[Quad], seen: dict[int, _Seen], depth_samples: Floats3
     inverse_depth[y, x] = np.maximum(at_centre, 0)
 
     image: Image = np.zeros((height, width, 3), np.uint8)
-    # The samples of the silhouette pixels, four to a pixel, grouped by quad.
+    # The samples of the silhouette pixels, four per pixel, grouped by quad.
     side_ids = np.stack([corner[y, x] for corner in corners], axis=1).ravel()
     side_colors = np.zeros((len(side_ids), 3), np.float32)
     order = np.argsort(side_ids, kind="stable")
@@ -211,7 +217,7 @@ def _shade(quads: Sequence[Quad], seen: dict[int, _Seen], depth_samples: Floats3
 def _window(outline: list[tuple[float, float]], width: int, height: int) -> tuple[slice, slice]:
     """Rows and columns that hold every pixel with a sample inside an outline; empty where it is outside."""
     columns, rows = (
-        # Samples lie a quarter of a pixel from the centre; half a pixel is on the safe side.
+        # Samples lie a quarter of a pixel from the centre; the margin of half a pixel contains them.
         slice(min(size, max(0, math.ceil(min(c) - 0.5))), max(0, min(size, math.floor(max(c) + 0.5) + 1)))
         for c, size in zip(zip(*outline, strict=True), (width, height), strict=True)
     )
@@ -221,14 +227,14 @@ def _window(outline: list[tuple[float, float]], width: int, height: int) -> tupl
 def _sample(quad: Quad, texel_from_pixel: Floats, left: int, top: int, mask: Image) -> Image:
     """The quad's texture as seen in a window of the image, trilinear: (height, width, 3) uint8.
 
-    The mask (height, width) of the window tells where it will be used.
+    The mask (height, width) of the window marks the pixels that will be used.
     """
     import cv2
 
     height, width = mask.shape
     levels = quad.texture.levels
     detail = np.clip(_level_of_detail(texel_from_pixel, left, top, width, height), 0, len(levels) - 1)
-    # Outside the mask the plane may run to its horizon, whose levels nobody needs.
+    # Outside the mask the plane may reach its horizon. The levels of detail there are not needed.
     used = detail[cv2.resize(255 * mask, (_GRID, _GRID), interpolation=cv2.INTER_AREA) > 0]
     if used.size:
         detail = np.clip(detail, used.min(), used.max())
@@ -254,12 +260,12 @@ def _sample(quad: Quad, texel_from_pixel: Floats, left: int, top: int, mask: Ima
 
 
 def _level_of_detail(texel_from_pixel: Floats, left: int, top: int, width: int, height: int) -> Floats32:
-    """log2 of the texels that a pixel spans, on a coarse grid over a window.
+    """log2 of the number of texels that a pixel spans, on a coarse grid over a window.
 
-    Between the geometric mean and the longer side of the pixel's footprint: the longer side alone blurs
-    slanted surfaces more than a lens does, the mean alone lets them flicker.
+    The number is taken between the geometric mean and the longer side of the footprint of the pixel. The longer side
+    alone blurs slanted surfaces more than a lens does; the geometric mean alone makes them flicker.
     """
-    # Nodes where cv2.resize puts them when it enlarges the grid to the window.
+    # The nodes lie where cv2.resize assumes them when it enlarges the grid to the window.
     nodes = (np.arange(_GRID) + 0.5) / _GRID
     x, y = np.meshgrid(left + nodes * width - 0.5, top + nodes * height - 0.5)
     G = texel_from_pixel

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sequences_synth.builder import HAND_DEG, Setup, hand, sweep, turning
+from sequences_synth.builder import HAND_DEG, Setup, curved_path, hand_jitter, linear_angles
 from sequences_synth.textured_quad import Painter, Quad, box
 from sequences_synth.trajectory import Jitter, Path, progress
 
@@ -15,16 +15,26 @@ __all__ = ["room", "rotate_then_move", "rotation", "static"]
 
 Floats = NDArray[np.float64]
 
-# Who stands and looks about level sees no floor nearer than this.
+# A standing person who looks about level sees no floor nearer than this.
 _LEVEL_GAZE_M = 2.0
-# Frame at which `rotate-then-move` starts to move.
-_TURN_ONLY_FRAMES = (40.0, 50.0)
+# Range of the frame at which the translation of `rotate-then-move` starts.
+_FIRST_TRANSLATION_FRAME = (40.0, 50.0)
 
 
 def room(setup: Setup) -> tuple[list[Quad], Path]:
-    """A furnished room; a hand carries the camera mostly sideways."""
+    """Build a furnished room; the camera is held by hand and moves mostly sideways.
+
+    Parameters
+    ----------
+    setup : Setup
+
+    Returns
+    -------
+    quads : list of Quad
+    path : Path
+    """
     rng = setup.rng
-    side = setup.sign()
+    side = setup.random_sign()
     travel = rng.uniform(0.9, 1.3)
     along = travel * np.array([side, rng.uniform(-0.1, 0.45), rng.uniform(-0.15, 0.15)])
     bend = np.array([0, rng.uniform(-0.1, 0.15), rng.uniform(-0.08, 0.08)])
@@ -32,14 +42,14 @@ def room(setup: Setup) -> tuple[list[Quad], Path]:
     turn_by = np.radians([side * rng.uniform(-3, 11), rng.uniform(-4, 4), rng.uniform(-4, 4)])
     turn_from = np.radians([rng.uniform(-8, 8), rng.uniform(-10, 0), rng.uniform(-2, 2)])
     path = Path(
-        centre=sweep(start, along, bend), angles=turning(turn_from, turn_by), slow_start=setup.slow_start,
-        jitter=hand(setup, 3.0),
+        centre=curved_path(start, along, bend), angles=linear_angles(turn_from, turn_by), slow_start=setup.slow_start,
+        jitter=hand_jitter(setup, 3.0),
     )  # fmt: skip
     return _furnished_room(setup, start), path
 
 
 def _furnished_room(setup: Setup, viewpoint: Floats) -> list[Quad]:
-    """Walls, pictures and boxes around a viewpoint that looks along y, nothing within reach of the camera."""
+    """Walls, pictures and boxes around a viewpoint that looks along y. No object is near the camera."""
     rng = setup.rng
     painter = setup.painter(viewpoint, 1.3)
     left, right = -rng.uniform(2.3, 3.4), rng.uniform(2.3, 3.4)
@@ -49,7 +59,7 @@ def _furnished_room(setup: Setup, viewpoint: Floats) -> list[Quad]:
     for _ in range(int(rng.integers(9, 15))):
         size = np.array([rng.uniform(0.3, 1.1), rng.uniform(0.3, 0.9), rng.uniform(0.3, 1.3)])
         y = rng.uniform(1.9, front - 0.4)
-        # Near things stay low, or they would hide the room.
+        # Near objects are low: high ones would hide the room.
         size[2] = min(size[2], 0.35 + 0.3 * y)
         x = rng.uniform(left + 0.4, right - 0.4)
         look = str(rng.choice(["print", "print", "wood", "wall"]))
@@ -66,7 +76,7 @@ def _shell(
     front: float,
     top: float,
 ) -> list[Quad]:
-    """Floor, ceiling and four walls, each a little too large so that no ray slips through a corner."""
+    """Floor, ceiling and four walls, each 2 cm too large on every side, so that no ray passes through a corner."""
     m = 0.02
     w, d, h = right - left + 2 * m, front - back + 2 * m, top + 2 * m
     x, y, z = np.array([w, 0, 0]), np.array([0, d, 0]), np.array([0, 0, h])
@@ -102,35 +112,65 @@ def _pictures(
 
 
 def static(setup: Setup) -> tuple[list[Quad], Path]:
-    """The room from a tripod."""
+    """Build the furnished room, seen by a static camera.
+
+    Parameters
+    ----------
+    setup : Setup
+
+    Returns
+    -------
+    quads : list of Quad
+    path : Path
+    """
     quads, path = room(setup)
     start, angles = path.centre(0.0), path.angles(0.0)
     return quads, Path(centre=lambda _: start, angles=lambda _: angles, slow_start=0.0)
 
 
 def rotation(setup: Setup) -> tuple[list[Quad], Path]:
-    """The room from a tripod whose head turns about the optical centre: not a millimetre of parallax."""
+    """Build the furnished room, seen by a rotation-only camera: it turns about its optical centre, without parallax.
+
+    Parameters
+    ----------
+    setup : Setup
+
+    Returns
+    -------
+    quads : list of Quad
+    path : Path
+    """
     rng = setup.rng
     start = np.array([rng.uniform(-0.4, 0.4), 0.0, rng.uniform(1.2, 1.6)])
-    pan = setup.sign() * rng.uniform(25, 45)
+    pan = setup.random_sign() * rng.uniform(25, 45)
     turn_from = np.radians([-0.5 * pan, rng.uniform(-8, 0), rng.uniform(-2, 2)])
     turn_by = np.radians([pan, rng.uniform(-8, 8), rng.uniform(-4, 4)])
     jitter = Jitter.draw(rng, HAND_DEG, 0.0)
-    path = Path(lambda _: start, turning(turn_from, turn_by), setup.slow_start, jitter=jitter)
+    path = Path(lambda _: start, linear_angles(turn_from, turn_by), setup.slow_start, jitter=jitter)
     return _furnished_room(setup, start), path
 
 
 def rotate_then_move(setup: Setup) -> tuple[list[Quad], Path]:
-    """The turning camera of `rotation`, carried sideways once it has turned for a while."""
-    quads, still = rotation(setup)
+    """Build the scene `rotation` in which the camera starts to move sideways after 40 to 50 frames.
+
+    Parameters
+    ----------
+    setup : Setup
+
+    Returns
+    -------
+    quads : list of Quad
+    path : Path
+    """
+    quads, rotating = rotation(setup)
     rng = setup.rng
-    start = still.centre(0.0)
-    move_from = float(rng.uniform(*_TURN_ONLY_FRAMES))
-    # Sideways as seen where the turn has led by then.
-    yaw = still.angles(progress(move_from, setup.slow_start))[0]
-    side = setup.sign()
+    start = rotating.centre(0.0)
+    move_from = float(rng.uniform(*_FIRST_TRANSLATION_FRAME))
+    # Sideways with respect to the heading at the frame at which the translation starts.
+    yaw = rotating.angles(progress(move_from, setup.slow_start))[0]
+    side = setup.random_sign()
     sideways, ahead = side * np.array([np.cos(yaw), np.sin(yaw), 0]), np.array([-np.sin(yaw), np.cos(yaw), 0])
-    # All of the parallax has to come in half of the frames.
+    # The whole translation has to fit into half of the frames.
     along = rng.uniform(1.7, 2.1) * (sideways + rng.uniform(0, 0.3) * ahead)
     bend = np.array([0, 0, rng.uniform(-0.1, 0.1)])
-    return quads, replace(still, centre=sweep(start, along, bend), move_from=move_from)
+    return quads, replace(rotating, centre=curved_path(start, along, bend), move_from=move_from)

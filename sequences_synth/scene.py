@@ -1,6 +1,6 @@
-"""The scenes by name: what stands where, and how the camera moves through it.
+"""The scenes by name: their surfaces, and the path of the camera.
 
-Sizes are metres, the world is z up. Each builder draws the path, and puts things where it does not go.
+Sizes are in metres; the z axis of the world points up. Each builder draws the path and keeps objects away from it.
 """
 
 from __future__ import annotations
@@ -25,14 +25,15 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """A scene and the path through it.
+    """A scene and the path of the camera through it.
 
     Attributes
     ----------
     quads : tuple of Quad
+        All surfaces; those of moving objects come last.
     path : Path
     exposure_phase : (float, float)
-        Phase at frame 0 and advance per frame, radians, of the slow change of exposure.
+        The exposure changes slowly as a sine: its phase at frame 0 and its advance per frame, radians.
     """
 
     quads: tuple[Quad, ...]
@@ -48,16 +49,21 @@ def build_world(
     Parameters
     ----------
     name : str
-        Key of the scene, see :data:`SCENES`.
+        One of :data:`SCENES`.
     seed : int
+        Changes geometry, textures and path.
     K : (3, 3) float
-        True calibration matrix of the camera that will look.
+        True calibration matrix of the camera, pixels.
     width, height : int
         Image size in pixels.
     slow_start : float
-        See :class:`sequences_synth.trajectory.Path`.
+        Number of frames over which the motion rises to full speed, see :func:`sequences_synth.trajectory.progress`.
     moving_share : float
-        Share of the image that moving objects cover, about.
+        Approximate share of the image area that moving objects cover; 0 for none.
+
+    Returns
+    -------
+    World
     """
     entropy = (seed, *name.encode())
     rng = np.random.default_rng(entropy)
@@ -70,14 +76,14 @@ def build_world(
 
 
 def _moving_cards(setup: Setup, path: Path, quads: list[Quad], share: float) -> list[Quad]:
-    """Boards that drift to and fro before the camera and together cover about a share of the image.
+    """Boards that sway in front of the camera; together they cover about the given share of the image.
 
-    They follow the camera's steady path, so that they stay in view, and sway on their own.
+    The boards follow the steady path of the camera, so that they stay in view.
     """
     rng = setup.rng
     pose = path.steady(0.0, 0.0)
     right, down, ahead = pose[:3, 0], pose[:3, 1], pose[:3, 2]
-    # Clearly nearer than the scene, so that they are never inside of it.
+    # The boards are clearly nearer than the scene, so that they never intersect it.
     distance = 0.6 * _nearest_ahead(setup, quads, pose)
     view_w, view_h = distance * setup.width / setup.K[0, 0], distance * setup.height / setup.K[1, 1]
     count = 3
@@ -89,7 +95,7 @@ def _moving_cards(setup: Setup, path: Path, quads: list[Quad], share: float) -> 
         x = view_w * ((i + 0.5) / count - 0.5)
         y = rng.uniform(-0.5, 0.5) * (view_h - h)
         corner = pose[:3, 3] + (1 - 0.05 * i) * distance * ahead + (x - 0.5 * w) * right + (y - 0.5 * h) * down
-        sway, rate, phase = 0.12 * view_w * setup.sign(), rng.uniform(0.05, 0.09), rng.uniform(0, 2 * np.pi)
+        sway, rate, phase = 0.12 * view_w * setup.random_sign(), rng.uniform(0.05, 0.09), rng.uniform(0, 2 * np.pi)
 
         def displacement(frame: float, sway: float = sway, rate: float = rate, phase: float = phase) -> Floats:
             moved = progress(frame - path.move_from, path.slow_start)
@@ -103,7 +109,7 @@ def _moving_cards(setup: Setup, path: Path, quads: list[Quad], share: float) -> 
 
 
 def _nearest_ahead(setup: Setup, quads: list[Quad], pose: Floats) -> float:
-    """Least depth among rays spread over the view."""
+    """Least depth of the scene along 7x7 rays spread over the view."""
     x, y = np.meshgrid(np.linspace(0, setup.width - 1, 7), np.linspace(0, setup.height - 1, 7))
     rays = pose[:3, :3] @ np.linalg.inv(setup.K) @ np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
     depths = []
@@ -128,4 +134,5 @@ _BUILDERS: dict[str, Callable[[Setup], tuple[list[Quad], Path]]] = {
     "static": static,
 }
 
+#: Names of the rendered scenes.
 SCENES: tuple[str, ...] = tuple(_BUILDERS)

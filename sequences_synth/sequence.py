@@ -1,4 +1,4 @@
-"""A synthetic sequence: a world, a path and a camera, rendered frame by frame when asked."""
+"""A synthetic sequence: a world, a path and a camera. Each frame is rendered on request."""
 
 from __future__ import annotations
 
@@ -20,36 +20,43 @@ Floats32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
 Bools = NDArray[np.bool_]
 
-# Focal length over image width: 525 px at 640, a usual hand-held RGB-D camera, 63 deg across.
+# Focal length over image width: 525 px at 640, as of a usual hand-held RGB-D camera. The horizontal field of view is
+# 63 degrees.
 _FOCAL_BY_WIDTH = 525.0 / 640.0
-# Motion blur is smooth away from silhouettes: its flow is computed on every fourth pixel.
+# The flow of the motion blur is smooth away from silhouettes. It is computed on every fourth pixel of each row and
+# column.
 _FLOW_STEP = 4
 
 
 @dataclass(frozen=True)
 class SynthOptions:
-    """What the camera and the world are like; the same for every scene.
+    """Options of camera and world; the same for every scene.
 
     Attributes
     ----------
     frames : int
-        Number of frames. More frames continue the path of fewer, they do not change it.
+        Number of frames. A longer sequence continues the path of a shorter one.
     width, height : int
         Image size in pixels.
     fps : float
-        Frames a second; changes the time stamps, not the motion from frame to frame.
+        Frames per second. It changes the time stamps, not the motion from frame to frame.
     noise : float
         Standard deviation of the luminance at mid grey, grey levels (shot and read noise).
     motion_blur : float
         Exposure as a fraction of the frame interval, 0 to 1.
     exposure_change : float
-        Amplitude of a slow change of gain, relative: 0.08 is 8 % up and down.
+        Relative amplitude of a slow change of gain: 0.08 is 8 % up and down.
     focal_error : float
         The stated focal length is the true one times ``1 + focal_error``.
     moving_objects : float
-        Share of the image area that things moving on their own cover, about, 0 to 0.8.
+        Approximate share of the image area covered by objects that move on their own, 0 to 0.8.
     slow_start : int
-        Frames over which the motion rises from nothing to full speed.
+        Number of frames over which the motion rises from rest to full speed.
+
+    Raises
+    ------
+    ValueError
+        If an option is out of range; the message names the option.
     """
 
     frames: int = 100
@@ -77,7 +84,15 @@ class SynthOptions:
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """A camera without distortion; pixels, pixel centres at integer coordinates."""
+    """A camera without distortion; all values in pixels, pixel centres at integer coordinates.
+
+    Attributes
+    ----------
+    width, height : int
+        Image size.
+    fx, fy, cx, cy : float
+        Focal lengths and principal point.
+    """
 
     width: int
     height: int
@@ -94,7 +109,7 @@ class PinholeCamera:
 
 @dataclass(frozen=True, eq=False)
 class SynthSequence:
-    """A synthetic sequence; frames are rendered when asked for, each the same whatever was rendered before.
+    """A synthetic sequence. Each frame is rendered on request and does not depend on the frames rendered before.
 
     Attributes
     ----------
@@ -102,9 +117,9 @@ class SynthSequence:
     seed : int
     options : SynthOptions
     camera : PinholeCamera
-        As stated to the user: wrong where ``options.focal_error`` is not 0.
+        The stated camera; its focal length is wrong where ``options.focal_error`` is not 0.
     true_camera : PinholeCamera
-        What the images were made with.
+        The camera by which the images are rendered.
     world : World
     poses : (N, 4, 4) float
         world_from_cam at the middle of each exposure, metres.
@@ -126,16 +141,26 @@ class SynthSequence:
     def render(self, index: int) -> tuple[Image, Floats32]:
         """Render one frame.
 
+        Parameters
+        ----------
+        index : int
+            Position of the frame, from 0.
+
         Returns
         -------
         image : (H, W, 3) uint8
             BGR.
         depth : (H, W) float32
-            Along the optical axis (z), metres, 0 where there is nothing.
+            Depth along the optical axis (z) in metres; 0 where there is no surface.
+
+        Raises
+        ------
+        IndexError
+            If the sequence has no such frame.
         """
         view = self._view(index)
         image = blur_along(view.image, self._half_flow(index, view)) if self.options.motion_blur else view.image
-        # Entropy of the frame alone, so that a frame does not depend on those rendered before.
+        # The generator is seeded for this frame, so that the frame does not depend on those rendered before.
         rng = np.random.default_rng([self.seed, index, 1])
         image = expose(image, self._gain(index), self.options.noise, rng)
         hit = view.inverse_depth > 0
@@ -143,13 +168,46 @@ class SynthSequence:
         return image, depth
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, float, Image, Floats32, Floats]]:
-        """Yield (index, timestamp_s, image, depth, world_from_cam) from ``start`` to before ``stop``."""
+        """Render frames in order.
+
+        Parameters
+        ----------
+        start : int
+            Position of the first frame.
+        stop : int, optional
+            Position after the last frame; by default the end of the sequence.
+
+        Yields
+        ------
+        index : int
+        timestamp_s : float
+        image : (H, W, 3) uint8
+        depth : (H, W) float32
+            As of :meth:`render`.
+        world_from_cam : (4, 4) float
+        """
         for index in range(len(self))[start:stop]:
             image, depth = self.render(index)
             yield index, float(self.timestamps_s[index]), image, depth, self.poses[index]
 
     def moving_mask(self, index: int) -> Bools:
-        """(H, W) bool: pixels of things that move on their own."""
+        """Find the pixels of moving objects in one frame.
+
+        Parameters
+        ----------
+        index : int
+            Position of the frame, from 0.
+
+        Returns
+        -------
+        (H, W) bool
+            True on objects that move on their own.
+
+        Raises
+        ------
+        IndexError
+            If the sequence has no such frame.
+        """
         return self._moving(self._view(index))
 
     def _view(self, index: int) -> View:
@@ -168,7 +226,7 @@ class SynthSequence:
         return 1.0 + self.options.exposure_change * math.sin(phase + rate * index)
 
     def _half_flow(self, index: int, view: View) -> Floats32:
-        """(H, W, 2) float32: how far pixels move from the middle of the exposure to its end."""
+        """(H, W, 2) float32: motion of each pixel from the middle of the exposure to its end."""
         import cv2
 
         half = 0.5 * self.options.motion_blur
@@ -203,10 +261,14 @@ def make_sequence(name: str, seed: int = 0, options: SynthOptions | None = None)
         Changes geometry, textures, path and noise; not negative.
     options : SynthOptions, optional
 
+    Returns
+    -------
+    SynthSequence
+
     Raises
     ------
     ValueError
-        Where the scene is unknown, naming those there are, or the seed is negative.
+        If the scene is unknown (the message lists the known ones), or if the seed is negative.
     """
     if name not in SCENES:
         raise ValueError(f"unknown scene {name!r}: use one of {', '.join(SCENES)}")

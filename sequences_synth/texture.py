@@ -1,8 +1,7 @@
-"""Procedural textures: 1/f clouds under shapes, lines and letters of many sizes, never repeated.
+"""Procedural textures: 1/f noise under shapes, lines and letters of many sizes, without repetition.
 
-Feature detectors need corners at every scale from which a surface may be seen, and matchers need each corner
-to look unlike its neighbours. So sizes follow a power law (as many marks per octave as fit) and nothing is
-tiled.
+Feature detectors need corners at every scale at which a surface may be seen. Therefore the sizes of the marks follow a
+power law. Matchers need each corner to look different from its neighbours. Therefore no texture is tiled.
 """
 
 from __future__ import annotations
@@ -21,25 +20,25 @@ Image = NDArray[np.uint8]
 Floats32 = NDArray[np.float32]
 Color = tuple[float, float, float]
 
-# One mark to so many texels on average: with about one texel to a pixel, 640x480 pixels show some 700 marks.
+# Average number of texels per mark: with about one texel per pixel, an image of 640x480 shows some 700 marks.
 _TEXELS_PER_MARK = 450
 # Smallest and largest radius of a mark in texels.
 _RADII = (2.0, 140.0)
-# Marks are drawn with 4 binary places below the texel.
+# Marks are drawn at positions with 4 binary places below the texel.
 _SHIFT = 4
 _GLYPHS = "ABCDEFGHJKLMNPQRSTUVWXYZ0123456789&%?#@"
 
 
 @dataclass(frozen=True)
 class Look:
-    """What a surface is made of.
+    """Appearance of a kind of surface.
 
     Attributes
     ----------
     base : tuple of BGR colours
-        One of them is the ground colour of a surface.
+        One of them, drawn at random, is the ground colour of a surface.
     accents : tuple of BGR colours
-        Marks take one of these, moved a little at random.
+        Each mark has one of these colours, changed a little at random.
     clouds : float
         Standard deviation of the 1/f noise in grey levels.
     grain : float
@@ -47,9 +46,9 @@ class Look:
     marks : dict of str to float
         Relative frequency of ``rectangle``, ``ellipse``, ``polygon``, ``line``, ``glyph``.
     blend : float
-        How far a mark's colour moves from the ground colour to the accent: 1 for prints, less for stains.
+        Colour of a mark between the ground colour (0) and the accent (1): high for prints, low for stains.
     patch_texels : int
-        Size of the patches of different colour under the marks, as of fields seen from above; 0 for none.
+        Size in texels of patches of different colour under the marks, like fields seen from above; 0 for none.
     """
 
     base: tuple[Color, ...]
@@ -66,6 +65,7 @@ _PRINTS: tuple[Color, ...] = (
     110), (95, 70, 130), (190, 175, 150), (30, 70, 110),
 )  # fmt: skip
 
+#: Looks by name.
 LOOKS: dict[str, Look] = {
     "wall": Look(
         base=((170, 190, 200), (185, 180, 165), (165, 185, 170), (150, 165, 190)),
@@ -132,12 +132,12 @@ LOOKS: dict[str, Look] = {
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """A texture that is painted when first seen, the same whenever that is.
+    """A texture that is painted at its first use; the result depends on the seed only.
 
     Attributes
     ----------
     seed : sequence of int
-        Entropy of this texture alone.
+        Entropy of this texture only.
     width, height : int
         Size in texels.
     look : str
@@ -151,10 +151,16 @@ class Texture:
 
     @cached_property
     def levels(self) -> list[Image]:
-        """(H, W, 3) uint8 BGR images, each half as large: texel s of level 0 is s / 2^k of level k."""
+        """Images of the texture, each half as large as the one before.
+
+        Returns
+        -------
+        list of (H, W, 3) uint8
+            BGR; texel s of level 0 lies at s / 2^k of level k.
+        """
         import cv2
 
-        # pyrDown keeps texel 2 s at s, so a level is a pure scaling of coordinates, with no half-texel shift.
+        # pyrDown maps texel 2 s to s, so that a level only scales the coordinates, without a shift by half a texel.
         levels = [_paint(np.random.default_rng(list(self.seed)), self.height, self.width, LOOKS[self.look])]
         while min(levels[-1].shape[:2]) > 8:
             levels.append(cast(Image, cv2.pyrDown(levels[-1])))
@@ -172,8 +178,7 @@ def _paint(rng: np.random.Generator, height: int, width: int, look: Look) -> Ima
         ground = ground + _patches(rng, height, width, look)
     canvas = np.clip(clouds[..., None] + ground, 0, 255).astype(np.uint8)
     _draw_marks(rng, canvas, base, look)
-    # A lens never passes an edge as sharp as one texel, and bilinear sampling is exact only on what is
-    # smooth.
+    # A lens blurs every edge, and bilinear sampling is accurate only on smooth textures.
     canvas = cast(Image, cv2.GaussianBlur(canvas, (0, 0), 0.7))
     grain = look.grain * _fractal_noise(rng, height, width, octaves=3)
     return cast(Image, cv2.add(canvas, cv2.merge([grain, grain, grain]), dtype=cv2.CV_8U))  # saturates
@@ -183,14 +188,14 @@ def _patches(rng: np.random.Generator, height: int, width: int, look: Look) -> F
     """(height, width, 3) colour offsets, constant on irregular patches: the cells of random points."""
     import cv2
 
-    step = 4  # the outlines of fields need not be sharper than this
+    step = 4  # patches are computed at a quarter of the resolution: their outlines need not be sharp
     rows, columns = -(-height // step), -(-width // step)
     count = max(2, height * width // look.patch_texels**2)
     points = rng.random((count, 2)) * (columns, rows)
     accents = np.asarray(look.accents)[rng.integers(len(look.accents), size=count)] - np.asarray(look.base[0])
     offsets = (0.45 * accents + rng.normal(0, 12, (count, 1)) + rng.normal(0, 4, (count, 3))).astype(np.float32)
     y, x = np.mgrid[:rows, :columns].astype(np.float32)
-    # Straight borders look drawn: bend them.
+    # The noise bends the borders, as straight ones look artificial.
     x += 4 * _fractal_noise(rng, rows, columns, octaves=5)
     nearest = np.full((rows, columns), np.inf, np.float32)
     cells = np.zeros((rows, columns), np.intp)
@@ -219,7 +224,7 @@ def _draw_marks(rng: np.random.Generator, canvas: Image, base: NDArray[np.float6
     height, width = canvas.shape[:2]
     count = max(12, height * width // _TEXELS_PER_MARK)
     largest = min(_RADII[1], 0.3 * min(height, width))
-    # Density of radii ~ r^-2.6: a little less area in each finer octave, many more marks.
+    # The density of the radii is proportional to r^-2.6: each finer octave has many more marks, of a little less area.
     low, high = _RADII[0] ** -1.6, max(largest, _RADII[0] + 1) ** -1.6
     radii = np.sort((low + rng.random(count) * (high - low)) ** (-1 / 1.6))[::-1]
     centres = rng.random((count, 2)) * (width, height)
@@ -240,7 +245,7 @@ def _draw_mark(
     angle: float,
     color: list[float],
 ) -> None:
-    """Draw one mark, edges anti-aliased."""
+    """Draw one mark with anti-aliased edges."""
     import cv2
 
     if kind == "glyph" and radius > 4:
@@ -273,7 +278,7 @@ def _draw_mark(
         turns = angle + np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 7))))
         outline = radius * np.column_stack([np.cos(turns), np.sin(turns)]) * rng.uniform(0.6, 1, (len(turns), 1))
     else:
-        # Rectangles, and glyphs too small to be letters: things made by people are mostly upright.
+        # Rectangles, and glyphs too small to be letters. Six of ten are nearly upright, as man-made objects are.
         tilt = rng.normal(0, 0.05) if rng.random() < 0.6 else angle
         half = radius * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * rng.uniform(0.3, 1, 2)
         outline = half @ np.array([[np.cos(tilt), np.sin(tilt)], [-np.sin(tilt), np.cos(tilt)]])

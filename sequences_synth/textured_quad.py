@@ -1,4 +1,4 @@
-"""Textured parallelograms, the only thing that worlds are made of."""
+"""Textured parallelograms (quads). Every surface of a world is a quad."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ __all__ = ["Painter", "Quad", "box"]
 
 Floats = NDArray[np.float64]
 
-# Textures of a world are at most this large (texels a side): beyond, painting takes longer than the sequence.
+# Largest side of a texture in texels: painting a larger one takes longer than rendering the sequence.
 _MAX_TEXELS = 4096
-# Light comes from above, and a little from the front left.
+# Direction towards the light: from above, and a little from the front left.
 _SUN = np.array([-0.35, -0.5, 0.79])
 
 
@@ -33,10 +33,10 @@ class Quad:
     light : float
         Factor on the texture's grey levels.
     one_sided : bool
-        Seen only where ``edge_u x edge_v`` points away from the camera, as u right, v down does (faces of
-        closed boxes).
+        If true, the quad is visible only where ``edge_u x edge_v`` points away from the camera, that is from the side
+        from which u runs right and v runs down. Used for the faces of closed boxes.
     displacement : callable or None
-        Moving objects: frame number -> displacement (3,) in metres.
+        For moving objects: frame number -> displacement (3,) in metres.
     """
 
     corner: Floats
@@ -48,11 +48,33 @@ class Quad:
     displacement: Callable[[float], Floats] | None = None
 
     def corner_at(self, frame: float) -> Floats:
-        """Where the corner (3,) is at a (real-valued) frame."""
+        """Compute the position of the corner at a frame.
+
+        Parameters
+        ----------
+        frame : float
+            Frame number, not necessarily whole.
+
+        Returns
+        -------
+        (3,) float
+            World frame, metres.
+        """
         return self.corner if self.displacement is None else self.corner + self.displacement(frame)
 
     def world_from_texel(self, frame: float) -> Floats:
-        """(3, 3) matrix that takes (s, t, 1) to world points."""
+        """Compute the matrix that maps texels to world points.
+
+        Parameters
+        ----------
+        frame : float
+            Frame number, not necessarily whole.
+
+        Returns
+        -------
+        (3, 3) float
+            Its product with (s, t, 1) is the world point of texel (s, t), metres.
+        """
         if self.displacement is None:
             return self._texel_frame
         return np.column_stack([self._texel_frame[:, :2], self.corner_at(frame)])
@@ -71,18 +93,20 @@ class Quad:
 
 @dataclass(eq=False)
 class Painter:
-    """Makes quads whose textures are all different and just fine enough for where they are seen from.
+    """Makes quads. All textures are different, and each is as fine as the distance of the camera requires.
 
     Attributes
     ----------
     seed : tuple of int
         Entropy of the world; each texture adds its number.
     focal_px : float
-        Focal length of the camera that will look.
+        Focal length of the camera in pixels.
     viewpoint : (3,) float
-        Where it looks from, about.
+        Approximate position of the camera in the world, metres.
     nearest_m : float
-        Nothing is looked at from less than this.
+        Least distance between the camera and any surface, metres.
+    count : int
+        Number of textures made so far.
     """
 
     seed: tuple[int, ...]
@@ -102,9 +126,26 @@ class Painter:
         displacement: Callable[[float], Floats] | None = None,
         nearest_m: float = 0.0,
     ) -> Quad:
-        """A quad with its own texture, about 1.1 texels to a pixel where it is nearest to the viewpoint.
+        """Make a quad with its own texture, of about 1.1 texels per pixel where it is nearest to the viewpoint.
 
-        ``nearest_m`` is for quads whose nearest part is never in view: the least distance of what is.
+        Parameters
+        ----------
+        corner, edge_u, edge_v : (3,) float
+            See :class:`Quad`.
+        look : str
+            Key of :data:`sequences_synth.texture.LOOKS`.
+        light : float
+            Factor on the texture's grey levels.
+        one_sided : bool
+            See :class:`Quad`.
+        displacement : callable, optional
+            See :class:`Quad`.
+        nearest_m : float
+            For a quad whose nearest part is never in view: the least distance of its visible part, metres.
+
+        Returns
+        -------
+        Quad
         """
         corner, edge_u, edge_v = (np.asarray(x, float) for x in (corner, edge_u, edge_v))
         grid = np.linspace(0, 1, 9)
@@ -122,24 +163,30 @@ class Painter:
 def box(
     painter: Painter, centre: Floats, size: Floats, yaw_rad: float, look: str, floating: bool = False
 ) -> list[Quad]:
-    """The faces of an upright box: four sides and the top; the bottom too where it floats.
+    """Make the faces of an upright box: four sides and the top.
 
     Parameters
     ----------
     painter : Painter
     centre : (3,) float
-        Centre of the bottom face, metres.
+        Centre of the bottom face in the world, metres.
     size : (3,) float
         Width, depth, height in metres.
     yaw_rad : float
-        Turn about the vertical.
+        Rotation about the vertical axis.
     look : str
+        Key of :data:`sequences_synth.texture.LOOKS`.
     floating : bool
+        Whether the box has a bottom face as well.
+
+    Returns
+    -------
+    list of Quad
     """
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     x, y, z = size[0] * np.array([c, s, 0]), size[1] * np.array([-s, c, 0]), size[2] * np.array([0, 0, 1.0])
     corner = np.asarray(centre, float) - 0.5 * x - 0.5 * y
-    # From outside, u runs right and v runs down.
+    # Seen from outside, u runs right and v runs down.
     faces = [
         (corner + z, x, -z), (corner + x + z, y, -z), (corner + x + y + z, -x, -z), (corner + y + z, -y, -z),
         (corner + y + z, x, -y),

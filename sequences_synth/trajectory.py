@@ -1,7 +1,7 @@
-"""Smooth camera paths: where a hand, a drone or a tripod carries the camera.
+"""Smooth camera paths, as of a camera on a hand, a drone or a tripod.
 
-World frames are z up; camera frames are optical (x right, y down, z forward). A path answers for every
-real-valued frame number, so that motion blur can look between the frames.
+The z axis of the world points up; camera frames are optical (x right, y down, z forward). A path is defined for every
+real-valued frame number, since motion blur needs poses between the frames.
 """
 
 from __future__ import annotations
@@ -16,23 +16,28 @@ __all__ = ["PROGRESS_RANGE", "Jitter", "Path", "orientation", "progress", "rotat
 
 Floats = NDArray[np.float64]
 
-# A path is laid out for 100 frames: progress runs from 0 to about 1 in them.
+# A path is designed for 100 frames, in which the progress runs from 0 to about 1.
 _FRAMES = 100.0
-# Longer sequences turn back instead of leaving the scene: progress is a sine whose slope is nearly 1 over the
-# first 100 frames, and these are the values that it can ever take.
+# In longer sequences the camera turns back, so that it does not leave the scene. For this, the progress is a sine whose
+# slope is nearly 1 over the first 100 frames. PROGRESS_RANGE holds its least and largest possible value.
 _PHASE = 0.5
 PROGRESS_RANGE = (float(np.sin(_PHASE)) - 1.0, float(np.sin(_PHASE)) + 1.0)
 
 
 def progress(frame: float, slow_start: float) -> float:
-    """How far along its path the camera is at a (real-valued) frame: 0 at frame 0, about 1 at frame 100.
+    """Compute the progress of the camera along its path: 0 at frame 0, about 1 at frame 100.
 
     Parameters
     ----------
     frame : float
-        Frame number; the camera rests before 0.
+        Frame number, not necessarily whole; the camera is at rest before 0.
     slow_start : float
-        Number of frames over which the speed rises smoothly from nothing.
+        Number of frames over which the speed rises smoothly from 0.
+
+    Returns
+    -------
+    float
+        In :data:`PROGRESS_RANGE`.
     """
     if frame <= 0:
         return 0.0
@@ -46,7 +51,22 @@ def progress(frame: float, slow_start: float) -> float:
 
 
 def orientation(yaw_rad: float, pitch_rad: float, roll_rad: float = 0.0) -> Floats:
-    """(3, 3) world_from_cam rotation: zero looks along world y, yaw turns left, pitch looks up."""
+    """Compute the rotation of a camera from yaw, pitch and roll; with zero angles it looks along the world's y axis.
+
+    Parameters
+    ----------
+    yaw_rad : float
+        Positive to the left.
+    pitch_rad : float
+        Positive upwards.
+    roll_rad : float
+        Rotation about the optical axis.
+
+    Returns
+    -------
+    (3, 3) float
+        Rotation world_from_cam.
+    """
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     yaw = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     c, s = np.cos(pitch_rad), np.sin(pitch_rad)
@@ -59,15 +79,16 @@ def orientation(yaw_rad: float, pitch_rad: float, roll_rad: float = 0.0) -> Floa
 
 @dataclass(frozen=True, eq=False)
 class Jitter:
-    """The tremor of a hand: three slow sines an axis.
+    """The tremor of a hand: a sum of three slow sines per axis.
 
     Attributes
     ----------
     angles_rad, offsets_m : (3, 3) float
-        Amplitudes, axis by sine.
+        Amplitudes of rotation and translation, axis by sine.
     rates_rad : (3, 3) float
-        Phase advance a frame.
+        Phase advance per frame.
     phases_rad : (3, 3) float
+        Phase at frame 0.
     """
 
     angles_rad: Floats
@@ -77,7 +98,20 @@ class Jitter:
 
     @staticmethod
     def draw(rng: np.random.Generator, angle_deg: float, offset_m: float) -> Jitter:
-        """Draw a tremor of about the given size, 0.6 to 3 Hz at 30 frames a second, slow sines the larger."""
+        """Draw a tremor of 0.6 to 3 Hz at 30 frames per second; slower sines have larger amplitudes.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+        angle_deg : float
+            Approximate amplitude of the rotation.
+        offset_m : float
+            Approximate amplitude of the translation.
+
+        Returns
+        -------
+        Jitter
+        """
         hertz = np.array([0.6, 1.5, 3.0]) * rng.uniform(0.8, 1.25, (3, 3))
         sizes = np.array([1.0, 0.5, 0.2]) * rng.uniform(0.6, 1.0, (3, 3))
         return Jitter(
@@ -88,7 +122,20 @@ class Jitter:
         )
 
     def at(self, frame: float) -> tuple[Floats, Floats]:
-        """Rotation vector (3,) in radians and offset (3,) in metres at a (real-valued) frame."""
+        """Compute the tremor at a frame.
+
+        Parameters
+        ----------
+        frame : float
+            Frame number, not necessarily whole.
+
+        Returns
+        -------
+        rotation : (3,) float
+            Rotation vector in the camera frame, radians.
+        offset : (3,) float
+            Translation in the world frame, metres.
+        """
         waves = np.sin(self.phases_rad + self.rates_rad * frame)
         return np.sum(self.angles_rad * waves, axis=1), np.sum(self.offsets_m * np.roll(waves, 1, axis=0), axis=1)
 
@@ -108,6 +155,7 @@ class Path:
     move_from : float
         Frame at which the translation starts.
     jitter : Jitter or None
+        Tremor on top of the steady path.
     """
 
     centre: Callable[[float], Floats]
@@ -117,14 +165,38 @@ class Path:
     jitter: Jitter | None = None
 
     def steady(self, moved: float, turned: float) -> Floats:
-        """(4, 4) world_from_cam at given progress of translation and rotation, without jitter."""
+        """Compute a pose of the steady path, without jitter.
+
+        Parameters
+        ----------
+        moved : float
+            Progress of the translation.
+        turned : float
+            Progress of the rotation.
+
+        Returns
+        -------
+        (4, 4) float
+            Pose world_from_cam, metres.
+        """
         pose = np.eye(4)
         pose[:3, :3] = orientation(*self.angles(turned))
         pose[:3, 3] = self.centre(moved)
         return pose
 
     def world_from_cam(self, frame: float) -> Floats:
-        """(4, 4) pose at a (real-valued) frame."""
+        """Compute the pose at a frame.
+
+        Parameters
+        ----------
+        frame : float
+            Frame number, not necessarily whole.
+
+        Returns
+        -------
+        (4, 4) float
+            Pose world_from_cam, metres.
+        """
         moved = progress(frame - self.move_from, self.slow_start)
         pose = self.steady(moved, progress(frame, self.slow_start))
         if self.jitter is not None:
@@ -135,7 +207,18 @@ class Path:
 
 
 def rotation_from_vector(vector_rad: Floats) -> Floats:
-    """(3, 3) rotation of a rotation vector (Rodrigues)."""
+    """Compute the rotation matrix of a rotation vector by Rodrigues' formula.
+
+    Parameters
+    ----------
+    vector_rad : (3,) float
+        Axis times angle.
+
+    Returns
+    -------
+    (3, 3) float
+        Rotation matrix.
+    """
     angle = float(np.linalg.norm(vector_rad))
     if angle == 0.0:
         return np.eye(3)

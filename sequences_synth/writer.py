@@ -1,7 +1,8 @@
-"""Write a sequence as an ordinary TUM-style folder."""
+"""Write a sequence as a folder in the layout of TUM RGB-D."""
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -17,42 +18,50 @@ __all__ = ["DEPTH_FACTOR", "write_tum"]
 
 Floats = NDArray[np.float64]
 
-# TUM RGB-D: a grey level of a 16-bit depth image is 1 / 5000 m. It reaches 13 m.
+#: Grey levels per metre of a 16-bit depth image of TUM RGB-D. The largest depth is then 13 m.
 DEPTH_FACTOR = 5000.0
-_MOST_DEPTH = 65535
+_MAX_DEPTH_LEVEL = 65535
 
 
-def write_tum(sequence: SynthSequence, folder: str | Path, progress: Callable[[int], None] | None = None) -> None:
+def write_tum(
+    sequence: SynthSequence, folder: str | os.PathLike[str], progress: Callable[[int], None] | None = None
+) -> None:
     """Write a sequence in the layout of TUM RGB-D.
 
-    ``rgb.txt`` and ``depth.txt`` (time stamp, file), ``groundtruth.txt`` (time stamp, tx ty tz, qx qy qz qw;
-    world_from_cam, metres), ``camera.yaml`` (the stated camera), ``images/000000.png`` (BGR),
-    ``depth/000000.png`` (16 bit, z-depth in metres times 5000, as TUM does, or
-    a tenth of it and so on where that does not reach; a comment in ``camera.yaml`` states it; 0 where there
-    is none).
+    The folder holds:
 
-    The folder appears whole or not at all: everything is written beside it and renamed at the end.
+    * ``rgb.txt`` and ``depth.txt``: time stamp, file;
+    * ``groundtruth.txt``: time stamp, tx ty tz, qx qy qz qw (world_from_cam, metres);
+    * ``camera.yaml``: the stated camera;
+    * ``images/000000.png`` and so on: BGR;
+    * ``depth/000000.png`` and so on: z-depth in metres times a factor, 16 bit; 0 where there is no surface.
+
+    The factor is 5000, as in TUM RGB-D. Where 16 bits do not reach the deepest point, it is divided by 10 until they
+    do. A comment in ``camera.yaml`` states the factor.
+
+    All files are written to a temporary folder beside the target, which is renamed at the end. If writing fails, the
+    target does not exist.
 
     Parameters
     ----------
     sequence : SynthSequence
-    folder : path
+    folder : str or path-like
         Must not exist, or be an empty folder.
     progress : callable, optional
-        Called with the number of frames written so far, after each.
+        Called after each frame with the number of frames written so far.
 
     Raises
     ------
     FileExistsError
-        Where ``folder`` is a file, or a folder that holds something.
+        If ``folder`` is a file, or a folder that is not empty.
     OSError
-        Where an image cannot be written.
+        If an image cannot be written.
     """
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise FileExistsError(f"{folder} exists already: name a new or an empty folder")
     folder.parent.mkdir(parents=True, exist_ok=True)
-    # Beside the target, so that the rename stays on one file system.
+    # The temporary folder is beside the target, so that both are on one file system and the rename works.
     partial = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:
         _write(sequence, partial, progress)
@@ -70,7 +79,7 @@ def _write(sequence: SynthSequence, folder: Path, progress: Callable[[int], None
     for index, _, image, depth, _ in sequence.frames():
         _write_png(folder / "images" / f"{index:06d}.png", image)
         levels = np.round(depth * factor)
-        levels[levels > _MOST_DEPTH] = 0  # out of the range of the format: no measurement
+        levels[levels > _MAX_DEPTH_LEVEL] = 0  # out of the range of the format: no measurement
         _write_png(folder / "depth" / f"{index:06d}.png", levels.astype(np.uint16))
         if progress is not None:
             progress(index + 1)
@@ -88,16 +97,16 @@ def _write(sequence: SynthSequence, folder: Path, progress: Callable[[int], None
 def _write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
     import cv2
 
-    # Level 1: noise does not compress, and the default takes three times as long.
+    # Compression level 1: noise cannot be compressed, and the default level takes three times as long.
     if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
         raise OSError(f"cannot write {path}")
 
 
 def _depth_factor(sequence: SynthSequence) -> float:
-    """TUM's factor, or a tenth of it and so on until the deepest point of the first and last frame fits."""
+    """TUM's factor, divided by 10 until the deepest point of the first and last frame fits into 16 bits."""
     deepest = max(float(sequence.render(index)[1].max()) for index in {0, len(sequence) - 1})
     factor = DEPTH_FACTOR
-    while 1.5 * deepest * factor > _MOST_DEPTH:
+    while 1.5 * deepest * factor > _MAX_DEPTH_LEVEL:
         factor /= 10
     return factor
 

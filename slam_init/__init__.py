@@ -1,36 +1,56 @@
 """Monocular SLAM initialization: from a video to a bundle-adjusted map, on planes too, or a reason why not.
 
 The names below are loaded when they are first used, so that ``import slam_init`` and the command line stay quick.
+Attempts and refusals are told to the logger ``slam_init`` at the levels INFO and DEBUG; the library prints nothing.
 """
 
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from slam_init import moved
 
 if TYPE_CHECKING:
     from slam_init.calibration.files import load_camera
     from slam_init.config import Config, load_config
-    from slam_init.datasets import open_source
-    from slam_init.errors import SlamInitError
+    from slam_init.datasets.opening import open_source
+    from slam_init.errors import CalibrationError, ConfigError, OutputError, SlamInitError, SourceError
     from slam_init.initializer import Initializer
     from slam_init.output.results import load_graph
     from slam_init.runner import run
     from slam_init.status import Status
     from slam_init.types.camera import Camera
-    from slam_init.types.frame import Frame
-    from slam_init.types.initial_map import InitialMap
-    from slam_init.types.result import Result
+    from slam_init.types.frame import Frame, Observations
+    from slam_init.types.gates import Gate
+    from slam_init.types.initial_map import InitialMap, Keyframe
+    from slam_init.types.pose import Pose, Trajectory
+    from slam_init.types.reasons import Verdict
+    from slam_init.types.result import Attempt, Result
+
+    __version__: str
 
 __all__ = [
+    "Attempt",
+    "CalibrationError",
     "Camera",
     "Config",
+    "ConfigError",
     "Frame",
+    "Gate",
     "InitialMap",
     "Initializer",
+    "Keyframe",
+    "Observations",
+    "OutputError",
+    "Pose",
     "Result",
     "SlamInitError",
+    "SourceError",
     "Status",
+    "Trajectory",
+    "Verdict",
+    "__version__",
     "load_camera",
     "load_config",
     "load_graph",
@@ -38,24 +58,48 @@ __all__ = [
     "run",
 ]
 
-_HOME = {
+_HOMES = {
+    "Attempt": "types.result",
+    "CalibrationError": "errors",
     "Camera": "types.camera",
     "Config": "config",
+    "ConfigError": "errors",
     "Frame": "types.frame",
+    "Gate": "types.gates",
     "InitialMap": "types.initial_map",
     "Initializer": "initializer",
+    "Keyframe": "types.initial_map",
+    "Observations": "types.frame",
+    "OutputError": "errors",
+    "Pose": "types.pose",
     "Result": "types.result",
     "SlamInitError": "errors",
+    "SourceError": "errors",
     "Status": "status",
+    "Trajectory": "types.pose",
+    "Verdict": "types.reasons",
     "load_camera": "calibration.files",
     "load_config": "config",
     "load_graph": "output.results",
-    "open_source": "datasets",
+    "open_source": "datasets.opening",
     "run": "runner",
 }
 
+moved.install()
 
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(import_module(f"slam_init.{_HOME[name]}"), name)
+
+def __getattr__(name: str) -> object:
+    if name == "__version__":
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            return version("slam-init")
+        except PackageNotFoundError:
+            return "0+unknown"
+    if name in _HOMES:
+        return getattr(import_module(f"slam_init.{_HOMES[name]}"), name)
     raise AttributeError(f"module 'slam_init' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 from slam_init.errors import CalibrationError, OutputError, SlamInitError
 from slam_init.process_io import InterruptsNoted, NativeStderrSilenced, complain, fill_closed_streams, tell
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
     from slam_init.types.camera import Camera
     from slam_init.types.frame import Source
+
+    _Commands: TypeAlias = "argparse._SubParsersAction[_Parser]"
 
 __all__ = ["entry_point", "main"]
 
@@ -105,6 +107,14 @@ def _parser() -> _Parser:
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="run, synth, info or compare")
 
+    _add_run(commands)
+    _add_synth(commands)
+    _add_info(commands)
+    _add_compare(commands)
+    return parser
+
+
+def _add_run(commands: _Commands) -> None:
     run = commands.add_parser("run", help="initialize from a sequence", allow_abbrev=False)
     run.description = "Read frames until a map is found; write it, and a recording of how, to a folder."
     run.set_defaults(command=_run)
@@ -129,6 +139,8 @@ def _parser() -> _Parser:
     run.add_argument("--json", action="store_true", help="print the summary as JSON and nothing else")
     run.add_argument("--quiet", action="store_true", help="print nothing but errors (and --json)")
 
+
+def _add_synth(commands: _Commands) -> None:
     synth = commands.add_parser("synth", help="write a synthetic sequence", allow_abbrev=False)
     synth.description = "Render a synthetic sequence into a folder in the layout of TUM RGB-D."
     synth.set_defaults(command=_synth)
@@ -137,11 +149,15 @@ def _parser() -> _Parser:
     synth.add_argument("--seed", type=int, default=0, metavar="N", help="of the world (default: 0)")
     synth.add_argument("--frames", type=int, metavar="N", help="number of frames (default: 100)")
 
+
+def _add_info(commands: _Commands) -> None:
     info = commands.add_parser("info", help="tell what a sequence holds", allow_abbrev=False)
     info.set_defaults(command=_info)
     _add_source(info, default=None)
     info.add_argument("--json", action="store_true", help="print it as JSON")
 
+
+def _add_compare(commands: _Commands) -> None:
     compare = commands.add_parser("compare", help="compare methods on the same trials", allow_abbrev=False)
     compare.description = "Run methods on the same tracks from many starts; write tables, statistics and a report."
     compare.set_defaults(command=_compare)
@@ -166,7 +182,6 @@ def _parser() -> _Parser:
     compare.add_argument("--memory-limit", type=int, default=6000, metavar="MB", help="of a trial (default: 6000 MB)")
     compare.add_argument("--recordings", action="store_true", help="write a recording of each trial")
     compare.add_argument("--out", metavar="DIR", default=_DEFAULT_COMPARISON, help="results (default: %(default)s)")
-    return parser
 
 
 def _add_source(parser: argparse.ArgumentParser, default: str | None) -> None:

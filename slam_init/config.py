@@ -1,19 +1,23 @@
 """Every number that a user may want to change, with the reason for its default.
 
-The tree is written as ``config.toml`` beside the results and read back with ``--config``; unknown keys are refused.
-Names that end in ``_px`` are pixels of the original image; ``min_distance`` is a share of the image width. The noise of
-the tracks is measured, and most gates are multiples of it.
+The configuration is written as ``config.toml`` beside the results and read back with ``--config``; unknown keys are
+refused. Names that end in ``_px`` are pixels of the original image; ``min_distance`` is a share of the image width. The
+noise of the tracks is measured, and most gates are multiples of the noise.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import os
 import tomllib
+import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import TypeVar, get_type_hints
 
 from slam_init.errors import ConfigError
+from slam_init.types.display import Described
 
 __all__ = [
     "AcceptanceConfig",
@@ -26,7 +30,9 @@ __all__ = [
     "load_config",
 ]
 
-#: Where a number beyond a range crashes a library, or never ends.
+_Section = TypeVar("_Section")
+
+#: Ranges outside of which a number crashes a library, or a run never ends.
 _RANGES: dict[str, tuple[float, float]] = {
     "tracking.max_tracks": (10, 100_000),
     "tracking.window_px": (3, 201),
@@ -40,28 +46,34 @@ _RANGES: dict[str, tuple[float, float]] = {
     "map.min_motion_share": (0, 1),
     "map.max_voting_views": (1, 100),
 }
+#: Old key -> new key; the old ones still work, with a warning, and are dropped in version 0.3.
+RENAMED_OPTIONS = {
+    "acceptance.min_shared_error_px": "min_correlated_error_px",
+    "acceptance.min_turning_residual": "min_rotation_only_residual",
+}
 
 
 @dataclass(frozen=True)
 class TrackingConfig:
     """Features and tracks (:mod:`slam_init.frontend.tracks`)."""
 
-    #: Corners followed at a time. The direction of the baseline gets more certain with their square root; 800 keep
-    #: one core within a 30 Hz frame.
+    #: Number of corners that are followed at a time. The standard deviation of the baseline's direction falls with the
+    #: square root of the number; with 800 corners one core keeps up with 30 Hz.
     max_tracks: int = 800
-    #: Corners are kept this far apart, as a share of the image width: 8 px of 640, so that they spread.
+    #: Least distance between corners, as a share of the image width: 8 px of 640, so that the corners spread.
     min_distance: float = 0.0125
-    #: New corners are sought when this share of the wanted ones is lost.
+    #: New corners are detected when this share of ``max_tracks`` is lost.
     refill_share: float = 0.25
-    #: Window and pyramid of the Lucas-Kanade tracker: a 21 px window over 4 octaves follows 80 px of motion.
+    #: Window and pyramid of the Lucas-Kanade tracker: a window of 21 px over 4 octaves follows 80 px of motion.
     window_px: int = 21
     pyramid_levels: int = 3
-    #: Forward and backward tracks must meet within this: a track off by more is not a 1 px measurement.
+    #: Largest distance between a corner and its track followed forward and backward: a track that misses by more does
+    #: not have the accuracy of 1 px.
     forward_backward_px: float = 0.7
-    #: Below this share of surviving tracks, descriptors are tried as well and the better link wins: half of the tracks
-    #: gone from one frame to the next is not video any more (or a cut, a blurred frame).
+    #: If fewer tracks than this share survive, SIFT descriptors are matched as well and the better link is used. Video
+    #: does not lose half of its tracks from one frame to the next; a photo set, a cut or a blurred frame does.
     flow_survival: float = 0.5
-    #: SIFT keypoints an image, Lowe's ratio, and how many of the last frames a new frame is matched with.
+    #: SIFT keypoints per image, Lowe's ratio, and the number of last frames that a new frame is matched with.
     sift_features: int = 2500
     sift_ratio: float = 0.8
     sift_frames: int = 4
@@ -71,32 +83,32 @@ class TrackingConfig:
 class KeyframeConfig:
     """Keyframe manager (:mod:`slam_init.frontend.keyframes`)."""
 
-    #: Candidate reference frames kept at a time: each costs about a millisecond a frame, and eight reach back over 70
-    #: frames of slow video.
+    #: Number of candidate reference frames: each costs about a millisecond per frame, and eight of them reach back over
+    #: 70 frames of slow video.
     window: int = 8
-    #: A frame becomes a candidate when it shares less than this with the last candidate ...
+    #: A frame becomes a candidate when it shares fewer tracks than this share with the last candidate ...
     new_overlap: float = 0.8
-    #: ... or, in a slow video, after so many frames.
+    #: ... or, in a slow video, after this number of frames.
     new_after_frames: int = 10
-    #: A pair needs this many common tracks: the epipolar geometry has five unknowns, a decision between two motions
-    #: needs votes by the dozen (see quest.alternatives.decides).
+    #: Least number of common tracks of a pair: the epipolar geometry has five unknowns, and the decision between two
+    #: motions needs votes by the dozen (see quest.estimate.decides).
     min_matches: int = 40
-    #: A pair is tried again when it promises this much more than at its last failure, or after a while: trying each
-    #: frame costs time and brings the same answer.
+    #: A pair is tried again when its direction score is higher by this factor than at its last failure, or after a
+    #: wait: a try at every frame costs time and gives the same result.
     retry_gain: float = 1.15
-    #: A failure by a wide margin waits for more, but for no more than this: the scene may change.
+    #: A failure by a wide margin waits for a larger gain, but not for more than this: the scene may change.
     max_retry_gain: float = 3.0
 
 
 @dataclass(frozen=True)
 class TwoViewConfig:
-    """Two-view bootstrap (:mod:`quest.estimate`)."""
+    """Relative pose of a pair (:mod:`quest.estimate`)."""
 
-    #: Outlier threshold in pixels: three standard deviations of a 0.7 px feature. The estimator lowers it where the
-    #: tracks are better.
+    #: Outlier threshold in pixels: three standard deviations of a feature with 0.7 px of noise. The estimator lowers
+    #: the threshold where the tracks are better.
     threshold_px: float = 2.0
-    #: The motion must explain this share of the common tracks: a scene of which more moves by itself is not one that a
-    #: single rigid motion describes.
+    #: Least share of the common tracks that the motion must explain: if more than half of the scene moves by itself,
+    #: one rigid motion does not describe it.
     min_inlier_share: float = 0.5
 
 
@@ -104,70 +116,91 @@ class TwoViewConfig:
 class MapConfig:
     """Triangulation, further views and bundle adjustment."""
 
-    #: Views in the map besides the pair: enough to tell a plane from its twin and to average the tracks' noise; every
-    #: one costs bundle adjustment time.
+    #: Number of views in the map besides the pair: enough to distinguish a plane from its twin and to average the
+    #: noise; each view costs bundle adjustment time.
     max_further_views: int = 4
-    #: Views that vote where a plane has two explanations: their points need no adjustment, so there may be more.
+    #: Number of views that vote on the two explanations of a plane: their points need no adjustment, so there may be
+    #: more of them.
     max_voting_views: int = 8
-    #: Further views have at least this share of the pair's baseline, where there are such: the error of a baseline's
-    #: direction grows with the inverse of its length, by a third here.
+    #: Further views have at least this share of the pair's baseline, if there are such views: the direction error of a
+    #: baseline grows with the inverse of its length, by a third here.
     min_motion_share: float = 0.75
-    #: A further view must see this many of the map's landmarks: 40 coordinates for six unknowns leave enough over to
-    #: disagree with a wrong map.
+    #: Least number of landmarks that a further view must see: 40 coordinates for six unknowns can contradict a wrong
+    #: map.
     min_resected: int = 20
-    #: Landmarks whose relative depth is less certain than this are left out (one standard deviation): from here on one
-    #: in 160 would lie behind the camera by noise alone (2.5 deviations).
+    #: Landmarks with a larger relative standard deviation of the depth are dropped: beyond this value one in 160 would
+    #: lie behind the camera by noise alone (2.5 standard deviations).
     max_depth_sigma: float = 0.4
-    #: Residuals beyond this many standard deviations are outliers: one in 3000 of a 2-D Gaussian. At three, one in 90
-    #: right observations is lost, and more where the noise is underestimated: poses were a fifth less accurate.
+    #: Residuals beyond this number of standard deviations are outliers: one in 3000 of a 2-D Gaussian. With three
+    #: standard deviations one in 90 correct observations is lost, and more where the noise is underestimated: the poses
+    #: were a fifth less accurate.
     outlier_sigmas: float = 4.0
-    #: Noise of a track before the residuals tell better: two to five times what flow shows on sharp video, so that blur
-    #: and drift are not taken for motion.
+    #: Noise of a track before it is measured: two to five times the noise of optical flow on sharp video, so that blur
+    #: and drift do not count as motion.
     noise_px: float = 0.5
-    #: No estimate goes below this: errors that tracks share (drift, lens) are not seen in their residuals.
+    #: Lower limit of the measured noise: correlated tracking errors (drift, lens) do not show in the residuals.
     min_noise_px: float = 0.1
-    #: Whether the focal length is adjusted with the map. A few views that hardly turn cannot tell it, and a calibration
-    #: is mostly better than what they say; worth it where the stated one is from a data sheet, or from memory.
+    #: Whether bundle adjustment adjusts the focal length. A few views with little rotation cannot determine it, and a
+    #: calibration is mostly better; the option helps where the stated focal length is from a data sheet or a guess.
     refine_focal: bool = False
-    #: How far the stated focal length may be off then: relative standard deviation of the prior. Data sheets and zoom
-    #: scales are off by a twentieth; for a guess from the image size take 0.3.
+    #: Relative standard deviation of the prior of the focal length: data sheets and zoom scales are off by 5 %; for a
+    #: guess from the image size use 0.3.
     focal_sigma: float = 0.05
 
 
 @dataclass(frozen=True)
 class AcceptanceConfig:
-    """When a map is handed over (:mod:`slam_init.decision.map_gates`)."""
+    """Gates that a map has to pass (:mod:`slam_init.decision`)."""
 
-    #: As in ORB-SLAM and stella_vslam: what tracking goes on from.
+    #: Least number of landmarks, as in ORB-SLAM and stella_vslam: tracking needs them.
     min_landmarks: int = 50
-    #: Bound on the error of the direction of the baseline: three standard deviations and what tracks share. A map
-    #: is wrong from 15 degrees on; a third of that is left for what a noise model does not hold.
+    #: Bound of the direction error of the baseline: three standard deviations and the correlated tracking error. A map
+    #: is wrong from 15 degrees on; a third of this is left for errors that the noise model does not know.
     max_direction_error_deg: float = 10.0
-    #: Error that tracks share and that does not average out. It is measured for each pair
-    #: (:mod:`slam_init.decision.correlated_error`); less than this is not believed, since what a motion took in does not show: three
-    #: times the 0.05 px by which interpolation between pixels misleads a tracker.
+    #: Lower limit of the correlated tracking error, which does not average out. It is measured for each pair
+    #: (:mod:`slam_init.decision.correlated_error`). The part that the estimated motion absorbed does not show, so a
+    #: smaller value is not trusted: this is three times the 0.05 px by which interpolation between pixels misleads a
+    #: tracker.
     min_correlated_error_px: float = 0.15
-    #: By what share the focal length may be off, as those of data sheets and zooms are: the direction may not turn by
-    #: more than the bound if it is.
+    #: Assumed relative error of the focal length, as of data sheets and zooms: it must not turn the direction by more
+    #: than the bound.
     focal_error: float = 0.05
-    #: Median relative uncertainty of the landmarks' depths (one standard deviation). One degree of parallax, which
-    #: ORB-SLAM and stella_vslam ask for, is 0.18 at 1 px of noise and a focal length of 460 px.
+    #: Largest median of the landmarks' relative standard deviation of the depth. One degree of parallax, which ORB-SLAM
+    #: and stella_vslam require, is 0.18 at 1 px of noise and a focal length of 460 px.
     max_median_depth_sigma: float = 0.18
-    #: Share of the pair's tracks that are landmarks in the end: where most of what is seen does not follow the motion,
-    #: or has no measurable depth, the motion may be that of something else.
+    #: Least share of the pair's tracks that become landmarks: if most tracks do not follow the motion, or have no
+    #: measurable depth, the motion may be that of a moving body.
     min_explained: float = 0.5
-    #: What a turning camera with a focal length off by up to a tenth leaves of the matches must be more than noise and
-    #: three times what tracks share, or there may be no translation at all: their ratio, after four standard deviations
-    #: of chance.
+    #: Least residual of the explanation by a rotation-only camera with a focal length off by up to 10 %, as a multiple
+    #: of its expected residual: noise, three times the correlated tracking error, and four standard deviations of
+    #: chance. Below 1 there may be no translation at all.
     min_rotation_only_residual: float = 1.0
-    #: Share of the landmarks' observations by further views that agree with the two-view map: as many as a scene with
-    #: 30 % of moving objects can have. Sound maps showed 0.9 and more.
+    #: Least share of the observations by further views that agree with the two-view map: a scene with 30 % of moving
+    #: objects has this share. Correct maps had 0.9 and more.
     min_further_agreement: float = 0.7
 
 
-@dataclass(frozen=True)
-class Config:
-    """All options of a run."""
+@dataclass(frozen=True, repr=False)
+class Config(Described):
+    """All options of a run.
+
+    Attributes
+    ----------
+    method : str
+        Name of the method (``quest``, ``orb-slam3``, ...), or ``package.module:attribute``.
+    seed : int
+        Seed of all random draws and of synthetic worlds.
+    tracking : TrackingConfig
+        Features and tracks.
+    keyframes : KeyframeConfig
+        Keyframe manager.
+    two_view : TwoViewConfig
+        Relative pose of a pair.
+    map : MapConfig
+        Triangulation, further views and bundle adjustment.
+    acceptance : AcceptanceConfig
+        Gates that a map has to pass.
+    """
 
     method: str = "quest"
     seed: int = 0
@@ -177,19 +210,49 @@ class Config:
     map: MapConfig = field(default_factory=MapConfig)
     acceptance: AcceptanceConfig = field(default_factory=AcceptanceConfig)
 
+    def changed(self) -> dict[str, object]:
+        """The options that differ from the defaults.
 
-def load_config(path: Path | None, overrides: dict[str, Any] | None = None) -> Config:
-    """Read a TOML file over the defaults, then apply top-level overrides (None values are ignored).
+        Returns
+        -------
+        dict of str to object
+            ``section.option`` -> value.
+        """
+        return {name: value for name, value in _flat(self).items() if value != _flat(Config())[name]}
+
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        changed = {k: v for k, v in self.changed().items() if k not in ("method", "seed")}
+        facts = [(name, str(value)) for name, value in list(changed.items())[:4]]
+        more = [("...", f"{len(changed) - 4} more")] if len(changed) > 4 else []
+        rest = "all other options at their defaults" if changed else "all options at their defaults"
+        return f"method {self.method}, seed {self.seed}, {rest}", [*facts, *more]
+
+
+def load_config(path: str | os.PathLike[str] | None, overrides: Mapping[str, object] | None = None) -> Config:
+    """Read a TOML file over the defaults, then apply top-level overrides.
+
+    Parameters
+    ----------
+    path : str, path or None
+        The file; without one the defaults hold.
+    overrides : mapping of str to object, optional
+        Top-level options; those that are None are ignored.
+
+    Returns
+    -------
+    Config
 
     Raises
     ------
     ConfigError
-        Where the file cannot be read or parsed, or holds an unknown key or a value of the wrong type.
+        Where the file cannot be read or parsed, or holds an unknown key or a value of the wrong type. The name of the
+        method is checked when the method is made.
     """
-    table: dict[str, Any] = {}
+    table: dict[str, object] = {}
     if path is not None:
+        path = Path(path)
         try:
-            if path.exists() and not path.is_file():  # a pipe would be waited for
+            if path.exists() and not path.is_file():  # a pipe would block for ever
                 raise ConfigError(f"cannot read {path}: it is no regular file")
             table = tomllib.loads(path.read_text(encoding="utf-8"))
         except OSError as error:
@@ -197,26 +260,49 @@ def load_config(path: Path | None, overrides: dict[str, Any] | None = None) -> C
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise ConfigError(f"{path} is not valid TOML: {error}") from None
     table |= {key: value for key, value in (overrides or {}).items() if value is not None}
-    config: Config = _build(Config, table, where=str(path) if path else "options", prefix="")
-    return config
+    return _build(Config, table, where=str(path) if path else "options", prefix="")
 
 
 def config_toml(config: Config) -> str:
-    """The resolved configuration as TOML text that :func:`load_config` reads back."""
+    """The resolved configuration as TOML text that :func:`load_config` reads back.
+
+    Parameters
+    ----------
+    config : Config
+
+    Returns
+    -------
+    str
+    """
     import tomli_w
 
     return tomli_w.dumps(dataclasses.asdict(config))
 
 
-def _build(cls: Any, table: dict[str, Any], where: str, prefix: str) -> Any:
+def _flat(config: Config) -> dict[str, object]:
+    """``section.option`` -> value."""
+    flat: dict[str, object] = {}
+    for item in dataclasses.fields(config):
+        value = getattr(config, item.name)
+        if dataclasses.is_dataclass(value):
+            flat |= {f"{item.name}.{option.name}": getattr(value, option.name) for option in dataclasses.fields(value)}
+        else:
+            flat[item.name] = value
+    return flat
+
+
+def _build(cls: type[_Section], table: Mapping[str, object], where: str, prefix: str) -> _Section:
     types = get_type_hints(cls)
-    values = {}
-    for key, value in table.items():
+    values: dict[str, object] = {}
+    for old_key, value in table.items():
+        key = RENAMED_OPTIONS.get(prefix + old_key, old_key)
+        if key != old_key:
+            warnings.warn(f"{where}: {prefix + old_key} is now {prefix + key}", DeprecationWarning, stacklevel=2)
         if key not in types:
             known = ", ".join(types)
             raise ConfigError(f"{where}: unknown key {prefix + key!r}; known here: {known}")
         wanted = types[key]
-        if dataclasses.is_dataclass(wanted):
+        if dataclasses.is_dataclass(wanted) and isinstance(wanted, type):
             if not isinstance(value, dict):
                 raise ConfigError(f"{where}: {prefix + key} must be a table")
             values[key] = _build(wanted, value, where, f"{prefix}{key}.")
@@ -225,7 +311,7 @@ def _build(cls: Any, table: dict[str, Any], where: str, prefix: str) -> Any:
     return cls(**values)
 
 
-def _number_or_text(wanted: type, value: Any, where: str, key: str) -> Any:
+def _number_or_text(wanted: type, value: object, where: str, key: str) -> object:
     if wanted is float and type(value) is int:
         value = float(value)
     if type(value) is not wanted:
@@ -235,7 +321,7 @@ def _number_or_text(wanted: type, value: Any, where: str, key: str) -> Any:
     least, most = _RANGES.get(key, (float("-inf"), float("inf")))
     if isinstance(value, int | float) and not least <= value <= most:
         raise ConfigError(f"{where}: {key} is {value!r}: it must lie in {least} .. {most}")
-    # Sizes, counts and thresholds all are positive numbers; the seed may be zero.
+    # Sizes, counts and thresholds are positive numbers; the seed may be zero.
     if isinstance(value, int | float) and not (0 < value < float("inf") or (key == "seed" and value == 0)):
         raise ConfigError(f"{where}: {key} is {value!r}: it must be a positive number")
     return value

@@ -1,8 +1,9 @@
-"""What can be wrong with the caller or the data, as opposed to the scene.
+"""Exceptions for errors of the caller or of the data.
 
-A scene that does not allow initialization is not an error: it is a :class:`slam_init.types.result.Result` with a
-``reason``. The classes here mean that somebody has to change an argument or a file, and their message is one line
-that names what is wrong and what to do about it. The command line prints that line and exits with code 2.
+A scene that does not allow initialization is not an error: the result is then a
+:class:`slam_init.types.result.Result` with a ``reason``. An exception of this module means that the user has to change
+an argument or a file. Its message is one line that names the error and the remedy. The command line prints this line
+and exits with code 2.
 """
 
 from __future__ import annotations
@@ -11,11 +12,11 @@ __all__ = ["CalibrationError", "ConfigError", "OutputError", "SlamInitError", "S
 
 
 class SlamInitError(Exception):
-    """Base of everything that this package raises on purpose. The message is one line for a person."""
+    """Base of all exceptions of this package. The message is one line for the user."""
 
 
 class SourceError(SlamInitError):
-    """A video, folder or image cannot be read as asked."""
+    """A video, folder or image cannot be read."""
 
 
 class CalibrationError(SlamInitError):
@@ -23,8 +24,8 @@ class CalibrationError(SlamInitError):
 
 
 class ConfigError(SlamInitError):
-    """A configuration file or option holds something unknown or out of range."""
+    """A configuration file or option has an unknown name, or a value that is out of range."""
 
 
 class OutputError(SlamInitError):
-    """Results cannot be written where the caller asked for them."""
+    """Results cannot be written to the requested place."""

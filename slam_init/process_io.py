@@ -1,4 +1,4 @@
-"""What a command shares with the process that started it: standard streams and the interrupt."""
+"""Standard streams and interrupts of a command, which it shares with the process that started it."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ __all__ = ["InterruptsNoted", "NativeStderrSilenced", "complain", "fill_closed_s
 
 
 def fill_closed_streams() -> None:
-    """Give standard streams that the caller closed to the null device.
+    """Connect standard streams that the caller closed to the null device.
 
-    Otherwise the next file that is opened becomes standard output, and gets what is printed.
+    Otherwise the next file that is opened would become the standard output, and printed text would go into it.
     """
     for descriptor in (0, 1, 2):
         try:
             os.fstat(descriptor)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, which is this one
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free descriptor, which is this one
     if sys.stdout is None:
         sys.stdout = os.fdopen(1, "w", closefd=False)
     if sys.stderr is None:
@@ -30,15 +30,20 @@ def fill_closed_streams() -> None:
 
 
 def tell(text: str) -> None:
-    """Write to stdout. A reader that has seen enough and left changes nothing.
+    """Write to the standard output. If the reader of a pipe has closed it, the text is dropped without an error.
+
+    Parameters
+    ----------
+    text : str
+        With line ends. Characters that the encoding of the stream lacks are escaped.
 
     Raises
     ------
     OutputError
-        Where it cannot be written for another reason.
+        If the text cannot be written for another reason.
     """
     try:
-        # Names hold letters that not every stream takes.
+        # File names may hold characters that the encoding of the stream lacks.
         encoding = sys.stdout.encoding or "utf-8"
         sys.stdout.write(text.encode(encoding, "backslashreplace").decode(encoding))
         sys.stdout.flush()
@@ -47,24 +52,30 @@ def tell(text: str) -> None:
     except OSError as error:
         _drop_stdout()
         raise OutputError(
-            f"cannot write to standard output ({error.strerror}): redirect it to where there is room"
+            f"cannot write to standard output ({error.strerror}): redirect it to a place with free space"
         ) from None
 
 
 def _drop_stdout() -> None:
-    # What is left in the buffer would fail once more, with a message, when Python flushes it at exit.
+    # Python flushes the rest of the buffer at exit. Without the null device this would fail again, with a message.
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 1)
     os.close(null)
 
 
 class InterruptsNoted:
-    """While open, an interrupt is remembered as well as raised."""
+    """A context manager that records an interrupt in ``seen`` and raises it as usual.
+
+    Attributes
+    ----------
+    seen : bool
+        Whether an interrupt has come since the start of the context.
+    """
 
     def __enter__(self) -> InterruptsNoted:
         self.seen = False
         self._before = None
-        # Only the main thread may handle signals; where interrupts are ignored (nohup, &), they stay so.
+        # Only the main thread may handle signals. If interrupts are ignored (nohup, &), they stay ignored.
         if threading.current_thread() is threading.main_thread():
             self._before = signal.getsignal(signal.SIGINT)
         if self._before is signal.default_int_handler:
@@ -81,14 +92,20 @@ class InterruptsNoted:
 
 
 def complain(message: str) -> None:
-    """Write one line to stderr."""
+    """Write a message to the standard error as one line that starts with ``slam-init:``.
+
+    Parameters
+    ----------
+    message : str
+        Its line breaks are replaced by spaces.
+    """
     print("slam-init:", " ".join(message.splitlines()), file=sys.stderr)
 
 
 class NativeStderrSilenced:
-    """While open, what C libraries print on file descriptor 2 goes nowhere; Python's own stderr still works.
+    """A context manager that drops the output of C libraries on file descriptor 2; ``sys.stderr`` still works.
 
-    The decoders inside OpenCV describe a broken file in lines of their own, which no log level stops.
+    The decoders in OpenCV print lines about a broken file that no log level suppresses.
     """
 
     def __enter__(self) -> None:
@@ -97,7 +114,7 @@ class NativeStderrSilenced:
         self._stderr = sys.stderr
         try:
             redirect = sys.stderr.fileno() == 2
-        except (OSError, ValueError):  # a stderr that is no file
+        except (OSError, ValueError):  # a stderr that is not a file
             redirect = False
         if redirect:
             sys.stderr = os.fdopen(os.dup(2), "w", buffering=1, errors="backslashreplace")

@@ -25,6 +25,7 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 WORLDS = ("room", "wall", "nadir", "nadir-turn", "corridor", "desk", "rotation", "rotate-then-move", "static")
 SEEDS = (0, 1, 2)
@@ -58,6 +59,13 @@ FILES = (
 )
 #: Keys of the summary that depend on the machine, or that name the version.
 _NOT_COMPARED = ("timing_ms", "schema", "provenance")
+#: Gates that had another name in schema 1 of the summary.
+_OLD_GATES = {
+    "rotation_px": "turned_px",
+    "direction_correlated_deg": "direction_shared_deg",
+    "direction_jackknife_deg": "direction_spread_deg",
+    "rotation_only_residual": "turning_residual",
+}
 
 
 def cases(data: Path) -> Iterator[tuple[str, list[str]]]:
@@ -102,8 +110,57 @@ def run_case(arguments: list[str]) -> dict[str, object]:
         return {"exit_code": code, "stderr": errors.getvalue(), "sha256": hashes, "summary": summary}
 
 
-def differences(before: dict[str, dict[str, object]], after: dict[str, dict[str, object]]) -> list[str]:
-    """One line for each run whose exit code or files differ."""
+def figures(summary: dict[str, Any]) -> dict[str, object]:
+    """All figures of a summary by name, flat, under the names that schema 1 gave them.
+
+    Texts are left out, since a text may be reworded without a change of the result.
+    """
+    attempts = summary.get("attempts", [])
+    flat = _flat({key: value for key, value in summary.items() if key != "attempts"}, "")
+    for k, attempt in enumerate(attempts):
+        evidence = attempt["evidence"] if "evidence" in attempt else _evidence_of_schema_1(attempt)
+        rows = {"verdict": attempt["verdict"], "progress": attempt["progress"], "frames": attempt["frames"]}
+        flat |= _flat(rows | {name.replace("_needed", "_gate"): value for name, value in evidence.items()}, f"{k}.")
+    return flat
+
+
+def _evidence_of_schema_1(attempt: dict[str, Any]) -> dict[str, object]:
+    """The evidence of an attempt of schema 2, with the keys of schema 1."""
+    evidence: dict[str, object] = dict(attempt["preview"] or {}) | attempt["method_evidence"]
+    if two_view := attempt["two_view"]:
+        named = {f"two_view_{name}": value for name, value in two_view.items() if name != "statistics"}
+        evidence |= named | {f"two_view_{name}": value for name, value in two_view["statistics"].items()}
+        evidence["shared_error_px"] = two_view["correlated_error_px"]
+    if rotation_only := attempt["rotation_only"]:
+        evidence["turning_focal_factor"] = rotation_only["focal_factor"]
+        evidence["suspected_focal_factor"] = rotation_only["suspected_focal_factor"]
+    if vote := attempt["vote"]:
+        for rival in vote["rivals"]:
+            name = f"rival{rival['rival']}"
+            evidence |= {f"{name}_log_likelihood": rival["log_likelihood"], f"{name}_z": rival["z"]}
+        plane = vote["plane"] or {"log_likelihood": None, "z": None}
+        evidence |= {"plane_log_likelihood": plane["log_likelihood"], "plane_z": plane["z"]}
+        evidence["near_rival_deg"] = vote["near_rival_deg"]
+    if map_ := attempt["map"]:
+        evidence |= {"reprojection_rmse_px": map_["reprojection_rmse_px"], "cause": map_["failure"]}
+    for gate in attempt["gates"]:
+        name = _OLD_GATES.get(gate["name"], gate["name"])
+        evidence |= {name: gate["value"], f"{name}_gate": gate["threshold"]}
+    return evidence
+
+
+def _flat(value: object, prefix: str) -> dict[str, object]:
+    """Leaves of nested objects and lists by path, without texts that no decision depends on."""
+    if isinstance(value, dict):
+        return {k: v for key, item in value.items() for k, v in _flat(item, f"{prefix}{key}.").items()}
+    if isinstance(value, list):
+        return {k: v for i, item in enumerate(value) for k, v in _flat(item, f"{prefix}{i}.").items()}
+    text = isinstance(value, str) and not prefix.endswith(("verdict.", "reason.", "kind.", "status."))
+    return {} if text or value is None else {prefix: value}
+
+
+def differences(before: dict[str, dict[str, Any]], after: dict[str, dict[str, Any]]) -> list[str]:
+    """One line for each run whose exit code, files or figures differ."""
     lines = [f"{name}: only in one of the tables" for name in sorted(set(before) ^ set(after))]
     for name in sorted(set(before) & set(after)):
         old, new = before[name], after[name]
@@ -111,6 +168,10 @@ def differences(before: dict[str, dict[str, object]], after: dict[str, dict[str,
             lines.append(f"{name}: exit code {old['exit_code']} became {new['exit_code']}")
         if old["sha256"] != new["sha256"]:
             lines.append(f"{name}: files differ")
+        old_figures, new_figures = figures(old["summary"]), figures(new["summary"])
+        changed = [key for key, value in old_figures.items() if new_figures.get(key) != value]
+        if changed:
+            lines.append(f"{name}: {len(changed)} figures of the summary differ, e.g. {', '.join(changed[:3])}")
     return lines
 
 
@@ -128,9 +189,9 @@ def main() -> int:
             before, after = ({k: v for k, v in table.items() if options.only in k} for table in (before, after))
         lines = differences(before, after)
         files = sum(len(entry["sha256"]) for entry in after.values())
-        same = sum(entry["summary"] == before.get(name, {}).get("summary") for name, entry in after.items())
+        compared = sum(len(figures(entry["summary"])) for entry in before.values())
         print("\n".join(lines or ["no differences"]))
-        print(f"{len(after)} runs, {files} files, {len(lines)} runs differ; {same} summaries are equal as they stand")
+        print(f"{len(after)} runs, {files} files, {compared} figures of summaries; {len(lines)} differences")
         digest = hashlib.sha256(json.dumps({k: v["sha256"] for k, v in sorted(after.items())}).encode()).hexdigest()
         print(f"digest of all hashes: {digest}")
         return 1 if lines else 0

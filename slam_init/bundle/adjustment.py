@@ -1,15 +1,18 @@
-"""Bundle adjustment of the initial map, from the first guess to the map that is handed over.
+"""Bundle adjustment of the initial map, from the first estimate to the final map.
 
-Recipe: a robust kernel first (Cauchy), then the outliers out, then a least-squares polish on the camera's own model.
-The map is scaled so that the median depth of the landmarks in the first view is 1.
+Recipe: minimize with a robust kernel (Cauchy), remove the outliers, then minimize the least-squares error in the full
+model of the camera. The map is scaled so that the median depth of the landmarks in the first view is 1.
 
-gtsam's Levenberg-Marquardt does not complain about a point with one view, a NaN, or a point behind a camera: these
-are checked here, and a failure is a value with its cause.
+gtsam's Levenberg-Marquardt reports no error for a point with one view, for a NaN, or for a point behind a camera. These
+cases are checked here. A failure is returned as a value with its cause.
 
-Focal length: held as stated, or with ``refine_focal`` an unknown. It is adjusted in rounds: everything else first, the
-camera held, with the robust kernel and without outliers; from there by Newton's method in the focal length
-(:mod:`slam_init.bundle.focal`); then anew with the new camera, under which other observations may be outliers. The
-two-view stage goes before: its bearings are those of the stated camera, whatever is found here.
+Focal length: held as stated, or with ``refine_focal`` an unknown. It is adjusted in rounds of three steps:
+
+1. Adjust everything else with a held camera, by the recipe above.
+2. Continue by Newton's method in the focal length (:mod:`slam_init.bundle.focal`).
+3. If the focal length has changed, start again with the new camera, under which other observations may be outliers.
+
+The two-view stage comes before bundle adjustment. Its bearings are always those of the stated camera.
 """
 
 from __future__ import annotations
@@ -26,31 +29,37 @@ from slam_init.config import MapConfig
 from slam_init.types.arrays import Bools
 from slam_init.types.camera import Camera
 
-__all__ = ["adjust"]
+__all__ = ["adjust", "fit_with_held_camera"]
 
-#: Tracks whose residuals are this many times the expected noise are no tracks of one rigid scene.
+#: If the estimated noise is this many times the expected one, the tracks are not those of one rigid scene.
 _WORST_NOISE = 10.0
-#: Rounds end where the focal length moves by less: 0.3 px at the border of the image, no other outliers.
+#: Rounds end when the relative change of the focal length is smaller. Such a change moves a pixel at the border of the
+#: image by 0.3 px, which does not make other observations outliers.
 _FOCAL_TOLERANCE, _FOCAL_ROUNDS = 1e-3, 5
 
 
 def adjust(camera: Camera, problem: BundleProblem, config: MapConfig) -> BundleSolution | BundleFailure:
-    """Adjust poses and landmarks, and the focal length where the configuration says so; see the module docstring.
+    """Adjust poses and landmarks, and the focal length if ``config.refine_focal`` is set; see the module docstring.
 
     Parameters
     ----------
     camera : Camera
-        As stated.
+        The stated camera.
     problem : BundleProblem
-        World frame = camera frame of the first view.
+        The first estimate. The world frame is the camera frame of the first view.
     config : MapConfig
+
+    Returns
+    -------
+    BundleSolution or BundleFailure
+        The failure is falsy and names its cause.
     """
     start = _scale_to_median_depth(problem)
     if start is None:
         return BundleFailure("no landmark lies in front of the first camera")
     prior = FocalPrior(camera, config.focal_sigma) if config.refine_focal else None
     try:
-        fit = _fit(camera, start, config)
+        fit = fit_with_held_camera(camera, start, config)
         if prior is not None and isinstance(fit, BundleFit):
             fit = _fit_focal(prior, start, fit, config)
         if isinstance(fit, BundleFailure):
@@ -78,18 +87,37 @@ def adjust(camera: Camera, problem: BundleProblem, config: MapConfig) -> BundleS
     )
 
 
-def _fit(camera: Camera, start: BundleProblem, config: MapConfig) -> BundleFit | BundleFailure:
-    """Robust, then without outliers in least squares, the camera held."""
-    # The robust stage only has to tell the outliers: the last digits are left to the polish.
+def fit_with_held_camera(camera: Camera, start: BundleProblem, config: MapConfig) -> BundleFit | BundleFailure:
+    """Adjust poses and landmarks: with a robust kernel, then without outliers in least squares.
+
+    Parameters
+    ----------
+    camera : Camera
+        Held.
+    start : BundleProblem
+        The first estimate.
+    config : MapConfig
+
+    Returns
+    -------
+    BundleFit or BundleFailure
+        The fit has no outliers, and its median depth in the first view is 1.
+
+    Raises
+    ------
+    RuntimeError
+        By gtsam, for a singular system or a landmark behind a camera.
+    """
+    # The robust stage only has to identify the outliers; the least-squares stage reaches the full precision.
     robust, errors = optimize(camera, start, config.noise_px, robust=True, iterations=8, tolerance=1e-3)
     residuals = robust.residuals(camera)
     noise_px = estimate_noise(robust, residuals, config)
     if noise_px > _WORST_NOISE * config.noise_px:
-        return BundleFailure(f"the tracks disagree with every map by {noise_px:.0f} px")
-    # NaN, behind a camera, is no inlier.
+        return BundleFailure(f"no map fits the tracks: the residuals are {noise_px:.0f} px")
+    # The residual of a landmark behind a camera is NaN, which is not an inlier.
     inlying: Bools = np.asarray(np.linalg.norm(residuals, axis=1) < config.outlier_sigmas * noise_px)
     cleaned = robust.keep(inlying)
-    # Asked of the views that are left: a landmark may have lost the one that gave it its parallax.
+    # The parallax is checked in the remaining views: a landmark may have lost the view that gave it its parallax.
     certain: Bools = np.asarray(cleaned.parallax_rad() > min_parallax_rad(camera, noise_px, config))
     cleaned = cleaned.keep(certain[cleaned.landmarks])
     if (failure := _cannot_be_solved(cleaned)) is not None:
@@ -98,26 +126,26 @@ def _fit(camera: Camera, start: BundleProblem, config: MapConfig) -> BundleFit |
     final = _scale_to_median_depth(polished)
     if final is None:
         return BundleFailure("no landmark lies in front of the first camera")
-    before: Bools = np.asarray(np.isfinite(final.residuals(camera)).all(axis=1))
-    if not before.all():
-        final = final.keep(before)
+    in_front: Bools = np.asarray(np.isfinite(final.residuals(camera)).all(axis=1))
+    if not in_front.all():
+        final = final.keep(in_front)
         if (failure := _cannot_be_solved(final)) is not None:
             return failure
     return BundleFit(camera, final, (*errors, *more))
 
 
 def _fit_focal(prior: FocalPrior, start: BundleProblem, fit: BundleFit, config: MapConfig) -> BundleFit | BundleFailure:
-    """The focal length as well, from a fit with the stated one: see the module docstring."""
+    """Adjust the focal length as well, starting from a fit with the stated one; see the module docstring."""
     joint = adjust_focal(prior, fit, config)
     for _ in range(_FOCAL_ROUNDS):
         if abs(joint.camera.fx / fit.camera.fx - 1) < _FOCAL_TOLERANCE:
             break
         try:
-            again = _fit(joint.camera, start, config)
+            again = fit_with_held_camera(joint.camera, start, config)
         except RuntimeError:  # as in adjust
             break
         if isinstance(again, BundleFailure):
-            break  # the last one stands
+            break  # the last fit is the result
         fit = again._replace(errors=(*joint.errors, *again.errors))
         joint = adjust_focal(prior, fit, config)
     final = _scale_to_median_depth(joint.problem)
@@ -133,18 +161,18 @@ def _scale_to_median_depth(problem: BundleProblem) -> BundleProblem | None:
 
 
 def _cannot_be_solved(problem: BundleProblem) -> BundleFailure | None:
-    """A graph that has more unknowns than it can fix, which gtsam would not say."""
+    """A failure if the observations do not determine all unknowns, a case that gtsam does not always report."""
     seen = np.bincount(problem.views, minlength=len(problem.frames))
     if len(problem.points) < 6:
-        return BundleFailure(f"only {len(problem.points)} landmarks are left after the outliers are out")
+        return BundleFailure(f"only {len(problem.points)} landmarks remain after the removal of outliers")
     if seen.min() < 6:
         weakest = problem.frames[int(np.argmin(seen))]
-        return BundleFailure(f"frame {weakest} sees only {int(seen.min())} landmarks after the outliers are out")
+        return BundleFailure(f"frame {weakest} sees only {int(seen.min())} landmarks after the removal of outliers")
     return None
 
 
 def _same_landmarks(start: BundleProblem, final: BundleProblem) -> BundleProblem:
-    """The start, reduced to the landmarks of the final map and brought to its scale by the median depth ratio."""
+    """The first estimate, reduced to the landmarks of the final map. Its median depth in the first view was 1."""
     position = {track: i for i, track in enumerate(start.track_ids.tolist())}
     rows = np.array([position[track] for track in final.track_ids.tolist()], np.int64)
     points = start.points[rows]

@@ -1,8 +1,8 @@
-"""The focal length as an unknown of bundle adjustment that all views share, with a prior: by Newton's method.
+"""Adjusts the focal length, an unknown that all views share and that has a prior, by Newton's method.
 
-fx and fy keep their ratio, and all else of the camera is held. A camera that does not turn cannot tell the focal length
-(stretch the scene along the optical axis, and a longer lens shows the same), so that the prior decides there, and the
-standard deviation says so.
+fx and fy keep their ratio, and all other parameters of the camera are held. The images of a camera that does not rotate
+do not determine the focal length: a longer lens sees a scene that is stretched along the optical axis in the same way.
+In this case the result is that of the prior, and the standard deviation is that of the prior as well.
 """
 
 from __future__ import annotations
@@ -20,36 +20,65 @@ from slam_init.types.camera import Camera
 
 __all__ = ["adjust_focal", "camera_with_focal_factor"]
 
-#: Newton's steps in the focal length end after one that lowers the error by less than this share: of a thousand
-#: observations by 0.01, a seventh of a standard deviation, and the next one would be smaller by far.
+#: Newton's method ends after a step that lowers the error by less than this share. With a thousand observations this
+#: is 0.01, a seventh of a standard deviation of the focal length, and the next step would be much smaller.
 _NEWTON_TOLERANCE, _NEWTON_STEPS = 1e-5, 10
-#: Tried shares of a step. A full one is mostly right; shorter ones are for maps that are wrong.
+#: Shares of a step that are tried in this order. The full step is mostly right; shorter ones are for wrong maps.
 _STEP_SHARES = (1.0, 0.5, 0.25, 0.1)
-#: A focal length that is wrong by more is no matter of adjustment.
+#: Range of the focal length over the stated one. A larger error cannot be corrected by adjustment.
 _FACTORS = (0.1, 10.0)
 
 
 def camera_with_focal_factor(camera: Camera, factor: float) -> Camera:
-    """The camera with its focal lengths times a factor, as the adjustment changes them.
+    """Multiply the focal lengths of a camera by a factor, as the adjustment does.
 
-    Principal point and distortion coefficients are held. A camera with k3 is adjusted on undistorted pixels, which the
-    factor must not change: there the coefficients belong to the image, and in units of the new focal length they are
-    others.
+    Principal point and distortion coefficients are held, except for a camera with k3. Such a camera is adjusted on
+    undistorted pixels, which the factor must not change. Therefore its coefficients are converted to units of the new
+    focal length.
+
+    Parameters
+    ----------
+    camera : Camera
+    factor : float
+        Positive.
+
+    Returns
+    -------
+    Camera
+
+    Raises
+    ------
+    CalibrationError
+        If the new focal length is impossible.
     """
     fx, fy = factor * camera.fx, factor * camera.fy
     if not is_undistorted_first(camera):
         return replace(camera, fx=fx, fy=fy)
-    powers = (2, 4, 1, 1, 6)  # of k1, k2, p1, p2, k3: each with the degree of its term, less one
+    powers = (2, 4, 1, 1, 6)  # for k1, k2, p1, p2, k3: the degree of the term, less one
     distortion = tuple(k * factor**power for k, power in zip(camera.distortion, powers, strict=True))
     return replace(camera, fx=fx, fy=fy, distortion=distortion)
 
 
 def adjust_focal(prior: FocalPrior, fit: BundleFit, config: MapConfig) -> BundleFit:
-    """Newton's method in the focal length, all else at its optimum for it: before, and again after each step.
+    """Adjust the focal length by Newton's method. Poses and landmarks are optimized again after each step.
 
-    Everything at once would creep: a twentieth more of focal length is a twentieth less of rotation and of the points'
-    width, and the square of a twentieth is a pixel. Nor is it left to gtsam's Levenberg-Marquardt: to a factor with a
-    variable calibration a landmark behind the camera costs nothing, so that it would be pushed there.
+    Adjusting all unknowns at once converges very slowly: 5 % more focal length needs 5 % less rotation and 5 % less
+    width of the points, and the error of second order (5 % squared) is already a pixel. gtsam's Levenberg-Marquardt is
+    not used for the focal length: in a factor with a variable calibration a landmark behind the camera has no error, so
+    that landmarks would be pushed there.
+
+    Parameters
+    ----------
+    prior : FocalPrior
+        The stated camera, and the standard deviation of its focal length.
+    fit : BundleFit
+        At the optimum for its camera.
+    config : MapConfig
+
+    Returns
+    -------
+    BundleFit
+        With the adjusted camera; the given fit if no step lowers the error.
     """
     camera, problem, errors = fit
     noise_px = least_squares_noise(problem, problem.residuals(camera), config)
@@ -57,7 +86,7 @@ def adjust_focal(prior: FocalPrior, fit: BundleFit, config: MapConfig) -> Bundle
     error = float(graph.error(values))
     for _ in range(_NEWTON_STEPS):
         try:
-            # The step of all unknowns: its part in the focal length is Newton's.
+            # The step in all unknowns; its component in the focal length is the Newton step.
             step = graph.linearize(values).optimize()
         except RuntimeError:  # how gtsam reports singular systems and cheirality
             break
@@ -71,9 +100,10 @@ def adjust_focal(prior: FocalPrior, fit: BundleFit, config: MapConfig) -> Bundle
                 polished, more = optimize(
                     tried, read_problem(moved, problem), noise_px, robust=False, iterations=15, tolerance=1e-6
                 )
-            except (RuntimeError, CalibrationError):  # too far: a shorter step, or the last fit stands
+            except (RuntimeError, CalibrationError):  # the step is too long: try a shorter one
                 continue
-            # Asked first: gtsam tells of a landmark behind a camera of variable calibration on the standard output.
+            # Checked before the graph is evaluated: gtsam prints a message to the standard output for each landmark
+            # behind a camera with a variable calibration.
             if not np.isfinite(polished.residuals(tried)).all():
                 continue
             graph_there, values_there = build_graph(tried, polished, noise_px, robust=False, prior=prior)

@@ -1,10 +1,10 @@
-"""The factor graph of bundle adjustment and its optimum: the only module of the pipeline that imports gtsam.
+"""The factor graph of bundle adjustment and its optimum. No other module of the pipeline imports gtsam.
 
-Variables: ``X(frame)`` are poses, ``L(track)`` landmarks, and ``K(0)`` is the calibration where it is adjusted; else it
-is held.
+Variables: ``X(frame)`` are poses world_from_cam, ``L(track)`` are landmarks. ``K(0)`` is the calibration if the focal
+length is adjusted; otherwise the calibration is held.
 
-Gauge: the first pose is held by a tight prior and the distance between the first camera and the one farthest from it
-by a range factor.
+Gauge: a tight prior holds the first pose. A range factor holds the distance between the first camera and the one
+farthest from it.
 """
 
 from __future__ import annotations
@@ -38,43 +38,76 @@ __all__ = [
 
 #: Tuning constant with 95 % efficiency on Gaussian residuals (Holland and Welsch 1977).
 _CAUCHY = 2.3849
-#: As good as fixed, and much faster than constrained noise in gtsam.
+#: Standard deviation that practically fixes a variable; much faster than constrained noise in gtsam.
 _GAUGE_SIGMA = 1e-6
-#: The scale, relative. It is free otherwise, so the optimum does not depend on this; but a stiff range is a curved
-#: constraint along which the optimizer can only creep: with 1e-6 it stopped at 2 to 4 px from starts 3 px off.
+#: Relative standard deviation of the range factor. The optimum does not depend on it, as the scale is otherwise free.
+#: But a stiff range is a curved constraint along which the optimizer makes only small steps: with 1e-6 it stopped at 2
+#: to 4 px from starts 3 px off.
 _SCALE_SIGMA = 1e-3
-#: How well fy / fx is held where the focal length is adjusted: data tell it to a thousandth at best. Stiffer, and the
-#: difference of two large numbers in the elimination leaves nothing of what the data say of their sum.
+#: Relative standard deviation of fy / fx if the focal length is adjusted. The data determine this ratio to a thousandth
+#: at best. With a smaller value, rounding in the elimination destroys the information about the common focal length.
 _ASPECT_SIGMA = 1e-5
 #: The gauge in words.
 GAUGE = "first pose fixed (prior, 1e-6); distance from the first camera to the farthest one held (prior, 1e-3 of it)"
 
 
 def pose_key(frame: int) -> int:
-    """The gtsam key ``X(frame)`` of a keyframe's pose, world_from_cam."""
+    """Make the gtsam key ``X(frame)`` of the pose of a keyframe.
+
+    Parameters
+    ----------
+    frame : int
+        Absolute index of the frame.
+
+    Returns
+    -------
+    int
+    """
     import gtsam
 
     return int(gtsam.symbol("x", frame))
 
 
 def landmark_key(track_id: int) -> int:
-    """The gtsam key ``L(track_id)`` of a landmark."""
+    """Make the gtsam key ``L(track_id)`` of a landmark.
+
+    Parameters
+    ----------
+    track_id : int
+
+    Returns
+    -------
+    int
+    """
     import gtsam
 
     return int(gtsam.symbol("l", track_id))
 
 
 def calibration_key() -> int:
-    """The gtsam key ``K(0)`` of the calibration, where the focal length is adjusted."""
+    """Make the gtsam key ``K(0)`` of the calibration.
+
+    Returns
+    -------
+    int
+    """
     import gtsam
 
     return int(gtsam.symbol("k", 0))
 
 
 def gtsam_calibration(camera: Camera) -> Any:
-    """The camera as gtsam knows it: Cal3_S2, Cal3DS2 or Cal3Fisheye.
+    """Convert a camera to a calibration of gtsam.
 
     gtsam's Cal3DS2 has no k3. A camera with k3 is adjusted on undistorted pixels, as a Cal3_S2.
+
+    Parameters
+    ----------
+    camera : Camera
+
+    Returns
+    -------
+    gtsam.Cal3_S2, gtsam.Cal3DS2 or gtsam.Cal3Fisheye
     """
     import gtsam
 
@@ -87,27 +120,53 @@ def gtsam_calibration(camera: Camera) -> Any:
 
 
 def is_undistorted_first(camera: Camera) -> bool:
-    """Whether the camera has k3, so that factors measure undistorted pixels."""
+    """Tell whether a camera has k3, so that its factors measure undistorted pixels.
+
+    Parameters
+    ----------
+    camera : Camera
+
+    Returns
+    -------
+    bool
+    """
     return camera.model == "radtan" and len(camera.distortion) == 5 and camera.distortion[4] != 0
 
 
 def measured_pixels(camera: Camera, pixels: Floats) -> Floats:
-    """The pixels that factors on :func:`gtsam_calibration` measure: raw ones, undistorted for a camera with k3."""
+    """Convert raw pixels to the pixels that the factors of :func:`projection` measure.
+
+    Parameters
+    ----------
+    camera : Camera
+    pixels : (N, 2) float
+        Raw pixels.
+
+    Returns
+    -------
+    (N, 2) float
+        Undistorted pixels for a camera with k3; otherwise the raw ones.
+    """
     if not is_undistorted_first(camera):
         return pixels
     return camera.normalize(pixels) * (camera.fx, camera.fy) + (camera.cx, camera.cy)
 
 
 def projection(camera: Camera, noise: Any, *, adjusted: bool) -> Callable[[Floats, int, int], Any]:
-    """What makes a reprojection factor of a measured pixel, the key of a pose and the key of a landmark.
+    """Make a function that makes reprojection factors.
 
     Parameters
     ----------
     camera : Camera
-    noise
-        gtsam noise model of a pixel.
+    noise : gtsam.noiseModel.Base
+        Noise model of a pixel.
     adjusted : bool
-        Whether the calibration is the variable ``K(0)``; else it is held.
+        Whether the calibration is the variable ``K(0)``; otherwise it is held.
+
+    Returns
+    -------
+    callable
+        Measured pixel (2,), key of the pose, key of the landmark -> factor.
     """
     import gtsam
 
@@ -123,9 +182,23 @@ def projection(camera: Camera, noise: Any, *, adjusted: bool) -> Callable[[Float
 def build_graph(
     camera: Camera, problem: BundleProblem, noise_px: float, *, robust: bool, prior: FocalPrior | None = None
 ) -> tuple[Any, Any]:
-    """The factor graph and values of a problem: reprojection factors, pose prior, baseline range.
+    """Build the factor graph of a problem: reprojection factors, pose prior, baseline range.
 
-    With a prior of the focal length the calibration is a variable; its value is that of ``camera``.
+    Parameters
+    ----------
+    camera : Camera
+    problem : BundleProblem
+    noise_px : float
+        Standard deviation of one coordinate of a pixel.
+    robust : bool
+        Whether the reprojection factors have a Cauchy kernel.
+    prior : FocalPrior, optional
+        If given, the calibration is a variable with this prior; its value is that of ``camera``.
+
+    Returns
+    -------
+    graph : gtsam.NonlinearFactorGraph
+    values : gtsam.Values
     """
     import gtsam
 
@@ -157,7 +230,7 @@ def build_graph(
 
 
 def _calibration_prior(prior: FocalPrior) -> Any:
-    """A factor on ``K(0)``: its prior sigma along (fx, fy); their ratio and all other parameters held."""
+    """A prior factor on ``K(0)``: loose along (fx, fy); tight for their ratio and for all other parameters."""
     import gtsam
 
     mean = gtsam_calibration(prior.camera)
@@ -167,7 +240,7 @@ def _calibration_prior(prior: FocalPrior) -> Any:
     whiten = np.eye(mean.dim()) / _GAUGE_SIGMA
     whiten[0, :2] = along / (prior.sigma * length)
     whiten[1, :2] = np.array([-along[1], along[0]]) / (_ASPECT_SIGMA * length)
-    # gtsam wants the square root of the information as an upper triangle.
+    # gtsam requires the square root of the information matrix in upper triangular form.
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(np.linalg.qr(whiten)[1])
     return getattr(gtsam, f"PriorFactor{type(mean).__name__}")(calibration_key(), mean, noise)
 
@@ -175,7 +248,34 @@ def _calibration_prior(prior: FocalPrior) -> Any:
 def optimize(
     camera: Camera, problem: BundleProblem, noise_px: float, *, robust: bool, iterations: int, tolerance: float
 ) -> tuple[BundleProblem, list[float]]:
-    """The optimum for a held camera, and the root mean square residual at the start and after each iteration."""
+    """Optimize poses and landmarks for a held camera.
+
+    Parameters
+    ----------
+    camera : Camera
+    problem : BundleProblem
+        The start.
+    noise_px : float
+        Standard deviation of one coordinate of a pixel.
+    robust : bool
+        Whether the reprojection factors have a Cauchy kernel.
+    iterations : int
+        Largest number of iterations of Levenberg-Marquardt.
+    tolerance : float
+        Relative decrease of the error below which the iterations end.
+
+    Returns
+    -------
+    problem : BundleProblem
+        The optimum.
+    errors : list of float
+        Root mean square residual in pixels at the start and after each iteration.
+
+    Raises
+    ------
+    RuntimeError
+        If the error is not finite at the end; also by gtsam, for a singular system.
+    """
     import gtsam
 
     graph, values = build_graph(camera, problem, noise_px, robust=robust)
@@ -191,12 +291,22 @@ def optimize(
 
 
 def _rms_px(error: float, noise_px: float, problem: BundleProblem) -> float:
-    """Root mean square of the 2-D residuals, of gtsam's error."""
+    """Root mean square of the 2-D residuals from the error that gtsam computes."""
     return float(noise_px * np.sqrt(2 * error / len(problem.views)))
 
 
 def read_problem(values: Any, problem: BundleProblem) -> BundleProblem:
-    """The problem with the poses and points of some values."""
+    """Replace the poses and points of a problem by those of gtsam values.
+
+    Parameters
+    ----------
+    values : gtsam.Values
+    problem : BundleProblem
+
+    Returns
+    -------
+    BundleProblem
+    """
     poses = tuple(_pose(values.atPose3(pose_key(frame))) for frame in problem.frames)
     points = np.array([values.atPoint3(landmark_key(track)) for track in problem.track_ids.tolist()])
     return replace(problem, world_from_cam=poses, points=points.reshape(-1, 3))
@@ -207,7 +317,20 @@ def _pose(pose3: Any) -> Pose:
 
 
 def read_focal_factor(camera: Camera, values: Any) -> float:
-    """The focal length of some values over that of the stated camera."""
+    """Read the focal length of gtsam values over that of the stated camera.
+
+    Parameters
+    ----------
+    camera : Camera
+        The stated camera.
+    values : gtsam.Values
+        Must hold ``K(0)``.
+
+    Returns
+    -------
+    float
+        The ratio; 1 if the focal length was not changed.
+    """
     at = getattr(values, f"at{type(gtsam_calibration(camera)).__name__}")
     calibration = at(calibration_key())
     return float(np.sqrt(calibration.fx() * calibration.fy()) / camera.focal_px)
@@ -216,7 +339,25 @@ def read_focal_factor(camera: Camera, values: Any) -> float:
 def marginal_covariances(
     graph: Any, values: Any, frames: tuple[int, ...], prior: FocalPrior | None
 ) -> tuple[Floats, float]:
-    """Marginal covariances (K, 6, 6) of the poses, and the variance of fx in square pixels; 0 where it is held."""
+    """Compute the marginal covariances of the poses and of the focal length.
+
+    Parameters
+    ----------
+    graph : gtsam.NonlinearFactorGraph
+    values : gtsam.Values
+        The optimum of the graph.
+    frames : tuple of int
+        Absolute indices of the K views.
+    prior : FocalPrior or None
+        None if the calibration is held.
+
+    Returns
+    -------
+    pose_covariances : (K, 6, 6) float
+        In gtsam's tangent order (rotation, translation), in the camera frame.
+    focal_variance : float
+        Variance of fx in square pixels; 0 if the calibration is held.
+    """
     import gtsam
 
     marginals = gtsam.Marginals(graph, values)

@@ -1,6 +1,6 @@
-"""The noise of the tracks as bundle adjustment sees it, and the parallax that it asks of a landmark.
+"""The noise of the tracks, estimated from the residuals of bundle adjustment, and the parallax that a landmark needs.
 
-The noise is estimated from the residuals, so that the covariances mean what they say.
+The covariances of the map are computed with the estimated noise, not with the configured one.
 """
 
 from __future__ import annotations
@@ -16,7 +16,21 @@ __all__ = ["estimate_noise", "least_squares_noise", "min_parallax_rad"]
 
 
 def estimate_noise(problem: BundleProblem, residuals: Floats, config: MapConfig) -> float:
-    """Standard deviation of one coordinate of one observation, robust, corrected for the fitted unknowns."""
+    """Estimate the noise from the median of the residuals, corrected for the number of fitted unknowns.
+
+    Parameters
+    ----------
+    problem : BundleProblem
+        After adjustment.
+    residuals : (M, 2) float
+        In pixels; NaN is ignored.
+    config : MapConfig
+
+    Returns
+    -------
+    float
+        Standard deviation of one coordinate of one observation in pixels, at least ``config.min_noise_px``.
+    """
     norms = np.linalg.norm(residuals, axis=1)
     norms = norms[np.isfinite(norms)]
     if len(norms) == 0:
@@ -27,23 +41,52 @@ def estimate_noise(problem: BundleProblem, residuals: Floats, config: MapConfig)
 
 
 def least_squares_noise(problem: BundleProblem, residuals: Floats, config: MapConfig) -> float:
-    """The same without outliers, where the mean square is better: of few degrees of freedom the median is too low."""
+    """Estimate the noise from the mean square of residuals without outliers.
+
+    Without outliers this is better than :func:`estimate_noise`, whose median is too low for few degrees of freedom.
+
+    Parameters
+    ----------
+    problem : BundleProblem
+        After adjustment, without outliers.
+    residuals : (M, 2) float
+        In pixels.
+    config : MapConfig
+
+    Returns
+    -------
+    float
+        Standard deviation of one coordinate of one observation in pixels, at least ``config.min_noise_px``.
+    """
     squares = float(np.sum(residuals**2))
     return max(float(np.sqrt(squares / _freedom(problem, len(residuals)))), config.min_noise_px)
 
 
 def _freedom(problem: BundleProblem, observations: int) -> float:
-    """Coordinates observed less unknowns fitted; a twentieth of the observations at the least.
+    """Number of observed coordinates less fitted unknowns, at least a twentieth of the observations.
 
-    An adjusted focal length is one unknown more, and its prior one datum more.
+    An adjusted focal length does not change it: it adds one unknown, and its prior adds one measurement.
     """
     unknowns = 3 * len(problem.points) + 6 * (len(problem.frames) - 1) - 1
     return max(2.0 * observations - unknowns, 0.05 * observations)
 
 
 def min_parallax_rad(camera: Camera, noise_px: float, config: MapConfig) -> float:
-    """Parallax below which the relative depth of a landmark is less certain than the configuration allows.
+    """Compute the least parallax at which the depth of a landmark is as precise as the configuration requires.
 
-    Two rays with noise s each meet under the angle a at a depth with relative standard deviation sqrt(2) s / a.
+    Two rays with noise s each that meet at the angle a give a depth with relative standard deviation sqrt(2) s / a.
+
+    Parameters
+    ----------
+    camera : Camera
+    noise_px : float
+        Standard deviation of one coordinate of a pixel.
+    config : MapConfig
+        ``max_depth_sigma`` is the largest relative standard deviation of a depth.
+
+    Returns
+    -------
+    float
+        Angle in radians.
     """
     return float(np.sqrt(2) * noise_px / camera.focal_px / config.max_depth_sigma)

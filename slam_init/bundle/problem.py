@@ -1,6 +1,6 @@
-"""What bundle adjustment is given, a problem and a prior of the focal length, and what it gives: a map or a cause.
+"""Input of bundle adjustment (problem, prior of the focal length) and its result (solution or failure).
 
-A failure is a value with its cause, no exception.
+A failure is a value with its cause, not an exception.
 """
 
 from __future__ import annotations
@@ -24,14 +24,16 @@ class BundleProblem:
     Attributes
     ----------
     frames : tuple of int
-        Absolute frame indices of the views, the first being the reference.
+        Absolute frame indices of the K views; the first is the reference.
     world_from_cam : tuple of K Pose
     points : (L, 3) float
+        Landmarks in the world frame.
     track_ids : (L,) int
+        Track of each landmark.
     views, landmarks : (M,) int
-        For each observation its position in ``frames`` and in ``points``.
+        The view and the landmark of each observation, as positions in ``frames`` and in ``points``.
     pixels : (M, 2) float
-        Raw pixels.
+        Raw pixels of the observations.
     """
 
     frames: tuple[int, ...]
@@ -43,7 +45,17 @@ class BundleProblem:
     pixels: Floats
 
     def residuals(self, camera: Camera) -> Floats:
-        """(M, 2) projected minus observed in raw pixels; NaN where a landmark is behind the camera."""
+        """Compute the reprojection residuals.
+
+        Parameters
+        ----------
+        camera : Camera
+
+        Returns
+        -------
+        (M, 2) float
+            Projected minus observed in raw pixels; NaN where the camera does not see the landmark.
+        """
         predicted = np.full((len(self.views), 2), np.nan)
         for k, pose in enumerate(self.world_from_cam):
             seen = self.views == k
@@ -51,7 +63,13 @@ class BundleProblem:
         return predicted - self.pixels
 
     def parallax_rad(self) -> Floats:
-        """(L,) largest angle between two rays of a landmark."""
+        """Compute the parallax of each landmark.
+
+        Returns
+        -------
+        (L,) float
+            Largest angle between two rays of the landmark, radians.
+        """
         rays = np.full((len(self.points), len(self.frames), 3), np.nan)
         centres = np.array([pose.t for pose in self.world_from_cam])
         d = self.points[self.landmarks] - centres[self.views]
@@ -61,7 +79,17 @@ class BundleProblem:
         return np.asarray(np.arccos(np.clip(least, -1, 1)))
 
     def keep(self, observations: Bools) -> BundleProblem:
-        """Only these observations, and only landmarks that two views still see."""
+        """Keep some observations, and the landmarks that at least two views still see.
+
+        Parameters
+        ----------
+        observations : (M,) bool
+            The observations to keep.
+
+        Returns
+        -------
+        BundleProblem
+        """
         counts = np.bincount(self.landmarks[observations], minlength=len(self.points))
         kept = counts >= 2
         chosen = observations & kept[self.landmarks]
@@ -76,20 +104,30 @@ class BundleProblem:
         )
 
     def scaled(self, factor: float) -> BundleProblem:
-        """The same map in another unit of length."""
+        """Change the unit of length.
+
+        Parameters
+        ----------
+        factor : float
+            Factor on all points and translations.
+
+        Returns
+        -------
+        BundleProblem
+        """
         poses = tuple(Pose(pose.R, factor * pose.t) for pose in self.world_from_cam)
         return replace(self, world_from_cam=poses, points=factor * self.points)
 
 
 class FocalPrior(NamedTuple):
-    """What is known of the focal length beforehand: the stated camera, and a relative standard deviation."""
+    """Prior of the focal length: the stated camera, and the relative standard deviation of its focal length."""
 
     camera: Camera
     sigma: float
 
 
 class BundleFit(NamedTuple):
-    """A problem at an optimum, the camera it holds for, and the errors on the way."""
+    """A problem at its optimum for a camera, and the root mean square residual (pixels) after each iteration."""
 
     camera: Camera
     problem: BundleProblem
@@ -103,28 +141,29 @@ class BundleSolution:
     Attributes
     ----------
     problem : BundleProblem
-        With adjusted poses and points and without the outliers.
+        With adjusted poses and points and without outliers.
     before : BundleProblem
-        The same views, landmarks and scale before adjustment.
+        The same views and landmarks before adjustment, in about the same scale.
     noise_px : float
         Standard deviation of one coordinate, estimated from the residuals and their degrees of freedom.
     rmse_px : float
         Root mean square of the 2-D residuals.
     errors : tuple of float
-        Root mean square residual in pixels at the start and after each iteration; while the kernel is robust, of what
-        the kernel leaves of the residuals.
-    graph, values
-        gtsam objects: the final factor graph and its optimum.
+        Root mean square residual in pixels at the start and after each iteration. In the robust stage these are the
+        residuals after the robust kernel.
+    graph, values : gtsam.NonlinearFactorGraph, gtsam.Values
+        The final factor graph and its optimum.
     pose_covariances : (K, 6, 6) float
-        gtsam's tangent order (rotation, translation) in the camera frame.
+        In gtsam's tangent order (rotation, translation), in the camera frame.
     camera : Camera
-        With which all this holds: the stated one, or with the adjusted focal length.
+        The camera of this map: the stated one, or the one with the adjusted focal length.
     gauge : str
-        What is held, and how.
+        The variables that are held, and how.
     focal_factor : float
-        The adjusted focal length over the stated one; 1 where it was held.
+        The adjusted focal length over the stated one; 1 if the focal length was held.
     focal_factor_sigma : float or None
-        Its standard deviation, by the noise of the tracks and the prior; None where it was held.
+        Standard deviation of ``focal_factor`` from the noise of the tracks and the prior; None if the focal length was
+        held.
     """
 
     problem: BundleProblem
@@ -146,7 +185,13 @@ class BundleSolution:
 
 @dataclass(frozen=True)
 class BundleFailure:
-    """Why there is no adjusted map. Falsy."""
+    """The reason why there is no adjusted map. Falsy.
+
+    Attributes
+    ----------
+    cause : str
+        One line.
+    """
 
     cause: str
 

@@ -1,4 +1,4 @@
-"""Camera calibrations: readers of the formats that people have."""
+"""Readers of camera calibrations in the common formats."""
 
 from slam_init.calibration.files import load_camera
 

@@ -1,6 +1,6 @@
-"""Camera calibrations as people have them, told apart by their content.
+"""Readers of camera calibrations in the common formats, which are detected by their content.
 
-* our own YAML (``model``, ``width``, ``height``, ``fx``, ``fy``, ``cx``, ``cy``, ``distortion_model``,
+* the YAML of this project (``model``, ``width``, ``height``, ``fx``, ``fy``, ``cx``, ``cy``, ``distortion_model``,
   ``distortion``);
 * OpenCV ``FileStorage`` YAML and XML (``camera_matrix`` / ``K``, ``distortion_coefficients`` / ``D``);
 * ORB-SLAM2 and 3 (``Camera.fx``, ``Camera1.fx``; ``Camera.type: KannalaBrandt8`` is fisheye);
@@ -8,11 +8,12 @@
   ``D``);
 * COLMAP ``cameras.txt``, whose pixel centres lie at .5: half a pixel is subtracted from the principal point.
 
-YAML goes through PyYAML's safe loader only; its tags ``!!opencv-matrix`` are read as plain mappings.
+YAML is read by PyYAML's safe loader only; the tags ``!!opencv-matrix`` are read as plain mappings.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Hashable, Iterator
 from pathlib import Path
 from typing import Any
@@ -25,43 +26,59 @@ from slam_init.types.camera import Camera
 
 __all__ = ["GUESS", "guess_camera", "load_camera", "load_yaml"]
 
-#: What to give instead of a file to have the focal length guessed.
+#: Given instead of a file, it means that the focal length is guessed.
 GUESS = "guess"
 
-# The largest calibration files in use (Kalibr's of a rig) take 20 kB and four levels; a video or a bomb given
-# by mistake must not hang the parser, whose time grows with the square of the depth.
+# Limits for a file. The largest calibration files in use (Kalibr, of a rig) have 20 kB and four levels. Without the
+# limits a video or a malicious file would keep the parser busy, whose time grows with the square of the depth.
 _MAX_BYTES = 200_000
 _MAX_DEPTH = 20
 
-# Share of an image that a lens model must reach: a fisheye of 220 degrees reaches half of it with the rays that are in
-# use (89 degrees); a slip in a coefficient leaves a spot in the middle.
+# Least share of the image for which the lens model must give rays. A fisheye of 220 degrees has rays for half of the
+# image, as rays beyond 89 degrees are not used. With a wrong coefficient only a spot in the middle has rays.
 _MIN_REACHED = 0.2
 
 
 def guess_camera(image_size: tuple[int, int]) -> Camera:
-    """A pinhole with focal length ``1.2 max(width, height)``, COLMAP's default prior, for (width, height)."""
+    """Make a pinhole camera with focal length ``1.2 max(width, height)``, the default prior of COLMAP.
+
+    Parameters
+    ----------
+    image_size : (int, int)
+        Width and height in pixels.
+
+    Returns
+    -------
+    Camera
+        With ``guessed`` set.
+    """
     width, height = image_size
     focal_px = 1.2 * max(width, height)
     return Camera("pinhole", width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, guessed=True)
 
 
-def load_camera(path: str | Path, image_size: tuple[int, int] | None = None) -> Camera:
+def load_camera(path: str | os.PathLike[str], image_size: tuple[int, int] | None = None) -> Camera:
     """Read a calibration of any known format.
 
     Parameters
     ----------
-    path : str or Path
+    path : str or path-like
         A file, or ``guess``.
     image_size : (int, int), optional
-        Width and height of the images. Formats without a size take it from here; a format with another size
-        is refused, since a calibration of other images makes a wrong map.
+        Width and height of the images in pixels. If the file states no size, this one is used. If the file states
+        another size, it is refused, since the calibration of other images gives a wrong map.
+
+    Returns
+    -------
+    Camera
 
     Raises
     ------
     CalibrationError
-        Where the file is missing, no calibration, or an impossible one; one line that names file and key.
+        If the file is missing, not a calibration, or an impossible one. The message is one line that names file and
+        key.
     """
-    if str(path) == GUESS:
+    if os.fspath(path) == GUESS:
         if image_size is None:
             raise CalibrationError("a guessed camera needs the size of the images")
         return guess_camera(image_size)
@@ -74,8 +91,8 @@ def load_camera(path: str | Path, image_size: tuple[int, int] | None = None) -> 
     if image_size is not None and (camera.width, camera.height) != image_size:
         ours, theirs = f"{camera.width}x{camera.height}", f"{image_size[0]}x{image_size[1]}"
         raise CalibrationError(
-            f"{path}: calibration is for {ours} images, but these are {theirs}: "
-            f"give the calibration of these, or scale fx, fy, cx, cy if they are resized"
+            f"{path}: calibration is for {ours} images, but the images are {theirs}: "
+            f"give their calibration, or scale fx, fy, cx, cy if the images are resized"
         )
     _check_reach(path, camera)
     return camera
@@ -87,13 +104,29 @@ def _check_reach(path: Path, camera: Camera) -> None:
     reached = float(np.isfinite(camera.normalize(grid.reshape(-1, 2))).all(axis=1).mean())
     if reached < _MIN_REACHED:
         raise CalibrationError(
-            f"{path}: distortion {list(camera.distortion)} gives rays to {100 * reached:.0f} % of the image only: "
-            "check its coefficients and their order"
+            f"{path}: distortion {list(camera.distortion)} gives rays for {100 * reached:.0f} % of the image only: "
+            "check the coefficients and their order"
         )
 
 
-def load_yaml(path: Path) -> Any:
-    """The content of a YAML file through the safe loader; a broken or unsafe file is a CalibrationError."""
+def load_yaml(path: str | os.PathLike[str]) -> Any:
+    """Read a YAML file by the safe loader.
+
+    Parameters
+    ----------
+    path : str or path-like
+
+    Returns
+    -------
+    dict, list, str, float, int, bool or None
+        The content.
+
+    Raises
+    ------
+    CalibrationError
+        If the file cannot be read, is broken, or is unsafe.
+    """
+    path = Path(path)
     try:
         return _parse_yaml(_read_text(path))
     except CalibrationError as error:
@@ -105,15 +138,15 @@ def _read_text(path: Path) -> str:
     try:
         if path.is_dir():
             raise CalibrationError(f"{path}: is a folder: give a calibration file")
-        if path.exists() and not path.is_file():  # a pipe that nobody writes to is waited for without end
-            raise CalibrationError(f"{path}: is no regular file: give a calibration file")
+        if path.exists() and not path.is_file():  # reading a pipe without a writer would never end
+            raise CalibrationError(f"{path}: is not a regular file: give a calibration file")
         with path.open("rb") as file:
             data = file.read(_MAX_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise CalibrationError(f"{path}: cannot read this calibration ({reason}): give a file or {GUESS!r}") from None
     if len(data) > _MAX_BYTES:
-        raise CalibrationError(f"{path}: more than {_MAX_BYTES // 1000} kB: this is no calibration")
+        raise CalibrationError(f"{path}: more than {_MAX_BYTES // 1000} kB: this is not a calibration")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -140,7 +173,7 @@ def _parse_yaml(text: str) -> Any:
     import yaml
 
     class Loader(yaml.SafeLoader):
-        """The safe loader, for files of OpenCV too; a key that is given two values is an error, as YAML wants it."""
+        """The safe loader, for files of OpenCV too. A key with two values is an error, as the YAML standard says."""
 
         def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
             given: dict[str, object] = {}
@@ -153,7 +186,7 @@ def _parse_yaml(text: str) -> Any:
         return loader.construct_mapping(node, deep=True)
 
     Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", construct_matrix)
-    # OpenCV writes its own dialect: "%YAML:1.0" is no directive, and "key:value" may lack the space.
+    # OpenCV writes its own dialect: "%YAML:1.0" is not a valid directive.
     lines = text.splitlines()
     body = "\n".join(line for line in lines if not line.startswith("%YAML"))
     try:
@@ -174,7 +207,7 @@ def _parse_yaml(text: str) -> Any:
 
 
 def _check_structure(tokens: Iterator[Any]) -> None:
-    """Refuse what would make a small file take long, before anything is built from it."""
+    """Refuse aliases and deep nesting, with which a small file would take very long to load."""
     import yaml
 
     opening = (
@@ -188,20 +221,20 @@ def _check_structure(tokens: Iterator[Any]) -> None:
     for token in tokens:
         depth += isinstance(token, opening) - isinstance(token, closing)
         if isinstance(token, yaml.AliasToken):
-            raise CalibrationError("broken YAML: a calibration needs no aliases")
+            raise CalibrationError("broken YAML: aliases are not allowed in a calibration")
         if depth > _MAX_DEPTH:
             raise CalibrationError(f"broken YAML: nested deeper than {_MAX_DEPTH} levels")
 
 
 def _parse_xml(text: str) -> dict[str, Any]:
-    """OpenCV's XML through OpenCV, which alone knows the format; only the keys that a camera needs."""
+    """Read the XML of OpenCV's FileStorage by OpenCV: matrices, numbers and strings at the top level."""
     import cv2
 
     content: dict[str, Any] = {}
     try:
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         root = storage.root()
-        for key in root.keys():  # noqa: SIM118 (a FileNode is no mapping)
+        for key in root.keys():  # noqa: SIM118 (a FileNode is not a mapping)
             node = root.getNode(key)
             if node.isMap() and node.mat() is not None:
                 content[key] = {"data": node.mat().ravel().tolist()}

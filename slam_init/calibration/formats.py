@@ -1,6 +1,6 @@
-"""The formats of :mod:`slam_init.calibration.files`, one function each: from a parsed file to a camera.
+"""The formats of :mod:`slam_init.calibration.files`: one function per format converts a parsed file to a camera.
 
-Errors name the key; the caller adds the file.
+Error messages name the key; the caller adds the name of the file.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ __all__ = ["parse_colmap", "parse_mapping"]
 Size = tuple[int, int] | None
 Content = dict[str, Any]
 
-#: Names of the distortion models in all formats, lower case.
+#: Names of the distortion models in all formats, lower case -> model of :class:`~slam_init.types.camera.Camera`.
 _MODELS = {
     "none": "pinhole",
     "": "pinhole",
@@ -34,18 +34,50 @@ _MODELS = {
 
 
 def parse_mapping(content: Content, image_size: Size) -> Camera:
-    """A camera from the content of a YAML or XML file; the format is told by its keys."""
+    """Convert the content of a YAML or XML file. The format is detected by its keys.
+
+    Parameters
+    ----------
+    content : dict
+        Top level of the file.
+    image_size : (int, int) or None
+        Width and height in pixels, for files that state no size.
+
+    Returns
+    -------
+    Camera
+
+    Raises
+    ------
+    CalibrationError
+        If the format is unknown, or if a value is missing or impossible.
+    """
     for keys, parse in _FORMATS:
         if any(key in content for key in keys):
             return parse(content, image_size)
     raise CalibrationError(
-        "no known calibration in it: expected fx, fy, cx, cy; camera_matrix or K; Camera.fx; "
+        "no known calibration format: expected fx, fy, cx, cy; camera_matrix or K; Camera.fx; "
         "cam0 or intrinsics (Kalibr, EuRoC)"
     )
 
 
 def parse_colmap(text: str) -> Camera:
-    """The single camera of a COLMAP ``cameras.txt``: ``id MODEL width height params``."""
+    """Convert a COLMAP ``cameras.txt`` with one camera: ``id MODEL width height params``.
+
+    Parameters
+    ----------
+    text : str
+        Content of the file.
+
+    Returns
+    -------
+    Camera
+
+    Raises
+    ------
+    CalibrationError
+        If there is not exactly one camera, or if its model or a value is not supported.
+    """
     lines = [line.split() for line in text.splitlines() if line.strip() and not line.strip().startswith("#")]
     if len(lines) != 1:
         raise CalibrationError(f"{len(lines)} cameras: expected a COLMAP cameras.txt with exactly one")
@@ -64,12 +96,12 @@ def parse_colmap(text: str) -> Camera:
         kind = "radtan"
         distortion = [values.get(k, 0.0) for k in ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")]
     size = _size({"width": fields[2], "height": fields[3]}, "width", "height", None)
-    # COLMAP's pixel centres lie at .5, ours at integers.
+    # The pixel centres of COLMAP lie at .5, those of this project at integers.
     return _camera(kind, size, (fx, fy, values["cx"] - 0.5, values["cy"] - 0.5), distortion)
 
 
 def _own(content: Content, image_size: Size) -> Camera:
-    """The YAML that this project writes and documents."""
+    """The YAML format of this project."""
     model = _model(content, "distortion_model", "model")
     size = _size(content, "width", "height", image_size)
     focal = tuple(_number(content, key) for key in ("fx", "fy", "cx", "cy"))
@@ -77,7 +109,7 @@ def _own(content: Content, image_size: Size) -> Camera:
 
 
 def _opencv(content: Content, image_size: Size) -> Camera:
-    """OpenCV's FileStorage, and ROS ``camera_info`` in both of its spellings."""
+    """OpenCV's FileStorage, and ROS ``camera_info`` with both spellings of its keys."""
     key = _first(content, "camera_matrix", "Camera_Matrix", "cameraMatrix", "K", "k", "M1", "K1")
     K = _numbers(content, key)
     if len(K) != 9:
@@ -123,7 +155,7 @@ def _kalibr(content: Content, image_size: Size) -> Camera:
     """A Kalibr camchain: its first camera."""
     camera = content["cam0"]
     if not isinstance(camera, dict):
-        raise CalibrationError("cam0 holds no camera: expected intrinsics, resolution and so on in it")
+        raise CalibrationError("cam0 is not a camera: expected intrinsics, resolution and so on in it")
     return _sensor(camera, image_size, "cam0: ")
 
 
@@ -148,7 +180,7 @@ def _sensor(content: Content, image_size: Size, where: str = "") -> Camera:
     return _camera(model, size, tuple(focal), _numbers(content, key, default=[]))
 
 
-# The keys that tell a format, and its parser; the first that fits.
+# The keys of each format, any of which identifies it, and its parser. The first format that fits is taken.
 _FORMATS: tuple[tuple[tuple[str, ...], Callable[[Content, Size], Camera]], ...] = (
     (("cam0",), _kalibr),
     (("Camera.fx", "Camera1.fx"), _orb_slam),
@@ -157,6 +189,7 @@ _FORMATS: tuple[tuple[tuple[str, ...], Callable[[Content, Size], Camera]], ...] 
     (("fx", "fy", "cx", "cy", "model", "distortion_model"), _own),
 )
 
+# Parameters of the camera models of COLMAP.
 _COLMAP = {
     "SIMPLE_PINHOLE": "f cx cy",
     "PINHOLE": "fx fy cx cy",
@@ -169,10 +202,10 @@ _COLMAP = {
 
 
 def _camera(model: str, size: tuple[int, int], focal: tuple[float, ...], distortion: list[float]) -> Camera:
-    """Bring the coefficients to the number that the model takes, without changing what they say."""
+    """Make a camera; trailing zero coefficients are added or removed to get the number that the model takes."""
     k = list(distortion)
     if model == "pinhole" and any(k):
-        model = "radtan"  # OpenCV files name no model and mean this one
+        model = "radtan"  # files of OpenCV have this model and do not name it
     if model == "pinhole":
         k = []
     elif model == "fisheye":
@@ -197,7 +230,7 @@ def _first(content: Content, *names: str) -> str:
 
 
 def _model(content: Content, *keys: str) -> str:
-    """The model under the first of the keys that is there; pinhole where none is."""
+    """The model under the first key that is present; ``pinhole`` if none is."""
     for key in keys:
         if content.get(key) is not None:
             name = str(content[key]).lower()
@@ -209,7 +242,7 @@ def _model(content: Content, *keys: str) -> str:
 
 
 def _number(content: Content, key: str, default: float | None = None) -> float:
-    """A finite number. Text that reads as a number is one: YAML 1.1 takes ``1e-5`` for text."""
+    """A finite number. Text that holds a number is accepted, since YAML 1.1 reads ``1e-5`` as text."""
     if content.get(key) is None:
         if default is not None and key not in content:
             return default
@@ -225,7 +258,7 @@ def _number(content: Content, key: str, default: float | None = None) -> float:
 
 
 def _numbers(content: Content, key: str, default: list[float] | None = None) -> list[float]:
-    """A list of finite numbers, flat, nested by rows, or under ``data`` as OpenCV has it."""
+    """A list of finite numbers: flat, nested by rows, or under ``data`` as in files of OpenCV."""
     value = content.get(key)
     if isinstance(value, dict):
         value = value.get("data")
@@ -238,7 +271,7 @@ def _numbers(content: Content, key: str, default: list[float] | None = None) -> 
 
 
 def _size(content: Content, width_key: str, height_key: str, image_size: Size) -> tuple[int, int]:
-    """Width and height; from the images where the file has none."""
+    """Width and height of the file, or of the images if the file has none."""
     if width_key not in content and height_key not in content and image_size is not None:
         return image_size
     sides = _number(content, width_key), _number(content, height_key)

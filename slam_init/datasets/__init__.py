@@ -1,4 +1,4 @@
-"""Readers: folders, videos and synthetic worlds, all as a :class:`slam_init.types.frame.Source`."""
+"""Readers of folders, videos and synthetic sequences; each gives a :class:`slam_init.types.frame.Source`."""
 
 from slam_init.datasets.opening import detect_kind, open_source
 from slam_init.datasets.timed import TimedSource

@@ -1,4 +1,4 @@
-"""What a source holds, told without running anything."""
+"""Summary of a source (frames, images, camera, ground truth), without running the pipeline."""
 
 from __future__ import annotations
 
@@ -11,15 +11,29 @@ from slam_init.types.camera import Camera
 
 __all__ = ["describe", "describe_text"]
 
-# Ground truth belongs to a frame when it is no further away in time.
+# A true pose belongs to a frame if their time stamps differ by no more than this.
 _TOLERANCE_S = 0.02
 
 
 def describe(source: TimedSource, camera: Camera | None) -> dict[str, Any]:
-    """Plain JSON types: kind, frames, size, timing, camera and ground truth of a source.
+    """Describe a source. The first image is read.
 
-    Reads the first image. ``path_length`` is the length of the true trajectory between the first and the last
-    frame, in its own unit.
+    Parameters
+    ----------
+    source : TimedSource
+    camera : Camera or None
+        Calibration to describe; it may differ from ``source.camera``.
+
+    Returns
+    -------
+    dict
+        Plain JSON types: name, kind, frames, size, timing, camera and ground truth. ``path_length`` is the length of
+        the true trajectory between the first and the last frame, in the unit of the ground truth.
+
+    Raises
+    ------
+    SourceError
+        If the first image cannot be read.
     """
     first = next(source.frames(0, 1))
     times_s = source.timestamps_s
@@ -39,7 +53,18 @@ def describe(source: TimedSource, camera: Camera | None) -> dict[str, Any]:
 
 
 def describe_text(info: dict[str, Any]) -> str:
-    """The same for a person, one fact a line."""
+    """Format a description for people, one fact per line.
+
+    Parameters
+    ----------
+    info : dict
+        As returned by :func:`describe`.
+
+    Returns
+    -------
+    str
+        Lines, each with its line end.
+    """
     camera, truth = info["camera"], info["ground_truth"]
     rate = "" if info["fps"] is None else f", {info['duration_s']:.2f} s at {info['fps']:.3g} frames a second"
     lines = [

@@ -1,12 +1,15 @@
 """EuRoC MAV sequences (the ASL folder layout).
 
-``mav0/cam0/data.csv`` lists ``timestamp [ns],filename``, ``sensor.yaml`` holds the calibration and ``T_BS``
-(body_from_cam), ``mav0/state_groundtruth_estimate0/data.csv`` the poses world_from_body, so that
-``world_from_cam = world_from_body @ body_from_cam``.
+* ``mav0/cam0/data.csv`` lists ``timestamp [ns],filename``.
+* ``mav0/cam0/sensor.yaml`` holds the calibration and ``T_BS`` (body_from_cam).
+* ``mav0/state_groundtruth_estimate0/data.csv`` holds the poses world_from_body.
+
+The true poses are ``world_from_cam = world_from_body @ body_from_cam``.
 """
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -20,21 +23,42 @@ from slam_init.types.pose import Pose, Trajectory
 __all__ = ["find_euroc_camera", "open_euroc"]
 
 
-def find_euroc_camera(folder: Path) -> Path | None:
-    """The folder that holds the first camera's ``data.csv``: of a sequence, a ``mav0`` or a camera folder."""
+def find_euroc_camera(folder: str | os.PathLike[str]) -> Path | None:
+    """Find the folder that holds the ``data.csv`` of the first camera.
+
+    Parameters
+    ----------
+    folder : str or path-like
+        The folder of a sequence, its ``mav0`` or its ``cam0``.
+
+    Returns
+    -------
+    Path or None
+        None if this is not a EuRoC folder.
+    """
+    folder = Path(folder)
     for candidate in (folder / "mav0" / "cam0", folder / "cam0", folder):
         if (candidate / "data.csv").is_file():
             return candidate
     return None
 
 
-def open_euroc(folder: Path) -> ImageFileSource:
-    """Open a EuRoC sequence by its own path, that of ``mav0`` or that of ``cam0``.
+def open_euroc(folder: str | os.PathLike[str]) -> ImageFileSource:
+    """Open a EuRoC sequence.
+
+    Parameters
+    ----------
+    folder : str or path-like
+        The folder of the sequence, its ``mav0`` or its ``cam0``.
+
+    Returns
+    -------
+    ImageFileSource
 
     Raises
     ------
     SourceError, CalibrationError
-        Where a file of the sequence is broken; names file and line.
+        If a file of the sequence is broken; the message names file and line.
     """
     found = find_euroc_camera(folder)
     if found is None:
@@ -67,7 +91,7 @@ def open_euroc(folder: Path) -> ImageFileSource:
 
 
 def _seconds(row: tuple[str, str], fields: list[str]) -> float:
-    """Nanoseconds of the first column as seconds, divided once so that no digit is lost on the way."""
+    """Time stamp of the first column in seconds: whole nanoseconds, divided once to keep all digits."""
     if not fields[0].isdecimal():
         raise SourceError(f"{row[0]}: expected a timestamp in nanoseconds, found {row[1][:60]!r}")
     return int(fields[0]) / 1e9

@@ -1,4 +1,4 @@
-"""Sources made of image files: one list of files and time stamps, read one at a time."""
+"""Sources made of image files: a list of files with time stamps. One image is read at a time."""
 
 from __future__ import annotations
 
@@ -23,48 +23,82 @@ __all__ = [
     "check_size",
     "frame_range",
     "list_images",
+    "natural_key",
     "read_image",
     "stored_camera",
 ]
 
+#: Suffixes of image files, lower case.
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".pnm", ".tif", ".tiff", ".webp", ".jp2"})
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
-    """Sort key under which ``img2`` comes before ``img10``."""
+    """Make a sort key under which ``img2`` comes before ``img10``.
+
+    Parameters
+    ----------
+    name : str
+        File name.
+
+    Returns
+    -------
+    tuple
+        One entry for each run of digits or of other characters.
+    """
     return tuple(
         (0, int(part), part) if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name) if part
     )
 
 
-def list_images(folder: Path) -> list[Path]:
-    """Image files of a folder in natural order; hidden files are left out."""
-    files = (entry for entry in folder.iterdir() if entry.suffix.lower() in IMAGE_SUFFIXES)
+def list_images(folder: str | os.PathLike[str]) -> list[Path]:
+    """List the image files of a folder, without hidden files.
+
+    Parameters
+    ----------
+    folder : str or path-like
+        An existing folder.
+
+    Returns
+    -------
+    list of Path
+        In natural order of the names.
+    """
+    files = (entry for entry in Path(folder).iterdir() if entry.suffix.lower() in IMAGE_SUFFIXES)
     return sorted(
         (entry for entry in files if not entry.name.startswith(".")),
         key=lambda entry: natural_key(entry.name),
     )
 
 
-def read_image(path: Path) -> Image:
-    """Read one image as (H, W) grey or (H, W, 3) BGR, uint8.
+def read_image(path: str | os.PathLike[str]) -> Image:
+    """Read one image.
 
-    16-bit images keep their upper eight bits, a transparency channel is dropped, and an EXIF orientation is
-    not applied: calibrations speak of pixels as stored.
+    16-bit images keep their upper eight bits. A transparency channel is dropped. An EXIF orientation is not applied,
+    since calibrations refer to pixels as stored.
+
+    Parameters
+    ----------
+    path : str or path-like
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) uint8
+        Grey or BGR.
 
     Raises
     ------
     SourceError
-        Where the file is missing, cut off, or no image of 8 or 16 bits.
+        If the file is missing, cut off, or not an image of 8 or 16 bits.
     """
     import cv2
 
+    path = Path(path)
     try:
         data = path.read_bytes()
     except OSError as error:
         raise SourceError(f"{path}: cannot be read ({error.strerror})") from None
-    # Decoders fill what is missing of a JPEG with grey and only print a warning. Its entropy-coded data
-    # cannot hold a marker, so an intact file has an end marker after its last scan marker.
+    # Decoders fill the missing part of a JPEG with grey and only print a warning. The entropy-coded data of a JPEG
+    # cannot hold a marker, so that an intact file has an end marker after its last scan marker.
     if data.startswith(b"\xff\xd8") and data.find(b"\xff\xd9", data.rfind(b"\xff\xda")) < 0:
         raise SourceError(f"{path}: the image is cut off")
     try:
@@ -87,20 +121,51 @@ def read_image(path: Path) -> Image:
 
 
 def check_size(what: str, size: tuple[int, int], expected: tuple[int, int], of: str) -> None:
-    """Raise SourceError where an image's (width, height) is not the expected one."""
-    if size != expected:
-        raise SourceError(
-            f"{what}: image is {size[0]}x{size[1]}, but {of} is {expected[0]}x{expected[1]}: all must agree"
-        )
+    """Check that an image has the expected size.
 
-
-def frame_range(length: int, start: int, max_frames: int | None, name: str) -> range:
-    """Indices of the frames that were asked for.
+    Parameters
+    ----------
+    what : str
+        Name of the image, for the message.
+    size, expected : (int, int)
+        Width and height in pixels.
+    of : str
+        Name of the thing that has the expected size, for the message.
 
     Raises
     ------
     SourceError
-        Where there are none.
+        If the sizes differ.
+    """
+    if size != expected:
+        raise SourceError(
+            f"{what}: image is {size[0]}x{size[1]}, but {of} is {expected[0]}x{expected[1]}: all sizes must be equal"
+        )
+
+
+def frame_range(length: int, start: int, max_frames: int | None, name: str) -> range:
+    """Compute the indices of the requested frames.
+
+    Parameters
+    ----------
+    length : int
+        Number of frames of the source.
+    start : int
+        Index of the first frame.
+    max_frames : int or None
+        Largest number of frames; None for all.
+    name : str
+        Name of the source, for the message.
+
+    Returns
+    -------
+    range
+        At least one index.
+
+    Raises
+    ------
+    SourceError
+        If the source has no frame ``start``, or if ``max_frames`` is less than 1.
     """
     if not 0 <= start < length:
         raise SourceError(f"{name}: start is {start}, but the source has frames 0 to {length - 1}")
@@ -109,11 +174,30 @@ def frame_range(length: int, start: int, max_frames: int | None, name: str) -> r
     return range(start, length if max_frames is None else min(length, start + max_frames))
 
 
-def stored_camera(folder: Path, first_image: Path) -> Camera | None:
-    """The calibration in a folder's ``camera.yaml``, if any; it must fit the size of the first image."""
+def stored_camera(folder: str | os.PathLike[str], first_image: str | os.PathLike[str]) -> Camera | None:
+    """Read the calibration in the ``camera.yaml`` of a folder.
+
+    Parameters
+    ----------
+    folder : str or path-like
+    first_image : str or path-like
+        Its size must be that of the calibration.
+
+    Returns
+    -------
+    Camera or None
+        None if there is no such file.
+
+    Raises
+    ------
+    CalibrationError
+        If the calibration is broken or does not fit the image.
+    SourceError
+        If the image cannot be read.
+    """
     from slam_init.calibration.files import load_camera
 
-    path = folder / "camera.yaml"
+    path = Path(folder) / "camera.yaml"
     if not path.is_file():
         return None
     height, width = read_image(first_image).shape[:2]
@@ -127,9 +211,9 @@ class ImageFileSource:
     Attributes
     ----------
     name, kind, camera, groundtruth
-        As the protocol says.
+        See :class:`slam_init.types.frame.Source`.
     paths : tuple of Path
-        One image each.
+        One image per frame.
     timestamps_s : (N,) float
         Strictly increasing.
     """
@@ -145,14 +229,25 @@ class ImageFileSource:
         return len(self.paths)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Yield frames in order; each file is read when it is reached.
+        """Read frames in order; each file is read when its frame is requested.
+
+        Parameters
+        ----------
+        start : int
+            Absolute index of the first frame.
+        max_frames : int, optional
+            Largest number of frames; by default all.
+
+        Yields
+        ------
+        Frame
 
         Raises
         ------
         SourceError
-            Where an image cannot be read, or differs in size from the camera or from the first one read.
+            If an image cannot be read, or if its size differs from that of the camera or of the first image.
         """
-        # Names are relative to the folder that holds all images, as COLMAP wants them.
+        # Names are relative to the folder that holds all images, as COLMAP requires.
         root = os.path.commonpath([path.parent for path in self.paths])
         expected = (self.camera.width, self.camera.height) if self.camera else None
         of = "the camera"

@@ -1,12 +1,14 @@
 """KITTI odometry sequences.
 
-``sequences/NN/image_0`` (or ``image_1`` to ``image_3``), ``times.txt``, ``calib.txt`` (projection matrices
-``P0`` to ``P3``) and ``poses/NN.txt`` beside ``sequences`` or ``poses.txt`` in the sequence: 3x4 matrices
-world_from_cam0. Camera i sees ``P_i = K [I | t]``: ``cam_i_from_cam0`` is the translation t.
+* ``sequences/NN/image_0`` (to ``image_3``) holds the images, ``sequences/NN/times.txt`` their time stamps.
+* ``sequences/NN/calib.txt`` holds the projection matrices ``P0`` to ``P3``. With ``P_i = K [I | t]``, the pose
+  ``cam_i_from_cam0`` is the translation t.
+* ``poses/NN.txt`` beside ``sequences``, or ``poses.txt`` in the sequence, holds 3x4 matrices world_from_cam0.
 """
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
@@ -21,12 +23,24 @@ from slam_init.types.pose import Pose, Trajectory
 
 __all__ = ["find_kitti_images", "open_kitti"]
 
-# The cameras were triggered at 10 Hz; used where times.txt is missing.
+# Frame rate where times.txt is missing: the cameras were triggered at 10 Hz.
 _NOMINAL_RATE_HZ = 10.0
 
 
-def find_kitti_images(folder: Path) -> Path | None:
-    """The image folder of a sequence (left grey before left colour), or the folder itself where it is one."""
+def find_kitti_images(folder: str | os.PathLike[str]) -> Path | None:
+    """Find the image folder of a sequence: the left grey camera, or else the left colour camera.
+
+    Parameters
+    ----------
+    folder : str or path-like
+        The folder of a sequence, or one of its image folders.
+
+    Returns
+    -------
+    Path or None
+        None if this is not a KITTI folder.
+    """
+    folder = Path(folder)
     for name in ("image_0", "image_2"):
         if (folder / name).is_dir():
             return folder / name
@@ -35,13 +49,22 @@ def find_kitti_images(folder: Path) -> Path | None:
     return resolved if beside and re.fullmatch(r"image_[0-3]", resolved.name) else None
 
 
-def open_kitti(folder: Path) -> ImageFileSource:
-    """Open a KITTI odometry sequence, or one image folder of it.
+def open_kitti(folder: str | os.PathLike[str]) -> ImageFileSource:
+    """Open a KITTI odometry sequence.
+
+    Parameters
+    ----------
+    folder : str or path-like
+        The folder of the sequence, or one of its image folders.
+
+    Returns
+    -------
+    ImageFileSource
 
     Raises
     ------
     SourceError, CalibrationError
-        Where a file of the sequence is broken or has the wrong number of lines.
+        If a file of the sequence is broken or has the wrong number of lines; the message names the file.
     """
     found = find_kitti_images(folder)
     if found is None:

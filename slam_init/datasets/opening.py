@@ -1,7 +1,8 @@
-"""From what the user typed to a source: the one place that tells the kinds apart."""
+"""Opens the source that the user names. This module is the only one that detects the kind of a source."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,21 +20,26 @@ from slam_init.errors import SourceError
 __all__ = ["detect_kind", "open_source"]
 
 
-def open_source(text: str, seed: int = 0) -> TimedSource:
+def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:
     """Open a folder, a video file, ``synth:NAME`` or ``python:package.module:attribute``.
 
     Parameters
     ----------
-    text : str
-        What the user typed.
+    text : str or path-like
+        A path, or the name of a source in one of the forms above.
     seed : int
-        Seed of a synthetic world; real data have none.
+        Seed of a synthetic sequence; ignored for other sources.
+
+    Returns
+    -------
+    TimedSource
 
     Raises
     ------
     SourceError, CalibrationError
-        Where there is nothing to read or a file of it is broken; one line that says what to do.
+        If there is nothing to read, or if a file is broken. The message is one line that says what to do.
     """
+    text = os.fspath(text)
     kind = detect_kind(text)
     if kind == "synth":
         return open_synth(text, seed)
@@ -53,14 +59,25 @@ def open_source(text: str, seed: int = 0) -> TimedSource:
         raise SourceError(f"{error.filename or path}: cannot be read ({error.strerror})") from None
 
 
-def detect_kind(text: str) -> str:
-    """``tum``, ``euroc``, ``kitti``, ``images``, ``video``, ``synth`` or ``python``; the first layout that fits.
+def detect_kind(text: str | os.PathLike[str]) -> str:
+    """Detect the kind of a source. The layouts of folders are tried in a fixed order, and the first that fits is taken.
+
+    Parameters
+    ----------
+    text : str or path-like
+        As of :func:`open_source`.
+
+    Returns
+    -------
+    str
+        One of ``tum``, ``euroc``, ``kitti``, ``images``, ``video``, ``synth`` and ``python``.
 
     Raises
     ------
     SourceError
-        Where nothing fits: says what was looked for.
+        If nothing fits; the message lists the known layouts.
     """
+    text = os.fspath(text)
     if text.startswith(PREFIX):
         return "synth"
     if text.startswith(PYTHON):
@@ -76,7 +93,7 @@ def detect_kind(text: str) -> str:
         raise SourceError(f"{text!r}: cannot be read ({error})") from None
     if missing:
         raise SourceError(f"{text!r}: no such file or folder; give one, or synth:NAME")
-    raise SourceError(f"{path}: neither a file nor a folder")
+    raise SourceError(f"{path}: neither a file nor a folder: give one of these")
 
 
 def _detect_folder(path: Path) -> str:
@@ -96,5 +113,5 @@ def _detect_folder(path: Path) -> str:
 
 def _detect_file(path: Path) -> str:
     if path.suffix.lower() in IMAGE_SUFFIXES:
-        raise SourceError(f"{path}: one image is no sequence; give the folder {path.parent}")
+        raise SourceError(f"{path}: one image is not a sequence: give the folder {path.parent}")
     return "video"

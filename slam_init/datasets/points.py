@@ -29,7 +29,12 @@ _BACKGROUND, _DOT = 30, 220
 
 @dataclass(frozen=True, eq=False)
 class PointSource:
-    """A :class:`slam_init.types.frame.Source` that knows its tracks; its images are dots on a dark ground."""
+    """A :class:`slam_init.types.frame.Source` with given tracks; its images are dots on a dark background.
+
+    Attributes
+    ----------
+    sequence : PointSequence
+    """
 
     sequence: PointSequence
 
@@ -45,13 +50,13 @@ class PointSource:
 
     @property
     def camera(self) -> Camera:
-        """The camera as stated; wrong where the option ``focal_error`` says so."""
+        """The stated camera; its focal length is wrong by the option ``focal_error``."""
         c = self.sequence.camera
         return Camera("pinhole", c.width, c.height, c.fx, c.fy, c.cx, c.cy)
 
     @property
     def groundtruth(self) -> Trajectory:
-        """The exact trajectory."""
+        """The exact true trajectory."""
         poses = (pose_from_matrix(self.name, matrix) for matrix in self.sequence.poses)
         return Trajectory(self.sequence.timestamps_s, tuple(poses))
 
@@ -64,7 +69,24 @@ class PointSource:
         return len(self.sequence)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Yield pictures of the tracks."""
+        """Draw images of the tracks.
+
+        Parameters
+        ----------
+        start : int
+            Absolute index of the first frame.
+        max_frames : int, optional
+            Largest number of frames; by default all.
+
+        Yields
+        ------
+        Frame
+
+        Raises
+        ------
+        SourceError
+            If the source has no such frame.
+        """
         camera = self.sequence.camera
         for index in frame_range(len(self), start, max_frames, self.name):
             image = np.full((camera.height, camera.width), _BACKGROUND, np.uint8)
@@ -75,7 +97,17 @@ class PointSource:
             yield Frame(index, float(self.timestamps_s[index]), f"frame-{index:06d}", image)
 
     def observations(self, start: int = 0) -> Iterator[Observations]:
-        """Yield the tracks of each frame from an absolute index on."""
+        """Give the tracks of each frame in order.
+
+        Parameters
+        ----------
+        start : int
+            Absolute index of the first frame.
+
+        Yields
+        ------
+        Observations
+        """
         camera = self.camera
         for index in range(start, len(self)):
             track_ids, pixels = self.sequence.observe(index)
@@ -93,10 +125,21 @@ class PointSource:
 def open_points(text: str, seed: int) -> PointSource:
     """Open ``points:NAME[?option=value&...]``.
 
+    Parameters
+    ----------
+    text : str
+        Name of the source; the options are those of :class:`sequences_synth.PointOptions`.
+    seed : int
+        Seed of the sequence.
+
+    Returns
+    -------
+    PointSource
+
     Raises
     ------
     SourceError
-        Where the scene or an option is unknown, or a value is none.
+        If the scene or an option is unknown, or if a value is not a number or out of range.
     """
     from sequences_synth import PointOptions, make_points
 
@@ -109,7 +152,12 @@ def open_points(text: str, seed: int) -> PointSource:
 
 
 def point_scenes() -> tuple[str, ...]:
-    """Names of the scenes."""
+    """List the names of the scenes.
+
+    Returns
+    -------
+    tuple of str
+    """
     from sequences_synth import POINT_SCENES
 
     return POINT_SCENES

@@ -1,4 +1,4 @@
-"""Synthetic worlds as a source: ``synth:NAME``, or with options ``synth:NAME?frames=50&noise=4``."""
+"""Synthetic sequences as a source: ``synth:NAME``, or with options ``synth:NAME?frames=50&noise=4``."""
 
 from __future__ import annotations
 
@@ -25,7 +25,12 @@ PREFIX = "synth:"
 
 @dataclass(frozen=True, eq=False)
 class SynthSource:
-    """A :class:`slam_init.types.frame.Source` that renders a frame when it is asked for."""
+    """A :class:`slam_init.types.frame.Source` that renders a frame when it is requested.
+
+    Attributes
+    ----------
+    sequence : SynthSequence
+    """
 
     sequence: SynthSequence
 
@@ -41,13 +46,13 @@ class SynthSource:
 
     @property
     def camera(self) -> Camera:
-        """The camera as stated; wrong where the option ``focal_error`` says so."""
+        """The stated camera; its focal length is wrong by the option ``focal_error``."""
         c = self.sequence.camera
         return Camera("pinhole", c.width, c.height, c.fx, c.fy, c.cx, c.cy)
 
     @property
     def groundtruth(self) -> Trajectory:
-        """The exact trajectory."""
+        """The exact true trajectory."""
         poses = (pose_from_matrix(self.name, matrix) for matrix in self.sequence.poses)
         return Trajectory(self.sequence.timestamps_s, tuple(poses))
 
@@ -60,7 +65,24 @@ class SynthSource:
         return len(self.sequence)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Yield frames in order, each rendered when it is reached."""
+        """Render frames in order, each when it is requested.
+
+        Parameters
+        ----------
+        start : int
+            Absolute index of the first frame.
+        max_frames : int, optional
+            Largest number of frames; by default all.
+
+        Yields
+        ------
+        Frame
+
+        Raises
+        ------
+        SourceError
+            If the source has no such frame.
+        """
         for index in frame_range(len(self), start, max_frames, self.name):
             image, _ = self.sequence.render(index)
             yield Frame(index, float(self.sequence.timestamps_s[index]), f"frame-{index:06d}", image)
@@ -69,10 +91,21 @@ class SynthSource:
 def open_synth(text: str, seed: int) -> SynthSource:
     """Open ``synth:NAME[?option=value&...]``.
 
+    Parameters
+    ----------
+    text : str
+        Name of the source; the options are those of :class:`sequences_synth.SynthOptions`.
+    seed : int
+        Seed of the sequence.
+
+    Returns
+    -------
+    SynthSource
+
     Raises
     ------
     SourceError
-        Where the scene or an option is unknown, or a value is none.
+        If the scene or an option is unknown, or if a value is not a number or out of range.
     """
     from sequences_synth import SynthOptions
 
@@ -81,12 +114,26 @@ def open_synth(text: str, seed: int) -> SynthSource:
 
 
 def option_values(text: str, query: str, defaults: Any) -> dict[str, Any]:
-    """The options ``name=value&...`` of a source, of the types that a dataclass of defaults has.
+    """Parse the options ``name=value&...`` of a source.
+
+    Parameters
+    ----------
+    text : str
+        Name of the source, for the message.
+    query : str
+        The options.
+    defaults : dataclass instance
+        Its fields are the known options; the type of each default is that of the value.
+
+    Returns
+    -------
+    dict of str to float or int
+        The given options only.
 
     Raises
     ------
     SourceError
-        Where an option is unknown, or a value is none; the message names the source ``text``.
+        If an option is unknown, or if a value is not a number.
     """
     known = {field.name: type(getattr(defaults, field.name)) for field in fields(defaults)}
     values: dict[str, Any] = {}
@@ -101,7 +148,26 @@ def option_values(text: str, query: str, defaults: Any) -> dict[str, Any]:
 
 
 def make_synth(name: str, seed: int, values: dict[str, Any]) -> SynthSequence:
-    """A synthetic sequence with some options changed; what it refuses is a :class:`SourceError`."""
+    """Make a synthetic sequence.
+
+    Parameters
+    ----------
+    name : str
+        One of :data:`sequences_synth.SCENES`.
+    seed : int
+        Not negative.
+    values : dict
+        Options of :class:`sequences_synth.SynthOptions`; the others keep their defaults.
+
+    Returns
+    -------
+    SynthSequence
+
+    Raises
+    ------
+    SourceError
+        If the scene is unknown, or if the seed or an option is out of range.
+    """
     import sequences_synth
 
     try:

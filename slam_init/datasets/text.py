@@ -1,12 +1,13 @@
-"""Text tables of data sets, read with tolerance for their form and none for their content.
+"""Readers of the text tables of data sets.
 
-Byte order marks, CRLF, blank lines, ``#`` comments and trailing spaces pass; a broken line is an error that
-names file and line.
+Byte order marks, CRLF line ends, blank lines, ``#`` comments and trailing spaces are allowed. A broken line is an error
+whose message names file and line.
 """
 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -27,18 +28,30 @@ __all__ = [
     "trajectory",
 ]
 
-#: Place for error messages (``file:line``) and the text of a line.
+#: The place of a line for error messages (``file:line``), and its text.
 Row = tuple[str, str]
 
 
-def read_rows(path: Path) -> Iterator[Row]:
-    """Yield ``(place, text)`` of the lines that hold something.
+def read_rows(path: str | os.PathLike[str]) -> Iterator[Row]:
+    """Read the lines of a file, without blank lines and comments.
+
+    Parameters
+    ----------
+    path : str or path-like
+
+    Yields
+    ------
+    place : str
+        File and line number, ``file:line``.
+    text : str
+        The line without spaces at its ends.
 
     Raises
     ------
     SourceError
-        Where the file is not readable as text.
+        If the file cannot be read as text.
     """
+    path = Path(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
@@ -52,12 +65,27 @@ def read_rows(path: Path) -> Iterator[Row]:
 
 
 def numbers(row: Row, fields: list[str], count: int, what: str) -> list[float]:
-    """The first ``count`` fields as finite numbers.
+    """Parse the first ``count`` fields of a line as finite numbers.
+
+    Parameters
+    ----------
+    row : Row
+        The line, for the message.
+    fields : list of str
+    count : int
+        Number of fields to parse.
+    what : str
+        The expected content of the line, for the message.
+
+    Returns
+    -------
+    list of float
+        Of length ``count``.
 
     Raises
     ------
     SourceError
-        Names the line and what was expected in it.
+        If there are too few fields, or if one is not a finite number.
     """
     place, text = row
     try:
@@ -70,7 +98,18 @@ def numbers(row: Row, fields: list[str], count: int, what: str) -> list[float]:
 
 
 def trajectory(stamped: list[tuple[float, Pose]]) -> Trajectory | None:
-    """A trajectory of stamped poses in any order (the first of equal stamps is kept), or None."""
+    """Make a trajectory from stamped poses.
+
+    Parameters
+    ----------
+    stamped : list of (float, Pose)
+        Time stamps in seconds and poses world_from_cam, in any order. Of poses with equal stamps the first is kept.
+
+    Returns
+    -------
+    Trajectory or None
+        None if the list is empty.
+    """
     unique: dict[float, Pose] = {}
     for timestamp_s, pose in stamped:
         unique.setdefault(timestamp_s, pose)
@@ -79,23 +118,73 @@ def trajectory(stamped: list[tuple[float, Pose]]) -> Trajectory | None:
 
 
 def pose_from_quaternion(row: Row, t: list[float], q_wxyz: list[float]) -> Pose:
-    """A pose from file numbers; an impossible quaternion is a :class:`SourceError`."""
-    # Files print 4 to 9 digits; a norm further from 1 means that the columns are something else.
+    """Make a pose from a translation and a quaternion of a file.
+
+    Parameters
+    ----------
+    row : Row
+        The line, for the message.
+    t : list of float
+        Translation (3,).
+    q_wxyz : list of float
+        Quaternion (4,), of unit norm up to the printed digits.
+
+    Returns
+    -------
+    Pose
+
+    Raises
+    ------
+    SourceError
+        If the norm of the quaternion differs from 1 by more than 0.01.
+    """
+    # Files print 4 to 9 digits. A norm further from 1 means that the columns hold something else.
     if abs(math.hypot(*q_wxyz) - 1) > 0.01:
         raise SourceError(f"{row[0]}: quaternion {q_wxyz} is not of unit norm")
     return Pose.from_quaternion(np.array(q_wxyz), np.array(t))
 
 
 def pose_from_matrix(place: str, matrix: Floats) -> Pose:
-    """A pose from a printed (3, 4) or (4, 4) matrix, its rotation made exactly orthonormal."""
+    """Make a pose from a printed matrix. Its rotation is made exactly orthonormal.
+
+    Parameters
+    ----------
+    place : str
+        File and line, for the message.
+    matrix : (3, 4) or (4, 4) float
+
+    Returns
+    -------
+    Pose
+
+    Raises
+    ------
+    SourceError
+        If the 3x3 part is not a rotation up to 0.01.
+    """
     R = matrix[:3, :3]
     if not (np.allclose(R @ R.T, np.eye(3), atol=0.01) and np.linalg.det(R) > 0):
         raise SourceError(f"{place}: the 3x3 part of the pose is not a rotation")
     return Pose.from_quaternion(quaternion_from_matrix(R), matrix[:3, 3])
 
 
-def read_tum_trajectory(path: Path) -> Trajectory | None:
-    """``timestamp tx ty tz qx qy qz qw`` (world_from_cam), in seconds and the units of the file."""
+def read_tum_trajectory(path: str | os.PathLike[str]) -> Trajectory | None:
+    """Read a trajectory in the format of TUM RGB-D: lines of ``timestamp tx ty tz qx qy qz qw``.
+
+    Parameters
+    ----------
+    path : str or path-like
+
+    Returns
+    -------
+    Trajectory or None
+        Time stamps in seconds and poses world_from_cam in the unit of the file; None if the file holds no pose.
+
+    Raises
+    ------
+    SourceError
+        If the file cannot be read or a line is broken; the message names file and line.
+    """
     stamped = []
     for row in read_rows(path):
         fields = row[1].replace(",", " ").split()

@@ -1,4 +1,4 @@
-"""A source that knows its time stamps."""
+"""The protocol of a source whose time stamps are known in advance."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ __all__ = ["TimedSource"]
 
 
 class TimedSource(Source, Protocol):
-    """A source that knows its time stamps without reading its images."""
+    """A source whose time stamps are known without reading its images."""
 
     @property
     def timestamps_s(self) -> Floats:
-        """(N,) float, strictly increasing."""
+        """(N,) float: time stamps of all frames in seconds, strictly increasing."""
         ...

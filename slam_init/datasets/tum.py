@@ -1,18 +1,22 @@
 """TUM RGB-D folders, and ICL-NUIM in its TUM-compatible form.
 
-A folder holds ``rgb.txt`` (``timestamp filename``) or ``associations.txt`` (``timestamp filename timestamp
-filename``, colour and depth in either order), and ``groundtruth.txt`` (``timestamp tx ty tz qx qy qz qw``,
-world_from_cam). ``camera.yaml`` beside them is the calibration; without it the published ones of TUM RGB-D
-(freiburg 1 to 3, told by the folder's name) and of ICL-NUIM serve.
+A folder holds:
 
-ICL-NUIM is rendered in a frame whose y axis points up, which its authors write as a negative focal length
-``fy``. Its TUM-compatible images are stored top down like all others, so the camera here has ``fy = +480``
-and the poses of ``*.gt.freiburg`` are reflected: with ``F = diag(1, -1, 1)``, ``R <- F R F``, ``t <- F t``.
-The first column of its files is a frame number, turned into seconds at the published 30 Hz.
+* ``rgb.txt`` (``timestamp filename``), or ``associations.txt`` (``timestamp filename timestamp filename``, colour and
+  depth in either order);
+* ``groundtruth.txt`` (``timestamp tx ty tz qx qy qz qw``, world_from_cam), optional;
+* ``camera.yaml``, the calibration, optional. Without it the published calibrations are used: for ICL-NUIM, and for TUM
+  RGB-D where the name of the folder holds ``freiburg1``, ``freiburg2`` or ``freiburg3``.
+
+ICL-NUIM is rendered in a frame whose y axis points up, which its authors write as a negative focal length ``fy``. Its
+TUM-compatible images are stored from top to bottom like all others. Therefore the camera has ``fy = +480`` here, and
+the poses of ``*.gt.freiburg`` are reflected: with ``F = diag(1, -1, 1)``, ``R <- F R F``, ``t <- F t``. The first
+column of its files is a frame number, which is converted to seconds at the published 30 Hz.
 """
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
@@ -26,11 +30,11 @@ from slam_init.types.pose import Pose, Trajectory
 
 __all__ = ["INDEX_FILES", "open_tum"]
 
-#: Lists of images, the first that exists is read.
+#: Files that list the images; the first that exists is read.
 INDEX_FILES = ("rgb.txt", "associations.txt", "associated.txt")
 
-# Published with the data sets: the colour cameras of TUM RGB-D's three Kinects (the images of the third are
-# already undistorted) and ICL-NUIM's renderer.
+# Published with the data sets: the colour cameras of the three Kinects of TUM RGB-D (the images of the third one are
+# already undistorted), and the renderer of ICL-NUIM.
 _FREIBURG = {
     "1": Camera(
         "radtan",
@@ -58,14 +62,24 @@ _ICL_NUIM = Camera("pinhole", 640, 480, 481.2, 480.0, 319.5, 239.5)
 _ICL_NUIM_RATE_HZ = 30.0
 
 
-def open_tum(folder: Path) -> ImageFileSource:
+def open_tum(folder: str | os.PathLike[str]) -> ImageFileSource:
     """Open a TUM RGB-D or ICL-NUIM folder.
+
+    Parameters
+    ----------
+    folder : str or path-like
+        Must hold one of :data:`INDEX_FILES`.
+
+    Returns
+    -------
+    ImageFileSource
 
     Raises
     ------
     SourceError, CalibrationError
-        Where a file of the folder is broken; names file and line.
+        If a file of the folder is missing or broken; the message names file and line.
     """
+    folder = Path(folder)
     icl_truths = sorted(folder.glob("*.gt.freiburg"))
     if len(icl_truths) > 1:
         raise SourceError(f"{folder}: several *.gt.freiburg: keep the one that belongs to the images")
@@ -86,13 +100,15 @@ def open_tum(folder: Path) -> ImageFileSource:
 
 def _read_index(folder: Path, unit_s: float) -> tuple[tuple[Path, ...], tuple[float, ...]]:
     """Paths and time stamps of the images that the folder lists."""
-    index = next(folder / name for name in INDEX_FILES if (folder / name).is_file())
+    index = next((folder / name for name in INDEX_FILES if (folder / name).is_file()), None)
+    if index is None:
+        raise SourceError(f"{folder}: holds none of {', '.join(INDEX_FILES)}")
     paths: list[Path] = []
     timestamps_s: list[float] = []
     for row in read_rows(index):
         place, text = row
         if index.name == "rgb.txt":
-            fields = text.split(maxsplit=1)  # file names may hold spaces
+            fields = text.split(maxsplit=1)  # a file name may hold spaces
         else:
             fields = text.split()
             if len(fields) >= 4 and fields[1].lower().startswith("depth"):
@@ -110,7 +126,7 @@ def _read_index(folder: Path, unit_s: float) -> tuple[tuple[Path, ...], tuple[fl
 
 
 def _reflected(truth: Trajectory | None, unit_s: float) -> Trajectory | None:
-    """ICL-NUIM's poses in a world and camera whose y axes point down."""
+    """The poses of ICL-NUIM for world and camera frames whose y axes point down."""
     if truth is None:
         return None
     F = np.diag([1.0, -1.0, 1.0])

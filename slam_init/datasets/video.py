@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,20 +22,21 @@ if TYPE_CHECKING:
 
 __all__ = ["VideoSource", "open_video"]
 
-# Where the header gives no believable rate.
+# Frame rate where the header states none, or one that is impossible.
 _NOMINAL_RATE_HZ = 30.0
 
 
 @dataclass(frozen=True, eq=False)
 class VideoSource:
-    """A :class:`slam_init.types.frame.Source` over a video file; time stamps are index over frame rate.
+    """A :class:`slam_init.types.frame.Source` over a video file. The time stamp of a frame is its index over the rate.
 
     Attributes
     ----------
     path : Path
     length : int
-        Frames as the header says, or as counted where it says nothing.
+        Number of frames as the header states, or as counted where the header states none.
     rate_hz : float
+        Frames per second.
     size : (int, int)
         Width and height in pixels.
     """
@@ -56,32 +58,42 @@ class VideoSource:
 
     @property
     def camera(self) -> Camera | None:
-        """None: videos carry no calibration."""
+        """None: a video holds no calibration."""
         return None
 
     @property
     def groundtruth(self) -> Trajectory | None:
-        """None."""
+        """None: a video holds no ground truth."""
         return None
 
     @property
     def timestamps_s(self) -> Floats:
-        """(N,) float: index over frame rate."""
+        """(N,) float: time stamps in seconds, index over frame rate."""
         return np.arange(self.length) / self.rate_hz
 
     def __len__(self) -> int:
         return self.length
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Yield frames in order; the video is decoded from its beginning, since seeking is inexact.
+        """Decode frames in order, always from the beginning of the video, since seeking is inexact.
 
-        A stream that ends before its header says is a shorter video, unless it ends before the first frame
-        wanted.
+        A stream may end earlier than its header states. This is an error only if it ends before frame ``start``.
+
+        Parameters
+        ----------
+        start : int
+            Absolute index of the first frame.
+        max_frames : int, optional
+            Largest number of frames; by default all.
+
+        Yields
+        ------
+        Frame
 
         Raises
         ------
         SourceError
-            Where no frame can be decoded at ``start``.
+            If frame ``start`` cannot be decoded, or if the size of a frame differs from that of the first.
         """
         wanted = frame_range(self.length, start, max_frames, self.name)
         capture = _capture(self.path)
@@ -100,21 +112,30 @@ class VideoSource:
             capture.release()
 
 
-def open_video(path: Path) -> VideoSource:
+def open_video(path: str | os.PathLike[str]) -> VideoSource:
     """Open a video file and decode its first frame.
+
+    Parameters
+    ----------
+    path : str or path-like
+
+    Returns
+    -------
+    VideoSource
 
     Raises
     ------
     SourceError
-        Where OpenCV cannot read the file or it has no frame.
+        If OpenCV cannot read the file, or if the video has no frame.
     """
     import cv2
 
+    path = Path(path)
     capture = _capture(path)
     try:
         decoded, image = capture.read()
         if not decoded:
-            raise SourceError(f"{path}: not a readable video, or one without frames")
+            raise SourceError(f"{path}: not a readable video, or a video without frames")
         rate_hz = capture.get(cv2.CAP_PROP_FPS)
         length = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
         if length < 1:
@@ -123,8 +144,8 @@ def open_video(path: Path) -> VideoSource:
                 length += 1
     finally:
         capture.release()
-    believable = np.isfinite(rate_hz) and 0 < rate_hz <= 1000
-    return VideoSource(path, length, rate_hz if believable else _NOMINAL_RATE_HZ, image.shape[1::-1])
+    possible = np.isfinite(rate_hz) and 0 < rate_hz <= 1000
+    return VideoSource(path, length, rate_hz if possible else _NOMINAL_RATE_HZ, image.shape[1::-1])
 
 
 def _capture(path: Path) -> cv2.VideoCapture:
@@ -132,13 +153,13 @@ def _capture(path: Path) -> cv2.VideoCapture:
 
     try:
         str(path).encode()
-    except UnicodeEncodeError:  # OpenCV crashes
-        raise SourceError(f"{path}: rename the video, its name is no Unicode in this locale") from None
-    # OpenCV reads a name with a % as a pattern of image names.
+    except UnicodeEncodeError:  # OpenCV crashes on such names
+        raise SourceError(f"{path}: rename the video: its name is not valid Unicode in this locale") from None
+    # OpenCV takes a name with a % for a pattern of image names.
     if "%" in path.name:
-        raise SourceError(f"{path}: rename the video, OpenCV cannot open names that hold a %")
+        raise SourceError(f"{path}: rename the video: OpenCV cannot open names with a %")
     capture = cv2.VideoCapture(str(path))
-    # Calibrations speak of pixels as stored: no rotation by the phone's idea of up.
+    # Calibrations refer to pixels as stored: the orientation that a phone writes into the file is not applied.
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
     if not capture.isOpened():
         raise SourceError(f"{path}: not a readable video; give a video file, or a folder of images")

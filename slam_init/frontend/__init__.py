@@ -1,1 +1,1 @@
-"""Features, tracks and keyframes: from images to pairs of frames."""
+"""Features, tracks and keyframes: the stages from images to pairs of frames."""

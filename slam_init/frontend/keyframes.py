@@ -1,9 +1,10 @@
-"""Keyframe manager: which earlier frame to pair the current one with.
+"""Keyframe manager: chooses the earlier frame that is paired with the current one.
 
-A bounded window of candidate reference frames is kept. For each, the rotation that best aligns the common tracks is
-removed; what is left over is parallax (and noise). Pairs are ranked by what they promise for the direction of the
-baseline, whose standard deviation goes as noise / (parallax sqrt(n)): the promise is parallax times the square root of
-the number of tracks, less where they crowd in a part of the image.
+The manager keeps a bounded window of candidate reference frames. For each candidate, the rotation that best aligns the
+common tracks is removed; the remaining displacement is parallax (and noise). The pairs are ranked by the expected
+precision of the direction of the baseline. Its standard deviation is proportional to noise / (parallax sqrt(n)) for n
+tracks. Therefore the score of a pair is its parallax times sqrt(n), reduced where the tracks cover only a part of the
+image.
 """
 
 from __future__ import annotations
@@ -21,23 +22,24 @@ from slam_init.types.frame import Observations
 
 __all__ = ["KeyframeManager", "PairPreview", "difference_gate", "preview_pair"]
 
-#: The spread of the tracks is counted on this grid of the image.
+#: The spread of the tracks is counted in the cells of this grid over the image.
 _GRID = (8, 6)
-#: A pair that fails again and again waits no longer than this many times the first wait: after some seconds of video
-#: the rest of the scene may have changed.
+#: Longest wait after repeated failures, in units of ``new_after_frames``: after some seconds of video the rest of the
+#: scene may have changed.
 _LONGEST_WAIT = 8
-#: A map that is refused costs as much time as this many frames of video: so long all rest, unless one promises more.
-_REST_FRAMES = 3
+#: Building a map takes as long as this many frames of video. After a refused map no pair is tried for this time,
+#: except for a pair with a clearly higher score.
+_PAUSE_FRAMES = 3
 #: Two frames that share half of their tracks see the same scene.
 _SAME_SCENE = 0.5
-#: Tracks drift, and drift looks like parallax: over 600 to 900 frames of pure rotation, a tenth of those with the
-#: oldest candidate came to be off by 2 px, and it was tried again and again. Half of that is kept.
+#: A candidate is dropped after 300 frames, since tracks drift and drift looks like parallax. In 600 to 900 frames of
+#: pure rotation, a tenth of the tracks of the oldest candidate drifted by 2 px, and the candidate was tried repeatedly.
 _OLDEST_FRAMES = 300
 
 
 @dataclass(frozen=True)
 class PairPreview:
-    """What is known about a pair of frames before any epipolar geometry.
+    """Properties of a pair of frames that are known before any epipolar geometry.
 
     Attributes
     ----------
@@ -46,15 +48,15 @@ class PairPreview:
     matches : int
         Common tracks.
     overlap : float
-        Common tracks, as a share of those in the frame that has more: a frame without features overlaps with nothing.
+        Number of common tracks over that of the frame with more tracks. A frame without features has overlap 0.
     motion_px : float
         90th percentile of the displacement of the tracks.
     rotation_deg : float
-        Angle of the rotation that aligns the tracks best.
+        Angle of the rotation that best aligns the tracks.
     parallax_px : float
-        Median displacement that this rotation leaves.
+        Median displacement of the tracks after this rotation is removed.
     parallax_share : float
-        Share of the tracks that are displaced by more than noise after the rotation is removed.
+        Share of the tracks that are displaced by more than noise after this rotation is removed.
     spread : float
         Share of the image's grid cells that hold a common track, in (0, 1].
     """
@@ -70,18 +72,43 @@ class PairPreview:
     spread: float
 
     @property
-    def promise(self) -> float:
-        """Grows as the direction of the baseline gets more certain."""
+    def direction_score(self) -> float:
+        """Expected precision of the direction of the baseline, in arbitrary units: parallax times sqrt(tracks)."""
         return self.parallax_px * float(np.sqrt(self.matches * self.spread))
 
 
 def difference_gate(noise: float) -> float:
-    """Three standard deviations of the difference of two measurements with this noise each."""
+    """Compute three standard deviations of the difference of two measurements.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation of each measurement.
+
+    Returns
+    -------
+    float
+        In the unit of the noise.
+    """
     return 3 * float(np.sqrt(2)) * noise
 
 
 def preview_pair(camera: Camera, reference: Observations, current: Observations, noise_px: float) -> PairPreview:
-    """Remove the best rotation between two frames and measure what is left."""
+    """Remove the best rotation between two frames and measure the remaining displacement of the common tracks.
+
+    Parameters
+    ----------
+    camera : Camera
+    reference, current : Observations
+        Tracks of the two frames.
+    noise_px : float
+        Standard deviation of one coordinate of a track.
+
+    Returns
+    -------
+    PairPreview
+        With zero motion and parallax if there are fewer than 3 common tracks.
+    """
     i, j = common_tracks(reference, current)
     if len(i) < 3:
         return PairPreview(reference.frame, current.frame, len(i), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -89,7 +116,7 @@ def preview_pair(camera: Camera, reference: Observations, current: Observations,
     motion_px = float(np.percentile(np.linalg.norm(current.pixels[j] - reference.pixels[i], axis=1), 90))
     gate_px = difference_gate(noise_px)
     R = np.eye(3)
-    # From a scale at which every track has a say down to the noise.
+    # The scale of the robust kernel decreases from one at which every track counts to the noise.
     for scale_px in (0.1 * camera.focal_px, 8 * gate_px, gate_px):
         R = refine_rotation_compiled(R, m, n, scale_px / camera.focal_px, iterations=4)
     left_px = np.linalg.norm(n - m @ R.T, axis=1) * camera.focal_px
@@ -108,95 +135,132 @@ def preview_pair(camera: Camera, reference: Observations, current: Observations,
 
 
 @dataclass(frozen=True)
-class _Failure:
-    """What a reference has to wait for: as much promise as ``needed``, or the frame ``again``."""
+class _RetryCondition:
+    """When a pair is tried again: once its score reaches ``min_score``, or from frame ``from_frame`` on."""
 
-    needed: float
-    again: int
-    wait: int
+    min_score: float
+    from_frame: int
+    wait_frames: int
 
-    def over(self, pair: PairPreview) -> bool:
-        """Whether a pair need not wait any more."""
-        return pair.promise >= self.needed or pair.current >= self.again
+    def is_met_by(self, pair: PairPreview) -> bool:
+        return pair.direction_score >= self.min_score or pair.current >= self.from_frame
 
 
 class KeyframeManager:
-    """Keeps the candidate references and offers pairs with the current frame.
+    """Keeps the candidate reference frames and chooses the pair to try with the current frame.
 
     Parameters
     ----------
     camera : Camera
     config : Config
+
+    Attributes
+    ----------
+    candidates : list of int
+        Absolute indices of the candidate reference frames, ascending.
     """
 
     def __init__(self, camera: Camera, config: Config) -> None:
         self._camera = camera
         self._config = config
         self.candidates: list[int] = []
-        self._failed: dict[int, _Failure] = {}  # by reference
-        self._rest = _Failure(0.0, 0, 0)  # of any reference
+        self._retry: dict[int, _RetryCondition] = {}  # of each reference whose last pair failed
+        self._retry_any = _RetryCondition(0.0, 0, 0)  # of all references, after a refused map
 
     def preview(self, history: History, current: Observations) -> list[PairPreview]:
-        """Pairs of the candidates with the current frame, the most promising first."""
+        """Preview the pairs of all candidates with the current frame.
+
+        Parameters
+        ----------
+        history : History
+            Holds the candidates.
+        current : Observations
+
+        Returns
+        -------
+        list of PairPreview
+            In descending order of ``direction_score``.
+        """
         noise_px = self._config.map.noise_px
         pairs = [preview_pair(self._camera, history[f], current, noise_px) for f in self.candidates]
-        return sorted(pairs, key=lambda pair: -pair.promise)
+        return sorted(pairs, key=lambda pair: -pair.direction_score)
 
-    def worth_trying(self, pairs: list[PairPreview]) -> PairPreview | None:
-        """The best pair that promises more than it did when it failed."""
+    def best_pair_to_try(self, pairs: list[PairPreview]) -> PairPreview | None:
+        """Choose the best pair that has enough matches and need not wait after a failure.
+
+        Parameters
+        ----------
+        pairs : list of PairPreview
+            As returned by :meth:`preview`.
+
+        Returns
+        -------
+        PairPreview or None
+            None if there is no such pair.
+        """
         settings = self._config.keyframes
         for pair in pairs:
             if pair.matches < settings.min_matches:
                 continue
-            failure = self._failed.get(pair.reference)
-            if not self._rest.over(pair):
+            retry = self._retry.get(pair.reference)
+            if not self._retry_any.is_met_by(pair):
                 continue
-            if failure is None or failure.over(pair):
+            if retry is None or retry.is_met_by(pair):
                 return pair
         return None
 
-    def failed(self, pair: PairPreview, lacking: float = 1.0, *, as_map: bool = False) -> None:
-        """Remember that the pair did not lead to a map.
+    def failed(self, pair: PairPreview, parallax_shortfall: float = 1.0, *, map_refused: bool = False) -> None:
+        """Record that the pair did not lead to a map.
 
         Parameters
         ----------
         pair : PairPreview
-        lacking : float
-            Factor by which the worst gate was missed; for the gates that go with the inverse of the parallax the pair
-            has to promise that much more.
-        as_map : bool
-            Whether a map was built and refused, which costs the time of some frames: no other pair is tried meanwhile.
+        parallax_shortfall : float
+            Required baseline divided by the current one, from the worst gate that scales with parallax. The score of
+            the pair has to grow by about this factor.
+        map_refused : bool
+            Whether a map was built and refused. This takes the time of some frames, during which no pair is tried
+            unless its score is clearly higher.
         """
         settings = self._config.keyframes
-        # Promise and gates are no exact multiples of each other: four fifths of the way are close enough to look again.
-        gain = min(max(settings.retry_gain, 0.8 * lacking), settings.max_retry_gain)
-        # Where little parallax drowns in noise the promise hardly grows, but in a steady motion the way does: after so
-        # many frames it is longer by that gain. Each time in vain the pair waits twice as long, else a window of
-        # hopeless references would be tried on every frame.
+        # Score and gates are not exactly proportional: the pair is tried again at four fifths of the required score.
+        gain = min(max(settings.retry_gain, 0.8 * parallax_shortfall), settings.max_retry_gain)
+        # Where the parallax is small compared with the noise, the score hardly grows. But in a steady motion the
+        # baseline does: after this number of frames it has grown by ``gain``. After each further failure without a
+        # higher score the wait is doubled; otherwise a window of hopeless references would be tried on every frame.
         frames = int(np.ceil(round((gain - 1) * (pair.current - pair.reference), 6)))
-        last, wait = self._failed.get(pair.reference), max(1, min(frames, settings.new_after_frames))
-        if last is not None and pair.promise < last.needed:
-            wait = min(2 * last.wait, _LONGEST_WAIT * settings.new_after_frames)
-        self._failed[pair.reference] = _Failure(gain * pair.promise, pair.current + wait, wait)
-        if as_map:
-            self._rest = _Failure(settings.retry_gain * pair.promise, pair.current + _REST_FRAMES, _REST_FRAMES)
+        last, wait = self._retry.get(pair.reference), max(1, min(frames, settings.new_after_frames))
+        if last is not None and pair.direction_score < last.min_score:
+            wait = min(2 * last.wait_frames, _LONGEST_WAIT * settings.new_after_frames)
+        self._retry[pair.reference] = _RetryCondition(gain * pair.direction_score, pair.current + wait, wait)
+        if map_refused:
+            self._retry_any = _RetryCondition(
+                settings.retry_gain * pair.direction_score, pair.current + _PAUSE_FRAMES, _PAUSE_FRAMES
+            )
 
     def update(self, current: Observations, pairs: list[PairPreview]) -> None:
-        """Let the current frame become a candidate where the newest one grows old, and drop useless ones."""
+        """Add the current frame to the candidates if the newest one is old enough, and drop the least useful ones.
+
+        Parameters
+        ----------
+        current : Observations
+        pairs : list of PairPreview
+            All candidates paired with the current frame, as returned by :meth:`preview`.
+        """
         settings = self._config.keyframes
         if self.candidates:
             newest = max(self.candidates)
             to_newest = next(pair for pair in pairs if pair.reference == newest)
             if to_newest.overlap >= settings.new_overlap and current.frame - newest < settings.new_after_frames:
                 return
-            # It sees what its neighbour saw: what was not enough there is not enough here, nor before it is as old as
-            # its neighbour was when it became one.
-            if newest in self._failed and to_newest.overlap >= _SAME_SCENE:
+            # The new candidate sees the same scene as the newest one. So it needs the same score before it is tried,
+            # unless it gets ``new_after_frames`` old.
+            if newest in self._retry and to_newest.overlap >= _SAME_SCENE:
                 later = current.frame + settings.new_after_frames
-                self._failed[current.frame] = replace(self._failed[newest], again=later)
-        # A candidate that lost its tracks is of no use any more; next goes the one that promises least.
-        by_use = sorted(pairs, key=lambda p: (p.matches >= settings.min_matches, p.promise, -p.reference))
+                self._retry[current.frame] = replace(self._retry[newest], from_frame=later)
+        # Candidates that lost their tracks are dropped first, then those with the lowest score.
+        by_use = sorted(pairs, key=lambda p: (p.matches >= settings.min_matches, p.direction_score, -p.reference))
         dropped = {p.reference for p in by_use[: max(len(pairs) + 1 - settings.window, 0)]}
         dropped |= {frame for frame in self.candidates if current.frame - frame > _OLDEST_FRAMES}
         self.candidates = [*(frame for frame in self.candidates if frame not in dropped), current.frame]
-        self._failed = {frame: failure for frame, failure in self._failed.items() if frame in self.candidates}
+        self._retry = {frame: retry for frame, retry in self._retry.items() if frame in self.candidates}

@@ -1,4 +1,4 @@
-"""SIFT features of single images, and which of two images are the same point."""
+"""SIFT features of an image, and matches between the features of two images."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class SiftFeatures:
     Attributes
     ----------
     pixels : (N, 2) float
-        Raw pixels; no two within the same pixel.
+        Raw pixels; at most one keypoint in each pixel.
     descriptors : (N, 128) float32
-        Of unit norm.
+        RootSIFT descriptors of unit norm.
     """
 
     pixels: Floats
@@ -28,21 +28,51 @@ class SiftFeatures:
 
 
 def detect_sift(gray: Image, limit: int) -> SiftFeatures:
-    """The strongest SIFT keypoints of a grey image (H, W), at most ``limit`` of them."""
+    """Detect the strongest SIFT keypoints of an image and describe them by RootSIFT [AZ12]_.
+
+    Parameters
+    ----------
+    gray : (H, W) uint8
+    limit : int
+        Largest number of keypoints.
+
+    Returns
+    -------
+    SiftFeatures
+
+    References
+    ----------
+    .. [AZ12] R. Arandjelovic, A. Zisserman, "Three things everyone should know to improve object retrieval", CVPR 2012.
+    """
     import cv2
 
     keypoints, descriptors = cv2.SIFT.create(nfeatures=limit).detectAndCompute(gray, None)
     if not keypoints:
         return SiftFeatures(np.zeros((0, 2)), np.zeros((0, 128)))
     pixels = np.array([k.pt for k in keypoints], float)
-    single = first_per_cell(pixels, 1.0)  # a keypoint with two orientations is listed twice
-    # RootSIFT (Arandjelovic and Zisserman 2012): Hellinger distance between the histograms.
+    single = first_per_cell(pixels, 1.0)  # OpenCV lists a keypoint with two orientations twice
+    # The Euclidean distance of the square roots is the Hellinger distance of the histograms.
     roots = np.sqrt(descriptors[single] / np.maximum(descriptors[single].sum(axis=1, keepdims=True), 1e-9))
     return SiftFeatures(pixels[single], roots)
 
 
 def match_descriptors(old: Floats, new: Floats, ratio: float) -> tuple[Ints, Ints]:
-    """Mutual nearest neighbours of unit descriptors that pass Lowe's ratio test, as positions in old and new."""
+    """Match descriptors that are mutual nearest neighbours and pass Lowe's ratio test.
+
+    Parameters
+    ----------
+    old : (N, D) float
+        Descriptors of unit norm.
+    new : (M, D) float
+        Descriptors of unit norm.
+    ratio : float
+        Largest distance of the nearest neighbour over that of the second nearest.
+
+    Returns
+    -------
+    i_old, i_new : (K,) int
+        Positions of the matches in ``old`` and in ``new``; those in ``old`` ascend.
+    """
     if len(old) < 2 or len(new) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     similarity = old.astype(np.float32) @ new.astype(np.float32).T
@@ -59,7 +89,19 @@ def match_descriptors(old: Floats, new: Floats, ratio: float) -> tuple[Ints, Int
 
 
 def first_per_cell(pixels: Floats, cell_px: float) -> Ints:
-    """Positions of the first point in each square cell of the image, ascending."""
+    """Keep one point in each square cell of the image.
+
+    Parameters
+    ----------
+    pixels : (N, 2) float
+    cell_px : float
+        Side of a cell.
+
+    Returns
+    -------
+    (K,) int
+        Ascending positions of the first point in each cell that is not empty.
+    """
     if len(pixels) == 0:
         return np.zeros(0, np.int64)
     _, first = np.unique(np.floor(pixels / cell_px).astype(np.int64), axis=0, return_index=True)

@@ -1,8 +1,9 @@
-"""Features and tracks: which image points of different frames are the same point of the world.
+"""Features and tracks: the image points of different frames that show the same point of the world.
 
-Video is followed by Lucas-Kanade flow from frame to frame, with a forward-backward check. Where the flow loses more
-than half of its tracks in one step (photographs, a cut, a fast pan), SIFT descriptors link the frame to the last few
-instead, and whichever of the two links more wins. Both feed the same tracks: nothing after this module knows which.
+In video, points are followed by Lucas-Kanade flow from frame to frame, with a forward-backward check. If the flow loses
+more than half of the tracks in one step (photographs, a cut, a fast pan), SIFT descriptors link the frame to the last
+few frames. Of flow and descriptors, the one that links more points is used. Both give the same kind of tracks: the
+modules that use the tracks do not know their origin.
 """
 
 from __future__ import annotations
@@ -24,13 +25,29 @@ __all__ = ["History", "Tracker", "common_tracks"]
 
 
 def common_tracks(a: Observations, b: Observations) -> tuple[Ints, Ints]:
-    """Positions in a and in b of the tracks that both see, in order of track id."""
+    """Find the tracks that two frames share.
+
+    Parameters
+    ----------
+    a, b : Observations
+
+    Returns
+    -------
+    i_a, i_b : (N,) int
+        Positions of the common tracks in a and in b, in ascending order of the track id.
+    """
     _, ia, ib = np.intersect1d(a.track_ids, b.track_ids, assume_unique=True, return_indices=True)
     return ia, ib
 
 
 class History:
-    """Observations of the last ``limit`` frames, and of older ones that are still asked for."""
+    """Observations of the last frames, and of older ones that are still needed.
+
+    Parameters
+    ----------
+    limit : int
+        Number of recent frames that :meth:`forget` keeps in any case.
+    """
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
@@ -43,21 +60,33 @@ class History:
         return self._frames[frame]
 
     def put(self, observations: Observations) -> None:
-        """Add a frame, or replace it by a richer version of itself."""
+        """Add a frame, or replace its observations.
+
+        Parameters
+        ----------
+        observations : Observations
+        """
         self._frames[observations.frame] = observations
 
     def take(self, observations: Observations, revised: Iterable[Observations] = ()) -> None:
-        """Check the tracks of the next frame and add them; replace earlier frames by richer versions.
+        """Check and add the tracks of the next frame, and replace the observations of earlier frames.
+
+        Parameters
+        ----------
+        observations : Observations
+            Tracks of a frame after all frames of the history.
+        revised : iterable of Observations
+            Earlier frames with additional tracks. Frames that are no longer in the history are ignored.
 
         Raises
         ------
         SlamInitError
-            Where the arrays do not belong together, a bearing is not finite, or the frame is not the next one.
+            If the arrays differ in length, if a pixel or bearing is not finite, or if the frames do not ascend.
         """
         for one in (observations, *revised):
             _check(one)
         newest = max(self._frames, default=-1)
-        # The tracker has put its own observations here already.
+        # A tracker that shares this history has already put its own observations here.
         again = observations.frame == newest and self._frames[newest] is not observations
         if observations.frame < max(newest, 0) or again:
             raise SlamInitError(
@@ -67,14 +96,31 @@ class History:
         self.put(observations)
 
     def forget(self, keep: Iterable[int]) -> None:
-        """Drop what is older than the limit, except for the frames in ``keep``."""
+        """Drop the frames that are older than the limit.
+
+        Parameters
+        ----------
+        keep : iterable of int
+            Absolute indices of frames that are not dropped.
+        """
         wanted = set(keep)
         newest = max(self._frames, default=0)
         for frame in [f for f in self._frames if f <= newest - self._limit and f not in wanted]:
             del self._frames[frame]
 
     def between(self, first: int, last: int) -> list[Observations]:
-        """The frames strictly between two absolute indices, in time order."""
+        """List the frames strictly between two frames.
+
+        Parameters
+        ----------
+        first, last : int
+            Absolute indices.
+
+        Returns
+        -------
+        list of Observations
+            In time order.
+        """
         return [o for f, o in sorted(self._frames.items()) if first < f < last]
 
 
@@ -93,7 +139,7 @@ def _check(observations: Observations) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _SiftFrame:
-    """Keypoints of one frame, their descriptors, and the track of each (-1: none yet; updated in place)."""
+    """Keypoints of one frame with descriptors and track ids (-1: no track yet). The ids are updated in place."""
 
     frame: int
     pixels: Floats
@@ -102,21 +148,21 @@ class _SiftFrame:
 
 
 class Tracker:
-    """Follows features through the frames that it is fed, in order, and keeps their history.
+    """Follows features from frame to frame and keeps their history.
 
     Parameters
     ----------
     camera : Camera
-        Turns pixels into bearings.
+        Converts pixels to bearings.
     config : TrackingConfig
     history_limit : int
-        How many frames to remember.
+        Number of recent frames in the history.
 
     Attributes
     ----------
     history : History
     revised : tuple of Observations
-        Earlier frames that the last call of :meth:`track` enriched.
+        Earlier frames that got additional tracks in the last call of :meth:`track`.
     """
 
     def __init__(self, camera: Camera, config: TrackingConfig, history_limit: int = 150) -> None:
@@ -130,9 +176,20 @@ class Tracker:
         self._next_id = 0
 
     def track(self, frame: Frame) -> Observations:
-        """Follow the tracks into the next frame, and start new ones where some were lost.
+        """Follow the tracks into the next frame, and start new tracks if too many were lost.
 
-        A link by descriptors finds tracks that earlier frames did not know of: the history of those is enriched.
+        If the frame is linked by descriptors, new tracks may be found in earlier frames as well. They are added to the
+        history.
+
+        Parameters
+        ----------
+        frame : Frame
+            The frame after the one of the last call.
+
+        Returns
+        -------
+        Observations
+            The tracks in this frame.
         """
         gray = frame.gray
         self.revised = ()
@@ -143,7 +200,7 @@ class Tracker:
             ids = np.concatenate([ids, self._new_ids(len(new))])
             pixels = np.concatenate([pixels, new])
         bearings = self._camera.bearings(pixels)
-        # A pixel beyond the field of view of the lens model has no ray.
+        # Pixels beyond the field of view of the lens model have no ray and are left out.
         order = np.argsort(ids)
         order = order[np.isfinite(bearings[order]).all(axis=1)]
         self._last = Observations(
@@ -160,7 +217,7 @@ class Tracker:
         return self._last
 
     def _link(self, index: int, gray: Image) -> tuple[Ints, Floats, bool]:
-        """Tracks of the last frame found in this one: ids, pixels, and whether descriptors did it."""
+        """Tracks found in this frame: ids, pixels, and whether descriptors linked them (else flow did)."""
         if self._last is None or self._last_gray is None:
             return np.zeros(0, np.int64), np.zeros((0, 2)), False
         kept, moved = self._flow(self._last_gray, gray, self._last.pixels)
@@ -168,7 +225,7 @@ class Tracker:
             return self._last.track_ids[kept], moved[kept], False
         sift = self._detect_sift(index, gray)
         if not self._sift_frames or self._sift_frames[-1].frame != self._last.frame:
-            # The frames before were linked by flow, or not at all: start from the last one.
+            # The last frame was linked by flow, or not at all. Its keypoints are the first to match with.
             self._sift_frames.clear()
             self._sift_frames.append(self._detect_sift(self._last.frame, self._last_gray))
         matches = [
@@ -184,7 +241,7 @@ class Tracker:
         return sift.track_ids[linked], sift.pixels[linked], True
 
     def _flow(self, before: Image, after: Image, pixels: Floats) -> tuple[Bools, Floats]:
-        """Lucas-Kanade forward and back: which points survive (N,), and where all of them went (N, 2)."""
+        """Lucas-Kanade flow forward and back: whether each point survives (N,), and its new pixel (N, 2)."""
         import cv2
 
         if len(pixels) == 0:
@@ -196,7 +253,7 @@ class Tracker:
         end, found, _ = cv2.calcOpticalFlowPyrLK(
             before, after, start, np.empty_like(start), winSize=window, maxLevel=levels, criteria=criteria
         )
-        # The way back starts where it should end, so it needs no coarse levels.
+        # The backward flow starts from its expected end, so that it needs no coarse pyramid levels.
         back, found_back, _ = cv2.calcOpticalFlowPyrLK(
             after, before, end, start.copy(), winSize=window, maxLevel=1, criteria=criteria,
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
@@ -206,22 +263,22 @@ class Tracker:
         inside = (end >= 0).all(axis=1) & (end[:, 0] <= width - 1) & (end[:, 1] <= height - 1)
         kept = (found.ravel() > 0) & (found_back.ravel() > 0) & closed & inside
         moved = end.astype(float)
-        # Two tracks that slid onto one another are one: the older stays.
+        # Of two tracks that meet in one place only the older is kept.
         survivors = np.flatnonzero(kept)
         kept[:] = False
         kept[survivors[first_per_cell(moved[survivors], 0.5 * self._config.min_distance * width)]] = True
         return kept, moved
 
     def _detect(self, gray: Image, occupied: Floats, count: int) -> Floats:
-        """Up to ``count`` corners (n, 2) away from the occupied places."""
+        """Up to ``count`` corners (n, 2) at a distance from the occupied pixels."""
         import cv2
 
         distance = self._config.min_distance * gray.shape[1]
         mask = np.full(gray.shape, 255, np.uint8)
         for x, y in np.round(occupied).astype(int):
             cv2.circle(mask, (int(x), int(y)), round(distance), 0, -1)
-        # A corner of 0.2 % of the strongest one's response still is a corner: a checkerboard in view must not take the
-        # features from the table that it lies on.
+        # The threshold is 0.2 % of the response of the strongest corner. With a higher one, a checkerboard in view
+        # would suppress the weaker features of the table on which it lies.
         corners = cv2.goodFeaturesToTrack(gray, count, 0.002, distance, mask=mask, blockSize=5)
         return np.zeros((0, 2)) if corners is None else corners.reshape(-1, 2).astype(float)
 
@@ -230,22 +287,22 @@ class Tracker:
         return _SiftFrame(index, found.pixels, found.descriptors, np.full(len(found.pixels), -1, np.int64))
 
     def _join(self, old: _SiftFrame, new: _SiftFrame, i_old: Ints, i_new: Ints) -> None:
-        """Put matched keypoints into one track, and enrich the old frame in the history by what it did not know."""
+        """Put matched keypoints into one track, and add the new tracks of the old frame to the history."""
         a, b = old.track_ids[i_old], new.track_ids[i_new]
         fresh = (a < 0) & (b < 0)
         ids = self._new_ids(int(fresh.sum()))
         old.track_ids[i_old[fresh]] = ids
         new.track_ids[i_new[fresh]] = ids
-        # A track that is longer in one of the two frames continues in the other, unless it is there already.
+        # A track of one frame continues in the other, unless that frame has the track already.
         to_new = (a >= 0) & (b < 0) & ~np.isin(a, new.track_ids)
         new.track_ids[i_new[to_new]] = a[to_new]
         to_old = (a < 0) & (b >= 0) & ~np.isin(b, old.track_ids)
         old.track_ids[i_old[to_old]] = b[to_old]
         added = i_old[fresh | to_old]
         if len(added):
-            self._enrich(old.frame, old.track_ids[added], old.pixels[added])
+            self._add_to_history(old.frame, old.track_ids[added], old.pixels[added])
 
-    def _enrich(self, frame: int, ids: Ints, pixels: Floats) -> None:
+    def _add_to_history(self, frame: int, ids: Ints, pixels: Floats) -> None:
         known = self.history[frame]
         bearings = self._camera.bearings(pixels)
         seen = np.isfinite(bearings).all(axis=1)

@@ -1,4 +1,4 @@
-"""Array types of annotations; shapes are given in the docstrings."""
+"""Array types for annotations; the shapes are stated in the docstrings."""
 
 from __future__ import annotations
 

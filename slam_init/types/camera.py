@@ -1,12 +1,12 @@
-"""The camera: what a pixel means.
+"""The camera model, which maps pixels to bearings and points to pixels.
 
-Three models, told apart by ``model``:
+There are three models:
 
 * ``pinhole``: no distortion;
 * ``radtan``: OpenCV's radial-tangential model ``k1, k2, p1, p2[, k3]`` (COLMAP: OPENCV, FULL_OPENCV);
 * ``fisheye``: OpenCV's equidistant model ``k1, k2, k3, k4`` (COLMAP: OPENCV_FISHEYE, Kalibr: equidistant).
 
-Pixels are undistorted once, into unit bearings; everything after works on bearings.
+Pixels are converted to unit bearings once; all later stages work on bearings.
 """
 
 from __future__ import annotations
@@ -21,21 +21,23 @@ from slam_init.types.arrays import Floats
 
 __all__ = ["Camera"]
 
-# Newton's method doubles its digits each step; lenses in use need 4 to 8, those near turning back more.
+# Newton's method doubles the number of correct digits in each step. Real lenses need 4 to 8 steps; pixels near the
+# radius at which the lens polynomial stops growing need more.
 _NEWTON_STEPS = 30
-# Residual on the plane z = 1 of a pixel that counts as undistorted: 1e-7 px for a focal length of 1000 px.
+# Largest residual on the plane z = 1 of an undistorted pixel: 1e-7 px for a focal length of 1000 px.
 _SOLVED = 1e-10
-# Rays are kept on the plane z = 1, which ends at 90 degrees.
+# Rays are represented on the plane z = 1, which ends at 90 degrees.
 _MAX_FISHEYE_ANGLE_RAD = math.radians(89.0)
 
-# Focal lengths in units of the longer side: a fisheye of 180 degrees has 0.3, a telescope 100. Beyond this range it is
-# the unit that is wrong (metres, a fraction of the width), and numbers overflow further on.
+# Range of the focal length in units of the longer side: a fisheye of 180 degrees has 0.3, a telescope 100. A value
+# outside is in a wrong unit (metres, a fraction of the width), and later numbers would overflow.
 _FOCAL_RANGE = (0.01, 1000.0)
-# Principal points in units of the longer side from the centre: crops move it, but not that far.
+# Largest distance of the principal point from the centre, in units of the longer side: cropping moves it by less.
 _MAX_OFFSET = 10.0
-# Anamorphic lenses squeeze by 2; more is a slip in the decimal point.
+# Largest ratio of fx and fy. Anamorphic lenses have 2; a larger ratio is a wrong decimal point.
 _MAX_ASPECT = 5.0
 
+# Allowed numbers of distortion coefficients.
 _DISTORTION_SIZES = {"pinhole": (0,), "radtan": (4, 5), "fisheye": (4,)}
 
 
@@ -54,13 +56,13 @@ class Camera:
     distortion : tuple of float
         ``()``, ``(k1, k2, p1, p2[, k3])`` or ``(k1, k2, k3, k4)``.
     guessed : bool
-        True where the focal length is a guess, not a calibration.
+        True if the focal length is a guess, not a calibration.
 
     Raises
     ------
     CalibrationError
-        Where a number is not finite or beyond what lenses have, a focal length not positive, a size not positive, a
-        model unknown.
+        If the model is unknown, if a focal length or a size is not positive, or if a number is not finite or outside of
+        the range of real lenses.
     """
 
     model: str
@@ -118,16 +120,26 @@ class Camera:
 
     @property
     def focal_px(self) -> float:
-        """Geometric mean of the focal lengths: turns pixels into radians near the centre."""
+        """Geometric mean of fx and fy: the number of pixels per radian near the centre."""
         return math.sqrt(self.fx * self.fy)
 
     @property
     def is_distorted(self) -> bool:
-        """True where raw pixels differ from those of a pinhole camera."""
+        """True if raw pixels differ from those of a pinhole camera."""
         return self.model == "fisheye" or any(k != 0 for k in self.distortion)
 
     def scaled(self, factor: float) -> Camera:
-        """The same camera for images resized by ``factor`` (pixel centres at integers)."""
+        """Compute the calibration of the same camera for resized images.
+
+        Parameters
+        ----------
+        factor : float
+            Size of the new images over that of the old ones.
+
+        Returns
+        -------
+        Camera
+        """
         return replace(
             self,
             width=max(1, round(self.width * factor)),
@@ -139,16 +151,21 @@ class Camera:
         )
 
     def normalize(self, pixels: Floats) -> Floats:
-        """Undistort raw pixels (N, 2) to the plane z = 1 (N, 2).
+        """Undistort raw pixels to the plane z = 1.
 
-        The distortion is inverted by Newton's method to machine precision; OpenCV's fixed-point iteration
-        stops 0.1 px short in the corners of a strong lens.
+        The distortion is inverted by Newton's method to machine precision. The fixed-point iteration of OpenCV has an
+        error of 0.1 px in the corners of a strongly distorting lens.
+
+        Parameters
+        ----------
+        pixels : (N, 2) float
+            Raw pixels.
 
         Returns
         -------
         (N, 2) float
-            NaN for pixels that no ray reaches: beyond the radius at which the lens polynomial turns back, and
-            for fisheye cameras beyond 89 degrees from the optical axis.
+            NaN for pixels without a ray: beyond the radius at which the lens polynomial stops growing, and for fisheye
+            cameras beyond 89 degrees from the optical axis.
         """
         pixels = np.asarray(pixels, float).reshape(-1, 2)
         centred = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
@@ -157,19 +174,35 @@ class Camera:
         return _undistort_radtan(centred, self.distortion) if self.is_distorted else centred
 
     def bearings(self, pixels: Floats) -> Floats:
-        """Unit rays (N, 3) of raw pixels (N, 2), in the camera frame; NaN where :meth:`normalize` is."""
+        """Compute the bearings of raw pixels.
+
+        Parameters
+        ----------
+        pixels : (N, 2) float
+            Raw pixels.
+
+        Returns
+        -------
+        (N, 3) float
+            Unit rays in the camera frame; NaN where :meth:`normalize` gives NaN.
+        """
         xy = self.normalize(pixels)
         rays = np.column_stack([xy, np.ones(len(xy))])
         return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
     def project(self, points: Floats) -> Floats:
-        """Raw pixels (N, 2) of points (N, 3) in the camera frame.
+        """Project points to raw pixels.
+
+        Parameters
+        ----------
+        points : (N, 3) float
+            In the camera frame.
 
         Returns
         -------
         (N, 2) float
-            NaN for points that the lens does not see: not in front, or beyond the radius at which the lens
-            polynomial turns back and would fold them into the image.
+            NaN for points that the lens does not see: those not in front of the camera, and those beyond the radius at
+            which the lens polynomial stops growing. The polynomial would map the latter into the image.
         """
         points = np.asarray(points, float).reshape(-1, 3)
         in_front = points[:, 2] > 0
@@ -203,8 +236,8 @@ def _polynomial(k: tuple[float, ...], r: Floats) -> tuple[Floats, Floats]:
 
 
 def _turning_radius(k: tuple[float, ...], limit: float) -> float:
-    """Radius at which ``r (1 + k1 r^2 + ...)`` stops growing; ``limit`` where that comes first."""
-    # The slope is a polynomial in s = r^2: its smallest positive root is where the lens model turns back.
+    """Radius at which ``r (1 + k1 r^2 + ...)`` stops growing, at most ``limit``."""
+    # The slope is a polynomial in s = r^2. At its smallest positive root the distorted radius stops growing.
     coefficients = [(2 * i + 1) * ki for i, ki in enumerate(k, start=1)]
     roots = np.roots([*reversed(coefficients), 1.0])
     real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
@@ -212,7 +245,7 @@ def _turning_radius(k: tuple[float, ...], limit: float) -> float:
 
 
 def _distort_radtan(xy: Floats, distortion: tuple[float, ...]) -> Floats:
-    """Distorted plane coordinates (N, 2) of ideal ones (N, 2); OpenCV's ``k1, k2, p1, p2[, k3]``."""
+    """Distorted coordinates on the plane z = 1 of ideal ones (N, 2), for OpenCV's ``k1, k2, p1, p2[, k3]``."""
     k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
     x, y = xy[:, 0], xy[:, 1]
     r2 = x * x + y * y
@@ -226,10 +259,10 @@ def _distort_radtan(xy: Floats, distortion: tuple[float, ...]) -> Floats:
 
 
 def _undistort_radtan(distorted: Floats, distortion: tuple[float, ...]) -> Floats:
-    """Inverse of :func:`_distort_radtan`; NaN where there is none.
+    """Inverse of :func:`_distort_radtan`; NaN where it does not exist.
 
-    Newton's method from the distorted point. On the purely radial part it converges monotonically for barrel
-    and for pincushion lenses (the profile is concave or convex), and the tangential part is small.
+    Newton's method starts from the distorted point. For the radial part alone it converges monotonically, for barrel
+    and for pincushion lenses (the profile is concave or convex). The tangential part is small.
     """
     k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
     xy = distorted.copy()
@@ -255,21 +288,21 @@ def _undistort_radtan(distorted: Floats, distortion: tuple[float, ...]) -> Float
                 break
         residual = _distort_radtan(xy, distortion) - distorted
         solved = np.abs(residual).max(axis=1, initial=0.0) < _SOLVED
-        # A root beyond the turning radius is a different ray that happens to end in the same pixel.
+        # A root beyond the turning radius is another ray, which the lens polynomial maps to the same pixel.
         seen = np.hypot(xy[:, 0], xy[:, 1]) < _turning_radius(_radial(distortion), np.inf)
     xy[~(solved & seen)] = np.nan
     return xy
 
 
 def _distort_fisheye(xy: Floats, distortion: tuple[float, ...]) -> Floats:
-    """Distorted plane coordinates (N, 2) of ideal ones: the angle from the axis becomes the radius."""
+    """Distorted coordinates on the plane z = 1 of ideal ones (N, 2): their radius is a polynomial of the angle."""
     radius = np.hypot(xy[:, 0], xy[:, 1])
     distorted, _ = _polynomial(distortion, np.arctan(radius))
     return np.asarray(xy * np.where(radius > 1e-12, distorted / np.maximum(radius, 1e-12), 1.0)[:, None])
 
 
 def _undistort_fisheye(distorted: Floats, distortion: tuple[float, ...]) -> Floats:
-    """Inverse of :func:`_distort_fisheye`; NaN where there is none."""
+    """Inverse of :func:`_distort_fisheye`; NaN where it does not exist."""
     radius = np.hypot(distorted[:, 0], distorted[:, 1])
     limit = _turning_radius(distortion, _MAX_FISHEYE_ANGLE_RAD)
     angle = np.minimum(radius, limit)

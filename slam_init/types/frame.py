@@ -1,4 +1,4 @@
-"""Frames, the sources that yield them, and the tracks seen in them."""
+"""Frames, the sources that give frames, and the tracks seen in a frame."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from slam_init.types.camera import Camera
-
 from slam_init.types.arrays import Floats, Image, Ints
 from slam_init.types.pose import Trajectory
+
+if TYPE_CHECKING:
+    from slam_init.types.camera import Camera
 
 __all__ = ["Frame", "Observations", "Source"]
 
@@ -25,13 +25,13 @@ class Frame:
     Attributes
     ----------
     index : int
-        Absolute position in the source, from 0, whatever ``--start`` says.
+        Absolute position in the source, from 0; it does not depend on ``--start``.
     timestamp_s : float
         Time stamp of the source in seconds.
     name : str
         File name relative to the source's image folder, or ``frame-000012`` for videos.
     image : (H, W) or (H, W, 3) uint8
-        Grey or BGR, as read.
+        Grey or BGR, as stored.
     """
 
     index: int
@@ -50,16 +50,16 @@ class Frame:
 
 
 class Source(Protocol):
-    """Anything that yields frames in time order: a folder, a video, a synthetic world."""
+    """A source of frames in time order: a folder, a video or a synthetic sequence."""
 
     @property
     def name(self) -> str:
-        """Short name for reports."""
+        """Short name, for reports."""
         ...
 
     @property
     def kind(self) -> str:
-        """``tum``, ``euroc``, ``kitti``, ``images``, ``video`` or ``synth``."""
+        """``tum``, ``euroc``, ``kitti``, ``images``, ``video``, ``synth`` or ``points``, or a word of the user."""
         ...
 
     @property
@@ -73,17 +73,29 @@ class Source(Protocol):
         ...
 
     def __len__(self) -> int:
-        """Number of frames (for a video, as its header says)."""
+        """Number of frames; for a video, the number in its header."""
         ...
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Yield frames in order from absolute index ``start``."""
+        """Give frames in time order.
+
+        Parameters
+        ----------
+        start : int
+            Absolute index of the first frame.
+        max_frames : int, optional
+            Largest number of frames; by default all.
+
+        Yields
+        ------
+        Frame
+        """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Where the tracks are seen in one frame.
+    """The tracks that are seen in one frame.
 
     Attributes
     ----------
@@ -93,13 +105,13 @@ class Observations:
     name : str
         Name of the image.
     track_ids : (N,) int
-        Strictly increasing, so that two frames are joined by a sorted intersection.
+        Strictly increasing, so that the common tracks of two frames are a sorted intersection.
     pixels : (N, 2) float
-        As measured in the raw image.
+        Measured positions in the raw image.
     bearings : (N, 3) float
-        Unit rays in the camera frame (undistorted once, here).
+        Unit rays of the pixels in the camera frame, without distortion.
     colors : (N, 3) uint8
-        RGB of the image there.
+        RGB of the image at the pixels; (0, 3) if unknown.
     """
 
     frame: int

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_matrix
-
-if TYPE_CHECKING:
-    pass
-
 from slam_init.types.arrays import Floats
 
 __all__ = ["Pose", "Trajectory"]
@@ -19,19 +14,43 @@ __all__ = ["Pose", "Trajectory"]
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A rigid transformation ``X_a = R X_b + t``; name variables ``a_from_b``."""
+    """A rigid transformation ``X_a = R X_b + t``, named ``a_from_b``. Poses are composed by ``@``.
+
+    Attributes
+    ----------
+    R : (3, 3) float
+        Rotation matrix.
+    t : (3,) float
+        Translation.
+    """
 
     R: Floats
     t: Floats
 
     @staticmethod
     def identity() -> Pose:
-        """The pose that changes nothing."""
+        """Make the identity.
+
+        Returns
+        -------
+        Pose
+        """
         return Pose(np.eye(3), np.zeros(3))
 
     @staticmethod
     def from_quaternion(q_wxyz: Floats, t: Floats) -> Pose:
-        """Build from a Hamilton quaternion ``wxyz`` (any norm but zero) and a translation."""
+        """Make a pose from a quaternion and a translation.
+
+        Parameters
+        ----------
+        q_wxyz : (4,) float
+            Hamilton quaternion, w first, of any norm except 0.
+        t : (3,) float
+
+        Returns
+        -------
+        Pose
+        """
         return Pose(matrix_from_quaternion(np.asarray(q_wxyz, float)), np.asarray(t, float))
 
     @property
@@ -41,18 +60,35 @@ class Pose:
 
     @property
     def centre(self) -> Floats:
-        """For ``cam_from_world``: where the camera stands in the world, ``-R^T t``."""
+        """For ``cam_from_world``: the position of the camera in the world, ``-R^T t``."""
         return -self.R.T @ self.t
 
     def inverse(self) -> Pose:
-        """``b_from_a``."""
+        """Invert the transformation.
+
+        Returns
+        -------
+        Pose
+            ``b_from_a``.
+        """
         return Pose(self.R.T, -self.R.T @ self.t)
 
     def __matmul__(self, other: Pose) -> Pose:
         return Pose(self.R @ other.R, self.R @ other.t + self.t)
 
     def apply(self, points: Floats) -> Floats:
-        """Transform points (..., 3) of frame b to frame a."""
+        """Transform points from frame b to frame a.
+
+        Parameters
+        ----------
+        points : (..., 3) float
+            In frame b.
+
+        Returns
+        -------
+        (..., 3) float
+            In frame a.
+        """
         return points @ self.R.T + self.t
 
 
@@ -71,7 +107,19 @@ class Trajectory:
     world_from_cam: tuple[Pose, ...]
 
     def at(self, timestamp_s: float, tolerance_s: float = 0.02) -> Pose | None:
-        """The pose nearest in time, or None where none lies within the tolerance."""
+        """Find the pose that is nearest in time.
+
+        Parameters
+        ----------
+        timestamp_s : float
+        tolerance_s : float
+            Largest difference of the time stamps.
+
+        Returns
+        -------
+        Pose or None
+            ``world_from_cam``; None if no pose is within the tolerance.
+        """
         if len(self.timestamps_s) == 0:
             return None
         i = int(np.argmin(np.abs(self.timestamps_s - timestamp_s)))

@@ -1,4 +1,4 @@
-"""How long the stages of the pipeline take."""
+"""Measures the wall-clock time of the stages of the pipeline."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["StageTimes", "Stopwatch"]
 
 
 class StageTimes(TypedDict):
-    """Wall-clock times of a stage, in milliseconds, and the number of its calls."""
+    """Wall-clock times of a stage in milliseconds (median, 95th percentile, total), and the number of its calls."""
 
     median: float
     p95: float
@@ -26,7 +26,7 @@ class Stopwatch:
     """Collects wall-clock times by stage: ``with stopwatch("track"): ...``."""
 
     def __init__(self) -> None:
-        self._samples_ms: dict[str, array[float]] = {}  # eight bytes a call
+        self._samples_ms: dict[str, array[float]] = {}  # an array takes eight bytes per call
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
@@ -38,7 +38,13 @@ class Stopwatch:
             self._samples_ms.setdefault(stage, array("d")).append(1e3 * (time.perf_counter() - begin))
 
     def summary(self) -> dict[str, StageTimes]:
-        """Stage -> median, 95th percentile, total (ms) and number of calls."""
+        """Summarize the times so far.
+
+        Returns
+        -------
+        dict of str to StageTimes
+            By stage.
+        """
         return {
             stage: {
                 "median": round(float(np.median(samples)), 3),

@@ -1,4 +1,4 @@
-"""Synthetic sequences: determinism, exact geometry, and that each scene is what its name says."""
+"""Synthetic sequences are deterministic, their geometry is exact, and each scene is what its name says."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MOVING = [name for name in SCENES if name not in ("static", "rotation")]
 
 
 def transfer(sequence, i, j):
-    """Pixels of frame i, seen in frame j through depth and poses, (H, W, 2), and their depth there."""
+    """Pixels of frame i transferred to frame j by depth and poses, (H, W, 2), and their depth in frame j."""
     depth = sequence.render(i)[1].astype(float)
     K = sequence.true_camera.K
     y, x = np.mgrid[: depth.shape[0], : depth.shape[1]]
@@ -38,20 +38,20 @@ def plane_residual(sequence, index):
     return np.abs(centred @ normal).max() / np.median(depth)
 
 
-def test_unknown_scene_is_named_with_those_there_are():
+def test_an_unknown_scene_is_refused_with_a_list_of_the_known_ones():
     with pytest.raises(ValueError, match=r"'moon'.*room, wall, nadir"):
         make_sequence("moon")
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"frames": 0}, {"noise": -1.0}, {"motion_blur": float("nan")}, {"moving_objects": 2.0}]
+    "options", [{"frames": 0}, {"noise": -1.0}, {"motion_blur": float("nan")}, {"moving_objects": 2.0}]
 )
-def test_options_out_of_range_are_refused_by_name(wrong):
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        SynthOptions(**wrong)
+def test_options_out_of_range_are_refused_by_name(options):
+    with pytest.raises(ValueError, match=next(iter(options))):
+        SynthOptions(**options)
 
 
-def test_a_frame_is_the_same_whatever_was_rendered_before_and_however_long_the_sequence():
+def test_a_frame_depends_neither_on_the_frames_before_nor_on_the_length_of_the_sequence():
     options = SynthOptions(width=160, height=120)
     first = make_sequence("room", 3, options)
     first.render(0)
@@ -63,7 +63,7 @@ def test_a_frame_is_the_same_whatever_was_rendered_before_and_however_long_the_s
     assert np.array_equal(shorter.poses, first.poses[:31])
 
 
-def test_a_seed_changes_world_and_path():
+def test_another_seed_gives_another_world_and_path():
     a, b = (make_sequence("desk", seed, CLEAN) for seed in (0, 1))
     assert not np.allclose(a.poses[50], b.poses[50], atol=1e-3)
     assert np.mean(np.abs(a.render(0)[0].astype(int) - b.render(0)[0])) > 10
@@ -83,7 +83,7 @@ def test_images_agree_with_depth_and_poses(name):
     inside = np.all((where > 1) & (where < (318, 238)), axis=-1)
     visible = inside & (np.abs(seen_depth - there) < 0.02 * there)
     assert visible.mean() > 0.4
-    # A shift of a third of a pixel already costs more than this on these textures.
+    # On these textures a shift of a third of a pixel already causes a larger error than these thresholds.
     error = np.abs(warped.astype(float) - image).mean(axis=-1)[visible]
     shifted = cv2.remap(other, where + np.float32(0.35), None, cv2.INTER_LINEAR)
     shifted_error = np.abs(shifted.astype(float) - image).mean(axis=-1)[visible]
@@ -123,7 +123,7 @@ def test_planar_scenes_are_one_plane_that_fills_every_view(name, seed):
 
 
 @pytest.mark.parametrize("name", ["room", "corridor", "desk"])
-def test_scenes_with_structure_are_no_plane_and_have_no_holes(name):
+def test_scenes_with_structure_are_not_planar_and_have_no_holes(name):
     sequence = make_sequence(name, 0, CLEAN)
     assert (sequence.render(50)[1] > 0).all()
     assert plane_residual(sequence, 50) > 0.05
@@ -139,22 +139,25 @@ def test_moving_scenes_move_far_enough_and_smoothly(name, seed):
     assert np.linalg.norm(np.diff(centres, n=2, axis=0), axis=1).max() < 0.003 * depth
 
 
-def test_rotation_has_no_baseline_and_static_no_motion_but_noise():
-    turning = make_sequence("rotation", 4).poses
-    assert np.ptp(turning[:, :3, 3], axis=0).max() == 0
-    assert np.degrees(np.arccos((np.trace(turning[0, :3, :3].T @ turning[-1, :3, :3]) - 1) / 2)) > 15
-    still = make_sequence("static", 4, SynthOptions(width=160, height=120))
-    assert np.array_equal(still.poses, np.broadcast_to(still.poses[0], still.poses.shape))
-    assert not np.array_equal(still.render(0)[0], still.render(1)[0])
+def test_scene_rotation_has_no_baseline():
+    poses = make_sequence("rotation", 4).poses
+    assert np.ptp(poses[:, :3, 3], axis=0).max() == 0
+    assert np.degrees(np.arccos((np.trace(poses[0, :3, :3].T @ poses[-1, :3, :3]) - 1) / 2)) > 15
 
 
-def test_rotate_then_move_turns_first():
+def test_frames_of_scene_static_differ_by_noise_only():
+    static = make_sequence("static", 4, SynthOptions(width=160, height=120))
+    assert np.array_equal(static.poses, np.broadcast_to(static.poses[0], static.poses.shape))
+    assert not np.array_equal(static.render(0)[0], static.render(1)[0])
+
+
+def test_rotate_then_move_starts_without_translation():
     sequence = make_sequence("rotate-then-move", 5)
     assert np.ptp(sequence.poses[:40, :3, 3], axis=0).max() == 0
     assert np.linalg.norm(sequence.poses[99, :3, 3] - sequence.poses[0, :3, 3]) > 0.4
 
 
-def test_nadir_turn_turns_and_nadir_flies_straight():
+def test_the_path_of_nadir_is_straight_and_that_of_nadir_turn_is_not():
     for name, straight in (("nadir", True), ("nadir-turn", False)):
         centres = make_sequence(name, 1).poses[:, :2, 3]
         first, last = centres[40] - centres[15], centres[99] - centres[74]
@@ -162,7 +165,7 @@ def test_nadir_turn_turns_and_nadir_flies_straight():
         assert (cosine > np.cos(np.radians(6))) == straight
 
 
-def test_focal_error_changes_the_stated_camera_alone():
+def test_focal_error_changes_only_the_stated_camera():
     true = make_sequence("wall", 0, CLEAN)
     wrong = make_sequence("wall", 0, SynthOptions(**{**vars(CLEAN), "focal_error": 0.05}))
     assert wrong.camera.fx == pytest.approx(1.05 * true.camera.fx)
@@ -171,7 +174,7 @@ def test_focal_error_changes_the_stated_camera_alone():
 
 
 @pytest.mark.parametrize("name", ["corridor", "nadir"])
-def test_moving_objects_cover_about_their_share_and_move_on_their_own(name):
+def test_moving_objects_cover_about_the_requested_share_and_move_on_their_own(name):
     sequence = make_sequence(name, 2, SynthOptions(**{**vars(CLEAN), "moving_objects": 0.25}))
     masks = [sequence.moving_mask(index) for index in (0, 50)]
     assert all(0.12 < mask.mean() < 0.4 for mask in masks)
@@ -184,7 +187,7 @@ def test_moving_objects_cover_about_their_share_and_move_on_their_own(name):
     assert np.array_equal(make_sequence(name, 2, CLEAN).poses, sequence.poses)
 
 
-def test_noise_has_the_stated_size_and_no_two_frames_share_it():
+def test_noise_has_the_requested_size_and_is_independent_between_frames():
     options = SynthOptions(width=320, height=240, noise=4, motion_blur=0, exposure_change=0)
     noisy, clean = make_sequence("static", 0, options), make_sequence("static", 0, CLEAN)
     base = clean.render(0)[0].astype(float)
@@ -194,7 +197,7 @@ def test_noise_has_the_stated_size_and_no_two_frames_share_it():
     assert abs(np.corrcoef(first - base[mid].mean(-1), second - base[mid].mean(-1))[0, 1]) < 0.1
 
 
-def test_motion_blur_softens_and_does_not_shift():
+def test_motion_blur_softens_the_image_without_a_shift():
     import cv2
 
     blurred = make_sequence("rotation", 0, SynthOptions(**{**vars(CLEAN), "motion_blur": 1.0})).render(60)[0]
@@ -205,7 +208,7 @@ def test_motion_blur_softens_and_does_not_shift():
     assert np.hypot(dx, dy) < 0.1
 
 
-def test_worlds_know_nothing_of_the_pipeline_or_the_solvers():
+def test_importing_the_package_imports_neither_slam_init_nor_quest_nor_opencv():
     code = "import sequences_synth, sys; print([m for m in sys.modules if m in ('slam_init', 'quest', 'cv2')])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -1,9 +1,10 @@
-"""Sequences on disk: what is read back is what was rendered, and no half folder looks whole."""
+"""Sequences on disk: files hold what was rendered, and an incomplete folder is never left behind."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from path_types import PATH_TYPES
 
 from sequences_synth import SynthOptions, make_sequence, write_tum
 
@@ -11,15 +12,15 @@ SMALL = SynthOptions(frames=3, width=160, height=120)
 
 
 @pytest.mark.parametrize("name", ["room", "nadir"])
-def test_a_written_folder_reads_back(tmp_path, name):
+def test_a_written_folder_holds_images_depths_poses_and_camera_of_the_sequence(tmp_path, name):
     import cv2
     import yaml
 
     sequence = make_sequence(name, 1, SMALL)
-    told = []
-    write_tum(sequence, tmp_path / "a" / "b", told.append)
+    reported = []
+    write_tum(sequence, tmp_path / "a" / "b", reported.append)
     folder = tmp_path / "a" / "b"
-    assert told == [1, 2, 3]
+    assert reported == [1, 2, 3]
     rows = [line.split() for line in (folder / "rgb.txt").read_text().splitlines() if line[0] != "#"]
     depths = [line.split() for line in (folder / "depth.txt").read_text().splitlines() if line[0] != "#"]
     truth = np.loadtxt(folder / "groundtruth.txt")
@@ -43,7 +44,13 @@ def test_a_written_folder_reads_back(tmp_path, name):
         assert camera[key] == getattr(sequence.camera, key)
 
 
-def test_a_crash_leaves_nothing_behind(tmp_path):
+@pytest.mark.parametrize("path_type", PATH_TYPES)
+def test_write_tum_takes_every_type_of_path(tmp_path, path_type):
+    write_tum(make_sequence("wall", 0, SynthOptions(frames=1, width=64, height=64)), path_type(tmp_path / "out"))
+    assert (tmp_path / "out" / "rgb.txt").is_file()
+
+
+def test_an_interrupted_write_leaves_no_file_behind(tmp_path):
     def crash(done):
         if done == 2:
             raise KeyboardInterrupt
@@ -53,7 +60,7 @@ def test_a_crash_leaves_nothing_behind(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_nothing_is_overwritten(tmp_path):
+def test_existing_files_are_not_overwritten(tmp_path):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine.txt").write_text("keep")
     (tmp_path / "file").write_text("keep")

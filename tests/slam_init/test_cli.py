@@ -7,6 +7,7 @@ import shlex
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -16,41 +17,67 @@ import pytest
 import slam_init.runner
 from slam_init.cli import main
 from slam_init.errors import SourceError
+from slam_init.output.summary import (
+    SCHEMA,
+    AttemptRecord,
+    CameraRecord,
+    FocalLengthRecord,
+    HypothesisRecord,
+    KeyframeRecord,
+    SourceRecord,
+    Summary,
+)
+from slam_init.types.comparison import Margin
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import GroundTruthErrors
 
 CAMERA = "model: pinhole\nwidth: 64\nheight: 48\nfx: 60\nfy: 60\ncx: 31.5\ncy: 23.5\n"
 
-INITIALIZED = {
-    "schema": 1,
-    "status": "initialized",
-    "reason": None,
-    "frames_read": 23,
-    "frames_to_init": 23,
-    "keyframes": [{"frame": 0, "timestamp": 0.0, "q_wxyz": [1, 0, 0, 0], "t": [0, 0, 0]}],
-    "landmarks": 431,
-    "median_parallax_deg": 3.21,
-    "reprojection_rmse_px": 0.314,
-    "scene": "general",
-    "attempts": [{"frames": [0, 5], "verdict": "low_parallax"}, {"frames": [0, 22], "verdict": "accepted"}],
-    "timing_ms": {},
-    "ground_truth": {
-        "rotation_error_deg": 0.12,
-        "direction_error_deg": 0.8,
-        "ate_rmse": None,
-        "path_length": 1.0,
-    },
-    "notes": [],
-}
-REFUSED = INITIALIZED | {
-    "status": "not_initialized",
-    "reason": "static_camera",
-    "advice": "the camera stands still: move it sideways",
-    "hypotheses": [],
-    "frames_to_init": None,
-    "keyframes": [],
-    "landmarks": 0,
-    "attempts": [{"frames": [0, 1], "verdict": "static_camera"}] * 4,
-    "ground_truth": None,
-}
+
+def attempts(*verdicts):
+    return tuple(
+        AttemptRecord((0, k + 1), Verdict(verdict), "", None, 0.0, 1.0, (), None, None, None, None, None, {})
+        for k, verdict in enumerate(verdicts)
+    )
+
+
+INITIALIZED = Summary(
+    schema=SCHEMA,
+    status="initialized",
+    reason=None,
+    advice="",
+    source=SourceRecord("images", "images"),
+    method="quest",
+    seed=0,
+    camera=CameraRecord("pinhole", 64, 48, 60.0, 60.0, 31.5, 23.5, (), False),
+    frames_read=23,
+    frames_to_init=23,
+    keyframes=(KeyframeRecord(0, 0.0, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),),
+    landmarks=431,
+    median_parallax_deg=3.21,
+    reprojection_rmse_px=0.314,
+    scene="general",
+    focal_length=None,
+    hypotheses=(),
+    margin=None,
+    attempts=attempts("low_parallax", "accepted"),
+    timing_ms={},
+    ground_truth=GroundTruthErrors(0.12, 0.8, None, 1.0),
+    continued=None,
+    notes=(),
+    provenance=None,
+)
+REFUSED = replace(
+    INITIALIZED,
+    status="not_initialized",
+    reason=Verdict.STATIC_CAMERA,
+    advice="the camera stands still: move it sideways",
+    frames_to_init=None,
+    keyframes=(),
+    landmarks=0,
+    attempts=attempts(*4 * ["static_camera"]),
+    ground_truth=None,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -357,7 +384,7 @@ def test_json_is_the_summary_and_nothing_else(world, pipeline, capfd, summary, c
     pipeline.summary = summary
     assert main(["run", IMAGES, *WITH, "--json", *quiet]) == code
     out, err = capfd.readouterr()
-    assert json.loads(out) == summary and err == ""
+    assert json.loads(out) == summary.as_dict() and err == ""
 
 
 def test_names_that_no_stream_takes_are_told_all_the_same(world, capfd):
@@ -394,7 +421,7 @@ def test_report_of_a_map(world, pipeline, capsys):
 def test_report_tells_an_adjusted_focal_length_with_its_uncertainty(world, pipeline, capsys):
     assert main(["run", IMAGES, *WITH]) == 0
     assert "focal length" not in capsys.readouterr().out
-    pipeline.summary = INITIALIZED | {"focal_length": {"fx": 57.0, "fy": 57.0, "factor": 0.95, "factor_sigma": 0.0123}}
+    pipeline.summary = replace(INITIALIZED, focal_length=FocalLengthRecord(57.0, 57.0, 0.95, 0.0123))
     assert main(["run", IMAGES, *WITH]) == 0
     assert "0.950 +- 0.012 times the stated one" in capsys.readouterr().out
 
@@ -408,11 +435,13 @@ def test_report_of_a_refusal_tells_reason_advice_and_attempts(world, pipeline, c
 
 
 def test_report_of_an_undecided_run_tells_the_two_maps(world, pipeline, capsys):
-    kept = {"keyframes": [{"frame": 3}, {"frame": 9}]}
-    undecided = {"reason": "ambiguous_plane", "hypotheses": [kept, kept], "margin": {"log_likelihood": 9.0, "z": 1.25}}
-    pipeline.summary = REFUSED | undecided
+    keyframes = tuple(KeyframeRecord(frame, 0.0, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) for frame in (3, 9))
+    kept = HypothesisRecord(keyframes, 100, 0.3)
+    pipeline.summary = replace(
+        REFUSED, reason=Verdict.AMBIGUOUS_PLANE, hypotheses=(kept, kept), margin=Margin(9.0, 1.25)
+    )
     assert main(["run", IMAGES, *WITH]) == 3
-    assert "two maps of frames 3, 9; the first ahead by z = 1.2 (4 decide)" in capsys.readouterr().out
+    assert "two maps of frames 3, 9; the first is better by z = 1.2 (4 decide)" in capsys.readouterr().out
 
 
 def test_synth_writes_what_info_and_run_read(tmp_path, pipeline, capsys):

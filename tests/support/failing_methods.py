@@ -1,4 +1,4 @@
-"""Methods that do what a method must not do; a comparison has to survive them."""
+"""Methods that fail in different ways; a comparison must survive them."""
 
 import os
 import time

@@ -1,4 +1,4 @@
-"""Tracks on textures whose motion is known: flow, descriptors, and the book-keeping of both."""
+"""Tracks on textures whose motion is known, by flow and by descriptors; ids, limits and history of the tracks."""
 
 from dataclasses import replace
 
@@ -48,7 +48,7 @@ def test_a_known_shift_is_measured_to_a_tenth_of_a_pixel():
     assert np.percentile(errors, 95) < 0.7
 
 
-def test_a_still_image_keeps_its_tracks_where_they_are():
+def test_the_tracks_of_a_static_image_do_not_move():
     _, seen = follow(look(*[(100, 60)] * 4))
     assert np.array_equal(seen[0].track_ids, seen[-1].track_ids)
     np.testing.assert_allclose(seen[0].pixels, seen[-1].pixels, atol=0.01)
@@ -64,28 +64,28 @@ def test_ids_are_sorted_and_unique_and_bearings_fit_the_pixels():
         assert (observations.pixels <= np.array(SIZE) - 0.5).all()
 
 
-def test_lost_tracks_are_replaced_under_new_ids():
+def test_lost_tracks_are_replaced_by_tracks_with_new_ids():
     _, seen = follow(look(*[(100 + 15 * k, 60) for k in range(12)]))
     assert len(seen[-1]) > 0.5 * len(seen[0])
     lost = np.setdiff1d(seen[0].track_ids, seen[5].track_ids)
     assert len(lost) > 0
-    assert not np.isin(lost, seen[-1].track_ids).any()  # an id does not come back for another point
+    assert not np.isin(lost, seen[-1].track_ids).any()  # an id is not used again for another point
 
 
-def test_there_are_never_more_tracks_than_wanted():
+def test_the_number_of_tracks_is_at_most_the_configured_one():
     config = replace(CONFIG, max_tracks=60)
     _, seen = follow(look(*[(100 + 15 * k, 60) for k in range(6)]), config=config)
     assert all(0 < len(observations) <= 60 for observations in seen)
 
 
-def test_features_keep_their_distance():
+def test_new_features_have_the_configured_distance_from_each_other():
     _, (first, *_) = follow(look((100, 60)))
     gaps = np.linalg.norm(first.pixels[:, None] - first.pixels[None], axis=2) + 1e9 * np.eye(len(first))
     assert gaps.min() >= CONFIG.min_distance * SIZE[0] - 1
 
 
-def test_two_tracks_that_slide_together_are_one_and_the_older_stays():
-    """The scene shrinks to a third: what were neighbours end within a pixel of one another."""
+def test_of_two_tracks_that_meet_in_one_place_the_older_is_kept():
+    """The scene shrinks to a third, so that neighbouring tracks end within a pixel of one another."""
     frames = [
         Frame(k, k / 30, "", cv2.warpAffine(TEXTURE, np.array([[s, 0, 20], [0, s, 20]]), SIZE, flags=cv2.INTER_AREA))
         for k, s in enumerate(1.12 ** -np.arange(12.0))
@@ -99,8 +99,8 @@ def test_two_tracks_that_slide_together_are_one_and_the_older_stays():
     assert 0 < len(survivors) < len(seen[0])
 
 
-def test_descriptors_link_what_flow_cannot_follow():
-    """Half an image further at once: photographs, not video."""
+def test_descriptors_link_frames_that_flow_cannot_follow():
+    """The view moves by about half an image at once, as in photographs."""
     tracker, _ = follow(look((100, 60), (230, 60), (230, 160)))
     for a, b, expected in ((0, 1, (-130, 0)), (1, 2, (0, -100))):
         moved = displacement(tracker.history[a], tracker.history[b])
@@ -108,7 +108,7 @@ def test_descriptors_link_what_flow_cannot_follow():
         assert np.mean(np.linalg.norm(moved - expected, axis=1) < 1.0) > 0.9
 
 
-def test_a_link_by_descriptors_enriches_the_frames_before():
+def test_a_link_by_descriptors_adds_tracks_to_the_frames_before():
     tracker, seen = follow(look((100, 60), (230, 60)))
     enriched = tracker.history[0]
     assert len(enriched) > len(seen[0])
@@ -119,7 +119,7 @@ def test_a_link_by_descriptors_enriches_the_frames_before():
     assert np.mean(np.linalg.norm(moved - (-130, 0), axis=1) < 1.0) > 0.9
 
 
-def test_a_cut_to_another_scene_leaves_no_tracks_worth_the_name():
+def test_after_a_cut_to_another_scene_almost_no_tracks_are_left():
     other = window(texture(2, 500, 900), 100, 60, *SIZE, index=1)
     _, seen = follow([*look((100, 60)), other])
     i, _ = common_tracks(*seen)
@@ -127,7 +127,7 @@ def test_a_cut_to_another_scene_leaves_no_tracks_worth_the_name():
 
 
 @pytest.mark.parametrize("level", [0, 128, 255])
-def test_an_empty_image_has_no_tracks_and_does_no_harm(level):
+def test_an_empty_image_has_no_tracks_and_the_next_image_gets_new_ones(level):
     blank = Frame(1, 0.1, "", np.full((240, 320), level, np.uint8))
     first, last = look((100, 60), (100, 60))
     _, seen = follow([blank, first, replace(blank, index=2), replace(last, index=3)])
@@ -137,8 +137,8 @@ def test_an_empty_image_has_no_tracks_and_does_no_harm(level):
     assert len(seen[3]) > 100
 
 
-def test_pixels_that_no_ray_reaches_are_no_tracks():
-    """A fisheye whose polynomial turns back inside of the image."""
+def test_pixels_without_a_ray_are_not_tracked():
+    """A fisheye lens whose polynomial stops growing inside of the image."""
     lens = Camera("fisheye", *SIZE, 90.0, 90.0, 159.5, 119.5, (-0.2, 0.0, 0.0, 0.0))
     assert np.isnan(lens.bearings(np.array([[1.0, 1.0]]))).any()
     _, seen = follow(look((100, 60), (103, 60), (106, 60)), lens)
@@ -147,7 +147,7 @@ def test_pixels_that_no_ray_reaches_are_no_tracks():
         assert np.isfinite(observations.bearings).all()
 
 
-def test_colours_are_those_of_the_image_red_first():
+def test_the_colours_of_tracks_are_rgb_values_of_the_image():
     grey = look((100, 60))[0]
     tinted = np.stack([grey.image, grey.image, 255 - grey.image], axis=2)  # blue, green, red
     _, (seen,) = follow([Frame(0, 0.0, "", tinted)])
@@ -166,13 +166,13 @@ def test_the_same_frames_give_the_same_tracks(places):
         assert np.array_equal(a.pixels, b.pixels)
 
 
-def test_common_tracks_come_in_the_order_of_their_ids():
+def test_common_tracks_are_in_the_order_of_their_ids():
     i, j = common_tracks(observed(0, [1, 4, 6, 9]), observed(1, [0, 4, 9, 12]))
     assert i.tolist() == [1, 3]
     assert j.tolist() == [1, 2]
 
 
-def test_the_history_is_bounded_and_keeps_what_is_asked_for():
+def test_the_history_is_bounded_and_keeps_the_requested_frames():
     history = History(5)
     for frame in range(20):
         history.put(observed(frame, [frame]))

@@ -1,4 +1,4 @@
-"""Projection and bearings are inverse to each other and agree with OpenCV."""
+"""Projection and bearings are inverse to each other and agree with OpenCV; impossible cameras are refused."""
 
 import math
 
@@ -38,7 +38,7 @@ def test_projecting_a_bearing_gives_its_pixel_up_to_the_corners(camera):
     st.floats(-0.005, 0.005),
     st.lists(st.tuples(st.floats(-0.6, 0.6), st.floats(-0.45, 0.45)), min_size=1, max_size=20),
 )
-def test_undistorting_inverts_distorting_for_any_lens_that_does_not_fold(k1, p1, p2, xy):
+def test_undistorting_inverts_distorting_for_every_monotonic_lens(k1, p1, p2, xy):
     camera = Camera("radtan", 640, 480, 500, 500, 320, 240, (k1, 0.1, p1, p2))
     xy = np.array(xy)
     pixels = camera.project(np.column_stack([xy, np.ones(len(xy))]))
@@ -46,7 +46,7 @@ def test_undistorting_inverts_distorting_for_any_lens_that_does_not_fold(k1, p1,
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda c: c.model)
-def test_projection_is_that_of_opencv(camera):
+def test_projection_agrees_with_opencv(camera):
     points = np.random.default_rng(1).uniform([-1, -0.8, 1.5], [1, 0.8, 4], (200, 3))
     zero, coefficients = np.zeros(3), np.array(camera.distortion or [0.0] * 4)
     if camera.model == "fisheye":
@@ -62,32 +62,32 @@ def test_points_that_the_lens_does_not_see_project_to_nan():
         assert np.isnan(camera.project(behind)).all()
 
 
-def test_barrel_lens_does_not_fold_far_points_into_the_image():
-    # r (1 - 0.4 r^2) turns back at r = sqrt(1 / 1.2) = 0.913; a point at r = 1.5 would land inside the image.
+def test_a_barrel_lens_does_not_map_points_outside_of_its_field_of_view_into_the_image():
+    # r (1 - 0.4 r^2) stops growing at r = sqrt(1 / 1.2) = 0.913. It would map a point at r = 1.5 into the image.
     camera = Camera("radtan", 640, 480, 400, 400, 320, 240, (-0.4, 0.0, 0.0, 0.0))
     assert np.isfinite(camera.project(np.array([[0.9, 0.0, 1.0]]))).all()
     assert np.isnan(camera.project(np.array([[1.5, 0.0, 1.0]]))).all()
 
 
-def test_pixels_without_a_ray_are_nan_and_spoil_no_others():
+def test_pixels_without_a_ray_are_nan_and_do_not_affect_others():
     camera = Camera("radtan", 640, 480, 400, 400, 320, 240, (-0.4, 0.0, 0.0, 0.0))
     # The largest distorted radius is 0.913 (1 - 1/3) = 0.609: 243 px from the centre.
     xy = camera.normalize(np.array([[320.0 + 250.0, 240.0], [320.0 + 240.0, 240.0], [320.0, 240.0]]))
     assert np.isnan(xy).all(axis=1).tolist() == [True, False, False]
     fisheye = Camera("fisheye", 640, 480, 150, 150, 320, 240, (0.0, 0.0, 0.0, 0.0))
-    # Equidistant: 150 px a radian, so that 90 degrees lie 236 px from the centre.
+    # Equidistant: 150 px per radian, so that 90 degrees lie 236 px from the centre.
     xy = fisheye.normalize(np.array([[320.0 + 240.0, 240.0], [320.0 + 150 * math.radians(80), 240.0]]))
     assert np.isnan(xy).all(axis=1).tolist() == [True, False]
     assert xy[1, 0] == pytest.approx(math.tan(math.radians(80)))
 
 
-def test_no_pixels_no_bearings():
+def test_no_pixels_give_no_bearings_and_no_points_no_pixels():
     for camera in CAMERAS:
         assert camera.bearings(np.zeros((0, 2))).shape == (0, 3)
         assert camera.project(np.zeros((0, 3))).shape == (0, 2)
 
 
-def test_scaled_camera_sees_the_same_rays_in_the_resized_image():
+def test_a_scaled_camera_has_the_same_rays_in_the_resized_image():
     half = EUROC.scaled(0.5)
     assert (half.width, half.height) == (376, 240)
     pixels = grid(EUROC)
@@ -109,7 +109,7 @@ def test_scaled_camera_sees_the_same_rays_in_the_resized_image():
         ({"model": "radtan", "distortion": (0.1, math.nan, 0, 0)}, "finite"),
     ],
 )
-def test_impossible_calibrations_are_refused_by_name(change, word):
+def test_an_impossible_parameter_is_refused_by_name(change, word):
     values = {
         "model": "pinhole",
         "width": 640,

@@ -1,0 +1,163 @@
+"""The focal length as an unknown of bundle adjustment: accuracy, stated uncertainty, prior, and failed steps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from make_bundle import FOCAL, MAP, ROTATING, SIDEWAYS, disturbed, map_errors
+from make_map import CAMERAS
+from make_scene import CAMERA, cloud, plane, problem
+
+from slam_init.bundle import adjustment, focal
+from slam_init.bundle.adjustment import adjust
+from slam_init.bundle.focal import camera_with_focal_factor
+from slam_init.bundle.graph import calibration_key, measured_pixels
+from slam_init.bundle.problem import BundleSolution
+
+
+@pytest.mark.parametrize("model", CAMERAS)
+def test_exact_observations_give_the_true_focal_length(model):
+    rng = np.random.default_rng(1)
+    exact = problem(CAMERAS[model], cloud(rng), ROTATING)
+    stated = camera_with_focal_factor(CAMERAS[model], 1.05)
+    held, adjusted = (adjust(stated, disturbed(exact, rng), config) for config in (MAP, FOCAL))
+    # The prior pulls the estimate back by 5 % times (sigma / 0.05)^2, since the noise is never taken below 0.1 px.
+    assert adjusted.focal_factor_sigma < 0.008
+    assert adjusted.focal_factor * 1.05 == pytest.approx(1, abs=1.2 * adjusted.focal_factor_sigma**2 / 0.05)
+    assert adjusted.camera.fx == pytest.approx(CAMERAS[model].fx, rel=2e-3)
+    for found, before in zip(map_errors(adjusted, exact), map_errors(held, exact), strict=True):
+        assert found < 0.05 * before
+
+
+@pytest.mark.parametrize("model", CAMERAS)
+def test_an_error_of_the_focal_length_of_5_percent_is_corrected_if_the_camera_rotates(model):
+    """Noise 0.2 px, medians over four worlds: the errors of rotation and points are at least halved.
+
+    The noise alone causes an error of half a degree in the direction of the baselines. This error must not grow by more
+    than a fifth.
+    """
+    stated = camera_with_focal_factor(CAMERAS[model], 1.05)
+    off, errors = [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        noisy = problem(CAMERAS[model], cloud(rng), ROTATING, 0.2, rng)
+        held, adjusted = (adjust(stated, noisy, config) for config in (MAP, FOCAL))
+        off.append(adjusted.focal_factor * 1.05 - 1)
+        errors.append([map_errors(adjusted, noisy), map_errors(held, noisy)])
+        assert abs(off[-1]) < 3 * adjusted.focal_factor_sigma
+    assert np.median(np.abs(off)) < 0.5 * 0.05
+    (rotation, direction, points), (rotation_held, direction_held, points_held) = np.median(errors, axis=0)
+    assert rotation < 0.5 * rotation_held
+    assert direction < 1.2 * direction_held
+    assert points < 0.5 * points_held
+
+
+@pytest.mark.parametrize("scene", [plane, cloud])
+def test_without_rotation_the_focal_length_and_its_uncertainty_are_those_of_the_prior(scene):
+    """A longer lens sees a scene stretched along the optical axis in the same way, so that only the prior remains."""
+    rng = np.random.default_rng(2)
+    noisy = problem(CAMERA, scene(rng), SIDEWAYS, 0.5, rng)
+    solution = adjust(camera_with_focal_factor(CAMERA, 1.05), noisy, FOCAL)
+    assert 0.95 * FOCAL.focal_sigma < solution.focal_factor_sigma <= 1.001 * FOCAL.focal_sigma
+    assert abs(solution.focal_factor - 1) < 0.02
+    narrow = adjust(CAMERA, noisy, replace(FOCAL, focal_sigma=0.01))
+    assert narrow.focal_factor_sigma == pytest.approx(0.01, rel=0.05)
+
+
+def test_a_held_focal_length_is_not_a_variable():
+    rng = np.random.default_rng(3)
+    solution = adjust(CAMERA, problem(CAMERA, cloud(rng), ROTATING, 0.5, rng), MAP)
+    assert solution.camera is CAMERA
+    assert (solution.focal_factor, solution.focal_factor_sigma) == (1.0, None)
+    assert not solution.values.exists(calibration_key())
+
+
+@pytest.mark.parametrize("model", CAMERAS)
+def test_a_very_tight_prior_gives_the_result_of_the_held_focal_length(model):
+    rng = np.random.default_rng(4)
+    noisy = problem(CAMERAS[model], cloud(rng), ROTATING, 0.5, rng)
+    held, adjusted = (adjust(CAMERAS[model], noisy, c) for c in (MAP, replace(FOCAL, focal_sigma=1e-7)))
+    assert adjusted.focal_factor == pytest.approx(1, abs=1e-9)
+    np.testing.assert_allclose(adjusted.problem.points, held.problem.points, atol=1e-4)
+    np.testing.assert_allclose(adjusted.pose_covariances, held.pose_covariances, rtol=0.02, atol=1e-9)
+
+
+def test_the_stated_standard_deviation_agrees_with_the_scatter_of_many_runs():
+    """Monte Carlo: the errors of the focal length over their stated standard deviation have unit variance."""
+    rng = np.random.default_rng(7)
+    exact = problem(CAMERA, cloud(rng, 50), ROTATING)
+    scores = []
+    for _ in range(20):
+        factor = rng.normal(1, FOCAL.focal_sigma)  # true over stated focal length
+        noisy = replace(exact, pixels=exact.pixels + rng.normal(0, 0.5, exact.pixels.shape))
+        solution = adjust(camera_with_focal_factor(CAMERA, 1 / factor), noisy, FOCAL)
+        scores.append((solution.focal_factor - factor) / solution.focal_factor_sigma)
+    # Chi-squared with 20 degrees of freedom: mean 1, standard deviation 0.32.
+    assert 0.3 < np.mean(np.square(scores)) < 2.2
+
+
+def test_inliers_that_look_like_outliers_under_a_wrong_focal_length_are_recovered():
+    """Noise 0.2 px, focal length wrong by 20 %: some inliers look like outliers until the focal length is corrected."""
+    rng = np.random.default_rng(8)
+    noisy = problem(CAMERA, cloud(rng, 150), ROTATING, 0.2, rng)
+    outliers = rng.choice(len(noisy.pixels), 60, replace=False)
+    pixels = noisy.pixels.copy()
+    pixels[outliers] += rng.choice([-1, 1], (60, 2)) * rng.uniform(8, 40, (60, 2))
+    stated = camera_with_focal_factor(CAMERA, 1.2)
+    held, adjusted = (adjust(stated, replace(noisy, pixels=pixels), config) for config in (MAP, FOCAL))
+    assert adjusted.focal_factor * 1.2 == pytest.approx(1, abs=0.02)
+    assert adjusted.noise_px == pytest.approx(0.2, rel=0.15)
+    kept = {tuple(pixel) for pixel in adjusted.problem.pixels}
+    assert not any(tuple(pixel) in kept for pixel in pixels[outliers])
+    assert len(held.problem.pixels) < len(kept) > 0.99 * (len(pixels) - 60)
+
+
+def test_nothing_is_printed_for_points_behind_the_camera(capfd):
+    rng = np.random.default_rng(9)
+    exact = problem(CAMERA, cloud(rng), ROTATING)
+    points = exact.points.copy()
+    points[:5, 2] *= -1
+    solution = adjust(CAMERA, replace(exact, points=points), FOCAL)
+    assert isinstance(solution, BundleSolution)
+    assert (solution.problem.points[:, 2] > 0).all()
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_focal_factor_of_a_camera_with_k3_does_not_change_its_undistorted_pixels():
+    """Such a camera is adjusted on undistorted pixels: the factor must change their bearings only."""
+    camera, pixels = CAMERAS["radtan5"], np.random.default_rng(0).uniform((0, 0), (640, 480), (50, 2))
+    longer = camera_with_focal_factor(camera, 1.07)
+    np.testing.assert_allclose(measured_pixels(longer, pixels), measured_pixels(camera, pixels), atol=1e-9)
+    np.testing.assert_allclose(1.07 * longer.normalize(pixels), camera.normalize(pixels), atol=1e-12)
+
+
+def failing_from(call, count):
+    """A function that fails as gtsam does, from the given call on."""
+    calls = []
+
+    def wrapped(*args, **kwargs):
+        calls.append(args)
+        if len(calls) >= count:
+            raise RuntimeError("Indeterminant linear system")
+        return call(*args, **kwargs)
+
+    return wrapped
+
+
+def test_if_a_round_of_the_focal_length_fails_the_result_is_that_of_the_last_one(monkeypatch):
+    rng = np.random.default_rng(0)
+    noisy = problem(CAMERA, cloud(rng), ROTATING, 0.2, rng)
+    stated = camera_with_focal_factor(CAMERA, 1.05)
+    monkeypatch.setattr(adjustment, "fit_with_held_camera", failing_from(adjustment.fit_with_held_camera, 2))
+    solution = adjust(stated, noisy, FOCAL)
+    assert isinstance(solution, BundleSolution)
+    assert solution.focal_factor < 0.99  # the result of the first round
+
+
+def test_if_all_steps_of_the_focal_length_fail_the_stated_one_is_kept(monkeypatch):
+    rng = np.random.default_rng(0)
+    noisy = problem(CAMERA, cloud(rng), ROTATING, 0.2, rng)
+    monkeypatch.setattr(focal, "optimize", failing_from(focal.optimize, 1))
+    solution = adjust(CAMERA, noisy, FOCAL)
+    assert isinstance(solution, BundleSolution)
+    assert solution.focal_factor == 1

@@ -1,0 +1,84 @@
+"""Image files: pixels as stored, broken files refused by name, equal sizes."""
+
+import cv2
+import numpy as np
+import pytest
+from make_files import CAMERA_YAML, picture, write, write_image
+from path_types import PATH_TYPES
+
+from slam_init.datasets import open_source
+from slam_init.datasets.image_files import list_images, read_image, stored_camera
+from slam_init.errors import SourceError
+
+
+@pytest.mark.parametrize("path_type", PATH_TYPES)
+def test_the_readers_of_images_take_every_type_of_path(tmp_path, path_type):
+    path = tmp_path / "a.png"
+    write_image(path)
+    write(tmp_path / "camera.yaml", CAMERA_YAML)
+    np.testing.assert_array_equal(read_image(path_type(path)), picture())
+    assert list_images(path_type(tmp_path)) == [path]
+    assert stored_camera(path_type(tmp_path), path_type(path)).width == 64
+
+
+@pytest.mark.parametrize(
+    ("image", "expected"),
+    [
+        (picture(channels=4), picture(channels=4)[..., :3]),
+        (picture(channels=1, dtype=np.uint16), (picture(channels=1, dtype=np.uint16) >> 8).astype(np.uint8)),
+        (picture(channels=3, dtype=np.uint16), (picture(channels=3, dtype=np.uint16) >> 8).astype(np.uint8)),
+        (picture(channels=1), picture(channels=1)),
+    ],
+)
+def test_images_are_reduced_to_8_bits_without_transparency(tmp_path, image, expected):
+    write_image(tmp_path / "a.png", image)
+    result = read_image(tmp_path / "a.png")
+    np.testing.assert_array_equal(result, expected)
+    assert result.dtype == np.uint8 and result.flags.c_contiguous
+
+
+def test_the_exif_orientation_is_not_applied(tmp_path):
+    write_image(tmp_path / "a.jpg", picture(size=(64, 48)))
+    data = (tmp_path / "a.jpg").read_bytes()
+    # Orientation (0x0112) = 6: "turn by 90 degrees", in a little-endian TIFF header of one entry.
+    tiff = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0"
+    exif = b"Exif\0\0" + tiff
+    write(tmp_path / "a.jpg", data[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + data[2:])
+    # OpenCV applies this orientation by default.
+    assert cv2.imread(str(tmp_path / "a.jpg")).shape[:2] == (64, 48)
+    assert read_image(tmp_path / "a.jpg").shape[:2] == (48, 64)
+
+
+def unreadable_images():
+    jpeg = cv2.imencode(".jpg", picture(size=(320, 240)))[1].tobytes()
+    png = cv2.imencode(".png", picture(size=(320, 240)))[1].tobytes()
+    return {
+        "empty.png": b"",
+        "garbage.png": b"no image at all",
+        "cut.jpg": jpeg[: len(jpeg) // 2],
+        "cut.png": png[:100],
+        "float.tiff": cv2.imencode(".tiff", np.ones((8, 8), np.float32))[1].tobytes(),
+    }
+
+
+@pytest.mark.parametrize("name", unreadable_images())
+def test_an_unreadable_image_is_refused_by_name_when_it_is_read(tmp_path, name):
+    write_image(tmp_path / "a.png", picture(size=(320, 240)))
+    write(tmp_path / f"b_{name}", unreadable_images()[name])
+    frames = open_source(str(tmp_path)).frames()
+    assert next(frames).index == 0
+    with pytest.raises(SourceError, match=f"b_{name}"):
+        next(frames)
+
+
+def test_images_of_two_sizes_are_refused(tmp_path):
+    write_image(tmp_path / "a.png", picture(size=(64, 48)))
+    write_image(tmp_path / "b.png", picture(size=(48, 64)))
+    with pytest.raises(SourceError, match=r"b.png.*48x64.*64x48"):
+        list(open_source(str(tmp_path)).frames())
+
+
+@pytest.mark.parametrize(("start", "count"), [(-1, None), (3, None), (100, 1), (0, 0), (0, -2)])
+def test_requests_for_frames_outside_of_the_source_are_refused(tum, start, count):
+    with pytest.raises(SourceError):
+        next(open_source(str(tum)).frames(start, count))

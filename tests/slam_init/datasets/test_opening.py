@@ -1,0 +1,47 @@
+"""Detection of the kind of a source, and refusal of texts that name no source."""
+
+import pytest
+from make_files import write_image
+from path_types import PATH_TYPES, OtherPath
+
+from slam_init.datasets import detect_kind, open_source
+from slam_init.errors import SourceError
+
+
+@pytest.mark.parametrize("path_type", PATH_TYPES)
+def test_a_source_is_opened_from_every_type_of_path(tum, path_type):
+    assert detect_kind(path_type(tum)) == "tum"
+    assert open_source(path_type(tum)).name == tum.name
+
+
+def test_a_synthetic_source_may_be_named_by_a_path_like_object():
+    assert open_source(OtherPath("synth:room?frames=2&width=64&height=64"), seed=1).kind == "synth"
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("synth:nowhere", "room"),
+        ("synth:", "room"),
+        ("synth:room?magic=1", "magic"),
+        ("synth:room?noise=loud", "noise"),
+        ("synth:room?frames=0", "frames"),
+        ("/no/such/place", "no such"),
+        ("", "no sequence|no such"),
+        ("a\0b", "cannot be read|no such"),
+        ("x" * 5000, "cannot be read|no such"),
+    ],
+)
+def test_an_invalid_source_is_refused_in_one_line(text, word, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SourceError, match=word) as caught:
+        open_source(text)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_folder_without_a_sequence_is_refused_with_the_known_layouts(tmp_path):
+    with pytest.raises(SourceError, match=r"rgb.txt.*EuRoC.*KITTI.*images"):
+        detect_kind(str(tmp_path))
+    write_image(tmp_path / "only.png")
+    with pytest.raises(SourceError, match="folder"):
+        detect_kind(str(tmp_path / "only.png"))

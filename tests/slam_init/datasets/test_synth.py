@@ -1,0 +1,33 @@
+"""Synthetic sequences as a source."""
+
+import numpy as np
+
+import sequences_synth
+from sequences_synth import SynthOptions, make_sequence, write_tum
+from slam_init.datasets import open_source
+
+
+def test_a_synthetic_source_renders_only_the_requested_frames(monkeypatch):
+    rendered = []
+    render = sequences_synth.SynthSequence.render
+    monkeypatch.setattr(sequences_synth.SynthSequence, "render", lambda self, i: rendered.append(i) or render(self, i))
+    source = open_source("synth:wall?frames=20&width=96&height=64", seed=3)
+    frames = source.frames(start=4)
+    assert [next(frames).index, next(frames).index] == [4, 5]
+    assert rendered == [4, 5]
+    assert len(source) == 20 and source.camera.width == 96
+    assert source.groundtruth.at(float(source.timestamps_s[7])) is not None
+
+
+def test_a_synthetic_source_equals_the_folder_written_from_it(tmp_path):
+    write_tum(make_sequence("room", 2, SynthOptions(frames=3, width=96, height=64)), tmp_path / "s")
+    read, made = (
+        open_source(str(tmp_path / "s")),
+        open_source("synth:room?frames=3&width=96&height=64", seed=2),
+    )
+    assert read.camera == made.camera
+    for a, b in zip(read.frames(), made.frames(), strict=True):
+        np.testing.assert_array_equal(a.image, b.image)
+        true_a, true_b = read.groundtruth.at(a.timestamp_s), made.groundtruth.at(b.timestamp_s)
+        np.testing.assert_allclose(true_a.R, true_b.R, atol=1e-7)
+        np.testing.assert_allclose(true_a.t, true_b.t, atol=1e-7)

@@ -1,0 +1,64 @@
+"""Poses and matched bearings for tests of robust estimation: noise, outliers, points behind a camera."""
+
+from __future__ import annotations
+
+import numpy as np
+from make_views import unit
+
+from quest.geometry.quaternion import quaternion_from_matrix, rotation_angle, rotation_from_vector
+
+#: Sampson error above which a match is an outlier, and the noise of a bearing: 0.3 px at a focal length of 600 px.
+THRESHOLD_RAD = 2e-3
+NOISE_RAD = 5e-4
+
+
+def pose_and_matches(seed: int, count: int = 60, *, noise_rad: float = NOISE_RAD, wrong: int = 0, planar: bool = False):
+    """R, t of a motion by up to 0.5 rad, and bearings m, n of points in front of both cameras.
+
+    The first ``wrong`` matches are outliers.
+    """
+    rng = np.random.default_rng(seed)
+    R = rotation_from_vector(rng.uniform(-0.3, 0.3, 3))
+    t = unit(rng.normal(size=3))
+    X = rng.uniform([-2, -2, 4], [2, 2, 8], (count, 3))
+    if planar:
+        X[:, 2] = 6 + 0.3 * X[:, 0] - 0.4 * X[:, 1]
+    m, n = (unit(unit(rays) + noise_rad * rng.normal(size=X.shape)) for rays in (X, X @ R.T + t))
+    n[:wrong] = unit(rng.uniform([-0.5, -0.5, 1], [0.5, 0.5, 1], (wrong, 3)))
+    return R, t, m, n
+
+
+def matches_of_all_kinds(seed: int):
+    """R, t and 80 matches: inliers, outliers, points behind both cameras or one of them, points at infinity."""
+    R, t, m, n = pose_and_matches(seed, 80, wrong=20)
+    m[20:30], n[20:30] = -m[20:30], -n[20:30]
+    n[30:35] = -n[30:35]
+    n[35:50] = m[35:50] @ R.T
+    return R, t, m, n
+
+
+def disturbed(R, t, seed: int, angle_rad: float):
+    """The pose with a rotation by the angle, and a change of the direction of about the same size."""
+    rng = np.random.default_rng([seed, 1])
+    R, t = rotation_from_vector(angle_rad * unit(rng.normal(size=3))) @ R, unit(t + angle_rad * rng.normal(size=3))
+    return np.ascontiguousarray(R), t
+
+
+def random_pose(seed: int):
+    """Any R, t with |t| = 1."""
+    return disturbed(rotation_from_vector(np.random.default_rng(seed).uniform(-1.5, 1.5, 3)), np.zeros(3), seed, 1.0)
+
+
+def as_model(R, t) -> np.ndarray:
+    """The pose as a row (q_wxyz, t)."""
+    return np.concatenate([quaternion_from_matrix(R), t])
+
+
+def angle_between(R1, R2) -> float:
+    """Angle between two rotations, radians."""
+    return float(rotation_angle(R1 @ R2.T))
+
+
+def assert_orthonormal(R) -> None:
+    """R is orthonormal to rounding."""
+    assert np.abs(R @ R.T - np.eye(3)).max() < 1e-12
