@@ -19,7 +19,7 @@ from slam_init.output.summary import Provenance, Summary, plain_fields, summary_
 from slam_init.recording.recorder import Recorder, RerunRecorder
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Source
-from slam_init.types.result import GroundTruthErrors, Result
+from slam_init.types.result import Result
 
 __all__ = ["run"]
 
@@ -132,8 +132,7 @@ def _summary(
 ) -> Summary:
     truth = None
     if result.map is not None and source.groundtruth is not None:
-        errors = compare_with_groundtruth(result.map.keyframes, source.groundtruth)
-        truth = None if errors is None else GroundTruthErrors(**errors)  # type: ignore[arg-type]
+        truth = compare_with_groundtruth(result.map.keyframes, source.groundtruth)
     return summary_of(
         result,
         source,

@@ -6,7 +6,7 @@ import sys
 import pytest
 from paths import ROOT
 
-HEAVY = ("cv2", "gtsam", "rerun", "scipy", "tqdm", "matplotlib", "evo", "pycolmap", "loky", "distributed")
+HEAVY = ("cv2", "gtsam", "rerun", "scipy", "tqdm", "matplotlib", "evo", "pycolmap", "loky", "distributed", "tabulate")
 
 
 def loaded_by(code):

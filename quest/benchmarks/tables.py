@@ -8,18 +8,38 @@ __all__ = ["markdown_table", "number"]
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table with its columns padded; all but the first are flush right."""
-    widths = [max(len(row[column]) for row in (header, *rows)) for column in range(len(header))]
+    """Format a table in markdown with aligned columns.
 
-    def line(cells: Sequence[str]) -> str:
-        first, *rest = zip(cells, widths, strict=True)
-        padded = [first[0].ljust(first[1]), *(cell.rjust(width) for cell, width in rest)]
-        return "| " + " | ".join(padded) + " |"
+    Parameters
+    ----------
+    header : sequence of str
+        Headings of the columns.
+    rows : sequence of sequence of str
+        Cells of each row. Numbers must be formatted by the caller (:func:`number`); the cells are not changed.
 
-    rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]
-    return "\n".join([line(header), line(rule), *(line(row) for row in rows)])
+    Returns
+    -------
+    str
+        The table, without a line break at the end. The first column is aligned left, the others right.
+    """
+    from tabulate import tabulate
+
+    alignment = ["left", *["right"] * (len(header) - 1)]
+    return tabulate(rows, header, tablefmt="pipe", disable_numparse=True, colalign=alignment)
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """The number with so many decimals; a dash where there is none."""
+    """Format a number for a cell of a table.
+
+    Parameters
+    ----------
+    value : float or None
+    digits : int
+        Number of decimals.
+
+    Returns
+    -------
+    str
+        The number; a hyphen for None.
+    """
     return "-" if value is None else f"{value:.{digits}f}"

@@ -1,4 +1,4 @@
-"""Programs that regenerate the figures of the README: ``python -m slam_init.benchmarks.initialization`` and ``timing``.
+"""Programs that measure the figures of the README, for example ``python -m slam_init.benchmarks.initialization``.
 
-This module loads nothing, so that the programs can settle the number of threads before numpy is loaded.
+This module imports nothing, so that the programs can set the number of threads before numpy is imported.
 """

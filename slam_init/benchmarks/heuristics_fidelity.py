@@ -1,11 +1,11 @@
-"""The methods of other systems against those systems: ``python -m slam_init.benchmarks.heuristics_fidelity``.
+"""Reimplemented methods compared with their original code: ``python -m slam_init.benchmarks.heuristics_fidelity``.
 
-On the same 50 scenes a row (:mod:`slam_init.benchmarks.two_view_scenes`) the original code was run once; its counts of
-correct and of false initializations stand below. A cell agrees where both counts can come from one rate: the p of
-Fisher's exact test, two-sided. ``--repeats`` draws each scene's samples several times, which the single run of the
-original code did not: with six of them all cells agree but the false ones of ``orb-slam3`` on ``nadir 0.30`` (12 of 300
-here, 8 of 50 there: p = 0.003, one such cell in 42). Single precision, which the original computes in, does not explain
-it.
+The original code was run once on 50 scenes per row (:mod:`slam_init.benchmarks.two_view_scenes`). Its counts of correct
+and of false initializations are in :data:`ORIGINAL`. A cell agrees with the original if both counts can come from the
+same rate, by the two-sided p-value of Fisher's exact test. ``--repeats`` runs each scene with several seeds of RANSAC;
+the original code was run with one. With six repeats all cells agree except the false initializations of ``orb-slam3``
+on ``nadir 0.30``: 12 of 300 here and 8 of 50 in the original, p = 0.003, one such cell in 42. The single precision of
+the original code is not the cause.
 """
 
 from __future__ import annotations
@@ -36,8 +36,9 @@ ROWS: tuple[tuple[str, float], ...] = (
     ("nadir", 0.30),
     ("rotation", 0.15),
 )
-#: Correct and false initializations of the original code in 50 scenes, as measured. ``orb-slam2`` was ORB-SLAM3's code
-#: with the share of ORB-SLAM2; the last two are the libraries with the gates of :mod:`slam_init.methods.gates`.
+#: Measured correct and false initializations of the original code in 50 scenes. ``orb-slam2`` is the code of ORB-SLAM3
+#: with the homography share of ORB-SLAM2. The last two are the libraries with the gates of
+#: :mod:`slam_init.methods.gates`.
 ORIGINAL: dict[str, tuple[tuple[int, int], ...]] = {
     "orb-slam3": ((46, 3), (45, 0), (0, 14), (1, 1), (2, 14), (1, 8), (0, 0)),
     "orb-slam2": ((46, 3), (45, 0), (1, 0), (6, 0), (0, 0), (6, 0), (0, 0)),
@@ -47,20 +48,20 @@ ORIGINAL: dict[str, tuple[tuple[int, int], ...]] = {
 }
 _ORIGINAL_SCENES = 50
 _FIRST_SEED = 7000
-#: One cell in a hundred may differ so by chance.
+#: By chance one cell in a hundred has a smaller p-value.
 _SMALL_P = 0.01
 
 
 @dataclass(frozen=True)
 class Cell:
-    """What a method makes of the scenes of a row.
+    """Counts of a method on the scenes of a row.
 
     Attributes
     ----------
     correct, false : int
     trials : int
     times_ms : tuple of float
-        Of each call.
+        Time of each call.
     """
 
     correct: int
@@ -69,7 +70,7 @@ class Cell:
     times_ms: tuple[float, ...]
 
     def p_values(self, original: tuple[int, int]) -> tuple[float, float]:
-        """Of the hypothesis that correct, and false, initializations are as frequent as in the original code."""
+        """Return the p-values that correct, and false, initializations have the same rate as in the original code."""
         correct, false = original
         return (
             fisher_p(self.correct, self.trials, correct, _ORIGINAL_SCENES),
@@ -78,18 +79,21 @@ class Cell:
 
 
 def fisher_p(first: int, of_first: int, second: int, of_second: int) -> float:
-    """Fisher's exact test, two-sided: that ``first`` of ``of_first`` and ``second`` of ``of_second`` have one rate."""
+    """Return the two-sided p-value of Fisher's exact test.
+
+    The hypothesis is that ``first`` of ``of_first`` and ``second`` of ``of_second`` have the same rate.
+    """
     both = first + second
 
-    def ways(k: int) -> int:
+    def combinations(k: int) -> int:
         return comb(of_first, k) * comb(of_second, both - k)
 
-    possible = [ways(k) for k in range(max(0, both - of_second), min(of_first, both) + 1)]
-    return sum(w for w in possible if w <= ways(first)) / sum(possible)
+    possible = [combinations(k) for k in range(max(0, both - of_second), min(of_first, both) + 1)]
+    return sum(count for count in possible if count <= combinations(first)) / sum(possible)
 
 
 def run_cell(method: str, kind: str, baseline: float, scenes: int, repeats: int = 1) -> Cell:
-    """Run a method on the first scenes of a row, each with so many seeds of its own draws."""
+    """Run a method on the first scenes of a row, each with ``repeats`` seeds of RANSAC."""
     from slam_init.methods import make_two_view
 
     two_view = make_two_view(method)
@@ -124,19 +128,21 @@ def _tables(cells: dict[tuple[str, str, float], Cell], methods: Sequence[str]) -
     small = sum(p < _SMALL_P for p in all_p)
     trials = next(iter(cells.values())).trials
     return (
-        f"Correct/false initializations in {trials} trials a row ({_ORIGINAL_SCENES} of the original code).\n\n"
+        f"Correct/false initializations in {trials} trials per row ({_ORIGINAL_SCENES} of the original code).\n\n"
         + markdown_table(header, rows)
         + f"\n\nSmallest p of {len(all_p)}: {min(all_p):.3f}; {small} below {_SMALL_P}.\n\n"
-        + markdown_table(["ms a call, median / 95th percentile", *methods], [["all scenes", *times]])
+        + markdown_table(["ms per call, median / 95th percentile", *methods], [["all scenes", *times]])
     )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table; return the exit code: 1 where a method differs from its original."""
+    """Print the tables; return the exit code: 1 if a method differs from its original."""
     parser = argparse.ArgumentParser(prog="python -m slam_init.benchmarks.heuristics_fidelity", allow_abbrev=False)
-    parser.description = "Compare the methods written from other systems' rules with those systems' own code."
-    parser.add_argument("--scenes", type=positive, default=50, metavar="N", help="a row (default: 50)")
-    parser.add_argument("--repeats", type=positive, default=1, metavar="N", help="seeds of RANSAC a scene (default: 1)")
+    parser.description = "Compare the reimplemented methods of other systems with the code of these systems."
+    parser.add_argument("--scenes", type=positive, default=50, metavar="N", help="scenes per row (default: 50)")
+    parser.add_argument(
+        "--repeats", type=positive, default=1, metavar="N", help="seeds of RANSAC per scene (default: 1)"
+    )
     parser.add_argument("--methods", metavar="A,B", help=f"of {', '.join(ORIGINAL)} (default: all)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write heuristics_fidelity.md there")
     arguments = parser.parse_args(argv)
@@ -147,7 +153,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     from tqdm import tqdm
 
     grid = [(method, *row) for method in methods for row in ROWS]
-    # disable=None: silent where stderr is no terminal.
+    # disable=None: no output if stderr is not a terminal.
     bar = tqdm(grid, unit="cell", disable=None, leave=False)
     cells = {key: run_cell(*key, arguments.scenes, arguments.repeats) for key in bar}
     if arguments.out is not None:

@@ -1,9 +1,9 @@
 """Pairs of real images with their matches and the true pose between them.
 
-Three kinds below the folder of data: pair sets (``pairs.json``: images, calibrations, ``T_0to1``), sequences with a
-ground truth (pairs of frames some steps apart), and a chessboard whose corners are known by number (``corners.txt``).
-Except for the corners, matches are those of SIFT with mutual nearest neighbours and Lowe's ratio, as the pipeline links
-photographs (:mod:`slam_init.frontend.sift`).
+The folder of data holds three kinds of pairs: pair sets (``pairs.json``: images, calibrations, ``T_0to1``), sequences
+with a ground truth (pairs of frames some steps apart), and a chessboard whose corners are numbered (``corners.txt``).
+The corners are matched by their numbers. All other matches are SIFT matches with mutual nearest neighbours and Lowe's
+ratio test, as the pipeline matches photographs (:mod:`slam_init.frontend.sift`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from slam_init.types.pose import Pose
 
 __all__ = [
     "DIRECTION_UNKNOWN",
-    "STILL",
+    "STATIC_SEQUENCE",
     "ImagePair",
     "chessboard_pairs",
     "data_folder",
@@ -38,14 +38,15 @@ __all__ = [
     "true_matches",
 ]
 
-#: Ground truth that knows the rotation better than the direction of a short baseline: its own error is about ten
-#: degrees there, that of depth tracking in one case and of a rolling shutter in the other.
+#: Data sets whose ground truth does not resolve the direction of a short baseline: its error is about ten degrees. The
+#: causes are depth tracking (7-Scenes) and a rolling shutter (TUM RGB-D).
 DIRECTION_UNKNOWN = ("7scenes/", "tum_rgbd/")
-#: A sequence of a camera that stands still: there is no translation to find.
-STILL = "euroc/V1_01_static"
-#: A baseline shorter than this share of the longest of a sequence's pairs says little: noise turns its direction.
+#: A sequence of a static camera, without any translation.
+STATIC_SEQUENCE = "euroc/V1_01_static"
+#: Pairs with a baseline shorter than this share of the longest one in the sequence are left out: noise dominates the
+#: direction of such a baseline.
 _SHORT_BASELINE = 0.05
-#: Numbers of the chessboard's images pair up one after the other, and with the one after the next.
+#: Steps between the two images of a pair of the chessboard.
 _CHESSBOARD_STEPS = (1, 2)
 
 
@@ -58,11 +59,11 @@ class ImagePair:
     bearings1, bearings2 : (N, 3) float
         Unit rays.
     distances : (N,) float
-        Of the descriptors, the smaller the better; zero for corners that are known by number.
+        Distances of the descriptors; zero for numbered corners.
     focal_px : float
-        Turns pixels into radians: geometric mean over both cameras.
+        Geometric mean over both cameras; converts pixels to radians.
     cam2_from_cam1 : Pose
-        The truth, in units of the data.
+        The true pose, in the units of the data.
     """
 
     bearings1: Floats
@@ -73,7 +74,7 @@ class ImagePair:
 
 
 def data_folder() -> Path:
-    """Where the real data are: ``SLAM_INIT_DATA``, by default ``../shared/data``."""
+    """Return the folder of the real data: ``SLAM_INIT_DATA``, by default ``../shared/data``."""
     return Path(os.environ.get("SLAM_INIT_DATA", "../shared/data"))
 
 
@@ -84,30 +85,31 @@ def match_features(
     i, j = match_descriptors(features1.descriptors, features2.descriptors, TrackingConfig().sift_ratio)
     bearings1, bearings2 = camera1.bearings(features1.pixels[i]), camera2.bearings(features2.pixels[j])
     distances = np.linalg.norm(features1.descriptors[i] - features2.descriptors[j], axis=1)
-    # A pixel beyond the field of view of the lens model has no ray.
+    # Pixels outside the field of view of the lens model have no bearing.
     seen = np.isfinite(bearings1).all(axis=1) & np.isfinite(bearings2).all(axis=1)
     focal_px = float(np.sqrt(camera1.focal_px * camera2.focal_px))
     return ImagePair(bearings1[seen], bearings2[seen], distances[seen].astype(float), focal_px, pose)
 
 
 def true_matches(pair: ImagePair, bearings1: Floats, bearings2: Floats, threshold_rad: float) -> Bools:
-    """Which matches (N,) of a pair obey its true pose within the threshold, in front of both cameras."""
+    """Return the mask (N,) of the matches that agree with the true pose and lie in front of both cameras."""
     R, t = pair.cam2_from_cam1.R, pair.cam2_from_cam1.t
     u, v = depths_from_pose(R, t, bearings1, bearings2)
     return np.asarray((np.abs(sampson_error(R, t, bearings1, bearings2)) < threshold_rad) & (u > 0) & (v > 0))
 
 
-def pair_set(folder: Path) -> Iterator[ImagePair]:
-    """The pairs of a folder with ``pairs.json``.
+def pair_set(folder: str | os.PathLike[str]) -> Iterator[ImagePair]:
+    """Read the pairs of a folder with ``pairs.json``.
 
     Raises
     ------
     SourceError
-        Where an image cannot be read or an entry lacks a calibration or a pose.
+        If an image cannot be read, or an entry has no pose.
     """
+    folder = Path(folder)
     for entry in json.loads((folder / "pairs.json").read_text(encoding="utf-8")):
         if "T_0to1" not in entry:
-            raise SourceError(f"{folder / 'pairs.json'}: an entry without T_0to1 has no pose to compare with")
+            raise SourceError(f"{folder / 'pairs.json'}: an entry has no true pose: add T_0to1")
         T = np.array(entry["T_0to1"], float)
         cameras = [_entry_camera(entry, i) for i in (0, 1)]
         features = [_image_features(folder / entry[f"image{i}"]) for i in (0, 1)]
@@ -129,17 +131,17 @@ def _image_features(path: Path) -> SiftFeatures:
 
 
 def sequence_pairs(source: TimedSource, step: int, limit: int) -> Iterator[ImagePair]:
-    """Up to ``limit`` pairs of frames ``step`` apart, spread evenly over a sequence.
+    """Read up to ``limit`` pairs of frames that are ``step`` apart, spread evenly over a sequence.
 
-    Pairs without a true pose are left out, and those that hardly moved where others did.
+    Pairs without a true pose are left out, and pairs whose baseline is much shorter than the longest one as well.
 
     Raises
     ------
     SourceError
-        Where the sequence has no calibration or no ground truth.
+        If the sequence has no calibration or no ground truth.
     """
     if source.camera is None or source.groundtruth is None:
-        raise SourceError(f"{source.name}: needs a calibration and a ground truth")
+        raise SourceError(f"{source.name} has no calibration or no ground truth: both are needed")
     truth = [source.groundtruth.at(stamp) for stamp in source.timestamps_s]
     starts = [i for i in range(len(source) - step) if truth[i] is not None and truth[i + step] is not None]
     poses = {i: b.inverse() @ a for i in starts if (a := truth[i]) and (b := truth[i + step])}
@@ -156,13 +158,14 @@ def _frame_features(source: TimedSource, index: int) -> SiftFeatures:
     return detect_sift(frame.gray, TrackingConfig().sift_features)
 
 
-def chessboard_pairs(folder: Path) -> Iterator[ImagePair]:
-    """Pairs of images of a chessboard, one and two numbers apart, matched by the numbers of its corners."""
+def chessboard_pairs(folder: str | os.PathLike[str]) -> Iterator[ImagePair]:
+    """Read pairs of images of a chessboard, one and two images apart, matched by the numbers of the corners."""
+    folder = Path(folder)
     from slam_init.datasets import open_source
 
     source = open_source(str(folder))
     if source.camera is None or source.groundtruth is None:
-        raise SourceError(f"{folder}: needs a calibration and a ground truth")
+        raise SourceError(f"{folder} has no calibration or no ground truth: both are needed")
     corners: dict[str, dict[int, tuple[float, float]]] = {}
     for line in (folder / "corners.txt").read_text(encoding="utf-8").splitlines():
         if not line.startswith("#"):

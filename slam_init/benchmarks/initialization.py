@@ -1,22 +1,25 @@
-"""How often the initialization is right: ``python -m slam_init.benchmarks.initialization``.
+"""Counts correct and false initializations: ``python -m slam_init.benchmarks.initialization``.
 
-Runs the pipeline with its default options on every real sequence below ``SLAM_INIT_DATA`` (a folder with
-``camera.yaml`` and ``groundtruth.txt`` is one) and on some seeds of every synthetic scene, and prints one table of
-each. An accepted map is
+The program runs the pipeline with default options on every real sequence below ``SLAM_INIT_DATA`` (a folder with
+``camera.yaml`` and ``groundtruth.txt``) and on several seeds of every synthetic scene. It prints one table of each. An
+accepted map is
 
-* *correct* where every keyframe is within 5 degrees in rotation and 15 in the direction of its baseline,
-* *strict* where it is within 1 and 5 degrees (a strict one is also counted as correct),
-* *false* otherwise; where the camera never translates, every accepted map is false.
+* *correct* if every keyframe is within 5 degrees in rotation and within 15 degrees in the direction of its baseline,
+* *strict* if every keyframe is within 1 and 5 degrees (a strict map is also counted as correct),
+* *false* otherwise; if the camera never translates, every accepted map is false.
 
-No map is *none*, with its reason. The errors are those of :func:`slam_init.evaluation.metrics.compare_with_groundtruth`.
+A run without a map is *none*, with its reason. The errors are those of
+:func:`slam_init.evaluation.metrics.compare_with_groundtruth`.
 
-Where a camera first turns and then moves, the parallax suffices no earlier than for an initializer that begins with the
-first motion and has seen nothing of the turn: by how much the map comes later than that one's is told as well.
+In one scene the camera first rotates and then translates. The parallax cannot suffice earlier there than for an
+initializer that starts at the first translation and has not seen the rotation. The program also prints the delay
+relative to such an initializer.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -29,33 +32,35 @@ from statistics import median
 import numpy as np
 
 from sequences_synth import SCENES
-from slam_init.benchmarks.image_pairs import DIRECTION_UNKNOWN, STILL, data_folder
+from slam_init.benchmarks.image_pairs import DIRECTION_UNKNOWN, STATIC_SEQUENCE, data_folder
 from slam_init.benchmarks.options import positive, show
 from slam_init.output.tables import markdown_table, number
 
 __all__ = [
+    "NO_TRANSLATION",
     "Outcome",
     "Task",
+    "classify",
     "count",
     "delay_text",
     "find_sequences",
     "from_first_motion",
-    "judge",
     "main",
+    "real_tasks",
     "run_all",
     "run_task",
 ]
 
-#: Its board is held by a person before a fixed camera: no single motion explains the image.
-_NOT_ONE_MOTION = ("planar/opencv_chessboard",)
-#: Where the camera never translates.
-_STILL = (STILL, "synth:rotation", "synth:static")
-#: Turns only, and moves later.
+#: Excluded: a person holds the chessboard in front of a fixed camera, so no single motion explains the image.
+_SEVERAL_MOTIONS = ("planar/opencv_chessboard",)
+#: Sources whose camera never translates.
+NO_TRANSLATION = (STATIC_SEQUENCE, "synth:rotation", "synth:static")
+#: The camera first rotates and then translates.
 _MOVES_LATER = "synth:rotate-then-move"
-#: With ``--every``: a start must leave half a second of video.
-_LEAST_FRAMES = 15
+#: With ``--every``, a run starts only where this many frames are left: half a second of video.
+_MIN_FRAMES = 15
 
-#: Rendered worlds are in metres; their cameras that turn stand still to the last bit.
+#: Rendered worlds are in metres, and the position of a rotation-only camera is exactly constant.
 _AT_REST_M = 1e-9
 
 _CORRECT_DEG = (5.0, 15.0)
@@ -64,14 +69,14 @@ _STRICT_DEG = (1.0, 5.0)
 
 @dataclass(frozen=True)
 class Task:
-    """One run: of what, and from which frame on.
+    """One run: source, seed and start frame.
 
     Attributes
     ----------
     label : str
         Name in the table: path below the data folder, or ``synth:NAME``.
     source : str
-        What the command line would take.
+        SOURCE of the command line.
     seed, start : int
     """
 
@@ -83,13 +88,13 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a run; the figures are None where there is no map (or no such truth).
+    """Result of a run. The figures are None if there is no map, or if the ground truth does not hold the value.
 
     Attributes
     ----------
     task : Task
     reason : str or None
-        None where a map was accepted.
+        None if a map was accepted.
     frames_to_init, landmarks : int or None
     rotation_error_deg, direction_error_deg, parallax_deg, rmse_px : float or None
     """
@@ -119,24 +124,24 @@ def run_task(task: Task) -> Outcome:
     result, summary = run(source, source.camera, Config(seed=task.seed), start=task.start)
     if result.map is None:
         return Outcome(task, result.reason)
-    truth = summary.get("ground_truth") or {}
+    errors = summary.ground_truth
     return Outcome(
         task,
         None,
         frames_to_init=result.frames_to_init,
         landmarks=len(result.map.points),
-        rotation_error_deg=truth.get("rotation_error_deg"),
-        direction_error_deg=truth.get("direction_error_deg"),
+        rotation_error_deg=None if errors is None else errors.rotation_error_deg,
+        direction_error_deg=None if errors is None else errors.direction_error_deg,
         parallax_deg=result.map.median_parallax_deg,
         rmse_px=result.map.reprojection_rmse_px,
     )
 
 
-def judge(outcome: Outcome) -> str:
-    """``strict``, ``correct``, ``false`` or ``none``. A map that the truth does not confirm is false."""
+def classify(outcome: Outcome) -> str:
+    """Return ``strict``, ``correct``, ``false`` or ``none``. A map without a known error is false."""
     if outcome.reason is not None:
         return "none"
-    if outcome.task.label in _STILL:
+    if outcome.task.label in NO_TRANSLATION:
         return "false"
     errors = [outcome.rotation_error_deg]
     if not outcome.task.label.startswith(DIRECTION_UNKNOWN):
@@ -151,8 +156,8 @@ def judge(outcome: Outcome) -> str:
 
 
 def count(outcomes: Sequence[Outcome]) -> list[str]:
-    """Cells ``correct, strict, false, none, reasons, median frames to init`` of a group of runs."""
-    verdicts = Counter(judge(outcome) for outcome in outcomes)
+    """Return the cells ``correct, strict, false, none, reasons, median frames to init`` of a group of runs."""
+    verdicts = Counter(classify(outcome) for outcome in outcomes)
     reasons = Counter(outcome.reason for outcome in outcomes if outcome.reason is not None)
     frames = [outcome.frames_to_init for outcome in outcomes if outcome.frames_to_init is not None]
     return [
@@ -165,14 +170,15 @@ def count(outcomes: Sequence[Outcome]) -> list[str]:
     ]
 
 
-def find_sequences(data: Path) -> list[str]:
-    """Paths below ``data`` of the sequences with a camera and a ground truth, sorted."""
+def find_sequences(data: str | os.PathLike[str]) -> list[str]:
+    """Return the paths below ``data`` of the sequences with a camera and a ground truth, sorted."""
+    data = Path(data)
     folders = (camera.parent for camera in data.rglob("camera.yaml") if (camera.parent / "groundtruth.txt").is_file())
-    return sorted(name for folder in folders if (name := folder.relative_to(data).as_posix()) not in _NOT_ONE_MOTION)
+    return sorted(name for folder in folders if (name := folder.relative_to(data).as_posix()) not in _SEVERAL_MOTIONS)
 
 
 def run_all(tasks: Sequence[Task], jobs: int = 1) -> list[Outcome]:
-    """The outcomes in the order of the tasks, whatever the number of processes."""
+    """Run all tasks and return the outcomes in the order of the tasks, for any number of processes."""
     from tqdm import tqdm
 
     outcomes: dict[Task, Outcome] = {}
@@ -187,7 +193,7 @@ def _outcomes(tasks: Sequence[Task], jobs: int) -> Iterator[Outcome]:
     if jobs == 1:
         yield from map(run_task, tasks)
         return
-    # Spawned, not forked: a fork of a process with threads (OpenCV's, BLAS's) may hang.
+    # Processes are spawned, because a fork of a process with threads (of OpenCV or BLAS) can hang.
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
         futures: list[Future[Outcome]] = [pool.submit(run_task, task) for task in tasks]
         yield from (future.result() for future in as_completed(futures))
@@ -196,19 +202,20 @@ def _outcomes(tasks: Sequence[Task], jobs: int) -> Iterator[Outcome]:
 # -- tables ---------------------------------------------------------------------------------------
 
 
-def _real_tasks(data: Path, every: int | None) -> list[Task]:
+def real_tasks(data: str | os.PathLike[str], every: int | None) -> list[Task]:
+    """Return the runs on the real sequences: from every k-th frame on, or from the first frame if ``every`` is None."""
     from slam_init.datasets import open_source
 
     tasks = []
     for name in find_sequences(data):
-        frames = len(open_source(str(data / name))) if every else 0
-        starts = range(0, max(frames - _LEAST_FRAMES + 1, 1), every or 1)
-        tasks += [Task(name, str(data / name), start=start) for start in starts]
+        frames = len(open_source(str(Path(data) / name))) if every else 0
+        starts = range(0, max(frames - _MIN_FRAMES + 1, 1), every or 1)
+        tasks += [Task(name, str(Path(data) / name), start=start) for start in starts]
     return tasks
 
 
 def _real_table(outcomes: Sequence[Outcome]) -> str:
-    header = ["sequence", "result", "judged", "frames to init", "rotation (deg)", "direction (deg)"]
+    header = ["sequence", "result", "class", "frames to init", "rotation (deg)", "direction (deg)"]
     header += ["landmarks", "parallax (deg)", "reprojection rmse (px)"]
     rows = []
     for outcome in outcomes:
@@ -219,7 +226,7 @@ def _real_table(outcomes: Sequence[Outcome]) -> str:
             [
                 outcome.task.label,
                 outcome.reason or "initialized",
-                judge(outcome),
+                classify(outcome),
                 number(outcome.frames_to_init, 0),
                 number(outcome.rotation_error_deg),
                 direction,
@@ -228,12 +235,12 @@ def _real_table(outcomes: Sequence[Outcome]) -> str:
                 number(outcome.rmse_px),
             ]
         )
-    note = "In parentheses, and not judged: the ground truth does not know the direction of so short a baseline."
+    note = "Directions in parentheses are not checked: the ground truth does not resolve them for short baselines."
     return markdown_table(header, rows) + f"\n\n{note}"
 
 
-def _count_table(outcomes: Sequence[Outcome], what: str) -> str:
-    header = [what, "runs", "correct", "of which strict", "false", "none", "reasons of none", "median frames to init"]
+def _count_table(outcomes: Sequence[Outcome], first_heading: str) -> str:
+    header = [first_heading, "runs", "correct", "of which strict", "false", "none", "reasons", "median frames to init"]
     labels = dict.fromkeys(outcome.task.label for outcome in outcomes)
     groups = {label: [outcome for outcome in outcomes if outcome.task.label == label] for label in labels}
     rows = [[label.removeprefix("synth:"), str(len(group)), *count(group)] for label, group in groups.items()]
@@ -242,38 +249,38 @@ def _count_table(outcomes: Sequence[Outcome], what: str) -> str:
     return markdown_table(header, rows)
 
 
-# -- first a turn, then a motion ------------------------------------------------------------------
+# -- first a rotation, then a translation ---------------------------------------------------------
 
 
 def from_first_motion(task: Task) -> Task:
-    """The same source, from the last frame before its camera's first motion on."""
+    """Return the same run, started at the last frame before the first translation of the camera."""
     from slam_init.datasets import open_source
 
     source = open_source(task.source, task.seed)
     if source.groundtruth is None:
-        raise ValueError(f"{task.source}: no ground truth says when it moves")
+        raise ValueError(f"{task.source}: the source has no ground truth, so the first translation is not known")
     poses = [source.groundtruth.at(time_s) for time_s in source.timestamps_s]
-    places = np.array([np.full(3, np.nan) if pose is None else pose.t for pose in poses])
-    moved = np.linalg.norm(places - places[0], axis=1) > _AT_REST_M
+    positions = np.array([np.full(3, np.nan) if pose is None else pose.t for pose in poses])
+    moved = np.linalg.norm(positions - positions[0], axis=1) > _AT_REST_M
     if not moved.any():
         raise ValueError(f"{task.source}: the camera never moves")
     return replace(task, start=int(np.argmax(moved)) - 1)
 
 
 def delay_text(whole: Sequence[Outcome], from_motion: Sequence[Outcome]) -> str:
-    """By how many frames a correct map comes later than that of an initializer that begins with the motion."""
+    """Describe by how many frames the map is later than that of an initializer that starts at the translation."""
     delays = [
         one.frames_to_init - (other.task.start + other.frames_to_init)
         for one, other in zip(whole, from_motion, strict=True)
-        if {judge(one), judge(other)} <= {"strict", "correct"}
+        if {classify(one), classify(other)} <= {"strict", "correct"}
         if one.frames_to_init is not None and other.frames_to_init is not None
     ]
     if not delays:
-        return "No run has a correct map both with its turn and without it: no delay to tell."
+        return "No run has a correct map both with and without the rotation, so no delay is measured."
     return (
         f"`{_MOVES_LATER.removeprefix('synth:')}`: the map comes {median(delays):g} frames later (median; "
-        f"{min(delays)} to {max(delays)}; {len(delays)} of {len(whole)} runs) than that of an initializer that begins "
-        "with the motion."
+        f"{min(delays)} to {max(delays)}; {len(delays)} of {len(whole)} runs) than that of an initializer that starts "
+        "at the translation."
     )
 
 
@@ -296,7 +303,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f"unknown scene {unknown[0]!r}: use {', '.join(SCENES)}")
 
     data = data_folder()
-    real = [] if arguments.only == "synthetic" else _real_tasks(data, arguments.every)
+    real = [] if arguments.only == "synthetic" else real_tasks(data, arguments.every)
     seeds = range(arguments.seeds)
     synthetic = [Task(f"synth:{scene}", f"synth:{scene}", seed) for scene in scenes for seed in seeds]
     if arguments.only == "real":

@@ -1,16 +1,17 @@
-"""How good our bundle adjustment is: against pycolmap's on the same tracks, from the same start.
+"""Bundle adjustment of slam_init compared with that of pycolmap, on the same tracks and from the same start.
 
-In each world ``quest`` finds a map. Its poses before the adjustment are the start. Two problems are posed from there:
+In each world ``quest`` finds a map. Its poses before the adjustment are the start of two problems:
 
 ``cleaned``
-    The observations that ours kept, least squares: whether the optimum is one.
+    The observations that slam_init kept, adjusted by least squares. This shows whether slam_init finds the optimum.
 ``as found``
-    All tracks that follow the epipolar geometry of the start's first and last view to 2 px, wrong matches among them,
-    triangulated in the start's poses. Ours goes its own way (:func:`slam_init.bundle.adjustment.adjust`). pycolmap goes that of
-    COLMAP's mapper: a soft kernel of one pixel, then what is beyond 4 px out, then least squares.
+    All tracks within 2 px of the epipolar geometry of the first and last view, outliers included, triangulated with the
+    start poses. slam_init adjusts them with :func:`slam_init.bundle.adjustment.adjust`. pycolmap follows the mapper of
+    COLMAP: adjustment with a soft kernel of one pixel, removal of observations beyond 4 px, least squares.
 
-Compared are the rotation and the direction of the baselines (worst keyframe against the first), and the depths of the
-landmarks that both have, relative, after median alignment.
+The compared errors are those of rotation and of the direction of the baselines (largest error over the keyframes,
+relative to the first keyframe), and the relative error of the depths of the landmarks that both maps contain, after
+median alignment.
 """
 
 from __future__ import annotations
@@ -43,13 +44,13 @@ from slam_init.types.pose import Pose
 
 __all__ = ["Errors", "adjusted_by_pycolmap", "errors_of", "map_quality_table", "opened_points", "posed_problems"]
 
-#: COLMAP's own defaults (IncrementalMapperOptions): scale of the soft kernel, and the filter of observations.
+#: Defaults of COLMAP (IncrementalMapperOptions): scale of the soft kernel, threshold of the observation filter.
 _SOFT_PX, _FILTER_PX = 1.0, 4.0
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Of one map: worst keyframe in rotation and direction (degrees), median relative depth."""
+    """Errors of one map: largest rotation and direction error over the keyframes, median relative depth error."""
 
     rotation_deg: float
     direction_deg: float
@@ -57,17 +58,17 @@ class Errors:
 
 
 def map_quality_table(worlds: int, seed: int, *, progress: bool = False) -> str:
-    """Adjust the maps of so many worlds both ways.
+    """Adjust the maps of ``worlds`` worlds with both programs.
 
     Returns
     -------
     str
-        The table in markdown: medians over the worlds, and how often ours is the better one.
+        The table in markdown: medians over the worlds, and the number of worlds in which slam_init is more accurate.
 
     Raises
     ------
     ConfigError
-        Where pycolmap is not installed.
+        If pycolmap is not installed.
     """
     from tqdm import tqdm
 
@@ -75,20 +76,20 @@ def map_quality_table(worlds: int, seed: int, *, progress: bool = False) -> str:
         raise ConfigError("the part map-quality needs the package pycolmap: pip install pycolmap")
     found: dict[str, list[tuple[Errors, Errors, Errors]]] = {"cleaned": [], "as found": []}
     with tqdm(total=worlds, unit="map", disable=not progress, leave=False) as bar:
-        # Some worlds hold too little information for a map.
+        # Some worlds contain too little information for a map, so more worlds are drawn than maps are needed.
         maps = ((source, _map_of(source, seed)) for source in _worlds(4 * worlds, seed))
         for source, map_ in islice(((source, map_) for source, map_ in maps if map_ is not None), worlds):
             for name, (problem, ours) in posed_problems(source, map_).items():
                 theirs = adjusted_by_pycolmap(source.camera, problem, robust=name == "as found")
                 shared = np.intersect1d(ours.track_ids, theirs.track_ids)
-                start, ours_off, theirs_off = (errors_of(source, part, shared) for part in (problem, ours, theirs))
-                found[name].append((start, ours_off, theirs_off))
+                at_start, of_ours, of_theirs = (errors_of(source, part, shared) for part in (problem, ours, theirs))
+                found[name].append((at_start, of_ours, of_theirs))
             bar.update()
     return _table(found)
 
 
 def posed_problems(source: PointSource, map_: InitialMap) -> dict[str, tuple[BundleProblem, BundleProblem]]:
-    """The start and our solution of both problems; ``as found`` is left out where ours fails."""
+    """Return the start and our solution of both problems; without ``as found`` if our adjustment fails."""
     keyframes = map_.keyframes
     frames = tuple(keyframe.frame for keyframe in keyframes)
     cleaned = BundleProblem(
@@ -110,7 +111,7 @@ def posed_problems(source: PointSource, map_: InitialMap) -> dict[str, tuple[Bun
 
 
 def adjusted_by_pycolmap(camera: Camera, problem: BundleProblem, *, robust: bool) -> BundleProblem:
-    """The problem after pycolmap's bundle adjustment, the camera held.
+    """Adjust a problem with pycolmap; the calibration is fixed.
 
     Parameters
     ----------
@@ -118,28 +119,29 @@ def adjusted_by_pycolmap(camera: Camera, problem: BundleProblem, *, robust: bool
         Pinhole without distortion.
     problem : BundleProblem
     robust : bool
-        A soft kernel first, then the outliers out.
+        Adjust with a soft kernel first, and remove outliers.
     """
     if robust:
         soft = _solve(camera, problem, soft=True)
-        # NaN, behind a camera, is no inlier.
+        # Residuals of points behind a camera are NaN; they do not count as inliers.
         inlying: Bools = np.asarray(np.linalg.norm(soft.residuals(camera), axis=1) < _FILTER_PX)
         problem = soft.keep(inlying)
     return _solve(camera, problem, soft=False)
 
 
 def errors_of(source: PointSource, problem: BundleProblem, track_ids: Ints) -> Errors:
-    """Errors of poses, and of the depths of these tracks in the first view."""
+    """Compute the errors of the poses, and of the depths of these tracks in the first view."""
     keyframes = tuple(
         Keyframe(frame, float(source.timestamps_s[frame]), "", pose)
         for frame, pose in zip(problem.frames, problem.world_from_cam, strict=True)
     )
-    figures = compare_with_groundtruth(keyframes, source.groundtruth) or {}
-    rotation_deg, direction_deg = (figures.get(f"{name}_error_deg") for name in ("rotation", "direction"))
+    errors = compare_with_groundtruth(keyframes, source.groundtruth)
+    rotation_deg = None if errors is None else errors.rotation_error_deg
+    direction_deg = None if errors is None else errors.direction_error_deg
     _, rows, _ = np.intersect1d(problem.track_ids, track_ids, return_indices=True)
     depth = problem.world_from_cam[0].inverse().apply(problem.points[rows])[:, 2]
     ratio = depth / source.sequence.depths(problem.frames[0])[problem.track_ids[rows]]
-    ratio = ratio[np.isfinite(ratio)]  # a wrong match has no true depth
+    ratio = ratio[np.isfinite(ratio)]  # outliers have no true depth
     return Errors(
         rotation_deg=float("nan") if rotation_deg is None else rotation_deg,
         direction_deg=float("nan") if direction_deg is None else direction_deg,
@@ -148,7 +150,7 @@ def errors_of(source: PointSource, problem: BundleProblem, track_ids: Ints) -> E
 
 
 def _worlds(count: int, seed: int) -> Iterator[PointSource]:
-    """Sources, one scene after the other."""
+    """Return sources; the scenes alternate."""
     each = [drawn_sources(scene, count, seed, focal_error=0.0) for scene in (*GENERAL, *PLANAR)]
     texts = (text for texts in zip(*each, strict=True) for text in texts)
     return (opened_points(text) for text in islice(texts, count))
@@ -158,7 +160,7 @@ def opened_points(text: str) -> PointSource:
     """Open a source of points."""
     source = open_compared(text)
     if not isinstance(source, PointSource):
-        raise TypeError(f"{text} is no source of points")
+        raise TypeError(f"{text} is not a source of points")
     return source
 
 
@@ -176,7 +178,7 @@ def _as_found(source: PointSource, frames: tuple[int, ...], world_from_cam: tupl
     views = {o.frame: o for o in source.observations() if o.frame in frames}
     first, last = views[frames[0]], views[frames[-1]]
     table = table_of(first, last, [views[frame] for frame in frames[1:-1]])
-    order = [0, *range(2, len(frames)), 1]  # the table begins with the pair
+    order = [0, *range(2, len(frames)), 1]  # the first two rows of the table are the pair
     bearings, pixels = table.bearings[order], table.pixels[order]
     points = triangulate(list(world_from_cam), bearings)
     last_from_first = world_from_cam[-1].inverse() @ world_from_cam[0]
@@ -206,7 +208,7 @@ def _solve(camera: Camera, problem: BundleProblem, *, soft: bool) -> BundleProbl
     model.add_camera_with_trivial_rig(
         pycolmap.Camera(model="PINHOLE", width=camera.width, height=camera.height, params=parameters, camera_id=1)
     )
-    row = np.zeros(len(problem.views), np.int64)  # of an observation among those of its image
+    row = np.zeros(len(problem.views), np.int64)  # index of an observation within its image
     for k, pose in enumerate(problem.world_from_cam):
         mine = np.flatnonzero(problem.views == k)
         row[mine] = np.arange(len(mine))
@@ -261,7 +263,7 @@ def _table(found: dict[str, list[tuple[Errors, Errors, Errors]]]) -> str:
 
 
 def _ratio(ours: Floats, theirs: Floats) -> str:
-    """Geometric mean of the ratio with its 95 % interval."""
+    """Return the geometric mean of the ratio with its 95 % interval."""
     logs: Sequence[float] = np.log(ours / theirs).tolist()
     mean = restricted_mean(logs, [float("inf")] * len(logs))
     return interval_text(type(mean)(*np.exp([mean.value, mean.low, mean.high]).tolist()), 1.0, 3)

@@ -1,21 +1,23 @@
 """The paper's experiment on real images: ``python -m slam_init.benchmarks.paper_real_images [FOLDER...] --out DIR``.
 
-As in the comparison on real images of [F17]: of each pair of frames the best matches, as many as a solver needs at
-least, no RANSAC, no refinement; box plots of the errors of rotation and translation for each solver and data set. SIFT
-takes the place of SURF, ranked by the distance of the descriptors. A FOLDER is a sequence of KITTI odometry, TUM RGB-D,
-ICL-NUIM, EuRoC or of our own format; without any, the sequences below ``SLAM_INIT_DATA`` are taken.
+The experiment follows the comparison on real images of [F17]. Each solver gets the best matches of each pair of frames,
+as many as it needs at least, without RANSAC and without refinement. The program draws box plots of the errors of
+rotation and translation for each solver and data set. The matches are SIFT matches (the paper uses SURF), ranked by the
+distance of their descriptors. A FOLDER is a sequence of KITTI odometry, TUM RGB-D, ICL-NUIM, EuRoC or of the format of
+this project. By default the program uses the sequences below ``SLAM_INIT_DATA``.
 
-The frames of a pair are as far apart as it takes for the median match to show a parallax of one degree: without
-parallax there is no translation to compare. ``--step`` sets the distance instead.
+The step between the frames of a pair is the smallest one at which the median parallax of the matches is one degree,
+because the translation cannot be compared without parallax. ``--step`` sets the step instead.
 
-Errors are angles over pi: that of the rotation by the metric of [F17] with its absolute value restored,
-``acos |q . q*| / pi`` in [0, 1/2], that of the translation's direction alike, ``acos(t . t* / |t| |t*|) / pi`` in
-[0, 1]; a sample without any candidate counts 1/2. "Closest" is the paper's measure, the candidate nearest to the true
-rotation: it favours solvers with many candidates. "Ranked" is what a user gets: the candidate that
-:func:`quest.solvers.selection.select_candidates` puts first, which knows the sample and nothing else. The translation is that
-of the candidate's rotation in both cases, its sign by cheirality. Five matches are obeyed exactly by every candidate of
-a 5-point solver, so that only cheirality ranks them: such solvers are made for RANSAC, not for this experiment. One
-wrong match among the best spoils a sample: "clean" counts the samples whose matches all obey the true pose within 2 px.
+Errors are angles divided by pi. The error of the rotation is the metric of [F17], with the absolute value that is
+missing there: ``acos |q . q*| / pi`` in [0, 1/2]. The error of the translation is that of its direction:
+``acos(t . t* / |t| |t*|) / pi`` in [0, 1]. A sample without any candidate counts 1/2. "Closest" is the measure of the
+paper: the candidate that is nearest to the true rotation. It favours solvers with many candidates. "Ranked" is the
+candidate that :func:`quest.solvers.selection.select_candidates` puts first; this function uses only the sample. The
+translation belongs to the rotation of the candidate in both cases, and cheirality gives its sign. Every candidate of a
+5-point solver fits its five matches exactly, so that only cheirality ranks these candidates; 5-point solvers are meant
+for RANSAC and not for this experiment. A single outlier among the best matches spoils a sample. "Clean" is the share of
+samples whose matches all agree with the true pose within 2 px.
 
 References
 ----------
@@ -25,6 +27,7 @@ References
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -41,7 +44,7 @@ from quest.registry import SOLVERS
 from quest.solvers.selection import select_candidates
 from slam_init.benchmarks.image_pairs import (
     DIRECTION_UNKNOWN,
-    STILL,
+    STATIC_SEQUENCE,
     ImagePair,
     data_folder,
     sequence_pairs,
@@ -64,7 +67,7 @@ Solve = Callable[[Floats, Floats], Floats]
 
 @dataclass(frozen=True, eq=False)
 class DataSet:
-    """Pairs of a sequence: its name, how many frames they are apart, and they."""
+    """Pairs of a sequence: name of the sequence, step between the frames of a pair, pairs."""
 
     name: str
     step: int
@@ -79,7 +82,7 @@ class Errors:
     ----------
     rotation, translation : dict of (P,) float
     clean : float
-        Share of the samples without a wrong match.
+        Share of the samples without an outlier.
     candidates : float
         Mean number of candidates.
     """
@@ -91,7 +94,7 @@ class Errors:
 
 
 def read_data_set(name: str, source: TimedSource, limit: int, step: int | None = None) -> DataSet:
-    """Pairs of a sequence; without a step, the least of some with a degree of parallax in the median."""
+    """Read pairs of a sequence; by default with the smallest step that gives a median parallax of one degree."""
     steps = [s for s in _STEPS if s < len(source)] or [1]
     if step is None:
         step = next((s for s in steps if _parallax(sequence_pairs(source, s, 3)) > _PARALLAX_RAD), steps[-1])
@@ -104,7 +107,7 @@ def _parallax(pairs: Any) -> float:
 
 
 def sample_of_best(pair: ImagePair, size: int) -> tuple[Floats, Floats] | None:
-    """The matches (size, 3) of least descriptor distance; None where there are not so many."""
+    """Return the ``size`` matches with the smallest descriptor distances; None if there are fewer matches."""
     if len(pair.bearings1) < size:
         return None
     best = np.argsort(pair.distances, kind="stable")[:size]
@@ -112,7 +115,7 @@ def sample_of_best(pair: ImagePair, size: int) -> tuple[Floats, Floats] | None:
 
 
 def measure(solve: Solve, size: int, pairs: Sequence[ImagePair]) -> Errors | None:
-    """Errors of a solver on the best matches of each pair; None where no pair has enough."""
+    """Compute the errors of a solver on the best matches of each pair; None if no pair has enough matches."""
     usable = [(pair, sample) for pair in pairs if (sample := sample_of_best(pair, size)) is not None]
     if not usable:
         return None
@@ -132,7 +135,7 @@ def measure(solve: Solve, size: int, pairs: Sequence[ImagePair]) -> Errors | Non
 
 
 def _direction_error(t: Floats, t_true: Floats) -> Floats:
-    """Angle over pi (P,) between translations (P, 3); 1/2, that of a blind guess, where there is none."""
+    """Return the angles over pi (P,) between translations (P, 3); 1/2, as for a random guess, if one is missing."""
     sine = np.linalg.norm(np.cross(t, t_true), axis=1)
     angle = np.arctan2(sine, np.einsum("ij,ij->i", t, t_true)) / np.pi
     return np.where(np.isfinite(angle), angle, 0.5)
@@ -142,7 +145,7 @@ def _direction_error(t: Floats, t_true: Floats) -> Floats:
 
 
 def _table(results: dict[str, dict[str, Errors]], sets: Sequence[DataSet], which: str) -> str:
-    """Quartiles of one of the two errors: a row for each data set and solver."""
+    """Make the table of the quartiles of an error ("rotation" or "translation"), by data set and solver."""
     rows = []
     for data in sets:
         for solver, errors in results[data.name].items():
@@ -163,7 +166,7 @@ def _table(results: dict[str, dict[str, Errors]], sets: Sequence[DataSet], which
 
 
 def _summary(results: dict[str, dict[str, Errors]], which: str) -> str:
-    """Median over all pairs of all data sets, by solver and measure."""
+    """Make the table of the medians over all pairs of all data sets, by solver and measure."""
     solvers = list(dict.fromkeys(solver for errors in results.values() for solver in errors))
     rows = []
     for solver in solvers:
@@ -173,8 +176,10 @@ def _summary(results: dict[str, dict[str, Errors]], which: str) -> str:
     return markdown_table([f"median error of {which}", "pairs", *_MEASURES], rows)
 
 
-def plot(results: dict[str, dict[str, Errors]], sets: Sequence[DataSet], which: str, path: Path) -> None:
-    """Box plots of an error ("rotation" or "translation"): one panel a data set, one pair of boxes a solver."""
+def plot(
+    results: dict[str, dict[str, Errors]], sets: Sequence[DataSet], which: str, path: str | os.PathLike[str]
+) -> None:
+    """Draw box plots of an error ("rotation" or "translation"): a panel per data set, two boxes per solver."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -206,9 +211,9 @@ def plot(results: dict[str, dict[str, Errors]], sets: Sequence[DataSet], which: 
         axis.grid(axis="y", alpha=0.3)
     for row in axes:
         row[0].set_ylabel(f"{which} error / pi")
-    labels = ["closest to the truth", "first by own ranking"]
+    labels = ["closest to the truth", "ranked first"]
     figure.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
@@ -225,7 +230,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     named = {folder: folder for folder in options.folders}
     if not named:
         data = data_folder()
-        moving = [name for name in find_sequences(data) if name != STILL]
+        moving = [name for name in find_sequences(data) if name != STATIC_SEQUENCE]
         named = {name + " *" * name.startswith(DIRECTION_UNKNOWN): str(data / name) for name in moving}
     if not named:
         print(f"no sequence below {data_folder()}: name folders, or set SLAM_INIT_DATA", file=sys.stderr)
@@ -241,7 +246,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parts += [f"**{which.capitalize()} error / pi**", _summary(results, which), _table(results, sets, which)]
         if options.out is not None:
             plot(results, sets, which, options.out / f"paper_real_images_{which}.png")
-    parts.append("\\* the ground truth does not know the direction of so short a baseline.")
+    parts.append("\\* the ground truth does not resolve the direction of so short a baseline.")
     save(options.out, "paper_real_images.md", "\n\n".join(parts) + "\n")
     return 0
 

@@ -1,17 +1,19 @@
 """Robust two-view estimators on real images: ``python -m slam_init.benchmarks.real_pairs --out DIR``.
 
-The methods of :mod:`quest.benchmarks.robust_methods` on the same matches, of all pairs of
+The methods of :mod:`quest.benchmarks.robust_methods` run on the same matches of all pairs of
 :mod:`slam_init.benchmarks.image_pairs`: the pair sets below ``SLAM_INIT_DATA``, the chessboard with its corners, and
-pairs of frames of the sequences at several steps. The error of a pose is the larger of the angle between the rotations
-and the angle between the directions of translation; where the ground truth does not know the direction, the former.
+pairs of frames of the sequences at several steps. The error of a pose is the larger of two angles: that between the
+rotations, and that between the directions of translation. If the ground truth does not resolve the direction, only the
+rotation counts.
 
-"true" is the share of matches within the threshold of the true epipolar geometry and in front of both cameras: what
-there is to be found.
+The column "true" is the share of matches that are within the threshold of the true epipolar geometry and in front of
+both cameras. It is the largest share of inliers that a method can find.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -27,7 +29,7 @@ from quest.benchmarks.running import choice_list, number_list, positive, run_on_
 from quest.benchmarks.tables import markdown_table
 from slam_init.benchmarks.image_pairs import (
     DIRECTION_UNKNOWN,
-    STILL,
+    STATIC_SEQUENCE,
     ImagePair,
     chessboard_pairs,
     data_folder,
@@ -39,22 +41,32 @@ from slam_init.benchmarks.initialization import find_sequences
 
 __all__ = ["Group", "groups", "main", "run_group"]
 
-#: Fewer matches than quest takes at least: nothing can be said of such a pair, and it counts as failed for all.
+#: Smallest number of matches that quest accepts. A pair with fewer matches counts as failed for all methods.
 _MIN_MATCHES = 10
 _CHESSBOARD = "planar/opencv_chessboard"
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Pairs that make one row of the tables: the name of their set, and how to read them."""
+    """Pairs that make one row of the tables.
+
+    Attributes
+    ----------
+    name : str
+    read : callable
+        Returns an iterator over the pairs.
+    rotation_only : bool
+        Only the rotation is compared.
+    """
 
     name: str
     read: Callable[[], Iterator[ImagePair]]
     rotation_only: bool
 
 
-def groups(data: Path, steps: Sequence[int], limit: int) -> list[Group]:
-    """All groups of pairs below a folder of data: up to ``limit`` pairs of each sequence and step."""
+def groups(data: str | os.PathLike[str], steps: Sequence[int], limit: int) -> list[Group]:
+    """Return all groups of pairs below a folder of data, with up to ``limit`` pairs of each sequence and step."""
+    data = Path(data)
     from slam_init.datasets import open_source
 
     found = [
@@ -71,7 +83,7 @@ def groups(data: Path, steps: Sequence[int], limit: int) -> list[Group]:
             Group(
                 f"{name}, step {step}",
                 partial(sequence_pairs, source, step, limit),
-                name.startswith(DIRECTION_UNKNOWN) or name == STILL,
+                name.startswith(DIRECTION_UNKNOWN) or name == STATIC_SEQUENCE,
             )
             for step in steps
             if step < len(source)
@@ -111,7 +123,7 @@ _TABLES: dict[str, Callable[[Sequence[Answer]], str]] = {
     "AUC at 5 / 10 / 20 deg, %": auc_cell,
     "Truth within 5 deg among the poses kept, % (number of poses kept)": kept_cell,
     "Median error of rotation / direction, deg": errors_cell,
-    'Answered "only turned" / no pose, %': verdicts_cell,
+    'Answered "rotation only" / no pose, %': verdicts_cell,
     "Time, ms: median / 95th percentile": times_cell,
 }
 
@@ -130,7 +142,9 @@ def _tables(outcomes: dict[Group, _Outcome], methods: Sequence[str]) -> str:
         if known:
             rows.append(["all but *", str(sum(len(o.matches) for o in known)), "", "", *map(cell, pooled.values())])
         parts.append(f"**{title}**\n\n" + markdown_table(["pairs of", "pairs", "matches", "true", *methods], rows))
-    parts.append("\\* only the rotation is compared: the ground truth does not know the direction, or there is none.")
+    parts.append(
+        "\\* only the rotation is compared: the ground truth does not resolve the direction, or the camera is static."
+    )
     return "\n\n".join(parts) + "\n"
 
 
@@ -141,7 +155,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--steps", type=number_list(int, 1, 10_000), default=[1, 5, 10, 20], metavar="N,M")
     parser.add_argument("--pairs", type=positive, default=6, metavar="N", help="of a sequence and step (default 6)")
     parser.add_argument("--methods", type=choice_list(list(METHODS)), default=list(METHODS), metavar="A,B")
-    parser.add_argument("--only", metavar="TEXT", default="", help="sets whose name holds this text")
+    parser.add_argument("--only", metavar="TEXT", default="", help="only sets whose name contains this text")
     parser.add_argument("--threshold-px", type=float, default=2.0, metavar="X", help="of all methods (default 2)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write real_pairs.md there")
     options = parser.parse_args(argv)
@@ -159,7 +173,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     bar = tqdm(found, unit="set", disable=None, leave=False)
     outcomes = {group: run_group(group, methods, options.threshold_px) for group in bar}
-    title = f"SIFT with ratio test but for the corners; threshold {options.threshold_px:g} px, one thread."
+    title = f"SIFT with ratio test, except for the corners; threshold {options.threshold_px:g} px, one thread."
     save(options.out, "real_pairs.md", f"{title}\n\n{_tables(outcomes, methods)}")
     return 0
 

@@ -1,12 +1,14 @@
-"""What each part of the method contributes: the same worlds, with one thing switched off at a time.
+"""Contribution of each part of the method: the same worlds, with one part switched off at a time.
 
-The worlds are those of :mod:`slam_init.benchmarks.study_parts` in slow video: 30 views for the same way, so that there
-is a choice of references. Two groups are added: ``bodies``, a room and a wall with 30 % of the tracks on moving bodies,
-and ``focal``, a camera that only turns with a focal length 5 % too long, where every map is false.
+The worlds are those of :mod:`slam_init.benchmarks.study_parts` as slow video: 30 views for the same baseline, so that
+the method can choose between reference frames. Two groups are added. ``bodies`` is a room and a wall with 30 % of the
+tracks on moving bodies. ``focal`` is a rotation-only camera whose stated focal length is 5 % too long; every map is
+false there.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,20 +27,21 @@ from slam_init.output.tables import markdown_table, number
 
 __all__ = ["VARIANTS", "Variant", "ablation_cells", "run_ablation"]
 
-#: Gates that are open to everything: no angle, ratio or share is beyond.
+#: Bounds that switch a gate off: no angle, ratio or share is above the first or below the second.
 _ANY, _NONE = 1e9, 1e-9
-#: What is measured of shared errors remains; no least one is assumed.
-_LEAST_PX = 1e-3
+#: Switches off the lower bound of the correlated tracking error; the measured value remains.
+_NO_LOWER_BOUND_PX = 1e-3
 _VIEWS = 30
 
 
 @dataclass(frozen=True)
 class Variant:
-    """The method with something switched off.
+    """The method with one part switched off.
 
     Attributes
     ----------
     name : str
+        What is switched off.
     method : str
     config : Config
     """
@@ -59,23 +62,26 @@ VARIANTS: tuple[Variant, ...] = (
         config=Config(acceptance=AcceptanceConfig(max_direction_error_deg=180.0, max_median_depth_sigma=_ANY)),
     ),
     Variant(
-        "no test of what agrees",
+        "no test of the agreement",
         config=Config(acceptance=AcceptanceConfig(min_explained=_NONE, min_further_agreement=_NONE)),
     ),
     Variant(
-        "no least shared error, no focal error",
-        config=Config(acceptance=AcceptanceConfig(min_shared_error_px=_LEAST_PX, focal_error=_NONE)),
+        "no lower bound of the correlated error, no focal error",
+        config=Config(acceptance=AcceptanceConfig(min_correlated_error_px=_NO_LOWER_BOUND_PX, focal_error=_NONE)),
     ),
-    Variant("no test for a turning camera", config=Config(acceptance=AcceptanceConfig(min_turning_residual=_NONE))),
     Variant(
-        "none of the three tests",
+        "no test for a rotation-only camera",
+        config=Config(acceptance=AcceptanceConfig(min_rotation_only_residual=_NONE)),
+    ),
+    Variant(
+        "without these three tests",
         config=Config(
             acceptance=AcceptanceConfig(
                 max_direction_error_deg=180.0,
                 max_median_depth_sigma=_ANY,
                 min_explained=_NONE,
                 min_further_agreement=_NONE,
-                min_turning_residual=_NONE,
+                min_rotation_only_residual=_NONE,
             )
         ),
     ),
@@ -83,7 +89,7 @@ VARIANTS: tuple[Variant, ...] = (
 
 
 def ablation_cells(trials: int, seed: int) -> list[Cell]:
-    """The worlds, the same for every variant."""
+    """Return the worlds, which are the same for every variant."""
 
     def worlds(scenes: Sequence[str], **fixed: float) -> tuple[str, ...]:
         fixed = {"focal_error": 0.0, "views": _VIEWS, **fixed}
@@ -97,15 +103,16 @@ def ablation_cells(trials: int, seed: int) -> list[Cell]:
     ]
 
 
-def run_ablation(out: Path, trials: int, seed: int, jobs: int, *, progress: bool) -> str:
+def run_ablation(out: str | os.PathLike[str], trials: int, seed: int, jobs: int, *, progress: bool) -> str:
     """Run every variant on the same worlds and compare them.
 
     Returns
     -------
     str
-        The table in markdown: correct / false / none by group; correct and frames to the first correct map (restricted
-        mean) over all worlds with a translation; how many of these only the whole method, and only the variant, gets
-        right, with the p-value of McNemar's exact test; false maps of all.
+        The table in markdown. It holds correct / false / none by group; the share of correct maps and the frames to the
+        first correct map (restricted mean) over all worlds with a translation; the share of false maps over all worlds;
+        the number of worlds that only the whole method, and only the variant, solves, with the p-value of McNemar's
+        exact test.
 
     Raises
     ------
@@ -116,9 +123,9 @@ def run_ablation(out: Path, trials: int, seed: int, jobs: int, *, progress: bool
     sources = sources_of(cells)
     found: dict[str, Rows] = {}
     for variant in VARIANTS:
-        folder = out / variant.name.replace(" ", "-")
+        folder = Path(out) / variant.name.replace(" ", "-")
         settings = Settings(seed=seed, config=variant.config)
-        plan = Plan(sources, (variant.method,), every=_VIEWS, settings=settings)  # one start a world
+        plan = Plan(sources, (variant.method,), every=_VIEWS, settings=settings)  # one start per world
         compare(plan, folder, jobs=jobs, progress=progress)
         found[variant.name] = read_rows(folder)
     return _table(cells, found)

@@ -1,7 +1,8 @@
-"""What the tracks of a world could tell: least squares from the truth, on the right tracks alone.
+"""Which worlds are solvable: least squares from the true poses and points, with the inlier tracks only.
 
-No method can know which tracks are right, nor begin at the truth; where this fails the information is not there. On a
-plane it stays with the truth; the vote between the two motions needs more than that.
+A method knows neither the inliers nor the truth. If least squares fails even with this knowledge, the tracks do not
+contain enough information. On a plane least squares stays at the true motion; a method must also choose between the two
+motions of the plane, which needs more information.
 """
 
 from __future__ import annotations
@@ -13,34 +14,34 @@ import numpy as np
 from slam_init.benchmarks.map_quality import adjusted_by_pycolmap, errors_of, opened_points
 from slam_init.bundle.problem import BundleProblem
 from slam_init.compare.measures import PoseErrors, is_correct
-from slam_init.compare.sources import Judging
+from slam_init.compare.sources import Criteria
 from slam_init.datasets.points import PointSource
 
 __all__ = ["solvable_worlds", "true_problem"]
 
-#: As many as our maps have at most.
+#: Largest number of keyframes of a map of slam_init.
 _VIEWS = 6
 
 
 def solvable_worlds(texts: Iterable[str]) -> set[str]:
-    """Those sources from which least squares finds a correct map."""
+    """Return the sources for which least squares finds a correct map."""
     found = set()
     for text in texts:
         source = opened_points(text)
         start = true_problem(source)
         errors = errors_of(source, adjusted_by_pycolmap(source.camera, start, robust=False), start.track_ids)
-        if is_correct(PoseErrors(errors.rotation_deg, errors.direction_deg), Judging()):
+        if is_correct(PoseErrors(errors.rotation_deg, errors.direction_deg), Criteria()):
             found.add(text)
     return found
 
 
 def true_problem(source: PointSource) -> BundleProblem:
-    """The true poses and points, with the measured pixels, of views spread over the sequence; right tracks only."""
+    """Return the true poses and points with the measured pixels of the inliers, for views spread over the sequence."""
     sequence, truth = source.sequence, source.groundtruth.world_from_cam
     frames = tuple(int(frame) for frame in np.linspace(0, len(sequence) - 1, _VIEWS).round())
     first_from_world = truth[0].inverse()
-    right = ~(sequence.wrong | sequence.moving)
-    seen = sequence.visible[list(frames)] & right
+    inlier = ~(sequence.is_outlier | sequence.is_moving)
+    seen = sequence.visible[list(frames)] & inlier
     seen &= seen.sum(axis=0) >= 2
     track_ids = np.flatnonzero(seen.any(axis=0))
     views, landmarks = np.nonzero(seen[:, track_ids])

@@ -1,14 +1,14 @@
-"""The worlds of the study (:mod:`slam_init.benchmarks.study`): which scenes, drawn from which distribution.
+"""The worlds of the study (:mod:`slam_init.benchmarks.study`): their scenes and the distribution of their parameters.
 
-All are tracks without images: about 300 in each of 12 views, 0.1 s apart, at 640x480 and a focal length of 458 px.
-Unless a part says otherwise each world draws, independently and evenly,
+All worlds are tracks without images: about 300 tracks in each of 12 views, 0.1 s apart, with 640x480 pixels and a focal
+length of 458 px. Unless a part says otherwise, each world draws independently and uniformly
 
 * the noise of a coordinate from 0.3, 0.7 and 1.0 px,
-* the share of wrong matches from 5, 15 and 30 %,
-* the way of the camera from first to last view over the median depth of the scene from .03, .05, .1, .15 and .3,
+* the share of outliers from 5, 15 and 30 %,
+* the baseline from the first to the last view over the median depth from 0.03, 0.05, 0.1, 0.15 and 0.3.
 
-and is stated with its true focal length. Geometry, motion and noise come from the world's own seed. With little way and
-much noise no method can succeed; what the information allows is the part ``noise-baseline``.
+The stated focal length is the true one. Geometry, motion and noise are drawn with the seed of the world. No method can
+succeed with a short baseline and much noise; the part ``noise-baseline`` shows which worlds are solvable.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ __all__ = ["GENERAL", "NOISES_PX", "PARTS", "PLANAR", "Cell", "Part", "grid_name
 
 GENERAL = ("room", "corridor", "rotate-then-move")
 PLANAR = ("wall", "nadir-turn", "desk", "nadir")
-#: A row each in the table of noise against baseline: up to where no track is that bad.
+#: Rows of the table of noise against baseline. Real tracks have less noise than the last value.
 NOISES_PX = (0.3, 0.7, 1.0, 2.0)
 
-#: Two bodies that hold 30 % of the tracks together; with 30 % of wrong matches four tracks of ten are left.
+#: 30 % of the tracks lie on two moving bodies. With 30 % of outliers as well, four tracks of ten follow the camera.
 _MOVING = {"moving": 0.3}
 _NOISY = {"noise_px": 1.0}
 
@@ -39,7 +39,7 @@ class Cell:
     ----------
     name : str
     sources : tuple of str
-        What :func:`slam_init.compare.sources.open_compared` takes.
+        Arguments of :func:`slam_init.compare.sources.open_compared`.
     """
 
     name: str
@@ -48,27 +48,27 @@ class Cell:
 
 @dataclass(frozen=True)
 class Part:
-    """One table.
+    """One part of the study, which is one table.
 
     Attributes
     ----------
     title : str
     text : str
-        What the reader has to know.
+        Text above the table.
     cells : callable
-        ``cells(trials, seed)``: the rows of the table.
-    still : bool
-        The camera never translates: every map is false.
+        ``cells(trials, seed)`` returns the rows of the table.
+    no_translation : bool
+        The camera never translates, so every map is false.
     """
 
     title: str
     text: str
     cells: Callable[[int, int], list[Cell]]
-    still: bool = False
+    no_translation: bool = False
 
 
 def _worlds(scenes: Sequence[str], trials: int, seed: int, **fixed: float) -> tuple[str, ...]:
-    """So many worlds, spread over the scenes."""
+    """Return ``trials`` worlds, distributed evenly over the scenes."""
     each = [drawn_sources(scene, -(-trials // len(scenes)), seed, **{"focal_error": 0.0, **fixed}) for scene in scenes]
     return tuple(text for texts in zip(*each, strict=True) for text in texts)[:trials]
 
@@ -77,11 +77,11 @@ def _scene_by_scene(scenes: Sequence[str]) -> Callable[[int, int], list[Cell]]:
     return lambda trials, seed: [Cell(scene, _worlds((scene,), trials, seed)) for scene in scenes]
 
 
-def _still(trials: int, seed: int) -> list[Cell]:
+def _static(trials: int, seed: int) -> list[Cell]:
     focal_lengths = (("true focal length", 0.0), ("5 % too long", 0.05), ("5 % too short", -0.05))
     cells = [
         Cell(f"{scene}, {name}", _worlds((scene,), trials, seed, focal_error=error))
-        # Without motion all focal lengths show the same.
+        # In a static scene the focal length has no effect, so one wrong value is enough.
         for scene, stated in (("rotation", focal_lengths), ("static", focal_lengths[:2]))
         for name, error in stated
     ]
@@ -98,7 +98,7 @@ def _hard(trials: int, seed: int) -> list[Cell]:
 
 
 def grid_name(scene: str, noise_px: float, baseline: float) -> str:
-    """Name of a cell of noise against baseline."""
+    """Return the name of a cell of noise against baseline."""
     return f"{scene}, {noise_px:g} px, {baseline:g}"
 
 
@@ -113,39 +113,39 @@ def _noise_baseline(trials: int, seed: int) -> list[Cell]:
 
 
 def sources_of(cells: Sequence[Cell]) -> tuple[ComparedSource, ...]:
-    """The worlds of all cells, each once: one that drew what another cell fixes is in both."""
+    """Return the worlds of all cells, each once. Two cells can contain the same world."""
     return tuple(describe_sources(list(dict.fromkeys(text for cell in cells for text in cell.sources))))
 
 
 PARTS: dict[str, Part] = {
     "general": Part(
         "General scenes",
-        "A room, a corridor along its axis, a pan that goes over into a translation.",
+        "A room, a corridor along its axis, a rotation that is followed by a translation.",
         _scene_by_scene(GENERAL),
     ),
     "planar": Part(
         "Planes",
-        "A wall, level flight with a turn, a desk with things on it, level straight flight.",
+        "A wall, level flight with a turn, a desk with objects on it, level straight flight.",
         _scene_by_scene(PLANAR),
     ),
-    "still": Part(
+    "static": Part(
         "No translation",
-        "Every map is false. *Suspected*: a check took the stated focal length for wrong; *told*: the result says so. "
-        "At the true focal length both are false alarms.",
-        _still,
-        still=True,
+        "Every map is false. *Focal error suspected*: an attempt suspects that the stated focal length is wrong; "
+        "*focal error reported*: the result reports it. With the true focal length both are false alarms.",
+        _static,
+        no_translation=True,
     ),
     "hard": Part(
-        "Hard reality",
-        "30 % of the tracks on two bodies that move on their own, as fast as the camera; noise of 1 px in every world; "
-        "both. General is room and corridor, planar is wall, nadir-turn and desk.",
+        "Moving bodies and noise",
+        "30 % of the tracks lie on two bodies that move independently, as fast as the camera; noise of 1 px in every "
+        "world; both. General scenes are room and corridor, planar scenes are wall, nadir-turn and desk.",
         _hard,
     ),
     "noise-baseline": Part(
-        "Where the information ends",
-        "The first method, 10 % wrong matches: correct / false / none (and how many worlds least squares solves from "
-        "the truth, on the right tracks alone), by the noise of a coordinate (rows) and the way of the camera over the "
-        "median depth (columns).",
+        "Noise against baseline",
+        "The first method with 10 % outliers: correct / false / none, and in parentheses the number of worlds that "
+        "least squares solves from the truth with the inliers only. Rows: noise of a coordinate. Columns: baseline "
+        "over the median depth.",
         _noise_baseline,
     ),
 }

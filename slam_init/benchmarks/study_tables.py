@@ -1,8 +1,9 @@
-"""The tables of the study: shares with Wilson intervals, and methods compared trial by trial."""
+"""The tables of the study: shares with Wilson intervals, and methods compared on the same trials."""
 
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
@@ -23,36 +24,45 @@ __all__ = [
     "interval_text",
     "moving_table",
     "read_rows",
-    "still_table",
+    "static_table",
 ]
 
-#: Source and method -> the row of the trial.
+#: (source, method) -> row of the trial.
 Rows = Mapping[tuple[str, str], Mapping[str, Any]]
 
 
-def read_rows(out: Path) -> Rows:
-    """The trials that a comparison left in a folder, one start a source."""
-    with (out / "trials.jsonl").open(encoding="utf-8") as file:
+def read_rows(out: str | os.PathLike[str]) -> Rows:
+    """Read the trials of a comparison from its folder; only those that start at frame 0."""
+    with (Path(out) / "trials.jsonl").open(encoding="utf-8") as file:
         next(file)  # the settings
         rows = [json.loads(line) for line in file]
     return {(row["source"], row["method"]): row for row in rows if row["start"] == 0}
 
 
 def moving_table(cells: Sequence[Cell], rows: Rows, methods: Sequence[str]) -> str:
-    """Cells down, and within each the methods; the first method is the one that the others are compared with."""
-    header = ["scene", "method", "trials", "correct %", "strict %", "false %", "none", "of ambiguous: truth kept"]
-    header += ["correct of those any solves %", "frames to correct", f"more than {methods[0]}"]
+    """Make the table of a part with a moving camera. The other methods are compared with the first one."""
+    header = [
+        "scene",
+        "method",
+        "trials",
+        "correct %",
+        "strict %",
+        "false %",
+        "none",
+        "ambiguous: correct hypothesis kept",
+    ]
+    header += ["correct of solvable %", "frames to correct", f"difference to {methods[0]}"]
     lines = []
     together = Cell("all", tuple(text for cell in cells for text in cell.sources))
     for cell in (*cells, together):
-        ours = _of(cell, rows, methods[0])
+        ours = _rows_of(cell, rows, methods[0])
         solved = [any(rows[source, method]["outcome"] == "correct" for method in methods) for source in cell.sources]
         for method in methods:
-            found = _of(cell, rows, method)
+            found = _rows_of(cell, rows, method)
             correct = [row["outcome"] == "correct" for row in found]
             frames = frames_to_correct(found)
-            more = [a - b for a, b in zip(frames, frames_to_correct(ours), strict=True)]
-            undecided = [row["kept_truth"] for row in found if row["kept_truth"] is not None]
+            difference = [a - b for a, b in zip(frames, frames_to_correct(ours), strict=True)]
+            ambiguous = [row["kept_truth"] for row in found if row["kept_truth"] is not None]
             lines.append(
                 [
                     cell.name if method == methods[0] else "",
@@ -66,30 +76,31 @@ def moving_table(cells: Sequence[Cell], rows: Rows, methods: Sequence[str]) -> s
                         1,
                     ),
                     _share([row["outcome"] == "false" for row in found]),
-                    _none(found),
-                    f"{sum(undecided)} of {len(undecided)}" if undecided else "-",
-                    _share([c for c, any_ in zip(correct, solved, strict=True) if any_]),
+                    _none_text(found),
+                    f"{sum(ambiguous)} of {len(ambiguous)}" if ambiguous else "-",
+                    _share([c for c, by_any in zip(correct, solved, strict=True) if by_any]),
                     number(float(np.mean(frames)), 2),
-                    "-" if method == methods[0] else interval_text(_mean(more), 1.0, 2),
+                    "-" if method == methods[0] else interval_text(_mean(difference), 1.0, 2),
                 ]
             )
     return markdown_table(header, lines)
 
 
-def still_table(cells: Sequence[Cell], rows: Rows, methods: Sequence[str]) -> str:
-    """Cells down, and within each the methods."""
-    header = ["scene", "method", "trials", "false %", "none", "right reason %", "suspected %", "told %"]
+def static_table(cells: Sequence[Cell], rows: Rows, methods: Sequence[str]) -> str:
+    """Make the table of the part without translation."""
+    header = ["scene", "method", "trials", "false %", "none", "expected reason %"]
+    header += ["focal error suspected %", "focal error reported %"]
     lines = []
     for cell in cells:
         for method in methods:
-            found = _of(cell, rows, method)
+            found = _rows_of(cell, rows, method)
             lines.append(
                 [
                     cell.name if method == methods[0] else "",
                     method,
                     str(len(found)),
                     _share([row["outcome"] == "false" for row in found]),
-                    _none(found),
+                    _none_text(found),
                     _share([bool(row["reason_right"]) for row in found]),
                     _share([row["suspected_focal_factor"] is not None for row in found]),
                     _share([row["reported_focal_factor"] is not None for row in found]),
@@ -99,19 +110,19 @@ def still_table(cells: Sequence[Cell], rows: Rows, methods: Sequence[str]) -> st
 
 
 def grid_table(cells: Sequence[Cell], rows: Rows, method: str, solvable: Container[str] | None) -> str:
-    """Noise against baseline: correct / false / none of a method, and how many are solvable; a table a scene."""
+    """Make a table of noise against baseline for each scene: correct / false / none (number of solvable worlds)."""
     by_name = {cell.name: cell for cell in cells}
 
-    def told(cell: Cell) -> str:
-        counts = counts_text(_of(cell, rows, method))
-        return counts if solvable is None else f"{counts} ({sum(text in solvable for text in cell.sources)})"
+    def text_of(cell: Cell) -> str:
+        counts = counts_text(_rows_of(cell, rows, method))
+        return counts if solvable is None else f"{counts} ({sum(source in solvable for source in cell.sources)})"
 
     tables = []
     for scene in dict.fromkeys(name.partition(",")[0] for name in by_name):
         lines = [
             [
                 f"{noise_px:g} px",
-                *(told(by_name[grid_name(scene, noise_px, baseline)]) for baseline in GRID["baseline"]),
+                *(text_of(by_name[grid_name(scene, noise_px, baseline)]) for baseline in GRID["baseline"]),
             ]
             for noise_px in NOISES_PX
         ]
@@ -120,25 +131,25 @@ def grid_table(cells: Sequence[Cell], rows: Rows, method: str, solvable: Contain
 
 
 def counts_text(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Correct / false / none, errors among the last."""
+    """Return ``correct / false / none``; errors are counted as none."""
     counts = Counter(row["outcome"] for row in rows)
     return f"{counts['correct']} / {counts['false']} / {counts['none'] + counts['error']}"
 
 
 def frames_to_correct(rows: Sequence[Mapping[str, Any]]) -> list[float]:
-    """Frames until a correct map, the limit where there is none."""
+    """Return the frames until a correct map; the limit for a trial without one."""
     return [float(row["frames_to_accept"] if row["outcome"] == "correct" else row["frames_limit"]) for row in rows]
 
 
 def interval_text(interval: Interval, scale: float, digits: int) -> str:
-    """An estimate with its interval; a dash where nothing was observed."""
+    """Format an estimate with its interval; a hyphen if there are no observations."""
     if interval.value != interval.value:
         return "-"
     value, low, high = (scale * x for x in (interval.value, interval.low, interval.high))
     return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
 
 
-def _of(cell: Cell, rows: Rows, method: str) -> list[Mapping[str, Any]]:
+def _rows_of(cell: Cell, rows: Rows, method: str) -> list[Mapping[str, Any]]:
     return [rows[source, method] for source in cell.sources]
 
 
@@ -147,14 +158,14 @@ def _share(holds: Sequence[bool]) -> str:
 
 
 def _mean(values: Sequence[float]) -> Interval:
-    """With the normal interval of a mean."""
+    """Return the mean with its normal interval."""
     return restricted_mean(values, [float("inf")] * len(values))
 
 
-def _none(rows: Sequence[Mapping[str, Any]]) -> str:
-    """How many have no map, and the reasons; errors are told as such."""
+def _none_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the number of trials without a map, with their reasons; errors are listed as ``error``."""
     none = Counter(str(row["reason"]) for row in rows if row["outcome"] == "none")
     errors = sum(row["outcome"] == "error" for row in rows)
-    told = [f"{count} {reason}" for reason, count in sorted(none.items(), key=lambda item: (-item[1], item[0]))]
-    told += [f"{errors} error"] if errors else []
-    return f"{none.total() + errors} ({', '.join(told)})" if told else "0"
+    parts = [f"{count} {reason}" for reason, count in sorted(none.items(), key=lambda item: (-item[1], item[0]))]
+    parts += [f"{errors} error"] if errors else []
+    return f"{none.total() + errors} ({', '.join(parts)})" if parts else "0"

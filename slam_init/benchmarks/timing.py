@@ -1,12 +1,12 @@
-"""How long it takes on one core: ``python -m slam_init.benchmarks.timing``.
+"""Measures the time of initialization on one core: ``python -m slam_init.benchmarks.timing``.
 
-Feeds images of 640x480 to the :class:`~slam_init.initializer.Initializer` and takes the wall-clock time of each frame,
-reading or rendering of the image excluded, and of each stage. A frame is *waiting* until the one at which the map is
-accepted; attempts that are refused on the way are part of waiting. ``static`` and ``rotation`` never end, so that all
-of their frames wait.
+The program feeds images of 640x480 pixels to the :class:`~slam_init.initializer.Initializer`. It measures the
+wall-clock time of each frame, without reading or rendering the image, and of each stage. All frames before the one at
+which the map is accepted are *waiting* frames; they include refused attempts. ``static`` and ``rotation`` never get a
+map, so all their frames are waiting frames.
 
-One thread: OpenCV is told so, and the numerical libraries are before they are loaded, which is why this module loads
-nothing heavy at its top.
+All libraries run on one thread. The numerical libraries read the number of threads when they are imported, so this
+module imports them only after it has set that number.
 """
 
 from __future__ import annotations
@@ -18,10 +18,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from slam_init.benchmarks.options import positive, show
 
-__all__ = ["Timing", "machine", "main", "measure"]
+if TYPE_CHECKING:
+    from slam_init.types.stopwatch import StageTimes
+
+__all__ = ["Timing", "machine", "main", "measure", "timing_tables"]
 
 #: Real video of this size, below ``SLAM_INIT_DATA``.
 _REAL = "tsukuba/new_tsukuba_150"
@@ -31,27 +35,27 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "TBB_N
 
 @dataclass
 class Timing:
-    """Times of a group of runs in milliseconds.
+    """Times of a group of runs, in milliseconds.
 
     Attributes
     ----------
     name : str
     waiting_ms : list of float
-        Of each frame before the accepted one.
+        Time of each frame before the one at which the map was accepted.
     accepted_ms : list of float
-        Of each frame at which a map was accepted.
+        Time of each frame at which a map was accepted.
     stages_ms : dict
-        Stage -> {"median", "p95", "total", "calls"}, over all runs.
+        Times of each stage, over all runs.
     """
 
     name: str
     waiting_ms: list[float] = field(default_factory=list)
     accepted_ms: list[float] = field(default_factory=list)
-    stages_ms: dict[str, dict[str, float]] = field(default_factory=dict)
+    stages_ms: dict[str, StageTimes] = field(default_factory=dict)
 
 
 def measure(name: str, runs: Sequence[tuple[str, int]], max_frames: int | None = None) -> Timing:
-    """Time the runs of (source, seed), each until its map is accepted."""
+    """Measure the times of runs of (source, seed); each run ends when its map is accepted."""
     from slam_init.config import Config
     from slam_init.datasets import open_source
     from slam_init.initializer import Initializer
@@ -63,7 +67,7 @@ def measure(name: str, runs: Sequence[tuple[str, int]], max_frames: int | None =
         if source.camera is None:
             raise ValueError(f"{text}: no camera; the benchmark runs on calibrated sequences only")
         initializer = Initializer(source.camera, Config(seed=seed))
-        initializer.stopwatch = stopwatch  # one for all runs: percentiles over all of their frames
+        initializer.stopwatch = stopwatch  # one stopwatch for all runs, so that percentiles are over all frames
         for frame in source.frames(max_frames=max_frames):
             begin = time.perf_counter()
             status = initializer.process(frame)
@@ -77,7 +81,7 @@ def measure(name: str, runs: Sequence[tuple[str, int]], max_frames: int | None =
 
 
 def machine() -> str:
-    """CPU model and versions; nothing that tells one machine of that kind from another."""
+    """Describe the CPU model and the versions, without anything that identifies the machine."""
     import platform
 
     import cv2
@@ -92,7 +96,8 @@ def machine() -> str:
     return f"One thread on {model}; {versions}."
 
 
-def _tables(timings: Sequence[Timing]) -> str:
+def timing_tables(timings: Sequence[Timing]) -> str:
+    """Make the tables of the times per frame and per stage, in markdown."""
     import numpy as np
 
     from slam_init.output.tables import markdown_table, number
@@ -100,7 +105,7 @@ def _tables(timings: Sequence[Timing]) -> str:
     def percentile(samples: list[float], q: float) -> str:
         return number(float(np.percentile(samples, q)) if samples else None, 1)
 
-    header = ["a frame (ms)", "waiting: median", "p95", "frames", "map accepted: median", "p95", "maps"]
+    header = ["time per frame (ms)", "waiting: median", "p95", "frames", "map accepted: median", "p95", "maps"]
     frames = []
     for timing in timings:
         row = [timing.name]
@@ -113,7 +118,7 @@ def _tables(timings: Sequence[Timing]) -> str:
         cells = [timing.stages_ms.get(stage) for stage in stages]
         shown = [f"{cell['median']:.1f} / {cell['p95']:.1f} ({cell['calls']:.0f})" if cell else "-" for cell in cells]
         rows.append([timing.name, *shown])
-    title = ["a call (ms): median / p95 (calls)", *stages]
+    title = ["time per call (ms): median / p95 (calls)", *stages]
     return markdown_table(header, frames) + "\n\n" + markdown_table(title, rows)
 
 
@@ -138,10 +143,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         groups[_REAL] = [(str(real), 0)]
     else:
         print(f"no {real}: set SLAM_INIT_DATA to a folder of sequences", file=sys.stderr)
-    # The first run pays for the loading of libraries and is not counted.
+    # The first run includes the import of libraries and is not counted.
     measure("warm-up", groups["synth:room"][:1], arguments.max_frames)
     timings = [measure(name, runs, arguments.max_frames) for name, runs in groups.items()]
-    show(f"{_tables(timings)}\n\n{machine()}\n", arguments.out)
+    show(f"{timing_tables(timings)}\n\n{machine()}\n", arguments.out)
     return 0
 
 

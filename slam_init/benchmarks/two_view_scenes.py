@@ -1,9 +1,9 @@
 """Two views of random points: the scenes on which the original code of other systems was measured.
 
-A camera of 640x480 with a focal length of 458 px turns by four degrees about a random axis and moves in a random
-direction. ``general``: depths from 1 to 4. ``plane``: a plane with slopes up to 0.7. ``nadir``: a plane that the first
-camera looks straight down at. ``rotation``: as ``general``, without the motion. The order of the random draws is part
-of the definition: the same seed gives the same scene as in the table that the fidelity is measured against.
+A camera with 640x480 pixels and a focal length of 458 px rotates by four degrees about a random axis and translates in
+a random direction. ``general``: depths from 1 to 4. ``plane``: a plane with slopes up to 0.7. ``nadir``: a plane
+perpendicular to the optical axis of the first camera. ``rotation``: as ``general``, without the translation. The order
+of the random draws must not change: the figures of the original code hold for these scenes.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ CAMERA = Camera("pinhole", 640, 480, 458.0, 458.0, 320.0, 240.0)
 _ROTATION_RAD = np.deg2rad(4.0)
 _DEPTHS = (1.0, 4.0)
 _MAX_SLOPE = 0.7
-#: A plane is met at this distance along its normal, by rays that are no flatter than this cosine.
+#: Distance of a plane along its normal, and smallest cosine between a ray and the normal.
 _PLANE_DISTANCE, _LEAST_COSINE = 2.0, 0.15
 #: Points nearer to the second camera than this are left out.
 _NEAREST = 0.1
-#: So many times more points are drawn than wanted, as some are not seen by the second camera.
+#: Number of drawn points per wanted match; the second camera does not see all points.
 _SURPLUS = 6
 
 
 @dataclass(frozen=True, eq=False)
 class TwoViewScene:
-    """Matches of two views, and the truth.
+    """Matches of two views, and the true motion.
 
     Attributes
     ----------
     pixels1, pixels2 : (N, 2) float
-        With noise; those of outliers in the second view are anywhere.
+        With noise. The pixels of outliers in the second view are uniformly distributed.
     cam2_from_cam1 : Pose
-        |t| = 1; zero for ``rotation``.
+        The translation has length 1, or 0 for ``rotation``.
     inliers : (N,) bool
     """
 
@@ -52,7 +52,7 @@ class TwoViewScene:
     inliers: Bools
 
     def is_correct(self, pose: Pose, rotation_deg: float = 5.0, direction_deg: float = 15.0) -> bool:
-        """Whether a pose is this near to the truth. Where nothing moves no pose is."""
+        """Return whether a pose is within the bounds of the true pose; always False if there is no translation."""
         if not self.cam2_from_cam1.t.any():
             return False
         cosine = (np.trace(pose.R @ self.cam2_from_cam1.R.T) - 1) / 2
@@ -73,11 +73,11 @@ def make_scene(
         In units of the median depth.
     seed : int
     count : int
-        Matches wanted; fewer where the second camera does not see so many.
+        Number of matches; fewer if the second camera does not see as many points.
     noise_px : float
         Standard deviation of each coordinate in both views.
     outliers : float
-        Share of the matches.
+        Share of the matches that are outliers.
 
     Raises
     ------
@@ -108,8 +108,8 @@ def make_scene(
     kept = np.flatnonzero(seen)[:count]
     pixels1 = exact1[kept] + noise_px * rng.normal(size=(len(kept), 2))
     pixels2 = exact2[kept] + noise_px * rng.normal(size=(len(kept), 2))
-    wrong = rng.permutation(len(kept))[: int(outliers * len(kept))]
-    pixels2[wrong] = np.column_stack([rng.uniform(0, side, len(wrong)) for side in size])
+    outlier = rng.permutation(len(kept))[: int(outliers * len(kept))]
+    pixels2[outlier] = np.column_stack([rng.uniform(0, side, len(outlier)) for side in size])
     inliers = np.ones(len(kept), bool)
-    inliers[wrong] = False
+    inliers[outlier] = False
     return TwoViewScene(pixels1, pixels2, Pose(R, t / length if length > 0 else np.zeros(3)), inliers)

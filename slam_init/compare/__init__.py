@@ -1,23 +1,33 @@
-"""Every way to initialize, on the same tracks, with statistics: ``slam-init compare``.
+"""Comparison of initialization methods on the same tracks, with statistics: ``slam-init compare``.
 
-A *trial* is a method on a source from a start. Tracks are found once for each source and fed to all methods; a trial
-ends at the first map or at the limit. An accepted map is *correct* where every keyframe is within 5 degrees in rotation
-and 15 in the direction of its baseline, *strict* within 1 and 5, else *false*; where the camera never translates every
-map is false. No map is *none*, with its reason; *error* is a method that raised, hung, crashed or ate memory.
+A *trial* runs one method on one source from one start frame. The tracks of a source are computed once, and all methods
+get the same tracks. A trial ends at the first map or at the limit of frames. Each trial has one of these outcomes:
 
-==============  ==================================================================================
-module          concept
-==============  ==================================================================================
-``sources``     what is compared on, how far its truth goes, where trials start
-``replay``      tracks on disk
-``trials``      one trial: a row
-``measures``    how good a map is
-``isolation``   a process for trials, with limits of time and memory; ``child`` is that process
-``backends``    loky, sequential, Dask
-``journal``     finished trials on disk
-``aggregate``   rows to figures; ``statistics`` has the formulas
-``results``     the files; ``report`` is the page
-==============  ==================================================================================
+* *correct*: the method accepted a map, and every keyframe is within 5 degrees in rotation and within 15 degrees in the
+  direction of its baseline. A correct map is also *strict* if every keyframe is within 1 and 5 degrees.
+* *false*: the method accepted any other map. If the camera never translates, every map is false.
+* *none*: the method found no map; the row holds the reason.
+* *error*: the method raised, did not answer in time, crashed, or used too much memory.
+
+===================  ===============================================================================
+module               content
+===================  ===============================================================================
+``sources``          the sequences, the limits of their ground truth, the start frames
+``plan``             the list of trials
+``replay``           tracks on disk
+``trials``           one trial, and its row of results
+``measures``         the quality of a map
+``isolation``        starts a process for trials, with limits of time and memory
+``worker``           the program that runs in this process
+``backends``         loky, sequential, Dask
+``journal``          finished trials on disk
+``statistics``       intervals and tests
+``trial_table``      all rows as a table of columns
+``aggregate``        figures from this table
+``results``          the output files
+``report``           the HTML page; ``report_tables``, ``charts`` and ``failure_gallery`` are its parts
+``side_by_side``     the recording of all methods; ``map_snapshot`` and ``methods_recorder`` are its parts
+===================  ===============================================================================
 """
 
 from slam_init.compare.plan import Plan

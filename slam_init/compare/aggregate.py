@@ -1,32 +1,23 @@
-"""From rows to figures: counts with intervals, times, errors, and tests on the same trials."""
+"""Computes the figures of a comparison from its rows: counts with intervals, times, errors, and paired tests."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from sys import intern
 from typing import Any
 
 import numpy as np
 
-from slam_init.compare.sources import focal_error_of, judging_of
 from slam_init.compare.statistics import Interval, holm, mcnemar_exact, restricted_mean, wilson
-from slam_init.datasets.points import POINTS
+from slam_init.compare.trial_table import TrialTable
 from slam_init.types.arrays import Bools, Floats
 
-__all__ = ["NUMBERS", "PARTS", "Figures", "PairTest", "TrialTable", "figures_of", "pair_tests", "summary_of"]
+__all__ = ["Figures", "PairTest", "figures_of", "pair_tests", "summary_of"]
 
-#: Numeric columns that are kept in memory, eight bytes a trial each.
-NUMBERS = (
-    "start", "frames_to_accept", "frames_limit", "seconds_to_accept", "rotation_error_deg", "direction_error_deg",
-    "ate", "rotation_error_before_deg", "direction_error_before_deg", "ate_before", "survival", "depth_error",
-    "depth_order_error", "landmarks", "frame_median_ms", "frame_p95_ms", "attempt_median_ms", "trial_ms",
-    "peak_memory_mb", "suspected_focal_factor", "reported_focal_factor",
-)  # fmt: skip
-#: Figures whose medians over the accepted maps are told, and those of the correct maps among them.
+#: Columns whose medians over the correct maps are reported.
 _MEDIANS_OF_CORRECT = (
     "rotation_error_deg", "direction_error_deg", "ate", "rotation_error_before_deg", "direction_error_before_deg",
     "ate_before", "survival", "depth_error", "depth_order_error", "landmarks",
@@ -34,111 +25,43 @@ _MEDIANS_OF_CORRECT = (
 _TIMES = ("frame_median_ms", "frame_p95_ms", "attempt_median_ms", "trial_ms")
 
 
-#: Trials that may be counted together. Tracks without images are no substitute for images, nor the other way round; and
-#: where the camera stays, no map can be correct.
-PARTS = {
-    "image_moving": "images, moving camera",
-    "image_still": "images, no translation",
-    "points_moving": "points, moving camera",
-    "points_still": "points, no translation",
-}
-
-
-def _part_of(group: str) -> str:
-    level = "points" if group.startswith(POINTS) else "image"
-    return f"{level}_{'still' if judging_of(group).still else 'moving'}"
-
-
-@dataclass(frozen=True, eq=False)
-class TrialTable:
-    """The trials column by column.
+@dataclass(frozen=True)
+class Figures:
+    """Figures of a set of trials.
 
     Attributes
     ----------
-    text : dict of (N,) object arrays
-        ``source``, ``method``, ``group``, ``outcome``, ``reason``, ``keyframes``; empty text where there is none.
-    numbers : dict of (N,) float arrays
-        :data:`NUMBERS`, NaN where there is none.
-    strict, judged_reason, right_reason : (N,) bool
-        Whether a correct map is also strict; whether a cause was injected, and whether the reason named it.
-    judged_kept, kept_truth : (N,) bool
-        Whether the trial ended with an undecided plane and a truth to judge by, and whether a kept map is correct.
-    wrong_focal : (N,) bool
-        Whether the stated focal length is wrong on purpose.
-    """
-
-    text: dict[str, Any]
-    numbers: dict[str, Floats]
-    strict: Bools
-    judged_reason: Bools
-    right_reason: Bools
-    judged_kept: Bools
-    kept_truth: Bools
-    wrong_focal: Bools
-
-    @staticmethod
-    def of(rows: Iterable[Mapping[str, Any]]) -> TrialTable:
-        """Read rows, one at a time."""
-        names = ("source", "method", "group", "outcome", "reason", "keyframes")
-        text: dict[str, list[str]] = {name: [] for name in names}
-        numbers: dict[str, list[float]] = {name: [] for name in NUMBERS}
-        flags: dict[str, list[bool]] = {
-            name: [] for name in ("strict", "judged", "right", "undecided", "kept", "focal")
-        }
-        for row in rows:
-            for name in names:
-                text[name].append(intern(row[name] or ""))
-            for name in NUMBERS:
-                numbers[name].append(math.nan if row.get(name) is None else float(row[name]))
-            flags["strict"].append(bool(row["strict"]))
-            flags["judged"].append(row["reason_right"] is not None)
-            flags["right"].append(bool(row["reason_right"]))
-            flags["undecided"].append(row["kept_truth"] is not None)
-            flags["kept"].append(bool(row["kept_truth"]))
-            flags["focal"].append(focal_error_of(row["source"]) != 0)
-        return TrialTable(
-            text={name: np.array(values, object) for name, values in text.items()},
-            numbers={name: np.array(values, float) for name, values in numbers.items()},
-            strict=np.array(flags["strict"], bool),
-            judged_reason=np.array(flags["judged"], bool),
-            right_reason=np.array(flags["right"], bool),
-            judged_kept=np.array(flags["undecided"], bool),
-            kept_truth=np.array(flags["kept"], bool),
-            wrong_focal=np.array(flags["focal"], bool),
-        )
-
-    def __len__(self) -> int:
-        return len(self.strict)
-
-    def where(self, **wanted: str) -> Bools:
-        """Mask (N,) of the trials with these texts."""
-        mask = np.ones(len(self), bool)
-        for name, value in wanted.items():
-            mask &= self.text[name] == value
-        return mask
-
-    def knows_direction(self) -> Bools:
-        """Mask (N,) of the trials whose truth knows the direction of a short baseline."""
-        known = {group: judging_of(group).direction_known for group in set(self.text["group"])}
-        return np.array([known[group] for group in self.text["group"]], bool)
-
-    def parts(self) -> dict[str, Bools]:
-        """Masks (N,) of :data:`PARTS` that have trials."""
-        names = {group: _part_of(group) for group in set(self.text["group"])}
-        part = np.array([names[group] for group in self.text["group"]], object)
-        return {name: part == name for name in PARTS if np.any(part == name)}
-
-
-@dataclass(frozen=True)
-class Figures:
-    """What a set of trials says.
-
-    ``frames_to_accept`` and ``frames_to_correct`` are restricted means: a trial without counts as its limit.
-    ``medians`` are those of the correct maps, None where there are none. ``times`` are medians over trials, but the
-    95th percentile of the frames is that of the worst trial but 5 %. ``kept_truth_rate`` is the share of the undecided
-    planes (``undecided``) whose kept maps hold the truth; ``suspicion_rate`` that of the runs with a wrong focal length
-    in which a check suspects it, ``report_rate`` that of those which tell the user; ``false_report_rate`` that of the
-    runs with a right one which do.
+    trials, correct, strict, false, none, error, accepted : int
+        Number of trials, and number of trials with each outcome. ``accepted`` counts all maps.
+    correct_rate, false_rate : Interval
+        Share of the trials with a correct map, and with a false map.
+    precision : Interval
+        Correct maps as a share of the correct and false maps.
+    frames_to_accept, frames_to_correct : Interval
+        Restricted mean of the frames until the first map, and until a correct map. A trial without such a map counts as
+        its limit.
+    seconds_to_accept : Interval
+        Mean over the accepted maps.
+    reason_accuracy : Interval
+        Of the trials with an expected reason, the share that ended with this reason.
+    undecided : int
+        Number of trials that ended with ``ambiguous_plane``.
+    kept_truth_rate : Interval
+        Of these trials, the share in which one of the stored hypotheses is correct.
+    suspicion_rate, report_rate : Interval
+        Of the trials with a wrong stated focal length, the share in which an attempt suspects it, and the share in
+        which the result reports it.
+    false_report_rate : Interval
+        Of the trials with the true focal length, the share in which the result reports that it is wrong.
+    reasons : dict of str to int
+        Number of trials without a map, by their reason or error message.
+    medians : dict of str to (float or None)
+        Medians over the correct maps; None if there are no correct maps.
+    times : dict of str to (float or None)
+        Medians over the trials in ms. ``frame_p95_ms`` is the 95th percentile over the trials of the 95th percentile
+        over the frames of a trial.
+    peak_memory_mb : float or None
+        Largest peak over the trials.
     """
 
     trials: int
@@ -167,7 +90,19 @@ class Figures:
 
 
 def figures_of(table: TrialTable, mask: Bools) -> Figures:
-    """The figures of the trials in a mask."""
+    """Compute the figures of a set of trials.
+
+    Parameters
+    ----------
+    table : TrialTable
+    mask : (N,) bool
+        The trials that are counted.
+
+    Returns
+    -------
+    Figures
+        Of the selected trials.
+    """
     outcome = table.text["outcome"][mask]
     counts = Counter(outcome.tolist())
     trials, correct, false = int(mask.sum()), counts["correct"], counts["false"]
@@ -175,7 +110,7 @@ def figures_of(table: TrialTable, mask: Bools) -> Figures:
     numbers = {name: values[mask] for name, values in table.numbers.items()}
     is_correct = outcome == "correct"
     frames, limits = numbers["frames_to_accept"], numbers["frames_limit"]
-    judged, undecided = table.judged_reason[mask], int(table.judged_kept[mask].sum())
+    expected, undecided = int(table.reason_expected[mask].sum()), int(table.ambiguous[mask].sum())
     wrong_focal = table.wrong_focal[mask]
     suspects, reports = (np.isfinite(numbers[f"{name}_focal_factor"]) for name in ("suspected", "reported"))
     reasons = Counter(table.text["reason"][mask][(outcome == "none") | (outcome == "error")].tolist())
@@ -195,7 +130,7 @@ def figures_of(table: TrialTable, mask: Bools) -> Figures:
         frames_to_accept=restricted_mean(frames, limits),
         frames_to_correct=restricted_mean(np.where(is_correct, frames, np.nan), limits),
         seconds_to_accept=_mean_seconds(numbers["seconds_to_accept"]),
-        reason_accuracy=wilson(int(np.sum(table.right_reason[mask])), int(judged.sum())),
+        reason_accuracy=wilson(int(np.sum(table.reason_right[mask])), expected),
         undecided=undecided,
         kept_truth_rate=wilson(int(np.sum(table.kept_truth[mask])), undecided),
         suspicion_rate=wilson(int(np.sum(suspects & wrong_focal)), int(wrong_focal.sum())),
@@ -210,9 +145,22 @@ def figures_of(table: TrialTable, mask: Bools) -> Figures:
 
 @dataclass(frozen=True)
 class PairTest:
-    """Two methods on the same trials: who alone was correct how often, who alone was false, and p-values of McNemar.
+    """Comparison of two methods on the same trials, with p-values of McNemar's exact test.
 
-    ``p_holm`` is adjusted for the number of pairs that were compared.
+    Attributes
+    ----------
+    first, second : str
+        The methods.
+    trials : int
+        Number of trials that both methods ran.
+    only_first_correct, only_second_correct : int
+        Number of trials in which only this method found a correct map.
+    p_correct, p_correct_holm : float
+        p-value that both methods are correct equally often; the second one is adjusted for the number of pairs.
+    only_first_false, only_second_false : int
+        Number of trials in which only this method accepted a false map.
+    p_false, p_false_holm : float
+        p-value that both methods are false equally often; the second one is adjusted for the number of pairs.
     """
 
     first: str
@@ -229,7 +177,20 @@ class PairTest:
 
 
 def pair_tests(table: TrialTable, methods: Sequence[str], mask: Bools) -> list[PairTest]:
-    """Every pair of methods on the trials in a mask that both ran."""
+    """Compare every pair of methods on the trials that both ran.
+
+    Parameters
+    ----------
+    table : TrialTable
+    methods : sequence of str
+    mask : (N,) bool
+        The trials that are compared.
+
+    Returns
+    -------
+    list of PairTest
+        One for each pair.
+    """
     outcomes = {
         method: _by_trial(table, mask & table.where(method=method)) for method in methods
     }  # source and start -> outcome
@@ -238,22 +199,40 @@ def pair_tests(table: TrialTable, methods: Sequence[str], mask: Bools) -> list[P
         shared = outcomes[first].keys() & outcomes[second].keys()
         counts = Counter((outcomes[first][key], outcomes[second][key]) for key in shared)
 
-        def only(outcome: str, counts: Counter[tuple[str, str]] = counts) -> tuple[int, int]:
+        def _only(outcome: str, counts: Counter[tuple[str, str]] = counts) -> tuple[int, int]:
             one = sum(n for (a, b), n in counts.items() if a == outcome and b != outcome)
             return one, sum(n for (a, b), n in counts.items() if b == outcome and a != outcome)
 
-        found.append((first, second, len(shared), only("correct"), only("false")))
+        found.append((first, second, len(shared), _only("correct"), _only("false")))
     correct = [mcnemar_exact(*pair[3]) for pair in found]
     false = [mcnemar_exact(*pair[4]) for pair in found]
     adjusted = zip(found, correct, holm(correct), false, holm(false), strict=True)
     return [
-        PairTest(first, second, trials, *right, p_right, p_right_holm, *wrong, p_wrong, p_wrong_holm)
-        for (first, second, trials, right, wrong), p_right, p_right_holm, p_wrong, p_wrong_holm in adjusted
+        PairTest(first, second, trials, *only_correct, p_correct, p_correct_holm, *only_false, p_false, p_false_holm)
+        for (
+            first,
+            second,
+            trials,
+            only_correct,
+            only_false,
+        ), p_correct, p_correct_holm, p_false, p_false_holm in adjusted
     ]
 
 
 def summary_of(table: TrialTable, methods: Sequence[str]) -> dict[str, Any]:
-    """The figures as plain JSON types; what differs from run to run has names that end in ``_ms`` or ``_mb``."""
+    """Compute all figures of a comparison.
+
+    Parameters
+    ----------
+    table : TrialTable
+    methods : sequence of str
+
+    Returns
+    -------
+    dict
+        ``parts``, ``groups`` and ``pairs`` of ``summary.json`` as plain JSON types. Only the values whose names end in
+        ``_ms`` or ``_mb`` differ from run to run.
+    """
     parts = table.parts()
     groups = sorted(set(table.text["group"].tolist()))
     return {
@@ -302,6 +281,6 @@ def _quantile(values: Floats, q: float) -> float | None:
 
 
 def _mean_seconds(values: Floats) -> Interval:
-    """Mean over the accepted maps."""
+    """Return the mean over the accepted maps."""
     known = values[np.isfinite(values)]
     return restricted_mean(known, np.full(len(known), np.inf))

@@ -1,7 +1,7 @@
-"""Where trials run: here one after the other, on the cores of this machine (loky), or on a Dask cluster.
+"""Backends that run trials: sequentially in this process, on the cores of this machine (loky), or on a Dask cluster.
 
-All three call the same function with the same arguments, so that they give the same results, and keep no more than a
-few trials in flight, so that memory does not grow with their number.
+All three backends call the same function with the same arguments, so they give the same results. They submit only a few
+trials at a time, so memory does not grow with the number of trials.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from slam_init.errors import ConfigError, SlamInitError
 __all__ = ["DASK", "Backend", "open_backend"]
 
 DASK = "dask:"
-#: Trials in flight for each worker: one that runs, one that waits.
+#: Submitted trials for each worker: one runs and one waits.
 _IN_FLIGHT = 2
 
 _Task = TypeVar("_Task")
@@ -25,13 +25,14 @@ _Answer = TypeVar("_Answer")
 
 
 class Backend:
-    """Runs a function on many arguments, in any order, as answers come.
+    """Calls a function on many arguments and yields the answers in the order in which they arrive.
 
     Parameters
     ----------
     executor : concurrent.futures.Executor or None
-        None runs them here, one after the other.
+        None calls the function in this process, one argument after the other.
     workers : int
+        Number of workers of the executor.
     """
 
     def __init__(self, executor: Executor | None, workers: int) -> None:
@@ -39,7 +40,20 @@ class Backend:
         self.workers = workers
 
     def run(self, function: Callable[[_Task], _Answer], tasks: Iterable[_Task]) -> Iterator[tuple[_Task, _Answer]]:
-        """Yield (task, answer) as they come; tasks are taken as workers get free."""
+        """Call a function on each task.
+
+        Parameters
+        ----------
+        function : callable
+            Takes a task and returns its answer. The executor must be able to pickle the function.
+        tasks : iterable
+            Arguments of the function. They are read only as workers become free.
+
+        Yields
+        ------
+        (task, answer)
+            In the order in which the answers arrive.
+        """
         if self._executor is None:
             yield from ((task, function(task)) for task in tasks)
             return
@@ -64,20 +78,26 @@ class Backend:
 
 @contextmanager
 def open_backend(name: str, jobs: int) -> Iterator[Backend]:
-    """Open a backend by name: ``loky``, ``sequential`` or ``dask:ADDRESS``.
+    """Open a backend by name.
 
     Parameters
     ----------
     name : str
+        ``loky``, ``sequential`` or ``dask:ADDRESS``, with the address of a Dask scheduler.
     jobs : int
-        Processes of loky; the others have their own number.
+        Number of processes of loky; the other backends do not use it.
+
+    Yields
+    ------
+    Backend
+        It is closed at the end of the ``with`` block.
 
     Raises
     ------
     ConfigError
-        Where the name is unknown or its package missing.
+        If the name is unknown, or its package is not installed.
     SlamInitError
-        Where no Dask scheduler answers.
+        If no Dask scheduler answers at the address, or the scheduler has no workers.
     """
     if name == "sequential":
         yield Backend(None, 1)
@@ -107,7 +127,7 @@ def _loky(jobs: int) -> Iterator[Backend]:
 @contextmanager
 def _dask(address: str) -> Iterator[Backend]:
     try:
-        distributed: Any = import_module("distributed")  # has no types
+        distributed: Any = import_module("distributed")  # the package has no type annotations
     except ImportError:
         raise ConfigError("the backend dask needs the package distributed: pip install 'slam-init[dask]'") from None
     try:
@@ -117,6 +137,6 @@ def _dask(address: str) -> Iterator[Backend]:
     with client:
         workers = sum(client.nthreads().values())
         if not workers:
-            raise SlamInitError(f"the Dask scheduler at {address} has no workers: start some")
-        # Not pure: a trial that is run again is to be run, not remembered.
+            raise SlamInitError(f"the Dask scheduler at {address} has no workers: start at least one")
+        # pure=False: Dask must not reuse the answer of an earlier call with equal arguments.
         yield Backend(client.get_executor(pure=False), workers)

@@ -1,6 +1,7 @@
-"""Charts as inline SVG: curves, distributions, boxes, bars. Colours are classes of the page, so that both themes fit.
+"""Charts as inline SVG: curves, boxes, bars.
 
-Drawn for a width of 460 units with letters of 12, which a phone shows at 9 and a column of a desktop at 15 pixels.
+Colours are CSS classes of the page, so that the charts follow its light and its dark theme. The charts are 460 units
+wide, and letters are 12 units high. A phone shows these letters at 9 pixels, and a column on a desktop at 15 pixels.
 """
 
 from __future__ import annotations
@@ -18,14 +19,23 @@ __all__ = ["Axis", "box_chart", "curve_chart", "share_bar", "stacked_chart"]
 
 _WIDTH, _HEIGHT = 460.0, 260.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52.0, 12.0, 10.0, 38.0
-#: Of a chart with a row for each method: room for its name, and height of a row.
+#: For charts with one row per method: width of the column of names, height of a row.
 _NAMES, _ROW = 112.0, 24.0
-_MOST_TICKS = 6
+_MAX_TICKS = 6
 
 
 @dataclass(frozen=True)
 class Axis:
-    """What runs from left to right, or from bottom to top: from low to high, on a logarithmic scale or not."""
+    """A horizontal or vertical axis.
+
+    Attributes
+    ----------
+    label : str
+    low, high : float
+        Values at the left (or lower) end and at the right (or upper) end.
+    log : bool
+        Logarithmic scale.
+    """
 
     label: str
     low: float
@@ -33,20 +43,37 @@ class Axis:
     log: bool = False
 
     def at(self, value: float) -> float:
-        """Place of a value, 0 at the low end, 1 at the high end; values outside are at the ends."""
+        """Position of a value on the axis.
+
+        Parameters
+        ----------
+        value : float
+            Values outside the range are moved to the nearer end.
+
+        Returns
+        -------
+        float
+            0 at the low end, 1 at the high end.
+        """
         clipped = min(max(value, self.low), self.high)
         if self.log:
             return math.log(clipped / self.low) / math.log(self.high / self.low)
         return (clipped - self.low) / (self.high - self.low)
 
     def ticks(self) -> list[float]:
-        """Round values within the range."""
+        """Choose the ticks of the axis.
+
+        Returns
+        -------
+        list of float
+            Round values within the range; powers of ten on a logarithmic scale.
+        """
         if self.log:
             first, last = math.ceil(math.log10(self.low) - 1e-9), math.floor(math.log10(self.high) + 1e-9)
             return [10.0**k for k in range(first, last + 1)]
         span = self.high - self.low
-        step = 10.0 ** math.floor(math.log10(span / _MOST_TICKS))
-        step *= next(factor for factor in (1, 2, 5, 10) if span / (step * factor) <= _MOST_TICKS)
+        step = 10.0 ** math.floor(math.log10(span / _MAX_TICKS))
+        step *= next(factor for factor in (1, 2, 5, 10) if span / (step * factor) <= _MAX_TICKS)
         first = math.ceil(self.low / step - 1e-9)
         return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
 
@@ -54,40 +81,45 @@ class Axis:
 def curve_chart(
     title: str, curves: Mapping[str, tuple[Floats, Floats]], x: Axis, y: Axis, marks: Sequence[float]
 ) -> str:
-    """Step curves.
+    """Draw step curves.
 
     Parameters
     ----------
     title : str
-    curves : mapping of class name to (x, y)
-        The value holds from its x to the next.
+    curves : mapping of str to (x, y)
+        CSS class to the points of the curve. Each value of y holds from its x to the next x.
     x, y : Axis
     marks : sequence of float
-        Vertical lines at these x.
+        Values of x at which vertical lines are drawn.
+
+    Returns
+    -------
+    str
+        SVG element.
     """
     height = _HEIGHT - _BOTTOM - _TOP
     width = _WIDTH - _LEFT - _RIGHT
 
-    def place(a: float, b: float) -> tuple[float, float]:
+    def _place(a: float, b: float) -> tuple[float, float]:
         return _LEFT + width * x.at(a), _TOP + height * (1 - y.at(b))
 
     parts = [_horizontal_axis(x, _LEFT, width, _TOP, height)]
     for tick in y.ticks():
-        _, row = place(x.low, tick)
+        _, row = _place(x.low, tick)
         parts.append(f'<line class="grid" x1="{_LEFT:g}" x2="{_LEFT + width:g}" y1="{row:.1f}" y2="{row:.1f}"/>')
         parts.append(f'<text class="end" x="{_LEFT - 6:g}" y="{row + 4:.1f}">{_number(tick)}</text>')
     for mark in marks:
-        column, _ = place(mark, y.low)
+        column, _ = _place(mark, y.low)
         parts.append(f'<line class="mark" x1="{column:.1f}" x2="{column:.1f}" y1="{_TOP:g}" y2="{_TOP + height:g}"/>')
     for name, (xs, ys) in reversed(list(curves.items())):  # the first is drawn last, on top
         if len(xs) == 0:
             continue
         path, before = [], y.low
         for a, b in zip(xs.tolist(), ys.tolist(), strict=True):
-            column, row = place(a, b)
-            path.append(f"{column:.1f},{place(a, before)[1]:.1f} {column:.1f},{row:.1f}")
+            column, row = _place(a, b)
+            path.append(f"{column:.1f},{_place(a, before)[1]:.1f} {column:.1f},{row:.1f}")
             before = b
-        end, row = place(x.high, before)
+        end, row = _place(x.high, before)
         path.append(f"{end:.1f},{row:.1f}")
         parts.append(f'<polyline class="curve {name}" points="{" ".join(path)}"/>')
     parts.append(
@@ -97,7 +129,20 @@ def curve_chart(
 
 
 def box_chart(title: str, rows: Sequence[tuple[str, str, Floats]], x: Axis) -> str:
-    """A box for each (label, class name, values): quartiles, median, whiskers from the 5th to the 95th percentile."""
+    """Draw a box for each row: quartiles, median, whiskers from the 5th to the 95th percentile.
+
+    Parameters
+    ----------
+    title : str
+    rows : sequence of (str, str, (N,) float)
+        Label, CSS class, values.
+    x : Axis
+
+    Returns
+    -------
+    str
+        SVG element.
+    """
     width, height = _WIDTH - _NAMES - _RIGHT, _ROW * len(rows)
     parts = [_horizontal_axis(x, _NAMES, width, _TOP, height)]
     for i, (label, name, values) in enumerate(rows):
@@ -120,7 +165,20 @@ def box_chart(title: str, rows: Sequence[tuple[str, str, Floats]], x: Axis) -> s
 
 
 def stacked_chart(title: str, rows: Sequence[tuple[str, Sequence[tuple[str, float]]]], x: Axis) -> str:
-    """A bar for each label, put together of (class name, length)."""
+    """Draw a stacked bar for each row.
+
+    Parameters
+    ----------
+    title : str
+    rows : sequence of (str, sequence of (str, float))
+        Label, and CSS class and length of each piece in units of the axis.
+    x : Axis
+
+    Returns
+    -------
+    str
+        SVG element.
+    """
     width, height = _WIDTH - _NAMES - _RIGHT, _ROW * len(rows)
     parts = [_horizontal_axis(x, _NAMES, width, _TOP, height)]
     for i, (label, pieces) in enumerate(rows):
@@ -137,7 +195,18 @@ def stacked_chart(title: str, rows: Sequence[tuple[str, Sequence[tuple[str, floa
 
 
 def share_bar(pieces: Sequence[tuple[str, int]]) -> str:
-    """A bar of shares for a cell of a table, put together of (class name, count)."""
+    """Draw a stacked bar of shares for a cell of a table.
+
+    Parameters
+    ----------
+    pieces : sequence of (str, int)
+        CSS class and count of each piece.
+
+    Returns
+    -------
+    str
+        HTML element.
+    """
     total = sum(count for _, count in pieces) or 1
     words = ", ".join(f"{count} {name}" for name, count in pieces if count)
     spans = "".join(

@@ -1,4 +1,4 @@
-"""What ``slam-init compare`` does once its options have been checked."""
+"""Runs ``slam-init compare`` after the command line has checked the options."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from slam_init.compare.aggregate import PARTS
 from slam_init.compare.plan import Plan
 from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources, grid_sources
+from slam_init.compare.trial_table import PARTS
 from slam_init.compare.trials import Settings
 from slam_init.errors import ConfigError
 from slam_init.output.tables import markdown_table, number
@@ -20,8 +20,22 @@ from slam_init.output.tables import markdown_table, number
 __all__ = ["chosen_methods", "main_table", "run_command"]
 
 
-def run_command(arguments: argparse.Namespace, out: Path, *, progress: bool) -> str:
-    """Run a comparison; return what is printed: the main table, and where the rest is.
+def run_command(arguments: argparse.Namespace, out: str | os.PathLike[str], *, progress: bool) -> str:
+    """Run a comparison.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        Checked options of ``slam-init compare``.
+    out : str or os.PathLike
+        Folder of the results.
+    progress : bool
+        Show a progress bar on stderr.
+
+    Returns
+    -------
+    str
+        Text for stdout: the main tables and the path of the report.
 
     Raises
     ------
@@ -50,16 +64,26 @@ def run_command(arguments: argparse.Namespace, out: Path, *, progress: bool) -> 
         progress=progress,
         command=_command(arguments),
     )
-    return f"{main_table(summary)}\n\nreport: {out / 'report.html'}\n"
+    return f"{main_table(summary)}\n\nreport: {Path(out) / 'report.html'}\n"
 
 
 def chosen_methods(text: str | None) -> tuple[str, ...]:
-    """The methods of ``--methods a,b``, or all whose packages are installed.
+    """Return the methods of the option ``--methods``.
+
+    Parameters
+    ----------
+    text : str or None
+        Names, separated by commas; None for all methods whose packages are installed.
+
+    Returns
+    -------
+    tuple of str
+        Names of the methods.
 
     Raises
     ------
     ConfigError
-        Where one is unknown, given twice or not installed.
+        If a method is unknown, is given twice, or needs a package that is not installed.
     """
     from slam_init.methods import METHODS, method_info
 
@@ -71,22 +95,42 @@ def chosen_methods(text: str | None) -> tuple[str, ...]:
         if info.needs is not None and find_spec(info.needs) is None:
             raise ConfigError(f"the method {name} needs the package {info.needs}: pip install {info.needs}")
         if names.count(name) > 1:
-            raise ConfigError(f"the method {name} is given twice: give each once")
+            raise ConfigError(f"the method {name} is given twice: give each method once")
     return names
 
 
 def main_table(summary: dict[str, Any]) -> str:
-    """The main tables in markdown: images and points, where the camera moves and where it stays."""
+    """Return the main table of each part of a comparison.
+
+    Parameters
+    ----------
+    summary : dict
+        Content of ``summary.json``.
+
+    Returns
+    -------
+    str
+        Tables in markdown.
+    """
     tables = []
     for part, title in PARTS.items():
         if part in summary["parts"]:
-            table = _still_table if part.endswith("still") else _moving_table
+            table = _static_table if part.endswith("static") else _moving_table
             tables.append(table(title, summary["parts"][part]))
     return "\n\n".join(tables)
 
 
 def _moving_table(title: str, figures: dict[str, Any]) -> str:
-    header = [title, "trials", "correct %", "strict %", "false %", "none", "of ambiguous: truth kept %", "error"]
+    header = [
+        title,
+        "trials",
+        "correct %",
+        "strict %",
+        "false %",
+        "none",
+        "ambiguous: correct hypothesis kept %",
+        "error",
+    ]
     header += ["frames to correct", "rotation (deg)", "direction (deg)", "survival", "frame (ms)"]
     rows = []
     for method, f in figures.items():
@@ -111,8 +155,9 @@ def _moving_table(title: str, figures: dict[str, Any]) -> str:
     return markdown_table(header, rows)
 
 
-def _still_table(title: str, figures: dict[str, Any]) -> str:
-    header = [title, "trials", "false %", "none", "error", "right reason %", "wrong focal length suspected %", "told %"]
+def _static_table(title: str, figures: dict[str, Any]) -> str:
+    header = [title, "trials", "false %", "none", "error", "expected reason %"]
+    header += ["focal error suspected %", "focal error reported %"]
     rows = [
         [
             method,
@@ -137,7 +182,7 @@ def _percent(interval: list[float | None]) -> str:
 
 
 def _command(arguments: argparse.Namespace) -> str:
-    """The command that makes the same results; names no folder of this machine but those that were typed."""
+    """Return a command that gives the same results. It names only the folders that the user typed."""
     words = ["slam-init", "compare", *arguments.sources]
     for option, default in (("methods", None), ("every", 10), ("grid", 0), ("limit_frames", 150), ("seed", 0)):
         value = getattr(arguments, option)

@@ -1,4 +1,4 @@
-"""The worst cases, to be looked at: false maps first, each with its first and last keyframe."""
+"""The worst trials of a comparison, with pictures of the first and last keyframe: false maps first."""
 
 from __future__ import annotations
 
@@ -8,55 +8,71 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slam_init.compare.aggregate import TrialTable
 from slam_init.compare.sources import open_compared
+from slam_init.compare.trial_table import TrialTable
 from slam_init.datasets.points import PointSource
 from slam_init.errors import SlamInitError
 from slam_init.recording.images import bgr, reduced
 from slam_init.types.arrays import Image
 
-__all__ = ["WorstCase", "worst_cases"]
+__all__ = ["FailureCase", "failure_cases"]
 
-#: So many can be looked at; no more than two of a method in a scene, so that all kinds are seen.
-_CASES, _ALIKE = 12, 2
+#: Number of cases that a reader can look at.
+_MAX_CASES = 12
+#: Largest number of cases of one method in one scene, so that the gallery shows different kinds of failures.
+_MAX_ALIKE = 2
+#: Only correct maps with an error above this share of a bound are shown.
+_MIN_ERROR = 0.5
 _THUMBNAIL_PX, _JPEG_QUALITY = 400, 70
-_LINE, _GAP_PX = (70, 200, 255), 4
+_LINE_BGR, _GAP_PX = (70, 200, 255), 4
 
 
 @dataclass(frozen=True)
-class WorstCase:
-    """A trial, and its picture as the content of a JPEG in base64; empty where there is none."""
+class FailureCase:
+    """A trial and its picture.
+
+    Attributes
+    ----------
+    row : int
+        Row of the trial in the table.
+    picture : str
+        JPEG file in base64; empty if the source can no longer be read.
+    """
 
     row: int
     picture: str
 
 
-def worst_cases(table: TrialTable, texts: dict[str, str]) -> list[WorstCase]:
-    """The false maps, the worst first, then the least correct ones.
+def failure_cases(table: TrialTable, texts: dict[str, str]) -> list[FailureCase]:
+    """Choose the worst trials: false maps first, then correct maps near a bound; each by decreasing error.
 
     Parameters
     ----------
     table : TrialTable
     texts : dict of str to str
-        Label of each source to what opens it.
+        Label of each source to the argument of :func:`slam_init.compare.sources.open_compared`.
+
+    Returns
+    -------
+    list of FailureCase
+        At most 12, and at most two of one method in one scene.
     """
     outcome = table.text["outcome"]
     rotation = np.nan_to_num(table.numbers["rotation_error_deg"], nan=0.0)
     direction = np.nan_to_num(table.numbers["direction_error_deg"], nan=0.0)
     error = np.maximum(rotation / 5, direction / 15)
     shown = np.flatnonzero((outcome == "false") | (outcome == "correct"))
-    # A correct map among the worst is one that nearly was not.
-    shown = shown[(outcome[shown] == "false") | (error[shown] > 0.5)]
+    shown = shown[(outcome[shown] == "false") | (error[shown] > _MIN_ERROR)]
     order = shown[np.lexsort((-error[shown], outcome[shown] != "false"))]
     alike: Counter[tuple[str, str]] = Counter()
-    cases: list[WorstCase] = []
+    cases: list[FailureCase] = []
     for row in order.tolist():
         kind = table.text["method"][row], table.text["group"][row]
         alike[kind] += 1
-        if alike[kind] <= _ALIKE:
+        if alike[kind] <= _MAX_ALIKE:
             frames = [int(frame) for frame in table.text["keyframes"][row].split()]
-            cases.append(WorstCase(row, _picture(texts[table.text["source"][row]], frames[0], frames[-1])))
-        if len(cases) == _CASES:
+            cases.append(FailureCase(row, _picture(texts[table.text["source"][row]], frames[0], frames[-1])))
+        if len(cases) == _MAX_CASES:
             break
     return cases
 
@@ -68,7 +84,7 @@ def _picture(text: str, first: int, last: int) -> str:
         source = open_compared(text)
         images = [_thumbnail(next(source.frames(frame, 1)).image) for frame in (first, last)]
     except (SlamInitError, StopIteration):
-        return ""  # the data are gone since: the case is told without its picture
+        return ""  # the source can no longer be read: the case is shown without a picture
     if isinstance(source, PointSource):
         images = [_thumbnail(_motion(source, first, last))]
     height = min(image.shape[0] for image in images)
@@ -83,7 +99,7 @@ def _thumbnail(image: Image) -> Image:
 
 
 def _motion(source: PointSource, first: int, last: int) -> Image:
-    """How the tracks move between two frames."""
+    """Draw the motion of the tracks between two frames."""
     import cv2
 
     camera = source.camera
@@ -92,6 +108,6 @@ def _motion(source: PointSource, first: int, last: int) -> Image:
     ids2, pixels2 = source.sequence.observe(last)
     _, i, j = np.intersect1d(ids1, ids2, assume_unique=True, return_indices=True)
     for a, b in zip(np.round(pixels1[i]).astype(int), np.round(pixels2[j]).astype(int), strict=True):
-        cv2.line(image, (int(a[0]), int(a[1])), (int(b[0]), int(b[1])), _LINE, 1, cv2.LINE_AA)
+        cv2.line(image, (int(a[0]), int(a[1])), (int(b[0]), int(b[1])), _LINE_BGR, 1, cv2.LINE_AA)
         cv2.circle(image, (int(b[0]), int(b[1])), 2, (240, 240, 240), -1, cv2.LINE_AA)
     return np.asarray(image, np.uint8)

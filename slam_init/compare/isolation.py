@@ -1,7 +1,8 @@
-"""Each trial runs in a process of its own kind: a method that hangs, crashes or eats memory costs its own trial only.
+"""Runs trials in a separate process, so that a method that hangs, crashes or exhausts memory spoils only its own trial.
 
-A worker (of any backend) keeps one such process and sends it trial after trial; a process that does not answer in time,
-or dies, is replaced. The limit of memory is set by the process on itself, so that an allocation beyond it fails there.
+Each worker of a backend keeps one such process and sends it one trial after the other. A process that does not answer
+in time, or that dies, is replaced. The process sets the limit of memory on itself, so that allocations beyond the limit
+fail in that process. The program of the process is :mod:`slam_init.compare.worker`.
 """
 
 from __future__ import annotations
@@ -21,55 +22,79 @@ from slam_init.errors import SlamInitError
 
 __all__ = ["TrialProcess", "isolated_tracks", "isolated_trial"]
 
-#: To load the libraries on a busy machine.
+#: Time for loading the libraries on a busy machine.
 _START_S = 120.0
-#: Tracks of a sequence: an hour of video at 30 frames a second.
+#: Time for tracking a sequence: enough for an hour of video at 30 frames per second.
 _TRACKING_S = 3 * 3600.0
 
 _local = threading.local()
 
 
 def isolated_trial(trial: Trial, settings: Settings) -> dict[str, Any]:
-    """The row of a trial; an error of any kind is a row too."""
+    """Run a trial in the process of this thread.
+
+    Parameters
+    ----------
+    trial : Trial
+    settings : Settings
+        With the limits of time and memory.
+
+    Returns
+    -------
+    dict
+        The row of the trial. Errors of any kind, missed limits and crashes give a row with the outcome ``error``.
+    """
     process = _process(settings)
-    begin_row = error_row(trial, settings, "")
+    failed_row = error_row(trial, settings, "")
     try:
         answer = process.ask(("trial", trial, settings), settings.time_limit_s)
     except TimeoutError:
         _discard()
-        return begin_row | {"reason": f"no answer within {settings.time_limit_s:g} s"}
+        return failed_row | {"reason": f"no answer within {settings.time_limit_s:g} s"}
     except EOFError:
         code = process.exit_code()
         _discard()
-        return begin_row | {"reason": f"the process died ({_named(code)})"}
+        return failed_row | {"reason": f"the process died ({_exit_text(code)})"}
     if answer["memory_exhausted"]:
-        # What an allocation that failed left behind is not to be trusted.
+        # After a failed allocation the state of the libraries is unknown.
         _discard()
     row: dict[str, Any] = answer["row"]
     return row
 
 
 def isolated_tracks(text: str, settings: Settings) -> float:
-    """Find and store the tracks of a source; how long it took in milliseconds.
+    """Compute and store the tracks of a source in the process of this thread.
+
+    Parameters
+    ----------
+    text : str
+        Argument of :func:`slam_init.compare.sources.open_compared`.
+    settings : Settings
+        With the folder of the tracks.
+
+    Returns
+    -------
+    float
+        Duration in milliseconds.
 
     Raises
     ------
     SlamInitError
-        Where the source cannot be read to its end.
+        If the source cannot be read to its end, or the process dies.
     """
     process = _process(replace(settings, memory_limit_mb=0))
     try:
         answer = process.ask(("tracks", text, settings), _TRACKING_S)
     except (TimeoutError, EOFError):
         _discard()
-        raise SlamInitError(f"{text}: the process that finds its tracks died: look at the source alone") from None
+        raise SlamInitError(f"{text}: the tracking process died: run slam-init run on this source to see why") from None
     if answer["error"] is not None:
         raise SlamInitError(str(answer["error"]))
     return float(answer["tracking_ms"])
 
 
 def _process(settings: Settings) -> TrialProcess:
-    """The process of this thread, started where there is none with these limits."""
+    """Return the process of this thread; start one if there is none with this limit of memory."""
     process: TrialProcess | None = getattr(_local, "process", None)
     if process is None or process.memory_limit_mb != settings.memory_limit_mb:
         _discard()
@@ -84,7 +109,7 @@ def _discard() -> None:
     _local.process = None
 
 
-def _named(code: int | None) -> str:
+def _exit_text(code: int | None) -> str:
     import signal
 
     if code is not None and code < 0:
@@ -94,22 +119,22 @@ def _named(code: int | None) -> str:
 
 
 class TrialProcess:
-    """A fresh interpreter that answers requests, one at a time.
+    """A new interpreter that answers requests, one at a time.
 
-    Started by hand and not by :mod:`multiprocessing`, whose children may have no children, which would exclude some
-    backends; it ends when the connection is closed, by whatever end of its parent.
+    The process is started with :mod:`subprocess`. Daemon processes of :mod:`multiprocessing` cannot have children, and
+    some backends run in such processes. The process exits when the connection is closed, however its parent ends.
 
     Parameters
     ----------
     memory_limit_mb : int
-        Of its address space beyond what the libraries take; 0 for none.
+        Limit of the address space, in addition to the address space that the libraries take; 0 for no limit.
     """
 
     def __init__(self, memory_limit_mb: int) -> None:
         self.memory_limit_mb = memory_limit_mb
         self._connection, theirs = Pipe()
         command = [sys.executable, "-m", "slam_init.compare.worker", str(theirs.fileno()), str(memory_limit_mb)]
-        # One trial, one core; what the parent can import, the child can.
+        # One core for each trial. The process can import all modules that its parent can import.
         environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
         self._process = subprocess.Popen(
@@ -120,14 +145,26 @@ class TrialProcess:
         self._ready = False
 
     def ask(self, request: tuple[Any, ...], limit_s: float) -> dict[str, Any]:
-        """The answer to a request.
+        """Send a request and wait for the answer.
+
+        Parameters
+        ----------
+        request : tuple
+            ``("trial", trial, settings)`` or ``("tracks", text, settings)``.
+        limit_s : float
+            Longest time to wait for the answer; the time in which the process loads its libraries is not counted.
+
+        Returns
+        -------
+        dict
+            ``row`` and ``memory_exhausted`` for a trial; ``error`` and ``tracking_ms`` for tracks.
 
         Raises
         ------
         TimeoutError
-            Where it does not come in time.
+            If the answer does not arrive in time.
         EOFError
-            Where the process is gone.
+            If the process is gone.
         """
         try:
             if not self._ready:
@@ -135,20 +172,26 @@ class TrialProcess:
                 self._ready = True
             self._connection.send(request)
             answer: dict[str, Any] = _receive(self._connection, limit_s)
-        except TimeoutError:  # an OSError too
+        except TimeoutError:  # TimeoutError is a subclass of OSError
             raise
         except OSError as error:
             raise EOFError(str(error)) from error
         return answer
 
     def exit_code(self) -> int | None:
-        """Of a process that is gone."""
+        """Return the exit code of a process that is gone.
+
+        Returns
+        -------
+        int or None
+            Negative number of a signal if a signal ended the process; None if the process is still running after 5 s.
+        """
         with suppress(subprocess.TimeoutExpired):
             return self._process.wait(timeout=5.0)
         return None
 
     def kill(self) -> None:
-        """End it, whatever it does."""
+        """End the process at once."""
         self._connection.close()
         self._process.kill()
         self._process.wait()

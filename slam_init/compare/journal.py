@@ -1,44 +1,46 @@
-"""``trials.jsonl``: each finished trial at once, so that a run that was killed goes on where it stopped."""
+"""``trials.jsonl``: each trial is written as soon as it is finished, so that a killed run can be resumed."""
 
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
+from slam_init.config import RENAMED_OPTIONS
 from slam_init.errors import OutputError
 
 __all__ = ["Journal", "Key"]
 
-#: 2: ``kept_truth``, ``suspected_focal_factor``, and the options of the methods.
+#: Version 2 added ``kept_truth``, ``suspected_focal_factor`` and the options of the methods.
 _SCHEMA = 2
 
-#: Source, method and start.
+#: Label of the source, method, start frame.
 Key = tuple[str, str, int]
 
 
 class Journal:
-    """Rows on disk, one a line, after a first line with the settings that they hold under.
+    """A file with one row per line; the first line holds the settings under which the rows were computed.
 
-    Rows are found by where they stand in the file: memory holds their keys and nothing else of them.
+    Memory holds only the key of each row and the position of the row in the file.
 
     Parameters
     ----------
-    path : Path
-        Continued where it exists; its last line is dropped where it is torn.
+    path : str or os.PathLike
+        An existing file is continued. Its last line is removed if it is incomplete.
     settings : mapping
-        What makes rows comparable, plain JSON types.
+        Settings that must be equal for all rows, as plain JSON types.
 
     Raises
     ------
     OutputError
-        Where the file belongs to a comparison with other settings, is damaged, or cannot be written.
+        If the file belongs to a comparison with other settings, is damaged, or cannot be written.
     """
 
-    def __init__(self, path: Path, settings: Mapping[str, Any]) -> None:
-        self._path = path
+    def __init__(self, path: str | os.PathLike[str], settings: Mapping[str, Any]) -> None:
+        self._path = path = Path(path)
         self._offsets: dict[Key, int] = {}
         header = {"schema": _SCHEMA, **settings}
         try:
@@ -58,12 +60,34 @@ class Journal:
         return len(self._offsets)
 
     def append(self, row: Mapping[str, Any]) -> None:
-        """Write a row; once this returns it survives the end of the process."""
+        """Write a row; after this call the row survives the end of the process.
+
+        Parameters
+        ----------
+        row : mapping
+            With the keys ``source``, ``method`` and ``start``; plain JSON types.
+
+        Raises
+        ------
+        OutputError
+            If the row cannot be written.
+        """
         self._offsets[_key(row)] = self._file.seek(0, 2)
         self._write(row)
 
     def rows(self, wanted: Callable[[Key], bool] = lambda _: True) -> Iterator[dict[str, Any]]:
-        """The rows that are wanted in order of source, method and start."""
+        """Read rows back, sorted by source, method and start.
+
+        Parameters
+        ----------
+        wanted : callable
+            Takes the key of a row and returns whether the row is read; all rows by default.
+
+        Yields
+        ------
+        dict
+            A row.
+        """
         for key in sorted(self._offsets):
             if wanted(key):
                 self._file.seek(self._offsets[key])
@@ -89,11 +113,11 @@ class Journal:
             raise OutputError(f"cannot write {self._path}: {error.strerror or error}: make room") from error
 
     def _read(self, header: Mapping[str, Any]) -> int:
-        """Find the rows; return where the last whole line ends."""
+        """Find the rows; return the position of the end of the last complete line."""
         end = 0
         for number, line in enumerate(self._file):
             if not line.endswith(b"\n"):
-                break  # torn: the process was killed while it wrote
+                break  # incomplete: the process was killed while it wrote this line
             try:
                 content = json.loads(line)
                 if number == 0:
@@ -109,12 +133,23 @@ class Journal:
         if found.get("schema") != _SCHEMA:
             raise OutputError(f"{self._path} was written by another version of slam-init: give another --out")
         for name, value in header.items():
-            if found.get(name) != value and isinstance(value, Mapping):
-                raise OutputError(f"{self._path} holds trials with other {name}: give another --out")
-            if found.get(name) != value:
+            if isinstance(value, Mapping):
+                if _with_current_names(found.get(name), "") != value:
+                    raise OutputError(f"{self._path} holds trials with other {name}: give another --out")
+            elif found.get(name) != value:
                 raise OutputError(
                     f"{self._path} holds trials with {name} {found.get(name)!r}, not {value!r}: give another --out"
                 )
+
+
+def _with_current_names(options: Any, prefix: str) -> Any:
+    """Return options with their current names; a file of an older version can hold former names."""
+    if not isinstance(options, Mapping):
+        return options
+    return {
+        RENAMED_OPTIONS.get(prefix + name, name): _with_current_names(value, f"{name}.")
+        for name, value in options.items()
+    }
 
 
 def _key(row: Mapping[str, Any]) -> Key:

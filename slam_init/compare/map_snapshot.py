@@ -1,9 +1,9 @@
-"""What a trial leaves for the recording that shows the methods side by side: its map, small, in one file."""
+"""Snapshot of the map of a trial in one small file, for the recording that shows all methods side by side."""
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -12,27 +12,30 @@ from slam_init.types.arrays import Floats, Image
 from slam_init.types.pose import Trajectory
 from slam_init.types.result import Result
 
-__all__ = ["KeptResult", "keep_result", "kept_result"]
+__all__ = ["MapSnapshot", "load_snapshot", "save_snapshot"]
 
 
 @dataclass(frozen=True, eq=False)
-class KeptResult:
-    """A trial's result.
+class MapSnapshot:
+    """The map of a trial, or the reason why there is no map.
 
     Attributes
     ----------
     verdicts : (A, 3) str
-        Frame, verdict and advice of each attempt.
+        Second frame, verdict and advice of each attempt.
     reason : str
-        Empty where there is a map.
+        Why there is no map; empty if there is a map.
     last_frame : int
-        Absolute index of the last frame that was read; where there is a map it was accepted there.
+        Absolute index of the last frame that was read. A map was accepted at this frame.
     poses : (K, 4, 4) float
-        world_from_cam of the keyframes.
+        world_from_cam of the keyframes; empty if there is no map.
     points : (L, 3) float
+        Landmarks in the world frame of the map.
     colors : (L, 3) uint8
+        Colours of the landmarks, RGB.
     truth : (N, 3) float
-        True positions from the first keyframe to the last, brought to the map by a similarity.
+        True camera positions from the first keyframe to the last, aligned with the map by a similarity; empty if there
+        is no ground truth.
     """
 
     verdicts: np.ndarray[tuple[int, ...], np.dtype[np.str_]]
@@ -44,8 +47,19 @@ class KeptResult:
     truth: Floats
 
 
-def keep_result(path: Path, result: Result, start: int, truth: Trajectory | None) -> None:
-    """Write the result of a trial that began at a frame; what there is not is empty."""
+def save_snapshot(path: str | os.PathLike[str], result: Result, start: int, truth: Trajectory | None) -> None:
+    """Write the snapshot of a trial.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        File to write (``.npz``).
+    result : Result
+    start : int
+        Start frame of the trial.
+    truth : Trajectory or None
+        The true trajectory.
+    """
     attempts = [(str(a.frames[1] if len(a.frames) > 1 else -1), a.verdict, a.advice) for a in result.attempts]
     map_ = result.map
     poses = np.zeros((0 if map_ is None else len(map_.keyframes), 4, 4))
@@ -63,10 +77,21 @@ def keep_result(path: Path, result: Result, start: int, truth: Trajectory | None
     )
 
 
-def kept_result(path: Path) -> KeptResult:
-    """Read a result that :func:`keep_result` wrote."""
+def load_snapshot(path: str | os.PathLike[str]) -> MapSnapshot:
+    """Read a snapshot.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        File that :func:`save_snapshot` wrote.
+
+    Returns
+    -------
+    MapSnapshot
+        The stored snapshot.
+    """
     with np.load(path) as stored:
-        return KeptResult(
+        return MapSnapshot(
             verdicts=stored["verdicts"],
             reason=str(stored["reason"]),
             last_frame=int(stored["last_frame"]),

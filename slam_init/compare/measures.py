@@ -1,4 +1,4 @@
-"""How good a map is: against the true poses, the true depths, and the frames that follow."""
+"""Quality of a map: errors against the true poses and the true depths, and survival in the frames that follow."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam_init.compare.replay import Step
-from slam_init.compare.sources import Judging
+from slam_init.compare.sources import Criteria
 from slam_init.evaluation.metrics import compare_with_groundtruth
 from slam_init.mapping.triangulation import resect
 from slam_init.types.arrays import Bools, Floats, Ints
@@ -23,23 +23,31 @@ if TYPE_CHECKING:
 
 __all__ = ["DepthErrors", "PoseErrors", "depth_errors", "is_correct", "is_strict", "pose_errors", "survival"]
 
-#: Rotation and direction in degrees: what tracking recovers from, and what needs no recovery.
+#: Bounds of rotation and direction in degrees. Tracking recovers from errors within the first bounds; errors within
+#: the second bounds need no recovery.
 _CORRECT_DEG = (5.0, 15.0)
 _STRICT_DEG = (1.0, 5.0)
-#: Frames after the acceptance that the map has to carry; every third is looked at, as neighbours say the same.
+#: Survival is measured on this number of frames after the acceptance. Every third frame is used, because neighbouring
+#: frames give nearly the same value.
 _SURVIVAL_FRAMES, _SURVIVAL_STEP = 30, 3
-#: A landmark is observed again where its track lies this near to its projection.
+#: A landmark is observed again if its track lies within this distance of its projection.
 _SURVIVAL_PX = 3.0
-#: Of two points whose true depths differ by less than this the order means nothing.
+#: The order of two points is not compared if the logarithms of their true depths differ by less than this.
 _SAME_DEPTH = 0.05
 
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """Worst keyframe against the first, and the trajectory after alignment; None where there is no such truth.
+    """Errors of the poses of the keyframes.
 
-    ``ate`` is the root mean square position error after alignment by a similarity, over the length of the true path;
-    None for two keyframes, which any similarity aligns.
+    Attributes
+    ----------
+    rotation_deg, direction_deg : float or None
+        Largest error over the keyframes, of the pose relative to the first keyframe: angle between the rotations, and
+        angle between the directions of the baselines. None if the ground truth does not hold the value.
+    ate : float or None
+        Root mean square position error after alignment by a similarity, divided by the length of the true path. None
+        for two keyframes, because a similarity always aligns two positions exactly.
     """
 
     rotation_deg: float | None = None
@@ -49,14 +57,35 @@ class PoseErrors:
 
 @dataclass(frozen=True)
 class DepthErrors:
-    """Median of ``|depth / (median ratio x true depth) - 1|``, and the share of pairs of points in the wrong order."""
+    """Errors of the depths of the landmarks in the first keyframe; None if the true depths are not known.
+
+    Attributes
+    ----------
+    relative : float or None
+        Median of ``|depth / (median ratio x true depth) - 1|``.
+    wrong_order : float or None
+        Share of the pairs of landmarks in which the wrong landmark is the nearer one.
+    """
 
     relative: float | None = None
     wrong_order: float | None = None
 
 
 def pose_errors(map_: InitialMap, truth: Trajectory | None, *, before: bool = False) -> PoseErrors:
-    """Errors of the keyframes after bundle adjustment, or before."""
+    """Compare the keyframes of a map with the true trajectory.
+
+    Parameters
+    ----------
+    map_ : InitialMap
+    truth : Trajectory or None
+    before : bool
+        Use the poses before bundle adjustment instead of the adjusted ones.
+
+    Returns
+    -------
+    PoseErrors
+        All None if fewer than two keyframes have a true pose.
+    """
     keyframes = map_.keyframes
     if before:
         pairs = zip(keyframes, map_.keyframes_before, strict=True)
@@ -64,34 +93,68 @@ def pose_errors(map_: InitialMap, truth: Trajectory | None, *, before: bool = Fa
     figures = compare_with_groundtruth(keyframes, truth)
     if figures is None:
         return PoseErrors()
-    ate, length = figures["ate_rmse"], figures["path_length"]
+    ate, length = figures.ate_rmse, figures.path_length
     relative = ate / length if len(keyframes) > 2 and ate is not None and length else None
-    return PoseErrors(figures["rotation_error_deg"], figures["direction_error_deg"], relative)
+    return PoseErrors(figures.rotation_error_deg, figures.direction_error_deg, relative)
 
 
-def is_correct(errors: PoseErrors, judging: Judging) -> bool:
-    """Within 5 degrees in rotation and 15 in direction; where the camera stays, no map is."""
-    return _within(errors, judging, _CORRECT_DEG)
+def is_correct(errors: PoseErrors, criteria: Criteria) -> bool:
+    """Return whether a map is within 5 degrees in rotation and within 15 degrees in direction.
+
+    Parameters
+    ----------
+    errors : PoseErrors
+    criteria : Criteria
+
+    Returns
+    -------
+    bool
+        Always False if the camera does not translate, or if the ground truth does not hold the values.
+    """
+    return _within(errors, criteria, _CORRECT_DEG)
 
 
-def is_strict(errors: PoseErrors, judging: Judging) -> bool:
-    """Within 1 and 5 degrees."""
-    return _within(errors, judging, _STRICT_DEG)
+def is_strict(errors: PoseErrors, criteria: Criteria) -> bool:
+    """Return whether a map is within 1 degree in rotation and within 5 degrees in direction.
+
+    Parameters
+    ----------
+    errors : PoseErrors
+    criteria : Criteria
+
+    Returns
+    -------
+    bool
+        As :func:`is_correct`, with the smaller bounds.
+    """
+    return _within(errors, criteria, _STRICT_DEG)
 
 
-def _within(errors: PoseErrors, judging: Judging, bounds_deg: tuple[float, float]) -> bool:
-    if judging.still:
+def _within(errors: PoseErrors, criteria: Criteria, bounds_deg: tuple[float, float]) -> bool:
+    if criteria.no_translation:
         return False
+    # An error that is not known counts as too large.
     rotation = errors.rotation_deg is not None and errors.rotation_deg < bounds_deg[0]
-    # What the truth does not confirm is not correct.
     direction = errors.direction_deg is not None and errors.direction_deg < bounds_deg[1]
-    return rotation and (direction or not judging.direction_known)
+    return rotation and (direction or not criteria.direction_known)
 
 
 def survival(map_: InitialMap, following: Iterable[Step]) -> float | None:
-    """Share of the landmarks that the next 30 frames see within 3 px, after resection with the map; median over frames.
+    """Measure how many landmarks are observed again in the 30 frames after the acceptance.
 
-    None where no frame follows.
+    Every third frame is located by resection with the map. A landmark is observed again if its track lies within 3 px
+    of its projection.
+
+    Parameters
+    ----------
+    map_ : InitialMap
+    following : iterable of Step
+        Tracks of the frames after the frame at which the map was accepted.
+
+    Returns
+    -------
+    float or None
+        Share of the landmarks that are observed again; median over the frames. None if no frame follows.
     """
     camera = map_.camera
     shares: list[float] = []
@@ -105,7 +168,7 @@ def survival(map_: InitialMap, following: Iterable[Step]) -> float | None:
             continue
         guess, _ = resected
         X = guess.apply(map_.points[i])
-        # A point behind the camera has no pixel.
+        # Points behind the camera have no projection.
         ahead = X[:, 2] > 0
         error_px = np.linalg.norm(camera.project(X[ahead]) - observed.pixels[j][ahead], axis=1)
         shares.append(float(np.sum(error_px < _SURVIVAL_PX)) / max(len(map_.points), 1))
@@ -113,7 +176,19 @@ def survival(map_: InitialMap, following: Iterable[Step]) -> float | None:
 
 
 def depth_errors(map_: InitialMap, source: TimedSource | PointSource) -> DepthErrors:
-    """Depths of the landmarks in the first keyframe against the truth; both None where the source knows no depth."""
+    """Compare the depths of the landmarks in the first keyframe with the true depths.
+
+    Parameters
+    ----------
+    map_ : InitialMap
+    source : TimedSource or PointSource
+        The source of the map. Only synthetic sources hold true depths.
+
+    Returns
+    -------
+    DepthErrors
+        Both values are None if the source holds no depths.
+    """
     seen = map_.observation_keyframes == 0
     landmarks = map_.observation_landmarks[seen]
     true = _true_depths(source, map_.keyframes[0].frame, map_.track_ids[landmarks], map_.observation_pixels[seen])
@@ -143,7 +218,10 @@ def _true_depths(source: TimedSource | PointSource, frame: int, track_ids: Ints,
 
 
 def _wrong_order(depth: Floats, true: Floats) -> float | None:
-    """Share of pairs with clearly different true depths whose order is wrong; each point with its next ones."""
+    """Return the share of pairs in the wrong order, over pairs with clearly different true depths.
+
+    Each point is paired with up to seven points that follow it.
+    """
     wrong, pairs = 0, 0
     for step in range(1, min(len(true), 8)):
         differ: Bools = np.abs(np.log(true[step:] / true[:-step])) > _SAME_DEPTH

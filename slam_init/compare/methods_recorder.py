@@ -1,15 +1,15 @@
-"""Several methods on the same start, side by side in one recording.
+"""Records several methods from the same start side by side in one rerun recording.
 
 ==============================  ===================================================================
 entity                          content
 ==============================  ===================================================================
-``frame/image``                 the image now, with the tracks that all methods are fed with
-``NAME/map``                    a method's map once it has one: ``points``, ``keyframes``, ``est``, ``gt``
-``NAME/verdict``                what its last attempt said
+``frame/image``                 the current image, with the tracks that all methods get
+``NAME/map``                    the map of a method: ``points``, ``keyframes``, ``est``, ``gt``
+``NAME/verdict``                the verdict of its last attempt
 ==============================  ===================================================================
 
-The timeline is ``frame`` (absolute index). Each map has its own first keyframe as frame and its own median depth as
-unit, so that equal maps look equal.
+The timeline is ``frame`` (absolute index). Each map is drawn in the coordinates of its own first keyframe, with its own
+median depth as unit, so that equal maps look equal.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.compare.map_snapshot import KeptResult
+from slam_init.compare.map_snapshot import MapSnapshot
 from slam_init.recording.images import jpeg, reduced
 from slam_init.recording.layout import ESTIMATE_COLOR, TRUTH_COLOR, name_parts
 from slam_init.types.frame import Frame, Observations
@@ -33,14 +33,14 @@ _LONG_SIDE_PX = 640
 _GREEN, _RED, _YELLOW = (60, 200, 90), (230, 70, 70), (255, 200, 40)
 #: Half the length of a keyframe's axes in units of the map.
 _AXIS = 0.05
-#: Chunks end after this many bytes and never by the clock, so that two runs write the same ones.
+#: A chunk ends after this number of bytes and never after a time, so that two runs write the same chunks.
 _CHUNK_BYTES = 1 << 19
 
 
 def record_side_by_side(
-    path: Path,
+    path: str | os.PathLike[str],
     name: str,
-    results: Mapping[str, KeptResult],
+    snapshots: Mapping[str, MapSnapshot],
     outcomes: Mapping[str, str],
     frames: Iterable[tuple[Frame, Observations]],
 ) -> None:
@@ -48,26 +48,28 @@ def record_side_by_side(
 
     Parameters
     ----------
-    path : Path
+    path : str or os.PathLike
+        File to write.
     name : str
-        Of the source and start.
-    results : mapping of str to KeptResult
+        Name of the recording: source and start.
+    snapshots : mapping of str to MapSnapshot
         By method, in the order in which they are shown.
     outcomes : mapping of str to str
-        By method, e.g. ``correct``; shown beside its map.
+        By method, for example ``correct``; shown beside the map.
     frames : iterable of (Frame, Observations)
         In time order.
     """
     os.environ.setdefault("RERUN_ANALYTICS", "false")
     import rerun as rr
 
-    entities = {method: f"method-{i:02d}" for i, method in enumerate(results)}
+    entities = {method: f"method-{i:02d}" for i, method in enumerate(snapshots)}
     batching = rr.ChunkBatcherConfig.NEVER()
     batching.flush_num_bytes = _CHUNK_BYTES
-    identity = uuid.uuid5(uuid.NAMESPACE_URL, f"slam-init/{name}/{'/'.join(results)}")
+    identity = uuid.uuid5(uuid.NAMESPACE_URL, f"slam-init/{name}/{'/'.join(snapshots)}")
     rec = rr.RecordingStream("slam_init_compare", recording_id=identity, send_properties=False, batcher_config=batching)
     rec.set_log_time_enabled(False)
     rec.set_log_tick_enabled(False)
+    path = Path(path)
     partial = path.with_suffix(".partial.rrd")
     rec.save(partial, default_blueprint=_blueprint(entities))
     rec.send_recording_name(f"slam-init compare {name}")
@@ -79,37 +81,37 @@ def record_side_by_side(
         rec.log("frame/image", jpeg(reduced(frame.image, _LONG_SIDE_PX)))
         pixels = (observations.pixels + 0.5) * scale
         rec.log("frame/image/tracks", rr.Points2D(pixels, colors=[_GREEN], radii=rr.Radius.ui_points(2)))
-        for method, result in results.items():
-            _log_frame(rec, entities[method], result, outcomes.get(method, ""), frame.index)
+        for method, snapshot in snapshots.items():
+            _log_frame(rec, entities[method], snapshot, outcomes.get(method, ""), frame.index)
     rec.disconnect()
     partial.replace(path)
 
 
-def _log_frame(rec: Any, entity: str, result: KeptResult, outcome: str, frame: int) -> None:
-    """What a method has to say at a frame."""
+def _log_frame(rec: Any, entity: str, snapshot: MapSnapshot, outcome: str, frame: int) -> None:
+    """Log the verdict of a method at a frame, and its map at the frame at which it was accepted."""
     import rerun as rr
 
-    if frame == result.last_frame:
-        if len(result.poses):
-            _log_map(rec, f"{entity}/map", result)
-            keyframes = f"{len(result.poses)} keyframes, {len(result.points)} landmarks"
+    if frame == snapshot.last_frame:
+        if len(snapshot.poses):
+            _log_map(rec, f"{entity}/map", snapshot)
+            keyframes = f"{len(snapshot.poses)} keyframes, {len(snapshot.points)} landmarks"
             text = f"**{outcome}** at frame {frame}: {keyframes}"
         else:
-            text = f"**no map**: {result.reason}"
+            text = f"**no map**: {snapshot.reason}"
     else:
-        said = [verdict for at, verdict, _ in result.verdicts.tolist() if int(at) == frame]
-        if not said:
+        verdicts = [verdict for at, verdict, _ in snapshot.verdicts.tolist() if int(at) == frame]
+        if not verdicts:
             return
-        text = f"frame {frame}: {said[-1]}"
+        text = f"frame {frame}: {verdicts[-1]}"
     rec.log(f"{entity}/verdict", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
 
-def _log_map(rec: Any, entity: str, result: KeptResult) -> None:
+def _log_map(rec: Any, entity: str, snapshot: MapSnapshot) -> None:
     import rerun as rr
 
-    rec.log(f"{entity}/points", rr.Points3D(result.points, colors=result.colors, radii=rr.Radius.ui_points(2)))
-    centres = result.poses[:, :3, 3]
-    axes = _AXIS * result.poses[:, :3, :3].transpose(0, 2, 1).reshape(-1, 3)
+    rec.log(f"{entity}/points", rr.Points3D(snapshot.points, colors=snapshot.colors, radii=rr.Radius.ui_points(2)))
+    centres = snapshot.poses[:, :3, 3]
+    axes = _AXIS * snapshot.poses[:, :3, :3].transpose(0, 2, 1).reshape(-1, 3)
     rec.log(
         f"{entity}/keyframes",
         rr.Arrows3D(
@@ -120,12 +122,12 @@ def _log_map(rec: Any, entity: str, result: KeptResult) -> None:
         ),
     )
     rec.log(f"{entity}/est", rr.LineStrips3D([centres], colors=[ESTIMATE_COLOR], radii=rr.Radius.ui_points(1.5)))
-    if len(result.truth):
-        rec.log(f"{entity}/gt", rr.LineStrips3D([result.truth], colors=[TRUTH_COLOR], radii=rr.Radius.ui_points(2)))
+    if len(snapshot.truth):
+        rec.log(f"{entity}/gt", rr.LineStrips3D([snapshot.truth], colors=[TRUTH_COLOR], radii=rr.Radius.ui_points(2)))
 
 
 def _blueprint(entities: Mapping[str, str]) -> Any:
-    """The frame at the left, a map with its verdict for each method at the right."""
+    """Return the layout: the frame at the left, and the map and the verdict of each method at the right."""
     import rerun.blueprint as rrb
 
     eye = rrb.EyeControls3D(position=(-0.4, -0.45, -0.65), look_target=(0.0, 0.0, 0.8), eye_up=(0, -1, 0))

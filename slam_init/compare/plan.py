@@ -1,4 +1,4 @@
-"""What a comparison runs: sources, methods, starts, settings."""
+"""The trials of a comparison: sources, methods, start frames, settings."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ __all__ = ["Plan"]
 
 @dataclass(frozen=True)
 class Plan:
-    """What is compared.
+    """The sources and methods of a comparison; its trials are all combinations of source, start frame and method.
 
     Attributes
     ----------
     sources : tuple of ComparedSource
     methods : tuple of str
+        Names as in ``slam-init run --method``.
     every : int
-        A trial starts at every so many frames.
+        Step between two start frames.
     settings : Settings
-        Without its folders, which :func:`compare` chooses.
+        The folders in it are not used: :func:`slam_init.compare.run.compare` chooses them.
     """
 
     sources: tuple[ComparedSource, ...]
@@ -33,14 +34,31 @@ class Plan:
     settings: Settings = field(default_factory=Settings)
 
     def trials(self) -> Iterator[Trial]:
-        """All trials; those of one source follow one another, as it is opened once then."""
+        """Yield all trials. The trials of one source follow one another, so that a process opens the source once.
+
+        Yields
+        ------
+        Trial
+            A method on a source from a start frame.
+        """
         for source in self.sources:
             for start in source.starts(self.every):
                 for method in self.methods:
                     yield Trial(source, method, start)
 
     def holds(self, key: Key) -> bool:
-        """Whether a trial belongs to this comparison; a folder may hold those of a wider one."""
+        """Return whether a trial belongs to this comparison. A results folder can hold the trials of a wider one.
+
+        Parameters
+        ----------
+        key : (str, str, int)
+            Label of the source, method, start frame.
+
+        Returns
+        -------
+        bool
+            True if this plan contains the trial.
+        """
         label, method, start = key
         return method in self.methods and start in self._starts.get(label, ())
 

@@ -1,11 +1,13 @@
-"""The tracks of a sequence, found once, stored on disk, and fed to every method from every start.
+"""Tracks of a sequence: computed once, stored on disk, and replayed for every method from every start.
 
-What a method learns at a frame is what a tracker that ran from the beginning knew then: where descriptors link a frame
-to earlier ones, the earlier ones are stored again as they are revised, and are replayed at the frame that revised them.
+At each frame a method gets the tracks that a tracker knows at this frame if it has run from the first frame on. The
+tracker can revise earlier frames when descriptors link the current frame to them. The revised frames are stored as
+well, and they are replayed at the frame at which they were revised.
 """
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -26,7 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Step", "Tracks", "find_tracks", "replay"]
 
-#: Columns of the stored tracks: raw files that are mapped into memory, so that a trial reads what it needs.
+#: Columns of the stored tracks. Each is a raw file that is mapped into memory, so that a trial reads only the part that
+#: it needs.
 _COLUMNS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "track_ids": (np.int64, ()),
     "pixels": (np.float64, (2,)),
@@ -34,13 +37,21 @@ _COLUMNS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "colors": (np.uint8, (3,)),
 }
 _INDEX = "index.npz"
-#: File names end at 255 bytes.
-_LONGEST_NAME = 120
+#: Largest length of a folder name in characters; file systems allow 255 bytes.
+_MAX_NAME = 120
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What one frame brings: its tracks, and earlier frames of which more is known now."""
+    """The tracks that become known at one frame.
+
+    Attributes
+    ----------
+    current : Observations
+        Tracks of the frame itself.
+    revised : tuple of Observations
+        Earlier frames whose tracks were revised at this frame.
+    """
 
     current: Observations
     revised: tuple[Observations, ...] = ()
@@ -48,13 +59,33 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """The tracks of a sequence on disk."""
+    """The tracks of a sequence on disk.
+
+    Attributes
+    ----------
+    index : dict
+        One entry per stored record: ``at`` (frame at which the record is replayed), ``frame``, ``timestamp_s``,
+        ``name``, ``end`` (end of the rows of the record in the columns).
+    columns : dict
+        ``track_ids``, ``pixels``, ``bearings``, ``colors``; mapped into memory.
+    """
 
     index: dict[str, Any]
     columns: dict[str, Any]
 
     def steps(self, start: int) -> Iterator[Step]:
-        """The frames from an absolute index on."""
+        """Replay the tracks.
+
+        Parameters
+        ----------
+        start : int
+            Absolute index of the first frame.
+
+        Yields
+        ------
+        Step
+            One for each frame from ``start`` on. Revised frames before ``start`` are left out.
+        """
         at, frames = self.index["at"], self.index["frame"]
         for frame in range(start, int(at[-1]) + 1 if len(at) else 0):
             records = np.flatnonzero(at == frame)
@@ -75,8 +106,26 @@ class Tracks:
         )
 
 
-def replay(source: TimedSource | PointSource, text: str, start: int, folder: Path) -> Iterator[Step]:
-    """The tracks of a source from a start on; found and stored in ``folder`` where they are not there yet."""
+def replay(source: TimedSource | PointSource, text: str, start: int, folder: str | os.PathLike[str]) -> Iterator[Step]:
+    """Replay the tracks of a source from a start frame on.
+
+    Parameters
+    ----------
+    source : TimedSource or PointSource
+        With a calibration.
+    text : str
+        Name of the source in the folder.
+    start : int
+        Absolute index of the first frame.
+    folder : str or os.PathLike
+        Folder of the stored tracks. The tracks are computed and stored if they are not there yet. A source of points
+        knows its tracks and does not use the folder.
+
+    Returns
+    -------
+    iterator of Step
+        One for each frame from ``start`` on.
+    """
     from slam_init.datasets.points import PointSource
 
     if isinstance(source, PointSource):
@@ -84,28 +133,35 @@ def replay(source: TimedSource | PointSource, text: str, start: int, folder: Pat
     return find_tracks(source, text, folder).steps(start)
 
 
-def find_tracks(source: TimedSource, text: str, folder: Path) -> Tracks:
-    """Run the tracker over a whole sequence once, or open what an earlier call stored.
+def find_tracks(source: TimedSource, text: str, folder: str | os.PathLike[str]) -> Tracks:
+    """Run the tracker over a whole sequence, or open the tracks that an earlier call stored.
 
     Parameters
     ----------
     source : TimedSource
         With a calibration.
     text : str
-        Names the source in the folder.
-    folder : Path
-        Created where missing. Processes that come at the same time do the work twice, with the same result.
+        Name of the source in the folder.
+    folder : str or os.PathLike
+        Created if it does not exist. If two processes call this function at the same time, both do the work and the
+        result is the same.
+
+    Returns
+    -------
+    Tracks
+        The stored tracks.
     """
-    home = folder / quote(text, safe="")[-_LONGEST_NAME:]
+    folder = Path(folder)
+    home = folder / quote(text, safe="")[-_MAX_NAME:]
     if not (home / _INDEX).is_file():
         folder.mkdir(parents=True, exist_ok=True)
         unfinished = Path(tempfile.mkdtemp(dir=folder, prefix=".tracking-"))
         try:
             _store(source, text, unfinished)
             try:
-                unfinished.rename(home)  # as a whole, or not at all
+                unfinished.rename(home)  # atomic: the folder appears with all its files or not at all
             except OSError:
-                if not (home / _INDEX).is_file():  # nobody else was first
+                if not (home / _INDEX).is_file():  # no other process stored the tracks first
                     raise
         finally:
             shutil.rmtree(unfinished, ignore_errors=True)
@@ -117,7 +173,7 @@ def _store(source: TimedSource, text: str, home: Path) -> None:
     from slam_init.frontend.tracks import Tracker
 
     config = TrackingConfig()
-    # The tracker looks back over the frames that descriptors are matched with, no further.
+    # The tracker needs only the frames that descriptors are matched with.
     tracker = Tracker(calibration_of(source, text), config, history_limit=config.sift_frames + 2)
     at: list[int] = []
     records: list[tuple[int, float, str]] = []
@@ -151,7 +207,7 @@ def _open(home: Path) -> Tracks:
     total = int(index["end"][-1]) if len(index["end"]) else 0
     columns: dict[str, Any] = {}
     for name, (kind, shape) in _COLUMNS.items():
-        # An empty file cannot be mapped.
+        # An empty file cannot be mapped into memory.
         empty = np.zeros((0, *shape), kind)
         columns[name] = np.memmap(home / f"{name}.raw", kind, "r", shape=(total, *shape)) if total else empty
     return Tracks(index, columns)

@@ -1,4 +1,4 @@
-"""``report.html``: one page with everything on it, no script, nothing loaded from elsewhere."""
+"""``report.html``: a single page without scripts that loads nothing from other places."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.compare.aggregate import PARTS, Figures, TrialTable, figures_of
+from slam_init.compare.aggregate import Figures, figures_of
 from slam_init.compare.charts import Axis, box_chart, curve_chart, stacked_chart
-from slam_init.compare.failure_gallery import worst_cases
-from slam_init.compare.report_tables import group_table, pair_table, quality_table, rates_table, still_table
+from slam_init.compare.failure_gallery import failure_cases
+from slam_init.compare.report_tables import group_table, pair_table, quality_table, rates_table, static_table
+from slam_init.compare.trial_table import PARTS, TrialTable
 from slam_init.types.arrays import Bools, Floats
 
 if TYPE_CHECKING:
@@ -22,9 +23,9 @@ if TYPE_CHECKING:
 
 __all__ = ["report_html"]
 
-#: As many colours as methods come with the project; further ones begin again.
+#: Number of colours: one for each method of the project. With more methods the colours repeat.
 _COLORS = 10
-#: Ends of the axes of errors, in degrees.
+#: Ranges of the axes of errors, in degrees.
 _ROTATION_DEG, _DIRECTION_DEG = (0.01, 180.0), (0.1, 180.0)
 _OUTCOMES = ("strict", "correct", "false", "none", "error")
 
@@ -39,19 +40,24 @@ class _Part:
     figures: dict[str, Figures]
 
     @property
-    def still(self) -> bool:
-        return self.name.endswith("still")
+    def no_translation(self) -> bool:
+        return self.name.endswith("static")
 
 
 def report_html(table: TrialTable, plan: Plan, command: str) -> str:
-    """The page.
+    """Make the page.
 
     Parameters
     ----------
     table : TrialTable
     plan : Plan
     command : str
-        What makes the same results, empty where unknown.
+        A command line that gives the same results; empty for none.
+
+    Returns
+    -------
+    str
+        HTML document.
     """
     parts = [
         _Part(
@@ -64,8 +70,8 @@ def report_html(table: TrialTable, plan: Plan, command: str) -> str:
     ]
     body = [_header(table, plan, command, parts)]
     for part in parts:
-        body.append(_still_section(part) if part.still else _moving_section(table, plan, part))
-    body += [_groups_section(table, plan), _worst_section(table, plan), _footer(plan)]
+        body.append(_static_section(part) if part.no_translation else _moving_section(table, plan, part))
+    body += [_groups_section(table, plan), _gallery_section(table, plan), _footer(plan)]
     css = files("slam_init.compare").joinpath("report.css").read_text(encoding="utf-8")
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -88,8 +94,8 @@ def _header(table: TrialTable, plan: Plan, command: str, parts: Sequence[_Part])
         "<h1>Monocular initializers on the same tracks</h1>"
         '<p class="soft">Each trial starts a method at a frame and ends at its first map, or after '
         f"{plan.settings.limit_frames} frames or {plan.settings.limit_s:g} s of video. "
-        "All methods are fed with the same tracks.</p>"
-        f'<div class="facts">{"".join(f"<div><b>{n}</b>{what}</div>" for n, what in facts)}</div>'
+        "All methods get the same tracks.</p>"
+        f'<div class="facts">{"".join(f"<div><b>{n}</b>{unit}</div>" for n, unit in facts)}</div>'
         f"<nav>{''.join(f'<a href=#{name}>{escape(title)}</a>' for name, title in links)}</nav>"
         + (f"<pre><code>{escape(command)}</code></pre>" if command else "")
         + _legend([(name, name) for name in _OUTCOMES])
@@ -103,17 +109,19 @@ def _moving_section(table: TrialTable, plan: Plan, part: _Part) -> str:
     colors = {method: f"c{i % _COLORS}" for i, method in enumerate(plan.methods)}
     return (
         f'<h2 id="{part.name}">{escape(part.title[0].upper() + part.title[1:])}</h2>'
-        '<p class="soft">Shares with 95 % intervals (Wilson). Frames: restricted mean, a trial without a correct map '
-        "counts as its limit. Of ambiguous: trials that ended with an undecided plane, and how often one of the maps "
-        "that were kept is correct. Errors are medians over the correct maps. Bold: the best of a column.</p>"
+        '<p class="soft">Shares have 95 % intervals (Wilson). Frames are restricted means: a trial without a map (or '
+        "without a correct map) counts as its limit. Ambiguous: of the trials that ended with an ambiguous plane, the "
+        "share in which one of the stored hypotheses is correct. Errors are medians over the correct maps. The best "
+        "value of a column is bold.</p>"
         + rates_table(part.figures)
-        + "<h3>How good the correct maps are, and what they cost</h3>"
+        + "<h3>Quality of the correct maps, and time</h3>"
         + quality_table(part.figures)
         + _legend([(colors[method], method) for method in plan.methods])
         + f'<div class="charts">{"".join(_charts(table, plan, part, colors))}</div>'
         + "<h3>On the same trials</h3>"
-        '<p class="soft">Row against column: trials that only the row, and only the column, gets right; the p-value of '
-        "McNemar's exact test, adjusted for the number of pairs (Holm). Coloured where it is below 0.05.</p>"
+        '<p class="soft">Each cell compares two methods: the number of trials in which only the method of the row, and '
+        "only the method of the column, finds a correct map; below, the p-value of McNemar's exact test, adjusted for "
+        "the number of pairs (Holm). A cell is coloured if the p-value is below 0.05.</p>"
         + pair_table(table, plan.methods, part.mask)
     )
 
@@ -133,45 +141,47 @@ def _charts(table: TrialTable, plan: Plan, part: _Part, colors: dict[str, str]) 
     )
     most_false = max((float(y[-1]) for _, y in false.values() if len(y)), default=0.0)
     charts = [
-        ("Correct maps over time", "Share of the trials that have a correct map by then.",
+        ("Correct maps over time", "Share of the trials that have a correct map at this frame.",
          curve_chart("correct maps over time", correct, time, Axis("share of trials", 0, 1), [])),
-        ("False maps over time", "Share of the trials that ended in a false map by then.",
+        ("False maps over time", "Share of the trials that have a false map at this frame.",
          curve_chart("false maps over time", false, time, Axis("share of trials", 0, _above(most_false)), [])),
     ]  # fmt: skip
-    for column, what, (low, high), bounds in (
+    for column, name, (low, high), bounds in (
         ("rotation_error_deg", "Rotation error", _ROTATION_DEG, (1, 5)),
         ("direction_error_deg", "Direction error", _DIRECTION_DEG, (5, 15)),
     ):
         values = table.numbers[column]
-        # Where the truth does not know the direction, there is nothing to be as good as.
-        judged = table.knows_direction() if column == "direction_error_deg" else np.ones(len(table), bool)
+        # Trials whose ground truth does not resolve the direction have no direction error.
+        known = table.knows_direction() if column == "direction_error_deg" else np.ones(len(table), bool)
         curves = {
-            colors[method]: _cumulative(np.clip(_known(values[mask & judged]), low, high), int(np.sum(mask & judged)))
+            colors[method]: _cumulative(np.clip(_known(values[mask & known]), low, high), int(np.sum(mask & known)))
             for method, mask in masks.items()
         }
-        note = "Share of the trials whose map is at least that good; the rest has no map. Dashed: the bounds."
+        note = "Share of the trials whose map has at most this error. Dashed lines: the bounds of strict and correct."
         axis = Axis(f"worst keyframe (degrees), strict {bounds[0]}, correct {bounds[1]}", low, high, log=True)
-        charts.append((what, note, curve_chart(what, curves, axis, Axis("share of trials", 0, 1), bounds)))
+        charts.append((name, note, curve_chart(name, curves, axis, Axis("share of trials", 0, 1), bounds)))
     boxes = [(method, colors[method], _known(frames[mask & (outcome == "correct")])) for method, mask in masks.items()]
     charts.append(
-        ("Frames to a correct map", "Where there is one: quartiles, median, 5th to 95th percentile.",
+        ("Frames to a correct map", "Trials with a correct map: median, quartiles, 5th and 95th percentile.",
          box_chart("frames to a correct map", boxes, time))
     )  # fmt: skip
     return [_figure(*chart) for chart in charts] + [_reasons(part)]
 
 
-def _still_section(part: _Part) -> str:
+def _static_section(part: _Part) -> str:
     return (
         f'<h2 id="{part.name}">{escape(part.title[0].upper() + part.title[1:])}</h2>'
-        '<p class="soft">The camera never translates: every map is false. The right reason is the cause that was '
-        "there: a static camera, or a pure rotation. Suspected: of the trials whose stated focal length is wrong on "
-        "purpose, those in which a check suspects it, and those whose result tells so; of the others, those that tell "
-        "so as well.</p>" + still_table(part.figures) + f'<div class="charts">{_reasons(part)}</div>'
+        '<p class="soft">The camera never translates, so every map is false. The expected reason is static_camera or '
+        "pure_rotation. Focal error: of the trials whose stated focal length is wrong on purpose, the share in which "
+        "an attempt suspects it, and the share in which the result reports it. False alarm: of the trials with the "
+        "true focal length, the share in which the result reports that it is wrong.</p>"
+        + static_table(part.figures)
+        + f'<div class="charts">{_reasons(part)}</div>'
     )
 
 
 def _reasons(part: _Part) -> str:
-    """Why there is no map: a bar a method."""
+    """Draw the shares of the reasons for which there is no map, with one bar per method."""
     names = list(dict.fromkeys(reason for f in part.figures.values() for reason, n in f.reasons.items() if n))
     names.sort(key=lambda name: -sum(f.reasons.get(name, 0) for f in part.figures.values()))
     shown = names[: _COLORS - 1]
@@ -186,21 +196,21 @@ def _reasons(part: _Part) -> str:
         legend.append(("r9", "other"))
     chart = stacked_chart("reasons", rows, Axis("% of the trials", 0, 100 * _above(most / 100)))
     return _figure(
-        "Why there is no map", "Trials that ended without one, by the reason given.", chart + _legend(legend)
+        "Why there is no map", "Share of the trials that ended without a map, by reason.", chart + _legend(legend)
     )
 
 
 def _groups_section(table: TrialTable, plan: Plan) -> str:
     return (
         '<h2 id="scenes">By scene</h2>'
-        '<p class="soft">Correct / false / no map (with errors) of the trials of each sequence or scene.</p>'
+        '<p class="soft">Number of trials with a correct map / a false map / no map (errors included).</p>'
         + group_table(table, plan.methods)
     )
 
 
-def _worst_section(table: TrialTable, plan: Plan) -> str:
+def _gallery_section(table: TrialTable, plan: Plan) -> str:
     cases = []
-    for case in worst_cases(table, {source.label: source.text for source in plan.sources}):
+    for case in failure_cases(table, {source.label: source.text for source in plan.sources}):
         text = {name: str(values[case.row]) for name, values in table.text.items()}
         rotation, direction = (table.numbers[f"{name}_error_deg"][case.row] for name in ("rotation", "direction"))
         errors = [f"{name} {v:.1f}&deg;" for name, v in (("rotation", rotation), ("direction", direction)) if v == v]
@@ -214,25 +224,32 @@ def _worst_section(table: TrialTable, plan: Plan) -> str:
             f'<span class="soft">{escape(text["source"])}, start {table.numbers["start"][case.row]:.0f}, '
             f"keyframes {frames[0]} and {frames[-1]}</span></p></div>"
         )
-    shown = f'<div class="cases">{"".join(cases)}</div>' if cases else "<p>None: no map is false or nearly so.</p>"
+    shown = (
+        f'<div class="cases">{"".join(cases)}</div>'
+        if cases
+        else "<p>None: no map is false, and no error is above half of a bound.</p>"
+    )
     return (
-        '<h2 id="worst">Worst cases</h2><p class="soft">False maps first, at most two of a method in a scene; then '
-        "correct ones beyond half of a bound. First and last keyframe, or how the tracks move between them.</p>" + shown
+        '<h2 id="worst">Worst cases</h2><p class="soft">False maps first, then correct maps with an error above half '
+        "of a bound; at most two maps of a method in a scene. The pictures show the first and the last keyframe, or "
+        "the motion of the tracks between them.</p>" + shown
     )
 
 
 def _footer(plan: Plan) -> str:
     return (
-        "<footer><h3>Definitions</h3><p>An accepted map is <b>correct</b> where every keyframe is within 5&deg; in "
-        "rotation and 15&deg; in the direction of its baseline against the first, <b>strict</b> within 1&deg; and "
-        "5&deg;, else <b>false</b>; where the camera never translates, every map is false. <b>None</b>: no map by the "
-        "limit. <b>Error</b>: the method raised, hung, crashed or took too much memory. <b>Survival</b>: median share "
-        "of the landmarks that each of the next 30 frames sees within 3 px after resection with the map. <b>ATE</b>: "
-        "root mean square position error of the keyframes after alignment by a similarity, over the length of the true "
-        "path; maps of three keyframes and more. <b>Depth</b>: median relative error after median alignment, where "
-        "depth is known.</p><p>The intervals and tests take trials as independent. Starts of one sequence overlap and "
-        f"are not quite: one trial starts every {plan.every} frames. Direction is not judged where the ground truth "
-        "does not know it (depth tracking, rolling shutter).</p></footer>"
+        "<footer><h3>Definitions</h3><p>An accepted map is <b>correct</b> if every keyframe is within 5&deg; in "
+        "rotation and within 15&deg; in the direction of its baseline, both relative to the first keyframe. A correct "
+        "map is <b>strict</b> if every keyframe is within 1&deg; and 5&deg;. Any other map is <b>false</b>; if the "
+        "camera never translates, every map is false. <b>None</b>: no map up to the limit. <b>Error</b>: the method "
+        "raised, did not answer in time, crashed or used too much memory. <b>Survival</b>: share of the landmarks "
+        "that are observed within 3 px of their projection after resection; median over every third of the next 30 "
+        "frames. <b>ATE</b>: root mean square position error of the keyframes after alignment by a similarity, "
+        "divided by the length of the true path; for maps of at least three keyframes. <b>Depth</b>: median relative "
+        "error after median alignment, where depth is known.</p><p>The intervals and tests assume independent trials. "
+        f"Trials of one sequence start every {plan.every} frames; they overlap and are not fully independent. The "
+        "direction is not checked where the ground truth does not resolve it (depth tracking, rolling "
+        "shutter).</p></footer>"
     )
 
 
@@ -253,11 +270,11 @@ def _known(values: Floats) -> Floats:
 
 
 def _cumulative(values: Floats, total: int) -> tuple[Floats, Floats]:
-    """Where a curve of shares rises, and to what."""
+    """Return the values at which a curve of shares rises, and the share at each of them."""
     xs, counts = np.unique(values, return_counts=True)
     return xs, np.cumsum(counts) / max(total, 1)
 
 
 def _above(share: float) -> float:
-    """A round end of an axis, not below 5 %."""
+    """Return a round upper end of an axis, at least 5 %."""
     return min(1.0, max(0.05, math.ceil(share * 22) / 20))

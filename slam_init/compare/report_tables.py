@@ -1,4 +1,4 @@
-"""The tables of the report."""
+"""The HTML tables of the report."""
 
 from __future__ import annotations
 
@@ -7,29 +7,42 @@ from html import escape
 
 import numpy as np
 
-from slam_init.compare.aggregate import Figures, PairTest, TrialTable, pair_tests
+from slam_init.compare.aggregate import Figures, PairTest, pair_tests
 from slam_init.compare.charts import share_bar
 from slam_init.compare.statistics import Interval
+from slam_init.compare.trial_table import TrialTable
 from slam_init.types.arrays import Bools
 
-__all__ = ["group_table", "pair_table", "quality_table", "rates_table", "still_table"]
+__all__ = ["group_table", "pair_table", "quality_table", "rates_table", "static_table"]
 
 _SIGNIFICANT = 0.05
-#: A column: heading, cell of a method's figures, the value to rank by (None: not ranked) and whether more is better.
+_OUTCOMES = ("correct", "accepted", "false", "none", "error")
+#: A column: heading, text of the cell, value to rank by (None: not ranked), whether a larger value is better.
 _Column = tuple[str, Callable[[Figures], str], Callable[[Figures], float | None] | None, bool]
 
 
 def rates_table(figures: Mapping[str, Figures]) -> str:
-    """The main table where the camera moves: how often, and how soon."""
+    """Make the main table of a part with a moving camera: rates of the outcomes, and time to the first map.
+
+    Parameters
+    ----------
+    figures : mapping of str to Figures
+        By method.
+
+    Returns
+    -------
+    str
+        HTML element.
+    """
     columns: list[_Column] = [
-        ("outcomes", _outcomes, None, True),
+        ("outcomes", _outcome_bar, None, True),
         ("trials", lambda f: str(f.trials), None, True),
         ("correct %", lambda f: _share(f.correct_rate), lambda f: f.correct_rate.value, True),
         ("strict %", lambda f: _number(f.strict / f.trials if f.trials else None, 1, 100.0), None, True),
         ("false %", lambda f: _share(f.false_rate), lambda f: f.false_rate.value, False),
         ("precision %", lambda f: _share(f.precision), None, True),
         ("none", lambda f: str(f.none), None, True),
-        ("of ambiguous:<br>truth kept %", _kept_truth, None, True),
+        ("ambiguous: correct<br>hypothesis kept %", _kept_truth, None, True),
         ("error", lambda f: str(f.error), None, True),
         ("frames to<br>first map", lambda f: _mean(f.frames_to_accept), None, False),
         ("frames to<br>correct map", lambda f: _mean(f.frames_to_correct), lambda f: f.frames_to_correct.value, False),
@@ -39,53 +52,86 @@ def rates_table(figures: Mapping[str, Figures]) -> str:
 
 
 def quality_table(figures: Mapping[str, Figures]) -> str:
-    """How good the correct maps are, and what the trials cost."""
+    """Make the table of the quality of the correct maps, and of time and memory.
 
-    def median(name: str, digits: int = 2, scale: float = 1.0) -> Callable[[Figures], str]:
+    Parameters
+    ----------
+    figures : mapping of str to Figures
+        By method.
+
+    Returns
+    -------
+    str
+        HTML element.
+    """
+
+    def _median(name: str, digits: int = 2, scale: float = 1.0) -> Callable[[Figures], str]:
         return lambda f: _number(f.medians[name], digits, scale)
 
-    def times(name: str) -> Callable[[Figures], str]:
+    def _times(name: str) -> Callable[[Figures], str]:
         return lambda f: _number(f.times[name], 1)
 
     columns: list[_Column] = [
-        ("rotation<br>(deg)", median("rotation_error_deg"), lambda f: f.medians["rotation_error_deg"], False),
-        ("before<br>BA", median("rotation_error_before_deg"), None, False),
-        ("direction<br>(deg)", median("direction_error_deg"), lambda f: f.medians["direction_error_deg"], False),
-        ("before<br>BA", median("direction_error_before_deg"), None, False),
-        ("ATE<br>%", median("ate", 2, 100.0), None, False),
-        ("before<br>BA", median("ate_before", 2, 100.0), None, False),
-        ("survival<br>%", median("survival", 0, 100.0), lambda f: f.medians["survival"], True),
-        ("depth<br>error %", median("depth_error", 1, 100.0), lambda f: f.medians["depth_error"], False),
-        ("wrong<br>order %", median("depth_order_error", 1, 100.0), None, False),
-        ("landmarks", median("landmarks", 0), None, True),
-        ("frame<br>(ms)", times("frame_median_ms"), None, False),
-        ("p95<br>(ms)", times("frame_p95_ms"), None, False),
-        ("attempt<br>(ms)", times("attempt_median_ms"), None, False),
+        ("rotation<br>(deg)", _median("rotation_error_deg"), lambda f: f.medians["rotation_error_deg"], False),
+        ("before<br>BA", _median("rotation_error_before_deg"), None, False),
+        ("direction<br>(deg)", _median("direction_error_deg"), lambda f: f.medians["direction_error_deg"], False),
+        ("before<br>BA", _median("direction_error_before_deg"), None, False),
+        ("ATE<br>%", _median("ate", 2, 100.0), None, False),
+        ("before<br>BA", _median("ate_before", 2, 100.0), None, False),
+        ("survival<br>%", _median("survival", 0, 100.0), lambda f: f.medians["survival"], True),
+        ("depth<br>error %", _median("depth_error", 1, 100.0), lambda f: f.medians["depth_error"], False),
+        ("depth order<br>error %", _median("depth_order_error", 1, 100.0), None, False),
+        ("landmarks", _median("landmarks", 0), None, True),
+        ("frame<br>(ms)", _times("frame_median_ms"), None, False),
+        ("p95<br>(ms)", _times("frame_p95_ms"), None, False),
+        ("attempt<br>(ms)", _times("attempt_median_ms"), None, False),
         ("peak<br>(MB)", lambda f: _number(f.peak_memory_mb, 0), None, False),
     ]
     return _table(figures, columns)
 
 
-def still_table(figures: Mapping[str, Figures]) -> str:
-    """The main table where the camera stays."""
+def static_table(figures: Mapping[str, Figures]) -> str:
+    """Make the main table of a part without translation (static or rotation-only camera).
+
+    Parameters
+    ----------
+    figures : mapping of str to Figures
+        By method.
+
+    Returns
+    -------
+    str
+        HTML element.
+    """
     columns: list[_Column] = [
-        ("outcomes", _outcomes, None, True),
+        ("outcomes", _outcome_bar, None, True),
         ("trials", lambda f: str(f.trials), None, True),
         ("false", lambda f: str(f.false), None, False),
         ("false %", lambda f: _share(f.false_rate), lambda f: f.false_rate.value, False),
         ("none", lambda f: str(f.none), None, True),
         ("error", lambda f: str(f.error), None, True),
-        ("right reason %", lambda f: _share(f.reason_accuracy), lambda f: f.reason_accuracy.value, True),
-        ("wrong focal length<br>suspected %", lambda f: _share(f.suspicion_rate), None, True),
-        ("told to<br>the user %", lambda f: _share(f.report_rate), None, True),
-        ("right one<br>told %", lambda f: _share(f.false_report_rate), None, False),
+        ("expected reason %", lambda f: _share(f.reason_accuracy), lambda f: f.reason_accuracy.value, True),
+        ("focal error<br>suspected %", lambda f: _share(f.suspicion_rate), None, True),
+        ("focal error<br>reported %", lambda f: _share(f.report_rate), None, True),
+        ("focal error<br>false alarm %", lambda f: _share(f.false_report_rate), None, False),
         ("frame (ms)", lambda f: _number(f.times["frame_median_ms"], 1), None, False),
     ]
     return _table(figures, columns)
 
 
 def group_table(table: TrialTable, methods: Sequence[str]) -> str:
-    """Scenes down, methods across: counts of correct, false and none."""
+    """Make the table of scenes (rows) and methods (columns) with counts of correct, false and no maps.
+
+    Parameters
+    ----------
+    table : TrialTable
+    methods : sequence of str
+
+    Returns
+    -------
+    str
+        HTML element.
+    """
     head = "".join(f"<th>{escape(method)}</th>" for method in methods)
     rows = []
     for group in sorted(set(table.text["group"].tolist())):
@@ -93,8 +139,8 @@ def group_table(table: TrialTable, methods: Sequence[str]) -> str:
         cells = []
         for method in methods:
             mask = in_group & table.where(method=method)
-            counts = {name: int(np.sum(mask & (table.text["outcome"] == name))) for name in _NAMES}
-            bar = share_bar([(name, counts[name]) for name in _NAMES])
+            counts = {name: int(np.sum(mask & (table.text["outcome"] == name))) for name in _OUTCOMES}
+            bar = share_bar([(name, counts[name]) for name in _OUTCOMES])
             figures = (
                 f"{counts['correct'] + counts['accepted']} / {counts['false']} / {counts['none'] + counts['error']}"
             )
@@ -106,11 +152,21 @@ def group_table(table: TrialTable, methods: Sequence[str]) -> str:
     )
 
 
-_NAMES = ("correct", "accepted", "false", "none", "error")
-
-
 def pair_table(table: TrialTable, methods: Sequence[str], mask: Bools) -> str:
-    """Methods against methods: who alone was right how often, and whether that may be chance."""
+    """Make the table of paired comparisons: trials that only one of two methods solves, and p-values.
+
+    Parameters
+    ----------
+    table : TrialTable
+    methods : sequence of str
+    mask : (N,) bool
+        The trials that are compared.
+
+    Returns
+    -------
+    str
+        HTML element.
+    """
     tests = {(test.first, test.second): test for test in pair_tests(table, methods, mask)}
     head = "".join(f"<th>{escape(method)}</th>" for method in methods)
     rows = []
@@ -163,7 +219,7 @@ def _table(figures: Mapping[str, Figures], columns: Sequence[_Column]) -> str:
 def _best(
     figures: Mapping[str, Figures], rank: Callable[[Figures], float | None] | None, more_is_better: bool
 ) -> set[str]:
-    """The methods that are best in a column; none where all are equal."""
+    """Return the methods that are best in a column; empty if all are equal."""
     if rank is None:
         return set()
     values = {method: value for method, f in figures.items() if (value := rank(f)) is not None and value == value}
@@ -173,15 +229,15 @@ def _best(
     return {method for method, value in values.items() if value == top}
 
 
-def _outcomes(f: Figures) -> str:
-    loose = f.correct - f.strict
-    unjudged = f.accepted - f.correct - f.false
-    counts = (f.strict, loose, unjudged, f.false, f.none, f.error)
+def _outcome_bar(f: Figures) -> str:
+    not_strict = f.correct - f.strict
+    not_compared = f.accepted - f.correct - f.false
+    counts = (f.strict, not_strict, not_compared, f.false, f.none, f.error)
     return share_bar(list(zip(("strict", "correct", "accepted", "false", "none", "error"), counts, strict=True)))
 
 
 def _kept_truth(f: Figures) -> str:
-    """Of the planes that were left undecided: how often one of the maps that were kept is correct."""
+    """Return the share of the ambiguous planes in which one of the stored hypotheses is correct."""
     return f"{_share(f.kept_truth_rate)} of {f.undecided}" if f.undecided else "-"
 
 

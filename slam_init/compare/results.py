@@ -1,4 +1,4 @@
-"""What a comparison leaves: ``results.csv``, ``summary.json``, ``report.html``; each whole or not at all."""
+"""The files ``results.csv``, ``summary.json`` and ``report.html``. Each is written completely or not at all."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from slam_init.compare.aggregate import TrialTable, summary_of
+from slam_init.compare.aggregate import summary_of
+from slam_init.compare.trial_table import TrialTable
 from slam_init.compare.trials import COLUMNS
 from slam_init.errors import OutputError
 
@@ -21,36 +22,45 @@ if TYPE_CHECKING:
 __all__ = ["remove_results", "write_results"]
 
 _RESULTS, _SUMMARY, _REPORT = "results.csv", "summary.json", "report.html"
-#: 2: ambiguous planes and whether the kept maps hold the truth; suspected calibrations.
-_SCHEMA = 2
+#: Version 2 added the figures of ambiguous planes and of suspected focal lengths. Version 3 renamed the parts
+#: ``image_still`` and ``points_still`` to ``image_static`` and ``points_static``.
+_SCHEMA = 3
 
 
-def remove_results(out: Path) -> None:
-    """Take away what an earlier run left: until this one ends there are no results.
+def remove_results(out: str | os.PathLike[str]) -> None:
+    """Remove the result files of an earlier run, so that no old results are there while a new run is unfinished.
+
+    Parameters
+    ----------
+    out : str or os.PathLike
+        Folder of the comparison. ``trials.jsonl`` is not removed.
 
     Raises
     ------
     OutputError
-        Where that is not allowed.
+        If a file cannot be removed.
     """
     try:
         for name in (_RESULTS, _SUMMARY, _REPORT):
-            (out / name).unlink(missing_ok=True)
+            (Path(out) / name).unlink(missing_ok=True)
     except OSError as error:
         raise OutputError(f"cannot write to --out {out}: {error.strerror or error}: give another folder") from error
 
 
-def write_results(out: Path, rows: Iterable[Mapping[str, Any]], plan: Plan, command: str) -> dict[str, Any]:
-    """Write all files from the rows, which are read once and not kept.
+def write_results(
+    out: str | os.PathLike[str], rows: Iterable[Mapping[str, Any]], plan: Plan, command: str
+) -> dict[str, Any]:
+    """Write all result files. The rows are read once and are not kept in memory.
 
     Parameters
     ----------
-    out : Path
+    out : str or os.PathLike
+        Folder of the comparison.
     rows : iterable of mapping
-        In order of source, method and start.
+        Rows with the keys of :data:`slam_init.compare.trials.COLUMNS`, sorted by source, method and start.
     plan : Plan
     command : str
-        What the user typed, for the report.
+        The command line that the report shows; empty for none.
 
     Returns
     -------
@@ -60,47 +70,52 @@ def write_results(out: Path, rows: Iterable[Mapping[str, Any]], plan: Plan, comm
     Raises
     ------
     OutputError
-        Where a file cannot be written.
+        If a file cannot be written.
     """
+    out = Path(out)
     from slam_init.compare.report import report_html
 
     written: dict[str, Path] = {}
     try:
-        written[_RESULTS], file = _beside(out / _RESULTS)
+        written[_RESULTS], file = _temporary_file(out / _RESULTS)
         with file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(COLUMNS)
-            table = TrialTable.of(_copied(rows, writer))
-        summary = {
-            "schema": _SCHEMA,
-            "seed": plan.settings.seed,
-            "every": plan.every,
-            "limit_frames": plan.settings.limit_frames,
-            "limit_s": plan.settings.limit_s,
-            "trials": len(table),
-            "methods": list(plan.methods),
-            "sources": [source.label for source in plan.sources],
-            **summary_of(table, plan.methods),
-        }
+            table = TrialTable.of(_write_rows(rows, writer))
+        summary = _summary(table, plan)
         texts = {
             _SUMMARY: json.dumps(summary, indent=2, allow_nan=False) + "\n",
             _REPORT: report_html(table, plan, command),
         }
         for name, text in texts.items():
-            written[name], file = _beside(out / name)
+            written[name], file = _temporary_file(out / name)
             with file:
                 file.write(text)
         for name, temporary in written.items():
             temporary.replace(out / name)
     except OSError as error:
         raise OutputError(f"cannot write to --out {out}: {error.strerror or error}: make room") from error
-    finally:  # also after an interrupt: leave no debris
+    finally:  # after an interrupt as well: leave no temporary files
         for temporary in written.values():
             temporary.unlink(missing_ok=True)
     return summary
 
 
-def _copied(rows: Iterable[Mapping[str, Any]], writer: Any) -> Iterator[Mapping[str, Any]]:
+def _summary(table: TrialTable, plan: Plan) -> dict[str, Any]:
+    return {
+        "schema": _SCHEMA,
+        "seed": plan.settings.seed,
+        "every": plan.every,
+        "limit_frames": plan.settings.limit_frames,
+        "limit_s": plan.settings.limit_s,
+        "trials": len(table),
+        "methods": list(plan.methods),
+        "sources": [source.label for source in plan.sources],
+        **summary_of(table, plan.methods),
+    }
+
+
+def _write_rows(rows: Iterable[Mapping[str, Any]], writer: Any) -> Iterator[Mapping[str, Any]]:
     for row in rows:
         writer.writerow([_cell(row.get(name)) for name in COLUMNS])
         yield row
@@ -110,11 +125,11 @@ def _cell(value: Any) -> Any:
     return str(value).lower() if isinstance(value, bool) else value
 
 
-def _beside(path: Path) -> tuple[Path, io.TextIOWrapper]:
-    """A hidden file beside the one that it is to replace, readable as any other file of the user."""
+def _temporary_file(path: Path) -> tuple[Path, io.TextIOWrapper]:
+    """Open a hidden file in the folder of ``path``, with the default permissions of the user."""
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     umask = os.umask(0)
     os.umask(umask)
     os.fchmod(handle, 0o666 & ~umask)
-    # Names of files may be no Unicode.
+    # File names need not be valid Unicode.
     return Path(name), os.fdopen(handle, "w", encoding="utf-8", errors="backslashreplace", newline="")

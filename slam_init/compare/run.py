@@ -1,7 +1,8 @@
-"""A comparison from beginning to end: tracks, trials, results."""
+"""Runs a whole comparison: tracks, trials, result files."""
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from dataclasses import asdict, replace
@@ -26,7 +27,7 @@ _RECORDINGS = "recordings"
 
 def compare(
     plan: Plan,
-    out: Path,
+    out: str | os.PathLike[str],
     *,
     backend: str = "loky",
     jobs: int = 1,
@@ -39,17 +40,19 @@ def compare(
     Parameters
     ----------
     plan : Plan
-    out : Path
-        Folder of ``trials.jsonl``, ``results.csv``, ``summary.json``, ``report.html`` and the recordings.
+    out : str or os.PathLike
+        Folder of ``trials.jsonl``, ``results.csv``, ``summary.json``, ``report.html`` and the recordings. It is created
+        if it does not exist.
     backend : str
-        See :func:`slam_init.compare.backends.open_backend`.
+        ``loky``, ``sequential`` or ``dask:ADDRESS``; see :func:`slam_init.compare.backends.open_backend`.
     jobs : int
+        Number of processes of the backend loky.
     recordings : bool
         Write recordings of the trials that are run now.
     progress : bool
         Show a progress bar on stderr.
     command : str
-        What the user typed, for the report.
+        The command line that the report shows; empty for none.
 
     Returns
     -------
@@ -59,8 +62,9 @@ def compare(
     Raises
     ------
     SlamInitError
-        Where a source cannot be read, the backend cannot be had, or ``out`` cannot be written.
+        If a source cannot be read, the backend is not available, or ``out`` cannot be written.
     """
+    out = Path(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
         tracks = tempfile.mkdtemp(prefix="slam-init-tracks-")
@@ -68,14 +72,8 @@ def compare(
         raise OutputError(f"cannot write to --out {out}: {error.strerror or error}: give another folder") from error
     folder = str((out / _RECORDINGS).resolve()) if recordings else None
     settings = replace(plan.settings, tracks=tracks, recordings=folder)
-    same = {
-        "seed": settings.seed,
-        "limit_frames": settings.limit_frames,
-        "limit_s": settings.limit_s,
-        "options": asdict(replace(settings.config, method="", seed=0)),
-    }
     try:
-        with Journal(out / _JOURNAL, same) as journal:
+        with Journal(out / _JOURNAL, _shared_settings(settings)) as journal:
             remove_results(out)
             with open_backend(backend, jobs) as workers:
                 _run_trials(plan, settings, journal, workers, progress)
@@ -84,6 +82,16 @@ def compare(
             return write_results(out, journal.rows(plan.holds), plan, command)
     finally:
         shutil.rmtree(tracks, ignore_errors=True)
+
+
+def _shared_settings(settings: Settings) -> dict[str, Any]:
+    """Return the settings that must be equal for all rows of a results folder."""
+    return {
+        "seed": settings.seed,
+        "limit_frames": settings.limit_frames,
+        "limit_s": settings.limit_s,
+        "options": asdict(replace(settings.config, method="", seed=0)),
+    }
 
 
 def _run_trials(plan: Plan, settings: Settings, journal: Journal, workers: Backend, progress: bool) -> None:
@@ -103,12 +111,12 @@ def _run_trials(plan: Plan, settings: Settings, journal: Journal, workers: Backe
 
 
 def _side_by_side(plan: Plan, settings: Settings, journal: Journal) -> None:
-    from slam_init.compare.side_by_side import combine
+    from slam_init.compare.side_by_side import write_side_by_side
 
     outcomes: dict[tuple[str, int], dict[str, str]] = {}
     for row in journal.rows(plan.holds):
         outcomes.setdefault((row["source"], row["start"]), {})[row["method"]] = row["outcome"]
     for source in plan.sources:
         for start in source.starts(plan.every):
-            found = outcomes[source.label, start]
-            combine(source, start, settings, {method: found[method] for method in plan.methods})
+            of_start = outcomes[source.label, start]
+            write_side_by_side(source, start, settings, {method: of_start[method] for method in plan.methods})

@@ -1,48 +1,52 @@
-"""The recording that shows the methods side by side, made from what their trials left."""
+"""Makes the recording that shows all methods side by side from the map snapshots of their trials."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from slam_init.compare.map_snapshot import kept_result
+from slam_init.compare.map_snapshot import load_snapshot
 from slam_init.compare.replay import replay
 from slam_init.compare.sources import ComparedSource, open_compared
 from slam_init.compare.trials import Settings, file_name, recording_folder
 from slam_init.types.frame import Frame, Observations
 
-__all__ = ["combine"]
+__all__ = ["write_side_by_side"]
 
 
-def combine(source: ComparedSource, start: int, settings: Settings, outcomes: Mapping[str, str]) -> Path | None:
-    """Write ``side-by-side.rrd`` of one start and take away what the trials kept for it.
+def write_side_by_side(
+    source: ComparedSource, start: int, settings: Settings, outcomes: Mapping[str, str]
+) -> Path | None:
+    """Write ``side-by-side.rrd`` of one start and remove the snapshots of its trials.
 
     Parameters
     ----------
     source : ComparedSource
     start : int
+        Start frame.
     settings : Settings
+        With the folders of the tracks and of the recordings.
     outcomes : mapping of str to str
-        Method to outcome, in the order in which they are shown.
+        Method to outcome, in the order in which the methods are shown.
 
     Returns
     -------
     Path or None
-        None where no trial left anything: all ended in errors, or were run without recordings.
+        The recording. None if there are no snapshots, because all trials ended in errors or ran without recordings.
     """
     from slam_init.compare.methods_recorder import record_side_by_side
 
     folder = recording_folder(str(settings.recordings), source.label, start)
-    kept = {method: folder / f"{file_name(method)}.npz" for method in outcomes}
-    results = {method: kept_result(path) for method, path in kept.items() if path.is_file()}
-    if not results:
+    files = {method: folder / f"{file_name(method)}.npz" for method in outcomes}
+    snapshots = {method: load_snapshot(path) for method, path in files.items() if path.is_file()}
+    if not snapshots:
         return None
-    last = max(result.last_frame for result in results.values())
+    last = max(snapshot.last_frame for snapshot in snapshots.values())
     path = folder / "side-by-side.rrd"
     frames = _frames(source, start, last, settings)
-    record_side_by_side(path, f"{source.label} {start}", results, outcomes, frames)
-    for each in kept.values():
-        each.unlink(missing_ok=True)
+    record_side_by_side(path, f"{source.label} {start}", snapshots, outcomes, frames)
+    for file in files.values():
+        file.unlink(missing_ok=True)
     return path
 
 

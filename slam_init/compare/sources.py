@@ -1,4 +1,4 @@
-"""What is compared on: sequences with a truth, how far to trust it, and where trials start."""
+"""The sequences of a comparison: how to open them, the limits of their ground truth, and the start frames of trials."""
 
 from __future__ import annotations
 
@@ -21,19 +21,20 @@ if TYPE_CHECKING:
 __all__ = [
     "GRID",
     "ComparedSource",
-    "Judging",
+    "Criteria",
     "calibration_of",
+    "criteria_of",
     "describe_sources",
     "drawn_sources",
     "focal_error_of",
     "grid_sources",
-    "judging_of",
     "open_compared",
 ]
 
-#: A start must leave so many frames: half a second of video.
-_LEAST_FRAMES = 15
-#: The sampled grid: noise in pixels, shares of wrong matches, baseline over depth, error of the focal length.
+#: A trial starts only where at least this many frames are left: half a second of video.
+_MIN_FRAMES = 15
+#: The sampled grid: noise of a coordinate in pixels, share of outliers, baseline over the median depth, relative error
+#: of the focal length.
 GRID: dict[str, tuple[float, ...]] = {
     "noise_px": (0.3, 0.7, 1.0),
     "outliers": (0.05, 0.15, 0.3),
@@ -43,56 +44,57 @@ GRID: dict[str, tuple[float, ...]] = {
 
 
 @dataclass(frozen=True)
-class Judging:
-    """How results on a sequence are judged.
+class Criteria:
+    """By which criteria the maps of a sequence are classified as correct or false.
 
     Attributes
     ----------
-    still : bool
-        The camera never translates: every map is false.
+    no_translation : bool
+        The camera is static or only rotates, so every map is false.
     direction_known : bool
-        False where the ground truth does not know the direction of a short baseline.
-    cause : str or None
-        The reason that a method should give where it finds no map.
+        False if the ground truth does not resolve the direction of a short baseline. The direction is not checked then.
+    expected_reason : str or None
+        The reason that a method should give if it finds no map; None if no reason is expected.
     """
 
-    still: bool = False
+    no_translation: bool = False
     direction_known: bool = True
-    cause: str | None = None
+    expected_reason: str | None = None
 
 
-#: Synthetic scenes in which a cause is injected.
-_SCENES = {
-    "static": Judging(still=True, cause="static_camera"),
-    "rotation": Judging(still=True, cause="pure_rotation"),
+#: Synthetic scenes whose camera does not translate.
+_SCENE_CRITERIA = {
+    "static": Criteria(no_translation=True, expected_reason="static_camera"),
+    "rotation": Criteria(no_translation=True, expected_reason="pure_rotation"),
 }
-#: Public sequences whose truth has limits, by the end of their path. Motion capture resolves the 2 mm by which a drone
-#: on the ground trembles. Depth tracking (7-Scenes) and a rolling shutter (TUM fr1) leave errors of about ten degrees
-#: in the direction of a short baseline.
-_SEQUENCES = {
-    "V1_01_static": Judging(still=True, cause="static_camera"),
-    "redkitchen_a": Judging(direction_known=False),
-    "fr1_desk_9frames": Judging(direction_known=False),
+#: Public sequences whose ground truth has limits, by the last part of their path. In V1_01_static a drone stands on the
+#: ground; the ground truth still shows a motion, because motion capture resolves its vibration of 2 mm. In 7-Scenes
+#: (depth tracking) and TUM fr1 (rolling shutter) the direction of a short baseline has an error of about ten degrees.
+_SEQUENCE_CRITERIA = {
+    "V1_01_static": Criteria(no_translation=True, expected_reason="static_camera"),
+    "redkitchen_a": Criteria(direction_known=False),
+    "fr1_desk_9frames": Criteria(direction_known=False),
 }
-#: Its board is held by a person before a fixed camera: no single motion explains the image.
-_NOT_ONE_MOTION = ("opencv_chessboard",)
+#: Excluded: a person holds the chessboard in front of a fixed camera, so no single motion explains the image.
+_SEVERAL_MOTIONS = ("opencv_chessboard",)
 
 
 @dataclass(frozen=True)
 class ComparedSource:
-    """A sequence to compare on, as it is sent to workers.
+    """Description of a sequence, as it is sent to workers.
 
     Attributes
     ----------
     label : str
         Name in the results, unique.
     group : str
-        Trials of one group are counted together: the scene of a synthetic world, else the label.
+        Trials of one group are counted together. The group is the scene of a synthetic world, and otherwise the label.
     text : str
-        What :func:`open_compared` takes.
+        Argument of :func:`open_compared`.
     frames : int
+        Number of frames.
     fps : float
-        Frames a second, by the median step of the time stamps.
+        Frames per second: the inverse of the median step of the time stamps.
     """
 
     label: str
@@ -102,12 +104,35 @@ class ComparedSource:
     fps: float
 
     def starts(self, every: int) -> range:
-        """Every k-th frame that leaves half a second of video; a shorter sequence is started once."""
-        return range(0, max(self.frames - _LEAST_FRAMES + 1, 1), every)
+        """Start frames of the trials.
+
+        Parameters
+        ----------
+        every : int
+            Step between two start frames.
+
+        Returns
+        -------
+        range
+            Start frames with at least 15 frames left (half a second of video). A shorter sequence has one start,
+            frame 0.
+        """
+        return range(0, max(self.frames - _MIN_FRAMES + 1, 1), every)
 
 
 def open_compared(text: str) -> TimedSource | PointSource:
-    """Open a folder, a video, ``synth:NAME[?...]`` or ``points:NAME[?...]``; the last two take ``seed=N`` as well.
+    """Open a source of a comparison.
+
+    Parameters
+    ----------
+    text : str
+        A folder, a video, ``synth:NAME[?...]`` or ``points:NAME[?...]``. The last two also accept the option
+        ``seed=N`` (0 by default).
+
+    Returns
+    -------
+    TimedSource or PointSource
+        The opened source.
 
     Raises
     ------
@@ -124,35 +149,68 @@ def open_compared(text: str) -> TimedSource | PointSource:
     options = parse_qsl(query, keep_blank_values=True)
     seeds = [value for key, value in options if key == "seed"] or ["0"]
     if not seeds[-1].isdecimal():
-        raise SourceError(f"{text}: seed is {seeds[-1]!r}: give a number that is not negative")
+        raise SourceError(f"{text}: the seed is {seeds[-1]!r}: give an integer that is at least 0")
     rest = urlencode([(key, value) for key, value in options if key != "seed"])
     opener = open_points if name.startswith(POINTS) else open_source
     return opener(f"{name}?{rest}" if rest else name, int(seeds[-1]))
 
 
 def calibration_of(source: TimedSource | PointSource, text: str) -> Camera:
-    """The camera that comes with a source.
+    """Return the camera of a source.
+
+    Parameters
+    ----------
+    source : TimedSource or PointSource
+    text : str
+        Name of the source in the error message.
+
+    Returns
+    -------
+    Camera
+        The calibration that comes with the source.
 
     Raises
     ------
     CalibrationError
-        Where none does.
+        If the source has no calibration.
     """
     if source.camera is None:
         raise CalibrationError(f"{text} has no calibration: put a camera.yaml beside its images")
     return source.camera
 
 
-def judging_of(group: str) -> Judging:
-    """How the trials of a group are judged."""
+def criteria_of(group: str) -> Criteria:
+    """Return the criteria by which the trials of a group are classified.
+
+    Parameters
+    ----------
+    group : str
+        :attr:`ComparedSource.group`.
+
+    Returns
+    -------
+    Criteria
+        The defaults, except for scenes without translation and for sequences whose ground truth has known limits.
+    """
     prefix, colon, scene = group.partition(":")
     if colon and prefix in ("synth", "points"):
-        return _SCENES.get(scene, Judging())
-    return _SEQUENCES.get(Path(group).name, Judging())
+        return _SCENE_CRITERIA.get(scene, Criteria())
+    return _SEQUENCE_CRITERIA.get(Path(group).name, Criteria())
 
 
 def focal_error_of(label: str) -> float:
-    """By how much the stated focal length of a synthetic source is off, relative to the true one; 0 for all others."""
+    """Return the relative error of the focal length that a synthetic source states.
+
+    Parameters
+    ----------
+    label : str
+        :attr:`ComparedSource.label`.
+
+    Returns
+    -------
+    float
+        Value of the option ``focal_error``: (stated - true) / true. 0 for all other sources.
+    """
     name, _, query = label.partition("?")
     if not name.startswith(("synth:", "points:")):
         return 0.0
@@ -160,12 +218,22 @@ def focal_error_of(label: str) -> float:
 
 
 def describe_sources(texts: Sequence[str]) -> list[ComparedSource]:
-    """Open every source once; a folder that is no sequence stands for all sequences below it.
+    """Open every source once and describe it.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        What the user typed. A folder that is not a sequence stands for all sequences below it.
+
+    Returns
+    -------
+    list of ComparedSource
+        In the given order; the sequences below a folder in alphabetical order.
 
     Raises
     ------
     SourceError, CalibrationError
-        Where one cannot be read, has no calibration, or is given twice.
+        If a source cannot be read, has no calibration, or is given twice.
     """
     found: list[ComparedSource] = []
     for text in texts:
@@ -178,14 +246,42 @@ def describe_sources(texts: Sequence[str]) -> list[ComparedSource]:
 
 
 def grid_sources(count: int, seed: int) -> list[str]:
-    """Point-level sources drawn from the grid of noise, outliers, baselines and focal errors, ``count`` a scene."""
+    """Draw point-level sources of all scenes from :data:`GRID`.
+
+    Parameters
+    ----------
+    count : int
+        Number of sources of each scene.
+    seed : int
+
+    Returns
+    -------
+    list of str
+        Arguments of :func:`open_compared`.
+    """
     from slam_init.datasets.points import point_scenes
 
     return [text for scene in point_scenes() for text in drawn_sources(scene, count, seed)]
 
 
 def drawn_sources(scene: str, count: int, seed: int, **fixed: float) -> list[str]:
-    """Point-level sources of a scene drawn from :data:`GRID`; an option that is fixed changes nothing in the others."""
+    """Draw point-level sources of one scene from :data:`GRID`.
+
+    Parameters
+    ----------
+    scene : str
+        Name of the scene, without the prefix ``points:``.
+    count : int
+        Number of sources.
+    seed : int
+    **fixed : float
+        Options that replace the drawn values. They do not change the values that are drawn for the other options.
+
+    Returns
+    -------
+    list of str
+        Arguments of :func:`open_compared`.
+    """
     rng = np.random.default_rng((seed, *scene.encode()))
     texts = []
     for i in range(count):
@@ -195,7 +291,7 @@ def drawn_sources(scene: str, count: int, seed: int, **fixed: float) -> list[str
 
 
 def _expand(text: str) -> list[tuple[str, str]]:
-    """(label, text) of each sequence that the user means."""
+    """Return (label, text) of each sequence that the user's text stands for."""
     from slam_init.datasets import detect_kind
     from slam_init.datasets.points import POINTS
 
@@ -213,10 +309,10 @@ def _expand(text: str) -> list[tuple[str, str]]:
 
 
 def _sequences_below(path: Path) -> list[str]:
-    """Folders below a folder with a camera and a true trajectory, relative to it, sorted."""
+    """Return the folders below ``path`` that hold a camera and a true trajectory: relative to ``path``, sorted."""
     cameras = path.rglob("camera.yaml") if path.is_dir() else iter(())
     folders = [camera.parent for camera in cameras if (camera.parent / "groundtruth.txt").is_file()]
-    return sorted(f.relative_to(path).as_posix() for f in folders if f.name not in _NOT_ONE_MOTION)
+    return sorted(f.relative_to(path).as_posix() for f in folders if f.name not in _SEVERAL_MOTIONS)
 
 
 def _describe(label: str, text: str) -> ComparedSource:

@@ -1,6 +1,6 @@
-"""What may be concluded from counts and times: intervals, and tests on the same trials.
+"""Confidence intervals of counts and times, and paired tests of methods on the same trials.
 
-Everything here is in closed form: no resampling, no random draws.
+All formulas are in closed form: no resampling and no random draws.
 """
 
 from __future__ import annotations
@@ -15,13 +15,20 @@ from slam_init.types.arrays import Floats
 
 __all__ = ["Interval", "holm", "mcnemar_exact", "restricted_mean", "wilson"]
 
-#: Standard deviations of a two-sided 95 % interval of the normal distribution.
+#: Half-width of the two-sided 95 % interval of the normal distribution, in standard deviations.
 _Z95 = 1.959963984540054
 
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate with its 95 % interval; all three are NaN where nothing was observed."""
+    """An estimate with its 95 % interval; all three values are NaN if there are no observations.
+
+    Attributes
+    ----------
+    value : float
+    low, high : float
+        Ends of the interval.
+    """
 
     value: float
     low: float
@@ -29,12 +36,28 @@ class Interval:
 
 
 def wilson(successes: int, trials: int) -> Interval:
-    """Share of successes with the score interval of Wilson (1927), which holds for small counts and near 0 and 1.
+    """Share of successes with Wilson's score interval [W27]_.
+
+    The interval is valid for small counts and for shares near 0 and 1.
+
+    Parameters
+    ----------
+    successes, trials : int
+
+    Returns
+    -------
+    Interval
+        Of the share of successes.
 
     Raises
     ------
     ValueError
-        Where the counts are negative or there are more successes than trials.
+        If a count is negative, or there are more successes than trials.
+
+    References
+    ----------
+    .. [W27] E. B. Wilson, Probable inference, the law of succession, and statistical inference, Journal of the American
+       Statistical Association 22(158), 1927.
     """
     if not 0 <= successes <= trials:
         raise ValueError(f"{successes} successes in {trials} trials: give counts with 0 <= successes <= trials")
@@ -43,27 +66,34 @@ def wilson(successes: int, trials: int) -> Interval:
     share, z2 = successes / trials, _Z95**2
     centre = (share + z2 / (2 * trials)) / (1 + z2 / trials)
     half = _Z95 * math.sqrt(share * (1 - share) / trials + z2 / (4 * trials**2)) / (1 + z2 / trials)
-    # At the ends the interval ends exactly there; rounding must not say otherwise.
+    # For 0 successes the lower end is exactly 0, and for no failures the upper end is exactly 1; rounding is avoided.
     low = 0.0 if successes == 0 else centre - half
     high = 1.0 if successes == trials else centre + half
     return Interval(share, low, high)
 
 
 def mcnemar_exact(only_first: int, only_second: int) -> float:
-    """p-value of McNemar's exact test that two methods succeed equally often on the same trials.
+    """Compute the p-value of McNemar's exact test that two methods succeed equally often on the same trials [M47]_.
 
     Parameters
     ----------
     only_first, only_second : int
-        Trials in which one of the two succeeds and the other does not. Where both do the same, nothing is learned.
+        Number of trials in which only the first, and only the second, method succeeds. Trials in which both succeed or
+        both fail do not enter the test.
 
     Returns
     -------
     float
-        Two-sided: how likely a fair coin is at least as one-sided. 1 where the methods never differ.
+        Two-sided p-value: probability that tosses of a fair coin differ at least as much from half and half. 1 if the
+        methods never differ.
+
+    References
+    ----------
+    .. [M47] Q. McNemar, Note on the sampling error of the difference between correlated proportions or percentages,
+       Psychometrika 12(2), 1947.
     """
     n, k = only_first + only_second, min(only_first, only_second)
-    # Logarithms, as the binomial coefficients of thousands of trials overflow; good to ten digits.
+    # Logarithms are used because the binomial coefficients of thousands of trials overflow. Accurate to ten digits.
     log_terms = np.array([-math.lgamma(i + 1) - math.lgamma(n - i + 1) for i in range(k + 1)])
     largest = float(log_terms.max())
     log_tail = largest + math.log(float(np.sum(np.exp(log_terms - largest))))
@@ -71,7 +101,22 @@ def mcnemar_exact(only_first: int, only_second: int) -> float:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """p-values adjusted for their number (Holm 1979), in the given order."""
+    """Adjust p-values for the number of tests by Holm's method [H79]_.
+
+    Parameters
+    ----------
+    p_values : sequence of float
+
+    Returns
+    -------
+    list of float
+        Adjusted p-values in the given order.
+
+    References
+    ----------
+    .. [H79] S. Holm, A simple sequentially rejective multiple test procedure, Scandinavian Journal of Statistics 6(2),
+       1979.
+    """
     order = np.argsort(np.asarray(p_values, float), kind="stable")
     adjusted, largest = [0.0] * len(p_values), 0.0
     for rank, i in enumerate(order.tolist()):
@@ -81,15 +126,21 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def restricted_mean(times: Sequence[float | None] | Floats, limits: Sequence[float] | Floats) -> Interval:
-    """Mean of ``min(time, limit)``: the restricted mean time, with the normal interval of a mean.
+    """Compute the restricted mean time, the mean of ``min(time, limit)``, with the normal interval of a mean.
+
+    The limit of each trial is known in advance, so the mean is unbiased for any distribution of the times.
 
     Parameters
     ----------
     times : (N,) float or None
-        None or NaN where it never happened: that trial counts as its limit.
+        Time of the event in each trial; None or NaN if the event did not happen. Such a trial counts as its limit.
     limits : (N,) float
-        How long each trial was watched. With limits known in advance for every trial this mean is unbiased, whatever
-        the distribution of the times.
+        Length of each trial, in the unit of the times.
+
+    Returns
+    -------
+    Interval
+        In the unit of the times. The ends are NaN for a single trial.
     """
     at_most = np.asarray(limits, float)
     if len(at_most) == 0:
@@ -97,6 +148,6 @@ def restricted_mean(times: Sequence[float | None] | Floats, limits: Sequence[flo
     observed = np.array([math.nan if time is None else time for time in times], float)
     values = np.fmin(observed, at_most)
     mean = float(values.mean())
-    # A single trial says nothing about the spread.
+    # The spread is not known from a single trial.
     half = _Z95 * float(values.std(ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else math.nan
     return Interval(mean, mean - half, mean + half)

@@ -1,9 +1,10 @@
-"""One trial: a method, fed with the tracks of a sequence from one start on, until its first map or the limit."""
+"""One trial: feeds a method with the tracks of a sequence from a start frame, until its first map or the limit."""
 
 from __future__ import annotations
 
+import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -15,11 +16,10 @@ import numpy as np
 from slam_init.attempt_log import reported_focal_factor
 from slam_init.compare.measures import depth_errors, is_correct, is_strict, pose_errors, survival
 from slam_init.compare.replay import Step, replay
-from slam_init.compare.sources import ComparedSource, Judging, calibration_of, judging_of, open_compared
+from slam_init.compare.sources import ComparedSource, Criteria, calibration_of, criteria_of, open_compared
 from slam_init.config import Config
 from slam_init.recording.recorder import Recorder
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.reasons import ACCEPTED
 from slam_init.types.result import Result
 
 if TYPE_CHECKING:
@@ -27,17 +27,21 @@ if TYPE_CHECKING:
     from slam_init.datasets.points import PointSource
     from slam_init.types.camera import Camera
 
-__all__ = ["COLUMNS", "Settings", "Trial", "error_row", "file_name", "recording_folder", "run_trial"]
+__all__ = ["COLUMNS", "Settings", "Trial", "error_row", "file_name", "recording_folder", "result_row", "run_trial"]
 
-#: Slower than this a sequence is a set of photographs, for which seconds mean nothing.
-_LEAST_VIDEO_FPS = 5.0
-#: Of an error's text, in characters; and of a folder's name, which may hold 255 bytes.
-_LONGEST_CAUSE, _LONGEST_NAME = 200, 120
+#: A sequence with fewer frames per second is a set of photographs. The limit in seconds is not applied to it.
+_MIN_VIDEO_FPS = 5.0
+#: Largest length of an error message in characters.
+_MAX_CAUSE = 200
+#: Largest length of a folder name in characters; file systems allow 255 bytes.
+_MAX_NAME = 120
 
-#: Columns of ``results.csv``. Only those that end in ``_ms`` or ``_mb`` differ from run to run.
-#: ``kept_truth`` says of a run that ended with ``ambiguous_plane`` whether one of the maps that it kept is correct;
-#: ``suspected_focal_factor`` is the focal length over the stated one of the checks that suspect it (their median), and
-#: ``reported_focal_factor`` what the result tells the user, who is told once several checks agree.
+#: Columns of ``results.csv``. Only the columns that end in ``_ms`` or ``_mb`` differ from run to run.
+#: ``kept_truth``: for a trial that ended with ``ambiguous_plane``, whether one of its stored hypotheses is correct.
+#: ``suspected_focal_factor``: some attempts estimate that the focal length is wrong. The value is the median of their
+#: estimates, divided by the stated focal length.
+#: ``reported_focal_factor``: the same figure as the result reports it to the user, which takes several attempts that
+#: agree.
 COLUMNS: tuple[str, ...] = (
     "source", "method", "start", "outcome", "reason", "frames_to_accept", "rotation_error_deg", "direction_error_deg",
     "group", "strict", "frames_limit", "seconds_to_accept", "ate", "rotation_error_before_deg",
@@ -50,7 +54,7 @@ COLUMNS: tuple[str, ...] = (
 
 @dataclass(frozen=True)
 class Trial:
-    """A method on a source from a start."""
+    """A method on a source from a start frame."""
 
     source: ComparedSource
     method: str
@@ -58,32 +62,38 @@ class Trial:
 
     @property
     def key(self) -> tuple[str, str, int]:
-        """What the rows are sorted by."""
+        """Sort key of the rows.
+
+        Returns
+        -------
+        (str, str, int)
+            Label of the source, method, start frame.
+        """
         return self.source.label, self.method, self.start
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What all trials of a comparison have in common.
+    """Settings that all trials of a comparison share.
 
     Attributes
     ----------
     seed : int
-        Of the methods' random draws.
+        Seed of the random draws of the methods.
     limit_frames : int
-        A trial ends after so many frames ...
+        A trial ends after this number of frames.
     limit_s : float
-        ... or after so many seconds of video.
+        A trial on a video also ends after this number of seconds of video.
     tracks : str
         Folder of the stored tracks.
     recordings : str or None
-        Folder of the recordings, where they are wanted.
+        Folder of the recordings; None if no recordings are written.
     time_limit_s : float
         A trial that takes longer is stopped and counts as an error.
     memory_limit_mb : int
-        Likewise one that takes more memory.
+        A trial that allocates more memory counts as an error. 0 for no limit.
     config : Config
-        Options of the methods; their ``method`` and ``seed`` are not used.
+        Options of the methods; the fields ``method`` and ``seed`` are not used.
     """
 
     seed: int = 0
@@ -96,24 +106,42 @@ class Settings:
     config: Config = field(default_factory=Config)
 
     def frames_limit(self, source: ComparedSource, start: int) -> int:
-        """How many frames a trial may read."""
+        """Return the number of frames that a trial may read.
+
+        Parameters
+        ----------
+        source : ComparedSource
+        start : int
+            Start frame.
+
+        Returns
+        -------
+        int
+            At most :attr:`limit_frames` and the frames that are left. For a video also at most :attr:`limit_s` seconds,
+            but at least two frames.
+        """
         limit = min(self.limit_frames, source.frames - start)
-        video = source.fps >= _LEAST_VIDEO_FPS
+        video = source.fps >= _MIN_VIDEO_FPS
         return min(limit, max(2, round(self.limit_s * source.fps))) if video else limit
 
 
 def run_trial(trial: Trial, settings: Settings) -> dict[str, Any]:
-    """Run a trial and measure what came of it.
+    """Run a trial and measure its result.
+
+    Parameters
+    ----------
+    trial : Trial
+    settings : Settings
 
     Returns
     -------
     dict
-        The columns of :data:`COLUMNS` but ``peak_memory_mb``.
+        Values of :data:`COLUMNS` except ``peak_memory_mb``.
 
     Raises
     ------
     SlamInitError
-        Where the source cannot be read. What a method raises is raised as well.
+        If the source cannot be read. Exceptions of the method are not caught.
     """
     from slam_init.methods import make_initializer
 
@@ -138,7 +166,7 @@ def run_trial(trial: Trial, settings: Settings) -> dict[str, Any]:
             if status:
                 break
         result = initializer.finish()
-        row = _row(trial, settings, result, source, camera, steps)
+        row = result_row(trial, settings, result, source, steps)
         if settings.recordings is not None:
             _record_end(trial, settings, result, source, camera, recorder)
     return row | {
@@ -150,18 +178,46 @@ def run_trial(trial: Trial, settings: Settings) -> dict[str, Any]:
 
 
 def error_row(trial: Trial, settings: Settings, cause: str) -> dict[str, Any]:
-    """The row of a trial that the method did not survive."""
-    return _blank(trial, settings) | {"outcome": "error", "reason": " ".join(cause.split())[:_LONGEST_CAUSE]}
+    """Return the row of a trial that ended in an error.
+
+    Parameters
+    ----------
+    trial : Trial
+    settings : Settings
+    cause : str
+        Message of the error. Line breaks are removed, and the text is cut after 200 characters.
+
+    Returns
+    -------
+    dict
+        The keys of :data:`COLUMNS`.
+    """
+    return _blank(trial, settings) | {"outcome": "error", "reason": " ".join(cause.split())[:_MAX_CAUSE]}
 
 
-def recording_folder(recordings: str, source: str, start: int) -> Path:
-    """Folder of the recordings of one start."""
-    return Path(recordings) / f"{quote(source, safe='').replace('%', '_')[-_LONGEST_NAME:]}-{start:06d}"
+def recording_folder(recordings: str | os.PathLike[str], source: str, start: int) -> Path:
+    """Return the folder of the recordings of one start.
+
+    Parameters
+    ----------
+    recordings : str or os.PathLike
+        Folder of all recordings.
+    source : str
+        Label of the source.
+    start : int
+        Start frame.
+
+    Returns
+    -------
+    Path
+        The folder; it is not created.
+    """
+    return Path(recordings) / f"{quote(source, safe='').replace('%', '_')[-_MAX_NAME:]}-{start:06d}"
 
 
 @lru_cache(maxsize=1)
 def _opened(text: str) -> TimedSource | PointSource:
-    """The last source is kept: its next trial comes next, and a synthetic world takes a second to build."""
+    """Open and cache a source: its trials follow one another, and a synthetic world takes a second to build."""
     return open_compared(text)
 
 
@@ -169,26 +225,39 @@ def _opened(text: str) -> TimedSource | PointSource:
 
 
 def _blank(trial: Trial, settings: Settings) -> dict[str, Any]:
-    """What is known of a trial before it ran."""
+    """Return the row of a trial with the values that are known before the trial runs."""
     return dict.fromkeys(COLUMNS) | {
         "source": trial.source.label,
         "method": trial.method,
         "start": trial.start,
         "group": trial.source.group,
         "frames_limit": settings.frames_limit(trial.source, trial.start),
-        "injected_cause": judging_of(trial.source.group).cause,
+        "injected_cause": criteria_of(trial.source.group).expected_reason,
     }
 
 
-def _row(
-    trial: Trial,
-    settings: Settings,
-    result: Result,
-    source: TimedSource | PointSource,
-    camera: Camera,
-    following: Iterator[Step],
+def result_row(
+    trial: Trial, settings: Settings, result: Result, source: TimedSource | PointSource, following: Iterable[Step]
 ) -> dict[str, Any]:
-    judging = judging_of(trial.source.group)
+    """Return the row of a trial that ended with a result; times and memory are None.
+
+    Parameters
+    ----------
+    trial : Trial
+    settings : Settings
+    result : Result
+        What the method returned.
+    source : TimedSource or PointSource
+        The opened source of the trial.
+    following : iterable of Step
+        Tracks of the frames after the last one that the method read. ``survival`` is measured on them.
+
+    Returns
+    -------
+    dict
+        The keys of :data:`COLUMNS`.
+    """
+    criteria = criteria_of(trial.source.group)
     row = _blank(trial, settings) | {
         "attempts": len(result.attempts),
         "strict": False,
@@ -196,11 +265,12 @@ def _row(
         "reported_focal_factor": _rounded(reported_focal_factor(result.attempts)),
     }
     if result.map is None:
-        right = result.reason == judging.cause if judging.cause is not None else None
-        kept = _kept_truth(result, source, judging)
+        expected = criteria.expected_reason
+        right = result.reason == expected if expected is not None else None
+        kept = _kept_truth(result, source, criteria)
         return row | {"outcome": "none", "reason": result.reason, "reason_right": right, "kept_truth": kept}
     row |= {
-        "outcome": _outcome(result.map, source, judging),
+        "outcome": _outcome(result.map, source, criteria),
         "frames_to_accept": result.frames_to_init,
         "seconds_to_accept": _rounded(_seconds(source, trial.start, result)),
         "landmarks": len(result.map.points),
@@ -209,46 +279,46 @@ def _row(
         "reprojection_rmse_px": _rounded(result.map.reprojection_rmse_px),
         "survival": _rounded(survival(result.map, following)),
     }
-    if judging.cause is not None:
-        row["reason_right"] = False  # a map where there should be a reason
+    if criteria.expected_reason is not None:
+        row["reason_right"] = False  # the method accepted a map instead of giving the expected reason
     if source.groundtruth is not None:
         after = pose_errors(result.map, source.groundtruth)
         before = pose_errors(result.map, source.groundtruth, before=True)
         row |= {
-            "strict": is_strict(after, judging),
+            "strict": is_strict(after, criteria),
             "rotation_error_deg": _rounded(after.rotation_deg),
-            "direction_error_deg": _rounded(after.direction_deg if judging.direction_known else None),
+            "direction_error_deg": _rounded(after.direction_deg if criteria.direction_known else None),
             "ate": _rounded(after.ate),
             "rotation_error_before_deg": _rounded(before.rotation_deg),
-            "direction_error_before_deg": _rounded(before.direction_deg if judging.direction_known else None),
+            "direction_error_before_deg": _rounded(before.direction_deg if criteria.direction_known else None),
             "ate_before": _rounded(before.ate),
         }
     depths = depth_errors(result.map, source)
     return row | {"depth_error": _rounded(depths.relative), "depth_order_error": _rounded(depths.wrong_order)}
 
 
-def _outcome(map_: InitialMap, source: TimedSource | PointSource, judging: Judging) -> str:
-    """``correct`` or ``false``; ``accepted`` where nothing is known to judge by."""
-    if source.groundtruth is None and not judging.still:
-        return ACCEPTED
-    return "correct" if is_correct(pose_errors(map_, source.groundtruth), judging) else "false"
+def _outcome(map_: InitialMap, source: TimedSource | PointSource, criteria: Criteria) -> str:
+    """Return ``correct`` or ``false``; ``accepted`` if there is no ground truth to compare the map with."""
+    if source.groundtruth is None and not criteria.no_translation:
+        return "accepted"
+    return "correct" if is_correct(pose_errors(map_, source.groundtruth), criteria) else "false"
 
 
-def _kept_truth(result: Result, source: TimedSource | PointSource, judging: Judging) -> bool | None:
-    """Of an undecided plane: whether one of the kept maps is correct; None where there is no truth to judge by."""
-    if result.reason != "ambiguous_plane" or (source.groundtruth is None and not judging.still):
+def _kept_truth(result: Result, source: TimedSource | PointSource, criteria: Criteria) -> bool | None:
+    """Return whether one of the hypotheses of an ambiguous plane is correct; None if that cannot be said."""
+    if result.reason != "ambiguous_plane" or (source.groundtruth is None and not criteria.no_translation):
         return None
-    return any(_outcome(map_, source, judging) == "correct" for map_ in result.hypotheses)
+    return any(_outcome(map_, source, criteria) == "correct" for map_ in result.hypotheses)
 
 
 def _suspected_focal_factor(result: Result) -> float | None:
-    """Median of the attempts that suspect one."""
-    factors = [a.evidence["suspected_focal_factor"] for a in result.attempts if "suspected_focal_factor" in a.evidence]
+    """Return the median over the attempts that suspect a wrong focal length; None if no attempt does."""
+    factors = [a.suspected_focal_factor for a in result.attempts if a.suspected_focal_factor is not None]
     return float(np.median(np.array(factors, float))) if factors else None
 
 
 def _seconds(source: TimedSource | PointSource, start: int, result: Result) -> float | None:
-    """Of video, from the first frame fed to the one that the map was accepted at."""
+    """Return the seconds of video from the first frame of the trial to the frame at which the map was accepted."""
     last = start + (result.frames_to_init or 1) - 1
     return float(source.timestamps_s[last] - source.timestamps_s[start])
 
@@ -258,7 +328,7 @@ def _quantile(values: list[float], q: float) -> float | None:
 
 
 def _rounded(value: float | None) -> float | None:
-    """Six significant digits: what is printed is what is compared."""
+    """Round to six significant digits, so that the files hold exactly the values that the figures are made of."""
     return None if value is None else float(f"{value:.6g}")
 
 
@@ -278,7 +348,18 @@ def _recorder(trial: Trial, settings: Settings, source: TimedSource | PointSourc
 
 
 def file_name(method: str) -> str:
-    """A method's name, which may be ``package.module:attribute``, as part of a file's name."""
+    """Return the name of a method in a form that is allowed in file names.
+
+    Parameters
+    ----------
+    method : str
+        Name, or ``package.module:attribute``.
+
+    Returns
+    -------
+    str
+        The colon becomes a hyphen; other special characters become percent codes.
+    """
     return quote(method, safe="").replace("%3A", "-")
 
 
@@ -290,12 +371,12 @@ def _record_end(
     camera: Camera,
     recorder: Recorder,
 ) -> None:
-    """Finish the trial's recording, and keep the map for the one that shows the methods side by side."""
-    from slam_init.compare.map_snapshot import keep_result
+    """Finish the recording of the trial, and store a snapshot of the map for the recording of all methods."""
+    from slam_init.compare.map_snapshot import save_snapshot
     from slam_init.evaluation.metrics import compare_with_groundtruth
-    from slam_init.output.results import summary_dict
+    from slam_init.output.summary import summary_of
 
-    truth = compare_with_groundtruth(result.map.keyframes, source.groundtruth) if result.map is not None else None
-    recorder.summary(summary_dict(result, source, camera, trial.method, settings.seed, truth))
+    errors = compare_with_groundtruth(result.map.keyframes, source.groundtruth) if result.map is not None else None
+    recorder.summary(summary_of(result, source, camera, trial.method, settings.seed, ground_truth=errors))
     folder = recording_folder(str(settings.recordings), trial.source.label, trial.start)
-    keep_result(folder / f"{file_name(trial.method)}.npz", result, trial.start, source.groundtruth)
+    save_snapshot(folder / f"{file_name(trial.method)}.npz", result, trial.start, source.groundtruth)

@@ -1,4 +1,7 @@
-"""The process in which trials run; see :mod:`slam_init.compare.isolation`. Reads requests, answers each."""
+"""The program of the process in which trials run: it reads requests and answers each of them.
+
+:mod:`slam_init.compare.isolation` starts the process.
+"""
 
 from __future__ import annotations
 
@@ -21,49 +24,56 @@ from slam_init.errors import SlamInitError
 
 __all__ = ["main"]
 
-_LOOK_AFTER_PARENT_S = 1.0
+#: Interval at which the process checks that its parent still exists.
+_PARENT_CHECK_S = 1.0
 
 
 def main(arguments: list[str]) -> None:
-    """Answer requests on an inherited connection until it is closed."""
+    """Answer requests on an inherited connection until it is closed.
+
+    Parameters
+    ----------
+    arguments : list of str
+        File descriptor of the connection; limit of memory in MB, 0 for no limit.
+    """
     descriptor, memory_limit_mb = (int(argument) for argument in arguments)
     connection: Connection[Any, Any] = Connection(descriptor)
-    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
-    _load()
+    threading.Thread(target=_exit_with_parent, args=(os.getppid(),), daemon=True).start()
+    _load_libraries()
     if memory_limit_mb:
         _limit_memory(memory_limit_mb)
     connection.send("ready")
     while True:
         try:
-            kind, what, settings = connection.recv()
+            kind, subject, settings = connection.recv()
         except EOFError:
             return
-        _own_tracks_folder(settings)
-        connection.send(_trial(what, settings) if kind == "trial" else _tracks(what, settings))
+        _create_tracks_folder(settings)
+        connection.send(_trial(subject, settings) if kind == "trial" else _tracks(subject, settings))
 
 
-def _end_with_parent(parent: int) -> None:
-    """A method that hangs does not see that the connection is closed: end it when the parent is gone."""
+def _exit_with_parent(parent: int) -> None:
+    """Exit when the parent is gone. A method that hangs does not notice that the connection is closed."""
     while os.getppid() == parent:
-        time.sleep(_LOOK_AFTER_PARENT_S)
+        time.sleep(_PARENT_CHECK_S)
     os._exit(1)
 
 
 def _trial(trial: Trial, settings: Settings) -> dict[str, Any]:
     exhausted = False
-    _forget_peak()
+    _reset_peak_memory()
     try:
         row = run_trial(trial, settings)
     except MemoryError:
         exhausted = True
-        row = error_row(trial, settings, _too_much(settings))
+        row = error_row(trial, settings, _memory_message(settings))
     except SlamInitError as error:
         row = error_row(trial, settings, str(error))
-    except Exception as error:  # a method's own: it costs the trial, and the row says so
+    except Exception as error:  # raised by the method: the trial counts as an error, and the row holds the message
         exhausted = _is_out_of_memory(error)
         cause = f"{type(error).__name__}: {error}"
-        row = error_row(trial, settings, _too_much(settings) if exhausted else cause)
-    return {"row": row | {"peak_memory_mb": _peak_mb()}, "memory_exhausted": exhausted}
+        row = error_row(trial, settings, _memory_message(settings) if exhausted else cause)
+    return {"row": row | {"peak_memory_mb": _peak_memory_mb()}, "memory_exhausted": exhausted}
 
 
 def _tracks(text: str, settings: Settings) -> dict[str, Any]:
@@ -75,8 +85,8 @@ def _tracks(text: str, settings: Settings) -> dict[str, Any]:
     return {"error": None, "tracking_ms": 1e3 * (time.perf_counter() - begin)}
 
 
-def _load() -> None:
-    """Load what trials need, before the limit of memory is set and the first one is timed."""
+def _load_libraries() -> None:
+    """Import the libraries of the trials before the limit of memory is set and before the first trial is timed."""
     import cv2
 
     for library in ("gtsam", "slam_init.methods", "slam_init.initializer"):
@@ -85,44 +95,47 @@ def _load() -> None:
 
 
 def _limit_memory(limit_mb: int) -> None:
-    """Let allocations fail beyond the limit; libraries reserve address space that they never touch, which is added."""
-    taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() if _linux() else 0
-    limit = taken + limit_mb * 2**20
+    """Let allocations beyond the limit fail.
+
+    The address space that is in use now is added to the limit: libraries reserve address space that they never use.
+    """
+    in_use = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() if _linux() else 0
+    limit = in_use + limit_mb * 2**20
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     if hard != resource.RLIM_INFINITY:
         limit = min(limit, hard)
     resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
 
 
-def _forget_peak() -> None:
-    """Start the kernel's count of the peak again, so that it is the trial's."""
+def _reset_peak_memory() -> None:
+    """Reset the peak memory that the kernel counts for this process, so that the next reading is that of the trial."""
     if _linux():
         Path("/proc/self/clear_refs").write_text("5")
 
 
-def _peak_mb() -> float:
+def _peak_memory_mb() -> float:
     if _linux():
         line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
         return round(int(line.split()[1]) / 1024, 1)
-    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20, 1)  # elsewhere in bytes, of all trials
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20, 1)  # macOS: in bytes, over all trials
 
 
 def _linux() -> bool:
     return sys.platform == "linux"
 
 
-def _too_much(settings: Settings) -> str:
+def _memory_message(settings: Settings) -> str:
     return f"more than {settings.memory_limit_mb} MB of memory"
 
 
 def _is_out_of_memory(error: Exception) -> bool:
-    """OpenCV and C++ extensions report it in errors of their own."""
+    """Return whether an error means that memory ran out. OpenCV and C++ extensions do not raise MemoryError."""
     text = str(error)
     return "Insufficient memory" in text or "bad_alloc" in text
 
 
-def _own_tracks_folder(settings: Settings) -> None:
-    """On a machine that does not share the folder of the tracks this process makes one, and takes it away again."""
+def _create_tracks_folder(settings: Settings) -> None:
+    """Create the folder of the tracks on a machine that does not share it, and remove it at exit."""
     folder = Path(settings.tracks)
     if settings.tracks and not folder.exists():
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,1 +1,1 @@
-"""Comparison of estimates with ground truth."""
+"""Comparison of estimated trajectories with the ground truth."""

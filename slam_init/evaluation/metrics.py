@@ -1,13 +1,13 @@
-"""How far an estimated trajectory is from the truth.
+"""Errors of an estimated trajectory against the ground truth.
 
-A monocular map has no scale and no preferred frame, so positions are compared after the similarity that
-brings them closest: ``truth_i ~ s R estimated_i + t`` ([Umeyama 1991]_, eqs. 34 to 43). The figures agree
-with evo's.
+A monocular map has no scale and no preferred frame. Positions are therefore compared after alignment by the
+least-squares similarity ``truth_i ~ s R estimated_i + t`` ([Umeyama 1991]_, eqs. 34 to 43). The figures are equal to
+those of the package evo.
 
-Degenerate alignments are answered, not refused, because initial maps are short. On collinear positions (two
-keyframes always are) the rotation about their line is free; the residual does not depend on it, hence neither
-does the ATE. Two positions are fitted exactly: their ATE is 0 and says nothing. :func:`align_poses` uses the
-orientations too and has no such freedom.
+Degenerate alignments give a result instead of an error, because initial maps are short. If the positions are collinear
+(two positions always are), the rotation about their line is not determined. The residuals do not depend on this
+rotation, so the ATE does not depend on it either. Two positions are fitted exactly: their ATE is always 0 and carries
+no information. :func:`align_poses` also uses the orientations, so its rotation is always determined.
 
 References
 ----------
@@ -26,6 +26,7 @@ from quest.geometry.quaternion import rotation_angle
 from slam_init.types.arrays import Floats
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose, Trajectory
+from slam_init.types.result import GroundTruthErrors
 
 __all__ = [
     "Similarity",
@@ -36,28 +37,46 @@ __all__ = [
     "relative_pose_errors",
 ]
 
-#: Baselines shorter than this share of the longest say little about direction: noise turns them.
+#: The direction of a baseline shorter than this share of the longest baseline is not compared: noise dominates it.
 _SHORT_BASELINE = 0.3
-#: A path shorter than this (in ground-truth units, in practice metres) is a camera on a stand: the
-#: measurements of no motion capture resolve it, so it has neither direction nor scale.
+#: A path shorter than this (in ground-truth units, usually metres) is that of a static camera. No motion capture
+#: resolves such a length, so the path has neither a direction nor a scale.
 _STATIC_PATH = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Similarity:
-    """The map ``x -> scale R x + t`` between two worlds."""
+    """The transformation ``x -> scale R x + t`` between two worlds.
+
+    Attributes
+    ----------
+    scale : float
+    R : (3, 3) float
+        Rotation matrix.
+    t : (3,) float
+    """
 
     scale: float
     R: Floats
     t: Floats
 
     def apply(self, points: Floats) -> Floats:
-        """Transform points (..., 3)."""
+        """Transform points.
+
+        Parameters
+        ----------
+        points : (..., 3) float
+
+        Returns
+        -------
+        (..., 3) float
+            ``scale R x + t`` for each point x.
+        """
         return self.scale * points @ self.R.T + self.t
 
 
 def align_positions(source: Floats, target: Floats) -> Similarity:
-    """The similarity that brings positions closest to others in the least-squares sense.
+    """Compute the least-squares similarity between two sets of positions.
 
     Parameters
     ----------
@@ -67,13 +86,13 @@ def align_positions(source: Floats, target: Floats) -> Similarity:
     Returns
     -------
     Similarity
-        ``target ~ scale R source + t``. Scale 1 where the source positions coincide, 0 where only the
-        target's do; an arbitrary one of the equally good rotations where the positions are collinear.
+        ``target ~ scale R source + t``. The scale is 1 if all source positions coincide, and 0 if only the target
+        positions coincide. If the positions are collinear, the rotation is one of the equally good ones.
 
     Raises
     ------
     ValueError
-        Where the shapes differ or nothing is given.
+        If the shapes differ, or there are no positions.
     """
     source, target = np.asarray(source, float), np.asarray(target, float)
     if source.shape != target.shape or source.ndim != 2 or source.shape[1] != 3 or len(source) == 0:
@@ -89,10 +108,10 @@ def align_positions(source: Floats, target: Floats) -> Similarity:
 
 
 def align_poses(source: Sequence[Pose], target: Sequence[Pose]) -> Similarity:
-    """The similarity between two worlds that have the same cameras in them, orientations included.
+    """Compute the similarity between two worlds from the poses of the same cameras in both.
 
-    The rotation is the chordal mean of ``target_i.R source_i.R^T``, so that it is unique from the first
-    camera on, collinear or not; the scale is the ratio of the spreads of the centres.
+    The rotation is the chordal mean of ``target_i.R source_i.R^T``. It is unique for any number of cameras, also if
+    their centres are collinear. The scale is the ratio of the spreads of the centres.
 
     Parameters
     ----------
@@ -102,7 +121,7 @@ def align_poses(source: Sequence[Pose], target: Sequence[Pose]) -> Similarity:
     Returns
     -------
     Similarity
-        From the source's world to the target's. Scale 1 where either stands still.
+        From the source world to the target world. The scale is 1 if all cameras of one world coincide.
     """
     total = np.sum([b.R @ a.R.T for a, b in zip(source, target, strict=True)], axis=0)
     U, _, Vt = np.linalg.svd(total)
@@ -114,7 +133,7 @@ def align_poses(source: Sequence[Pose], target: Sequence[Pose]) -> Similarity:
 
 
 def ate_rmse(estimated: Floats, truth: Floats) -> float:
-    """Absolute trajectory error after alignment by a similarity.
+    """Compute the absolute trajectory error (ATE) after alignment by a similarity.
 
     Parameters
     ----------
@@ -124,21 +143,22 @@ def ate_rmse(estimated: Floats, truth: Floats) -> float:
     Returns
     -------
     float
-        Root mean square distance in units of the truth.
+        Root mean square distance in units of the ground truth.
 
     Raises
     ------
     ValueError
-        Where the shapes differ or nothing is given.
+        If the shapes differ, or there are no positions.
     """
     residuals = truth - align_positions(estimated, truth).apply(estimated)
     return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
 
 
 def relative_pose_errors(estimated: Sequence[Pose], truth: Sequence[Pose], delta: int = 1) -> tuple[Floats, Floats]:
-    """Relative pose errors (RPE) over steps of ``delta`` poses, all pairs.
+    """Compute the relative pose errors (RPE) of all pairs that are ``delta`` poses apart.
 
-    Nothing is aligned: bring the estimate to the truth's scale first (:func:`align_positions`).
+    The trajectories are not aligned. The caller must first bring the estimate to the scale of the ground truth
+    (:func:`align_positions`).
 
     Parameters
     ----------
@@ -152,6 +172,7 @@ def relative_pose_errors(estimated: Sequence[Pose], truth: Sequence[Pose], delta
     translation : (N - delta,) float
         Distance between the estimated and the true relative translation, in units of the trajectories.
     rotation_deg : (N - delta,) float
+        Angle between the estimated and the true relative rotation.
     """
     steps = range(len(truth) - delta)
     errors = [
@@ -165,34 +186,23 @@ def relative_pose_errors(estimated: Sequence[Pose], truth: Sequence[Pose], delta
 
 def compare_with_groundtruth(
     keyframes: Sequence[Keyframe], trajectory: Trajectory | None, tolerance_s: float = 0.02
-) -> dict[str, float | None] | None:
-    """The figures of the summary's ``ground_truth``.
+) -> GroundTruthErrors | None:
+    """Compute the errors of keyframes against the true trajectory: ``ground_truth`` in ``summary.json``.
 
     Parameters
     ----------
     keyframes : sequence of Keyframe
         In time order.
     trajectory : Trajectory or None
-        The truth. Keyframes without a true pose within the tolerance are left out.
+        The true trajectory. Keyframes without a true pose within the tolerance are left out.
     tolerance_s : float
-        Largest difference of time stamps in seconds.
+        Largest difference between the time stamps of a keyframe and of its true pose.
 
     Returns
     -------
-    dict or None
-        None where fewer than two keyframes have a true pose. Else
-
-        ``rotation_error_deg``
-            Worst keyframe against the first: angle between estimated and true relative rotation.
-        ``direction_error_deg``
-            Worst keyframe against the first: angle between estimated and true relative translation, in the
-            first camera's frame; true baselines under 0.3 of the longest are left out. A keyframe estimated
-            exactly at the first one has no direction and counts as 180. None where the truth stands still.
-        ``ate_rmse``
-            Of the keyframes, in ground-truth units (:func:`ate_rmse`; 0 for two). None where the truth
-            stands still.
-        ``path_length``
-            Of the ground truth from the first keyframe to the last, in its units.
+    GroundTruthErrors or None
+        None if fewer than two keyframes have a true pose. The direction and the ATE are None if the true camera is
+        static.
     """
     if trajectory is None:
         return None
@@ -203,35 +213,34 @@ def compare_with_groundtruth(
     estimated = [first.world_from_cam.inverse() @ k.world_from_cam for k, _ in rest]
     true = [first_truth.inverse() @ truth for _, truth in rest]
     rotations_deg = [np.rad2deg(rotation_angle(a.R @ b.R.T)) for a, b in zip(estimated, true, strict=True)]
-    result: dict[str, float | None] = {
-        "rotation_error_deg": float(max(rotations_deg)),
-        "direction_error_deg": None,
-        "ate_rmse": None,
-        "path_length": _path_length(trajectory, first.timestamp_s, pairs[-1][0].timestamp_s),
-    }
+    direction_error_deg: float | None = None
+    ate: float | None = None
     baselines = [float(np.linalg.norm(pose.t)) for pose in true]
     longest = max(baselines)
     if longest > _STATIC_PATH:
-        result["direction_error_deg"] = max(
+        direction_error_deg = max(
             _angle_deg(a.t, b.t)
             for a, b, baseline in zip(estimated, true, baselines, strict=True)
             if baseline >= _SHORT_BASELINE * longest
         )
-        result["ate_rmse"] = ate_rmse(
-            np.array([k.world_from_cam.t for k, _ in pairs]), np.array([truth.t for _, truth in pairs])
-        )
-    return result
+        ate = ate_rmse(np.array([k.world_from_cam.t for k, _ in pairs]), np.array([truth.t for _, truth in pairs]))
+    return GroundTruthErrors(
+        rotation_error_deg=float(max(rotations_deg)),
+        direction_error_deg=direction_error_deg,
+        ate_rmse=ate,
+        path_length=_path_length(trajectory, first.timestamp_s, pairs[-1][0].timestamp_s),
+    )
 
 
 def _path_length(trajectory: Trajectory, first_s: float, last_s: float) -> float:
-    """Length of the trajectory between the poses nearest to two times."""
+    """Return the length of the trajectory between the poses that are nearest to two times."""
     i, j = (int(np.argmin(np.abs(trajectory.timestamps_s - t))) for t in (first_s, last_s))
     positions = np.array([pose.t for pose in trajectory.world_from_cam[i : j + 1]])
     return float(np.sum(np.linalg.norm(np.diff(positions, axis=0), axis=1)))
 
 
 def _angle_deg(a: Floats, b: Floats) -> float:
-    """Angle between two vectors; 180 where the first has no direction."""
+    """Return the angle between two vectors; 180 if the first one is zero."""
     if not np.any(a):
         return 180.0
     return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))

@@ -1,1 +1,1 @@
-"""Programs to read: what to do with an initial map."""
+"""Example programs: how to feed the initializer, use its map, and add data sets and methods."""

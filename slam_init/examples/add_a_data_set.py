@@ -1,12 +1,13 @@
-"""Add a data set in 20 lines: a class that yields frames, and knows the camera and the true path.
+"""Add a data set in 20 lines: a class that yields frames and knows the camera and the true trajectory.
 
-Nothing has to be registered. Every command takes it by its import path: ::
+The class need not be registered. Every command accepts its import path: ::
 
     slam-init run python:slam_init.examples.add_a_data_set:Poster
     slam-init compare python:slam_init.examples.add_a_data_set:Poster --methods quest,poselib
 
-This one is a poster on a wall, seen by a camera that slides past it and turns a little: a homography for each frame.
-Where your data lie in files, read them in ``frames``; ``camera`` and ``groundtruth`` may be None for ``slam-init run``.
+The example shows a poster on a wall. The camera slides past the poster and rotates a little, so each frame is a
+homography of the poster. If your data are in files, read the files in ``frames``. For ``slam-init run``, ``camera`` and
+``groundtruth`` may be None.
 """
 
 from __future__ import annotations
@@ -27,7 +28,17 @@ __all__ = ["Poster"]
 
 @dataclass(frozen=True)
 class Poster:
-    """A :class:`slam_init.datasets.timed.TimedSource`."""
+    """A data set that implements :class:`slam_init.datasets.timed.TimedSource`.
+
+    Attributes
+    ----------
+    name : str
+    kind : str
+        Kind of the source in ``summary.json``.
+    camera : Camera
+    length : int
+        Number of frames.
+    """
 
     name: str = "poster"
     kind: str = "example"
@@ -39,18 +50,43 @@ class Poster:
 
     @property
     def timestamps_s(self) -> Floats:
-        """(N,) float: 30 frames a second."""
+        """Time stamps of the frames: 30 frames per second.
+
+        Returns
+        -------
+        (N,) float
+            In seconds.
+        """
         return np.arange(self.length) / 30.0
 
     @property
     def groundtruth(self) -> Trajectory:
-        """The camera slides to the right in a curve, a metre from the wall z = 1."""
+        """True trajectory: the camera slides to the right in a curve, one metre away from the wall z = 1.
+
+        Returns
+        -------
+        Trajectory
+            Pose world_from_cam of each frame, in metres.
+        """
         s = np.arange(self.length) / self.length
         poses = (Pose(rotation_from_vector(np.array([0.1 * a, -0.2 * a, 0])), np.array([a, a * a, 0]) / 2) for a in s)
         return Trajectory(self.timestamps_s, tuple(poses))
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Yield frames in order from an index on."""
+        """Render frames.
+
+        Parameters
+        ----------
+        start : int
+            Index of the first frame.
+        max_frames : int or None
+            Largest number of frames; None for all.
+
+        Yields
+        ------
+        Frame
+            In the order of time.
+        """
         import cv2
 
         noise = np.random.default_rng(0).normal(size=(600, 800))

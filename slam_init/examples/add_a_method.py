@@ -1,11 +1,11 @@
-"""Add a way to initialize in 20 lines: a class that looks at the matches of two views.
+"""Add an initialization method in 20 lines: a class that takes the matches of two views.
 
-Nothing has to be registered. Every command takes it by its import path: ::
+The class need not be registered. Every command accepts its import path: ::
 
     slam-init run --method slam_init.examples.add_a_method:MedianParallax
 
-This one takes OpenCV's plain RANSAC and asks for a median parallax of two degrees. What a method returns is adjusted,
-written and recorded as every other map.
+The example uses the RANSAC of OpenCV and requires a median parallax of two degrees. The map of a method is adjusted,
+written and recorded in the same way as every other map.
 """
 
 from __future__ import annotations
@@ -21,14 +21,30 @@ __all__ = ["MedianParallax"]
 
 
 class MedianParallax:
-    """A :class:`slam_init.methods.two_view.TwoViewMethod`."""
+    """A method that implements :class:`slam_init.methods.two_view.TwoViewMethod`."""
 
     pair_rule = PairRule(min_features=50, min_matches=50, min_landmarks=50)
 
     def bootstrap(
         self, camera: Camera, pixels1: Floats, pixels2: Floats, bearings1: Floats, bearings2: Floats, seed: int
     ) -> TwoViewOutcome:
-        """Accept a motion between two views, or refuse the pair for one of the reasons of the project."""
+        """Accept a motion between two views, or refuse the pair with a reason.
+
+        Parameters
+        ----------
+        camera : Camera
+        pixels1, pixels2 : (N, 2) float
+            Matches in both views.
+        bearings1, bearings2 : (N, 3) float
+            Unit rays of the matches in the frames of both cameras.
+        seed : int
+            Seed of random draws; OpenCV has its own fixed seed, so this method does not use it.
+
+        Returns
+        -------
+        TwoViewOutcome
+            The motion with its landmarks, or the reason of the refusal.
+        """
         import cv2
 
         count = check_matches(pixels1, pixels2, bearings1, bearings2)

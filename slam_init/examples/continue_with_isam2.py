@@ -1,8 +1,8 @@
-"""Go on from the initial map: every next frame becomes a pose in gtsam's ISAM2, and the landmarks keep improving.
+"""Continue from the initial map with gtsam's ISAM2: each next frame adds a pose, and the landmarks are refined.
 
-The map comes as a factor graph with its optimum. ISAM2 takes both as they are; for each next frame the tracker says
-which landmarks are seen where, resection gives the initial pose, and a projection factor for each landmark goes into
-the update. Where the focal length was adjusted with the map it is a variable of the graph, and keeps improving as well.
+The initial map contains a factor graph and its optimum, and ISAM2 takes both without changes. For each next frame the
+tracker gives the pixels of the landmarks, resection gives the initial pose, and the update adds one projection factor
+for each landmark. If the focal length was adjusted with the map, it is a variable of the graph and is refined as well.
 
 Run it as ``python -m slam_init.examples.continue_with_isam2 [SOURCE]``.
 """
@@ -30,29 +30,29 @@ from slam_init.types.pose import Pose, Trajectory
 
 __all__ = ["continue_with_isam2", "main"]
 
-#: A track this far from its landmark's projection is on something else: the gate of the two-view estimation, and half
-#: as much again for the drift of a track over the frames since.
+#: A track that is farther than this from the projection of its landmark is an outlier. The value is the threshold of
+#: the two-view estimation (2 px) plus half of it for the drift of the track since then.
 _GATE_PX = 3.0
-#: Half a second of video: most landmarks are still in view, and this example adds none.
+#: Half a second of video. Most landmarks remain in view for this time; this example adds no landmarks.
 _FRAMES = 15
 
 
 def continue_with_isam2(map_: InitialMap, tracker: Tracker, frames: Iterable[Frame]) -> list[Keyframe]:
-    """Add frames to the map one by one.
+    """Add frames to a map one by one.
 
     Parameters
     ----------
     map_ : InitialMap
-        Its graph and values are copied, not changed.
+        The map. ISAM2 copies its graph and values; they are not changed.
     tracker : Tracker
-        As it is after the frame that the map was accepted at.
+        The tracker in its state after the frame at which the map was accepted. The function moves it on.
     frames : iterable of Frame
         The frames that follow.
 
     Returns
     -------
     list of Keyframe
-        The frames that could be located, world_from_cam by the last update, in the map's frame and scale.
+        The frames that were located: world_from_cam after the last update, in the frame and scale of the map.
 
     References
     ----------
@@ -62,17 +62,14 @@ def continue_with_isam2(map_: InitialMap, tracker: Tracker, frames: Iterable[Fra
 
     camera, calibration = map_.camera, calibration_key()
     adjusted = map_.values.exists(calibration)
-    # Huber: a track that slides off its landmark must not drag the pose with it (95 % efficient at 1.345).
-    huber = gtsam.noiseModel.mEstimator.Huber.Create(1.345)
-    noise = gtsam.noiseModel.Robust.Create(huber, gtsam.noiseModel.Isotropic.Sigma(2, map_.noise_px))
-    factor = projection(camera, noise, adjusted=adjusted)
+    factor = projection(camera, _robust_noise(map_.noise_px), adjusted=adjusted)
     isam = gtsam.ISAM2(_parameters())
     isam.update(map_.graph, map_.values)
     located: list[Frame] = []
     for frame in frames:
         seen = tracker.track(frame)
         tracker.history.forget(keep=())
-        points = gtsam.utilities.extractPoint3(isam.calculateEstimate())  # in order of track id, as the map's
+        points = gtsam.utilities.extractPoint3(isam.calculateEstimate())  # in the order of track ids, like the map
         i, j, bearings = map_.seen_in(seen)
         resected = resect(points[i], bearings, _GATE_PX / camera.focal_px)
         if resected is None:
@@ -84,7 +81,8 @@ def continue_with_isam2(map_: InitialMap, tracker: Tracker, frames: Iterable[Fra
         ):
             graph.add(factor(pixel, pose, landmark_key(int(track))))
         values.insert(pose, gtsam.Pose3(gtsam.Rot3(world_from_cam.R), world_from_cam.t))
-        # Left alone, ISAM2 would eliminate all that the frame sees last, landmarks included: eight times slower.
+        # Only the pose is eliminated last. By default ISAM2 also eliminates all landmarks of the frame last, which is
+        # eight times slower.
         last = gtsam.KeyGroupMap()
         last.insert2(pose, 1)
         if adjusted:
@@ -100,7 +98,18 @@ def continue_with_isam2(map_: InitialMap, tracker: Tracker, frames: Iterable[Fra
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Initialize from a source, go on for half a second, print the way; exit codes as ``slam-init run``."""
+    """Initialize from a source, continue for half a second, and print the camera positions.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        The source (``synth:room`` by default); the arguments of the process by default.
+
+    Returns
+    -------
+    int
+        Exit code as of ``slam-init run``.
+    """
     arguments = sys.argv[1:] if argv is None else argv
     try:
         return _main(arguments[0] if arguments else "synth:room")
@@ -128,14 +137,23 @@ def _main(name: str) -> int:
         print(f"  frame {keyframe.frame}: {x:8.4f} {y:8.4f} {z:8.4f}")
     if source.groundtruth is not None:
         errors = position_errors([*result.map.keyframes, *poses], source.groundtruth)
-        print(f"farthest from the ground truth: {100 * errors.max(initial=0):.2f} % of the path's extent")
+        print(f"largest distance from the ground truth: {100 * errors.max(initial=0):.2f} % of the extent of the path")
     return 0
 
 
 def position_errors(keyframes: Sequence[Keyframe], truth: Trajectory) -> Floats:
-    """Distances (N,) of keyframes from the truth after the best similarity, as a share of the path's extent.
+    """Compute the position errors of keyframes after alignment by a similarity.
 
-    Keyframes without a true pose are left out.
+    Parameters
+    ----------
+    keyframes : sequence of Keyframe
+        Keyframes without a true pose are left out.
+    truth : Trajectory
+
+    Returns
+    -------
+    (N,) float
+        Distances from the true positions, divided by the diagonal of the box around the true positions.
     """
     pairs = [(k.world_from_cam.t, pose.t) for k in keyframes if (pose := truth.at(k.timestamp_s)) is not None]
     if not pairs:
@@ -145,11 +163,21 @@ def position_errors(keyframes: Sequence[Keyframe], truth: Trajectory) -> Floats:
     return np.asarray(distances / np.linalg.norm(np.ptp(true, axis=0)))
 
 
+def _robust_noise(noise_px: float) -> Any:
+    """Return the noise model of a pixel with a Huber kernel, which limits the influence of tracks that drifted."""
+    import gtsam
+
+    # With 1.345 the estimate keeps 95 % of its efficiency for Gaussian noise.
+    huber = gtsam.noiseModel.mEstimator.Huber.Create(1.345)
+    return gtsam.noiseModel.Robust.Create(huber, gtsam.noiseModel.Isotropic.Sigma(2, noise_px))
+
+
 def _parameters() -> Any:
     import gtsam
 
     parameters = gtsam.ISAM2Params()
-    # The unit is the median depth: what moved by a hundredth of it is linearized anew (gtsam's default is a tenth).
+    # A variable is linearized again if it moved by more than 0.01 of the median depth, which is the unit of the map.
+    # The default of gtsam is 0.1.
     parameters.setRelinearizeThreshold(1e-2)
     parameters.relinearizeSkip = 1
     return parameters

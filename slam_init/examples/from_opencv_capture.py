@@ -1,7 +1,7 @@
-"""Feed the initializer from an OpenCV capture, a camera or a video file, and tell the person who moves it what to do.
+"""Feed the initializer from an OpenCV capture (a camera or a video file) and print advice for the person who moves it.
 
-Run it as ``python -m slam_init.examples.from_opencv_capture CAPTURE CAMERA``: a file or the number of a camera, and a
-calibration in any of the formats of ``slam-init run --camera``.
+Run it as ``python -m slam_init.examples.from_opencv_capture CAPTURE CAMERA``. CAPTURE is a video file or the number of
+a camera. CAMERA is a calibration in any format of ``slam-init run --camera``.
 """
 
 from __future__ import annotations
@@ -25,20 +25,25 @@ __all__ = ["initialize_from_capture", "main"]
 
 
 def initialize_from_capture(capture: cv2.VideoCapture, camera: Camera, tell: Callable[[str], object] = print) -> Result:
-    """Read images until there is a map, or no image any more.
+    """Read images until a map is found or the capture ends.
 
     Parameters
     ----------
     capture : cv2.VideoCapture
-        Opened; it is read, and left open.
+        An opened capture. It is not closed.
     camera : Camera
-        Of its images.
+        Calibration of its images.
     tell : callable
-        Is given a line wherever the reason or the progress (in tenths) changes.
+        Is called with a line of text each time the reason or the progress (in steps of 10 %) changes.
+
+    Returns
+    -------
+    Result
+        The map, or the reason why there is none.
     """
     import cv2
 
-    initializer, told = Initializer(camera), ("", -1)
+    initializer, last_news = Initializer(camera), ("", -1)
     while True:
         found, image = capture.read()
         if not found:
@@ -46,15 +51,26 @@ def initialize_from_capture(capture: cv2.VideoCapture, camera: Camera, tell: Cal
         time_s = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
         status = initializer.process(np.asarray(image, np.uint8), time_s)
         news = status.reason or "", int(10 * status.progress)
-        if news != told:
+        if news != last_news:
             tell(f"{time_s:7.2f} s  {status.progress:4.0%}  {status.state}  {status.advice}")
-            told = news
+            last_news = news
         if status:
             return initializer.result
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Initialize from a capture; exit codes as ``slam-init run``."""
+    """Initialize from a capture and print the result.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Capture and calibration; the arguments of the process by default.
+
+    Returns
+    -------
+    int
+        Exit code as of ``slam-init run``.
+    """
     arguments = sys.argv[1:] if argv is None else argv
     if len(arguments) != 2:
         print("usage: python -m slam_init.examples.from_opencv_capture CAPTURE CAMERA", file=sys.stderr)

@@ -1,7 +1,8 @@
-"""Features and matches of your own in place of images: here ORB, matched with what the last second showed.
+"""Feed the initializer with your own features and matches instead of images: here ORB features.
 
-The initializer wants to know which feature of the world is seen where: a track id for each, the same in all frames. How
-they are found is up to you. Run it as ``python -m slam_init.examples.own_tracks [SOURCE]``.
+The initializer needs the pixel of each feature and a track id that is the same in all frames. You can use any features
+and any matching. This example matches the ORB features of an image with those of the last second. Run it as
+``python -m slam_init.examples.own_tracks [SOURCE]``.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from slam_init.types.result import Result
 
 __all__ = ["OrbTracks", "initialize_from_tracks", "main"]
 
-#: A feature is looked for again over this many frames: a second of video.
+#: A feature that is lost is searched in this number of frames: a second of video.
 _MEMORY_FRAMES = 30
-#: Lowe's ratio: the best match must be this much nearer than the second best.
+#: Lowe's ratio test: the distance of the best match must be below this share of the distance of the second best.
 _RATIO = 0.8
 
 
@@ -33,7 +34,7 @@ class OrbTracks:
     Parameters
     ----------
     count : int
-        Features an image.
+        Largest number of features per image.
     """
 
     def __init__(self, count: int = 1500) -> None:
@@ -43,12 +44,24 @@ class OrbTracks:
         self._matcher = cv2.BFMatcher(cv2.NORM_HAMMING)
         self._frames = 0
         self._next_id = 0
-        # One row a track: its id, the frame that saw it last, and what it looked like there.
+        # One row per track: its id, the frame in which it was last seen, and its descriptor in that frame.
         self._ids, self._seen = np.zeros(0, np.int64), np.zeros(0, np.int64)
         self._descriptors = np.zeros((0, 32), np.uint8)
 
     def track(self, gray: Image) -> tuple[Ints, Floats]:
-        """Track ids (N,) in ascending order and pixels (N, 2) of the features of the next image (H, W)."""
+        """Find the features of the next image and match them with the tracks.
+
+        Parameters
+        ----------
+        gray : (H, W) uint8
+
+        Returns
+        -------
+        track_ids : (N,) int
+            In ascending order.
+        pixels : (N, 2) float
+            Positions of the features.
+        """
         keypoints, found = self._orb.detectAndCompute(gray, None)
         pixels = np.array([keypoint.pt for keypoint in keypoints], float).reshape(-1, 2)
         descriptors = np.zeros((0, 32), np.uint8) if found is None else np.asarray(found, np.uint8)
@@ -61,7 +74,7 @@ class OrbTracks:
         return ids[order], pixels[order]
 
     def _match(self, descriptors: Image) -> Ints:
-        """The row of the track that each feature belongs to; -1 for none."""
+        """Return the row of the track of each feature; -1 for a feature without a track."""
         row = np.full(len(descriptors), -1)
         if len(self._ids) < 2 or len(descriptors) < 2:
             return row
@@ -69,7 +82,7 @@ class OrbTracks:
         for best, second in self._matcher.knnMatch(descriptors, self._descriptors, k=2):
             if best.distance < _RATIO * second.distance:
                 row[best.queryIdx], distance[best.queryIdx] = best.trainIdx, best.distance
-        # Of several features that claim one track the nearest gets it.
+        # If several features match one track, only the feature with the smallest distance keeps it.
         by_distance = np.argsort(distance, kind="stable")
         _, first = np.unique(row[by_distance], return_index=True)
         losers = np.ones(len(row), bool)
@@ -86,12 +99,24 @@ class OrbTracks:
 
 
 def initialize_from_tracks(camera: Camera, frames: Iterable[Frame]) -> Result:
-    """Feed the initializer with ORB tracks until there is a map, or no frame any more."""
+    """Feed the initializer with ORB tracks until a map is found or the frames end.
+
+    Parameters
+    ----------
+    camera : Camera
+    frames : iterable of Frame
+        In the order of time.
+
+    Returns
+    -------
+    Result
+        The map, or the reason why there is none.
+    """
     initializer, tracks = Initializer(camera), OrbTracks()
     for frame in frames:
         ids, pixels = tracks.track(frame.gray)
         bearings = camera.bearings(pixels)
-        # A pixel beyond the field of view of the lens model has no ray.
+        # Pixels outside the field of view of the lens model have no bearing.
         seen = np.isfinite(bearings).all(axis=1)
         observed = Observations(frame.index, frame.timestamp_s, frame.name, ids[seen], pixels[seen], bearings[seen])
         if initializer.process_tracks(observed):
@@ -100,7 +125,18 @@ def initialize_from_tracks(camera: Camera, frames: Iterable[Frame]) -> Result:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Initialize from a source with ORB; exit codes as ``slam-init run``."""
+    """Initialize from a source with ORB tracks and print the result.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        The source (``synth:room`` by default); the arguments of the process by default.
+
+    Returns
+    -------
+    int
+        Exit code as of ``slam-init run``.
+    """
     arguments = sys.argv[1:] if argv is None else argv
     try:
         source = open_source(arguments[0] if arguments else "synth:room")

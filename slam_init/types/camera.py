@@ -18,6 +18,7 @@ import numpy as np
 
 from slam_init.errors import CalibrationError
 from slam_init.types.arrays import Floats
+from slam_init.types.display import Described
 
 __all__ = ["Camera"]
 
@@ -42,7 +43,7 @@ _DISTORTION_SIZES = {"pinhole": (0,), "radtan": (4, 5), "fisheye": (4,)}
 
 
 @dataclass(frozen=True)
-class Camera:
+class Camera(Described):
     """Intrinsic calibration of one camera.
 
     Attributes
@@ -218,6 +219,16 @@ class Camera:
         pixels = xy * (self.fx, self.fy) + (self.cx, self.cy)
         pixels[~seen] = np.nan
         return np.asarray(pixels)
+
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        guessed = " (focal length guessed)" if self.guessed else ""
+        facts = [
+            ("focal", f"{self.fx:.6g}, {self.fy:.6g} px"),
+            ("principal", f"{self.cx:.6g}, {self.cy:.6g} px"),
+        ]
+        if self.distortion:
+            facts.append(("distortion", ", ".join(f"{k:.4g}" for k in self.distortion)))
+        return f"{self.model} camera, {self.width}x{self.height}{guessed}", facts
 
 
 def _radial(distortion: tuple[float, ...]) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""How clearly the tracks prefer one map to another."""
+"""The margin of a vote between two maps."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ __all__ = ["Margin"]
 
 @dataclass(frozen=True)
 class Margin:
-    """How much better one map explains the tracks than another.
+    """The amount by which one map explains the tracks better than another.
 
     Attributes
     ----------
     log_likelihood : float
         Difference of the truncated Gaussian log likelihoods, in nats; positive where the first map is better.
     z : float
-        The same as a sum over tracks, in units of the standard deviation of that sum (Vuong 1989). Each track votes by
-        the difference of its two likelihoods, and the scatter of the votes tells how reliable their sum is.
+        The same difference, in units of its standard deviation (Vuong 1989). It is a sum over the tracks. Each track
+        votes by the difference of its two log likelihoods, and the scatter of the votes gives the standard deviation.
     z_needed : float
-        The vote decides from this z on. The default is exceeded by chance once in 30 000 cases.
+        Smallest z that decides the vote. The default is exceeded by chance once in 30 000 cases.
     """
 
-    #: Odds that still decide when the noise level is wrong by a factor of two.
+    #: Smallest log likelihood that decides the vote, also if the assumed noise is wrong by a factor of two.
     LOG_LIKELIHOOD_NEEDED: ClassVar[float] = 20.0
 
     log_likelihood: float
@@ -31,13 +31,30 @@ class Margin:
     z_needed: float = 4.0
 
     def decides(self) -> bool:
-        """Whether the first map is better beyond chance: both z and the log likelihood reach what they need."""
+        """Return whether the first map is better beyond chance.
+
+        Returns
+        -------
+        bool
+            True if both z and the log likelihood reach their required values.
+        """
         return self.decision_ratio() >= 1
 
     def decision_ratio(self) -> float:
-        """The smaller one of z and log likelihood over what is needed; the vote decides from 1 on."""
+        """Divide z and the log likelihood by their required values.
+
+        Returns
+        -------
+        float
+            The smaller one of the two ratios; the vote decides from 1 on.
+        """
         return min(self.z / self.z_needed, self.log_likelihood / self.LOG_LIKELIHOOD_NEEDED)
 
     def reversed(self) -> Margin:
-        """The same vote, seen from the other map."""
+        """Return the same vote with the two maps exchanged.
+
+        Returns
+        -------
+        Margin
+        """
         return replace(self, log_likelihood=-self.log_likelihood, z=-self.z)

@@ -1,4 +1,4 @@
-"""Short texts of the project's objects: what ``print`` and a notebook show."""
+"""Short texts of objects for ``print`` and for a notebook."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ __all__ = ["Described"]
 
 
 class Described:
-    """Base of objects whose ``print`` is a title and a few facts, and whose notebook view is a small table.
+    """Base of objects that ``print`` as a title with a few facts, and that a notebook shows as a small table.
 
-    A class gives its facts by :meth:`_facts`. The text has at most six lines, so there are at most five facts.
+    A class implements :meth:`_facts`. The text has at most six lines, so there are at most five facts.
     """
 
     @abstractmethod
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
-        """The title, and at most five facts (name, text)."""
+        """Return the title, and at most five facts (name, text)."""
 
     def __str__(self) -> str:
         title, facts = self._facts()
-        return "\n".join([title, *(f"  {name:<12}{text}" for name, text in facts)])
+        width = max([12, *(len(name) + 2 for name, _ in facts)])
+        return "\n".join([title, *(f"  {name:<{width}}{text}" for name, text in facts)])
 
     def __repr__(self) -> str:
         title, _ = self._facts()

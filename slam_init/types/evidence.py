@@ -1,8 +1,8 @@
 """Evidence: the figures behind a verdict, one type for each stage of an attempt.
 
 The stages of :mod:`slam_init.attempt` fill these types, :class:`slam_init.types.result.Attempt` holds them, and
-``summary.json`` and the recording are written from them. What is compared with a threshold is a gate
-(:mod:`slam_init.types.gates`); what is only told is here.
+``summary.json`` and the recording are written from them. Figures that are compared with a threshold are gates
+(:mod:`slam_init.types.gates`); figures that are only reported are here.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ __all__ = [
     "VoteEvidence",
 ]
 
-#: What a method of somebody else tells about its decision: names of its own. Nothing in this project acts on it.
+#: The figures behind the decision of a method of somebody else, under the method's own names. They are only reported.
 FreeEvidence = Mapping[str, float | int | str]
 
 
 @dataclass(frozen=True)
 class PreviewEvidence:
-    """What the keyframe manager knew of the pair, before any epipolar geometry.
+    """Figures of the keyframe manager for the pair, before any epipolar geometry.
 
     Attributes
     ----------
@@ -57,14 +57,14 @@ class PreviewEvidence:
 
 @dataclass(frozen=True)
 class TwoViewEvidence:
-    """What the relative pose of the pair tells.
+    """Figures of the relative pose of the pair.
 
     Attributes
     ----------
     statistics : PoseEvidence
         Counts and test values of :func:`quest.estimate_relative_pose`.
     kind : str or None
-        ``general``, ``planar`` or ``rotation``; None where no pose was found, as are all fields below then.
+        ``general``, ``planar`` or ``rotation``. None where no pose was found; then all fields below are None too.
     alternatives : int or None
         Number of other motions that explain the matches as well.
     noise_px : float or None
@@ -72,7 +72,7 @@ class TwoViewEvidence:
     parallax_deg : float or None
         Median parallax of the inliers.
     direction_sigma_deg : float or None
-        Standard deviation of the direction of the translation, by the noise of single matches.
+        Standard deviation of the direction of the translation, from the noise of single matches.
     correlated_error_px : float or None
         Correlated tracking error of neighbouring tracks (:mod:`slam_init.decision.correlated_error`), not less than
         ``acceptance.min_correlated_error_px``.
@@ -94,10 +94,10 @@ class RotationOnlyEvidence:
     Attributes
     ----------
     focal_factor : float
-        Focal length of that camera over the stated one.
+        Focal length of that camera divided by the stated one.
     suspected_focal_factor : float or None
-        The same, where the stated focal length is suspected to be wrong: the rotation-only camera explains the matches,
-        and the free focal length explains clearly more than the stated one. None where it is not suspected.
+        The same factor if the stated focal length is suspected to be wrong: the rotation-only camera explains the
+        matches, and the free focal length explains them clearly better than the stated one. Else None.
     """
 
     focal_factor: float
@@ -106,7 +106,7 @@ class RotationOnlyEvidence:
 
 @dataclass(frozen=True)
 class RivalVote:
-    """How clearly the tracks, as free points, prefer the best map to one rival.
+    """The vote of the tracks, as free points, between the best map and one rival.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class RivalVote:
     log_likelihood : float
         Difference of the log likelihoods in nats; negative where the rival is better.
     z : float
-        The same as a sum over tracks, in units of the standard deviation of that sum.
+        The same difference, in units of its standard deviation.
     """
 
     rival: int
@@ -130,13 +130,13 @@ class VoteEvidence:
     Attributes
     ----------
     rivals : tuple of RivalVote
-        Rivals that are the same map as the best one are left out.
+        One vote for each rival; rivals that are the same map as the best one are left out.
     plane : Margin or None
         Vote on the first rival with the plane as a constraint (:mod:`slam_init.decision.plane_vote`); None where the
         scene is not planar or no further view sees the plane.
     deciding : Margin or None
-        The vote that the verdict depends on: that of the rival which is nearest to the best map in likelihood. None
-        where no rival had to be beaten.
+        The vote that the verdict depends on: the vote on the rival that is nearest to the best map in likelihood. None
+        if no rival had to be beaten.
     near_rival_deg : float
         Largest angle between the baselines of the best map and of a nearly equal rival that could not be ruled out. It
         is added to the bound of the direction error.
@@ -150,14 +150,14 @@ class VoteEvidence:
 
 @dataclass(frozen=True)
 class MapEvidence:
-    """What bundle adjustment of the best map tells.
+    """Figures of the bundle adjustment of the best map.
 
     Attributes
     ----------
     reprojection_rmse_px : float or None
-        Root mean square of the reprojection errors; None where the adjustment failed.
+        Root mean square of the reprojection errors; None if the adjustment failed.
     failure : str or None
-        Why bundle adjustment failed; None where it did not.
+        Why bundle adjustment failed; None if it did not fail.
     """
 
     reprojection_rmse_px: float | None = None

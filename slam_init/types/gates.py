@@ -12,10 +12,10 @@ __all__ = ["Direction", "Gate", "GateName", "Stage", "at_least", "at_most", "pro
 
 
 class Stage(StrEnum):
-    """What a pair has to pass, one after the other.
+    """The stages that a pair has to pass, in this order.
 
-    Enough matches; a motion that is more than a rotation; two views that agree on the motion and know its direction; a
-    map that further views confirm.
+    ``matches``: enough matches. ``motion``: more motion than a rotation. ``two_views``: two views that agree on a
+    motion and determine its direction. ``map``: a map that further views confirm.
     """
 
     MATCHES = "matches"
@@ -25,7 +25,7 @@ class Stage(StrEnum):
 
 
 class Direction(StrEnum):
-    """On which side of its threshold a value passes."""
+    """The side of its threshold on which a value passes."""
 
     AT_LEAST = "at_least"
     AT_MOST = "at_most"
@@ -34,9 +34,9 @@ class Direction(StrEnum):
 class GateName(StrEnum):
     """The gates of all stages. The value is the name in ``summary.json``.
 
-    To add a gate: add its name and unit here, make the gate with :func:`at_least` or :func:`at_most` in the module of
-    :mod:`slam_init.decision` that looks at the figure, and give its threshold a field, with the reason for its default,
-    in :mod:`slam_init.config`.
+    To add a gate, add its name and unit here, make the gate with :func:`at_least` or :func:`at_most` in the module of
+    :mod:`slam_init.decision` that computes the figure, and add a field for its threshold, with the reason for the
+    default, to :mod:`slam_init.config`.
 
     Attributes
     ----------
@@ -47,6 +47,7 @@ class GateName(StrEnum):
     unit: str
 
     def __new__(cls, value: str, unit: str = "") -> GateName:
+        """Make a member with a unit."""
         member = str.__new__(cls, value)
         member._value_ = value
         member.unit = unit
@@ -61,17 +62,17 @@ class GateName(StrEnum):
     ROTATION_PX = "rotation_px", "px"
     PARALLAX_SHARE = "parallax_share"
     # Stage TWO_VIEWS: share of the matches that the motion explains; standard deviation of the direction of the
-    # translation by the noise of single tracks; bound of its error by correlated tracking errors; three standard
-    # deviations by leaving out parts of the image (jackknife).
+    # translation from the noise of single tracks; bound of the direction error from correlated tracking errors; three
+    # standard deviations of the direction from leaving out parts of the image (jackknife).
     INLIER_SHARE = "inlier_share"
     TWO_VIEW_DIRECTION_SIGMA_DEG = "two_view_direction_sigma_deg", "deg"
     DIRECTION_CORRELATED_DEG = "direction_correlated_deg", "deg"
     DIRECTION_JACKKNIFE_DEG = "direction_jackknife_deg", "deg"
-    # Stage MAP, vote between rival maps: the difference of the log likelihoods of two maps, as a sum over tracks in
-    # units of the standard deviation of that sum (z), and itself in nats.
+    # Stage MAP, vote between rival maps: the difference of the log likelihoods of two maps, in units of the standard
+    # deviation of this sum over tracks (z), and in nats.
     VOTE_Z = "vote_z"
     VOTE_LOG_LIKELIHOOD = "vote_log_likelihood", "nat"
-    # Stage MAP, the adjusted map.
+    # Stage MAP, the adjusted map (see slam_init.decision.map_gates).
     DIRECTION_BOUND_DEG = "direction_bound_deg", "deg"
     DIRECTION_FOCAL_DEG = "direction_focal_deg", "deg"
     DIRECTION_SHIFT_DEG = "direction_shift_deg", "deg"
@@ -80,27 +81,28 @@ class GateName(StrEnum):
     EXPLAINED_SHARE = "explained_share"
     FURTHER_VIEWS = "further_views"
     FURTHER_AGREEMENT = "further_agreement"
-    # Stage MAP, the rival hypothesis that the camera only rotates: its residual over the expected one.
+    # Stage MAP, the rival hypothesis of a rotation-only camera: its residual divided by the expected one.
     ROTATION_ONLY_RESIDUAL = "rotation_only_residual"
 
 
 @dataclass(frozen=True)
 class Gate:
-    """One condition, with the figure that was compared. Make one with :func:`at_least` or :func:`at_most`.
+    """One condition, with the figure that was compared. :func:`at_least` and :func:`at_most` make gates.
 
     Attributes
     ----------
     name : GateName
+        Name of the figure.
     value, threshold : float
-        In the unit of the gate.
+        The figure and its bound, in the unit of the gate.
     direction : Direction
         Whether the value passes from the threshold upwards or downwards.
     unit : str
         Unit of value and threshold; empty for shares, counts and ratios.
     reason : Verdict
-        Reported when the gate does not pass.
+        The verdict if the gate does not pass.
     advice : str
-        What would help then, in a few words for a person.
+        What the person who moves the camera should do then, in a few words.
     """
 
     name: GateName
@@ -112,13 +114,26 @@ class Gate:
     advice: str
 
     def passes(self) -> bool:
-        """Whether the value lies on the right side of the threshold. NaN never passes."""
+        """Return whether the value lies on the right side of the threshold.
+
+        Returns
+        -------
+        bool
+            Always False for NaN.
+        """
         if self.direction is Direction.AT_LEAST:
             return self.value >= self.threshold
         return self.value <= self.threshold
 
     def gate_fraction(self) -> float:
-        """How near the value is to the threshold, from 0 to 1: 1 where the gate passes, 0 for NaN."""
+        """Compute how near the value is to the threshold.
+
+        Returns
+        -------
+        float
+            From 0 to 1: the smaller one of value and threshold divided by the larger one; 1 if the gate passes, 0 for
+            NaN.
+        """
         if self.passes():
             return 1.0
         if self.direction is Direction.AT_LEAST:
@@ -126,7 +141,13 @@ class Gate:
         return max(self.threshold, 0.0) / self.value if self.value > 0 else 0.0
 
     def parallax_shortfall(self) -> float:
-        """Required baseline over the current one, for a value that falls as parallax grows; 1 for other gates."""
+        """Compute the required baseline divided by the current one, for a value that falls as the parallax grows.
+
+        Returns
+        -------
+        float
+            The value divided by the threshold. 1 for a gate whose value has to be large, and for NaN.
+        """
         return 1.0 if self.direction is Direction.AT_LEAST or not self.value > 0 else self.value / self.threshold
 
     def __str__(self) -> str:
@@ -136,7 +157,7 @@ class Gate:
 
 
 def at_least(name: GateName, value: float, threshold: float, reason: Verdict, advice: str | None = None) -> Gate:
-    """A gate that passes from the threshold upwards.
+    """Make a gate that passes from the threshold upwards.
 
     Parameters
     ----------
@@ -144,9 +165,9 @@ def at_least(name: GateName, value: float, threshold: float, reason: Verdict, ad
     value, threshold : float
         In the unit of the name.
     reason : Verdict
-        Reported when the gate does not pass.
+        The verdict if the gate does not pass.
     advice : str, optional
-        By default that of the reason.
+        By default the advice of the reason.
 
     Returns
     -------
@@ -156,7 +177,7 @@ def at_least(name: GateName, value: float, threshold: float, reason: Verdict, ad
 
 
 def at_most(name: GateName, value: float, threshold: float, reason: Verdict, advice: str | None = None) -> Gate:
-    """A gate that passes from the threshold downwards; parameters as :func:`at_least`.
+    """Make a gate that passes from the threshold downwards.
 
     Parameters
     ----------
@@ -164,9 +185,9 @@ def at_most(name: GateName, value: float, threshold: float, reason: Verdict, adv
     value, threshold : float
         In the unit of the name.
     reason : Verdict
-        Reported when the gate does not pass.
+        The verdict if the gate does not pass.
     advice : str, optional
-        By default that of the reason.
+        By default the advice of the reason.
 
     Returns
     -------
@@ -176,20 +197,22 @@ def at_most(name: GateName, value: float, threshold: float, reason: Verdict, adv
 
 
 def progress(stage: Stage, gates: Iterable[Gate] = ()) -> float:
-    """How far a pair came that was refused at a stage: 0 to 1, and 1 only for a map.
+    """Compute the progress of a pair that was refused at a stage.
 
-    Each of the four stages counts a quarter. Within its stage a pair advances by the gate that is farthest from its
-    threshold.
+    Each of the four stages counts a quarter. Within its stage, the progress of a pair is that of the gate which is
+    farthest from its threshold (:meth:`Gate.gate_fraction`).
 
     Parameters
     ----------
     stage : Stage
+        The stage that refused the pair.
     gates : iterable of Gate
-        The gates of this stage; none where the refusal has no figure.
+        The gates of this stage; empty if the refusal has no gate.
 
     Returns
     -------
     float
+        From 0 to 1.
     """
     stages = tuple(Stage)
     return (stages.index(stage) + min((gate.gate_fraction() for gate in gates), default=0.0)) / len(stages)

@@ -25,6 +25,7 @@ class Keyframe:
     frame : int
         Absolute index of the frame.
     timestamp_s : float
+        In seconds.
     name : str
         Name of the image.
     world_from_cam : Pose
@@ -38,10 +39,10 @@ class Keyframe:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class InitialMap(Described):
-    """The initial map: keyframes in time order, landmarks, and which keyframe saw which landmark where.
+    """The initial map: keyframes in time order, landmarks, and the observations of the landmarks in the keyframes.
 
-    The world frame is the first keyframe's camera frame; the unit of length is the median depth of the landmarks in
-    it.
+    The world frame is the camera frame of the first keyframe. The unit of length is the median depth of the landmarks
+    in this frame.
 
     Attributes
     ----------
@@ -61,7 +62,7 @@ class InitialMap(Described):
         Marginal covariances of ``world_from_cam`` in gtsam's tangent order (rotation, translation) in the camera
         frame, in the gauge that ``gauge`` names, scaled by the noise estimated from the residuals.
     gauge : str
-        What was held fixed.
+        The quantities that were held fixed, in words.
     graph, values
         ``gtsam.NonlinearFactorGraph`` and ``gtsam.Values``: keys ``X(frame)`` for poses (world_from_cam),
         ``L(track_id)`` for landmarks and, where the focal length was adjusted, ``K(0)`` for the calibration.
@@ -70,8 +71,8 @@ class InitialMap(Described):
     keyframes_before : tuple of K Pose
         world_from_cam before bundle adjustment.
     bundle_errors : tuple of float
-        Bundle adjustment: root mean square residual in pixels at the start and after each iteration; while the kernel
-        is robust, of what the kernel leaves of the residuals.
+        Root mean square residual in pixels, at the start of bundle adjustment and after each iteration. While the
+        kernel is robust, the residuals are those that the kernel has reduced.
     reprojection_rmse_px : float
         Root mean square over observations of the 2-D reprojection error.
     median_parallax_deg : float
@@ -81,12 +82,14 @@ class InitialMap(Described):
     scene : str
         ``general`` or ``planar``.
     camera : Camera
-        With which the landmarks project to the observations: the stated one, or the same with the adjusted focal
-        length. The bearings of :class:`Observations` stay those of the stated camera: :meth:`seen_in` has the others.
+        The camera that projects the landmarks to the observations: the stated one, or the same with the adjusted focal
+        length. The bearings of :class:`Observations` are those of the stated camera; :meth:`seen_in` returns bearings
+        of this camera.
     focal_factor : float
-        The adjusted focal length over the stated one; 1 where it was held.
+        The adjusted focal length divided by the stated one; 1 if the focal length was held fixed.
     focal_factor_sigma : float or None
-        Its standard deviation, by the noise of the tracks and the prior; None where it was held.
+        Standard deviation of the factor, from the noise of the tracks and the prior; None if the focal length was held
+        fixed.
     """
 
     keyframes: tuple[Keyframe, ...]
@@ -112,7 +115,12 @@ class InitialMap(Described):
     focal_factor_sigma: float | None = None
 
     def seen_in(self, observed: Observations) -> tuple[Ints, Ints, Floats]:
-        """The landmarks that a frame sees, and where.
+        """Find the landmarks that a frame sees.
+
+        Parameters
+        ----------
+        observed : Observations
+            The tracks of the frame, with bearings of the stated camera.
 
         Returns
         -------
@@ -121,7 +129,8 @@ class InitialMap(Described):
         features : (N,) int
             Positions in the observations.
         bearings : (N, 3) float
-            Unit rays in the camera frame, by the camera of the map; what it cannot have seen is left out.
+            Unit rays in the camera frame, by the camera of the map. Observations that this camera cannot have made are
+            left out.
         """
         _, i, j = np.intersect1d(self.track_ids, observed.track_ids, return_indices=True)
         if self.focal_factor_sigma is None:

@@ -1,4 +1,4 @@
-"""Why there is no map yet: a closed set of verdicts, their order of precedence, and what to do about each."""
+"""Verdicts on a pair of frames: a closed set of reasons, their order of precedence, and an advice for each."""
 
 from __future__ import annotations
 
@@ -11,28 +11,30 @@ class Verdict(StrEnum):
     """The verdict on a pair of frames: accepted, or the reason of the refusal.
 
     The order of the members is the order of precedence. An attempt reports the first reason that holds: a static camera
-    is also a pure rotation (by zero degrees), and a pure rotation also has low parallax. A run reports the most frequent
-    reason of the second half of its attempts; of equally frequent reasons it reports the first.
+    is also a pure rotation (by zero degrees), and a pure rotation also has low parallax. A run reports the most
+    frequent reason of the second half of its attempts, and the first one of equally frequent reasons.
 
-    To add a reason, add a line here: the value goes to ``summary.json``, the advice is shown to the person who moves the
-    camera. A gate (:class:`slam_init.types.gates.Gate`) or a stage of :mod:`slam_init.attempt` then names the reason.
+    To add a reason, add a line here: the value goes to ``summary.json``, and the advice is shown to the person who
+    moves the camera. A gate (:class:`slam_init.types.gates.Gate`) or a stage of :mod:`slam_init.attempt` then names
+    the reason.
 
     Attributes
     ----------
     advice : str
-        What would help, in a few words for a person; empty for ``accepted``.
+        What the person who moves the camera should do, in a few words; empty for ``accepted``.
     """
 
     advice: str
 
     def __new__(cls, value: str, advice: str = "") -> Verdict:
+        """Make a member with an advice."""
         member = str.__new__(cls, value)
         member._value_ = value
         member.advice = advice
         return member
 
     STATIC_CAMERA = "static_camera", "the camera stands still: move it sideways"
-    PURE_ROTATION = "pure_rotation", "the camera only turns: translate it, best sideways"
+    PURE_ROTATION = "pure_rotation", "the camera only rotates: translate it, best sideways"
     LOW_PARALLAX = "low_parallax", "the views are too close together for the depth of the scene: keep translating"
     TOO_FEW_FEATURES = "too_few_features", "too few features in the image: more light, focus or texture"
     TOO_FEW_MATCHES = (

@@ -1,4 +1,4 @@
-"""What an attempt and a run end with."""
+"""The result of an attempt, and the result of a run."""
 
 from __future__ import annotations
 
@@ -40,31 +40,32 @@ class Attempt(Described):
     verdict : Verdict
         ``accepted`` or the reason of the refusal.
     advice : str
-        What would help, in a few words for a person: that of the gate that failed; empty when accepted.
+        What the person who moves the camera should do, in a few words: the advice of the gate that failed; empty when
+        accepted.
     gates : tuple of Gate
-        The conditions that were looked at, up to the stage that failed.
+        The conditions that were evaluated, up to the stage that refused the pair.
     stage : Stage or None
-        The stage that refused the pair; None where it was accepted, or refused by the rules of another method.
+        The stage that refused the pair; None if it was accepted, or refused by the rules of another method.
     progress : float
-        How far the pair came, 0 to 1: see :func:`slam_init.types.gates.progress`.
+        How far the pair advanced through the stages, 0 to 1: see :func:`slam_init.types.gates.progress`.
     parallax_shortfall : float
         Required baseline divided by the current one, from the worst gate that scales with parallax; 1 if none does.
     pixels1, pixels2 : (N, 2) float
         The matches of the pair, raw pixels.
     inliers : (N,) bool
-        Which of them the best model explains.
+        Which of the matches the best model explains.
     preview : PreviewEvidence or None
-        Before any epipolar geometry; None for the rules of another method.
+        Figures before any epipolar geometry; None for the rules of another method.
     two_view : TwoViewEvidence or None
-        Of the relative pose; None where the pair was refused before.
+        Figures of the relative pose; None if the pair was refused before.
     rotation_only : RotationOnlyEvidence or None
-        Of the rival explanation by a camera that only rotates; None where it was not looked at.
+        Figures of the rival explanation by a rotation-only camera; None if it was not fitted.
     vote : VoteEvidence or None
-        Of the vote between rival maps; None where no map was built.
+        Figures of the vote between rival maps; None if no map was built.
     map : MapEvidence or None
-        Of bundle adjustment; None where no map was built.
+        Figures of bundle adjustment; None if no map was built.
     method_evidence : mapping of str to float, int or str
-        What a method of somebody else told; empty for ``quest``.
+        Figures of a method of somebody else, under its own names; empty for ``quest``.
     """
 
     frames: tuple[int, ...]
@@ -91,7 +92,7 @@ class Attempt(Described):
 
     @property
     def suspected_focal_factor(self) -> float | None:
-        """The suspected true focal length over the stated one; None where the stated one is not suspected."""
+        """The suspected true focal length divided by the stated one; None if the stated one is not suspected."""
         return None if self.rotation_only is None else self.rotation_only.suspected_focal_factor
 
     @property
@@ -128,14 +129,16 @@ class GroundTruthErrors:
     Attributes
     ----------
     rotation_error_deg : float
-        Worst keyframe against the first one: angle between the estimated and the true relative rotation.
+        Angle between the estimated and the true rotation relative to the first keyframe; largest value over the
+        keyframes.
     direction_error_deg : float or None
-        Worst keyframe against the first one: angle between the estimated and the true relative translation, in the
-        first camera's frame. True baselines under 0.3 of the longest are left out. A keyframe estimated exactly at the
-        first one has no direction and counts as 180. None where the true camera is static.
+        Angle between the estimated and the true translation relative to the first keyframe, in the frame of the first
+        camera; largest value over the keyframes. Keyframes whose true baseline is shorter than 0.3 of the longest one
+        are left out. A keyframe that is estimated exactly at the first one has no direction and counts as 180. None if
+        the true camera is static.
     ate_rmse : float or None
-        Root mean square trajectory error of the keyframes after a similarity alignment, in units of the ground truth; 0
-        for two keyframes. None where the true camera is static.
+        Root mean square position error of the keyframes after alignment by a similarity, in units of the ground truth;
+        0 for two keyframes. None if the true camera is static.
     path_length : float
         Length of the true path from the first keyframe to the last, in units of the ground truth.
     """
@@ -148,31 +151,31 @@ class GroundTruthErrors:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result(Described):
-    """What a run ends with. Truthy when initialized.
+    """The result of a run. Truthy when initialized.
 
     Attributes
     ----------
     map : InitialMap or None
-        None where no map was found.
+        None if no map was found.
     reason : Verdict or None
         Why there is no map; None when initialized.
     frames_read : int
-        Number of frames that were fed.
+        Number of frames that the initializer was given.
     frames_to_init : int or None
-        Number of frames consumed, counted from the first one fed, when the map was accepted.
+        The same number at the moment when the map was accepted; None without a map.
     attempts : tuple of Attempt
         The last :data:`slam_init.attempt_log.ATTEMPTS_KEPT`, without their matches.
     timing_ms : mapping of str to StageTimes
         Times by stage of the pipeline.
     notes : tuple of str
-        What the user should know, e.g. that the camera was guessed.
+        Notes for the user, e.g. that the calibration was guessed.
     advice : str
-        What would help, for the reason; empty when initialized.
+        What the person who moves the camera should do about the reason; empty when initialized.
     hypotheses : tuple of InitialMap
-        ``(map,)`` when initialized. Two maps where the views could not decide between them: one of the two is right, and
+        ``(map,)`` when initialized. Two maps if the views could not decide between them: one of the two is right, and
         the one that explains the tracks better comes first. Else empty.
     margin : Margin or None
-        The last vote between two maps: how much better the first hypothesis is than its rival. None where there was no
+        The last vote between two maps: how much better the first hypothesis is than its rival. None if there was no
         rival.
     """
 
@@ -204,5 +207,5 @@ class Result(Described):
             _, facts = self.map._facts()
             return f"initialized after {self.frames_to_init} frames", [*facts[:3], *attempts, *notes]
         title = f"not initialized after {self.frames_read} frames: {self.reason}"
-        kept = [("kept", f"{len(self.hypotheses)} maps, one of them right")] if self.hypotheses else []
+        kept = [("kept", f"{len(self.hypotheses)} maps, one of them is right")] if self.hypotheses else []
         return title, [("advice", self.advice), *kept, *attempts, *notes]

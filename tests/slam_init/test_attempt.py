@@ -6,7 +6,7 @@ import numpy as np
 from make_source import GivenFrames, synth
 
 from slam_init.compare.measures import is_correct, pose_errors
-from slam_init.compare.sources import Judging
+from slam_init.compare.sources import Criteria
 from slam_init.config import Config
 from slam_init.datasets.points import open_points
 from slam_init.evaluation.metrics import compare_with_groundtruth
@@ -65,8 +65,8 @@ def test_a_landmark_that_loses_the_view_of_its_parallax_does_not_spoil_the_map(r
     assert len(result.map.keyframes) > 2
     true = [replace(keyframe, timestamp_s=20 * min(keyframe.frame, 1) / 30) for keyframe in result.map.keyframes]
     errors = compare_with_groundtruth(true, room.groundtruth)
-    assert errors["rotation_error_deg"] < 1
-    assert errors["direction_error_deg"] < 5
+    assert errors.rotation_error_deg < 1
+    assert errors.direction_error_deg < 5
 
 
 def test_tracks_of_two_pixels_noise_make_a_map_that_is_right():
@@ -77,6 +77,6 @@ def test_tracks_of_two_pixels_noise_make_a_map_that_is_right():
         if initializer.process_tracks(observed):
             break
     assert initializer.map is not None
-    assert is_correct(pose_errors(initializer.map, source.groundtruth), Judging())
+    assert is_correct(pose_errors(initializer.map, source.groundtruth), Criteria())
     # 85 % are right; a threshold of 2 px lets 65 % pass.
     assert initializer.result.attempts[-1].evidence["inlier_share"] > 0.75

@@ -1,4 +1,4 @@
-"""Laws of the trajectory metrics, with evo as the independent judge."""
+"""Laws of the trajectory metrics; the package evo is the independent reference."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_a_similarity_is_recovered_exactly(seed):
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_a_reflection_is_never_the_answer(seed):
+def test_an_alignment_is_never_a_reflection(seed):
     rng = np.random.default_rng(seed)
     a = rng.normal(size=(6, 3))
     assert np.linalg.det(align_positions(a, a * [1, 1, -1]).R) == pytest.approx(1)
@@ -64,7 +64,7 @@ def test_a_reflection_is_never_the_answer(seed):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_ate_and_rpe_are_those_of_evo(seed):
+def test_ate_and_rpe_are_equal_to_those_of_evo(seed):
     rng = np.random.default_rng(seed)
     truth = make_poses(12)
     estimated = noisy(truth, rng)
@@ -85,11 +85,11 @@ def test_ate_and_rpe_are_those_of_evo(seed):
         np.testing.assert_allclose(mine, rpe.error, atol=1e-9)
 
 
-def test_two_positions_are_always_fitted_exactly():
+def test_two_positions_are_fitted_exactly():
     assert ate_rmse(np.array([[0.0, 0, 0], [1, 0, 0]]), np.array([[5.0, 1, 0], [5, 1, 7]])) == pytest.approx(0)
 
 
-def test_collinear_positions_have_an_error_although_no_unique_rotation():
+def test_the_error_of_collinear_positions_is_unique_although_their_rotation_is_not():
     a, b = np.zeros((4, 3)), np.zeros((4, 3))
     a[:, 0], b[:, 2] = [0, 1, 2, 3], [0, 1, 2, 3.4]
     slope, intercept = np.polyfit(a[:, 0], b[:, 2], 1)
@@ -104,12 +104,12 @@ def test_coinciding_positions_do_not_divide_by_zero():
 
 
 @pytest.mark.parametrize("shapes", [((2, 3), (3, 3)), ((0, 3), (0, 3)), ((3, 2), (3, 2))])
-def test_positions_that_do_not_correspond_are_refused(shapes):
+def test_positions_of_different_shapes_are_an_error(shapes):
     with pytest.raises(ValueError, match="positions of shapes"):
         align_positions(np.zeros(shapes[0]), np.zeros(shapes[1]))
 
 
-def test_poses_align_two_cameras_where_positions_leave_a_rotation_free():
+def test_poses_align_two_cameras_whose_positions_do_not_determine_a_rotation():
     map_ = make_map(keyframes=2)
     truth, estimated = make_truth(map_), [k.world_from_cam for k in map_.keyframes]
     similarity = align_poses(truth.world_from_cam, estimated)
@@ -119,55 +119,55 @@ def test_poses_align_two_cameras_where_positions_leave_a_rotation_free():
         np.testing.assert_allclose(similarity.apply(true.t), mine.t, atol=1e-12)
 
 
-def test_a_perfect_map_has_no_error_in_whatever_frame_and_scale_the_truth_is():
+def test_the_error_of_a_perfect_map_is_zero_for_any_frame_and_scale_of_the_truth():
     map_ = make_map()
     truth = make_truth(map_, scale=2.5)
     found = compare_with_groundtruth(map_.keyframes, truth)
     assert found is not None
     steps = np.diff([pose.t for pose in truth.world_from_cam], axis=0)
-    assert found.pop("path_length") == pytest.approx(np.linalg.norm(steps, axis=1).sum())
-    assert found == pytest.approx({"rotation_error_deg": 0, "direction_error_deg": 0, "ate_rmse": 0}, abs=1e-5)
+    assert found.path_length == pytest.approx(np.linalg.norm(steps, axis=1).sum())
+    assert (found.rotation_error_deg, found.direction_error_deg, found.ate_rmse) == pytest.approx((0, 0, 0), abs=1e-5)
 
 
-def test_the_worst_keyframe_counts():
+def test_the_reported_error_is_that_of_the_worst_keyframe():
     truth = make_poses(4)
     wrong = Pose(truth[2].R @ rotation_from_vector(np.deg2rad([0, 3.0, 0])), truth[2].t)
     found = compare_with_groundtruth(keyframes_of([truth[0], truth[1], wrong, truth[3]]), trajectory_of(truth))
     assert found is not None
-    assert found["rotation_error_deg"] == pytest.approx(3)
-    assert found["direction_error_deg"] == pytest.approx(0, abs=1e-5)
+    assert found.rotation_error_deg == pytest.approx(3)
+    assert found.direction_error_deg == pytest.approx(0, abs=1e-5)
 
 
 @pytest.mark.parametrize(("share", "expected"), [(0.29, 0.0), (0.31, 90.0)])
-def test_short_baselines_have_no_say_in_the_direction(share, expected):
+def test_short_baselines_do_not_count_for_the_direction(share, expected):
     truth = [Pose(np.eye(3), np.array(t, float)) for t in ([0, 0, 0], [share, 0, 0], [1, 0, 0])]
     estimated = [truth[0], Pose(np.eye(3), np.array([0, share, 0])), truth[2]]
     found = compare_with_groundtruth(keyframes_of(estimated), trajectory_of(truth))
     assert found is not None
-    assert found["direction_error_deg"] == pytest.approx(expected)
+    assert found.direction_error_deg == pytest.approx(expected)
 
 
-def test_a_map_that_moves_backwards_is_180_degrees_wrong_and_one_that_does_not_move_too():
+def test_the_direction_error_of_a_reversed_or_missing_translation_is_180_degrees():
     truth = [Pose.identity(), Pose(np.eye(3), np.array([0.0, 0, 1]))]
     for t in ([0, 0, -1], [0, 0, 0]):
         found = compare_with_groundtruth(
             keyframes_of([truth[0], Pose(np.eye(3), np.array(t, float))]), trajectory_of(truth)
         )
         assert found is not None
-        assert found["direction_error_deg"] == pytest.approx(180)
+        assert found.direction_error_deg == pytest.approx(180)
 
 
-def test_a_truth_that_stands_still_has_no_direction_and_no_scale():
+def test_a_static_true_camera_has_no_direction_and_no_scale():
     truth = [Pose.identity()] * 3
     found = compare_with_groundtruth(keyframes_of(make_poses(3)), trajectory_of(truth))
     assert found is not None
-    assert found["direction_error_deg"] is None
-    assert found["ate_rmse"] is None
-    assert found["path_length"] == 0
-    assert found["rotation_error_deg"] == pytest.approx(float(np.rad2deg(rotation_angle(make_poses(3)[2].R))))
+    assert found.direction_error_deg is None
+    assert found.ate_rmse is None
+    assert found.path_length == 0
+    assert found.rotation_error_deg == pytest.approx(float(np.rad2deg(rotation_angle(make_poses(3)[2].R))))
 
 
-def test_no_truth_at_the_time_of_the_keyframes_is_no_comparison():
+def test_keyframes_without_true_poses_are_not_compared():
     poses = make_poses(3)
     assert compare_with_groundtruth(keyframes_of(poses), None) is None
     assert compare_with_groundtruth(keyframes_of(poses, start=100.0), trajectory_of(poses)) is None

@@ -1,0 +1,149 @@
+"""The trials of a comparison as a table of columns, and the parts of trials that are counted together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from sys import intern
+from typing import Any
+
+import numpy as np
+
+from slam_init.compare.sources import criteria_of, focal_error_of
+from slam_init.datasets.points import POINTS
+from slam_init.types.arrays import Bools, Floats
+
+__all__ = ["NUMBERS", "PARTS", "TrialTable"]
+
+#: Numeric columns that are kept in memory, with eight bytes per trial and column.
+NUMBERS = (
+    "start", "frames_to_accept", "frames_limit", "seconds_to_accept", "rotation_error_deg", "direction_error_deg",
+    "ate", "rotation_error_before_deg", "direction_error_before_deg", "ate_before", "survival", "depth_error",
+    "depth_order_error", "landmarks", "frame_median_ms", "frame_p95_ms", "attempt_median_ms", "trial_ms",
+    "peak_memory_mb", "suspected_focal_factor", "reported_focal_factor",
+)  # fmt: skip
+#: Trials that are counted together, and the heading of each part. Images and tracks without images (points) are counted
+#: separately. So are the trials in which the camera does not translate (static or rotation-only), because no map can be
+#: correct there.
+PARTS = {
+    "image_moving": "images, moving camera",
+    "image_static": "images, no translation",
+    "points_moving": "points, moving camera",
+    "points_static": "points, no translation",
+}
+
+
+def _part_of(group: str) -> str:
+    level = "points" if group.startswith(POINTS) else "image"
+    return f"{level}_{'static' if criteria_of(group).no_translation else 'moving'}"
+
+
+@dataclass(frozen=True, eq=False)
+class TrialTable:
+    """The trials, stored by column.
+
+    Attributes
+    ----------
+    text : dict of (N,) object arrays
+        ``source``, ``method``, ``group``, ``outcome``, ``reason``, ``keyframes``; an empty text if there is no value.
+    numbers : dict of (N,) float arrays
+        :data:`NUMBERS`; NaN if there is no value.
+    strict : (N,) bool
+        The map is correct and strict.
+    reason_expected, reason_right : (N,) bool
+        The scene has an expected reason; the trial ended with this reason.
+    ambiguous, kept_truth : (N,) bool
+        The trial ended with ``ambiguous_plane`` and there is a ground truth; one of its stored hypotheses is correct.
+    wrong_focal : (N,) bool
+        The stated focal length is wrong on purpose.
+    """
+
+    text: dict[str, Any]
+    numbers: dict[str, Floats]
+    strict: Bools
+    reason_expected: Bools
+    reason_right: Bools
+    ambiguous: Bools
+    kept_truth: Bools
+    wrong_focal: Bools
+
+    @staticmethod
+    def of(rows: Iterable[Mapping[str, Any]]) -> TrialTable:
+        """Read rows, one at a time.
+
+        Parameters
+        ----------
+        rows : iterable of mapping
+            With the keys of :data:`slam_init.compare.trials.COLUMNS`.
+
+        Returns
+        -------
+        TrialTable
+            The trials in the given order.
+        """
+        names = ("source", "method", "group", "outcome", "reason", "keyframes")
+        text: dict[str, list[str]] = {name: [] for name in names}
+        numbers: dict[str, list[float]] = {name: [] for name in NUMBERS}
+        flag_names = ("strict", "reason_expected", "reason_right", "ambiguous", "kept_truth", "wrong_focal")
+        flags: dict[str, list[bool]] = {name: [] for name in flag_names}
+        for row in rows:
+            for name in names:
+                text[name].append(intern(row[name] or ""))
+            for name in NUMBERS:
+                numbers[name].append(math.nan if row.get(name) is None else float(row[name]))
+            flags["strict"].append(bool(row["strict"]))
+            flags["reason_expected"].append(row["reason_right"] is not None)
+            flags["reason_right"].append(bool(row["reason_right"]))
+            flags["ambiguous"].append(row["kept_truth"] is not None)
+            flags["kept_truth"].append(bool(row["kept_truth"]))
+            flags["wrong_focal"].append(focal_error_of(row["source"]) != 0)
+        return TrialTable(
+            text={name: np.array(values, object) for name, values in text.items()},
+            numbers={name: np.array(values, float) for name, values in numbers.items()},
+            **{name: np.array(values, bool) for name, values in flags.items()},
+        )
+
+    def __len__(self) -> int:
+        return len(self.strict)
+
+    def where(self, **wanted: str) -> Bools:
+        """Select trials by their texts.
+
+        Parameters
+        ----------
+        **wanted : str
+            Value of a column of :attr:`text`.
+
+        Returns
+        -------
+        (N,) bool
+            Mask of the trials in which all of these columns have the given values.
+        """
+        mask = np.ones(len(self), bool)
+        for name, value in wanted.items():
+            mask &= self.text[name] == value
+        return mask
+
+    def knows_direction(self) -> Bools:
+        """Select the trials whose ground truth resolves the direction of a short baseline.
+
+        Returns
+        -------
+        (N,) bool
+            Mask of these trials.
+        """
+        known = {group: criteria_of(group).direction_known for group in set(self.text["group"])}
+        return np.array([known[group] for group in self.text["group"]], bool)
+
+    def parts(self) -> dict[str, Bools]:
+        """Select the trials of each part.
+
+        Returns
+        -------
+        dict of (N,) bool
+            Mask of each of the :data:`PARTS` that has trials.
+        """
+        names = {group: _part_of(group) for group in set(self.text["group"])}
+        part = np.array([names[group] for group in self.text["group"]], object)
+        return {name: part == name for name in PARTS if np.any(part == name)}
