@@ -10,10 +10,10 @@ if TYPE_CHECKING:
     from importlib.machinery import ModuleSpec
     from types import ModuleType
 
-__all__ = ["install"]
+__all__ = ["MOVED_MODULES", "install"]
 
 #: Old module -> new modules, whose names it had; dropped in version 0.3.
-_MODULES = {
+MOVED_MODULES: dict[str, str] = {
     "slam_init.acceptance": "slam_init.decision.map_gates",
     "slam_init.benchmarks.tables": "slam_init.output.tables",
     "slam_init.bootstrap": "slam_init.attempt slam_init.decision.screening",
@@ -59,11 +59,11 @@ class _OldModules:
 
     @staticmethod
     def find_spec(fullname: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
-        if fullname not in _MODULES:
+        if fullname not in MOVED_MODULES:
             return None
         from quest.moved import MovedModules
 
-        return MovedModules(_MODULES).find_spec(fullname, path, target)
+        return MovedModules(MOVED_MODULES).find_spec(fullname, path, target)
 
 
 def install() -> None:

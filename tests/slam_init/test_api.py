@@ -1,0 +1,145 @@
+"""The public face of the package: names, short texts, logging, old names."""
+
+import importlib
+import logging
+import subprocess
+import sys
+import warnings
+from pathlib import PurePath
+
+import numpy as np
+import pytest
+from paths import ROOT
+
+import quest
+import slam_init
+from quest.moved import QUEST_MODULES
+from slam_init import Config, Initializer, SlamInitError, load_config, load_graph, run
+from slam_init.moved import MOVED_MODULES
+
+#: Names that a package had when it was a module.
+OLD_NAMES = ("slam_init.types:Pose", "slam_init.types:Result", "slam_init.bundle:adjust", "slam_init.mapping:Margin",
+             "slam_init.recording:Recorder")  # fmt: skip
+
+
+class APath:
+    """Neither str nor Path: what os.fspath takes."""
+
+    def __init__(self, path):
+        self._path = str(path)
+
+    def __fspath__(self):
+        return self._path
+
+
+def test_tab_completion_shows_the_public_names():
+    assert set(dir(slam_init)) == set(slam_init.__all__)
+    assert {"Initializer", "run", "open_source", "load_camera", "Gate", "Verdict", "__version__"} <= set(dir(slam_init))
+    assert "estimate_relative_pose_px" in dir(quest)
+
+
+@pytest.mark.parametrize("name", slam_init.__all__)
+def test_each_public_name_is_there_with_a_docstring(name):
+    thing = getattr(slam_init, name)
+    assert thing if name == "__version__" else thing.__doc__
+
+
+def test_a_name_that_does_not_exist_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="Initialiser"):
+        slam_init.Initialiser  # noqa: B018
+
+
+def test_both_packages_tell_the_same_version():
+    assert slam_init.__version__ == quest.__version__
+
+
+def test_each_error_of_the_package_is_a_slam_init_error():
+    for name in ("SourceError", "CalibrationError", "ConfigError", "OutputError"):
+        assert issubclass(getattr(slam_init, name), SlamInitError)
+
+
+@pytest.mark.parametrize("old", [*QUEST_MODULES, *MOVED_MODULES])
+def test_an_old_module_name_still_imports_with_a_warning(old):
+    sys.modules.pop(old, None)
+    with pytest.warns(DeprecationWarning, match="has moved to"):
+        module = importlib.import_module(old)
+    new = importlib.import_module(({**QUEST_MODULES, **MOVED_MODULES})[old].split()[0])
+    assert all(getattr(module, name) is getattr(new, name) for name in getattr(new, "__all__", ()))
+
+
+@pytest.mark.parametrize("place", OLD_NAMES)
+def test_an_old_name_of_a_package_that_was_a_module_still_works_with_a_warning(place):
+    package, _, name = place.partition(":")
+    with pytest.warns(DeprecationWarning, match=name):
+        assert getattr(importlib.import_module(package), name) is not None
+
+
+def test_the_new_names_warn_of_nothing():
+    code = "import slam_init; [getattr(slam_init, name) for name in slam_init.__all__]"
+    subprocess.run([sys.executable, "-W", "error::DeprecationWarning:slam_init", "-c", code], cwd=ROOT, check=True)
+
+
+def test_texts_are_short(room_run, room):
+    result = room_run.result
+    status = Initializer(room.camera).status
+    for thing in (result, result.map, result.attempts[0], result.attempts[-1], room.camera, Config(), status):
+        assert 1 <= len(str(thing).splitlines()) <= 6
+        assert len(str(thing)) < 1000
+        assert len(repr(thing)) < 1000
+        assert thing._repr_html_().startswith("<table>")
+
+
+def test_a_result_tells_what_a_person_wants_to_know(room_run):
+    text = str(room_run.result)
+    assert f"initialized after {room_run.result.frames_to_init} frames" in text
+    assert f"{len(room_run.result.map.points)}" in text and "deg" in text
+
+
+def test_a_notebook_table_holds_no_markup_of_names(room_run):
+    from dataclasses import replace
+
+    shown = replace(room_run.result, notes=("<script>",))._repr_html_()
+    assert "<script>" not in shown and "&lt;script&gt;" in shown
+
+
+def test_attempts_are_logged_and_nothing_is_printed(room, caplog, capfd):
+    with caplog.at_level(logging.DEBUG, logger="slam_init"):
+        initializer = Initializer(room.camera)
+        for frame in room.frames(max_frames=4):
+            initializer.process(frame)
+    levels = {record.levelname for record in caplog.records}
+    assert levels <= {"DEBUG", "INFO"} and "DEBUG" in levels
+    assert any("static_camera" in record.getMessage() for record in caplog.records)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_results_are_written_to_and_read_from_any_path(room, tmp_path, room_run):
+    out = APath(tmp_path / "out")
+    result, _ = run(room, room.camera, Config(), out=out, max_frames=2)
+    assert not result and (tmp_path / "out" / "summary.json").is_file()
+    assert load_config(APath(tmp_path / "out" / "config.toml")) == Config()
+    graph, values = load_graph(PurePath(room_run.out))
+    assert graph.size() > 0 and values.size() > 0
+
+
+def test_the_summary_can_still_be_read_like_a_dictionary_with_a_warning(room_run):
+    with pytest.warns(DeprecationWarning, match="as_dict"):
+        assert room_run.summary["status"] == "initialized"
+
+
+def test_the_evidence_of_an_attempt_can_still_be_read_by_name_with_a_warning(room_run):
+    with pytest.warns(DeprecationWarning, match="evidence"):
+        evidence = room_run.result.attempts[-1].evidence
+    assert evidence["landmarks"] == len(room_run.result.map.points)
+    assert np.isfinite(evidence["direction_bound_deg"]) and evidence["landmarks_gate"] == 50
+
+
+def test_old_configuration_keys_are_read_with_a_warning(tmp_path):
+    path = tmp_path / "old.toml"
+    path.write_text("[acceptance]\nmin_shared_error_px = 0.2\nmin_turning_residual = 1.5\n")
+    with pytest.warns(DeprecationWarning, match="min_correlated_error_px"):
+        config = load_config(path)
+    assert config.acceptance.min_correlated_error_px == 0.2 and config.acceptance.min_rotation_only_residual == 1.5
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        load_config(None)
