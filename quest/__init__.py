@@ -5,15 +5,18 @@ One convention for the whole package: two views of a scene obey ::
     u R m + t = v n
 
 with m, n the rays of one point in camera 1 and camera 2, u, v its depths along them, ``R, t = cam2_from_cam1``.
-Quaternions are Hamilton, ordered wxyz. The package knows bearings, no images and no pixels.
+Quaternions are Hamilton, ordered wxyz. All functions take bearings; :func:`estimate_relative_pose_px` alone takes
+pixels.
 
 * :func:`quest5`, :func:`quest6`, :func:`quest6_fast`, :func:`quest7`, :func:`questn`: rotations from five, six, seven
-  or any number of matches, planes included but for :func:`quest7`.
-* :data:`SOLVERS`: all of them, and those that they are compared with, by name.
-* :func:`translation_and_depths`: translation and depths of a rotation.
-* :func:`estimate_relative_pose`: the motion between two views from matches with outliers, and what else explains them.
-* :func:`parallax_statement`: whether its translation is observable, with an error rate, and |t|/depth = a +- b.
-* :class:`InputError`: what every function raises for an input that it cannot mean; nothing else is raised.
+  or any number of matches. All but :func:`quest7` solve points on a plane too.
+* :data:`SOLVERS`: these solvers and the classical ones that they are compared with, by name.
+* :func:`translation_and_depths`: the translation and the depths that go with a rotation.
+* :func:`estimate_relative_pose`: the motion between two views from matches with outliers, and the other motions that
+  explain the matches as well.
+* :func:`estimate_relative_pose_px`: the same from pixels and the camera matrix of each view.
+* :func:`parallax_statement`: whether the translation is observable, with an error rate, and |t|/depth = a +- b.
+* :class:`InputError`: the only exception that these functions raise for a wrong input.
 
 References
 ----------
@@ -22,8 +25,11 @@ References
 """
 
 from quest.errors import InputError
-from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
+from quest.estimate import estimate_relative_pose
+from quest.moved import QUEST_MODULES, MovedModules
+from quest.pixels import estimate_relative_pose_px
 from quest.registry import SOLVERS, Solver
+from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
 from quest.solvers.quest5 import quest5
 from quest.solvers.quest6 import quest6
 from quest.solvers.quest6_fast import quest6_fast
@@ -38,9 +44,11 @@ __all__ = [
     "InputError",
     "NoPose",
     "ParallaxStatement",
+    "PoseEvidence",
     "RelativePose",
     "Solver",
     "estimate_relative_pose",
+    "estimate_relative_pose_px",
     "parallax_statement",
     "quest5",
     "quest6",
@@ -49,3 +57,20 @@ __all__ = [
     "questn",
     "translation_and_depths",
 ]
+
+MovedModules(QUEST_MODULES).install()
+
+
+def __getattr__(name: str) -> str:
+    if name == "__version__":
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            return version("slam-init")
+        except PackageNotFoundError:
+            return "0+unknown"
+    raise AttributeError(f"module 'quest' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__"])

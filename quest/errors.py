@@ -1,8 +1,9 @@
-"""What is wrong with an input, and how arrays come in.
+"""The error for a wrong input, and the checks of arguments.
 
-Every function that the package exports raises :class:`InputError`, and nothing else, for an input that it cannot mean:
-a wrong shape, no numbers, NaN or infinity, a ray of length zero, a threshold that is no angle. That the data allow no
-answer is no error: it is a value (see :class:`quest.NoPose`). The modules beneath take arrays that were checked here.
+Every function that the package exports raises :class:`InputError`, and nothing else, for a wrong input: a wrong shape,
+something that is no number, NaN or infinity, a ray of length zero, a threshold that is no angle. Data that allow no
+answer are no error: the answer is then a value (see :class:`quest.NoPose`). The inner modules take arrays that were
+checked here.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ class InputError(ValueError):
 
 
 def as_floats(values: ArrayLike, name: str) -> Floats:
-    """An array of float64 of what the caller gave, which is left as it is.
+    """The values as an array of float64; the argument itself is not changed.
 
     Parameters
     ----------
@@ -30,13 +31,17 @@ def as_floats(values: ArrayLike, name: str) -> Floats:
         Booleans, integers, floats of any precision, or objects that are real numbers. Masked arrays without masked
         entries are arrays.
     name : str
-        What the array is called in messages.
+        Name of the array in messages.
+
+    Returns
+    -------
+    (...) float
+        Not checked for NaN and infinity. A number too large for a double becomes infinity.
 
     Raises
     ------
     InputError
-        Where it is no array of real numbers: ragged, text, complex, dates, masked. Whether the numbers are finite is
-        left to the caller; one too large for a double becomes infinity.
+        If the values are no array of real numbers: ragged, text, complex, dates, masked.
     """
     if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
         raise InputError(f"{name} has masked entries: remove those rows")
@@ -53,10 +58,31 @@ def as_floats(values: ArrayLike, name: str) -> Floats:
 
 
 def as_positive(value: object, name: str, meaning: str, *, or_zero: bool = False) -> float:
-    """A positive finite number (or zero) as a float; InputError with its name and meaning where it is none."""
+    """Check that a value is a positive finite number.
+
+    Parameters
+    ----------
+    value : object
+        The argument.
+    name : str
+        Name of the argument in messages.
+    meaning : str
+        What to give instead, in messages.
+    or_zero : bool
+        Whether zero is allowed too.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    InputError
+        If the value is no such number.
+    """
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value.item()
-    # A bool is an integer to Python and a mistake here.
+    # A bool is an integer in Python; as an argument it is a mistake.
     if isinstance(value, Real) and not isinstance(value, bool):
         try:
             number = float(value)
@@ -68,7 +94,26 @@ def as_positive(value: object, name: str, meaning: str, *, or_zero: bool = False
 
 
 def as_index(value: object, name: str, at_least: int) -> int:
-    """A whole number of at least ``at_least``; InputError with its name where it is none."""
+    """Check that a value is a whole number.
+
+    Parameters
+    ----------
+    value : object
+        The argument.
+    name : str
+        Name of the argument in messages.
+    at_least : int
+        Smallest number allowed.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    InputError
+        If the value is no such number.
+    """
     if isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= at_least:
         return int(value)
     raise InputError(f"{name} is {value!r:.60}: give a whole number of at least {at_least}")

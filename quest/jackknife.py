@@ -1,10 +1,11 @@
-"""How much the direction of a translation hangs on single parts of the view.
+"""How much the direction of a translation depends on single parts of the view.
 
-A standard deviation from residuals knows the noise of single matches. It does not know that a tenth of them lie on a
-body that moves by itself, slowly enough to be explained as well by a motion that is bent half way towards it: such a
-motion has small residuals and is wrong. But it bends back where the body's part of the view is left out. So the motion
-is fitted anew without each part, and the spread of these fits is the standard error that is right whatever the matches
-of one part have in common (the delete-a-group jackknife [E82]_, with weights for parts of unequal size [B99]_).
+A standard deviation from residuals accounts for the noise of single matches. It does not account for a common error:
+where a tenth of the matches lie on a slow moving body, a motion between that of the camera and that of the body
+explains all matches. Its residuals are small, and it is wrong. But the fit changes where the body's part of the view is
+left out. So the motion is fitted again without each part. The spread of these fits is the standard error, whatever
+error the matches of one part have in common (the delete-a-group jackknife [E82]_, with weights for parts of unequal
+size [B99]_).
 
 References
 ----------
@@ -28,42 +29,43 @@ __all__ = ["direction_spread_rad"]
 
 Floats = NDArray[np.float64]
 
-#: Parts of what the inliers fill, across and down: as large as a body that can bend a motion without being told as an
-#: outlier. With a dozen fits their spread is itself known to a fifth.
+#: Parts of the view that the inliers fill, across and down. A part is as large as a body that can change a motion
+#: without becoming an outlier. The spread of a dozen fits is known to a fifth.
 _PARTS = (4, 3)
-#: A fit needs six matches, and some to spare, to be a second opinion; and a hundredth of the information of all: with
-#: less it stays where it started, and its spread says nothing.
+#: A fit is an independent estimate if it has six matches and some more, and a hundredth of the information of all
+#: matches. With less information the fit stays at its start, and the spread is too small.
 _LEAST_LEFT, _LEAST_INFORMATION = 10, 0.01
-#: Of the kernel, in deviations of the noise: that of the estimate itself.
+#: Scale of the robust kernel in standard deviations of the noise, as in the estimate itself.
 _SCALE_SIGMAS = 3.0
 
 
 def direction_spread_rad(pose: RelativePose, bearings1: ArrayLike, bearings2: ArrayLike) -> float:
-    """Standard error of the direction of a translation along its worst axis, with matches that err alike in a part.
+    """Standard error of the direction of a translation along its worst axis, with correlated errors inside each part.
 
-    The epipolar fit is asked, of a plane as well: the homography of a plane and a body on it is stable, and wrong.
+    The fits minimize epipolar residuals, for a plane too: the homography of a plane with a body on it is stable, and
+    wrong.
 
     Parameters
     ----------
     pose : RelativePose
-        Not of kind "rotation".
-    bearings1, bearings2 : (N, 3) float
-        The bearings that the pose was estimated from, of unit norm.
+        An estimate of kind "general" or "planar".
+    bearings1, bearings2 : (N, 3) array_like
+        The bearings that the pose was estimated from.
 
     Returns
     -------
     float
-        Radians. Infinite where what is left without one of the parts says nothing of the motion.
+        Radians. Infinite where the matches outside of one of the parts do not determine the motion.
 
     Raises
     ------
     InputError
-        Where the pose is a rotation, or the bearings are not as many as it was estimated from.
+        If the pose is a rotation, or the number of bearings is not that of the estimate.
 
     References
     ----------
-    Module docstring. Departing from [B99]_ the spread is taken around the fit to all matches and not around the
-    jackknife's own mean: what leaving out a part changes on average, a bias, counts as error too.
+    See the module docstring. Departure from [B99]_: the spread is taken around the fit to all matches and not around
+    the mean of the jackknife, so that a bias (the mean change when a part is left out) counts as error too.
     """
     m, n = as_matches(bearings1, bearings2, at_least=0)
     if pose.kind == "rotation":
@@ -80,7 +82,7 @@ def direction_spread_rad(pose: RelativePose, bearings1: ArrayLike, bearings2: Ar
     if not np.trace(information) > 0:
         return float("inf")
     left = np.array([information - J[part == one].T @ J[part == one] for one in parts])
-    # In units of the information of all, whatever the units of the five unknowns are.
+    # In units of the information of all matches, so that the units of the five unknowns do not matter.
     whiten = np.linalg.inv(np.linalg.cholesky(information + 1e-12 * np.trace(information) * np.eye(5)))
     if np.linalg.eigvalsh(whiten @ left @ whiten.T).min() < _LEAST_INFORMATION:
         return float("inf")

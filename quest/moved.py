@@ -30,14 +30,14 @@ QUEST_MODULES: dict[str, str] = {
     "quest.questn": "quest.solvers.questn",
     "quest.nullspace": "quest.solvers.quest6_fast",
     "quest.ransac": "quest.robust.ransac",
-    "quest.search": "quest.robust.lo_ransac",
+    "quest.search": "quest.robust.lo_ransac quest.robust.prosac",
     "quest.pose_problem": "quest.robust.pose_problem",
     "quest.kernels": "quest.robust.kernels",
     "quest.rotation": "quest.robust.rotation",
     "quest.modes": "quest.robust.pose_modes",
     "quest.neighbours": "quest.robust.spatial_blocks",
     "quest.planes": "quest.robust.plane",
-    "quest.parallax": "quest.uncertainty.parallax",
+    "quest.parallax": "quest.uncertainty.parallax quest.uncertainty.tails",
 }
 
 
@@ -122,10 +122,10 @@ def moved_names(package: str, homes: Mapping[str, str]) -> Callable[[str], objec
     function of str
     """
 
-    def __getattr__(name: str) -> object:
+    def find(name: str) -> object:
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         warnings.warn(f"{package}.{name} has moved to {homes[name]}", DeprecationWarning, stacklevel=2)
         return getattr(importlib.import_module(homes[name]), name)
 
-    return __getattr__
+    return find

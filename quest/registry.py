@@ -1,8 +1,8 @@
-"""All solvers by name, with what a caller has to know to run any of them.
+"""All solvers by name, with the properties that a caller needs to run any of them.
 
-Each takes bearings ``m, n`` (N, 3) or (B, N, 3) and gives the rotations cam2_from_cam1 that they allow as unit
-quaternions wxyz, (K, 4), or (B, K, 4) padded with NaN. :func:`quest.solvers.selection.select_candidates` ranks them and adds
-the translations.
+Each solver takes bearings ``m, n`` (N, 3) or (B, N, 3) and returns the rotations cam2_from_cam1 that the bearings allow
+as unit quaternions wxyz: (K, 4), or (B, K, 4) padded with NaN. :func:`quest.solvers.selection.select_candidates` ranks
+the rotations and adds the translations.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Solver:
     Attributes
     ----------
     name : str
-        As in tables.
+        Name of the solver in tables.
     function : callable
         ``function(m, n)``, see the module docstring.
     sample_size : int
@@ -38,12 +38,13 @@ class Solver:
     takes_more : bool
         Whether a sample may hold more matches than that.
     most_candidates : int
-        No sample has more.
+        Largest number of candidates of a sample.
     handles_planes : bool
         Whether points on a plane are solved exactly.
     handles_depth : bool
         Whether points that lie on no plane are solved exactly.
     citation : str
+        Source of the method.
     """
 
     name: str

@@ -1,18 +1,75 @@
-"""What is known of the motion between two views: a pose, what else explains the matches, or why there is none."""
+"""The results of an estimate: a relative pose with its alternatives and evidence, or the reason why there is none."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quest.uncertainty.parallax import ParallaxStatement
 
-__all__ = ["Hypothesis", "NoPose", "RelativePose"]
+__all__ = ["Hypothesis", "NoPose", "PoseEvidence", "RelativePose"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class PoseEvidence:
+    """The numbers on which the decisions of an estimate rest.
+
+    A field is None where the estimate ended before the number was needed.
+
+    Attributes
+    ----------
+    matches : int
+        Number of matches; where the reason is "too_few_matches", the number of distinct matches.
+    needed : int or None
+        Smallest number of distinct matches; given where the reason is "too_few_matches".
+    samples : int or None
+        Number of samples that RANSAC drew.
+    inliers : int or None
+        Number of matches that the best motion of RANSAC explains after refinement.
+    noise_rad : float or None
+        Standard deviation of a bearing, from the residuals of these inliers.
+    chance_inliers : float or None
+        Mean number of matches that this motion explains after the matches are shuffled.
+    parallax_z : float or None
+        Test value of the translation, see :attr:`quest.ParallaxStatement.test_value`.
+    parallax_p : float or None
+        Bound on the probability of such matches without a translation, see :attr:`quest.ParallaxStatement.p_value`.
+    rotation_inliers : int or None
+        Number of matches that a rotation alone explains; given where no translation is observable.
+    off_line_rad : float or None
+        Distance of the rays from their best great circle; given where the points lie on a line.
+    on_plane, off_plane : int or None
+        Number of inliers that lie on the best plane, and number of inliers that do not.
+    """
+
+    matches: int
+    needed: int | None = None
+    samples: int | None = None
+    inliers: int | None = None
+    noise_rad: float | None = None
+    chance_inliers: float | None = None
+    parallax_z: float | None = None
+    parallax_p: float | None = None
+    rotation_inliers: int | None = None
+    off_line_rad: float | None = None
+    on_plane: int | None = None
+    off_plane: int | None = None
+
+    def as_dict(self) -> dict[str, float]:
+        """The known numbers by name, in the order of the fields.
+
+        Returns
+        -------
+        dict of str to float
+            Without the fields that are None.
+        """
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in values.items() if value is not None}
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,10 +79,13 @@ class Hypothesis:
     Attributes
     ----------
     q_wxyz : (4,) float
+        Unit quaternion of R, w >= 0.
     R : (3, 3) float
+        Rotation of cam2_from_cam1.
     t : (3,) float
+        Translation of cam2_from_cam1, unit norm.
     inliers : (N,) bool
-        The matches that it explains, in front of both cameras.
+        The matches that the motion explains, in front of both cameras.
     """
 
     q_wxyz: Floats
@@ -36,16 +96,18 @@ class Hypothesis:
 
 @dataclass(frozen=True, eq=False)
 class RelativePose:
-    """A relative pose, ``cam2_from_cam1``, and what is known about it. Truthy.
+    """A relative pose, ``cam2_from_cam1``, its uncertainty and its alternatives. Truthy.
 
     Attributes
     ----------
     q_wxyz : (4,) float
-        Unit quaternion, w >= 0.
+        Unit quaternion of R, w >= 0.
     R : (3, 3) float
+        Rotation of cam2_from_cam1.
     t : (3,) float
-        Unit norm; zero where ``kind`` is "rotation".
+        Translation of cam2_from_cam1, unit norm; zero where ``kind`` is "rotation".
     inliers : (N,) bool
+        The matches that the pose explains, in front of both cameras.
     depths1, depths2 : (N,) float
         Depths along the unit bearings, in units of |t|; NaN where a match is no inlier and for kind "rotation".
     kind : str
@@ -53,17 +115,18 @@ class RelativePose:
     alternatives : tuple of Hypothesis
         Other poses that explain the matches as well: at most three, on a plane at most one.
     noise_rad : float
-        Standard deviation of a bearing as estimated from the residuals of the inliers.
+        Standard deviation of a bearing, estimated from the residuals of the inliers.
     parallax_rad : float
         Median over the inliers of the angle between the two rays of a match, after the rotation is removed.
     parallax : ParallaxStatement or None
         Whether there is a translation at all: |t|/depth = a +- b, and the probability of such matches without one.
-        None where no motion was there to test (exact rotations).
+        None where RANSAC found no motion to test (exact rotations).
     covariance : (5, 5) float
-        Of a rotation vector applied to R from the left and of t in the basis ``refine.tangent_basis(t)``, in rad^2,
-        from the residuals' noise; NaN for kind "rotation".
-    evidence : dict
-        The counts behind the decisions.
+        Covariance in rad^2, from the noise of the residuals; NaN for kind "rotation". The first three unknowns are a
+        rotation vector applied to R from the left, the last two are coordinates of t in the basis
+        ``quest.geometry.refine.tangent_basis(t)``.
+    evidence : PoseEvidence
+        The numbers on which the decisions rest.
     """
 
     q_wxyz: Floats
@@ -78,32 +141,39 @@ class RelativePose:
     parallax_rad: float
     parallax: ParallaxStatement | None
     covariance: Floats
-    evidence: dict[str, float] = field(default_factory=dict)
+    evidence: PoseEvidence
 
     def __bool__(self) -> bool:
         return True
 
     @property
     def direction_sigma_rad(self) -> float:
-        """Standard deviation of the direction of t where it is least certain."""
+        """Standard deviation of the direction of t along its least certain axis.
+
+        Returns
+        -------
+        float
+            Radians; infinite where ``covariance`` is not finite.
+        """
         tangent = self.covariance[3:, 3:]
         return float(np.sqrt(np.linalg.eigvalsh(tangent)[-1])) if np.isfinite(tangent).all() else float("inf")
 
 
 @dataclass(frozen=True, eq=False)
 class NoPose:
-    """There is no pose. Falsy.
+    """The estimate found no pose. Falsy.
 
     Attributes
     ----------
     reason : str
         "too_few_matches" (fewer than ten distinct ones) or "no_consistent_motion" (no motion explains more matches than
-        chance would, or the points lie on a line, so that a family of motions does).
-    evidence : dict
+        chance would, or the points lie on a line, so that a family of motions explains them).
+    evidence : PoseEvidence
+        The numbers on which the decision rests.
     """
 
     reason: str
-    evidence: dict[str, float] = field(default_factory=dict)
+    evidence: PoseEvidence
 
     def __bool__(self) -> bool:
         return False

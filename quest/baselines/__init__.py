@@ -1,9 +1,9 @@
-"""The solvers that QuEst is compared with, all in its plain form: bearings in, quaternions of candidates out.
+"""The classical solvers that QuEst is compared with: bearings in, quaternions of candidates out.
 
-Written here in batched numpy, so that all solvers meet on equal terms and one suite tests them; the benchmarks set the
-implementations of OpenCV and PoseLib beside them. Each essential matrix gives its two rotations, the twisted pair;
-the translation follows from :func:`quest.solvers.selection.select_candidates` or :func:`quest.translation_and_depths`, as for
-QuEst.
+All are written in batched numpy, so that the comparison is fair and one test suite covers all solvers. The benchmarks
+also run the implementations of OpenCV and PoseLib. Each essential matrix gives its two rotations, the twisted pair. The
+translation follows from :func:`quest.solvers.selection.select_candidates` or :func:`quest.translation_and_depths`, as
+for QuEst.
 """
 
 from quest.baselines.eight_point import eight_point

@@ -13,8 +13,8 @@ __all__ = ["eight_point"]
 def eight_point(m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
     """Rotations cam2_from_cam1 of the essential matrix that fits eight or more matches best.
 
-    ``n . E m = 0`` in least squares over E of unit norm. Bearings of unit norm need no normalization of Hartley's. On
-    points of a plane three dimensions of E fit, and what comes out is wrong.
+    ``n . E m = 0`` is solved in least squares over E of unit norm. Bearings of unit norm need no normalization by
+    Hartley's method. For points on a plane three dimensions of E fit, and the rotations are wrong.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def eight_point(m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        Where the shapes do not fit, N < 8, a number is not finite, or a ray is zero.
+        If the shapes do not fit, N < 8, a number is not finite, or a ray is zero.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""What the solvers for the essential matrix share: the epipolar equations, the cubic constraints, the rotations."""
+"""Common parts of the solvers for the essential matrix: epipolar equations, cubic constraints, rotations."""
 
 from __future__ import annotations
 
@@ -18,12 +18,28 @@ _QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 def as_samples(m: ArrayLike, n: ArrayLike, at_least: int, at_most: int | None = None) -> tuple[Floats, Floats, bool]:
-    """Unit bearings (B, N, 3) of a solver's arguments, and whether they came as a single sample (N, 3).
+    """Check the arguments of a solver.
+
+    Parameters
+    ----------
+    m, n : (N, 3) or (B, N, 3) array_like
+        Bearings in camera 1 and camera 2.
+    at_least : int
+        Smallest N allowed.
+    at_most : int, optional
+        Largest N allowed; by default any.
+
+    Returns
+    -------
+    m, n : (B, N, 3) float
+        Unit bearings.
+    single : bool
+        Whether the bearings came as a single sample (N, 3).
 
     Raises
     ------
     InputError
-        As :func:`quest.geometry.epipolar.as_matches`, and where N is larger than ``at_most``.
+        As :func:`quest.geometry.epipolar.as_matches`, and if N is larger than ``at_most``.
     """
     m, n = as_matches(m, n, at_least=at_least)
     if at_most is not None and m.shape[-2] > at_most:
@@ -32,15 +48,37 @@ def as_samples(m: ArrayLike, n: ArrayLike, at_least: int, at_most: int | None = 
 
 
 def null_space(m: Floats, n: Floats, dimensions: int) -> Floats:
-    """Orthonormal basis (B, dimensions, 3, 3) of the matrices E that fulfil ``n . E m = 0`` best, smallest last."""
+    """Basis of the matrices E that fulfil ``n . E m = 0`` best.
+
+    Parameters
+    ----------
+    m, n : (B, N, 3) float
+        Unit bearings in camera 1 and camera 2.
+    dimensions : int
+        Number of basis matrices.
+
+    Returns
+    -------
+    (B, dimensions, 3, 3) float
+        Orthonormal; the matrix of the smallest residual last.
+    """
     rows = (n[..., :, None] * m[..., None, :]).reshape(*m.shape[:2], 9)
-    # R instead of the rows: the singular value decomposition is of nine rows at most.
+    # R of a QR decomposition in place of the rows: the singular value decomposition is then of at most nine rows.
     V = np.linalg.svd(np.linalg.qr(rows, mode="r"))[2]
     return np.asarray(V[:, 9 - dimensions :].reshape(len(m), dimensions, 3, 3))
 
 
 def constraints(E: Floats) -> Floats:
-    """Ten cubics (..., 10) that vanish for essential matrices (..., 3, 3): ``2 E E'E - tr(E E') E`` and ``det E``."""
+    """Ten cubics that vanish for essential matrices: ``2 E E'E - tr(E E') E`` and ``det E``.
+
+    Parameters
+    ----------
+    E : (..., 3, 3) float
+
+    Returns
+    -------
+    (..., 10) float
+    """
     EEt = E @ E.swapaxes(-1, -2)
     trace = np.trace(EEt, axis1=-2, axis2=-1)[..., None, None]
     nine = (2 * EEt @ E - trace * E).reshape(*E.shape[:-2], 9)
@@ -48,7 +86,17 @@ def constraints(E: Floats) -> Floats:
 
 
 def rotations_of_essential(E: Floats) -> Floats:
-    """The two rotations (..., 2, 4) of essential matrices (..., 3, 3), which need not be exact; NaN for NaN.
+    """The two rotations of essential matrices.
+
+    Parameters
+    ----------
+    E : (..., 3, 3) float
+        Any matrices: the nearest essential matrix is decomposed. NaN gives NaN.
+
+    Returns
+    -------
+    (..., 2, 4) float
+        Unit quaternions wxyz.
 
     References
     ----------
@@ -56,7 +104,7 @@ def rotations_of_essential(E: Floats) -> Floats:
     """
     known: NDArray[np.bool_] = np.asarray(np.isfinite(E).all(axis=(-1, -2)))
     U, _, Vt = np.linalg.svd(np.where(known[..., None, None], E, np.eye(3)))
-    # The sign of E is free, and so are those of U and V: make both rotations.
+    # The signs of E, U and V are free: choose the ones that make U and V rotations.
     U = U * np.sign(np.linalg.det(U))[..., None, None]
     Vt = Vt * np.sign(np.linalg.det(Vt))[..., None, None]
     R = np.stack([U @ _QUARTER_TURN @ Vt, U @ _QUARTER_TURN.T @ Vt], axis=-3)
@@ -64,13 +112,27 @@ def rotations_of_essential(E: Floats) -> Floats:
 
 
 def finish(q: Floats, m: Floats, n: Floats, single: bool) -> Floats:
-    """Candidates (B, K, 4) as a solver returns them.
+    """Bring candidates into the form that a solver returns.
 
-    Where the camera has only turned, every translation fits, essential matrices are not determined, and the rotation
-    that turns m into n takes the place of what a solver found: :func:`quest.solvers.quest6.rotation_alone`.
+    For a rotation-only camera every translation fits and the essential matrix is not determined. The rotation that
+    turns m into n (:func:`quest.solvers.quest6.rotation_alone`) then replaces the candidates.
+
+    Parameters
+    ----------
+    q : (B, K, 4) float
+        Candidates, NaN-padded; overwritten.
+    m, n : (B, N, 3) float
+        Unit bearings in camera 1 and camera 2.
+    single : bool
+        Whether the bearings came as a single sample.
+
+    Returns
+    -------
+    (B, K, 4) or (K, 4) float
+        For a single sample without the padding.
     """
-    still = rotation_alone(m, n)
-    turned = np.isfinite(still[:, 0])
-    q[turned] = np.nan
-    q[turned, 0] = still[turned]
+    rotation = rotation_alone(m, n)
+    rotation_only = np.isfinite(rotation[:, 0])
+    q[rotation_only] = np.nan
+    q[rotation_only, 0] = rotation[rotation_only]
     return q[0][np.isfinite(q[0, :, 0])] if single else q

@@ -1,4 +1,4 @@
-"""The homography of a plane between calibrated rays, and the rotations of both of its motions."""
+"""The homography of a plane between calibrated rays, and the rotations of its two motions."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ __all__ = ["homography"]
 
 Floats = NDArray[np.float64]
 
-# Squared singular values of H, the middle one being 1, that differ by less than this are those of a rotation.
+# H, scaled to a middle singular value of 1, is a rotation where the squared singular values differ by less than this.
 _ROTATION = 1e-12
 
-# Smallest singular value of H relative to the middle one: d2 / (d1 + d2) or so for a plane at distances d1 and d2 from
-# the two cameras, so that under 1e-9 the second camera lies in the plane for any purpose.
+# Smallest singular value of H relative to the middle one. For a plane at distances d1 and d2 from the two cameras it is
+# about d2 / (d1 + d2); below 1e-9 the second camera practically lies in the plane.
 _SINGULAR = 1e-9
 
 
 def homography(m: ArrayLike, n: ArrayLike) -> Floats:
     """Rotations cam2_from_cam1 of the two motions that the homography of four or more matches allows.
 
-    ``n x H m = 0`` in least squares over H of unit norm, then H = R + t k' is taken apart as in
-    :func:`quest.geometry.homography.decompose_homography`, here for a batch. It takes the points to lie on a plane: of others
-    what comes out is wrong.
+    ``n x H m = 0`` is solved in least squares over H of unit norm. Then H = R + t k' is decomposed as in
+    :func:`quest.geometry.homography.decompose_homography`, here for a batch. For points that lie on no plane the
+    rotations are wrong.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def homography(m: ArrayLike, n: ArrayLike) -> Floats:
     Raises
     ------
     InputError
-        Where the shapes do not fit, N < 4, a number is not finite, or a ray is zero.
+        If the shapes do not fit, N < 4, a number is not finite, or a ray is zero.
 
     References
     ----------
@@ -58,7 +58,7 @@ def _fit(m: Floats, n: Floats) -> Floats:
     rows = (cross[..., None] * m[:, :, None, None, :]).reshape(len(m), -1, 9)
     H = np.linalg.svd(np.linalg.qr(rows, mode="r"))[2][:, -1].reshape(-1, 3, 3)
     _, middle, smallest = np.linalg.svd(H, compute_uv=False).T
-    # Three rays in a plane leave a homography without an inverse, which is no motion's.
+    # Three rays in a plane give a homography without inverse, which belongs to no motion.
     scale = np.sign(np.linalg.det(H)) / np.where(smallest > _SINGULAR * middle, middle, np.nan)
     return np.asarray(H * scale[:, None, None])
 
@@ -71,20 +71,20 @@ def _rotations(H: Floats) -> Floats:
     V = V * np.sign(np.linalg.det(V))[:, None, None]
     v1, v2, v3 = np.moveaxis(V, 1, 0)
     above, below = np.maximum(s[:, 0] ** 2 - 1, 0.0), np.maximum(1 - s[:, 2] ** 2, 0.0)
-    turned = above + below < _ROTATION
-    spread = np.where(turned, 1.0, above + below)[:, None]
+    is_rotation = above + below < _ROTATION
+    spread = np.where(is_rotation, 1.0, above + below)[:, None]
     found = []
     for sign in (1.0, -1.0):
-        # H keeps the length of v2 and of u, hence of all that they span: R does to them what H does.
+        # H keeps the length of v2 and of u, hence of all vectors that they span: R and H are equal on them.
         u = np.sqrt(below[:, None] / spread) * v1 + sign * np.sqrt(above[:, None] / spread) * v3
         first, second = (H @ v2[..., None])[..., 0], (H @ u[..., None])[..., 0]
         before = np.stack([v2, u, np.cross(v2, u)], axis=-1)
         after = np.stack([first, second, np.cross(first, second)], axis=-1)
         found.append(after @ before.swapaxes(-1, -2))
     R = np.stack(found, axis=1)
-    R[turned, 0] = H[turned]
+    R[is_rotation, 0] = H[is_rotation]
     U, _, Wt = np.linalg.svd(R)
     q = quaternion_from_matrix(U @ Wt)
-    q[turned, 1] = np.nan
+    q[is_rotation, 1] = np.nan
     q[~known] = np.nan
     return q

@@ -11,20 +11,20 @@ __all__ = ["seven_point"]
 
 Floats = NDArray[np.float64]
 
-# det(c A + s B) is a cubic form in (c, s), which its values at four angles determine.
+# det(c A + s B) is a cubic form in (c, s). Its values at four angles determine it.
 _ANGLES = np.pi * np.arange(4) / 4
 _NODES = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 _COEFFICIENTS = np.linalg.inv([[c**3, c * c * s, c * s * s, s**3] for c, s in _NODES])
 
-# Above this, |imaginary| / |root|: rounding parts a double root by the square root of 1e-16.
+# A root is complex where |imaginary| / |root| exceeds this bound: rounding separates a double root by sqrt(1e-16).
 _REAL = 1e-7
 
 
 def seven_point(m: ArrayLike, n: ArrayLike) -> Floats:
     """Rotations cam2_from_cam1 of the singular matrices ``n . E m = 0`` that seven matches allow.
 
-    Of the pencil E = c A + s B those with det E = 0 are taken, at most three, and from each the rotations of the
-    nearest essential matrix. On points of a plane the pencil has three dimensions, and what comes out is wrong.
+    The matrices of the pencil E = c A + s B with det E = 0 are the solutions, at most three. Each gives the rotations
+    of the nearest essential matrix. For points on a plane the pencil has three dimensions, and the rotations are wrong.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def seven_point(m: ArrayLike, n: ArrayLike) -> Floats:
     Raises
     ------
     InputError
-        Where the shapes do not fit, N < 7, a number is not finite, or a ray is zero.
+        If the shapes do not fit, N < 7, a number is not finite, or a ray is zero.
 
     References
     ----------
@@ -55,12 +55,14 @@ def seven_point(m: ArrayLike, n: ArrayLike) -> Floats:
 
 def _roots(form: Floats) -> Floats:
     """Real roots (B, 3, 2) of cubic forms (B, 4) ``c^3, c^2 s, c s^2, s^3`` on the unit circle; NaN if complex."""
-    # Divide by the larger end, so that no root is at infinity: c/s or s/c is the unknown.
+    # Divide by the larger of the first and the last coefficient, so that no root is infinite: the unknown is c/s or
+    # s/c.
     swap = np.abs(form[:, 3]) > np.abs(form[:, 0])
     form = np.where(swap[:, None], form[:, ::-1], form)
     companion = np.zeros((len(form), 3, 3))
     companion[:, 1, 0] = companion[:, 2, 1] = 1.0
-    # All four vanish where every matrix of the pencil is singular: its roots are then all zero, as good as any.
+    # All four coefficients vanish where every matrix of the pencil is singular. Any root is right then; here it is
+    # zero.
     companion[:, 0] = -form[:, 1:] / np.where(form[:, :1] == 0, 1.0, form[:, :1])
     x = np.linalg.eigvals(companion)
     real = np.abs(x.imag) <= _REAL * np.abs(x)

@@ -13,13 +13,13 @@ __all__ = ["six_point"]
 
 Floats = NDArray[np.float64]
 
-# The ten cubic monomials of x, y, z (letters 0 to 2), and for a pivot a where a^2 (x, y, z) are.
+# The ten cubic monomials of x, y, z (letters 0 to 2), and for a pivot a the positions of a^2 (x, y, z).
 _CUBICS = tuple(combinations_with_replacement(range(3), 3))
 _RATIOS = np.array([[_CUBICS.index(tuple(sorted((a, a, b)))) for b in range(3)] for a in range(3)])
 
 
 def _nodes() -> tuple[Floats, Floats]:
-    """Ten fixed points (10, 3) and the inverse of their monomials; of 1000 seeds the best conditioned, 10."""
+    """Ten fixed points (10, 3) and the inverse of their monomials; the best of 1000 seeds, with condition number 10."""
     points = np.random.default_rng(332).normal(size=(10, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     return points, np.linalg.inv(points[:, np.array(_CUBICS)].prod(axis=-1))
@@ -32,8 +32,8 @@ def six_point(m: ArrayLike, n: ArrayLike) -> Floats:
     """Rotations cam2_from_cam1 of the essential matrix of six matches, linearly.
 
     ``E = x E1 + y E2 + z E3`` of the null space of the epipolar equations turns the ten cubic constraints of essential
-    matrices into ten equations in ten monomials, which are solved as if these were independent unknowns. On points of a
-    plane more than one solution exists and what comes out is wrong.
+    matrices into ten equations in ten monomials. They are solved as if the monomials were independent unknowns. For
+    points on a plane there is more than one solution, and the rotations are wrong.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def six_point(m: ArrayLike, n: ArrayLike) -> Floats:
     Raises
     ------
     InputError
-        Where the shapes do not fit, N < 6, a number is not finite, or a ray is zero.
+        If the shapes do not fit, N < 6, a number is not finite, or a ray is zero.
 
     References
     ----------
@@ -57,7 +57,7 @@ def six_point(m: ArrayLike, n: ArrayLike) -> Floats:
     """
     m, n, single = as_samples(m, n, at_least=6)
     basis = null_space(m, n, 3)
-    # The constraints at ten points are interpolated: their coefficients without symbolic algebra.
+    # The coefficients of the constraints, without symbolic algebra: interpolated from the values at ten points.
     values = constraints(np.tensordot(_NODES, basis, axes=(1, 1)).swapaxes(0, 1))
     equations = (_COEFFICIENTS @ values).swapaxes(-1, -2)
     monomials = np.linalg.svd(equations)[2][:, -1]

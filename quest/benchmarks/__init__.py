@@ -1,1 +1,1 @@
-"""Measurements of the solvers; each module is a command that prints a table."""
+"""Measurements of the solvers and of the robust estimate; the commands print tables in markdown."""

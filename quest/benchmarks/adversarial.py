@@ -1,8 +1,8 @@
-"""Inputs that mean harm: ``python -m quest.benchmarks.adversarial`` feeds 10^5 of them to the functions of ``quest``.
+"""Adversarial inputs: ``python -m quest.benchmarks.adversarial`` calls the functions of ``quest`` with 10^5 of them.
 
-Each input is a degenerate or an ordinary scene in a hostile form. A call passes where it gives an answer that keeps its
-promises (see :func:`promises_broken`) or raises :class:`quest.InputError`; anything else raised, any warning, and an
-answer to an input that has none count as broken. A broken call is told by the number that draws it again.
+Each input is a degenerate or an ordinary scene in a hostile form. A call passes if it returns a valid answer (see
+:func:`defect_of`) or raises :class:`quest.InputError`. Any other exception, any warning, and an answer to an
+input without meaning count as broken. The report names the number of each broken call, with which it can be repeated.
 """
 
 from __future__ import annotations
@@ -23,13 +23,16 @@ import quest
 from quest.benchmarks.running import positive, run_on_one_thread, save
 from quest.benchmarks.tables import markdown_table
 
-__all__ = ["FUNCTIONS", "call", "draw_input", "main", "promises_broken"]
+__all__ = ["FUNCTIONS", "call", "defect_of", "draw_input", "main"]
 
 Floats = NDArray[np.float64]
 Views = tuple[Any, Any]
 
-#: Every function that the package exports.
-FUNCTIONS = tuple(name for name in quest.__all__ if inspect.isfunction(getattr(quest, name)))
+#: Every function of the package that takes bearings. The function of pixels takes other arguments; it checks them and
+#: calls ``estimate_relative_pose``.
+FUNCTIONS = tuple(
+    name for name in quest.__all__ if inspect.isfunction(getattr(quest, name)) and name != "estimate_relative_pose_px"
+)
 
 
 def _scene(rng: np.random.Generator) -> tuple[str, Floats, Floats]:
@@ -79,7 +82,7 @@ def _with_value(a: Floats, value: float) -> Floats:
     return a
 
 
-#: Forms in which numbers may come: they mean what they say.
+#: Forms of valid numbers.
 _HARMLESS: dict[str, Callable[[Floats], Any]] = {
     "plain": lambda a: a,
     "float32": lambda a: a.astype(np.float32),
@@ -101,7 +104,7 @@ _HARMLESS: dict[str, Callable[[Floats], Any]] = {
     "one coordinate huge": lambda a: np.clip(a, -1e7, 1e7) * [1e300, 1e-300, 1.0],
     "batch": lambda a: np.stack([a, a[::-1]]),
 }
-#: Forms that mean nothing.
+#: Forms without meaning: a call must raise InputError.
 _HARMFUL: dict[str, Callable[[Floats], Any]] = {
     "NaN": lambda a: _with_value(a, np.nan),
     "infinite": lambda a: _with_value(a, np.inf),
@@ -126,19 +129,19 @@ _HARMFUL: dict[str, Callable[[Floats], Any]] = {
 
 
 def draw_input(rng: np.random.Generator) -> tuple[str, bool, Views]:
-    """An input: what it is, whether it means nothing, and the matched bearings in whatever form."""
+    """Draw an input: its description, whether it is without meaning, and the matched bearings in some form."""
     scene, X, Y = _scene(rng)
     harmful = bool(rng.random() < 0.4) and len(X) > 0
     forms = _HARMFUL if harmful else _HARMLESS
     form = str(rng.choice(list(forms)))
     views = forms[form](X), forms[form](Y)
-    if harmful and rng.random() < 0.5:  # one good view does not help the other
+    if harmful and rng.random() < 0.5:  # one valid view does not make the input valid
         views = (X, views[1]) if rng.random() < 0.5 else (views[0], Y)
     return f"{form}: {scene}, {len(X)} matches", harmful, views
 
 
 def call(name: str, views: Views, rng: np.random.Generator) -> Any:
-    """Call a function of the package on two views; further arguments are ordinary or hostile ones."""
+    """Call a function of the package on two views; the other arguments are ordinary or hostile."""
     function = getattr(quest, name)
     hostile = [0, -1.0, np.nan, np.inf, "1", None, 1e300, 1e-300, True, [1.0], 10**400, np.array([1.0, 2.0])]
     odd = hostile[int(rng.integers(len(hostile)))] if rng.random() < 0.2 else ...
@@ -166,31 +169,31 @@ def _quaternions(rng: np.random.Generator) -> Floats:
     return np.asarray(scale * np.array([rng.normal(size=4), np.eye(4)[int(rng.integers(4))]]))
 
 
-def promises_broken(result: Any) -> str | None:
-    """What is wrong with an answer, or None: a number that is not one, a rotation that is none."""
+def defect_of(result: Any) -> str | None:
+    """What is invalid in an answer, or None: a number that is not finite, a rotation that is no rotation."""
     if isinstance(result, quest.NoPose):
         return None
     if isinstance(result, quest.RelativePose):
         poses: list[quest.RelativePose | quest.Hypothesis] = [result, *result.alternatives]
         if not all(_unit(p.q_wxyz) and (_unit(p.t) or not p.t.any()) and np.isfinite(p.R).all() for p in poses):
-            return "a pose that is none"
+            return "an invalid pose"
         if result.kind != "rotation" and not np.isfinite(result.covariance).all():
             return "a covariance that is not finite"
         return None if np.isfinite([result.noise_rad, result.parallax_rad]).all() else "a statistic that is not finite"
     if isinstance(result, quest.ParallaxStatement):
         if not (0 <= result.p_value <= 1 and np.isfinite(result.test_value) and result.noise_rad > 0):
-            return "a test that is none"
+            return "an invalid test"
         known = np.isfinite(result.ratio) and result.ratio_sigma >= 0
         return None if known or result.ratio_sigma == np.inf else "a ratio that is not finite"
     if isinstance(result, tuple):
         t, u, v = result
         norm = np.linalg.norm(t, axis=-1)
         fine = (np.abs(norm - 1) < 1e-9) | (norm == 0)
-        return None if fine.all() and u.shape == v.shape else "a translation that is none"
+        return None if fine.all() and u.shape == v.shape else "an invalid translation"
     rows = result.reshape(-1, 4)
     if result.ndim == 3:
         rows = rows[~np.isnan(rows).all(axis=1)]
-    return None if all(_unit(q) for q in rows) else "a quaternion that is none"
+    return None if all(_unit(q) for q in rows) else "an invalid quaternion"
 
 
 def _unit(a: Floats) -> bool:
@@ -207,17 +210,17 @@ def judge(name: str, seed: int, index: int) -> tuple[str, str]:
             result = call(name, views, rng)
         except quest.InputError as error:
             return ("InputError", "") if "\n" not in str(error) else ("broken", f"message of several lines ({what})")
-        # Whatever else is raised is what this program looks for.
+        # Any other exception is a defect.
         except Exception as error:
             return "broken", f"{type(error).__name__}: {error} ({what})"
     if harmful:
-        return "broken", f"took what means nothing ({what})"
-    problem = promises_broken(result)
+        return "broken", f"accepted an input without meaning ({what})"
+    problem = defect_of(result)
     return ("answer", "") if problem is None else ("broken", f"{problem} ({what})")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Feed the inputs and print what became of them; the exit code is 1 where a call was broken."""
+    """Make the calls and print the number of outcomes; the exit code is 1 if a call was broken."""
     parser = argparse.ArgumentParser(prog="python -m quest.benchmarks.adversarial", allow_abbrev=False)
     parser.description = "Random and adversarial inputs to every function of quest."
     parser.add_argument("--inputs", type=positive, default=100_000, metavar="N", help="in all (default 100000)")

@@ -1,4 +1,4 @@
-"""What the answers of a method to a group of pairs come to, as a cell of a table."""
+"""Statistics of the answers of a method to a group of pairs, as cells of a table."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from quest.benchmarks.robust_trials import Answer
 
 __all__ = ["FOUND_DEG", "auc_cell", "errors_cell", "kept_cell", "success_cell", "times_cell", "verdicts_cell"]
 
-#: A pose so near to the truth is the true one: the two poses of a plane are farther apart, and a bundle adjustment
-#: starts well from it.
+#: A pose with smaller errors counts as the true pose: the two poses of a plane are farther apart, and a bundle
+#: adjustment converges from it.
 FOUND_DEG = 5.0
 
 
 def success_cell(answers: Sequence[Answer]) -> str:
-    """Per cent of first poses within 1 / 5 / 10 deg."""
+    """Percentage of first poses within 1 / 5 / 10 deg."""
     errors = [answer.error_deg for answer in answers]
     return " / ".join(f"{100 * accuracy(errors, bound):.0f}" for bound in (1, 5, 10))
 
@@ -29,7 +29,7 @@ def auc_cell(answers: Sequence[Answer]) -> str:
 
 
 def kept_cell(answers: Sequence[Answer]) -> str:
-    """Per cent of answers that keep a pose within 5 deg, and the mean number of poses kept."""
+    """Percentage of answers with a pose within 5 deg among the returned ones, and the mean number of returned poses."""
     if not answers:
         return "-"
     share = 100 * accuracy([answer.kept_error_deg for answer in answers], FOUND_DEG)
@@ -39,7 +39,7 @@ def kept_cell(answers: Sequence[Answer]) -> str:
 def errors_cell(answers: Sequence[Answer]) -> str:
     """Median error of rotation / direction in deg, a failure counted as infinite.
 
-    The median of the successes alone would reward giving up.
+    The median over the successes alone would favour a method that often gives up.
     """
     rotation = float(np.median([answer.rotation_error_deg for answer in answers]))
     direction = float(np.median([answer.direction_error_deg for answer in answers]))
@@ -53,6 +53,6 @@ def times_cell(answers: Sequence[Answer]) -> str:
 
 
 def verdicts_cell(answers: Sequence[Answer]) -> str:
-    """Per cent of answers "only turned" / no pose."""
+    """Percentage of answers "rotation-only camera" / no pose."""
     kinds = [answer.kind for answer in answers]
     return f"{100 * kinds.count('rotation') / len(kinds):.0f} / {100 * kinds.count('none') / len(kinds):.0f}"

@@ -1,4 +1,4 @@
-"""The solvers that the paper's experiment compares: ours, those as printed, and outside references where installed."""
+"""The solvers of the comparison: those of this package, the printed forms, and OpenCV and PoseLib if installed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Contestant:
 
 
 def contestants() -> list[Contestant]:
-    """In the order of the tables."""
+    """All solvers of the comparison, in the order of the tables."""
     chosen = [
         Contestant("QuEst 6 printed", 6, one_by_one(quest6_printed)),
         Contestant("QuEst 7 printed", 7, one_by_one(quest7_printed)),
@@ -48,7 +48,7 @@ def contestants() -> list[Contestant]:
 
 
 def one_by_one(solve: Solve) -> Solve:
-    """A solver of one sample as a solver of batches."""
+    """Make a solver of batches from a solver of one sample."""
 
     def solve_all(m: Floats, n: Floats) -> Floats:
         found = [solve(*sample) for sample in zip(m, n, strict=True)]
@@ -71,7 +71,7 @@ def _opencv_five_point(m: Floats, n: Floats) -> Floats:
 
 
 def _poselib_five_point(m: Floats, n: Floats) -> Floats:
-    """Poses with all five points before both cameras."""
+    """The poses of PoseLib, with all five points in front of both cameras."""
     import poselib
 
     return np.array([pose.q for pose in poselib.relpose_5pt(m, n)], float).reshape(-1, 4)

@@ -1,10 +1,10 @@
-"""What compilation costs and when it pays: ``python -m quest.benchmarks.first_call --out DIR``.
+"""The time of compilation, and the number of calls that make up for it: ``python -m quest.benchmarks.first_call``.
 
-Each repetition is two fresh processes that share a new folder for machine code: the first compiles, the second finds
-it on disk. Each imports quest and estimates the same pair several times, then once with ``solver="quest6"``, the search
-in plain numpy (rotations and parallax are judged by compiled loops there too). The break-even is the number of calls
-from which on the compiled search, first call included, has taken less time than the one in numpy would have. Medians
-over the repetitions.
+Each repetition is two fresh processes that share a new folder for machine code: the first process compiles, the second
+finds the machine code on disk. Each process imports quest and estimates the same pair several times, then with
+``solver="quest6"``, the search in plain numpy (which uses compiled loops for rotations and parallax too). The
+break-even is the number of calls after which the compiled search, first call included, has taken less time than the
+search in numpy. The table shows medians over the repetitions.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from quest.benchmarks.tables import markdown_table, number
 
 __all__ = ["break_even", "main", "measure", "table"]
 
-#: What a process measures, in milliseconds; the call after the first is the median of several.
+#: The program of a process: it prints times in milliseconds; the time of a later call is the median of several.
 _CHILD = """
 import sys, time
 start = time.perf_counter()
@@ -53,7 +53,7 @@ _LATER_CALLS = 5
 
 
 def measure(folder: Path, matches: int, outliers: float) -> dict[str, float]:
-    """Times of a fresh process in ms, with its machine code in a folder: numpy, quest, first, later, quest6."""
+    """Times of a fresh process in ms, with the machine code in a folder. Keys: numpy, quest, first, later, quest6."""
     done = subprocess.run(
         [sys.executable, "-c", _CHILD, str(matches), str(outliers), str(_LATER_CALLS)],
         env=os.environ | {"NUMBA_CACHE_DIR": str(folder)},
@@ -66,7 +66,7 @@ def measure(folder: Path, matches: int, outliers: float) -> dict[str, float]:
 
 
 def break_even(first: float, later: float, other: float) -> float:
-    """From how many calls on ``first + (k - 1) later <= k other``; infinite where never."""
+    """The smallest number of calls k with ``first + (k - 1) later <= k other``; infinite if there is none."""
     if first <= other:
         return 1
     return math.ceil((first - later) / (other - later)) if other > later else math.inf
@@ -90,7 +90,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, help="folder for first_call.md")
     parser.add_argument("--repetitions", type=positive, default=3)
     parser.add_argument("--matches", type=positive, default=500)
-    parser.add_argument("--outliers", type=float, default=0.3, help="share of wrong matches")
+    parser.add_argument("--outliers", type=float, default=0.3, help="share of outliers")
     options = parser.parse_args(argv)
     if not 0 <= options.outliers < 1:
         parser.error(f"--outliers is {options.outliers:g}: give a share from 0 to below 1")

@@ -1,4 +1,4 @@
-"""How far a pose is from the truth, and what many such errors come to."""
+"""The error of a pose, and summary measures of many errors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 def pose_errors_deg(R: Floats, t: Floats, true_R: Floats, true_t: Floats) -> tuple[float, float]:
     """Angles in degrees between two rotations (3, 3), and between two translations (3,) of any norm.
 
-    The sign of t counts: a camera that is said to move back in place of forward is off by 180 degrees. Where either
+    The sign of t is included: backward motion in place of forward motion is an error of 180 degrees. Where either
     translation is zero there is no direction, and the angle is infinite.
     """
     rotation = float(np.rad2deg(rotation_angle(R @ true_R.T)))
@@ -25,7 +25,7 @@ def pose_errors_deg(R: Floats, t: Floats, true_R: Floats, true_t: Floats) -> tup
 
 
 def accuracy(errors_deg: ArrayLike, bound_deg: float) -> float:
-    """Share of errors below a bound; what is infinite or NaN is not below. NaN where there are no errors."""
+    """Share of errors below a bound; infinity and NaN are not below it. NaN where there are no errors."""
     errors = np.asarray(errors_deg, float)
     return float(np.mean(errors < bound_deg)) if errors.size else float("nan")
 
@@ -33,8 +33,8 @@ def accuracy(errors_deg: ArrayLike, bound_deg: float) -> float:
 def area_under_recall(errors_deg: ArrayLike, bound_deg: float) -> float:
     """Area under the curve of recall over error from 0 to a bound, divided by the bound (AUC@bound).
 
-    Recall at e is the share of errors of at most e, linear between the sorted errors and starting at (0, 0), as is the
-    custom in image matching (P.-E. Sarlin et al., "SuperGlue", CVPR 2020). Missing poses have infinite errors.
+    Recall at e is the share of errors of at most e, linear between the sorted errors and starting at (0, 0), as is
+    usual in image matching (P.-E. Sarlin et al., "SuperGlue", CVPR 2020). Missing poses have infinite errors.
     """
     errors = np.sort(np.asarray(errors_deg, float))
     if not errors.size:

@@ -1,4 +1,4 @@
-"""What is measured of one solver at one noise level of the synthetic experiment."""
+"""The measures of one solver at one noise level of the synthetic experiment."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ NOISES_PX = {"general": (0.0, 0.5, 1.0, 2.0, 5.0, 10.0), "coplanar": (0.0, 0.25,
 
 @dataclass(frozen=True)
 class Cell:
-    """What a solver did to the problems of one scene and level.
+    """The results of a solver on the problems of one scene and level.
 
     Attributes
     ----------
     closest, first : (B,) float
         Rotation error of the candidate closest to the truth, and of the one ranked first.
     direction, direction_of_first : (B,) float
-        Direction error of the translation that goes with them.
+        Direction error of the translation of these two candidates.
     candidates : float
-        Their mean number.
+        Mean number of candidates.
     reached_by_first, reached_by_four : float
-        Share of problems from which refinement reaches the truth; NaN where that was not asked.
+        Share of problems from which refinement reaches the truth; NaN where it was not measured.
     """
 
     closest: Floats

@@ -1,4 +1,4 @@
-"""The plots of the paper's synthetic experiment."""
+"""The plots of the synthetic experiment of the paper."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from quest.benchmarks.paper_cells import NOISES_PX, Cell
 
 __all__ = ["draw"]
 
-# Lines that the eye can part: variants of a solver that lie on or near it are left to the tables.
+# Solvers whose lines can be told apart in the plot. Variants with nearly the same line are in the tables only.
 _SHOWN = {
     "QuEst 6 printed": ("tab:blue", ":", "o"),
     "QuEst 7 printed": ("tab:orange", ":", "o"),
@@ -38,7 +38,7 @@ def draw(cells: Mapping[tuple[str, float, str], Cell], out: Path) -> None:
 
     figure, axes = plt.subplots(2, 2, figsize=(12, 9), sharex="col", sharey="row", layout="constrained")
     for column, (scene, levels) in zip(axes.T, NOISES_PX.items(), strict=True):
-        noises = levels[1:]  # without noise the errors are those of rounding, or of a solver that fails: see the tables
+        noises = levels[1:]  # errors without noise (rounding, or a solver that fails) are in the tables
         for ax, measure in zip(column, ("closest", "first"), strict=True):
             for name, (colour, line, marker) in _SHOWN.items():
                 means = [float(np.mean(getattr(cells[scene, noise, name], measure))) for noise in noises]

@@ -1,4 +1,4 @@
-"""Problems of the synthetic experiment of [F17], and its metric."""
+"""The problems of the synthetic experiment of [F17], and its metric."""
 
 from __future__ import annotations
 
@@ -36,9 +36,10 @@ def draw_problems(
     coplanar: bool = False,
     witnesses: int = 0,
 ) -> Problems:
-    """Draw problems of the protocol; those with a point outside of an image are drawn again.
+    """Draw problems of the protocol; a problem with a point outside of an image is drawn again.
 
-    ``witnesses`` further points of the same scene follow the first ones, each drawn until it is in both images.
+    ``witnesses`` is the number of further points of the same scene, each drawn until it is in both images. They follow
+    the points of the sample.
     """
     drawn = [_draw_problem(rng, points, noise_px, coplanar, witnesses) for _ in range(count)]
     m, n, q, t = (np.array(values) for values in zip(*drawn, strict=True))
@@ -66,12 +67,12 @@ def _draw_problem(
 
 
 def _box(rng: np.random.Generator) -> Callable[[int], Floats]:
-    """A draw of so many points of the box."""
+    """A function that draws a given number of points in the box."""
     return lambda points: rng.uniform([-1.2, -0.9, 3], [1.2, 0.9, 6], (points, 3))
 
 
 def _plane(rng: np.random.Generator) -> Callable[[int], Floats]:
-    """A draw of so many points within +-1 on a plane through (0, 0, 4.5), up to 60 degrees off its normal."""
+    """A function that draws points within +-1 on a plane through (0, 0, 4.5), tilted by up to 60 degrees."""
     normal = _direction(rng)
     while abs(normal[2]) < 0.5:
         normal = _direction(rng)
@@ -93,7 +94,7 @@ def _pixels(X: Floats) -> Floats:
 
 
 def _inside(X: Floats) -> NDArray[np.bool_]:
-    """Which points (N,) are before the camera and inside of the image."""
+    """Whether each point (N,) is in front of the camera and inside of the image."""
     with np.errstate(divide="ignore", invalid="ignore"):
         inside = np.abs(_pixels(X)) <= (_HALF_WIDTH_PX, _HALF_HEIGHT_PX)
     return (X[:, 2] > 0) & inside.all(axis=1)
@@ -105,9 +106,9 @@ def _bearings(pixels: Floats) -> Floats:
 
 
 def rotation_error(candidates: Floats, q: Floats) -> Floats:
-    """Metric of [F17] (B,) of the candidate (B, K, 4) nearest to the truth (B, 4); 1/2 without any."""
+    """Metric of [F17] (B,) of the candidate (B, K, 4) nearest to the truth (B, 4); 1/2 without candidates."""
     cosine = np.abs((candidates @ q[..., None])[..., 0])
-    # The arc cosine of a number near one loses half of the digits; the chord does not.
+    # The arc cosine of a number near one has half of the digits only; the chord has all.
     sine = 0.5 * np.minimum(
         np.linalg.norm(candidates - q[:, None], axis=-1), np.linalg.norm(candidates + q[:, None], axis=-1)
     )

@@ -1,14 +1,14 @@
 """The synthetic experiment of [F17]: ``python -m quest.benchmarks.paper_protocol``.
 
 A camera of 800 px and 640x480 sees points in a box of 2.4 x 1.8 x 3 at a distance of 3 to 6 (or on a plane);
-the second camera is turned by up to 30 degrees and moved by up to 1 along each axis; Gaussian noise is added
+the second camera is rotated by up to 30 degrees and moved by up to 1 along each axis; Gaussian noise is added
 in both images. The error is the metric of [F17] with its absolute value restored, ``acos |q . q*| / pi`` in
 [0, 1/2], of the candidate closest to the truth; that of the direction of the translation is ``acos (t . t*) / pi``.
 
-"Closest to the truth" favours a solver with many candidates, and the identity alone scores .033. So the tables
-also tell the number of candidates, the error of the candidate that the ranking of :mod:`quest.solvers.selection`
-puts first, which uses nothing but the sample, and how often refinement on all matches of the pair, started from it or
-from the best of the four that the ranking keeps, ends where refinement from the truth ends.
+"Closest to the truth" favours a solver with many candidates, and the identity alone has an error of .033. So the tables
+also give the number of candidates, the error of the candidate that :mod:`quest.solvers.selection` ranks first from the
+sample alone, and how often refinement on all matches of the pair reaches the end of refinement from the truth. This
+refinement starts from the candidate ranked first, or from the best of the first four.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the paper's synthetic experiment measures, as tables; see :mod:`quest.benchmarks.paper_protocol`."""
+"""The tables of the synthetic experiment of the paper; see :mod:`quest.benchmarks.paper_protocol`."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ __all__ = ["measure", "report"]
 
 Floats = NDArray[np.float64]
 
-# The levels at which the fair measures are tabulated.
+# Noise levels of the tables with the measures that do not favour many candidates.
 _FAIR_NOISES_PX = (0.5, 2.0)
 
-# Every solver gets the first of these, as in the protocol; the others witness the refinement.
+# Number of points for the solvers, and number of further points for the refinement.
 _SAMPLE, _WITNESSES = 8, 52
 
-# Refinement from elsewhere ended where that from the truth did, rotation and direction: far more than what an optimizer
-# leaves, far less than what parts two solutions.
+# Two refinements ended at the same optimum if rotation and direction differ by less than this: far more than the error
+# of an optimizer, far less than the distance of two solutions.
 _SAME_ROTATION_RAD, _SAME_DIRECTION_RAD = 1e-3, 1e-2
 
-# All matches are inliers, so nothing has to be robust: a kernel this wide (in rad) is least squares.
+# All matches are inliers, so no robust kernel is needed: a kernel this wide (in rad) is least squares.
 _LEAST_SQUARES = 10.0
 
 
 def measure(contestant: Contestant, problems: Problems, refined: int = 0) -> Cell:
-    """Run a solver on problems; refine from its candidates in the first ``refined`` ones."""
+    """Run a solver on problems, and refine from its candidates in the first ``refined`` problems."""
     m, n = problems.m[:, : contestant.points], problems.n[:, : contestant.points]
     q = contestant.solve(m, n)
     kept, t = select_candidates(q, m, n, keep=4)
@@ -57,7 +57,7 @@ def measure(contestant: Contestant, problems: Problems, refined: int = 0) -> Cel
 
 
 def _nearest(q: Floats, truth: Floats) -> Floats:
-    """The candidates (B, 4) of q (B, K, 4) nearest to the truth (B, 4); NaN without any."""
+    """The candidates (B, 4) of q (B, K, 4) nearest to the truth (B, 4); NaN without candidates."""
     cosine = np.abs((q @ truth[..., None])[..., 0])
     return np.asarray(q[np.arange(len(q)), np.argmax(np.where(np.isfinite(cosine), cosine, -1.0), axis=1)])
 
@@ -144,11 +144,11 @@ def _fair(cells: dict[tuple[str, float, str], Cell], scene: str, names: list[str
 
 
 def _times(solvers: list[Contestant], seed: int) -> str:
-    """Microseconds of processor time a solve: in batches, and in a call for one sample."""
+    """Microseconds of processor time for a sample: in batches, and in a call for one sample."""
     problems = draw_problems(np.random.default_rng(seed), 64, _SAMPLE, 0.5)
     batched: dict[str, list[float]] = {solver.name: [] for solver in solvers}
     single: dict[str, list[float]] = {solver.name: [] for solver in solvers}
-    for _ in range(9):  # one solver after the other, so that a busy moment of the machine hits all of them
+    for _ in range(9):  # the solvers alternate, so that other load of the machine affects all of them
         for solver in solvers:
             m, n = problems.m[:, : solver.points], problems.n[:, : solver.points]
             start = time.process_time()
@@ -173,7 +173,7 @@ def _times(solvers: list[Contestant], seed: int) -> str:
 
 
 def _verdicts(cells: dict[tuple[str, float, str], Cell], solvers: list[Contestant]) -> str:
-    """What the paper states, and whether it was measured here."""
+    """The statements of the paper, and whether the measurements agree."""
 
     def exact(name: str) -> float:
         return float(np.median(cells["coplanar", 0.0, name].closest))

@@ -1,14 +1,13 @@
-"""Stated against actual: ``python -m quest.benchmarks.parallax_calibration``.
+"""Reliability of the parallax statement: ``python -m quest.benchmarks.parallax_calibration``.
 
-How often :func:`quest.parallax_statement` sees a translation where the camera only turned (its p value against the
-share of trials that fall under it), how often it sees one that is there, and how often the true |t|/depth lies within
-a +- 2b.
+Three measures of :func:`quest.parallax_statement`: how often it reports a translation of a rotation-only camera (the
+stated error rate against the share of trials with a lower p value), how often it reports a true translation, and how
+often the true |t|/depth lies within a +- 2b.
 
-Where there is no translation, the motion that is judged is the most favourable one to a false alarm that a search
-finds: directions through pairs of matches, scored by inliers, the best refined with the rotation set free, its
-inliers selected as the estimator does. Where there is one, the motion is refined from the true one, and judged on the
-same selection: the table tells what the statement sees, not what a search finds. Each time a share of the matches is
-wrong.
+For a rotation-only camera the tested motion is the one that most favours a false alarm among those that a search finds:
+directions through pairs of matches, scored by inliers, the best refined together with the rotation, its inliers
+selected as the estimator does. For a moving camera the tested motion is refined from the true one, with the same
+selection: the table measures the statement and not the search. A share of the matches is outliers.
 """
 
 from __future__ import annotations
@@ -44,9 +43,9 @@ _SHAPES = ("box", "plane", "wall")
 
 @dataclass(frozen=True)
 class Scene:
-    """What to draw: a box of depths 1 to 4, a tilted plane, or a wall at right angles to the axis.
+    """A scene to draw: a box of depths 1 to 4, a tilted plane, or a wall at right angles to the axis.
 
-    ``ratio`` is |t| divided by the median depth, ``outliers`` the share of wrong matches.
+    ``ratio`` is |t| divided by the median depth, ``outliers`` the share of outliers.
     """
 
     shape: str
@@ -58,7 +57,7 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """Matches of two views and their truth; t has norm 1, and ``ratios`` are the true |t|/depth in camera 1."""
+    """Matches of two views and their true motion; |t| = 1, and ``ratios`` are the true |t|/depth in camera 1."""
 
     scene: Scene
     m: Floats
@@ -71,7 +70,7 @@ class Views:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A motion that was fitted, the matches that it keeps, and the statement about it."""
+    """A fitted motion, its inliers, and the statement about it."""
 
     R: Floats
     t: Floats
@@ -102,7 +101,7 @@ def draw_views(scene: Scene, rng: np.random.Generator) -> Views:
 
 
 def fitted_motion(views: Views, rng: np.random.Generator, *, from_truth: bool = False) -> Motion:
-    """Refine the most favourable motion (or the true one), select its inliers and state what they say."""
+    """Refine the most favourable motion (or the true one), select its inliers and make the statement."""
     threshold = 3 * views.scene.noise_rad
     R, t = (views.R, views.t) if from_truth else _search(views, rng, threshold)
     gate = threshold
@@ -114,7 +113,7 @@ def fitted_motion(views: Views, rng: np.random.Generator, *, from_truth: bool = 
         gate = min(threshold, 3 * noise)
         R, t = refine_pose(R, t, views.m[kept], views.n[kept], gate)
     kept, _ = _kept(views.m, views.n, R, t, gate, threshold)
-    # The count by chance, as the estimator finds it: on shuffled matches.
+    # The number of chance inliers, as in the estimator: on shuffled matches.
     shuffles = (views.n[rng.permutation(len(kept))] for _ in range(3))
     chance = [int(_kept(views.m, n, R, t, gate, threshold)[0].sum()) for n in shuffles] if views.scene.outliers else [0]
     if kept.sum() < 6:
@@ -131,7 +130,7 @@ def fitted_motion(views: Views, rng: np.random.Generator, *, from_truth: bool = 
 
 
 def true_ratio(views: Views, R: Floats, t: Floats, kept: Bools) -> float:
-    """The true mean of |t|/depth over the correct ones of the matches that the statement's mean takes, as it weighs."""
+    """The true weighted mean of |t|/depth, over those matches in the mean of the statement that are no outliers."""
     sine2 = 1 - (views.n @ t) ** 2
     taken = np.flatnonzero(kept)[typical_ratios(R, t, views.m[kept], views.n[kept])]
     taken = taken[views.correct[taken]]
@@ -163,7 +162,7 @@ def _search(views: Views, rng: np.random.Generator, threshold: float) -> tuple[F
 
 
 def _kept(m: Floats, n: Floats, R: Floats, t: Floats, gate: float, threshold: float) -> tuple[Bools, Floats]:
-    """Matches within the gate that are not behind a camera beyond doubt, and the residuals of all."""
+    """Matches within the gate that are not behind a camera beyond doubt, and the residuals of all matches."""
     residuals = sampson_error(R, t, m, n)
     u, v = depths_from_pose(R, t, m, n)
     cosine = np.einsum("ij,ij->i", m @ R.T, n)

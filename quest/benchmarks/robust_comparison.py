@@ -1,13 +1,13 @@
 """Robust two-view estimators on the same matches: ``python -m quest.benchmarks.robust_comparison --out DIR``.
 
-Ours, OpenCV's USAC, PoseLib and COLMAP (:mod:`quest.benchmarks.robust_methods`) on the scenes of
+The methods are quest, OpenCV's USAC, PoseLib and COLMAP (:mod:`quest.benchmarks.robust_methods`) on the scenes of
 :mod:`quest.benchmarks.scenes`, all with the same threshold, on one thread. The error of a pose is the larger of the
 angle between the rotations and the angle between the directions of translation, its sign included.
 
-By default one factor varies at a time, the others are held at the middle of their lists; ``--full`` runs every
-combination (hours). On a plane two poses explain both images: "kept" counts the trials in which one of the poses that a
-method keeps is right, which for ours are its pose and at most one alternative. It is a share of the trials that a
-refinement from the truth on the true inliers solves; of the rest no method could know better.
+By default one factor varies at a time, and the others have the middle value of their lists; ``--full`` runs every
+combination (hours). On a plane two poses explain both images. "Kept" counts the trials in which one of the returned
+poses is right; for quest these are the pose and at most one alternative. It is a share of the trials that refinement
+from the truth on the true inliers solves: in the other trials the data do not determine the pose.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Robust two-view estimators side by side: ours and those of OpenCV, PoseLib and COLMAP.
+"""Robust two-view estimators with one interface: quest, OpenCV, PoseLib and COLMAP.
 
-All get the same matched bearings and the same threshold; the others get them as points of a pinhole camera with
-``_FOCAL_PX``. Beyond the threshold each has the options that its makers give as defaults or recommend. Only the call of
-the estimator is timed, converting the matches is not, and it is the processor's time that is taken: on one thread of an
-idle machine that is the wall clock's, and on a busy one it is still right.
+All get the same matched bearings and the same threshold. The others than quest get the bearings as points of a pinhole
+camera with ``_FOCAL_PX``. The other options of each are the defaults or the recommendations of its authors. The
+measured time is the processor time of the call of the estimator, without the conversion of the matches. On one thread
+of an idle machine it equals the wall time, and on a busy machine it does not change.
 
-OpenCV and PoseLib answer with one pose and know no other verdict: whether the camera turned without moving, or whether
-a second pose explains a plane, is left to their caller. pycolmap tells a panoramic pair from a planar one.
+OpenCV and PoseLib return one pose. They do not report whether the camera is rotation-only, or whether a second pose
+explains a plane. pycolmap distinguishes panoramic pairs from planar ones.
 """
 
 from __future__ import annotations
@@ -25,29 +25,30 @@ __all__ = ["METHODS", "Estimate", "Method", "available", "limit_threads"]
 
 Floats = NDArray[np.float64]
 
-#: Of the camera that the others see; it cancels against the threshold in pixels.
+#: Focal length of the camera for the others; it cancels against the threshold in pixels.
 _FOCAL_PX = 500.0
 #: Confidence and bound of the sampling for OpenCV, whose default of 1000 samples ends before an outlier share of 70 %.
 #: The confidence is that of quest, the bound PoseLib's.
 _CONFIDENCE, _MAX_SAMPLES = 0.999, 100_000
-#: OpenCV leaves out points farther than so many baselines before it votes on the pose, by default 50: with a baseline
-#: of .01 of the depth that would be all of them.
+#: OpenCV ignores points farther than this number of baselines where it chooses the pose, by default 50. With a baseline
+#: of .01 of the depth it would ignore all points.
 _FARTHEST_BASELINES = 1e6
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What an estimator answered.
+    """The answer of an estimator.
 
     Attributes
     ----------
     poses : tuple of (R, t)
-        ``cam2_from_cam1``, the best first, then what it keeps beside it; t is zero where it says that the camera only
-        turned. Empty where it found none.
+        ``cam2_from_cam1``, the best first, then the other returned poses; t is zero for a rotation-only camera. Empty
+        without a pose.
     seconds : float
         Processor time of the call.
     kind : str
-        "general", "planar" or "rotation" as the estimator says; "general" where it cannot say; "none" without a pose.
+        "general", "planar" or "rotation" as the estimator reports; "general" if it reports no kind; "none" without a
+        pose.
     """
 
     poses: tuple[tuple[Floats, Floats], ...]
@@ -60,7 +61,7 @@ Method = Callable[[Floats, Floats, float, int], Estimate]
 
 
 def limit_threads() -> None:
-    """Run OpenCV on one thread; the numerical libraries are told before they are loaded."""
+    """Run OpenCV on one thread; :func:`quest.benchmarks.running.run_on_one_thread` limits the other libraries."""
     if find_spec("cv2"):
         import cv2
 
@@ -75,7 +76,7 @@ def _quest(bearings1: Floats, bearings2: Floats, threshold_rad: float, seed: int
     seconds = time.process_time() - begin
     if isinstance(found, NoPose):
         return Estimate((), seconds, "none")
-    # The pose and at most one alternative are compared: more would be a list of guesses.
+    # The pose and at most one alternative are compared: with more poses a chance hit would count.
     kept = [(found.R, found.t), *((other.R, other.t) for other in found.alternatives[:1])]
     return Estimate(tuple(kept), seconds, found.kind)
 
@@ -94,7 +95,7 @@ def _opencv(flag: str, bearings1: Floats, bearings2: Floats, threshold_rad: floa
         if E is None or E.shape != (3, 3):
             return Estimate((), time.process_time() - begin, "none")
         _, R, t, _, _ = cv2.recoverPose(E, x1, x2, K, distanceThresh=_FARTHEST_BASELINES, mask=mask)
-    except cv2.error:  # raised where no sample gave a model: its way to say that there is no pose
+    except cv2.error:  # raised where no sample gave a model: no pose
         return Estimate((), time.process_time() - begin, "none")
     seconds = time.process_time() - begin
     return Estimate(((np.asarray(R, float), np.asarray(t, float).ravel()),), seconds, "general")
@@ -117,11 +118,11 @@ def _poselib(
 
 
 def _pycolmap(bearings1: Floats, bearings2: Floats, threshold_rad: float, seed: int) -> Estimate:
-    """The estimator behind COLMAP's geometric verification: E, F and H, of which it chooses by counts of inliers."""
+    """The estimator behind COLMAP's geometric verification: E, F or H, chosen by counts of inliers."""
     import pycolmap
 
     x1, x2 = _points(bearings1), _points(bearings2)
-    # Its check for watermarks looks at the border of the image, so that there must be one around the points.
+    # Its check for watermarks tests the border of the image, so there must be a border around the points.
     half = float(np.ceil(1.25 * max(np.abs(x1).max(), np.abs(x2).max())))
     camera = pycolmap.Camera(
         model="SIMPLE_PINHOLE", width=int(2 * half), height=int(2 * half), params=[_FOCAL_PX, half, half]
@@ -144,12 +145,12 @@ def _pycolmap(bearings1: Floats, bearings2: Floats, threshold_rad: float, seed: 
 
 
 def _points(bearings: Floats) -> Floats:
-    """Points (N, 2) in the image of the camera that the others see."""
+    """Pixels (N, 2) of the bearings in the camera of ``_FOCAL_PX``."""
     return np.ascontiguousarray(_FOCAL_PX * bearings[:, :2] / bearings[:, 2:])
 
 
-#: Name -> package that it needs, and the method. PoseLib's default is 1000 samples at least; where most matches are
-#: inliers it needs a tenth of them.
+#: Name -> required package, and the method. The default of PoseLib is at least 1000 samples; where most matches are
+#: inliers it needs a tenth of that number.
 METHODS: dict[str, tuple[str, Method]] = {
     "quest": ("quest", _quest),
     "OpenCV MAGSAC": ("cv2", partial(_opencv, "USAC_MAGSAC")),
@@ -161,6 +162,6 @@ METHODS: dict[str, tuple[str, Method]] = {
 
 
 def available(names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Of the names of methods, those whose package is installed, and those whose package is not."""
+    """The methods whose package is installed, and the methods whose package is not."""
     here = [name for name in names if find_spec(METHODS[name][0])]
     return here, [name for name in names if name not in here]

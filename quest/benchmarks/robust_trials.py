@@ -1,4 +1,4 @@
-"""Trials of the robust comparison: which scenes are drawn, and what each method makes of them."""
+"""Trials of the robust comparison: the scenes, and the answers of each method."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """What a method answered, compared with the truth.
+    """The answer of a method, compared with the truth.
 
     Attributes
     ----------
@@ -53,12 +53,12 @@ class Answer:
     kind : str
         See :class:`quest.benchmarks.robust_methods.Estimate`.
     kept : int
-        How many poses the method keeps.
+        Number of returned poses.
     rotation_error_deg, direction_error_deg : float
-        Of its first pose; infinite without one, the direction also where it or the truth has none, and NaN where the
-        truth does not know it.
+        Errors of the first pose; infinite without a pose. The error of the direction is infinite too where the pose or
+        the truth has no translation, and NaN where the true direction is unknown.
     kept_error_deg : float
-        The larger of the two errors of the best of the poses kept.
+        The larger of the two errors, of the best of the returned poses.
     time_ms : float
     """
 
@@ -72,7 +72,7 @@ class Answer:
 
     @property
     def error_deg(self) -> float:
-        """The larger of the two errors of the first pose that are known."""
+        """The larger of the known errors of the first pose."""
         return float(np.fmax(self.rotation_error_deg, self.direction_error_deg))
 
 
@@ -87,7 +87,7 @@ class Trial(Answer):
     seed : int
         Number of the trial; the same scene for all methods, and the same geometry at all shares of outliers.
     oracle_error_deg : float
-        Error of a refinement that starts from the truth and knows the inliers: what the data allow.
+        Error of a refinement from the truth on the true inliers: the smallest error that the data allow.
     """
 
     scene: str
@@ -101,7 +101,7 @@ class Trial(Answer):
 def star_grid(
     scenes: Sequence[str], outliers: Sequence[float], noises: Sequence[float], matches: Sequence[int]
 ) -> list[Cell]:
-    """One factor varies at a time; the others are held at the middle one of their list."""
+    """One factor varies at a time; the others have the middle value of their list."""
     outlier, noise = outliers[len(outliers) // 2], noises[len(noises) // 2]
     count = matches[len(matches) // 2]
     cells = [
@@ -120,7 +120,7 @@ def full_grid(
 
 
 def warm_up(methods: Sequence[str]) -> None:
-    """Make the first calls of each method, which may load or compile, so that they are not counted."""
+    """Make the first calls of each method, which may load or compile, so that they are not measured."""
     for name, method in product(("general .15", "plane .15", "rotation"), methods):
         scene = draw_scene(SCENES[name], np.random.default_rng(0), matches=100, outlier_share=0.1, noise_px=0.5)
         _run(method, scene, 2 / FOCAL_PX, 0)
@@ -129,9 +129,9 @@ def warm_up(methods: Sequence[str]) -> None:
 def run_trials(
     cells: Sequence[Cell], methods: Sequence[str], trials: int, *, threshold_px: float, seed: int
 ) -> Iterator[Trial]:
-    """Run all methods on each scene, one after the other, so that a busy moment of the machine meets all alike.
+    """Run all methods on each scene in turn, so that other load of the machine affects all methods equally.
 
-    Call :func:`warm_up` before, where the times matter.
+    Call :func:`warm_up` before if the times matter.
     """
     for cell, k in product(cells, range(trials)):
         rng = np.random.default_rng([seed, list(SCENES).index(cell.scene), k])
@@ -155,7 +155,7 @@ def _run(method: str, scene: Scene, threshold_rad: float, seed: int) -> Estimate
 def judge(method: str, estimate: Estimate, R: Floats, t: Floats, *, rotation_only: bool = False) -> Answer:
     """Compare an estimate with the true pose R (3, 3), t (3,).
 
-    With ``rotation_only`` the directions are not compared: for where the truth does not know them.
+    With ``rotation_only`` the directions are not compared, since the true direction is unknown.
     """
     errors = [pose_errors_deg(*pose, R, t) for pose in estimate.poses] or [(float("inf"), float("inf"))]
     if rotation_only:
@@ -176,13 +176,13 @@ def oracle_error_deg(scene: Scene, noise_rad: float) -> float:
     if not np.any(scene.t):
         return float("inf")
     m, n = scene.bearings1[scene.inliers], scene.bearings2[scene.inliers]
-    # A kernel of three deviations hardly bends the least squares that Gaussian noise calls for.
+    # With Gaussian noise a kernel of three deviations is nearly least squares.
     R, t = refine_pose(scene.R, scene.t, m, n, max(3 * noise_rad, 1e-6))
     return max(pose_errors_deg(R, t, scene.R, scene.t))
 
 
 def write_csv(trials: Sequence[Trial], path: Path) -> None:
-    """One row a trial, so that other tables can be made of the same run."""
+    """Write one row for each trial, so that other tables can be made from the same run."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, [field.name for field in fields(Trial)], lineterminator="\n")

@@ -1,4 +1,4 @@
-"""What the programs share: lists as options, one thread, where the results go."""
+"""Common parts of the programs: lists as options, one thread, output files."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA
 
 
 def run_on_one_thread() -> None:
-    """Start the program anew with one thread, unless it has been.
+    """Restart the program with one thread, unless it runs with one thread already.
 
-    The numerical libraries read their number of threads when they are loaded, and this package loads them before a
-    program of it gets to speak.
+    The numerical libraries read their number of threads when they are loaded, and the package loads them before the
+    code of a program runs.
     """
     if all(os.environ.get(name) == "1" for name in _THREADS):
         return
@@ -30,7 +30,7 @@ def run_on_one_thread() -> None:
 
 
 def positive(text: str) -> int:
-    """A whole number from 1, for argparse."""
+    """Parse a whole number from 1, for argparse."""
     value = int(text) if text.isdecimal() else 0
     if value < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
@@ -38,7 +38,7 @@ def positive(text: str) -> int:
 
 
 def number_list(kind: Callable[[str], T], low: float, high: float) -> Callable[[str], list[T]]:
-    """For argparse: numbers of a range between commas."""
+    """A parser for argparse: numbers of a range, separated by commas."""
 
     def parse(text: str) -> list[T]:
         try:
@@ -53,7 +53,7 @@ def number_list(kind: Callable[[str], T], low: float, high: float) -> Callable[[
 
 
 def choice_list(allowed: Sequence[str]) -> Callable[[str], list[str]]:
-    """For argparse: names of a set between commas."""
+    """A parser for argparse: names of a set, separated by commas."""
 
     def parse(text: str) -> list[str]:
         names = text.split(",")
@@ -65,7 +65,7 @@ def choice_list(allowed: Sequence[str]) -> Callable[[str], list[str]]:
 
 
 def save(out: Path | None, name: str, text: str) -> None:
-    """Print the text, and write it to a file of the folder as well where there is one."""
+    """Print the text, and write it to a file if a folder is given."""
     sys.stdout.write(text)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)

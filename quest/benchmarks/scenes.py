@@ -1,8 +1,8 @@
-"""Two-view scenes as matched bearings: general, planar, nearly planar, forward, of little parallax and of none.
+"""Two-view scenes as matched bearings: general, planar, nearly planar, forward, with little parallax and without.
 
-A camera of 640x480 px with a focal length of 458 px sees points; pixels are but the unit of the noise and the field of
-view. The second camera is turned by 4 degrees about a random axis and moved by a given share of the median depth. Both
-images get Gaussian noise; an outlier has its true place in image 1 and any place in image 2.
+A camera of 640x480 px with a focal length of 458 px sees points. Pixels are only the unit of the noise and of the field
+of view. The second camera is rotated by 4 degrees about a random axis and moved by a given share of the median depth.
+Both images have Gaussian noise; an outlier has its true place in image 1 and a random place in image 2.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ _CENTRE_PX = np.array([_WIDTH_PX / 2, _HEIGHT_PX / 2])
 _TURN_RAD = np.deg2rad(4.0)
 #: Distance of planes; with depths of 1 to 4 elsewhere the median depth is about the same.
 _PLANE_DISTANCE = 2.0
-#: Rays that graze a plane meet it far away: they are left out, as if the plane ended there.
+#: Rays that meet a plane at a smaller angle are left out, as if the plane ended there.
 _LEAST_COSINE = 0.15
-#: Points are drawn anew until enough are in both images; a scene of which so few are is no scene.
+#: Points are drawn until enough are in both images, at most in this number of rounds.
 _MAX_ROUNDS = 50
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Matches of two views, and the truth: ``u R m + t = v n`` but for noise and outliers.
+    """Matches of two views, and the true motion: ``u R m + t = v n`` up to noise and outliers.
 
     Attributes
     ----------
@@ -46,12 +46,12 @@ class Scene:
         Unit rays, noisy.
     R : (3, 3) float
     t : (3,) float
-        ``cam2_from_cam1``: of norm 1, or zero where the camera only turned.
+        Translation of cam2_from_cam1: of norm 1, or zero for a rotation-only camera.
     points : (N, 3) float
         True points in camera 1, in the unit of t (where t is zero: in that of the depths).
     inliers : (N,) bool
     on_plane : (N,) bool
-        Which of the points lie on the one plane of the scene; none in a general one.
+        The points on the plane of the scene; none in a general scene.
     """
 
     bearings1: Floats
@@ -65,7 +65,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class SceneKind:
-    """What to draw.
+    """A kind of scene to draw.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ def draw_scene(
     Raises
     ------
     ValueError
-        Where the two views hardly share any point.
+        If the two views have too few points in common.
     """
     axis = rng.normal(size=3)
     R = rotation_from_vector(_TURN_RAD * axis / np.linalg.norm(axis))
@@ -155,7 +155,7 @@ def _unit(rays: Floats) -> Floats:
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
-# -- what stands before the camera, and where it goes ---------------------------------------------
+# -- surfaces and directions of motion ------------------------------------------------------------
 
 
 def _volume(rng: np.random.Generator) -> Surface:
@@ -169,7 +169,7 @@ def _plane_of(normal: Floats, distance: float, rays: Floats) -> Floats:
 
 
 def _plane(slope: float) -> Callable[[np.random.Generator], Surface]:
-    """A plane whose normal has slopes of up to this in x and y; zero: it is parallel to the image."""
+    """A plane whose normal has slopes of up to ``slope`` in x and y; without slope it is parallel to the image."""
 
     def draw(rng: np.random.Generator) -> Surface:
         normal = np.array([*rng.uniform(-slope, slope, 2), 1.0])
@@ -196,7 +196,7 @@ def _desk(rng: np.random.Generator) -> Surface:
         on_box = offset.min(axis=1) < 40 / FOCAL_PX
         depths = _plane_of(normal, _PLANE_DISTANCE, rays)
         raised = 1 - heights[box] * rng.uniform(0.3, 1, len(rays))
-        # Boxes are rich in features: as many of the plane's points are dropped as the share asks for.
+        # Boxes have many features: points of the plane are dropped until the requested share is reached.
         plane_kept = on_box.mean() * (1 - share) / (share * max((~on_box).mean(), 1e-9))
         dropped = ~on_box & (rng.random(len(rays)) > plane_kept)
         return np.where(dropped, -1.0, np.where(on_box, depths * raised, depths)), ~on_box

@@ -1,8 +1,8 @@
 """Epipolar geometry of bearings: two views obey ``u R m + t = v n``.
 
-Everything here takes unit rays, so that views wider than 180 degrees are served like any other, and many
-hypotheses (R, t) at once, through matrix products: with E = [t]x R the scalars ``n . E m`` of H hypotheses
-and N matches are one product of an (H, 9) by a (9, N) matrix.
+All functions take unit rays, so that views wider than 180 degrees are no special case. All functions take many
+hypotheses (R, t) at once: with E = [t]x R the scalars ``n . E m`` of H hypotheses and N matches are one product of an
+(H, 9) and a (9, N) matrix.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 
 def as_matches(m: ArrayLike, n: ArrayLike, at_least: int) -> tuple[Floats, Floats]:
-    """Check matched bearings and give them unit norm.
+    """Check matched bearings and scale them to unit norm.
 
     Parameters
     ----------
@@ -35,13 +35,13 @@ def as_matches(m: ArrayLike, n: ArrayLike, at_least: int) -> tuple[Floats, Float
 
     Returns
     -------
-    m, n : float
-        Of the same shape, unit norm.
+    m, n : (N, 3) or (B, N, 3) float
+        The same rays with unit norm.
 
     Raises
     ------
     InputError
-        Where the shapes differ or are not as above, or there are no numbers, or one is not finite, or a ray is zero.
+        If the shapes differ or are not as above, a value is no finite number, or a ray is zero.
     """
     m, n = as_floats(m, "bearings"), as_floats(n, "bearings")
     if m.shape != n.shape or m.ndim not in (2, 3) or m.shape[-1] != 3:
@@ -64,18 +64,29 @@ def _unit(rays: Floats) -> Floats:
 
 
 def essential_from_pose(R: ArrayLike, t: ArrayLike) -> Floats:
-    """Essential matrices ``E = [t]x R`` (..., 3, 3) of poses cam2_from_cam1, so that ``n . E m = 0``."""
+    """Essential matrices ``E = [t]x R`` of poses, so that ``n . E m = 0``.
+
+    Parameters
+    ----------
+    R : (..., 3, 3) float
+        Rotations of cam2_from_cam1.
+    t : (..., 3) float
+        Translations of cam2_from_cam1.
+
+    Returns
+    -------
+    (..., 3, 3) float
+    """
     R, t = np.asarray(R, float), np.asarray(t, float)
     return np.asarray(np.cross(t[..., :, None], R, axis=-2))
 
 
 def sampson_error(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> Floats:
-    """Signed distance in radians of matches from obeying a pose, to first order, alike in both views.
+    """Signed Sampson errors of matches in radians; both views have the same weight.
 
-    The Sampson distance of the epipolar constraint ``n . E m = 0`` on the product of two unit spheres: the
-    smallest common tangential change of m and n that fulfils it. For rays near the optical axis it is the
-    usual Sampson error divided by the focal length; it stays finite and meaningful beyond 90 degrees from
-    the axis.
+    The error is, to first order, the smallest common tangential change of m and n after which the match fulfils the
+    epipolar constraint ``n . E m = 0`` on the product of two unit spheres. For rays near the optical axis it is the
+    usual Sampson error divided by the focal length. It stays finite and meaningful beyond 90 degrees from the axis.
 
     Parameters
     ----------
@@ -89,7 +100,7 @@ def sampson_error(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> Flo
     Returns
     -------
     (..., N) float
-        Zero where the match lies on both epipoles, where every change obeys the constraint.
+        Zero where the match lies on both epipoles: there every change fulfils the constraint.
 
     References
     ----------
@@ -100,11 +111,10 @@ def sampson_error(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> Flo
     E = essential_from_pose(R, t / np.linalg.norm(t, axis=-1, keepdims=True))
     m, n = np.asarray(m, float), np.asarray(n, float)
     residual = _flat(E) @ _outer(n, m)
-    # |E m| and |E^T n| are quadratic forms in m and n; the part along the ray is the residual itself.
+    # |E m|^2 and |E^T n|^2 are quadratic forms in m and n; their part along the ray is the squared residual.
     r2 = residual**2
     squared = _squared_norms(E.swapaxes(-1, -2) @ E, m) + _squared_norms(E @ E.swapaxes(-1, -2), n) - 2 * r2
-    # 1e-18 rad^2 is far under the noise of any camera and keeps matches at the epipoles from dividing by
-    # zero.
+    # 1e-18 rad^2 is far below the noise of any camera; it avoids a division by zero for matches at the epipoles.
     return np.asarray(residual / np.sqrt(np.maximum(squared, 1e-18)))
 
 
@@ -139,7 +149,7 @@ def depths_from_pose(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> 
     R : (..., 3, 3) float
         Rotations cam2_from_cam1.
     t : (..., 3) float
-        Translations; the depths come in their unit.
+        Translations; the depths have the same unit.
     m, n : (N, 3) float, or broadcasting as (B, N, 3) with R (B, H, 3, 3)
         Unit bearings.
 
@@ -159,9 +169,22 @@ def depths_from_pose(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> 
 
 
 def parallax_angles(R: ArrayLike, m: ArrayLike, n: ArrayLike) -> Floats:
-    """Angles in radians (..., N) between the rays R m and n of each match: zero for a point at infinity."""
+    """Angles between the rays R m and n of each match.
+
+    Parameters
+    ----------
+    R : (..., 3, 3) float
+        Rotations of cam2_from_cam1.
+    m, n : (N, 3) float, or broadcasting as (B, N, 3) with R (B, H, 3, 3)
+        Unit bearings.
+
+    Returns
+    -------
+    (..., N) float
+        Radians; zero for a point at infinity.
+    """
     R, m, n = (np.asarray(a, float) for a in (R, m, n))
     rotated = m @ R.swapaxes(-1, -2)
-    # Half the chord: accurate for small angles, where the arc cosine is not, and near 180 degrees.
+    # From the chord: accurate for small angles, where the arc cosine is not, and near 180 degrees.
     chord, sum_ = np.linalg.norm(rotated - n, axis=-1), np.linalg.norm(rotated + n, axis=-1)
     return np.asarray(2 * np.arctan2(chord, sum_))

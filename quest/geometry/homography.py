@@ -1,8 +1,8 @@
 """Planes: the homography that a plane induces between bearings, and the two poses that explain it.
 
-A plane with ``k . X = 1`` in camera 1 turns ``u R m + t = v n`` into ``n ~ (R + t k^T) m``, and the inverse depth of a
-point on it is linear in its bearing, ``1/u = k . m``. H fixes R, t (up to scale) and k only up to a two-fold choice
-that keeps points in front of both cameras [1]_: the other one is called the planar twin here.
+A plane with ``k . X = 1`` in camera 1 turns ``u R m + t = v n`` into ``n ~ (R + t k^T) m``. The inverse depth of a
+point on the plane is linear in its bearing, ``1/u = k . m``. Two sets of R, t (up to scale) and k with points in front
+of both cameras belong to one homography H [1]_. The second pose is called the planar twin here.
 
 References
 ----------
@@ -22,8 +22,21 @@ Floats = NDArray[np.float64]
 
 
 def fit_homography(m: Floats, n: Floats, weight: Floats | None = None) -> Floats:
-    """Linear least squares ``n x H m = 0`` over bearings (N, 3), N >= 4, optionally weighted; (3, 3), unit norm."""
-    # The two components of n x Hm orthogonal to n; with unit bearings the equations need no further conditioning.
+    """Fit a homography by linear least squares, ``n x H m = 0``.
+
+    Parameters
+    ----------
+    m, n : (N, 3) float
+        Unit bearings in camera 1 and camera 2, N >= 4.
+    weight : (N,) float, optional
+        Factor of the residuals of each match; by default 1.
+
+    Returns
+    -------
+    (3, 3) float
+        Unit norm; the sign is the one with most points in front of both cameras.
+    """
+    # The two components of n x Hm orthogonal to n. With unit bearings the equations need no further conditioning.
     first, second = np.moveaxis(tangent_basis(n), -1, 0)
     if weight is not None:
         first, second = first * weight[:, None], second * weight[:, None]
@@ -35,15 +48,27 @@ def fit_homography(m: Floats, n: Floats, weight: Floats | None = None) -> Floats
     )
     _, vectors = np.linalg.eigh(rows.T @ rows)
     H = vectors[:, 0].reshape(3, 3)
-    # Sign: points lie in front of both cameras, so H m points along n.
+    # Points lie in front of both cameras, so H m points along n.
     return H if np.median(np.einsum("ij,ij->i", n, m @ H.T)) > 0 else -H
 
 
 def homography_residuals(H: Floats, m: Floats, n: Floats) -> Floats:
-    """Angles-like residuals (N, 3), tangent to n, of ``n ~ H m``, in units of the noise of one bearing.
+    """Residuals of ``n ~ H m`` in units of the noise of one bearing.
 
-    Each of the two tangent components mixes the noise of n and of m; for motions between video frames H is close to
-    a rotation and both weigh the same, hence the division by sqrt(2).
+    Each of the two tangent components is a sum of the noise of n and of m. For motions between video frames H is close
+    to a rotation and both have the same weight, hence the division by sqrt(2).
+
+    Parameters
+    ----------
+    H : (3, 3) float
+        Homography.
+    m, n : (N, 3) float
+        Unit bearings in camera 1 and camera 2.
+
+    Returns
+    -------
+    (N, 3) float
+        Radians for small residuals; tangent to n.
     """
     transferred = m @ H.T
     norm = np.linalg.norm(transferred, axis=1, keepdims=True)
@@ -53,10 +78,21 @@ def homography_residuals(H: Floats, m: Floats, n: Floats) -> Floats:
 
 
 def decompose_homography(H: Floats, m: Floats) -> list[tuple[Floats, Floats, Floats]]:
-    """The two poses and planes (R, t, k), with ``H ~ R + t k^T`` and t in units of the plane's distance from camera 1.
+    """Decompose a homography into its two poses and planes, ``H ~ R + t k^T`` [1]_.
 
-    (R, -t, -k) is the same homography: the sign is the one that puts most of the bearings m (N, 3) of camera 1 on the
-    plane in front of it. Where H is a rotation there is nothing to decompose and the list is empty.
+    Parameters
+    ----------
+    H : (3, 3) float
+        Homography, of any scale and sign.
+    m : (N, 3) float
+        Unit bearings in camera 1. (R, -t, -k) gives the same homography; the sign is the one with most of these points
+        in front of camera 1.
+
+    Returns
+    -------
+    list of (R, t, k)
+        R (3, 3), t (3,) and k (3,) of each pose: t in units of the distance of the plane from camera 1, k of unit
+        norm. Empty where H is a rotation.
     """
     _, S, Vt = np.linalg.svd(H)
     H = H / S[1]

@@ -1,9 +1,9 @@
 """Unit quaternions and rotation matrices.
 
-Hamilton convention, ordered ``wxyz``. ``q`` and ``-q`` are the same rotation; the one returned here has
-``w >= 0``, and where w is zero its first non-zero entry is positive.
+Hamilton convention, ordered ``wxyz``. ``q`` and ``-q`` are the same rotation; the functions here return the one with
+``w >= 0``, and where w is zero the one whose first non-zero entry is positive (the canonical sign).
 
-[F17] prints the rotation matrix with four signs exchanged (R13, R23, R31, R32); this is the correct one.
+[F17] prints the rotation matrix with four wrong signs (R13, R23, R31, R32); the matrix here has the correct ones.
 """
 
 from __future__ import annotations
@@ -26,7 +26,17 @@ Floats = NDArray[np.float64]
 
 
 def matrix_from_quaternion(q: ArrayLike) -> Floats:
-    """Rotation matrices (..., 3, 3) of quaternions (..., 4), which need not have unit norm."""
+    """Rotation matrices of quaternions.
+
+    Parameters
+    ----------
+    q : (..., 4) array_like
+        Quaternions wxyz, of any norm but zero.
+
+    Returns
+    -------
+    (..., 3, 3) float
+    """
     a = np.asarray(q, float)
     w, x, y, z = np.moveaxis(a / np.linalg.norm(a, axis=-1, keepdims=True), -1, 0)
     rows = [
@@ -38,10 +48,24 @@ def matrix_from_quaternion(q: ArrayLike) -> Floats:
 
 
 def quaternion_from_matrix(R: ArrayLike) -> Floats:
-    """Unit quaternions (..., 4) of rotation matrices (..., 3, 3), canonical in sign.
+    """Unit quaternions of rotation matrices.
 
-    The four squared components are read off the diagonal and the largest is the pivot, so that nothing is
-    divided by a small number whatever the angle (Shepperd 1978).
+    The diagonal gives the four squared components. The largest is the pivot, so that there is no division by a small
+    number at any angle.
+
+    Parameters
+    ----------
+    R : (..., 3, 3) array_like
+        Rotation matrices.
+
+    Returns
+    -------
+    (..., 4) float
+        Quaternions wxyz of canonical sign.
+
+    References
+    ----------
+    S. W. Shepperd, "Quaternion from rotation matrix", Journal of Guidance and Control 1, 1978.
     """
     R = np.asarray(R, float)
     m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
@@ -63,21 +87,51 @@ def quaternion_from_matrix(R: ArrayLike) -> Floats:
 
 
 def canonical(q: ArrayLike) -> Floats:
-    """The same rotations with ``w >= 0`` (where w = 0: first non-zero entry positive)."""
+    """The same rotations with ``w >= 0`` (where w = 0: first non-zero entry positive).
+
+    Parameters
+    ----------
+    q : (..., 4) array_like
+        Quaternions wxyz; rows of NaN stay as they are.
+
+    Returns
+    -------
+    (..., 4) float
+    """
     a = np.asarray(q, float)
-    # The sign of the first non-zero entry; NaN rows pass through.
+    # The sign of the first non-zero entry.
     first = np.argmax(a != 0, axis=-1)
     sign = np.sign(np.take_along_axis(a, first[..., None], axis=-1))
     return np.asarray(a * np.where(sign < 0, -1.0, 1.0))
 
 
 def conjugate(q: ArrayLike) -> Floats:
-    """The inverse rotation of a unit quaternion."""
+    """The inverse rotations of unit quaternions.
+
+    Parameters
+    ----------
+    q : (..., 4) array_like
+        Unit quaternions wxyz.
+
+    Returns
+    -------
+    (..., 4) float
+    """
     return np.asarray(np.asarray(q, float) * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
 def multiply(p: ArrayLike, q: ArrayLike) -> Floats:
-    """Hamilton product: ``R(p q) = R(p) R(q)``."""
+    """Hamilton product: ``R(p q) = R(p) R(q)``.
+
+    Parameters
+    ----------
+    p, q : (..., 4) array_like
+        Quaternions wxyz.
+
+    Returns
+    -------
+    (..., 4) float
+    """
     pw, px, py, pz = np.moveaxis(np.asarray(p, float), -1, 0)
     qw, qx, qy, qz = np.moveaxis(np.asarray(q, float), -1, 0)
     return np.stack(
@@ -92,20 +146,52 @@ def multiply(p: ArrayLike, q: ArrayLike) -> Floats:
 
 
 def rotation_angle(R: ArrayLike) -> Floats:
-    """Rotation angles in radians, [0, pi], of matrices (..., 3, 3); accurate near 0 and near pi."""
+    """Rotation angles of matrices, accurate near 0 and near pi.
+
+    Parameters
+    ----------
+    R : (..., 3, 3) array_like
+        Rotation matrices.
+
+    Returns
+    -------
+    (...) float
+        Radians, from 0 to pi.
+    """
     q = quaternion_from_matrix(R)
     return np.asarray(2 * np.arctan2(np.linalg.norm(q[..., 1:], axis=-1), q[..., 0]))
 
 
 def quaternion_from_vector(w: ArrayLike) -> Floats:
-    """Unit quaternions (..., 4) of rotation vectors (..., 3) in radians (the exponential map)."""
+    """Unit quaternions of rotation vectors (the exponential map).
+
+    Parameters
+    ----------
+    w : (..., 3) array_like
+        Rotation vectors, radians.
+
+    Returns
+    -------
+    (..., 4) float
+        Quaternions wxyz.
+    """
     w = np.asarray(w, float)
     angle = np.linalg.norm(w, axis=-1, keepdims=True)
-    # sinc keeps the half-angle formula exact through zero.
+    # With sinc the half-angle formula is exact at zero too.
     vector = 0.5 * np.sinc(angle / (2 * np.pi)) * w
     return np.concatenate([np.cos(angle / 2), vector], axis=-1)
 
 
 def rotation_from_vector(w: ArrayLike) -> Floats:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (the exponential map)."""
+    """Rotation matrices of rotation vectors (the exponential map).
+
+    Parameters
+    ----------
+    w : (..., 3) array_like
+        Rotation vectors, radians.
+
+    Returns
+    -------
+    (..., 3, 3) float
+    """
     return matrix_from_quaternion(quaternion_from_vector(w))

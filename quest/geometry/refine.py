@@ -1,17 +1,18 @@
-r"""Refinement of a relative pose on all its matches, robustly.
+r"""Robust refinement of a relative pose on all of its matches.
 
 With a = R m, e = n . (t x a), p = t . a and s = t . n (all unit vectors), the Sampson error of a match of bearings is
+::
 
     r = e / sqrt(2 - p^2 - s^2 - 2 e^2)
 
-(the squared gradient of e with respect to both unit bearings, moved on their spheres). It is in radians and has the
-standard deviation of one bearing's noise. Perturbing R to exp(w) R and t to t + B b, B a basis of the plane orthogonal
-to t,
+The denominator is the norm of the gradient of e with respect to both unit bearings, each moved on its sphere. r is in
+radians and has the standard deviation of the noise of one bearing. With R perturbed to exp(w) R and t to t + B b, B a
+basis of the plane orthogonal to t, the derivatives are ::
 
     de = w . (a x (n x t)) + (a x n) . B b,    dp = w . (a x t) + a . B b,    ds = n . B b.
 
-Five unknowns, a damped Gauss-Newton step each, weights of Geman and McClure (they fade with the fourth power, so that
-gross outliers have no say).
+The five unknowns are found by damped Gauss-Newton steps with the weights of Geman and McClure. The weights fade with
+the fourth power of the residual, so that gross outliers have practically no influence.
 """
 
 from __future__ import annotations
@@ -27,7 +28,18 @@ Floats = NDArray[np.float64]
 
 
 def tangent_basis(t: Floats) -> Floats:
-    """Orthonormal bases (..., 3, 2) of the planes orthogonal to vectors (..., 3) of any norm but zero."""
+    """Orthonormal bases of the planes orthogonal to vectors.
+
+    Parameters
+    ----------
+    t : (..., 3) float
+        Vectors of any norm but zero.
+
+    Returns
+    -------
+    (..., 3, 2) float
+        The two vectors of a basis as columns.
+    """
     helper = np.eye(3)[np.argmin(np.abs(t), axis=-1)]
     first = np.cross(t, helper)
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
@@ -36,21 +48,30 @@ def tangent_basis(t: Floats) -> Floats:
 
 
 def sampson_jacobian(R: Floats, t: Floats, m: Floats, n: Floats) -> tuple[Floats, Floats]:
-    """Sampson errors (N,) in radians and their derivatives (N, 5) by (w, b), see the module docstring.
+    """Sampson errors and their derivatives by (w, b), see the module docstring.
 
     Parameters
     ----------
     R : (3, 3) float
+        Rotation of cam2_from_cam1.
     t : (3,) float
-        Unit norm.
+        Translation of cam2_from_cam1, unit norm.
     m, n : (N, 3) float
-        Unit bearings.
+        Unit bearings in camera 1 and camera 2.
+
+    Returns
+    -------
+    r : (N,) float
+        Sampson errors, radians.
+    J : (N, 5) float
+        Derivatives by the rotation vector w (three columns) and by the coordinates b of t (two columns).
     """
     a = m @ R.T
     axn = np.cross(a, n)
     e = axn @ t
     p, s = a @ t, n @ t
-    # D vanishes only where a match lies on both epipoles: it says nothing there, and must not divide by zero.
+    # D vanishes only where a match lies on both epipoles. Such a match has no information; the bound avoids a division
+    # by zero.
     D = np.maximum(2 - p * p - s * s - 2 * e * e, 1e-12)
     B = tangent_basis(t)
     # a x (n x t) = n (a.t) - t (a.n);  a x t.
@@ -70,28 +91,26 @@ def refine_pose(
     Parameters
     ----------
     R : (3, 3) float
+        Rotation of cam2_from_cam1 at the start.
     t : (3,) float
-        Unit norm.
+        Translation of cam2_from_cam1 at the start, unit norm.
     m, n : (N, 3) float
-        Unit bearings.
+        Unit bearings in camera 1 and camera 2.
     scale_rad : float
         Scale of the Geman-McClure kernel: a match at this error has a quarter of the weight.
     iterations : int
-        At most; stops where a step changes nothing.
+        Largest number of steps. The loop ends earlier where a step changes nothing.
 
     Returns
     -------
-    R, t
-        t has unit norm. Never worse than the start in the robust cost.
+    R : (3, 3) float
+        Rotation of the refined pose, whose robust cost is never larger than that of the start.
+    t : (3,) float
+        Translation of the refined pose, unit norm.
     """
     scale2 = scale_rad * scale_rad
-
-    def cost_of(r: Floats) -> float:
-        r2 = r * r
-        return float(np.sum(r2 / (scale2 + r2)))
-
     r, J = sampson_jacobian(R, t, m, n)
-    cost, damping = cost_of(r), 1e-4
+    cost, damping = _robust_cost(r, scale2), 1e-4
     for _ in range(iterations):
         weight = 1 / (1 + r * r / scale2) ** 2
         Jw = J * weight[:, None]
@@ -105,7 +124,7 @@ def refine_pose(
         t_new = t + tangent_basis(t) @ step[3:]
         t_new = t_new / np.linalg.norm(t_new)
         r_new, J_new = sampson_jacobian(R_new, t_new, m, n)
-        cost_new = cost_of(r_new)
+        cost_new = _robust_cost(r_new, scale2)
         if cost_new <= cost:
             gain = cost - cost_new
             R, t, r, J, cost = R_new, t_new, r_new, J_new, cost_new
@@ -119,10 +138,29 @@ def refine_pose(
     return R, t
 
 
+def _robust_cost(r: Floats, scale2: float) -> float:
+    """Sum of the Geman-McClure kernel over the residuals r (N,)."""
+    r2 = r * r
+    return float(np.sum(r2 / (scale2 + r2)))
+
+
 def refine_rotation(R: Floats, m: Floats, n: Floats, scale_rad: float, iterations: int = 10) -> Floats:
     """Robust rotation ``n = R m``: iteratively re-weighted Kabsch with the weights of :func:`refine_pose`.
 
-    ``scale_rad`` is compared with ``|n - R m| / sqrt(2)``, which has the noise of one bearing per component.
+    Parameters
+    ----------
+    R : (3, 3) float
+        The start.
+    m, n : (N, 3) float
+        Unit bearings in camera 1 and camera 2.
+    scale_rad : float
+        Scale of the Geman-McClure kernel for ``|n - R m| / sqrt(2)``, which has the noise of one bearing per component.
+    iterations : int
+        Largest number of steps. The loop ends earlier where a step changes nothing.
+
+    Returns
+    -------
+    (3, 3) float
     """
     for _ in range(iterations):
         r2 = 0.5 * np.sum((n - m @ R.T) ** 2, axis=1)

@@ -1,1 +1,1 @@
-"""Robust estimation: RANSAC, local optimization, compiled kernels, rotation, plane, pose modes."""
+"""Robust estimation: RANSAC, local optimization, compiled loops, rotation, plane, pose modes, correlated errors."""

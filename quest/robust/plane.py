@@ -1,4 +1,4 @@
-"""Whether one plane explains the matches of a motion, and the two motions that such a plane allows; or even a line."""
+"""Planes and lines among the points of a motion: the plane that explains most matches, and the width of a line."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class PlaneFit(NamedTuple):
     Attributes
     ----------
     on, off : int
-        How many matches lie on the plane, and how many do not.
+        Number of matches on the plane, and number of the other matches.
     along_rad : float
-        Standard deviation of the former along their epipolar lines, by the median: the noise, where they do lie on a
-        plane. Infinite where there is none.
+        Residual of the matches on the plane along their epipolar lines, as a standard deviation by the median: the
+        noise, where the points do lie on a plane. Infinite where there is no plane.
     poses : list of (7,) float
-        The motions (q_wxyz, t) of its homography, |t| = 1, the one nearest to the given motion first. Empty where
-        there is none.
+        The motions (q_wxyz, t) of the homography, |t| = 1, the one nearest to the given motion first. Empty where there
+        is no plane.
     """
 
     on: int
@@ -41,16 +41,21 @@ class PlaneFit(NamedTuple):
 
 
 def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit:
-    """The plane that explains most of the matches of a motion.
+    """Fit the plane that explains most of the matches of a motion.
 
     Parameters
     ----------
     model : (7,) float
-        q_wxyz and t of the motion.
+        The motion (q_wxyz, t).
     m, n : (N, 3) float
-        Unit bearings of its inliers.
+        Unit bearings of its inliers in camera 1 and camera 2.
     noise_rad : float
         Standard deviation of a bearing.
+
+    Returns
+    -------
+    PlaneFit
+        Without poses where less than half of the matches lie on a plane, or fewer than eight.
     """
     R, t = matrix_from_quaternion(model[:4]), model[4:]
     # The inverse depth of a point on a plane is k . m: project n x (R m + t (k . m)) = 0 on the epipolar line.
@@ -65,7 +70,7 @@ def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit
     H = R + np.outer(t, k)
     on_plane = np.sum(homography_residuals(H, m, n) ** 2, axis=1) < 2 * gate2
     for _ in range(3):
-        # Where most points are off the plane they speak against its other motion.
+        # Where most points lie off the plane, they refute its other motion.
         if on_plane.sum() < max(8, 0.5 * len(m)):
             return PlaneFit(int(on_plane.sum()), int((~on_plane).sum()), np.inf, [])
         H = fit_homography(m[on_plane], n[on_plane])
@@ -78,7 +83,7 @@ def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit
     # One of the two is the motion itself, up to noise; the other is its twin.
     poses.sort(key=lambda pose: -abs(float(pose[:4] @ model[:4])) - 0.25 * float(pose[4:] @ t))
     on = int(on_plane.sum())
-    # A residual across its epipolar line speaks about the motion, along it about the plane.
+    # A residual across the epipolar line measures the motion, a residual along it measures the plane.
     lines = np.cross(n_cross_t, n)
     lines /= np.maximum(np.linalg.norm(lines, axis=1, keepdims=True), 1e-300)
     along = np.einsum("ij,ij->i", homography_residuals(H, m, n), lines)[on_plane]
@@ -86,10 +91,21 @@ def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit
 
 
 def off_line_rad(rays: Floats) -> float:
-    """Standard deviation of unit rays (N, 3) from their best great circle, by the median: zero for points on a line."""
+    """Distance of rays from their best great circle, as a standard deviation by the median.
+
+    Parameters
+    ----------
+    rays : (N, 3) float
+        Unit rays.
+
+    Returns
+    -------
+    float
+        Radians; zero for points on a line.
+    """
     weight = np.ones(len(rays))
     distance = np.zeros(len(rays))
-    # A few rays off the line, wrong matches among them, must not tilt it: each time they count less.
+    # A few rays off the line, outliers among them, must not tilt it: their weight falls with each step.
     for _ in range(4):
         normal = np.linalg.eigh((rays * weight[:, None]).T @ rays)[1][:, 0]
         distance = np.abs(rays @ normal)
@@ -108,7 +124,7 @@ def _robust_plane(m: Floats, lhs: Floats, gain: Floats, noise_rad: float, rng: n
     if not keep.any():
         return None
     planes = np.linalg.solve(A[keep], lhs[samples][keep][..., None])[..., 0]
-    # Displacement along the epipolar line, in units of one bearing's noise.
+    # Displacement along the epipolar line, in units of the noise of one bearing.
     root = np.sqrt(np.maximum(gain, 1e-300))
     residual = np.abs((planes @ m.T) * root - lhs / root) / np.sqrt(2.0)
     limit = _GATE_SIGMAS * noise_rad

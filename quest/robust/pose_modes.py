@@ -1,4 +1,7 @@
-"""When two motions are one mode of the search: rows (q_wxyz, t) of seven numbers, unit norm each."""
+"""Modes of the search: motions that refinement takes to the same optimum.
+
+Models are rows (q_wxyz, t) of seven numbers, unit norm each.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,11 @@ __all__ = ["same_mode", "spread_out"]
 
 Floats = NDArray[np.float64]
 
-#: Two modes nearer than this are one: refinement ends within it of the optimum on data with observable parallax.
+#: Two modes nearer than this are one. Where the parallax is observable, refinement ends nearer to the optimum than
+#: this.
 _SAME_ROTATION_RAD = np.deg2rad(0.3)
 _SAME_DIRECTION_RAD = np.deg2rad(5.0)
-#: Raw models scatter by several degrees about their mode: only what is clearly elsewhere is worth a refinement.
+#: Raw models scatter by several degrees about their mode. Only a model farther away than this is worth a refinement.
 _CLEARLY_ELSEWHERE_RAD = np.deg2rad(15.0)
 
 
@@ -24,13 +28,38 @@ def _distances(a: Floats, b: Floats) -> tuple[float, float]:
 
 
 def same_mode(a: Floats, b: Floats) -> bool:
-    """Whether two models are one."""
+    """Whether two models belong to one mode.
+
+    Parameters
+    ----------
+    a, b : (7,) float
+        The two models.
+
+    Returns
+    -------
+    bool
+    """
     rotation, direction = _distances(a, b)
     return bool(rotation < _SAME_ROTATION_RAD and direction < _SAME_DIRECTION_RAD)
 
 
 def spread_out(models: Floats, best: Floats, count: int = 3) -> list[Floats]:
-    """Up to ``count`` of the models (in order of cost) that differ from the best and from each other."""
+    """Models that clearly differ from the best one and from each other.
+
+    Parameters
+    ----------
+    models : (H, 7) float
+        In order of cost.
+    best : (7,) float
+        The best model.
+    count : int
+        Largest number of models to return.
+
+    Returns
+    -------
+    list of (7,) float
+        In order of cost.
+    """
     chosen: list[Floats] = []
     for model in models:
         if all(sum(_distances(model, other)) > _CLEARLY_ELSEWHERE_RAD for other in [best, *chosen]):

@@ -1,4 +1,4 @@
-"""The relative pose as a problem for RANSAC: which motions a sample proposes, and what each costs on all matches.
+"""The relative pose as a problem for RANSAC: the motions of a sample, and the cost of a motion on all matches.
 
 Models are rows (q_wxyz, t) of seven numbers, ``cam2_from_cam1``, |t| = 1; data are matches of unit bearings.
 """
@@ -25,14 +25,22 @@ Bools = NDArray[np.bool_]
 
 
 class Sampler(NamedTuple):
-    """Which solver proposes motions, and from how many matches."""
+    """A solver that proposes motions, and the number of matches that it takes.
+
+    Attributes
+    ----------
+    size : int
+        Number of matches in a sample.
+    candidates : callable
+        ``candidates(m, n)``: quaternions (B, K, 4) of samples (B, size, 3).
+    """
 
     size: int
     candidates: Callable[[Floats, Floats], Floats]
 
 
-#: The solvers that may drive :func:`quest.robust.ransac.ransac`. QuEst 6 with one of its three eigenproblems: the other two
-#: triple its time and win less than that in samples.
+#: The solvers that :func:`quest.robust.ransac.ransac` may run. QuEst 6 solves one of its three eigenproblems: the other
+#: two triple its time and save less than that in samples.
 SAMPLERS = {
     "quest6": Sampler(6, lambda m, n: quest6(m, n, lambdas="x")),
     "quest7": Sampler(7, quest7),
@@ -40,9 +48,16 @@ SAMPLERS = {
 
 
 class RelativePoseProblem:
-    """Matched unit bearings (N, 3), asked what :func:`quest.robust.ransac.ransac` asks, and which matches a model explains.
+    """Matched bearings as a :class:`quest.robust.ransac.Problem`.
 
-    ``threshold_rad`` is the Sampson error from which on a match counts as an outlier, ``solver`` one of ``SAMPLERS``.
+    Parameters
+    ----------
+    m, n : (N, 3) float
+        Unit bearings in camera 1 and camera 2.
+    threshold_rad : float
+        Sampson error above which a match is an outlier.
+    solver : str
+        A key of :data:`SAMPLERS`.
     """
 
     def __init__(self, m: Floats, n: Floats, threshold_rad: float, solver: str = "quest6") -> None:
@@ -54,14 +69,37 @@ class RelativePoseProblem:
         return len(self.m)
 
     def solve(self, samples: Ints) -> Floats:
-        """Models (H, 7) of samples (B, sample_size): the best four candidates of each."""
+        """The models that samples propose: the best four candidates of each sample.
+
+        Parameters
+        ----------
+        samples : (B, sample_size) int
+            Indices of matches.
+
+        Returns
+        -------
+        (H, 7) float
+        """
         m, n = self.m[samples], self.n[samples]
         q, t = select_candidates(self._sampler.candidates(m, n), m, n)
         models = np.concatenate([q, t], axis=-1).reshape(-1, 7)
         return np.asarray(models[np.isfinite(models).all(axis=1)])
 
     def residuals(self, models: Floats) -> tuple[Floats, Bools]:
-        """Squared Sampson errors (H, N) in rad^2, and where a match lies behind a camera beyond doubt (H, N)."""
+        """Residuals of all matches under each model.
+
+        Parameters
+        ----------
+        models : (H, 7) float
+            Motions (q_wxyz, t).
+
+        Returns
+        -------
+        r2 : (H, N) float
+            Squared Sampson errors, rad^2.
+        behind : (H, N) bool
+            Whether a match lies behind a camera beyond doubt.
+        """
         R = matrix_from_quaternion(models[:, :4])
         t = models[:, 4:]
         zero = np.zeros(len(t))
@@ -73,7 +111,7 @@ class RelativePoseProblem:
             ],
             axis=1,
         )
-        # n_a m_b of every match, so that n . E m and n . R m of all hypotheses are two matrix products.
+        # The products n_a m_b of every match: n . E m and n . R m of all hypotheses are then two matrix products.
         outer = (self.n[:, :, None] * self.m[:, None, :]).reshape(-1, 9).T
         e = (tx @ R).reshape(-1, 9) @ outer
         c = R.reshape(-1, 9) @ outer  # cosine of the parallax
@@ -81,59 +119,156 @@ class RelativePoseProblem:
         s = t @ self.n.T
         e2 = e * e
         r2 = e2 / np.maximum(2 - p * p - s * s - 2 * e2, 1e-12)
-        # The depths have the signs of c s - p and s - c p. A parallax below the noise says nothing about them: the
-        # angle between two noisy rays of a distant point has the standard deviation sqrt(2) times that of one.
+        # The depths have the signs of c s - p and s - c p. A parallax below the noise leaves these signs open: the
+        # angle between two noisy rays of a distant point has sqrt(2) times the standard deviation of one ray.
         observable = 1 - c * c > 2 * self.threshold_rad**2
         behind = observable & ((c * s < p) | (s < c * p))
         return r2, behind
 
     def costs(self, models: Floats) -> tuple[Floats, Ints]:
-        """Truncated sums of squared Sampson errors (H,) in rad^2, and numbers of inliers (H,)."""
+        """Truncated sums of squared Sampson errors, and numbers of inliers.
+
+        Parameters
+        ----------
+        models : (H, 7) float
+            Motions (q_wxyz, t).
+
+        Returns
+        -------
+        costs : (H,) float
+            The sums, rad^2.
+        inliers : (H,) int
+            Number of inliers of each model.
+        """
         r2, behind = self.residuals(models)
         limit = self.threshold_rad**2
         r2[behind] = limit
         return np.minimum(r2, limit).sum(axis=1), (r2 < limit).sum(axis=1)
 
     def explained(self, model: Floats, gate_rad: float) -> Bools:
-        """Which matches (N,) lie within the gate and in front of both cameras."""
+        """Whether each match lies within the gate and in front of both cameras.
+
+        Parameters
+        ----------
+        model : (7,) float
+            A motion (q_wxyz, t).
+        gate_rad : float
+            Largest Sampson error.
+
+        Returns
+        -------
+        (N,) bool
+        """
         r2, behind = self.residuals(model[None])
         return np.asarray((r2[0] < gate_rad**2) & ~behind[0])
 
     def polish(self, model: Floats) -> Floats:
-        """The model refined on the matches near it."""
+        """Refine a model on the matches near it.
+
+        Parameters
+        ----------
+        model : (7,) float
+            A motion (q_wxyz, t).
+
+        Returns
+        -------
+        (7,) float
+            The model as it came where fewer than six matches are near.
+        """
         r2, behind = self.residuals(model[None])
-        # Twice the gate: a model from six noisy matches misses many of its own inliers by a little.
+        # Twice the threshold: a model from six noisy matches misses many of its own inliers by a little.
         near = (r2[0] < (2 * self.threshold_rad) ** 2) & ~behind[0]
         return self.refine(model, near, 0.5 * self.threshold_rad) if near.sum() >= 6 else model
 
     def refine(self, model: Floats, use: Bools, scale_rad: float) -> Floats:
-        """The model refined on the matches to use (N,), see :func:`quest.geometry.refine.refine_pose`."""
+        """Refine a model on given matches, see :func:`quest.geometry.refine.refine_pose`.
+
+        Parameters
+        ----------
+        model : (7,) float
+            A motion (q_wxyz, t).
+        use : (N,) bool
+            The matches to refine on.
+        scale_rad : float
+            Scale of the Geman-McClure kernel.
+
+        Returns
+        -------
+        (7,) float
+        """
         R, t = refine_pose(matrix_from_quaternion(model[:4]), model[4:], self.m[use], self.n[use], scale_rad)
         return np.concatenate([quaternion_from_matrix(R), t])
 
 
 class CompiledPoseProblem(RelativePoseProblem):
-    """The same answers about a few models, from the compiled loops of :mod:`quest.robust.kernels`."""
+    """The same problem with the compiled loops of :mod:`quest.robust.kernels`; faster for a few models.
+
+    Parameters
+    ----------
+    m, n : (N, 3) float
+        Unit bearings in camera 1 and camera 2.
+    threshold_rad : float
+        Sampson error above which a match is an outlier.
+    """
 
     def __init__(self, m: Floats, n: Floats, threshold_rad: float) -> None:
         super().__init__(np.ascontiguousarray(m), np.ascontiguousarray(n), threshold_rad)
 
     def residuals(self, models: Floats) -> tuple[Floats, Bools]:
-        """See the base class."""
+        """Residuals of all matches under each model.
+
+        Parameters
+        ----------
+        models : (H, 7) float
+            Motions (q_wxyz, t).
+
+        Returns
+        -------
+        r2 : (H, N) float
+            Squared Sampson errors, rad^2.
+        behind : (H, N) bool
+            Whether a match lies behind a camera beyond doubt.
+        """
         from quest.robust import kernels
 
         each = [kernels.residuals_of_model(self.m, self.n, model, self.threshold_rad) for model in models]
         return np.array([r2 for r2, _ in each]), np.array([behind for _, behind in each])
 
     def explained(self, model: Floats, gate_rad: float) -> Bools:
-        """See the base class."""
+        """Whether each match lies within the gate and in front of both cameras.
+
+        Parameters
+        ----------
+        model : (7,) float
+            A motion (q_wxyz, t).
+        gate_rad : float
+            Largest Sampson error.
+
+        Returns
+        -------
+        (N,) bool
+        """
         from quest.robust import kernels
 
         r2, behind = kernels.residuals_of_model(self.m, self.n, model, self.threshold_rad)
         return np.asarray((r2 < gate_rad**2) & ~behind)
 
     def refine(self, model: Floats, use: Bools, scale_rad: float) -> Floats:
-        """See the base class."""
+        """Refine a model on given matches, see :func:`quest.geometry.refine.refine_pose`.
+
+        Parameters
+        ----------
+        model : (7,) float
+            A motion (q_wxyz, t).
+        use : (N,) bool
+            The matches to refine on.
+        scale_rad : float
+            Scale of the Geman-McClure kernel.
+
+        Returns
+        -------
+        (7,) float
+        """
         from quest.robust import kernels
 
         pose = kernels.refine_model(self.m, self.n, use, model, scale_rad, 12)

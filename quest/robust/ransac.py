@@ -1,8 +1,8 @@
-"""Locally optimized RANSAC that knows no geometry.
+"""Locally optimized RANSAC without any geometry.
 
-A :class:`Problem` says how many data a sample takes, which models a batch of samples proposes, what each model costs
-on all data, and how to polish one. The loop draws, compares, polishes and decides when to stop; it is tested with a
-line-fitting problem.
+A :class:`Problem` defines the size of a sample, the models that a batch of samples proposes, the cost of a model on all
+data, and the refinement of a model. The loop draws samples, compares models, refines the best and decides when to stop.
+The tests run it on a line-fitting problem.
 
 References
 ----------
@@ -24,12 +24,18 @@ __all__ = ["Problem", "RansacReport", "draw_samples", "ransac", "samples_needed"
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: The batches grow: easy data stop after the first small one, hard data profit from large ones.
+#: The batches grow: easy data stop after the first small batch, hard data need few large batches.
 _BATCHES = (16, 32, 64)
 
 
 class Problem(Protocol):
-    """What the loop needs to know of a model and its data."""
+    """A model and its data, as the loop sees them.
+
+    Attributes
+    ----------
+    sample_size : int
+        Number of data in a sample.
+    """
 
     sample_size: int
 
@@ -38,29 +44,62 @@ class Problem(Protocol):
         ...
 
     def solve(self, samples: Ints) -> Floats:
-        """Models (H, P), finite rows only, that a batch of samples (B, sample_size) of indices proposes."""
+        """The models that a batch of samples proposes.
+
+        Parameters
+        ----------
+        samples : (B, sample_size) int
+            Indices of data.
+
+        Returns
+        -------
+        (H, P) float
+            Finite rows only.
+        """
         ...
 
     def costs(self, models: Floats) -> tuple[Floats, Ints]:
-        """Cost (H,), lower is better, and number of inliers (H,) of each model on all data."""
+        """Cost and number of inliers of each model on all data.
+
+        Parameters
+        ----------
+        models : (H, P) float
+
+        Returns
+        -------
+        costs : (H,) float
+            Lower is better.
+        inliers : (H,) int
+            Number of data that the model explains.
+        """
         ...
 
     def polish(self, model: Floats) -> Floats:
-        """A model (P,) near the given one that fits its inliers better."""
+        """Refine a model on its inliers.
+
+        Parameters
+        ----------
+        model : (P,) float
+
+        Returns
+        -------
+        (P,) float
+        """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class RansacReport:
-    """What the loop found.
+    """The models that the loop found.
 
     Attributes
     ----------
     models : (k, P) float
-        The best polished model first, then the best raw models of other samples, by cost.
+        The best refined model first, then the best raw models of other samples, by cost.
     costs : (k,) float
+        Cost of each model.
     samples : int
-        How many samples were drawn.
+        Number of samples drawn.
     """
 
     models: Floats
@@ -69,17 +108,23 @@ class RansacReport:
 
 
 def samples_needed(inlier_share: float, sample_size: int, confidence: float, yield_per_sample: float) -> float:
-    """How many samples to draw so that a good one is among them with the given confidence.
+    """Number of samples among which a good one is with the given confidence.
 
     Parameters
     ----------
     inlier_share : float
         Share of the data that the best model explains.
     sample_size : int
+        Number of data in a sample.
     confidence : float
-        In (0, 1).
+        Between 0 and 1.
     yield_per_sample : float
-        Probability that a sample without outliers leads to the model after polishing; below 1 because of noise.
+        Probability that a sample without outliers leads to the model after refinement; below 1 because of noise.
+
+    Returns
+    -------
+    float
+        At least 1; infinite where no sample is likely to be good.
     """
     good = yield_per_sample * inlier_share**sample_size
     if good >= 1:
@@ -88,7 +133,23 @@ def samples_needed(inlier_share: float, sample_size: int, confidence: float, yie
 
 
 def draw_samples(rng: np.random.Generator, count: int, size: int, batch: int) -> Ints:
-    """Indices (batch, size), distinct within each row, uniform over all subsets of ``range(count)``."""
+    """Draw samples uniformly from all subsets of ``range(count)``.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    count : int
+        Number of data.
+    size : int
+        Number of data in a sample.
+    batch : int
+        Number of samples.
+
+    Returns
+    -------
+    (batch, size) int
+        Indices, distinct within each row.
+    """
     if count <= 4 * size:  # few data: rejection would take long, a full shuffle is cheap
         return np.argsort(rng.random((batch, count)), axis=1)[:, :size]
     samples = rng.integers(count, size=(batch, size))
@@ -124,7 +185,7 @@ def ransac(
     yield_per_sample : float
         See :func:`samples_needed`.
     pool : int
-        How many models to report.
+        Largest number of models to report.
 
     Returns
     -------
@@ -150,7 +211,7 @@ def ransac(
             order = np.argsort(cost, kind="stable")[:pool]
             models.append(proposed[order])
             costs.append(cost[order])
-            # A raw model from noisy minimal data is worse than the same one polished, so a near miss is polished too.
+            # A raw model from noisy minimal data is worse than the same model refined, so a near miss is refined too.
             if cost[order[0]] < 1.1 * best_cost:
                 polished = problem.polish(proposed[order[0]])
                 polished_cost, polished_inliers = problem.costs(polished[None])

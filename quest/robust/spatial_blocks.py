@@ -1,7 +1,8 @@
-"""Neighbouring matches share errors (drift of a tracker, lens, blur, a moving body): how far a sum over them scatters.
+"""The scatter of a sum over matches whose errors are correlated between neighbours.
 
-A sum over N independent matches fluctuates by the root of its sum of squares. Where neighbours err alike it fluctuates
-by more: by that of the sums over regions of the view.
+Neighbouring matches share errors: drift of a tracker, distortion of the lens, blur, a moving body. The sum over N
+independent matches has the standard deviation sqrt(sum of squares). With correlated errors the standard deviation is
+larger. It is then that of the sums over regions of the view.
 """
 
 from __future__ import annotations
@@ -14,17 +15,39 @@ __all__ = ["directions_of", "regions_of", "scatter_of_sum"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Regions of the view, across and down: as small as a body or a patch of texture.
+#: Number of regions of the view, across and down: a region is as small as a body or a patch of texture.
 _REGIONS = (8, 6)
 
 
 def directions_of(rays: Floats) -> Floats:
-    """Stereographic coordinates (N, 2) of unit rays (N, 3): neighbours stay neighbours, in all of the sphere."""
+    """Stereographic coordinates of rays: neighbours on the sphere are neighbours in the plane.
+
+    Parameters
+    ----------
+    rays : (N, 3) float
+        Unit rays.
+
+    Returns
+    -------
+    (N, 2) float
+    """
     return np.asarray(rays[:, :2] / np.maximum(1 + rays[:, 2:], 1e-9))
 
 
 def regions_of(where: Floats, shape: tuple[int, int] = _REGIONS) -> Ints:
-    """The region of the view (N,) of matches that were seen at (N, 2); the view is what 98 % of them fill."""
+    """The region of the view in which each match lies; the view is the rectangle that 98 % of the matches fill.
+
+    Parameters
+    ----------
+    where : (N, 2) float
+        Places of the matches, see :func:`directions_of`.
+    shape : (int, int)
+        Number of regions across and down.
+
+    Returns
+    -------
+    (N,) int
+    """
     if len(where) == 0:
         return np.zeros(0, np.int64)
     low, high = np.percentile(where, [1, 99], axis=0)
@@ -33,15 +56,27 @@ def regions_of(where: Floats, shape: tuple[int, int] = _REGIONS) -> Ints:
 
 
 def scatter_of_sum(values: Floats, where: Floats) -> float:
-    """Standard deviation of the sum of values (N,) at (N, 2) whose neighbours err alike, if its expectation is zero.
+    """Standard deviation of a sum of values with correlated errors, if the expectation of the sum is zero.
 
-    It is that of the sums over regions of the view, where that is larger than the one of single values. Errors that
-    reach farther than a region are not known by it; with regions twice as large, what two planes predict differently in
-    different parts of the view was taken for such errors, and one plane in twenty more stayed undecided.
+    The larger of two estimates: from single values, and from sums over regions of the view. Errors that are correlated
+    over more than a region are not included. With regions twice as large, the difference that two planes predict
+    between parts of the view was counted as such errors, and one plane in twenty more stayed undecided.
+
+    Parameters
+    ----------
+    values : (N,) float
+        The terms of the sum, one for each match.
+    where : (N, 2) float
+        Places of the matches, see :func:`directions_of`.
+
+    Returns
+    -------
+    float
+        Zero for no values.
     """
     if len(values) == 0:
         return 0.0
     region = regions_of(where)
-    # What the regions say beside their share of the total: where all of them agree there is nothing left.
+    # Each sum less its share of the total: zero where all regions agree.
     sums = np.bincount(region, weights=values) - np.bincount(region) * values.mean()
     return float(np.sqrt(max(np.sum(values**2), np.sum(sums**2))))

@@ -1,4 +1,4 @@
-"""The quartic that three matches put on the rotation, and the matrix A of [F17].
+"""The quartic equation of three matches for the rotation, and the matrix A of [F17].
 
 [F17] is K. Fathian, J. P. Ramirez-Paredes, E. A. Doucette, J. W. Curtis, N. R. Gans, "Quaternion Based
 Camera Pose Estimation From Matched Feature Points", arXiv:1704.02672.
@@ -8,19 +8,19 @@ t, so the normals of three points i, j, k are coplanar::
 
     f_ijk(q) = det[R m_i x n_i, R m_j x n_j, R m_k x n_k] = 0
 
-which is, up to sign, the determinant of the 6x6 matrix M that [F17] gets by eliminating t, u and v. With R
-quadratic in q this is a form of degree six that always holds the factor ``|q|^2``; the rest is a quartic in
-w, x, y, z with 35 monomials. Without symbolic algebra: subtract the motions of points i and j, and multiply
-by ``R m_j x n_j``, which removes u_j and v_j::
+This is, up to sign, the determinant of the 6x6 matrix M that [F17] gets by eliminating t, u and v. R is quadratic in
+q, so this is a form of degree six. It always has the factor ``|q|^2``; the other factor is a quartic in w, x, y, z with
+35 monomials. The quartic follows without symbolic algebra: subtract the equations of points i and j, and multiply by
+``R m_j x n_j``, which removes u_j and v_j::
 
     u_i N_ij = - v_i D_ij,      N_ij = n_j . R (m_i x m_j),      D_ij = (R m_j) . (n_i x n_j)
 
-The same with k in place of j eliminates the depths of i and leaves the quartic ``N_ij D_ik - D_ij N_ik``,
-made of quadratics. It is evaluated at 35 fixed unit quaternions and interpolated by the inverse of their
-matrix of monomials, so that a whole batch of samples takes two matrix products.
+The same with k in place of j eliminates the depths of i and gives the quartic ``N_ij D_ik - D_ij N_ik``, made of
+quadratics. The quartic is evaluated at 35 fixed unit quaternions and interpolated by the inverse of their matrix of
+monomials. A whole batch of samples takes two matrix products.
 
-This departs from [F17], which expands the coefficients symbolically; the expansion printed in its Example 2
-is not that of its points, not even up to scale.
+Departure from [F17]: the paper expands the coefficients symbolically. The expansion printed in its Example 2 is not
+that of its points, not even up to scale.
 """
 
 from __future__ import annotations
@@ -39,29 +39,60 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 #: The 35 quartic monomials, each as its four letters (0 = w, 1 = x, 2 = y, 3 = z), in lexicographic order.
-#: The first 20 hold w, the first 4 hold w^3: the vectors x1 of QuEst 6 and QuEst 7.
+#: The first 20 contain w, the first 4 contain w^3: the vectors x1 of QuEst 6 and QuEst 7.
 QUARTICS: tuple[tuple[int, ...], ...] = tuple(combinations_with_replacement(range(4), 4))
 
 _POSITION = {letters: k for k, letters in enumerate(QUARTICS)}
 
-# Of 3000 seeds the one whose 35 unit quaternions interpolate best: condition number 102, where the median
-# is 930.
+# The best of 3000 seeds: its 35 unit quaternions have the condition number 102, the median over the seeds is 930.
 _NODE_SEED = 1001
 
 
 def quartic_index(*letters: int) -> int:
-    """Position in :data:`QUARTICS` of a product of four letters 0 to 3 (w, x, y, z), in any order."""
+    """Position of a monomial in :data:`QUARTICS`.
+
+    Parameters
+    ----------
+    *letters : int
+        The four factors, 0 to 3 for w, x, y, z, in any order.
+
+    Returns
+    -------
+    int
+    """
     return _POSITION[tuple(sorted(letters))]
 
 
 def quartics(q: ArrayLike) -> Floats:
-    """The 35 quartic monomials (..., 35) of quaternions (..., 4)."""
+    """The 35 quartic monomials of quaternions.
+
+    Parameters
+    ----------
+    q : (..., 4) array_like
+        Quaternions wxyz.
+
+    Returns
+    -------
+    (..., 35) float
+        In the order of :data:`QUARTICS`.
+    """
     return np.asarray(np.asarray(q, float)[..., np.array(QUARTICS)].prod(axis=-1))
 
 
 @cache
 def triples(n: int) -> Ints:
-    """All ``n (n - 1) (n - 2) / 6`` index triples i < j < k, (T, 3)."""
+    """All index triples i < j < k.
+
+    Parameters
+    ----------
+    n : int
+        Number of matches.
+
+    Returns
+    -------
+    (T, 3) int
+        T = n (n - 1) (n - 2) / 6.
+    """
     return np.array(list(combinations(range(n), 3)), dtype=np.int64)
 
 
@@ -93,8 +124,8 @@ def coefficient_rows(m: Floats, n: Floats, before: tuple[float, ...] = (1.0, 0.0
     m, n : (B, N, 3) float
         Bearings of the matches in camera 1 and camera 2, of unit norm.
     before : four floats
-        Unit quaternion p. The coefficients are those of the unknown ``q' = p q`` instead of q, as if the
-        second camera had been turned by p; it costs nothing, since the fixed quaternions are turned once.
+        Unit quaternion p. The coefficients are those of the unknown ``q' = p q`` instead of q, as if the second camera
+        had been rotated by p. This takes no time, since the fixed quaternions are rotated once.
 
     Returns
     -------
@@ -117,10 +148,10 @@ def coefficient_rows(m: Floats, n: Floats, before: tuple[float, ...] = (1.0, 0.0
 
 
 def rows_of_moments(moments: Floats, before: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)) -> Floats:
-    """Rows like those of :func:`coefficient_rows` for matches that are sums of matches.
+    """Rows as those of :func:`coefficient_rows`, for linear combinations of matches.
 
     The epipolar normal ``R m x n`` is linear in the matrix ``n m'``, and the quartic of three matches is linear in each
-    of the three. So it is defined for any three matrices, not those of rank one alone.
+    of the three matrices. So the quartic is defined for any three matrices, not for matrices of rank one only.
 
     Parameters
     ----------
@@ -132,6 +163,7 @@ def rows_of_moments(moments: Floats, before: tuple[float, ...] = (1.0, 0.0, 0.0,
     Returns
     -------
     (B, K (K - 1) (K - 2) / 6, 35) float
+        Rows in the order of :func:`triples`, columns in that of :data:`QUARTICS`.
     """
     rotations, coefficients_from_values = _interpolation(before)
     B, K = moments.shape[:2]

@@ -1,8 +1,9 @@
-"""Gauss-Newton: what the linear algebra of the solvers leaves, in one or two steps.
+"""Gauss-Newton steps that remove the remaining error of the solvers' candidates.
 
-The eigenproblems treat the monomials as unknowns of their own, so that rounding and noise move them apart. Minimizing
-over unit q puts them together again: near a solution without noise each step squares the error. What is minimized is
-``|A quartics(q)|^2`` or the sum of squared Sampson errors of the sample (:mod:`quest.geometry.refine` derives the derivatives).
+The eigenproblems treat the monomials as independent unknowns, so that rounding and noise make them inconsistent.
+Minimization over unit q makes them consistent again: near a solution without noise each step squares the error. The
+cost is ``|A quartics(q)|^2`` or the sum of squared Sampson errors of the sample (derivatives:
+:mod:`quest.geometry.refine`).
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ __all__ = ["polish_on_matches", "polish_on_quartics"]
 
 Floats = NDArray[np.float64]
 
-# Steps are cut to this angle of q in radians, 6 degrees of rotation: a larger one says that the candidate is
-# false, or that its normal equations are singular, and should not send it next to another solution.
+# Steps are cut to this angle of q in radians, 6 degrees of rotation. A larger step means that the candidate is false or
+# that its normal equations are singular; it must not take the candidate to another solution.
 _LONGEST_STEP_RAD = 0.05
 
-# Rotation and direction together; the direction, which is determined worst, moves furthest.
+# Longest step of rotation and direction together. The direction is the least certain part and moves most.
 _LONGEST_POSE_STEP_RAD = 0.3
 
 _EXPONENTS = np.array([[letters.count(a) for a in range(4)] for letters in QUARTICS])
@@ -32,18 +33,30 @@ _LOWERED = np.maximum(_EXPONENTS[:, None, :] - np.eye(4, dtype=np.int64), 0)
 
 
 def polish_on_quartics(A: Floats, q: Floats, steps: int) -> Floats:
-    """Move unit quaternions (B, K, 4) towards the nearest minimum of ``|A quartics(q)|``, A (B, T, 35).
+    """Move quaternions towards the nearest minimum of ``|A quartics(q)|``.
 
-    NaN rows stay NaN.
+    Parameters
+    ----------
+    A : (B, T, 35) float
+        Coefficients of the quartics.
+    q : (B, K, 4) float
+        Unit quaternions; rows of NaN stay NaN.
+    steps : int
+        Number of Gauss-Newton steps.
+
+    Returns
+    -------
+    (B, K, 4) float
+        Unit quaternions.
     """
     for _ in range(steps):
         residual = quartics(q) @ A.swapaxes(-1, -2)
         J = _derivatives(q) @ A.swapaxes(-1, -2)[:, None]  # (B, K, 4, T)
-        # Along q nothing can change: leave the tangent space of the unit sphere.
+        # Keep the part of the derivatives that is tangent to the unit sphere.
         J -= q[..., None] * (q[..., None, :] @ J)
         normal = J @ J.swapaxes(-1, -2)
         scale = np.trace(normal, axis1=-2, axis2=-1)[..., None, None] + 1e-100
-        # q q^T makes the matrix regular along q, a rounding error of its trace where nothing else does.
+        # q q^T makes the matrix regular along q. The identity times a rounding error makes it regular elsewhere.
         normal += scale * (q[..., :, None] * q[..., None, :] + 1e-15 * np.eye(4))
         step = _solve(normal, J @ residual[..., None])[..., 0]
         length = np.linalg.norm(step, axis=-1, keepdims=True)
@@ -53,11 +66,24 @@ def polish_on_quartics(A: Floats, q: Floats, steps: int) -> Floats:
 
 
 def polish_on_matches(q: Floats, m: Floats, n: Floats, steps: int) -> Floats:
-    """Move unit quaternions (B, K, 4) towards the nearest minimum of the Sampson errors of unit bearings (B, N, 3).
+    """Move quaternions towards the nearest minimum of the sum of squared Sampson errors.
 
-    The translation starts as the best one of each rotation and is moved with it. NaN rows stay NaN. The derivatives of
-    the denominators are no refinement: without them many matches under noise settle elsewhere, several times as far
-    from the truth.
+    The translation starts as the best one of each rotation and moves with the rotation. The derivatives of the
+    denominators are necessary: without them, many matches under noise settle several times as far from the truth.
+
+    Parameters
+    ----------
+    q : (B, K, 4) float
+        Unit quaternions; rows of NaN stay NaN.
+    m, n : (B, N, 3) float
+        Unit bearings in camera 1 and camera 2.
+    steps : int
+        Number of Gauss-Newton steps.
+
+    Returns
+    -------
+    (B, K, 4) float
+        Unit quaternions of canonical sign.
     """
     known = np.isfinite(q[..., 0])
     q = np.where(known[..., None], q, [1.0, 0.0, 0.0, 0.0])
@@ -70,9 +96,9 @@ def polish_on_matches(q: Floats, m: Floats, n: Floats, steps: int) -> Floats:
             t = smallest_eigenvectors(c.swapaxes(-1, -2) @ c)
         column, B = t[..., None], tangent_basis(t)
         e, p, s = ((rays @ column)[..., 0] for rays in (c, a, n))
-        # A match at both epipoles weighs much and says nothing: the bound keeps it from dividing by zero.
+        # A match at both epipoles has no information; the bound avoids a division by zero.
         D = np.maximum(2 - p * p - s * s - 2 * e * e, 1e-12)
-        # de, and the half of -dD, by the rotation and by the direction.
+        # de and -dD / 2 by the rotation and by the direction.
         by_rotation = p[..., None] * n - (a * n).sum(axis=-1)[..., None] * t[..., None, :]
         J = np.concatenate([by_rotation, c @ B], axis=-1)
         dD = np.concatenate(

@@ -1,8 +1,8 @@
-"""QuEst 6, QuEst 7, translation and depths to the letter of [F17], as a reference.
+"""QuEst 6, QuEst 7, translation and depths exactly as printed in [F17], as a reference.
 
-The public solvers, :func:`quest.solvers.quest6.quest6` and :func:`quest.solvers.quest7.quest7`, say where they depart from
-these and why: these fail at rotations by 180 degrees, where w = 0, and lose accuracy under noise. The
-rotation matrix and the quartics are the corrected ones in both, since the printed ones describe no rotation.
+The printed forms fail at rotations by 180 degrees, where w = 0, and lose accuracy under noise. The documentation of
+:mod:`quest.solvers.quest6` and :mod:`quest.solvers.quest7` lists the departures of the public solvers. Both forms use
+the corrected rotation matrix and quartics, since the printed ones describe no rotation.
 """
 
 from __future__ import annotations
@@ -38,6 +38,10 @@ def quest6_printed(m: ArrayLike, n: ArrayLike) -> Floats:
     ------
     InputError
         As :func:`quest.solvers.quest6.quest6`.
+
+    References
+    ----------
+    [F17] Fathian et al., arXiv:1704.02672, QuEst with six points.
     """
     m, n = as_matches(m, n, at_least=6)
     A = coefficient_rows(m[None], n[None])[0]
@@ -64,6 +68,10 @@ def quest7_printed(m: ArrayLike, n: ArrayLike) -> Floats:
     ------
     InputError
         As :func:`quest.solvers.quest7.quest7`.
+
+    References
+    ----------
+    [F17] Fathian et al., arXiv:1704.02672, QuEst with seven points.
     """
     m, n = as_matches(m, n, at_least=7)
     (B,), _ = cubed_eigenproblem(coefficient_rows(m[None], n[None]), "x")
@@ -71,7 +79,7 @@ def quest7_printed(m: ArrayLike, n: ArrayLike) -> Floats:
 
 
 def translation_and_depths_printed(q: ArrayLike, m: ArrayLike, n: ArrayLike) -> tuple[Floats, Floats, Floats]:
-    """Translation and depths as the null vector of the matrix C, at norm 1 in all; of a cost that grows with N^3.
+    """Translation and depths as the null vector of the matrix C. The time grows with N^3.
 
     Parameters
     ----------
@@ -83,13 +91,18 @@ def translation_and_depths_printed(q: ArrayLike, m: ArrayLike, n: ArrayLike) -> 
     Returns
     -------
     t : (3,) float
+        Translation; (t, u, v) together have unit norm.
     u, v : (N,) float
-        In the unit of t, along rays of unit norm. Most of u and v are positive.
+        Depths in the unit of t, along rays of unit norm. Most of them are positive.
 
     Raises
     ------
     InputError
-        Where the bearings are not as above.
+        If the bearings are not as above.
+
+    References
+    ----------
+    [F17] Fathian et al., arXiv:1704.02672, the matrix C.
     """
     m, n = as_matches(m, n, at_least=2)
     count = len(m)

@@ -1,20 +1,20 @@
 """QuEst 5: the relative rotation from five matches, the smallest sample that determines it.
 
-Five matches have ten triples, hence ten quartics ``A x = 0`` (see :mod:`quest.solvers.monomials`): too few for the 35
-monomials. Multiplied by w, x, y and z they are 40 quintics in the 56 quintic monomials. Their rank is 36, and the null
-space has 20 dimensions: one for each of the ten essential matrices that five matches allow [1]_ and each of the two
-rotations of an essential matrix.
+Five matches have ten triples, hence ten quartics ``A x = 0`` (see :mod:`quest.solvers.monomials`). These are too few
+for the 35 monomials. Multiplied by w, x, y and z they become 40 quintics in the 56 quintic monomials. The rank of the
+quintics is 36, and their null space has 20 dimensions: one for each of the ten essential matrices that five matches
+allow [1]_ and each of the two rotations of an essential matrix.
 
-With x1 the 35 monomials that hold w (w times the quartics) and x2 the 21 that do not, the 30 quintics of x, y and z
-are ``A1 x1 + A2 x2 = 0`` with A2 of rank 21. So nine combinations of them are free of x2; together with the ten
-quintics of w they are 19 equations of rank 15 in x1 alone, ``C x1 = 0``. With N1 an orthonormal basis of what they
-leave, ``x1 = N1 y`` and ``x2 = -pinv(A2) A1 N1 y``. Multiplication by ``lambda = (a . q) / w`` turns the entries of
-x1 into other monomials, so that ::
+Let x1 be the 35 monomials that contain w (w times the quartics) and x2 the 21 other ones. The 30 quintics from x, y and
+z are ``A1 x1 + A2 x2 = 0`` with A2 of rank 21. So nine combinations of them are free of x2. Together with the ten
+quintics from w they are 19 equations of rank 15 in x1 alone, ``C x1 = 0``. With N1 an orthonormal basis of the null
+space of C, ``x1 = N1 y`` and ``x2 = -pinv(A2) A1 N1 y``. Multiplication by ``lambda = (a . q) / w`` turns the entries
+of x1 into other monomials, so that ::
 
     lambda y = (N1' T_a) y
 
-with T_a the rows of these monomials on the basis: an eigenproblem of size 20, from which q is read as in
-:mod:`quest.solvers.quest6`, with the same ``q' = p q``.
+with T_a the rows of these monomials on the basis. This is an eigenproblem of size 20. q follows from its eigenvectors
+as in :mod:`quest.solvers.quest6`, with the same ``q' = p q``.
 
 References
 ----------
@@ -52,13 +52,13 @@ def _index(*letters: int) -> int:
     return _POSITION[tuple(sorted(letters))]
 
 
-# For a letter a, where the quintics a * QUARTICS are.
+# For a letter a, the positions of a * QUARTICS among the quintics.
 _TIMES: Ints = np.array([[_index(a, *letters) for letters in QUARTICS] for a in range(4)])
 
-# For a pivot a, where in x1 the monomials ``w a^3 (w, x, y, z)`` are.
+# For a pivot a, the positions of the monomials ``w a^3 (w, x, y, z)`` in x1.
 _RATIOS: Ints = np.array([[_index(0, a, a, a, b) for b in range(4)] for a in range(4)])
 
-# As in quest.solvers.quest6: R of a QR decomposition of A2 with such a pivot has lost rank.
+# A2 has lost rank where its QR decomposition has a pivot this small relative to the largest, see quest.solvers.quest6.
 _SINGULAR = 1e-11
 
 
@@ -74,18 +74,18 @@ def quest5(m: ArrayLike, n: ArrayLike) -> Floats:
     -------
     (K, 4) or (B, 20, 4) float
         Unit quaternions wxyz, canonical in sign; K <= 20. One sample: only the candidates. A batch: padded with NaN.
-        The real part of a complex pair, which is no solution of five matches, is kept as the other solvers of QuEst
-        do: under noise a double solution turns complex.
+        The real part of a complex pair is no solution of five matches. It is returned as by the other solvers of
+        QuEst, since under noise a double solution becomes complex.
 
     Raises
     ------
     InputError
-        Where the shapes do not fit, the matches are not five, a number is not finite, or a ray is zero.
+        If the shapes do not fit, the matches are not five, a number is not finite, or a ray is zero.
 
     References
     ----------
-    [F18] Fathian et al., IEEE RA-L 2018, QuEst with five points; the null space by elimination, the direction of
-    lambda and ``q' = p q`` are this package's.
+    [F18] Fathian et al., IEEE RA-L 2018, QuEst with five points. Departures: the null space by elimination, the
+    direction of lambda, and ``q' = p q``.
     """
     m, n = as_matches(m, n, at_least=5)
     if m.shape[-2] > 5:
@@ -99,10 +99,10 @@ def quest5(m: ArrayLike, n: ArrayLike) -> Floats:
     q = quaternions_from_monomials((K[:, :35] @ vectors).swapaxes(-1, -2), _RATIOS)
     q = np.where((values.imag >= 0)[..., None], q, np.nan)
     q = canonical(multiply(conjugate(PRE_ROTATION), q))
-    still = rotation_alone(m, n)
-    turned = np.isfinite(still[:, 0])
-    q[turned | ~regular] = np.nan
-    q[turned, 0] = still[turned]
+    rotation = rotation_alone(m, n)
+    rotation_only = np.isfinite(rotation[:, 0])
+    q[rotation_only | ~regular] = np.nan
+    q[rotation_only, 0] = rotation[rotation_only]
     return q[0][np.isfinite(q[0, :, 0])] if single else q
 
 

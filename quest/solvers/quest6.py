@@ -1,31 +1,29 @@
 """QuEst 6: the relative rotation from six matches, planes included.
 
-[F17] (see :mod:`quest.solvers.monomials`), section "QuEst 6", in its letters. Six matches have 20 triples; each
-puts a quartic on ``q = (w, x, y, z)``, and their 35 coefficients are the rows of A. With x1 the 20
-monomials that hold w, and x2 the 15 that do not::
+The notation is that of [F17] (see :mod:`quest.solvers.monomials`), section "QuEst 6". Six matches have 20 triples. Each
+triple gives a quartic in ``q = (w, x, y, z)``; the 35 coefficients of the quartics are the rows of A. With x1 the 20
+monomials that contain w, and x2 the 15 other ones::
 
     A1 x1 + A2 x2 = 0      so      x2 = B' x1,     B' = -pinv(A2) A1
 
-Multiply x1 by ``lambda = x / w``: each of its monomials turns into another one, which is an entry of x1 or,
-through B', a combination of them. That is an eigenproblem of size 20 ::
+Multiply x1 by ``lambda = x / w``: each of its monomials becomes another monomial, which is an entry of x1 or, through
+B', a combination of the entries of x1. This is an eigenproblem of size 20 ::
 
     lambda x1 = B x1
 
-whose eigenvectors hold the rotation. ``y / w`` and ``z / w`` give equally valid problems with other false
-solutions.
+whose eigenvectors contain the rotation. ``y / w`` and ``z / w`` give equally valid problems with other false solutions.
 
 Departures from [F17]
 
-* q is read off the eigenvector by ratios of monomials, ``a^2 (w, x, y, z)`` with a the largest of the four,
-  not by cube roots, which lose half of the accuracy under noise.
-* The unknown is ``q' = p q`` with a fixed p: dividing by w fails at 180 degrees, the commonest rotation
-  that has w = 0, and ``lambda = x / w`` is a multiple eigenvalue at the identity. :mod:`quest.solvers.printed`
-  keeps the literal form.
-* A complex pair of eigenvectors is a real solution that noise has pushed off the real axis: its real part
-  is kept.
-* Without translation all rows vanish to third order, A has rank 10 and A2 no pseudo-inverse to speak of.
-  The rotation is then the one that turns all rays m into n, and is given as the only candidate (without
-  noise, that is: with noise the quartics have solutions near it, and the parallax tells).
+* q follows from the eigenvector by ratios of monomials, ``a^2 (w, x, y, z)`` with a the largest of the four, not by
+  cube roots, which lose half of the accuracy under noise.
+* The unknown is ``q' = p q`` with a fixed p. The reasons: division by w fails at rotations by 180 degrees, where w = 0,
+  and ``lambda = x / w`` is a multiple eigenvalue at the identity. :mod:`quest.solvers.printed` has the printed form.
+* A complex pair of eigenvectors is a real solution that noise has moved off the real axis. Its real part is a
+  candidate.
+* Without translation all rows vanish to third order, A has rank 10, and A2 has no usable pseudo-inverse. The only
+  candidate is then the rotation that turns all rays m into n. This is the case without noise; with noise the quartics
+  have solutions near that rotation, and the parallax decides.
 """
 
 from __future__ import annotations
@@ -50,8 +48,8 @@ __all__ = [
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: The fixed rotation p of the public solvers, wxyz: of no particular direction, and with a w' of .71 at the
-#: identity so that the small rotations between video frames stay far from w' = 0.
+#: The fixed rotation p of the public solvers, wxyz, of no particular direction. At the identity w' is 0.71, so that the
+#: small rotations between video frames are far from w' = 0.
 PRE_ROTATION: tuple[float, float, float, float] = (
     0.7103520703773498,
     0.38252034078307395,
@@ -62,15 +60,15 @@ PRE_ROTATION: tuple[float, float, float, float] = (
 #: Position of the letters of lambda in a quaternion wxyz.
 LETTERS = {"x": 1, "y": 2, "z": 3}
 
-# R of a QR decomposition of A2 with a pivot this small relative to its largest has lost rank: rounding
-# leaves about 1e-14, a translation of 1e-6 of the depths 1e-8.
+# A2 has lost rank where its QR decomposition has a pivot this small relative to the largest one: rounding leaves about
+# 1e-14, a baseline of 1e-6 of the depths leaves 1e-8.
 _SINGULAR = 1e-11
 
 
-#: For a letter a, where in the 35 monomials the 20 of ``(a / w) x1`` are.
+#: For a letter a, the positions of the 20 monomials of ``(a / w) x1`` among the 35 monomials.
 TIMES: Ints = np.array([[quartic_index(a, *letters[1:]) for letters in QUARTICS[:20]] for a in range(4)])
 
-#: For a pivot a, where in x1 the monomials ``w a^2 (w, x, y, z)`` are.
+#: For a pivot a, the positions of the monomials ``w a^2 (w, x, y, z)`` in x1.
 _RATIOS: Ints = np.array([[quartic_index(0, a, a, b) for b in range(4)] for a in range(4)])
 
 
@@ -82,37 +80,59 @@ def quest6(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
     m, n : (N, 3) or (B, N, 3) float
         Bearings in camera 1 and camera 2, of any norm, N >= 6; all triples are used.
     lambdas : str
-        Which of the eigenproblems x/w, y/w, z/w to solve and unite: ``"x"`` is the fastest, ``"xyz"`` the
+        The eigenproblems x/w, y/w, z/w to solve; their candidates are united. ``"x"`` is the fastest, ``"xyz"`` the
         most accurate.
 
     Returns
     -------
     (K, 4) or (B, K, 4) float
         Unit quaternions wxyz, canonical in sign; K at most 20 for each lambda. One sample: only the
-        candidates. A batch: padded with NaN, a sample that determines no rotation holding nothing else. The
-        true rotation is among many false ones: :func:`quest.solvers.selection.select_candidates` tells them apart.
+        candidates. A batch: padded with NaN; only NaN for a sample that determines no rotation. The true rotation is
+        among many false ones: :func:`quest.solvers.selection.select_candidates` ranks them.
 
     Raises
     ------
     InputError
-        Where the shapes do not fit, N < 6, a number is not finite, a ray is zero, or a lambda unknown.
+        If the shapes do not fit, N < 6, a number is not finite, a ray is zero, or a lambda is unknown.
 
     References
     ----------
     [F17] Fathian et al., arXiv:1704.02672, QuEst with six points; departures in the module docstring.
     """
     m, n, single = as_batch(m, n, lambdas, at_least=6)
-    still = rotation_alone(m, n)
+    rotation = rotation_alone(m, n)
     powers, regular = _powers(coefficient_rows(m, n, PRE_ROTATION))
-    regular &= np.isnan(still[:, 0])
+    regular &= np.isnan(rotation[:, 0])
     q = np.concatenate([_candidates(powers, regular, LETTERS[a]) for a in lambdas], axis=1)
     q = canonical(multiply(conjugate(PRE_ROTATION), q))
-    q[~regular, 0] = still[~regular]
+    q[~regular, 0] = rotation[~regular]
     return q[0][np.isfinite(q[0, :, 0])] if single else q
 
 
 def as_batch(m: ArrayLike, n: ArrayLike, lambdas: str, at_least: int) -> tuple[Floats, Floats, bool]:
-    """The arguments of a solver, checked: bearings (B, N, 3), and whether they came as a single sample (N, 3)."""
+    """Check the arguments of a solver.
+
+    Parameters
+    ----------
+    m, n : (N, 3) or (B, N, 3) array_like
+        Bearings in camera 1 and camera 2.
+    lambdas : str
+        See :func:`quest6`.
+    at_least : int
+        Smallest N allowed.
+
+    Returns
+    -------
+    m, n : (B, N, 3) float
+        Unit bearings.
+    single : bool
+        Whether the bearings came as a single sample (N, 3).
+
+    Raises
+    ------
+    InputError
+        As :func:`quest6`.
+    """
     if not isinstance(lambdas, str) or not lambdas or set(lambdas) - set(LETTERS):
         raise InputError(f"lambdas is {lambdas!r}: give letters of 'xyz'")
     m, n = as_matches(m, n, at_least=at_least)
@@ -147,27 +167,45 @@ def quaternions_from_monomials(x1: NDArray[np.complex128], ratios: Ints = _RATIO
     x1 : (..., X) complex
         Monomials of one degree.
     ratios : (4, 4) int
-        For a pivot a, where in x1 the monomials ``common factor * (w, x, y, z)`` are, the one with the factor a being
-        of no other letter but w.
+        For a pivot a, the positions in x1 of the monomials ``common factor * (w, x, y, z)``. The monomial with the
+        factor a contains no other letter but w.
+
+    Returns
+    -------
+    (..., 4) float
+        NaN for a vector of zeros.
     """
     powers = np.abs(x1[..., ratios[np.arange(4), np.arange(4)]])
     pivot = np.argmax(powers, axis=-1)
     q = np.take_along_axis(x1, ratios[pivot], axis=-1)
     phase = np.conj(np.take_along_axis(q, pivot[..., None], axis=-1))
-    with np.errstate(divide="ignore", invalid="ignore"):  # a vector without any power is no rotation: NaN
+    with np.errstate(divide="ignore", invalid="ignore"):  # a vector of zeros is no rotation: NaN
         real = (q * (phase / np.abs(phase))).real
         return np.asarray(real / np.linalg.norm(real, axis=-1, keepdims=True))
 
 
 def rotation_alone(m: Floats, n: Floats, tolerance_rad: float = 1e-6) -> Floats:
-    """The rotation (B, 4) that turns bearings m into n (B, N, 3), NaN where none does within the tolerance.
+    """The rotation that turns bearings m into n, for samples without translation.
 
-    The default is a thousandth of a pixel of a camera of 1000 px: under it the quartics, of third order in
-    the parallax, hold little more than rounding, and the error of this rotation is smaller than that of
-    QuEst 6.
+    It is the eigenvector of the largest eigenvalue of Davenport's matrix: ``sum n . R m`` as a form in q.
 
-    The largest eigenvector of Davenport's matrix of ``sum n . R m`` as a form in q (B. K. P. Horn 1987,
-    section 4).
+    Parameters
+    ----------
+    m, n : (B, N, 3) float
+        Unit bearings in camera 1 and camera 2.
+    tolerance_rad : float
+        Largest residual of a match. The default is a thousandth of a pixel at a focal length of 1000 px. Below it the
+        quartics, of third order in the parallax, are little more than rounding errors, and this rotation is more
+        accurate than that of QuEst 6.
+
+    Returns
+    -------
+    (B, 4) float
+        Unit quaternions of canonical sign; NaN where no rotation fits within the tolerance.
+
+    References
+    ----------
+    B. K. P. Horn, "Closed-form solution of absolute orientation using unit quaternions", JOSA A 4, 1987, section 4.
     """
     S = np.einsum("bni,bnj->bij", m, n)
     trace = np.trace(S, axis1=-2, axis2=-1)

@@ -1,8 +1,8 @@
 """QuEst 6, deflated: the same rotations from an eigenproblem of size 12 instead of 20, and fewer false ones.
 
-In the letters of :mod:`quest.solvers.quest6`: x1 = w v are the 20 monomials that hold w, v the 20 cubic monomials,
-and the 20 quartics of six matches are ``A1 x1 + A2 x2 = 0``. A2 has 20 rows and rank 15, so five
-combinations of the rows are free of x2. They are quartics that hold the factor w, that is, cubics ::
+The notation is that of :mod:`quest.solvers.quest6`: x1 = w v are the 20 monomials that contain w, v the 20 cubic
+monomials, and the 20 quartics of six matches are ``A1 x1 + A2 x2 = 0``. A2 has 20 rows and rank 15, so five
+combinations of the rows are free of x2. They are quartics with the factor w, that is, cubics ::
 
     C v = 0,      C = Q2' A1,   Q2 the five left null vectors of A2,
 
@@ -13,16 +13,15 @@ combinations of the 20 quartics ::
 
     C x1 = 0,     C B_x x1 = C B_y x1 = C B_z x1 = 0
 
-Of these 20 equations 18 are independent in general, which leaves the true rotation and its twisted twin,
-and 8 for points on a plane, which leaves 12 solutions. With V an orthonormal basis of the 12 dimensions in
-which they are fulfilled best, x1 = V y and ::
+Of these 20 equations 18 are independent for general points. Two solutions remain: the true rotation and its twisted
+twin. For points on a plane 8 equations are independent, and 12 solutions remain. With V an orthonormal basis of the 12
+dimensions in which the equations are fulfilled best, x1 = V y and ::
 
     lambda y = (V' B_a V) y,      B_a = a_x B_x + a_y B_y + a_z B_z,   lambda = (a . q) / w
 
-is the problem of size 12. It is exact for general points and for planes, since then V holds all true x1 and
-V V' changes none of them. q is read off ``x1 = V y`` by ratios of monomials; the unknown is ``q' = p q``, so
-that rotations by 180 degrees are nothing special; and real parts of complex pairs are kept (see
-:mod:`quest.solvers.quest6` for the three).
+is the problem of size 12. It is exact for general points and for planes: V then contains all true x1, and V V' changes
+none of them. As in :mod:`quest.solvers.quest6`, q follows from ``x1 = V y`` by ratios of monomials, the unknown is
+``q' = p q``, so that rotations by 180 degrees are no special case, and the real part of a complex pair is a candidate.
 
 What was tried (100 to 200 problems of :mod:`quest.benchmarks.paper_protocol` a level; mean error of the first ranked)
 
@@ -32,11 +31,11 @@ What was tried (100 to 200 problems of :mod:`quest.benchmarks.paper_protocol` a 
   coefficients, in place of x1: not better (.036), and slower, since B_a is then no longer at hand.
 * The 12 dimensions by pivoted Gram-Schmidt or subspace iteration in place of the eigen-decomposition: as accurate, a
   sixth of the time less, and six more lines.
-* Gauss-Newton on ``|A x(q)|^2`` afterwards: exact data gain two digits, noisy ones rank no better. On the Sampson
-  errors of the sample it serves both, see ``polish``.
+* Gauss-Newton on ``|A x(q)|^2`` afterwards: exact data gain two digits, noisy data rank no better. Gauss-Newton on the
+  Sampson errors of the sample improves both, see ``polish``.
 * No eigenproblem at all: the quartics at 300, 1000 and 3000 fixed rotations, and Gauss-Newton from the 12 lowest local
-  minima. The basins are too narrow: exact data are missed in half of the problems even with 3000 rotations, which take
-  five times as long as this solver.
+  minima. The basins of attraction are too narrow: even 3000 rotations, which take five times as long as this solver,
+  miss the solution of exact data in half of the problems.
 """
 
 from __future__ import annotations
@@ -56,14 +55,14 @@ __all__ = ["DIRECTION", "LARGEST_NUMBER", "candidates_from_basis", "candidates_f
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-#: Points on a plane have this many solutions, complex ones and both of the plane's motions with their twisted twins
-#: included; general points have two. No fewer dimensions are exact for both.
+#: Number of solutions for points on a plane: complex ones, and both motions of the plane with their twisted twins.
+#: General points have two solutions. No smaller number of dimensions is exact for both.
 LARGEST_NUMBER = 12
 
-#: The direction a: of no particular one, so that two rotations do not share their lambda by symmetry.
+#: The direction a, of no particular orientation, so that no two rotations have the same lambda by symmetry.
 DIRECTION = np.array([0.602, -0.501, 0.622])
 
-# R of a QR decomposition of A2 with a pivot this small relative to its largest has lost rank, see quest.solvers.quest6.
+# A2 has lost rank where its QR decomposition has a pivot this small relative to the largest, see quest.solvers.quest6.
 _SINGULAR = 1e-11
 
 
@@ -75,25 +74,25 @@ def quest6_fast(m: ArrayLike, n: ArrayLike, polish: int = 1) -> Floats:
     m, n : (6, 3) or (B, 6, 3) float
         Bearings in camera 1 and camera 2, of any norm.
     polish : int
-        Steps of Gauss-Newton on the Sampson errors of the sample. One brings exact data to rounding and takes a third
-        off the median error of the first ranked under noise of 0.5 px, for a third more time.
+        Number of Gauss-Newton steps on the Sampson errors of the sample. One step takes exact data to rounding and
+        lowers the median error of the first ranked candidate under noise of 0.5 px by a third, for a third more time.
 
     Returns
     -------
     (K, 4) or (B, 12, 4) float
         Unit quaternions wxyz, canonical in sign; K <= 12. One sample: only the candidates. A batch: padded with NaN,
-        a sample that determines no rotation holding nothing else. Where all matches agree on a rotation without
-        translation, it is the only candidate.
+        only NaN for a sample that determines no rotation. Where all matches agree on a rotation without translation,
+        this rotation is the only candidate.
 
     Raises
     ------
     InputError
-        Where the shapes do not fit, the matches are not six, a number is not finite, a ray is zero, or polish is no
+        If the shapes do not fit, the matches are not six, a number is not finite, a ray is zero, or polish is no
         number of steps.
 
     References
     ----------
-    [F17] Fathian et al., arXiv:1704.02672, QuEst with six points; the deflation is this package's, see the module
+    [F17] Fathian et al., arXiv:1704.02672, QuEst with six points. The deflation is not in the paper, see the module
     docstring.
     """
     steps = as_index(polish, "polish", at_least=0)
@@ -107,10 +106,10 @@ def quest6_fast(m: ArrayLike, n: ArrayLike, polish: int = 1) -> Floats:
     q = multiply(conjugate(PRE_ROTATION), candidates_from_null_space(C, K))
     q[~regular] = np.nan
     q = polish_on_matches(q, m, n, steps)
-    still = rotation_alone(m, n)
-    turned = np.isfinite(still[:, 0])
-    q[turned] = np.nan
-    q[turned, 0] = still[turned]
+    rotation = rotation_alone(m, n)
+    rotation_only = np.isfinite(rotation[:, 0])
+    q[rotation_only] = np.nan
+    q[rotation_only, 0] = rotation[rotation_only]
     return q[0][np.isfinite(q[0, :, 0])] if single else q
 
 
@@ -139,7 +138,7 @@ def _null_space(A: Floats) -> tuple[Floats, Floats, Bools]:
 
 
 def candidates_from_null_space(C: Floats, K: Floats) -> Floats:
-    """Rotations (B, 12, 4) whose quartic monomials lie best in a null space, NaN-padded.
+    """Rotations whose quartic monomials lie best in a null space.
 
     Parameters
     ----------
@@ -147,6 +146,11 @@ def candidates_from_null_space(C: Floats, K: Floats) -> Floats:
         Orthonormal rows: cubics that vanish.
     K : (B, 35, 15) float
         Basis of the null space; the first 20 rows are orthonormal columns, orthogonal to C.
+
+    Returns
+    -------
+    (B, 12, 4) float
+        Unit quaternions, NaN-padded.
     """
     shifted = K[:, TIMES[1:]]  # B_l x1 on the basis: (B, 3, 20, 15)
     products = (C[:, None] @ shifted).reshape(len(K), 15, 15)
@@ -157,14 +161,19 @@ def candidates_from_null_space(C: Floats, K: Floats) -> Floats:
 
 
 def candidates_from_basis(x1: Floats, x1_times: Floats) -> Floats:
-    """Rotations (B, D, 4) whose monomials x1 lie in a space of D dimensions, NaN-padded.
+    """Rotations whose monomials x1 lie in a space of D dimensions.
 
     Parameters
     ----------
     x1 : (B, 20, D) float
         Basis of the space as orthonormal columns.
     x1_times : (B, 20, D) float
-        What becomes of the basis when it is multiplied by ``(a . q) / w``.
+        The basis multiplied by ``(a . q) / w``.
+
+    Returns
+    -------
+    (B, D, 4) float
+        Unit quaternions, NaN-padded.
     """
     values, vectors = np.linalg.eig(x1.swapaxes(-1, -2) @ x1_times)
     q = quaternions_from_monomials((x1 @ vectors).swapaxes(-1, -2))

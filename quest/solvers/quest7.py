@@ -1,21 +1,24 @@
 """QuEst 7: the relative rotation from seven matches that do not lie on a plane.
 
-[F17] (see :mod:`quest.solvers.monomials`), in its letters. Seven matches have 35 triples, hence 35 quartics. With x1
-the four monomials ``w^3 (w, x, y, z)`` and x2 the other 31::
+The notation is that of [F17] (see :mod:`quest.solvers.monomials`). Seven matches have 35 triples, hence 35 quartics.
+With x1 the four monomials ``w^3 (w, x, y, z)`` and x2 the other 31::
 
     A1 x1 + A2 x2 = 0      so      x2 = -pinv(A2) A1 x1
 
 Multiplied by ``lambda = x^3 / w^3``, x1 turns into ``x^3 (w, x, y, z)``, four entries of x2. Their rows of
 ``-pinv(A2) A1`` are the matrix B of an eigenproblem of size 4 only, ``lambda x1 = B x1``, and its
-eigenvectors are proportional to q. ``y^3 / w^3`` and ``z^3 / w^3`` serve as well.
+eigenvectors are proportional to q. ``y^3 / w^3`` and ``z^3 / w^3`` give equally valid problems.
 
-It asks that A, 35x35, have rank 31. Points on a plane leave a rank of 20: the pseudo-inverse then picks a
-solution of the monomials that belongs to no rotation, and the candidates are wrong, as [F17] says.
-:func:`quest.solvers.quest6.quest6` serves planes.
+The solver needs A, 35x35, to have rank 31. Points on a plane give rank 20: the pseudo-inverse then selects a solution
+of the monomials that belongs to no rotation, and the candidates are wrong, as [F17] states. For planes use
+:func:`quest.solvers.quest6.quest6`.
 
-Departures from [F17]: the unknown is ``q' = p q`` as in :mod:`quest.solvers.quest6`; the three lambdas are united;
-candidates are polished on the quartics, since four monomials out of 35 bear all of the rounding and noise;
-without translation the rotation that turns all rays m into n is given.
+Departures from [F17]
+
+* The unknown is ``q' = p q`` as in :mod:`quest.solvers.quest6`.
+* The candidates of the three lambdas are united.
+* Candidates are refined on the quartics, since four monomials out of 35 carry all of the rounding and noise.
+* Without translation the only candidate is the rotation that turns all rays m into n.
 """
 
 from __future__ import annotations
@@ -32,12 +35,12 @@ __all__ = ["cubed_eigenproblem", "quest7"]
 
 Floats = NDArray[np.float64]
 
-# Without noise the first step brings the error from 1e-11 to rounding, and forward motion from 1e-4 to 1e-5;
-# under noise of 0.5 px two lower the mean error from .019 to .014.
+# Without noise the first step lowers the error from 1e-11 to rounding, and that of forward motion from 1e-4 to 1e-5.
+# Under noise of 0.5 px two steps lower the mean error from .019 to .014.
 _POLISHING_STEPS = 2
 
-# i p: its w' is the -x' of the other, so that a rotation in the blind spot w' = 0 of the one, where
-# x1 = w'^3 q' vanishes and A2 loses its rank, is not in that of the other but by a second chance.
+# i p: its w' is -x' of p. At w' = 0 the vector x1 = w'^3 q' vanishes and A2 loses its rank; a rotation with w' = 0 for
+# p has w' = 0 for i p only by coincidence.
 _OTHER_PRE_ROTATION = (
     -PRE_ROTATION[1],
     PRE_ROTATION[0],
@@ -45,7 +48,7 @@ _OTHER_PRE_ROTATION = (
     PRE_ROTATION[2],
 )
 
-# The median inverse condition number is 1e-7; under this one, candidates lose what polishing needs.
+# The median inverse condition number is 1e-7. Below this bound the candidates are too inaccurate for refinement.
 _BAD_CONDITION = 1e-11
 
 
@@ -57,7 +60,7 @@ def quest7(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
     m, n : (N, 3) or (B, N, 3) float
         Bearings in camera 1 and camera 2, of any norm, N >= 7; all triples are used.
     lambdas : str
-        Which of the eigenproblems x^3/w^3, y^3/w^3, z^3/w^3 to solve and unite.
+        The eigenproblems x^3/w^3, y^3/w^3, z^3/w^3 to solve; their candidates are united.
 
     Returns
     -------
@@ -68,27 +71,27 @@ def quest7(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
     Raises
     ------
     InputError
-        Where the shapes do not fit, N < 7, a number is not finite, a ray is zero, or a lambda unknown.
+        If the shapes do not fit, N < 7, a number is not finite, a ray is zero, or a lambda is unknown.
 
     References
     ----------
     [F17] Fathian et al., arXiv:1704.02672, QuEst with seven points; departures in the module docstring.
     """
     m, n, single = as_batch(m, n, lambdas, at_least=7)
-    still = rotation_alone(m, n)
-    q, condition = _solve_turned(m, n, lambdas, PRE_ROTATION)
+    rotation = rotation_alone(m, n)
+    q, condition = _solve_rotated(m, n, lambdas, PRE_ROTATION)
     bad = condition < _BAD_CONDITION
     if bad.any():
-        again, condition_again = _solve_turned(m[bad], n[bad], lambdas, _OTHER_PRE_ROTATION)
+        again, condition_again = _solve_rotated(m[bad], n[bad], lambdas, _OTHER_PRE_ROTATION)
         better = condition_again > condition[bad]
         q[bad] = np.where(better[:, None, None], again, q[bad])
-    turned = np.isfinite(still[:, 0])
-    q[turned] = np.nan
-    q[turned, 0] = still[turned]
+    rotation_only = np.isfinite(rotation[:, 0])
+    q[rotation_only] = np.nan
+    q[rotation_only, 0] = rotation[rotation_only]
     return q[0][np.isfinite(q[0, :, 0])] if single else q
 
 
-def _solve_turned(
+def _solve_rotated(
     m: Floats, n: Floats, lambdas: str, before: tuple[float, float, float, float]
 ) -> tuple[Floats, Floats]:
     """Candidates (S, K, 4) through ``q' = p q``, p = before, and inverse condition numbers (S,) of A2."""
@@ -100,18 +103,25 @@ def _solve_turned(
 
 
 def cubed_eigenproblem(A: Floats, lambdas: str) -> tuple[list[Floats], Floats]:
-    """The matrices of ``lambda x1 = B x1`` from A (S, T, 35), and how well they are determined.
+    """The matrices of the eigenproblems ``lambda x1 = B x1``.
+
+    Parameters
+    ----------
+    A : (S, T, 35) float
+        Coefficients of the quartics.
+    lambdas : str
+        Letters of "xyz".
 
     Returns
     -------
     B : list of (S, 4, 4) float
         One for each lambda.
     condition : (S,) float
-        Inverse condition number of A2.
+        Inverse condition number of A2, from 0 to 1: how well B is determined.
     """
     U, s, Vt = np.linalg.svd(A[..., 4:], full_matrices=False)
     largest = np.maximum(s[:, :1], 1e-100)
-    # The cut of numpy.linalg.pinv, by which planes get the solution of least norm.
+    # The same bound as in numpy.linalg.pinv: planes get the solution of least norm.
     inverse = np.where(s > 1e-15 * largest, 1 / np.maximum(s, 1e-15 * largest), 0.0)
     x2 = -(Vt.swapaxes(-1, -2) * inverse[:, None]) @ (U.swapaxes(-1, -2) @ A[..., :4])
     rows = {name: [quartic_index(a, a, a, b) - 4 for b in range(4)] for name, a in LETTERS.items()}

@@ -1,23 +1,25 @@
 """QuEst for seven and more matches, planes included.
 
-QuEst 7 (:mod:`quest.solvers.quest7`) needs A to be of rank 31 and fails on planes, where it has rank 20 for any number of
-matches. QuEst 6 needs no more than the 15 smallest dimensions of A, which hold the monomials of every true rotation
-in both cases; so does this solver, for any number of matches.
+QuEst 7 (:mod:`quest.solvers.quest7`) needs A to be of rank 31 and fails on planes, where A has rank 20 for any number
+of matches. QuEst 6 uses only the 15 dimensions of A with the smallest singular values. They contain the monomials of
+every true rotation, for general points and for planes. This solver does the same for any number of matches.
 
-Bounded equations. The quartic of a triple is linear in each of the three matrices ``n m'`` of its matches (see
-:func:`quest.solvers.monomials.rows_of_moments`) and changes sign where two are exchanged. Let Z be the N x 9 matrix of those
-matrices as rows, and ``Z = Q S`` its QR decomposition. The triples of the N matches are then the triples of the rows
-of S, at most nine, mixed by a matrix of orthonormal columns (the third compound matrix of Q), so that ::
+The number of equations is bounded. The quartic of a triple is linear in each of the three matrices ``n m'`` of its
+matches (see :func:`quest.solvers.monomials.rows_of_moments`) and changes sign where two matches are exchanged. Let Z be
+the N x 9 matrix of those matrices as rows, and ``Z = Q S`` its QR decomposition. The triples of the N matches are then
+the triples of the rows of S, at most nine, mixed by a matrix of orthonormal columns (the third compound matrix of Q),
+so that ::
 
     |A quartics(q)| = |A_S quartics(q)|     for all q,
 
-where A has N (N - 1) (N - 2) / 6 rows and A_S at most 84. Nothing is lost, and nothing grows with N but the QR.
+where A has N (N - 1) (N - 2) / 6 rows and A_S at most 84. The two sums are equal, and only the time of the QR
+decomposition grows with N.
 
-With the 15 right singular vectors of A_S that belong to its smallest singular values as null space, the rest is as in
-:mod:`quest.solvers.quest6_fast`. Of general points only four dimensions are null (three from eight matches on), and those that
-planes need besides let noise in. So the four smallest alone are tried too: that is QuEst 7 as an eigenproblem of the
-null space. Gauss-Newton on the Sampson errors of all matches removes the rest of the noise from the candidates near a
-solution.
+The null space is spanned by the 15 right singular vectors of A_S with the smallest singular values. The candidates
+follow from it as in :mod:`quest.solvers.quest6_fast`. For general points only four of these dimensions are null (three
+from eight matches on); the others, which planes need, add noise. So the four smallest dimensions alone are used too:
+this is QuEst 7 as an eigenproblem of the null space. Gauss-Newton on the Sampson errors of all matches removes the
+remaining error of the candidates near a solution.
 """
 
 from __future__ import annotations
@@ -37,12 +39,12 @@ __all__ = ["questn"]
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-# R of the QR decomposition of orthonormal columns has a pivot this small only where the null space holds a quartic
-# without w, that is, where a solution lies in the blind spot w' = 0; see quest.solvers.quest6 for the number.
+# The QR decomposition of orthonormal columns has a pivot this small only where the null space contains a quartic
+# without w, that is, where a solution has w' = 0; see quest.solvers.quest6 for the number.
 _SINGULAR = 1e-11
 
-# Noise of 0.5 px leaves .03 rad, from which Gauss-Newton needs three or four steps, and some more where the direction
-# of the translation is weak.
+# Noise of 0.5 px leaves an error of .03 rad. Gauss-Newton then needs three or four steps, and some more where the
+# direction of the translation is weak.
 _POLISHING_STEPS = 6
 
 
@@ -58,16 +60,17 @@ def questn(m: ArrayLike, n: ArrayLike) -> Floats:
     -------
     (K, 4) or (B, 16, 4) float
         Unit quaternions wxyz, canonical in sign; K <= 16. One sample: only the candidates. A batch: padded with NaN.
-        The true rotation is among false ones: :func:`quest.solvers.selection.select_candidates` tells them apart.
+        The true rotation is among false ones: :func:`quest.solvers.selection.select_candidates` ranks them.
 
     Raises
     ------
     InputError
-        Where the shapes do not fit, N < 7, a number is not finite, or a ray is zero.
+        If the shapes do not fit, N < 7, a number is not finite, or a ray is zero.
 
     References
     ----------
-    [F17] Fathian et al., arXiv:1704.02672, for the quartics; the rest is this package's, see the module docstring.
+    [F17] Fathian et al., arXiv:1704.02672, for the quartics. The remainder is not in the paper, see the module
+    docstring.
     """
     m, n = as_matches(m, n, at_least=7)
     single = m.ndim == 2
@@ -77,10 +80,10 @@ def questn(m: ArrayLike, n: ArrayLike) -> Floats:
     S = np.asarray(np.linalg.qr(moments, mode="r")).reshape(len(m), -1, 3, 3)
     q = multiply(conjugate(PRE_ROTATION), _candidates(rows_of_moments(S, PRE_ROTATION)))
     q = polish_on_matches(q, m, n, _POLISHING_STEPS)
-    still = rotation_alone(m, n)
-    turned = np.isfinite(still[:, 0])
-    q[turned] = np.nan
-    q[turned, 0] = still[turned]
+    rotation = rotation_alone(m, n)
+    rotation_only = np.isfinite(rotation[:, 0])
+    q[rotation_only] = np.nan
+    q[rotation_only, 0] = rotation[rotation_only]
     return q[0][np.isfinite(q[0, :, 0])] if single else q
 
 
@@ -96,7 +99,7 @@ def _candidates(A: Floats) -> Floats:
 
 
 def _normalized(N: Floats) -> tuple[Floats, Floats, Bools]:
-    """A basis N (B, 35, D) of quartic monomials, turned so that its first 20 rows are orthonormal columns.
+    """A basis N (B, 35, D) of quartic monomials, changed so that its first 20 rows are orthonormal columns.
 
     Returns
     -------

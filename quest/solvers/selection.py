@@ -1,17 +1,17 @@
-"""Which of the many candidates of a sample deserve to be tried.
+"""Ranking of the candidates of a sample.
 
-A minimal problem has more solutions than one; the eigenproblem of QuEst adds false ones, since it knows
-each monomial without knowing that they are monomials of one q. Three things tell them apart:
+A minimal problem has several solutions. The eigenproblem of QuEst adds false ones, since it treats the monomials of one
+q as independent. Three criteria rank the candidates:
 
-* agreement: a candidate of the x/w problem that solves the problems of y/w and z/w too fulfils
-  ``A quartics(q) = 0``. The sum of squares of these residuals is, by Cauchy and Binet, the determinant of
-  ``M = sum c_i c_i^T`` with the epipolar normals ``c_i = R m_i x n_i``, and vanishes exactly where the
-  smallest eigenvalue of M does, whose eigenvector is t: no further eigenproblem of QuEst is needed;
-* the geometric (Sampson) residual of the sample with that t. The algebraic one favours candidates of small
-  parallax;
-* cheirality: the depths of a true pose are positive. It is all that separates the twisted pair.
+* Agreement: a candidate of the x/w problem that solves the problems of y/w and z/w too fulfils ``A quartics(q) = 0``.
+  The sum of squares of these residuals is, by Cauchy and Binet, the determinant of ``M = sum c_i c_i^T`` with the
+  epipolar normals ``c_i = R m_i x n_i``. It vanishes exactly where the smallest eigenvalue of M does. The eigenvector
+  of this eigenvalue is t, so no further eigenproblem of QuEst is needed.
+* The geometric (Sampson) residual of the sample with that t. The algebraic residual favours candidates of small
+  parallax.
+* Cheirality: the depths of a true pose are positive. Only cheirality separates the twisted pair.
 
-Everything is vectorized over the samples of a batch and their candidates.
+All functions are vectorized over the samples of a batch and their candidates.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ __all__ = ["select_candidates", "smallest_eigenvectors"]
 
 Floats = NDArray[np.float64]
 
-# Candidates this close in rotation are one solution seen through several eigenproblems: refinement takes
-# both to the same place, and the two poses of a plane or a twisted pair are tens of degrees apart.
+# Candidates this close in rotation are one solution, found by several eigenproblems: refinement takes them to the same
+# optimum. The two poses of a plane or of a twisted pair are tens of degrees apart.
 _SAME_ROTATION_RAD = 0.01
 
-# Sine of the parallax under which the sign of a depth is left to noise: 1.4 px at a focal length of 700 px.
+# Below this sine of the parallax noise decides the sign of a depth: 1.4 px at a focal length of 700 px.
 _VISIBLE_PARALLAX = 2e-3
 
-# Residuals under a hundredth of a pixel are alike: what rounding leaves of exact solutions is not ranked.
+# Residuals below a hundredth of a pixel count as equal, so that rounding errors of exact solutions are not ranked.
 _RESIDUAL_FLOOR_RAD = 1e-5
 
 
 def select_candidates(q: Floats, m: Floats, n: Floats, keep: int = 4) -> tuple[Floats, Floats]:
-    """Rank the candidates of each sample and keep the best few, with their translations.
+    """Rank the candidates of each sample and return the best few, with their translations.
 
     Parameters
     ----------
     q : (B, K, 4) float
         Candidates of a solver, unit quaternions wxyz, NaN-padded.
     m, n : (B, N, 3) float
-        The samples' unit bearings.
+        Unit bearings of the samples in camera 1 and camera 2.
     keep : int
-        How many to keep of each sample.
+        Number of candidates to return for each sample.
 
     Returns
     -------
@@ -68,9 +68,8 @@ def select_candidates(q: Floats, m: Floats, n: Floats, keep: int = 4) -> tuple[F
     t = sign * t
     behind = (sign * votes < 2) & visible
     rms = np.sqrt((sampson_error(R, t, m, n) ** 2).mean(axis=-1))
-    # One match of six behind a camera may be noise, so it weighs against a candidate without ruling it out.
-    # Over 500 noisy samples the first of the ranking has half the error that it has with the power 1, and 4
-    # adds nothing.
+    # One match of six behind a camera may be noise, so it raises the cost of a candidate without excluding it. Over 500
+    # noisy samples the first of the ranking has half the error that it has with the power 1; the power 4 is not better.
     cost = np.where(known, (rms + _RESIDUAL_FLOOR_RAD) * (1 + behind.sum(axis=-1)) ** 2, np.inf)
 
     sample = np.arange(len(q))
@@ -86,11 +85,20 @@ def select_candidates(q: Floats, m: Floats, n: Floats, keep: int = 4) -> tuple[F
 
 
 def smallest_eigenvectors(M: Floats) -> Floats:
-    """Unit eigenvectors (..., 3) of the smallest eigenvalue of positive semi-definite M (..., 3, 3).
+    """Unit eigenvectors of the smallest eigenvalue, in a tenth of the time of an eigen-decomposition.
 
-    The adjugate has the same eigenvectors, and its largest eigenvalue belongs to the smallest one of M:
-    squared twice, its largest column is that vector but for the fourth power of the ratio of the two
-    smallest eigenvalues. A tenth of the time of an eigen-decomposition.
+    The adjugate of M has the same eigenvectors, and its largest eigenvalue belongs to the smallest one of M. After two
+    squarings its largest column is that eigenvector, up to the fourth power of the ratio of the two smallest
+    eigenvalues.
+
+    Parameters
+    ----------
+    M : (..., 3, 3) float
+        Positive semi-definite matrices.
+
+    Returns
+    -------
+    (..., 3) float
     """
     a, b, c = M[..., 0], M[..., 1], M[..., 2]
     power = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
@@ -101,5 +109,5 @@ def smallest_eigenvectors(M: Floats) -> Floats:
     largest = np.argmax(np.diagonal(power, axis1=-2, axis2=-1), axis=-1)
     column = np.take_along_axis(power, largest[..., None, None], axis=-1)[..., 0]
     norm = np.linalg.norm(column, axis=-1, keepdims=True)
-    # No parallax at all leaves no direction; any will do, since every translation then fits.
+    # Without parallax there is no direction. Any direction is right then, since every translation fits.
     return np.where(norm > 0, column / np.where(norm > 0, norm, 1.0), [0.0, 0.0, 1.0])

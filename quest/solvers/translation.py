@@ -1,22 +1,24 @@
 """Translation and depths of given rotations.
 
 [F17] stacks ``u_i R m_i + t - v_i n_i = 0`` of all matches into a matrix C of 3 N rows and takes its null vector
-(t, u, v). Each match takes part in its own three rows only, so its two depths are eliminated by hand: multiplying by
-``c_i = a_i x n_i``, with ``a_i = R m_i``, leaves ``c_i . t = 0``, and t is the null vector of the 3x3 matrix
+(t, u, v). The two depths of a match appear in three rows only, so they can be eliminated: multiplication by
+``c_i = a_i x n_i``, with ``a_i = R m_i``, gives ``c_i . t = 0``, and t is the null vector of the 3x3 matrix
 ``M = sum c_i c_i^T``. On exact data this is the null vector of C, for N of any size.
 
-Under noise the three differ. ``c_i . t`` has the variance ``sigma^2 t^T N_i t``, ``N_i = 2 I - a_i a_i^T - n_i n_i^T``
-(the gradient of the residual with respect to both rays), which vanishes where t lies along the rays: the eigenvector of
-M alone is drawn there. So the quotient ``t^T M t / t^T N t`` is minimized, N the sum of N_i, whose noise is the same in
-all directions: a generalized eigenproblem of 3x3 matrices (Taubin's method for conics). It is solved twice, the second
-time with each match weighed by its own ``1 / t^T N_i t``, which makes the numerator the sum of squared Sampson errors.
-With true rotations, a baseline of a twentieth of the distance, 2 px of noise at a focal length of 800 px and 100
-matches, the mean error of the direction is 1.7 degrees; that of the null vector of C is 2.0, that of the eigenvector
-of M 4.1. With a baseline of a third all are alike.
+Under noise the estimates differ. ``c_i . t`` has the variance ``sigma^2 t^T N_i t``,
+``N_i = 2 I - a_i a_i^T - n_i n_i^T`` (from the gradient of the residual with respect to both rays). The variance
+vanishes where t lies along the rays, so the eigenvector of M is biased towards the rays. Therefore the quotient
+``t^T M t / t^T N t`` is minimized, N the sum of N_i; its noise is the same in all directions. This is a generalized
+eigenproblem of 3x3 matrices (Taubin's method for conics). It is solved twice, the second time with the weight
+``1 / t^T N_i t`` for each match, so that the numerator is the sum of squared Sampson errors. With true rotations, a
+baseline of 0.05 of the distance, 2 px of noise at a focal length of 800 px and 100 matches, the mean error of the
+direction is 1.7 degrees; that of the null vector of C is 2.0 degrees, that of the eigenvector of M 4.1 degrees. With a
+baseline of a third of the distance the three are equal.
 
-The depths follow from what is orthogonal to the other ray, ``u = |t_n|^2 / -(a . t_n)`` with t_n the part of t
-orthogonal to n, and v alike: only the displacement along the epipolar line enters. The midpoint of the common
-perpendicular counts that across as parallax too, and is 1.4 % short in the example above.
+The depth u follows from the components orthogonal to the other ray, ``u = |t_n|^2 / -(a . t_n)`` with t_n the part of t
+orthogonal to n; v follows in the same way. So only the displacement along the epipolar line has influence. The midpoint
+of the common perpendicular counts the displacement across the line as parallax too, and its depths are 1.4 % too short
+in the example above.
 """
 
 from __future__ import annotations
@@ -32,16 +34,29 @@ __all__ = ["epipolar_normals", "translation_and_depths"]
 
 Floats = NDArray[np.float64]
 
-#: Solutions of the eigenproblem: once without weights, once with those of its first solution.
+#: Number of solutions of the eigenproblem: one without weights, one with the weights of the first solution.
 _SOLUTIONS = 2
-#: Least variance relative to the largest: rays within 1e-5 rad of one direction would allow t along it any residual.
+#: Smallest variance relative to the largest: for rays within 1e-5 rad of one direction, t along it would fit anything.
 _LEAST_VARIANCE = 1e-10
 #: A parallax in radians under which there is no translation: a thousandth of a pixel of a camera of 1000 px.
 _NO_PARALLAX_RAD = 1e-6
 
 
 def epipolar_normals(R: Floats, m: Floats, n: Floats) -> Floats:
-    """Normals ``R m x n`` (..., N, 3) of the epipolar planes, as long as the sine of the parallax."""
+    """Normals ``R m x n`` of the epipolar planes.
+
+    Parameters
+    ----------
+    R : (..., 3, 3) float
+        Rotations of cam2_from_cam1.
+    m, n : (..., N, 3) float
+        Unit bearings in camera 1 and camera 2.
+
+    Returns
+    -------
+    (..., N, 3) float
+        The length is the sine of the parallax.
+    """
     return np.asarray(np.cross(m @ R.swapaxes(-1, -2), n))
 
 
@@ -51,32 +66,30 @@ def translation_and_depths(q: ArrayLike, m: ArrayLike, n: ArrayLike) -> tuple[Fl
     Parameters
     ----------
     q : (4,) or (K, 4) float
-        Quaternions wxyz of cam2_from_cam1, of any norm but zero. Rows of NaN, as solvers pad with, are
-        passed on.
+        Quaternions wxyz of cam2_from_cam1, of any norm but zero. Rows of NaN (the padding of solvers) give NaN.
     m, n : (N, 3) float
-        Bearings in camera 1 and camera 2, N >= 2. The depths are along rays of unit norm, whatever norm is
-        given.
+        Bearings in camera 1 and camera 2, N >= 2. The depths are distances along the rays, whatever norm the rays have.
 
     Returns
     -------
     t : (3,) or (K, 3) float
-        Translation of norm 1, of the sign that puts most depths in front.
+        Translation of norm 1; the sign is the one with most positive depths.
     u, v : (N,) or (K, N) float
-        Depths in camera 1 and camera 2 in units of the translation; negative for a point behind, infinite
-        or NaN for a match without parallax. Where no match has a parallax of 1e-6 rad, the camera has only
-        turned: t is 0 and all depths are 1, one solution among as many as there are matches. Noise makes
-        parallax: that t is not zero says nothing about whether the camera moved.
+        Depths in camera 1 and camera 2 in units of the translation; negative for a point behind the camera, infinite
+        or NaN for a match without parallax. Where no match has a parallax of 1e-6 rad, the camera has only rotated: t
+        is 0 and all depths are 1, which is one of many solutions. Noise causes parallax, so a t that is not zero is no
+        evidence of a translation; see :func:`quest.parallax_statement`.
 
     Raises
     ------
     InputError
-        Where the shapes do not fit, N < 2, a bearing is zero or not finite, or a quaternion zero or infinite.
+        If the shapes do not fit, N < 2, a bearing is zero or not finite, or a quaternion is zero or infinite.
 
     References
     ----------
     [F17] Fathian et al., arXiv:1704.02672, the matrix C; G. Taubin, "Estimation of planar curves, surfaces and
     nonplanar space curves defined by implicit equations", PAMI 1991. Derived in the module docstring;
-    :func:`quest.solvers.printed.translation_and_depths_printed` takes the null vector of C itself.
+    :func:`quest.solvers.printed.translation_and_depths_printed` takes the null vector of C.
     """
     m, n = as_matches(m, n, at_least=2)
     q = as_floats(q, "q")

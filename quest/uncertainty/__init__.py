@@ -1,1 +1,1 @@
-"""What can be said of the parallax and of the direction of the translation."""
+"""Whether the translation is observable, and the ratio of its length to the depths."""

@@ -1,40 +1,41 @@
 r"""Is the translation observable? A statement with an error rate, from residuals alone.
 
-Let R0 be the rotation that fits the matches best and d = n - R0 m the displacement of a match that it leaves. If the
-camera only turned (or stood still), d is the noise of two bearings: its **direction** on the sphere is uniform,
-whatever its length. If it moved by t, every point slides along its own epipolar line, towards or away from t. So two
-things tell a translation:
+Let R0 be the rotation that fits the matches best, and d = n - R0 m the remaining displacement of a match. For a
+rotation-only or static camera, d is the noise of two bearings: its **direction** on the sphere is uniform, whatever its
+length. If the camera moved by t, every point moves along its own epipolar line, towards t or away from it. So a
+translation shows in two ways:
 
-*Near matches* (d within three standard deviations: noise and parallax are of one size). Compare what lies along the
-epipolar lines with what lies across. A small rotation is allowed to reduce the latter, three degrees of freedom:
+*Near matches* (d within three standard deviations: noise and parallax have the same size). Compare the components of d
+along the epipolar lines with those across. A small rotation w, three degrees of freedom, may reduce the latter:
 
     T = sum |d|^2 - 2 min_w sum (d - w x R0 m)_across^2 - 6 v,      z = T / sqrt(sum |d|^4 / 2)
 
-v is the variance of a component of d, and 3 v what the rotation takes of noise on average. Given the lengths |d|, T
-is a sum of |d|^2 cos 2 theta with uniform theta: mean 0, variance as above, and its tails are lighter than Gaussian
-ones for any lengths (E exp(s cos) = I0(s) <= exp(s^2/4)), so neither heavy tails of the noise nor its scale matter.
+v is the variance of a component of d, and 3 v the noise that the rotation removes on average. Given the lengths |d|, T
+is a sum of |d|^2 cos 2 theta with uniform theta: its mean is 0, its variance as above, and its tails are lighter than
+Gaussian ones for any lengths (E exp(s cos) = I0(s) <= exp(s^2/4)). So neither heavy tails of the noise nor its scale
+matter.
 
 But t was chosen, among all directions, to make the residuals across small. As a function of t, z(t) is a random field
 on the projective plane, nearly Gaussian, with the gradient covariance Lambda(t) = 4 <g g^T>, g_i = (t x n_i) / |t x
-n_i|^2 (the rate at which the direction of an epipolar line turns with t). The chance that its maximum exceeds z is
-the expected Euler characteristic of what exceeds z [A81]_, [W95]_:
+n_i|^2 (the rate at which the direction of an epipolar line turns with t). The probability that the maximum of the field
+exceeds z is the expected Euler characteristic of the set where the field exceeds z [A81]_, [W95]_:
 
     p_near = Q(z) + A (2 pi)^(-3/2) z exp(-z^2 / 2),        A = integral of sqrt(det Lambda) over the half sphere
 
-with Q the Gaussian tail. A was computed for fields of view from 20 degrees to all around: it grows with the logarithm
-of the number N of matches, since close to its epipole a line turns fast, and stays under 21 + 8 log(N / 10). As the
-bound is for the maximum over all t, it holds for whatever way t was found.
+with Q the Gaussian tail. A was computed for fields of view from 20 degrees to 360 degrees. It grows with the logarithm
+of the number N of matches, since a line turns fast close to its epipole, and stays below 21 + 8 log(N / 10). The bound
+is for the maximum over all t, so it holds however t was found.
 
 *Far matches* (d beyond five standard deviations). A rotation explains none of them, so under the null hypothesis they
-are wrong matches that agree with the epipolar lines by chance. With mu of those expected for an arbitrary motion, and
-two degrees of freedom of t that can be spent on going through two of the W wrong matches exactly:
+are outliers that agree with the epipolar lines by chance. Let mu be their expected number for an arbitrary motion. The
+two degrees of freedom of t can make two of the W outliers fit exactly:
 
     p_far = W (W - 1) / 2 P(Poisson(mu) >= far - 2)
 
-The standard deviation is estimated from the residuals across, which the choice of t made small; here it is replaced by
-its upper confidence limit for the most favourable t (Wilson and Hilferty's approximation of chi-square).
+The standard deviation is estimated from the residuals across, which the choice of t made small. For the far matches it
+is replaced by its upper confidence limit for the most favourable t (Wilson and Hilferty's approximation of chi-square).
 
-The statement's p is 2 min(p_near, p_far), which needs no independence of the two.
+The p value of the statement is 2 min(p_near, p_far). The two need not be independent.
 
 References
 ----------
@@ -46,7 +47,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import comb, erfc, exp, inf, isfinite, lgamma, log, pi, sqrt
+from math import comb, exp, inf, isfinite, log, pi, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -56,49 +57,52 @@ from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import matrix_from_quaternion
 from quest.geometry.refine import sampson_jacobian, tangent_basis
 from quest.robust.rotation import refine_rotation_compiled
+from quest.uncertainty.tails import gaussian_tail, poisson_tail
 
-__all__ = ["ParallaxStatement", "gaussian_tail", "parallax_statement", "poisson_tail", "typical_ratios"]
+__all__ = ["ParallaxStatement", "parallax_statement", "typical_ratios"]
 
 Floats = NDArray[np.float64]
 
-#: Within this many standard deviations, noise and parallax are compared: the usual gate of inliers, so that selecting
-#: them by their distance from an epipolar line has cut off nothing that lies within.
+#: Matches within this many standard deviations are near. This is the usual gate of inliers, so that the selection of
+#: the inliers by their distance from an epipolar line has removed no near match.
 _NEAR_SIGMAS = 3.0
-#: Noise takes a match beyond five standard deviations once in 3e5 matches (exp(-25/2)).
+#: Noise moves one match in 3e5 beyond five standard deviations (exp(-25/2)).
 _FAR_SIGMAS = 5.0
-#: The deviate of 1e-3 among all t: Q(4.4) = 5e-6 is that over the 200 independent directions of the field.
+#: Gaussian deviate of a probability of 1e-3 over all t: Q(4.4) = 5e-6 is 1e-3 divided by the 200 independent directions
+#: of the field.
 _FAVOURED_DEVIATE = 4.4
-#: Ratios farther than this many median absolute deviations from the median belong to chance matches: depths of a scene
-#: between a seventh of the median and infinity stay where half of them lie within a factor of two.
+#: Ratios farther than this many median absolute deviations from the median belong to outliers. Where half of the depths
+#: of a scene lie within a factor of two, all depths from a seventh of the median to infinity are within the bound.
 _RATIO_MADS = 6.0
-#: A ray nearer than 1e-6 rad to t has no epipolar line to speak of.
+#: A ray nearer than 1e-6 rad to t has no usable epipolar line.
 _LEAST_SINE2 = 1e-12
-#: What rounding leaves of exact bearings after fitting a rotation is a few 1e-16, and its direction is not random.
+#: Exact bearings have residuals of a few 1e-16 after the fit of a rotation. These are rounding errors, and their
+#: direction is not random.
 _LEAST_NOISE_RAD = 1e-13
 
 
 @dataclass(frozen=True)
 class ParallaxStatement:
-    """What two views say about the camera's translation.
+    """Whether two views show a translation of the camera, and its length compared with the depths.
 
     Attributes
     ----------
     ratio : float
         a in "|t|/depth = a +- b": the mean over the matches of the length of the translation divided by the depth in
-        camera 1, weighted by the squared sine of the angle between ray and t (of a ray along t, the depth is unknown).
-        NaN where no ray is off t.
+        camera 1, weighted by the squared sine of the angle between ray and t (the depth of a ray along t is unknown).
+        NaN where all rays lie along t.
     ratio_sigma : float
-        b, its standard deviation, from the noise and the covariance of R and t, less what noise alone lends to the
-        latter. Infinite where the direction of t is not fixed: then the test may see that there is a translation, and
-        nobody can say how long it is. Of a translation that is not there, neither a nor b means anything.
+        b, the standard deviation of a, from the noise and the covariance of R and t; the information that noise alone
+        adds is subtracted. Infinite where the direction of t is not determined: the test may then show a translation
+        whose length is unknown. Without a translation neither a nor b has a meaning.
     test_value : float
-        z of the near matches: how many standard deviations the displacements off a pure rotation are longer along the
-        epipolar lines than across. To be compared with about 3.5 to 4.5, not with 2, since t was chosen to make it
-        large: the p value knows.
+        z of the near matches: by how many standard deviations the displacements from a pure rotation are longer along
+        the epipolar lines than across. Significant from about 3.5 to 4.5, not from 2, since t was chosen to make it
+        large; the p value accounts for this choice.
     p_value : float
-        Probability, or a bound on it, of such matches where the camera only turned or stood still.
+        Probability, or a bound on it, of such matches for a rotation-only or static camera.
     near, far : int
-        Matches within three, and beyond five, standard deviations of the best rotation.
+        Number of matches within three, and beyond five, standard deviations of the best rotation.
     noise_rad : float
         Standard deviation of a bearing, as given or estimated from the residuals across the epipolar lines.
     """
@@ -112,7 +116,17 @@ class ParallaxStatement:
     noise_rad: float
 
     def observable(self, error_rate: float = 1e-3) -> bool:
-        """Whether there is a translation, falsely said of at most this share of cameras that do not translate."""
+        """Whether there is a translation.
+
+        Parameters
+        ----------
+        error_rate : float
+            Largest share of cameras without translation for which the answer is true.
+
+        Returns
+        -------
+        bool
+        """
         return self.p_value < error_rate
 
 
@@ -127,7 +141,7 @@ def parallax_statement(
     wrong_matches: int = 450,
     rotation: ArrayLike | None = None,
 ) -> ParallaxStatement:
-    """Whether the translation of a motion is observable, and how long it is compared with the depths.
+    """Test whether the translation of a motion is observable, and estimate its length compared with the depths.
 
     Parameters
     ----------
@@ -141,14 +155,14 @@ def parallax_statement(
     noise_rad : float, optional
         Standard deviation of a bearing in radians; by default it is estimated from the residuals.
     chance_matches : float
-        How many wrong matches among the N an arbitrary motion would be expected to have: 0 for data without outliers,
-        else for example the mean count after shuffling n.
+        Expected number of outliers among the inliers of an arbitrary motion: 0 for data without outliers, otherwise
+        for example the mean count after shuffling n.
     wrong_matches : int
-        How many wrong matches there were to choose the motion from, these N and those it left out together; about, and
-        not too few. The default makes 10^5 pairs.
+        Number of outliers from which the motion was chosen, those among the N and those left out together. An
+        approximate number is enough; it should not be too small. The default makes 10^5 pairs.
     rotation : (3, 3) float, optional
-        A rotation that explains the matches about as well as a rotation can, where one is known: where the fit of R0
-        starts. By default it starts at R.
+        A rotation that explains the matches about as well as a rotation can: the start of the fit of R0. By default the
+        fit starts at R.
 
     Returns
     -------
@@ -157,12 +171,12 @@ def parallax_statement(
     Raises
     ------
     InputError
-        Where the shapes do not fit, N < 6, q or t is zero, R is no rotation, a number is not finite, or noise_rad is
-        not positive or a count negative.
+        If the shapes do not fit, N < 6, q or t is zero, R is no rotation, a number is not finite, noise_rad is not
+        positive, or a count is negative.
 
     References
     ----------
-    Derived in the module docstring.
+    Derived in the module docstring, with [A81]_ and [W95]_.
     """
     m, n = as_matches(m, n, at_least=6)
     if m.ndim != 2:
@@ -187,8 +201,8 @@ def parallax_statement(
     z = _anisotropy(a[near], d[near], t)
     p_near = _chance_of_maximum(z, int(near.sum()))
     by_noise = len(m) * exp(-(_FAR_SIGMAS**2) / 2)
-    # The far matches themselves are wrong ones under the null hypothesis.
-    pairs = comb(min(max(wrong, far, 2), 2**53), 2)  # a bound that a double holds: p_far is 1 long before
+    # Under the null hypothesis the far matches themselves are outliers.
+    pairs = comb(min(max(wrong, far, 2), 2**53), 2)  # bounded to the range of a double; p_far is 1 long before that
     p_far = pairs * poisson_tail(far - 2, chance + by_noise)
     ratio, ratio_sigma = _ratio(R, t, m, n, J, noise)
     return ParallaxStatement(
@@ -202,35 +216,8 @@ def parallax_statement(
     )
 
 
-def gaussian_tail(z: float) -> float:
-    """Probability that a standard normal variable exceeds z."""
-    return 0.5 * erfc(z / sqrt(2))
-
-
-def poisson_tail(count: int, mean: float) -> float:
-    """Probability that a Poisson variable of a mean >= 0 is at least ``count``: the sum of its terms."""
-    if count <= 0:
-        return 1.0
-    if mean == 0:
-        return 0.0
-    # The smaller side is summed, from its largest term outwards.
-    if count > mean:
-        term = total = exp(count * log(mean) - mean - lgamma(count + 1))
-        k = count
-        while term > 1e-14 * total:
-            k += 1
-            term *= mean / k
-            total += term
-        return total
-    term = below = exp((count - 1) * log(mean) - mean - lgamma(count))
-    for k in range(count - 1, 0, -1):
-        term *= k / mean
-        below += term
-    return max(0.0, 1 - below)
-
-
 def _as_rotation(q_or_R: ArrayLike) -> Floats:
-    """A rotation matrix (3, 3), whichever way it was given."""
+    """The rotation as a matrix (3, 3), given as a quaternion or as a matrix."""
     given = as_floats(q_or_R, "the rotation")
     if given.shape not in ((4,), (3, 3)) or not np.isfinite(given).all():
         raise InputError(f"the rotation has shape {given.shape}: give a finite quaternion (4,) or a matrix (3, 3)")
@@ -239,7 +226,7 @@ def _as_rotation(q_or_R: ArrayLike) -> Floats:
         if largest == 0:
             raise InputError("the quaternion is zero: give one of any other norm")
         return matrix_from_quaternion(given / largest)
-    # 1e-6 rad is a thousandth of a pixel; what rounds worse was not meant as a rotation.
+    # 1e-6 rad is a thousandth of a pixel. A matrix with larger errors was not meant as a rotation.
     if np.abs(given).max() > 2 or np.abs(given @ given.T - np.eye(3)).max() > 1e-6 or np.linalg.det(given) < 0:
         raise InputError("the matrix is no rotation: give an orthogonal one of determinant 1")
     return given
@@ -262,13 +249,13 @@ def _upper_noise(squares: float, count: int) -> float:
 
 
 def _displacements(R: Floats, m: Floats, n: Floats, noise_rad: float) -> tuple[Floats, Floats]:
-    """Bearings a (N, 3) turned by the best rotation and displacements d (N, 3), tangent to them."""
-    # From the median residual down to the noise, so that a scene with parallax is fitted as a whole first.
+    """Bearings a = R0 m (N, 3) and displacements d (N, 3), tangent to them; R0 is the best rotation."""
+    # The scale falls from the median residual to the noise, so that a scene with parallax is first fitted as a whole.
     last = inf
     for _ in range(8):
         median = sqrt(0.5 * float(np.median(np.sum((n - m @ R.T) ** 2, axis=1))))
         scale = max(2 * noise_rad, median)
-        if scale > 0.99 * last:  # as far down as the scene allows
+        if scale > 0.99 * last:  # the scale falls no further
             break
         R, last = refine_rotation_compiled(R, m, n, scale, iterations=4), scale
     a = m @ R.T
@@ -277,7 +264,7 @@ def _displacements(R: Floats, m: Floats, n: Floats, noise_rad: float) -> tuple[F
 
 
 def _anisotropy(a: Floats, d: Floats, t: Floats) -> float:
-    """The z of the module docstring; 0 where the matches leave nothing to compare."""
+    """The z of the module docstring; 0 where fewer than four matches can be compared."""
     across = np.cross(a, t)
     length = np.linalg.norm(across, axis=1)
     some = length**2 > _LEAST_SINE2
@@ -298,13 +285,25 @@ def _anisotropy(a: Floats, d: Floats, t: Floats) -> float:
 def _chance_of_maximum(z: float, count: int) -> float:
     """Bound on the probability that the maximum over t of the field of z exceeds z."""
     if z <= 1:
-        return 1.0  # the Euler characteristic counts more than maxima there
+        return 1.0  # the Euler characteristic is no bound there
     area = 21 + 8 * log(max(count, 10) / 10)
     return min(1.0, gaussian_tail(z) + area * z * exp(-z * z / 2) / sqrt(2 * pi) ** 3)
 
 
 def typical_ratios(R: Floats, t: Floats, m: Floats, n: Floats) -> NDArray[np.bool_]:
-    """The matches (N,) of which the mean ratio is taken: those within six median absolute deviations of the median."""
+    """The matches of which the mean ratio is taken: those within six median absolute deviations of the median.
+
+    Parameters
+    ----------
+    R, t : (3, 3) float, (3,) float
+        The motion, cam2_from_cam1, |t| = 1.
+    m, n : (N, 3) float
+        Unit bearings in camera 1 and camera 2.
+
+    Returns
+    -------
+    (N,) bool
+    """
     shift, sine2, _, _ = _shifts(R, t, m, n)
     known = sine2 > _LEAST_SINE2
     if not known.any():
@@ -315,7 +314,7 @@ def typical_ratios(R: Floats, t: Floats, m: Floats, n: Floats) -> NDArray[np.boo
 
 
 def _shifts(R: Floats, t: Floats, m: Floats, n: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """``(n - R m) . l``, ``|l|^2``, l = t orthogonal to n, and R m: the first is exactly |l|^2 / u."""
+    """``(n - R m) . l``, ``|l|^2``, l and R m, with l the part of t orthogonal to n. The first is |l|^2 / u."""
     a = m @ R.T
     along = t - (n @ t)[:, None] * n
     return np.einsum("ij,ij->i", n - a, along), np.einsum("ij,ij->i", along, along), along, a
@@ -329,7 +328,7 @@ def _ratio(R: Floats, t: Floats, m: Floats, n: Floats, J: Floats, noise_rad: flo
     shift, sine2, along, a = _shifts(R, t, m, n)
     weight = float(sine2[typical].sum())
     ratio = float(shift[typical].sum()) / weight
-    # Rotating by w moves a by w x a; moving t turns the line, which changes shift and sine2 alike to first order.
+    # A rotation by w moves a by w x a. A change of t turns the line, which changes shift and sine2 to first order.
     by_rotation = -np.cross(a, along)[typical].sum(axis=0) / weight
     by_direction = (n - a - 2 * ratio * along)[typical].sum(axis=0) @ tangent_basis(t) / weight
     gradient = np.concatenate([by_rotation, by_direction])
@@ -345,9 +344,10 @@ def _ratio(R: Floats, t: Floats, m: Floats, n: Floats, J: Floats, noise_rad: flo
 
 
 def _information_of_noise(R: Floats, t: Floats, m: Floats, n: Floats, noise_rad: float) -> Floats:
-    """What noise adds to J^T J (5, 5) on average: the derivative by t is a x n, as long as parallax and noise together.
+    """The mean contribution of noise to J^T J (5, 5).
 
-    Without it the direction of t would seem known where there is no parallax at all.
+    The derivative by t is a x n, whose length is parallax plus noise. Without the subtraction of this contribution the
+    direction of t would appear to be known where there is no parallax at all.
     """
     a = m @ R.T
     p, s = a @ t, n @ t

@@ -1,4 +1,4 @@
-"""How much a direction hangs on single parts of the view: right for noise, and for a body that bends the motion."""
+"""The standard error of a direction from parts of the view: for independent noise, and with a moving body."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ def unit(rays):
 
 
 def views(seed=0, noise=NOISE, body_shift=(0, 0, 0), count=600, extent=(0.7, 0.5)):
-    """Bearings of a translating camera; what lies in the left fifth of the view moves by itself."""
+    """Bearings of a translating camera; the points in the left fifth of the view are a moving body."""
     rng = np.random.default_rng(seed)
     x = rng.uniform(-np.array(extent), extent, (count, 2))
     X = np.column_stack([x, np.ones(count)]) * rng.uniform(1, 4, (count, 1))
@@ -34,41 +34,41 @@ def estimate(m, n):
     return pose
 
 
-def test_of_independent_noise_it_is_the_standard_deviation():
+def test_for_independent_noise_the_spread_is_the_standard_deviation():
     ratios = []
     for seed in range(12):
         m, n = views(seed)
         pose = estimate(m, n)
         ratios.append(direction_spread_rad(pose, m, n) / pose.direction_sigma_rad)
-    # Each is known to about a fifth, from a dozen fits; a jackknife rather says too much.
+    # Each value has an error of about a fifth, from a dozen fits; a jackknife is rather too large.
     assert 0.8 < np.median(ratios) < 1.5
     assert max(ratios) < 3
 
 
-def test_exact_matches_leave_no_spread():
+def test_exact_matches_have_no_spread():
     m, n = views(noise=0)
     assert direction_spread_rad(estimate(m, n), m, n) < 1e-5
 
 
-def test_a_body_that_bends_the_motion_shows_where_the_residuals_do_not():
-    told, known = [], []
+def test_a_moving_body_raises_the_spread_but_not_the_residuals():
+    by_jackknife, by_residuals = [], []
     for seed in range(5):
         m, n = views(seed, body_shift=(0, 0.01, 0))
         pose = estimate(m, n)
-        assert pose.inliers.mean() > 0.95  # most of the body is explained as well
+        assert pose.inliers.mean() > 0.95  # most matches of the body are inliers
         error = np.arccos(pose.t @ T / np.linalg.norm(T))
-        told.append(error / direction_spread_rad(pose, m, n))
-        known.append(error / pose.direction_sigma_rad)
-    assert np.median(known) > 3.5  # by its standard deviation such an error does not happen
-    assert np.median(told) < 2
+        by_jackknife.append(error / direction_spread_rad(pose, m, n))
+        by_residuals.append(error / pose.direction_sigma_rad)
+    assert np.median(by_residuals) > 3.5  # practically impossible by the standard deviation
+    assert np.median(by_jackknife) < 2
 
 
-def test_where_one_part_holds_all_that_is_known_nothing_can_be_said():
+def test_the_spread_is_infinite_where_the_matches_outside_of_one_part_fix_no_motion():
     m, n = views()
     pose = estimate(m, n)
     same = np.repeat(m[:1], len(m), axis=0)
     assert direction_spread_rad(pose, same, n) == np.inf
-    # A dozen matches far off, all of one ray: without the rest they fix no motion.
+    # A dozen matches far off, all of one ray: without the other matches they fix no motion.
     by_distance = np.argsort(np.linalg.norm(m - unit(np.array([[0.5, 0.35, 1.0]])), axis=1))
     kept = np.concatenate([by_distance[:60], np.repeat(by_distance[-1:], 12)])
     # Every ray along the translation: no residual depends on the motion.
@@ -78,8 +78,8 @@ def test_where_one_part_holds_all_that_is_known_nothing_can_be_said():
     assert direction_spread_rad(crowded, m[kept], n[kept]) == np.inf
 
 
-def test_parts_of_unequal_size_weigh_as_much_as_they_should():
-    """Half of the matches crowd in a twentieth of the view: the standard error is still that of the noise."""
+def test_parts_of_unequal_size_have_the_right_weights():
+    """Half of the matches lie in a twentieth of the view: the standard error is that of the noise."""
     ratios = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
@@ -93,12 +93,12 @@ def test_parts_of_unequal_size_weigh_as_much_as_they_should():
     assert 0.7 < np.median(ratios) < 1.6
 
 
-def test_a_wrong_call_is_told():
+def test_wrong_arguments_are_refused():
     m, n = views()
     pose = estimate(m, n)
     with pytest.raises(InputError, match="give the 600 matches"):
         direction_spread_rad(pose, m[:100], n[:100])
-    turned = estimate_relative_pose(m, m, threshold_rad=5e-3)
-    assert turned.kind == "rotation"
+    rotation = estimate_relative_pose(m, m, threshold_rad=5e-3)
+    assert rotation.kind == "rotation"
     with pytest.raises(InputError, match="no direction"):
-        direction_spread_rad(turned, m, m)
+        direction_spread_rad(rotation, m, m)

@@ -62,7 +62,7 @@ def test_points_on_a_plane_are_solved_exactly(solver: Solver, scene: str):
 
 
 @pytest.mark.parametrize("name", [name for name, solver in SOLVERS.items() if not solver.handles_planes])
-def test_planes_defeat_those_that_do_not_claim_them(name: str):
+def test_solvers_that_do_not_handle_planes_fail_on_planes(name: str):
     q, t = SCENES["general"]
     solver = SOLVERS[name]
     errors = [
@@ -75,7 +75,7 @@ def test_planes_defeat_those_that_do_not_claim_them(name: str):
 
 
 @those_that("takes_more")
-def test_more_matches_are_solved_exactly_too(solver: Solver):
+def test_more_matches_than_the_smallest_sample_are_solved_exactly(solver: Solver):
     q, t = SCENES["general"]
     for count in (solver.sample_size + 1, 10):
         m, n = two_views(scene_points(0, count, coplanar=not solver.handles_depth), unit(q), t)
@@ -84,11 +84,11 @@ def test_more_matches_are_solved_exactly_too(solver: Solver):
 
 @ALL
 @pytest.mark.parametrize("scene", ["general", "identity", "half turn about x"])
-def test_a_camera_that_only_turns_leaves_its_rotation_alone(solver: Solver, scene: str):
+def test_a_rotation_only_camera_gives_its_rotation_alone(solver: Solver, scene: str):
     q = unit(SCENES[scene][0])
     m, n = two_views(scene_points(0, solver.sample_size), q, [0, 0, 0])
     found = solver.function(m, n)
-    # Up to its sign, which rounding decides at a half turn.
+    # Up to its sign, which is a matter of rounding at a half turn.
     assert len(found) == 1
     assert distance(found, q) < 1e-12
 
@@ -112,7 +112,7 @@ def test_weak_translations_give_unit_quaternions_or_nothing(solver: Solver, t, n
 @ALL
 @settings(max_examples=10, deadline=None)
 @given(seed=SEEDS)
-def test_laws(solver: Solver, seed: int):
+def test_swapping_permuting_rotating_and_scaling_act_as_they_should(solver: Solver, seed: int):
     rng = np.random.default_rng(seed)
     q, t = unit([1.0, *rng.uniform(-0.3, 0.3, 3)]), unit(rng.normal(size=3))
     m, n = sample(solver, seed, q, t)
@@ -122,20 +122,20 @@ def test_laws(solver: Solver, seed: int):
     solve = solver.function
     assert distance(solve(n, m), conjugate(q)) < 1e-4, "swapping the views inverts the rotation"
     assert distance(solve(m[order], n[order]), q) < 1e-4, "the order of the matches is irrelevant"
-    assert distance(solve(m, n @ P.T), multiply(p, q)) < 1e-4, "turning camera 2 composes from the left"
-    assert distance(solve(m @ P.T, n), multiply(q, conjugate(p))) < 1e-4, "turning camera 1 composes from the right"
+    assert distance(solve(m, n @ P.T), multiply(p, q)) < 1e-4, "rotating camera 2 composes from the left"
+    assert distance(solve(m @ P.T, n), multiply(q, conjugate(p))) < 1e-4, "rotating camera 1 composes from the right"
     assert distance(solve(3 * m, 0.2 * n), q) < 1e-4, "the norm of a ray is irrelevant"
 
 
 @ALL
-def test_a_batch_is_its_samples(solver: Solver):
+def test_a_batch_equals_its_samples_one_by_one(solver: Solver):
     p = draw_problems(np.random.default_rng(0), 6, solver.sample_size, 1.0, coplanar=not solver.handles_depth)
     batch = solver.function(p.m, p.n)
     assert batch.ndim == 3
     for q, m, n in zip(batch, p.m, p.n, strict=True):
         single = solver.function(m, n)
         assert known(q).shape == single.shape
-        # In any order: rounding decides that of eigenvalues.
+        # In any order, since rounding changes the order of eigenvalues.
         assert max(distance(single, one) for one in known(q)) < 1e-6
 
 
@@ -155,7 +155,7 @@ def test_candidates_are_canonical_unit_quaternions_and_no_more_than_stated(solve
 
 @ALL
 @pytest.mark.parametrize("distinct", [1, 2, 3, 4, 5])
-def test_repeated_matches_neither_raise_nor_warn_nor_spoil_the_batch(solver: Solver, distinct: int):
+def test_repeated_matches_neither_raise_nor_warn_nor_change_other_samples(solver: Solver, distinct: int):
     q, t = SCENES["general"]
     m, n = sample(solver, 0, q, t)
     repeated = np.arange(len(m)) % distinct
@@ -185,7 +185,7 @@ def test_hostile_rays_neither_raise_nor_warn(solver: Solver, kind: str):
 
 
 @ALL
-def test_wrong_input_is_named(solver: Solver):
+def test_wrong_arguments_are_named(solver: Solver):
     good = np.ones((solver.sample_size, 3))
     with pytest.raises(InputError, match=f"at least {solver.sample_size}"):
         solver.function(good[1:], good[1:])
@@ -203,14 +203,14 @@ def test_wrong_input_is_named(solver: Solver):
 # --- QuEst in the null space ---
 
 
-def test_rows_of_rank_one_moments_are_those_of_matches():
+def test_rows_of_rank_one_moments_equal_those_of_matches():
     m, n = unit(np.random.default_rng(0).normal(size=(2, 3, 7, 3)))
     rows = rows_of_moments(n[..., :, None] * m[..., None, :])
     assert np.abs(rows) == pytest.approx(np.abs(coefficient_rows(m, n)), abs=1e-12)
 
 
-def test_the_equations_of_many_matches_are_those_of_nine_sums():
-    # What questn rests on: the sum of squares over 1140 triples of 20 matches is that over 84.
+def test_the_equations_of_many_matches_reduce_to_nine_sums():
+    # questn uses this equality: the sum of squares over 1140 triples of 20 matches equals that over 84 triples.
     rng = np.random.default_rng(0)
     m, n = unit(rng.normal(size=(2, 1, 20, 3)))
     moments = (n[..., :, None] * m[..., None, :]).reshape(1, 20, 9)
@@ -220,7 +220,7 @@ def test_the_equations_of_many_matches_are_those_of_nine_sums():
     assert np.linalg.norm(q @ rows_of_moments(nine)[0].T, axis=1) == pytest.approx(every)
 
 
-def test_many_matches_bring_questn_to_the_noise():
+def test_more_matches_make_questn_more_accurate():
     p = draw_problems(np.random.default_rng(0), 20, 8, 0.0)
     rng = np.random.default_rng(1)
     m, n = (unit(np.repeat(a, 30, axis=1) + 1e-3 * rng.normal(size=(20, 240, 3))) for a in (p.m, p.n))
@@ -230,7 +230,7 @@ def test_many_matches_bring_questn_to_the_noise():
 
 
 @pytest.mark.parametrize("coplanar", [False, True])
-def test_the_deflated_problem_keeps_every_motion_of_exact_data(coplanar: bool):
+def test_the_deflated_problem_contains_every_motion_of_exact_data(coplanar: bool):
     # The twisted twin R' = (2 t t' - 1) R has the same epipolar planes.
     q, t = unit(SCENES["general"][0]), unit(SCENES["general"][1])
     twin = multiply([0.0, *t], q)
@@ -242,12 +242,12 @@ def test_the_deflated_problem_keeps_every_motion_of_exact_data(coplanar: bool):
 
 
 @pytest.mark.parametrize("polish", [-1, 1.5, "one"])
-def test_polish_is_a_number_of_steps(polish):
+def test_polish_that_is_no_number_of_steps_is_refused(polish):
     with pytest.raises(InputError, match="polish"):
         quest6_fast(np.ones((6, 3)), np.ones((6, 3)), polish=polish)
 
 
-def test_polishing_squares_the_error_and_stays_where_it_is_zero():
+def test_each_refinement_step_squares_the_error_and_an_error_of_zero_stays():
     p = draw_problems(np.random.default_rng(0), 50, 8, 0.0)
     off = unit(p.q + 1e-3 * np.random.default_rng(1).normal(size=p.q.shape))[:, None]
     errors = [np.median(rotation_error(polish_on_matches(off, p.m, p.n, steps), p.q)) for steps in (0, 1, 2)]
@@ -257,7 +257,7 @@ def test_polishing_squares_the_error_and_stays_where_it_is_zero():
     assert np.isnan(polish_on_matches(np.full((50, 2, 4), np.nan), p.m, p.n, 1)).all()
 
 
-def test_the_batched_homography_is_the_other_one():
+def test_the_batched_homography_equals_the_single_one():
     q, t = SCENES["general"]
     m, n = two_views(scene_points(0, 6, coplanar=True), unit(q), t)
     expected = [quaternion_from_matrix(R) for R, _, _ in decompose_homography(fit_homography(m, n), m)]
@@ -265,10 +265,10 @@ def test_the_batched_homography_is_the_other_one():
     assert all(distance(found, one) < 1e-6 for one in expected)
 
 
-# --- the aims ---
+# --- the accuracy aimed at ---
 
 
-def test_the_fast_solver_ranks_better_than_five_points_under_noise():
+def test_under_noise_the_first_of_quest6_fast_is_more_accurate_than_that_of_the_five_point_solver():
     # Means of 200 problems at 0.5 px: .033 and .13; with all six points for the ranking of the 5-point, .046.
     p = draw_problems(np.random.default_rng(3), 200, 6, 0.5)
 

@@ -1,9 +1,9 @@
-"""A sample of the inputs that mean harm; the whole is ``python -m quest.benchmarks.adversarial``."""
+"""A sample of the adversarial inputs; all of them: ``python -m quest.benchmarks.adversarial``."""
 
 import numpy as np
 import pytest
 
-from quest.benchmarks.adversarial import FUNCTIONS, judge, promises_broken
+from quest.benchmarks.adversarial import FUNCTIONS, defect_of, judge
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -13,6 +13,6 @@ def test_no_input_breaks_a_function(name):
     assert {outcome for outcome, _ in found} == {"answer", "InputError"}
 
 
-def test_a_broken_promise_is_seen():
-    assert promises_broken(np.full((1, 4), np.nan)) == "a quaternion that is none"
-    assert promises_broken((2 * np.ones(3), np.ones(5), np.ones(5))) == "a translation that is none"
+def test_a_wrong_answer_is_detected():
+    assert defect_of(np.full((1, 4), np.nan)) == "an invalid quaternion"
+    assert defect_of((2 * np.ones(3), np.ones(5), np.ones(5))) == "an invalid translation"

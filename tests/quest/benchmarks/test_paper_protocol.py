@@ -1,4 +1,4 @@
-"""The paper's synthetic experiment: what is drawn, what is measured, and what the program prints."""
+"""The synthetic experiment of the paper: its problems, its measures, and the output of the program."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_noise_is_in_pixels_of_both_images():
         assert moved.std() == pytest.approx(2.0, rel=0.1)
 
 
-def test_the_error_is_a_half_turn_at_most_and_blind_to_the_sign():
+def test_the_error_is_at_most_one_half_and_independent_of_the_sign():
     q = np.array([[1.0, 0, 0, 0]])
     quarter = np.array([[[np.cos(np.pi / 4), 0, 0, np.sin(np.pi / 4)]]])
     assert rotation_error(quarter, q) == pytest.approx([0.25])
@@ -46,7 +46,7 @@ def test_the_error_is_a_half_turn_at_most_and_blind_to_the_sign():
     assert rotation_error(np.full((1, 3, 4), np.nan), q) == pytest.approx([0.5])
 
 
-def test_the_truth_is_measured_as_right_and_a_far_rotation_as_wrong():
+def test_the_true_rotation_has_no_error_and_a_half_turn_off_has_the_largest():
     p = draw_problems(np.random.default_rng(0), 5, 8, 0.5, witnesses=30)
     right = measure(Contestant("truth", 8, lambda m, n: p.q[:, None]), p, refined=5)
     assert right.closest.max() == pytest.approx(0, abs=1e-12)
@@ -66,7 +66,7 @@ def test_a_solver_without_candidates_has_the_largest_error():
     assert (none.candidates, none.reached_by_first, none.reached_by_four) == (0, 0, 0)
 
 
-def test_all_solvers_compete_and_one_by_one_is_the_batch():
+def test_all_solvers_are_compared_and_one_by_one_equals_the_batch():
     chosen = contestants()
     assert {solver.name for solver in SOLVERS.values()} <= {one.name for one in chosen}
     assert len({one.name for one in chosen}) == len(chosen)
@@ -75,7 +75,7 @@ def test_all_solvers_compete_and_one_by_one_is_the_batch():
     assert np.sort(singly, axis=1) == pytest.approx(np.sort(SOLVERS["eight_point"].function(p.m, p.n), axis=1))
 
 
-def test_the_five_point_is_that_of_opencv():
+def test_the_five_point_solver_equals_that_of_opencv():
     p = draw_problems(np.random.default_rng(0), 10, 5, 0.5)
     (opencv,) = (one for one in contestants() if one.name == "5-point of OpenCV")
     ours = SOLVERS["five_point"].function(p.m, p.n)

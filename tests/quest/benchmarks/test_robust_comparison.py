@@ -1,4 +1,4 @@
-"""The robust comparison: its scenes obey what they claim, its measures are those of hand-computed cases."""
+"""The robust comparison: the properties of its scenes, and its measures on hand-computed cases."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_without_noise_the_truth_explains_all_inliers_in_front_of_both_cameras(n
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_the_points_of_the_plane_and_no_others_lie_on_one(name):
+def test_exactly_the_marked_points_lie_on_one_plane(name):
     scene = draw(name, matches=400)
     share = scene.on_plane.mean()
     if name.startswith(("general", "forward", "low", "rotation")):
@@ -59,10 +59,10 @@ def test_the_points_of_the_plane_and_no_others_lie_on_one(name):
 
 def test_a_desk_has_60_to_90_percent_of_its_points_on_the_plane():
     shares = [draw("desk .15", seed, matches=400).on_plane.mean() for seed in range(30)]
-    assert 0.55 < min(shares) < max(shares) < 0.95  # the share that is asked for, and its fluctuation
+    assert 0.55 < min(shares) < max(shares) < 0.95  # the requested share, and its fluctuation
 
 
-def test_a_level_flight_over_flat_ground_is_level_and_a_climb_climbs():
+def test_the_nadir_scenes_have_the_stated_climb():
     for seed in range(10):
         for name, low, high in (("nadir level .15", 0, 1e-9), ("nadir climbing .15", 15, 60)):
             scene = draw(name, seed)
@@ -70,14 +70,14 @@ def test_a_level_flight_over_flat_ground_is_level_and_a_climb_climbs():
             assert low - 1e-9 <= np.rad2deg(abs(np.arcsin(centre[2]))) <= high + 1e-9
 
 
-def test_the_noise_has_the_deviation_that_is_asked_for():
+def test_the_noise_has_the_requested_deviation():
     scene = draw("general .15", matches=4000, noise_px=0.7)
     residual_px = FOCAL_PX * sampson_error(scene.R, scene.t, scene.bearings1, scene.bearings2)
-    # Pixels off the axis are smaller angles: at 35 degrees by up to a third.
+    # The angle of a pixel falls with the distance from the axis: at 35 degrees by up to a third.
     assert 0.45 < residual_px.std() < 0.72
 
 
-def test_the_same_seed_draws_the_same_scene_and_another_one_another():
+def test_the_same_seed_draws_the_same_scene_and_another_seed_does_not():
     assert np.array_equal(draw("desk .15", 3).bearings2, draw("desk .15", 3).bearings2)
     assert not np.array_equal(draw("desk .15", 3).bearings2, draw("desk .15", 4).bearings2)
 
@@ -93,7 +93,7 @@ def test_a_camera_that_leaves_the_scene_is_refused():
         )
 
 
-def test_errors_are_angles_and_the_sign_of_the_translation_counts():
+def test_errors_are_angles_and_include_the_sign_of_the_translation():
     R, t = np.eye(3), np.array([0.0, 0.0, 2.0])
     turned = rotation_from_vector(np.deg2rad([0.0, 3.0, 0.0]))
     assert pose_errors_deg(turned, np.array([0.0, 1.0, 1.0]), R, t) == pytest.approx((3, 45))
@@ -101,7 +101,7 @@ def test_errors_are_angles_and_the_sign_of_the_translation_counts():
     assert pose_errors_deg(R, np.zeros(3), R, t) == (0, np.inf)
 
 
-def test_the_area_under_recall_is_that_of_a_hand_computed_case():
+def test_the_area_under_recall_equals_a_hand_computed_case():
     # Recall rises 0 -> 1/4 over [0, 1], 1/4 -> 2/4 over [1, 3], and stays to 5: (1/8 + 3/4 + 1) / 5.
     assert area_under_recall([3.0, 1.0, np.inf, 7.0], 5) == pytest.approx((1 / 8 + 3 / 4 + 1) / 5)
     assert area_under_recall([0.0, 0.0], 5) == 1
@@ -110,17 +110,17 @@ def test_the_area_under_recall_is_that_of_a_hand_computed_case():
 
 
 @given(st.lists(st.floats(0, 30), min_size=1, max_size=20), st.floats(1, 20))
-def test_the_area_under_recall_is_a_share_and_never_gains_from_a_failure(errors, bound):
+def test_the_area_under_recall_is_a_share_and_never_rises_with_a_failure(errors, bound):
     area = area_under_recall(errors, bound)
     assert 0 <= area <= 1
     assert area_under_recall([*errors, np.inf], bound) <= area
 
 
-def test_what_is_infinite_or_undefined_is_no_success():
+def test_infinite_and_undefined_errors_are_no_success():
     assert accuracy([0.5, 2.0, np.inf, np.nan], 1) == 0.25
 
 
-def test_what_is_kept_is_judged_beside_the_first_pose():
+def test_the_error_of_the_best_returned_pose_is_measured_beside_that_of_the_first():
     scene = draw("general .15")
     wrong = (rotation_from_vector(np.array([0.5, 0, 0])) @ scene.R, scene.t)
     answer = judge("m", Estimate((wrong, (scene.R, scene.t)), 0.002, "planar"), scene.R, scene.t)
@@ -131,14 +131,14 @@ def test_what_is_kept_is_judged_beside_the_first_pose():
     assert (none.error_deg, none.kept_error_deg) == (np.inf, np.inf)
 
 
-def test_where_the_truth_knows_no_direction_the_rotation_decides():
+def test_without_a_true_direction_the_error_is_that_of_the_rotation():
     backwards = Estimate(((np.eye(3), np.array([0.0, 0.0, -1.0])),), 0.0, "general")
     R, t = rotation_from_vector(np.array([0.0, np.deg2rad(2.0), 0.0])), np.array([0.0, 0.0, 1.0])
     assert judge("m", backwards, R, t, rotation_only=True).error_deg == pytest.approx(2)
     assert judge("m", Estimate((), 0.0, "none"), R, t, rotation_only=True).error_deg == np.inf
 
 
-def test_the_oracle_is_exact_on_exact_data_and_knows_no_direction_of_a_rotation():
+def test_the_oracle_is_exact_on_exact_data_and_infinite_for_a_rotation_only_camera():
     assert oracle_error_deg(draw("general .15", outlier_share=0.5), 1e-3) < 1e-4
     assert oracle_error_deg(draw("rotation"), 1e-3) == np.inf
 
@@ -155,7 +155,7 @@ def test_a_star_varies_one_factor_at_a_time():
 
 
 @pytest.mark.parametrize("method", available(list(METHODS))[0])
-def test_every_method_finds_an_easy_pose_and_survives_nonsense(method):
+def test_every_method_finds_an_easy_pose_and_accepts_random_matches(method):
     scene = draw("general .15", 1, matches=200, outlier_share=0.1, noise_px=0.3)
     estimate = METHODS[method][1](scene.bearings1, scene.bearings2, 2 / FOCAL_PX, 0)
     assert max(pose_errors_deg(*estimate.poses[0], scene.R, scene.t)) < 2
@@ -164,7 +164,7 @@ def test_every_method_finds_an_easy_pose_and_survives_nonsense(method):
     assert (nonsense.kind == "none") == (nonsense.poses == ())
 
 
-def test_the_program_writes_what_it_prints_and_repeats_itself_but_for_the_times(tmp_path, capsys):
+def test_the_program_writes_what_it_prints_and_repeats_all_but_the_times(tmp_path, capsys):
     options = ["--scenes", "plane .15,rotation", "--outliers", "0.1", "--noise", "0.5", "--matches", "100"]
     options += ["--methods", "quest", "--trials", "2", "--out", str(tmp_path)]
     assert robust_comparison.main(options) == 0

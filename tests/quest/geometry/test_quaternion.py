@@ -1,4 +1,4 @@
-"""Laws of rotations as quaternions; near-identity and half-turn cases are drawn on purpose."""
+"""Laws of rotations as quaternions; rotations near the identity and half turns are among the drawn cases."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ def unit(seed: int) -> np.ndarray:
     return q / np.linalg.norm(q)
 
 
-def test_half_angle_about_x_turns_y_to_z():
+def test_a_quarter_turn_about_x_takes_y_to_z():
     R = matrix_from_quaternion([np.cos(np.pi / 4), np.sin(np.pi / 4), 0, 0])
     assert pytest.approx([0, 0, 1]) == R @ [0, 1, 0]
 
 
-def test_all_signs_of_the_matrix_are_those_of_the_sandwich_product():
-    # The paper prints four entries with the sign exchanged (R13, R23, R31, R32).
+def test_the_matrix_equals_the_sandwich_product():
+    # The paper prints four entries with the wrong sign (R13, R23, R31, R32).
     q = unit(0)
     for v in np.eye(3):
         sandwich = multiply(multiply(q, np.r_[0, v]), conjugate(q))
@@ -45,25 +45,25 @@ def test_all_signs_of_the_matrix_are_those_of_the_sandwich_product():
 
 
 @given(SEEDS, SEEDS)
-def test_product_composes_rotations(a: int, b: int):
+def test_the_product_composes_rotations(a: int, b: int):
     p, q = unit(a), unit(b)
     composed = matrix_from_quaternion(p) @ matrix_from_quaternion(q)
     assert np.allclose(matrix_from_quaternion(multiply(p, q)), composed, atol=1e-14)
 
 
 @given(SEEDS, ANGLES)
-def test_matrix_and_back(seed: int, angle: float):
+def test_the_quaternion_of_a_matrix_is_the_one_it_came_from(seed: int, angle: float):
     q = canonical(np.r_[np.cos(angle / 2), np.sin(angle / 2) * axis_of(seed)])
     R = matrix_from_quaternion(q)
     assert np.allclose(R @ R.T, np.eye(3), atol=1e-14)
     assert np.linalg.det(R) == pytest.approx(1)
-    # At a half turn both signs are the same rotation, and rounding may choose.
+    # At a half turn rounding determines the sign of q.
     back = quaternion_from_matrix(R)
     assert min(np.abs(back - q).max(), np.abs(back + q).max()) < 1e-14
 
 
 @given(SEEDS, ANGLES)
-def test_angle_is_accurate_near_zero_and_near_a_half_turn(seed: int, angle: float):
+def test_the_angle_is_accurate_near_zero_and_near_a_half_turn(seed: int, angle: float):
     R = rotation_from_vector(angle * axis_of(seed))
     assert rotation_angle(R) == pytest.approx(angle, abs=1e-15 + 1e-14 * angle + 1e-15)
 
@@ -74,19 +74,19 @@ def test_opposite_vectors_are_inverse_rotations(seed: int, angle: float):
     assert np.allclose(rotation_from_vector(-w), rotation_from_vector(w).T, atol=1e-15)
 
 
-def test_canonical_sign_at_zero_w():
+def test_where_w_is_zero_the_first_non_zero_entry_is_positive():
     assert canonical([0.0, -1.0, 0.0, 0.0]) == pytest.approx([0, 1, 0, 0])
     assert canonical([0.0, 0.0, -0.6, 0.8]) == pytest.approx([0, 0, 0.6, -0.8])
     assert canonical([-0.5, 0.5, 0.5, 0.5])[0] > 0
 
 
-def test_canonical_passes_nan_rows_and_mends_the_others():
+def test_canonical_leaves_nan_rows_as_they_are():
     q = canonical([[np.nan] * 4, [-1.0, 0.0, 0.0, 0.0]])
     assert np.isnan(q[0]).all()
     assert q[1] == pytest.approx([1, 0, 0, 0])
 
 
-def test_batches_equal_one_by_one():
+def test_a_batch_equals_its_members_one_by_one():
     q = np.random.default_rng(1).normal(size=(3, 5, 4))
     R = matrix_from_quaternion(q)
     assert R.shape == (3, 5, 3, 3)

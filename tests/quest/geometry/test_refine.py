@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from make_views import unit
 
 from quest.geometry.epipolar import sampson_error
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
@@ -13,11 +14,6 @@ from quest.geometry.refine import refine_pose, refine_rotation, sampson_jacobian
 
 SEEDS = st.integers(0, 2**32 - 1)
 SCALE_RAD = 1e-3
-
-
-def unit(values) -> np.ndarray:
-    a = np.asarray(values, float)
-    return a / np.linalg.norm(a, axis=-1, keepdims=True)
 
 
 def two_views(seed: int, count: int = 60, noise_rad: float = 0.0):
@@ -55,13 +51,13 @@ def test_the_basis_is_orthonormal_and_orthogonal_to_its_vector(seed, shape):
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-def test_the_basis_of_an_axis_is_made_of_the_others(axis):
+def test_the_basis_of_an_axis_is_orthogonal_to_it(axis):
     assert np.abs(tangent_basis(np.eye(3)[axis]))[axis] == pytest.approx([0, 0])
 
 
 @settings(deadline=None, max_examples=50)
 @given(seed=SEEDS)
-def test_the_errors_are_those_of_the_epipolar_geometry(seed):
+def test_the_errors_equal_those_of_the_epipolar_geometry(seed):
     R, t, m, n = two_views(seed, noise_rad=0.05)
     r, _ = sampson_jacobian(R, t, m, n)
     assert r == pytest.approx(sampson_error(R, t, m, n), abs=1e-12)
@@ -69,7 +65,7 @@ def test_the_errors_are_those_of_the_epipolar_geometry(seed):
 
 @settings(deadline=None, max_examples=50)
 @given(seed=SEEDS)
-def test_the_jacobian_is_the_limit_of_finite_differences(seed):
+def test_the_jacobian_equals_finite_differences(seed):
     R, t, m, n = two_views(seed, noise_rad=0.05)
     _, J = sampson_jacobian(R, t, m, n)
     B, h = tangent_basis(t), 1e-6
@@ -78,12 +74,12 @@ def test_the_jacobian_is_the_limit_of_finite_differences(seed):
         return sampson_jacobian(rotation_from_vector(step[:3]) @ R, unit(t + B @ step[3:]), m, n)[0]
 
     differences = [(moved(step) - moved(-step)) / (2 * h) for step in h * np.eye(5)]
-    # A match near an epipole bends within the step.
+    # Near an epipole the residual is not linear within the step.
     away = (np.abs(m @ R.T @ t) < 0.99) & (np.abs(n @ t) < 0.99)
     assert J[away] == pytest.approx(np.column_stack(differences)[away], abs=1e-6)
 
 
-def test_a_match_on_both_epipoles_says_nothing_and_divides_by_nothing():
+def test_a_match_on_both_epipoles_has_residual_zero_and_finite_derivatives():
     t = np.array([[0.0, 0.0, 1.0]])
     r, J = sampson_jacobian(np.eye(3), t[0], t, t)
     assert r.tolist() == [0]
@@ -92,7 +88,7 @@ def test_a_match_on_both_epipoles_says_nothing_and_divides_by_nothing():
 
 @settings(deadline=None, max_examples=50)
 @given(seed=SEEDS, angle_rad=st.floats(1e-4, 0.5), outliers=st.integers(0, 30))
-def test_never_worse_than_the_start(seed, angle_rad, outliers):
+def test_refinement_never_raises_the_robust_cost(seed, angle_rad, outliers):
     R, t, m, n = two_views(seed, noise_rad=5e-4)
     n[:outliers] = unit(np.random.default_rng(seed).normal(size=(outliers, 3)))
     start = disturbed(R, t, seed, angle_rad)
@@ -105,14 +101,14 @@ def test_never_worse_than_the_start(seed, angle_rad, outliers):
 
 @settings(deadline=None, max_examples=50)
 @given(seed=SEEDS)
-def test_exact_data_lead_to_the_truth(seed):
+def test_exact_matches_give_the_true_pose(seed):
     R, t, m, n = two_views(seed)
     R_end, t_end = refine_pose(*disturbed(R, t, seed, 0.01), m, n, 0.05, iterations=30)
     assert rotation_distance(R_end, R) < 1e-8
     assert t_end == pytest.approx(t, abs=1e-7)
 
 
-def test_gross_outliers_have_no_say():
+def test_gross_outliers_have_no_influence():
     R, t, m, n = two_views(3, count=200)
     n[:60] = unit(np.random.default_rng(0).uniform([-0.4, -0.4, 1], [0.4, 0.4, 1], (60, 3)))
     R_end, t_end = refine_pose(*disturbed(R, t, 1, 0.005), m, n, SCALE_RAD, iterations=30)
@@ -134,7 +130,7 @@ def test_turning_the_second_camera_turns_the_result(seed):
 
 @settings(deadline=None, max_examples=30)
 @given(seed=SEEDS)
-def test_the_views_play_equal_parts(seed):
+def test_swapping_the_views_inverts_the_refined_pose(seed):
     R, t, m, n = two_views(seed, noise_rad=5e-4)
     R0, t0 = disturbed(R, t, seed, 0.01)
     R1, t1 = refine_pose(R0, t0, m, n, SCALE_RAD, iterations=40)
@@ -155,7 +151,7 @@ def test_the_order_of_matches_and_the_sign_of_rays_change_nothing(seed):
     assert t2 == pytest.approx(t1, abs=1e-6)
 
 
-def test_no_matches_leave_the_pose_as_it_is():
+def test_refinement_without_matches_changes_nothing():
     R, t, m, n = two_views(0)
     R_end, t_end = refine_pose(R, t, m[:0], n[:0], SCALE_RAD)
     assert R_end.tolist() == R.tolist()
@@ -172,12 +168,12 @@ def test_the_rotation_of_exact_data_is_found_among_outliers(seed):
     n[:30] = unit(rng.uniform([-0.5, -0.4, 1], [0.5, 0.4, 1], (30, 3))) @ R.T
     start = rotation_from_vector(2e-3 * unit(rng.normal(size=3))) @ R
     found = refine_rotation(start, m, n, 2e-3, iterations=50)
-    # Outliers fade with the fourth power of their distance; those beside their true place keep a little weight.
+    # The weight falls with the fourth power of the residual; outliers near their true place keep a small weight.
     assert rotation_distance(found, R) < 2e-4
     assert np.linalg.det(found) == pytest.approx(1)
 
 
-def test_half_a_turn_is_a_rotation_too():
+def test_a_half_turn_is_refined():
     m = unit(np.random.default_rng(0).uniform([-0.5, -0.4, 1], [0.5, 0.4, 1], (50, 3)))
     R = np.diag([1.0, -1.0, -1.0])
     assert refine_rotation(rotation_from_vector([3.1, 0, 0]), m, m @ R.T, 0.1, iterations=50) == pytest.approx(

@@ -1,4 +1,4 @@
-"""The search for the motion of least cost: progressive samples, the five-point search, solvers that drive it."""
+"""The search for the motion of least cost: progressive samples, LO-RANSAC with five points, the readable search."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from make_views import unit
 
 from quest import InputError, estimate_relative_pose
 from quest.geometry.quaternion import (
@@ -16,8 +17,9 @@ from quest.geometry.quaternion import (
     rotation_angle,
     rotation_from_vector,
 )
-from quest.robust.lo_ransac import progressive_samples, search_five
+from quest.robust.lo_ransac import lo_ransac_five_point
 from quest.robust.pose_problem import RelativePoseProblem
+from quest.robust.prosac import progressive_samples
 from quest.robust.ransac import ransac
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -25,11 +27,6 @@ THRESHOLD_RAD = 2e-3
 NOISE_RAD = 5e-4
 R_TRUE = rotation_from_vector([0.05, -0.15, 0.08])
 T_TRUE = np.array([0.6, -0.1, 0.2])
-
-
-def unit(values) -> np.ndarray:
-    a = np.asarray(values, float)
-    return a / np.linalg.norm(a, axis=-1, keepdims=True)
 
 
 def scene(seed: int, count: int = 200, *, outliers: float = 0.0, planar: bool = False, noise_rad: float = NOISE_RAD):
@@ -63,7 +60,7 @@ def errors_of(model) -> tuple[float, float]:
     drawn=st.sampled_from([0, 1, 50, 5_000, 199_000, 10**6]),
     batch=st.integers(0, 60),
 )
-def test_progressive_samples_hold_distinct_ranks_of_the_data(seed, size, surplus, drawn, batch):
+def test_progressive_samples_hold_distinct_ranks(seed, size, surplus, drawn, batch):
     count = size + surplus
     samples = progressive_samples(np.random.default_rng(seed), count, size, drawn, batch)
     assert samples.shape == (batch, size)
@@ -72,7 +69,7 @@ def test_progressive_samples_hold_distinct_ranks_of_the_data(seed, size, surplus
 
 
 @given(seed=SEEDS, size=st.integers(2, 7), surplus=st.integers(1, 300))
-def test_the_first_samples_come_from_the_best_and_the_set_grows_by_one_at_most(seed, size, surplus):
+def test_the_first_sample_holds_the_best_matches_and_the_subset_grows_by_one_match(seed, size, surplus):
     samples = progressive_samples(np.random.default_rng(seed), size + surplus, size, 0, 300)
     assert sorted(samples[0].tolist()) == list(range(size))
     worst = samples.max(axis=1)
@@ -82,8 +79,8 @@ def test_the_first_samples_come_from_the_best_and_the_set_grows_by_one_at_most(s
 
 
 @pytest.mark.parametrize(("drawn", "newest"), [(500, 8), (10**7, None)], ids=["growing", "grown"])
-def test_the_others_of_a_sample_are_drawn_equally_often(drawn, newest):
-    # 9 matches grow to all 9 in the end; while they grow, each sample holds the newest and 2 of those before it.
+def test_the_matches_beside_the_newest_are_drawn_equally_often(drawn, newest):
+    # The subset grows to all 9 matches. Before that, each sample holds the newest match and 2 of the better ones.
     rng, count = np.random.default_rng(5), 9
     samples = progressive_samples(rng, count, 3, drawn, 200_000 if newest is None else 20_000)
     if newest is None:
@@ -102,9 +99,9 @@ def test_the_others_of_a_sample_are_drawn_equally_often(drawn, newest):
     assert np.abs(counts - mean).max() < 5 * np.sqrt(mean)
 
 
-def test_all_matches_take_part_in_the_end():
+def test_all_matches_are_drawn_in_the_end():
     samples = progressive_samples(np.random.default_rng(0), 100, 5, 300_000, 2000)
-    assert np.bincount(samples.ravel(), minlength=100).min() > 50  # 100 each, give or take ten
+    assert np.bincount(samples.ravel(), minlength=100).min() > 50  # the mean is 100, the deviation 10
 
 
 # --- the search ---
@@ -113,12 +110,12 @@ def test_all_matches_take_part_in_the_end():
 def search(m, n, seed: int = 0, *, scores=None, max_samples: int = 50_000):
     rng = np.random.default_rng(seed)
     options = {"confidence": 0.999, "max_samples": max_samples, "scores": scores}
-    return search_five(m, n, THRESHOLD_RAD, rng, np.eye(3), **options)
+    return lo_ransac_five_point(m, n, THRESHOLD_RAD, rng, np.eye(3), **options)
 
 
 @settings(deadline=None, max_examples=8)
 @given(seed=SEEDS, outliers=st.floats(0, 0.5))
-def test_the_motion_is_found_and_costs_hardly_more_than_the_truth(seed, outliers):
+def test_the_motion_is_found_with_a_cost_near_that_of_the_true_motion(seed, outliers):
     m, n = scene(seed, outliers=outliers)
     report = search(m, n, seed)
     rotation, direction = errors_of(report.models[0])
@@ -126,13 +123,14 @@ def test_the_motion_is_found_and_costs_hardly_more_than_the_truth(seed, outliers
     assert direction < 2
     problem = RelativePoseProblem(m, n, THRESHOLD_RAD)
     truth = np.concatenate([quaternion_from_matrix(R_TRUE), unit(T_TRUE)])
-    # What is refined is a smooth cost, and its optimum is that of the truncated one but for the matches at the gate.
+    # Refinement minimizes a smooth cost. Its optimum differs from that of the truncated cost by the matches at the
+    # gate.
     assert report.costs[0] <= 1.02 * problem.costs(truth[None])[0][0]
     assert problem.costs(report.models)[0] == pytest.approx(report.costs, rel=1e-6)
     assert (np.diff(report.costs) >= 0).all()
 
 
-def test_the_seed_decides_everything_in_the_search():
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_does_not():
     m, n = scene(0, outliers=0.4)
     first, second, other = (search(m, n, seed) for seed in (1, 1, 2))
     assert first.models.tobytes() == second.models.tobytes()
@@ -140,19 +138,19 @@ def test_the_seed_decides_everything_in_the_search():
     assert first.models.tobytes() != other.models.tobytes()
 
 
-def test_easy_data_stop_early_and_no_search_exceeds_its_bound():
+def test_easy_data_need_few_samples_and_the_bound_on_samples_holds():
     easy, hard = scene(0), scene(0, outliers=1.0)
     assert search(*easy).samples < 500
     assert search(*hard, max_samples=700).samples == 700
     assert search(*easy, max_samples=0) is None
 
 
-def test_repeated_matches_have_no_motion():
+def test_repeated_matches_give_no_motion():
     m, n = scene(0)
     assert search(np.repeat(m[:1], 50, axis=0), np.repeat(n[:1], 50, axis=0), max_samples=300) is None
 
 
-def test_good_scores_lead_to_the_motion_in_fewer_samples():
+def test_good_scores_reduce_the_number_of_samples():
     # 85 % outliers: one sample in 13 000 is free of them. Half of the inliers are known to be the best matches.
     def bound_that_succeeds(seed: int, scored: bool) -> int:
         m, n = scene(seed, 400, outliers=0.85)
@@ -171,10 +169,10 @@ def test_good_scores_lead_to_the_motion_in_fewer_samples():
     assert np.median(without) >= 4 * np.median(with_scores)
 
 
-def test_bad_scores_do_no_harm_where_samples_suffice():
+def test_bad_scores_do_no_harm_with_enough_samples():
     m, n = scene(0, outliers=0.3)
     scores = np.zeros(200)
-    scores[:60] = 1  # the outliers are said to be the best
+    scores[:60] = 1  # the outliers have the best scores
     pose = estimate_relative_pose(m, n, scores=scores)
     assert max(errors_deg(pose.R, pose.t)) < 2
 
@@ -190,7 +188,7 @@ def test_the_compiled_search_agrees_with_the_readable_one(seed, planar, solver):
     compiled = estimate_relative_pose(m, n, seed=seed)
     readable = estimate_relative_pose(m, n, seed=seed, solver=solver, max_samples=2000)
     assert compiled.kind == readable.kind == ("planar" if planar else "general")
-    # Both end at the same optimum; a match at the gate may count for one of them.
+    # Both estimates end at the same optimum; a match at the gate may be an inlier of one estimate only.
     kept = [(h.R, h.t) for h in (readable, *readable.alternatives)]
     rotation, direction = min(errors_deg(compiled.R, compiled.t, *pose) for pose in kept)
     sigma = np.degrees(np.sqrt(np.diag(compiled.covariance)))
@@ -199,7 +197,7 @@ def test_the_compiled_search_agrees_with_the_readable_one(seed, planar, solver):
     assert (compiled.inliers == readable.inliers).mean() > 0.97
 
 
-def test_the_searches_find_the_same_cost():
+def test_the_two_searches_reach_the_same_cost():
     m, n = scene(1, outliers=0.4)
     compiled = search(m, n)
     readable = ransac(RelativePoseProblem(m, n, THRESHOLD_RAD), np.random.default_rng(0))
@@ -231,12 +229,12 @@ def test_the_searches_find_the_same_cost():
         ({"threshold_rad": 4.0}, "threshold_rad"),
     ],
 )
-def test_arguments_that_mean_nothing_are_named(arguments, message):
+def test_wrong_arguments_are_named(arguments, message):
     with pytest.raises(InputError, match=message):
         estimate_relative_pose(*scene(0), **arguments)
 
 
 @pytest.mark.parametrize("arguments", [{"solver": "six"}, {"seed": -1}, {"scores": [1.0]}, {"confidence": 2}])
-def test_too_few_matches_do_not_excuse_a_wrong_argument(arguments):
+def test_wrong_arguments_are_refused_with_too_few_matches_too(arguments):
     with pytest.raises(InputError):
         estimate_relative_pose(*scene(0, count=4), **arguments)

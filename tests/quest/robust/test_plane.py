@@ -1,4 +1,4 @@
-"""Planes and lines among the inliers of a motion, and what an estimate states about its translation."""
+"""Planes and lines among the inliers of a motion, and whether the translation of an estimate is observable."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from make_views import unit
 
 from quest import estimate_relative_pose
 from quest.geometry.quaternion import (
@@ -22,11 +23,6 @@ R_TRUE = rotation_from_vector([0.05, -0.15, 0.08])
 T_TRUE = np.array([0.6, -0.1, 0.2])
 MODEL = np.concatenate([quaternion_from_matrix(R_TRUE), T_TRUE / np.linalg.norm(T_TRUE)])
 laws = settings(deadline=None, max_examples=25)
-
-
-def unit(values) -> np.ndarray:
-    a = np.asarray(values, float)
-    return a / np.linalg.norm(a, axis=-1, keepdims=True)
 
 
 def points(seed: int, count: int = 200, *, on_plane: float) -> np.ndarray:
@@ -46,7 +42,7 @@ def views(X, *, noise_rad: float = NOISE_RAD, t=T_TRUE, seed: int = 0):
 
 @laws
 @given(seed=SEEDS)
-def test_a_plane_holds_all_of_its_points_and_allows_the_motion_and_its_twin(seed):
+def test_all_points_of_a_plane_lie_on_it_and_its_poses_are_the_motion_and_the_twin(seed):
     m, n = views(points(seed, on_plane=1.0), seed=seed)
     plane = fit_plane(MODEL, m, n, NOISE_RAD)
     assert plane.on + plane.off == 200
@@ -61,7 +57,7 @@ def test_a_plane_holds_all_of_its_points_and_allows_the_motion_and_its_twin(seed
     assert twin[4:] @ MODEL[4:] < np.cos(np.radians(4))
 
 
-def test_of_an_exact_plane_the_motion_is_exact():
+def test_an_exact_plane_gives_the_exact_motion():
     plane = fit_plane(MODEL, *views(points(0, on_plane=1.0), noise_rad=0.0), NOISE_RAD)
     assert (plane.on, plane.off) == (200, 0)
     assert plane.along_rad < 1e-9
@@ -74,7 +70,7 @@ def test_of_an_exact_plane_the_motion_is_exact():
 def test_points_off_a_plane_are_counted(seed):
     m, n = views(points(seed, on_plane=0.7), seed=seed)
     plane = fit_plane(MODEL, m, n, NOISE_RAD)
-    # A point of the box lies within three deviations of the plane now and then.
+    # A few points of the box lie within three deviations of the plane.
     assert 130 <= plane.on <= 155
     assert plane.on + plane.off == 200
     assert len(plane.poses) == 2
@@ -82,19 +78,19 @@ def test_points_off_a_plane_are_counted(seed):
 
 @laws
 @given(seed=SEEDS, on_plane=st.floats(0, 0.3))
-def test_a_minority_on_a_plane_makes_none(seed, on_plane):
+def test_a_minority_of_points_on_a_plane_gives_no_plane(seed, on_plane):
     plane = fit_plane(MODEL, *views(points(seed, on_plane=on_plane), seed=seed), NOISE_RAD)
     assert plane.poses == []
     assert plane.along_rad == np.inf
     assert plane.on < plane.off
 
 
-def test_seven_points_are_no_evidence_of_a_plane():
+def test_seven_points_give_no_plane():
     plane = fit_plane(MODEL, *views(points(0, 7, on_plane=1.0)), NOISE_RAD)
     assert (plane.on, plane.off, plane.poses) == (0, 7, [])
 
 
-def test_points_of_one_line_have_no_plane_of_their_own():
+def test_points_on_a_line_give_finite_poses():
     X = np.array([-0.8, 0.2, 4.0]) + np.linspace(0, 1, 50)[:, None] * [1.6, 0.3, 1.0]
     plane = fit_plane(MODEL, *views(X, noise_rad=0.0), NOISE_RAD)
     assert plane.on + plane.off == 50
@@ -103,7 +99,7 @@ def test_points_of_one_line_have_no_plane_of_their_own():
 
 @laws
 @given(seed=SEEDS)
-def test_turning_the_second_camera_turns_the_motions_of_a_plane(seed):
+def test_rotating_the_second_camera_rotates_the_motions_of_a_plane(seed):
     m, n = views(points(1, on_plane=1.0))
     Q = rotation_from_vector(np.random.default_rng(seed).uniform(-2, 2, 3))
     turned_model = np.concatenate([quaternion_from_matrix(Q @ R_TRUE), Q @ MODEL[4:]])
@@ -116,7 +112,7 @@ def test_turning_the_second_camera_turns_the_motions_of_a_plane(seed):
         assert turned_pose[4:] == pytest.approx(Q @ pose[4:], abs=1e-7)
 
 
-def test_the_same_matches_give_the_same_plane_and_stay_as_they_are():
+def test_the_same_matches_give_the_same_plane_and_are_not_changed():
     m, n = views(points(2, on_plane=0.8))
     before = m.tobytes(), n.tobytes()
     first, second = fit_plane(MODEL, m, n, NOISE_RAD), fit_plane(MODEL, m, n, NOISE_RAD)
@@ -137,20 +133,20 @@ def strip(seed: int, half_width_rad: float, count: int = 300) -> np.ndarray:
 
 @laws
 @given(seed=SEEDS)
-def test_rays_of_a_line_are_on_a_line(seed):
+def test_rays_on_a_line_have_no_width(seed):
     assert off_line_rad(strip(seed, 0.0)) < 1e-9
 
 
 @laws
 @given(seed=SEEDS, half_width_rad=st.floats(1e-5, 0.05))
 def test_the_width_of_a_strip_is_measured(seed, half_width_rad):
-    # A median of 300 deviates by 7 %, five of those do not happen.
+    # A median of 300 values has a deviation of 7 %; the bound is five deviations.
     assert off_line_rad(strip(seed, half_width_rad)) == pytest.approx(half_width_rad, rel=0.35)
 
 
 @laws
 @given(seed=SEEDS)
-def test_a_few_rays_off_the_line_do_not_hide_it(seed):
+def test_a_few_rays_off_the_line_do_not_change_the_width(seed):
     rays = strip(seed, 1e-3)
     rays[:45] = unit(np.random.default_rng(seed).normal(size=(45, 3)))
     assert off_line_rad(rays) < 2e-3
@@ -158,7 +154,7 @@ def test_a_few_rays_off_the_line_do_not_hide_it(seed):
 
 @laws
 @given(seed=SEEDS)
-def test_neither_sign_nor_order_nor_frame_of_rays_change_the_width(seed):
+def test_sign_order_and_frame_of_the_rays_do_not_change_the_width(seed):
     rng = np.random.default_rng(seed)
     rays = strip(seed, 0.01)
     changed = (rng.choice([-1, 1], (len(rays), 1)) * rays)[rng.permutation(len(rays))]
@@ -166,11 +162,11 @@ def test_neither_sign_nor_order_nor_frame_of_rays_change_the_width(seed):
     assert off_line_rad(changed) == pytest.approx(off_line_rad(rays), rel=1e-6)
 
 
-def test_rays_of_a_whole_image_are_on_no_line():
+def test_rays_of_a_whole_image_have_a_large_width():
     assert off_line_rad(unit(points(0, on_plane=0.0))) > 0.1
 
 
-# --- what an estimate states about its translation ---
+# --- whether the translation of an estimate is observable ---
 
 
 @settings(deadline=None, max_examples=10)
@@ -187,15 +183,15 @@ def test_a_translation_is_observable_and_measured(seed, on_plane):
 
 @settings(deadline=None, max_examples=10)
 @given(seed=SEEDS, noise_rad=st.sampled_from([0.0, NOISE_RAD]))
-def test_a_rotation_has_no_observable_translation(seed, noise_rad):
+def test_a_rotation_only_camera_has_no_observable_translation(seed, noise_rad):
     pose = estimate_relative_pose(*views(points(seed, on_plane=0.0), noise_rad=noise_rad, t=np.zeros(3), seed=seed))
     assert pose.kind == "rotation"
     assert pose.parallax is None or not pose.parallax.observable(1e-4)
 
 
-def test_less_noise_makes_more_of_the_same_translation_observable():
+def test_the_same_translation_is_observable_with_less_noise_only():
     X = points(0, on_plane=0.0)
-    tiny = 0.002 * T_TRUE  # half a thousandth of the depth
+    tiny = 0.002 * T_TRUE  # baseline 0.0005 of the depth
     noisy, sharp = (estimate_relative_pose(*views(X, noise_rad=s, t=tiny)) for s in (NOISE_RAD, 5e-6))
     assert noisy.kind == "rotation"
     assert sharp.kind == "general"

@@ -1,4 +1,4 @@
-"""The RANSAC loop, tested with lines through points of a plane: it knows no geometry."""
+"""The RANSAC loop on a line-fitting problem: the loop contains no geometry."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SLOPE, OFFSET = 0.7, -0.2
 
 
 class Lines:
-    """Lines y = a x + b through points (N, 2) that are within 0.05 of them or do not count."""
+    """Lines y = a x + b through points (N, 2); a point farther than 0.05 from the line is an outlier."""
 
     sample_size = 2
     limit = 0.05
@@ -59,7 +59,7 @@ def noisy_line(seed: int, count: int = 200, outliers: float = 0.5, noise: float 
 # --- samples_needed ---
 
 
-def test_the_textbook_number_of_samples():
+def test_the_number_of_samples_is_that_of_the_textbook():
     # Hartley and Zisserman, table 4.3, p = 0.99: samples of 7, 50 % outliers -> 588; samples of 2, 20 % -> 5.
     assert math.ceil(samples_needed(0.5, 7, 0.99, 1.0)) == 588
     assert math.ceil(samples_needed(0.8, 2, 0.99, 1.0)) == 5
@@ -71,13 +71,13 @@ def test_the_textbook_number_of_samples():
     confidence=st.floats(0.5, 0.99999),
     chance=st.floats(0.1, 1),
 )
-def test_so_many_samples_all_fail_with_the_remaining_probability(share, size, confidence, chance):
+def test_all_needed_samples_fail_with_the_remaining_probability(share, size, confidence, chance):
     needed = samples_needed(share, size, confidence, chance)
     all_fail = math.exp(needed * math.log1p(-chance * share**size))
     assert all_fail == pytest.approx(1 - confidence)
 
 
-def test_one_sample_suffices_where_none_can_fail_and_none_suffices_without_inliers():
+def test_one_sample_is_enough_without_outliers_and_no_number_is_enough_without_inliers():
     assert samples_needed(1.0, 6, 0.99, 1.0) == 1
     assert samples_needed(0.0, 6, 0.99, 0.5) == math.inf
 
@@ -86,7 +86,7 @@ def test_one_sample_suffices_where_none_can_fail_and_none_suffices_without_inlie
 
 
 @given(seed=SEEDS, size=st.integers(1, 7), surplus=st.integers(0, 60), batch=st.integers(1, 40))
-def test_samples_hold_distinct_indices_of_the_data(seed, size, surplus, batch):
+def test_samples_hold_distinct_indices(seed, size, surplus, batch):
     count = size + surplus
     samples = draw_samples(np.random.default_rng(seed), count, size, batch)
     assert samples.shape == (batch, size)
@@ -101,7 +101,7 @@ def test_every_subset_is_drawn_equally_often(count):
     draws = 400 * len(subsets)
     for row in np.sort(draw_samples(np.random.default_rng(3), count, 2, draws), axis=1).tolist():
         subsets[tuple(row)] += 1
-    # Each count has mean 400 and standard deviation 20; five of these do not happen by chance.
+    # Each count has mean 400 and standard deviation 20; the bound is five deviations.
     assert min(subsets.values()) > 300
     assert max(subsets.values()) < 500
 
@@ -111,7 +111,7 @@ def test_every_subset_is_drawn_equally_often(count):
 
 @settings(max_examples=30, deadline=None)
 @given(seed=SEEDS)
-def test_the_line_is_found_among_as_many_outliers(seed):
+def test_the_line_is_found_among_50_percent_of_outliers(seed):
     problem = Lines(noisy_line(seed))
     report = ransac(problem, np.random.default_rng(seed))
     assert report is not None
@@ -120,7 +120,7 @@ def test_the_line_is_found_among_as_many_outliers(seed):
 
 @settings(max_examples=30, deadline=None)
 @given(seed=SEEDS, pool=st.integers(1, 10))
-def test_the_report_holds_models_with_their_costs_in_order(seed, pool):
+def test_the_report_holds_models_ordered_by_cost(seed, pool):
     problem = Lines(noisy_line(seed, outliers=0.3))
     report = ransac(problem, np.random.default_rng(seed), pool=pool)
     assert report is not None
@@ -130,15 +130,15 @@ def test_the_report_holds_models_with_their_costs_in_order(seed, pool):
     assert report.samples == sum(problem.batches)
 
 
-def test_polishing_pays():
-    # Two noisy points give a line that is worse than the fit to all of its inliers: the polished one leads.
+def test_the_refined_model_has_the_lowest_cost():
+    # A line through two noisy points has a higher cost than the fit to all of its inliers.
     problem = Lines(noisy_line(4, outliers=0.2, noise=0.02))
     report = ransac(problem, np.random.default_rng(0))
     assert report is not None
     assert report.costs[0] < report.costs[1]
 
 
-def test_the_seed_decides_everything():
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_does_not():
     first, second, other = (ransac(Lines(noisy_line(1)), np.random.default_rng(seed)) for seed in (5, 5, 6))
     assert first is not None
     assert second is not None
@@ -148,7 +148,7 @@ def test_the_seed_decides_everything():
     assert first.models.tobytes() != other.models.tobytes()
 
 
-def test_data_without_outliers_stop_early_and_data_without_a_line_at_the_bound():
+def test_easy_data_stop_early_and_hopeless_data_stop_at_the_bound():
     easy, hopeless = Lines(noisy_line(2, outliers=0.0)), Lines(noisy_line(2, outliers=1.0))
     easy.limit, hopeless.limit = 0.05, 0.001
     few = ransac(easy, np.random.default_rng(0), min_samples=20, max_samples=500)
@@ -159,14 +159,14 @@ def test_data_without_outliers_stop_early_and_data_without_a_line_at_the_bound()
     assert many.samples == 500
 
 
-def test_nothing_proposed_is_none():
+def test_the_report_is_none_where_no_sample_proposes_a_model():
     upright = np.column_stack([np.zeros(50), np.linspace(-1, 1, 50)])
     problem = Lines(upright)
     assert ransac(problem, np.random.default_rng(0), max_samples=100) is None
     assert sum(problem.batches) == 100
 
 
-def test_fewer_data_than_a_sample_takes_is_none():
+def test_the_report_is_none_for_fewer_data_than_a_sample_takes():
     problem = Lines(np.zeros((1, 2)))
     assert ransac(problem, np.random.default_rng(0)) is None
     assert problem.batches == []

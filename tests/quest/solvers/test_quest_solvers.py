@@ -1,4 +1,4 @@
-"""QuEst 6 and QuEst 7: the quartics, the laws that solutions obey, and the degenerate scenes by name."""
+"""QuEst 6 and QuEst 7: the quartics, the laws that solutions obey, and degenerate scenes by name."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ BOTH = pytest.mark.parametrize(
 # --- the quartics ---
 
 
-def test_lexicographic_order_puts_the_monomials_of_the_eigenproblems_first():
+def test_the_monomials_of_the_eigenproblems_come_first():
     q = np.array([2.0, 3.0, 5.0, 7.0])
     x = quartics(q)
     assert x[:4] == pytest.approx(2**3 * q)
@@ -47,7 +47,7 @@ def test_each_row_is_the_determinant_of_the_epipolar_normals():
         assert np.abs(A @ quartics(q)) == pytest.approx(np.abs(expected), abs=1e-13)
 
 
-def test_each_row_is_the_determinant_of_the_papers_matrix_M():
+def test_each_row_is_the_determinant_of_the_matrix_M_of_the_paper():
     # Points j and k less point i eliminate t: columns are the depths u_i, v_i, u_j, v_j, u_k, v_k. Where the
     # paper's Example 2 prints third entries of 1 in -n1, -m2 and -m3, the elimination gives -1.
     rng = np.random.default_rng(1)
@@ -79,7 +79,7 @@ def test_each_row_is_the_determinant_of_the_papers_matrix_M():
         (9, True, 20),
     ],
 )
-def test_ranks_of_the_paper_corrected(count: int, coplanar: bool, rank: int):
+def test_the_ranks_of_A_are_the_corrected_ones_of_the_paper(count: int, coplanar: bool, rank: int):
     m, n = two_views(scene_points(0, count, coplanar=coplanar), unit([0.9, 0.1, -0.2, 0.3]), [0.7, -0.2, 0.4])
     values = np.linalg.svd(coefficient_rows(m[None], n[None])[0], compute_uv=False)
     assert np.sum(values > 1e-12 * values[0]) == rank
@@ -105,14 +105,14 @@ def test_the_true_rotation_is_among_the_candidates(solve, points: int, scene: st
 
 @pytest.mark.parametrize("solve", [quest6, quest6_fast])
 @pytest.mark.parametrize("scene", SCENES)
-def test_planes_do_not_matter_to_six_points(solve, scene: str):
+def test_six_points_on_a_plane_are_solved(solve, scene: str):
     q, t = SCENES[scene]
     for seed in range(10):
         m, n = two_views(scene_points(seed, 6, coplanar=True), unit(q), t)
         assert distance(solve(m, n), unit(q)) < 1e-6
 
 
-def test_planes_defeat_quest7():
+def test_quest7_does_not_solve_planes():
     q, t = SCENES["general"]
     m, n = two_views(scene_points(0, 7, coplanar=True), unit(q), t)
     assert distance(quest7(m, n), unit(q)) > 1e-3
@@ -120,7 +120,7 @@ def test_planes_defeat_quest7():
 
 @BOTH
 @pytest.mark.parametrize("scene", ["general", "identity", "half turn about x"])
-def test_a_camera_that_only_turns_leaves_its_rotation(solve, points: int, scene: str):
+def test_a_rotation_only_camera_gives_its_rotation_alone(solve, points: int, scene: str):
     q = unit(SCENES[scene][0])
     m, n = two_views(scene_points(0, points), q, [0, 0, 0])
     candidates = solve(m, n)
@@ -128,7 +128,7 @@ def test_a_camera_that_only_turns_leaves_its_rotation(solve, points: int, scene:
 
 
 @pytest.mark.parametrize(("solve", "count"), [(quest6_printed, 6), (quest7_printed, 7)])
-def test_printed_forms_find_the_truth_but_not_at_half_turns(solve, count: int):
+def test_the_printed_forms_are_right_except_at_half_turns(solve, count: int):
     q, t = SCENES["general"]
     m, n = two_views(scene_points(0, count), unit(q), t)
     assert distance(solve(m, n), unit(q)) < 1e-6
@@ -139,7 +139,7 @@ def test_printed_forms_find_the_truth_but_not_at_half_turns(solve, count: int):
 
 @settings(max_examples=60, deadline=None)
 @given(SEEDS, st.sampled_from([0.0, 1e-9, 1e-4, 0.1, 1.0, 3.0, np.pi]))
-def test_any_rotation_any_angle(seed: int, angle: float):
+def test_rotations_of_any_axis_and_angle_are_found(seed: int, angle: float):
     rng = np.random.default_rng(seed)
     q = np.r_[np.cos(angle / 2), np.sin(angle / 2) * unit(rng.normal(size=3))]
     t = unit(rng.normal(size=3))
@@ -158,7 +158,7 @@ def found_by(solve, m, n, count: int = 1) -> np.ndarray:
 @BOTH
 @settings(max_examples=15, deadline=None)
 @given(seed=SEEDS)
-def test_laws(solve, points: int, seed: int):
+def test_swapping_permuting_rotating_and_scaling_act_as_they_should(solve, points: int, seed: int):
     rng = np.random.default_rng(seed)
     q, t = unit([1.0, *rng.uniform(-0.3, 0.3, 3)]), unit(rng.normal(size=3))
     m, n = two_views(scene_points(seed, points), q, t)
@@ -167,7 +167,7 @@ def test_laws(solve, points: int, seed: int):
     assert distance(solve(m[order], n[order]), q) < 1e-5, "the order of the matches is irrelevant"
     p = unit(rng.normal(size=4))
     turned = n @ matrix_from_quaternion(p).T
-    assert distance(solve(m, turned), multiply(p, q)) < 1e-5, "turning camera 2 composes"
+    assert distance(solve(m, turned), multiply(p, q)) < 1e-5, "rotating camera 2 composes"
     lengths = rng.uniform(0.1, 10, (points, 1))
     assert distance(solve(lengths * m, n / lengths), q) < 1e-5, "the norm of bearings is irrelevant"
 
@@ -185,13 +185,13 @@ def test_a_batch_equals_its_samples_one_by_one(solve, points: int):
 
 
 @BOTH
-def test_same_input_same_bytes(solve, points: int):
+def test_the_same_input_gives_the_same_bytes(solve, points: int):
     p = draw_problems(np.random.default_rng(0), 4, points, 1.0)
     assert solve(p.m, p.n).tobytes() == solve(p.m, p.n).tobytes()
 
 
-def test_more_matches_make_the_first_of_the_ranking_better():
-    # Not the candidate closest to the truth: that one is picked by luck among forty, whatever the data.
+def test_more_matches_make_the_candidate_ranked_first_more_accurate():
+    # Not the candidate closest to the truth: among forty candidates one is close by chance.
     p = draw_problems(np.random.default_rng(0), 100, 12, 0.5)
 
     def error_of_first(count: int) -> float:
@@ -206,7 +206,7 @@ def test_more_matches_make_the_first_of_the_ranking_better():
 
 @BOTH
 @pytest.mark.parametrize("distinct", [1, 2, 3, 4, 5])
-def test_repeated_matches_neither_raise_nor_warn_nor_spoil_the_batch(solve, points: int, distinct: int):
+def test_repeated_matches_neither_raise_nor_warn_nor_change_other_samples(solve, points: int, distinct: int):
     q, t = SCENES["general"]
     m, n = two_views(scene_points(0, points), unit(q), t)
     repeated = np.arange(points) % distinct
@@ -227,7 +227,7 @@ def test_five_distinct_matches_give_no_quest6_candidate():
 
 
 @BOTH
-def test_wrong_input_is_named(solve, points: int):
+def test_wrong_arguments_are_named(solve, points: int):
     good = np.ones((points, 3))
     with pytest.raises(ValueError, match=f"at least {points}"):
         solve(good[1:], good[1:])
@@ -248,7 +248,7 @@ def test_wrong_input_is_named(solve, points: int):
 
 
 @pytest.mark.parametrize("lambdas", ["x", "xyz"])
-def test_the_truth_is_ranked_first_without_noise(lambdas: str):
+def test_without_noise_the_true_rotation_is_ranked_first(lambdas: str):
     p = draw_problems(np.random.default_rng(0), 50, 6, 0.0)
     q, t = select_candidates(quest6(p.m, p.n, lambdas=lambdas), p.m, p.n)
     assert q.shape == (50, 4, 4)
@@ -256,13 +256,13 @@ def test_the_truth_is_ranked_first_without_noise(lambdas: str):
     assert np.einsum("bi,bi->b", t[:, 0], unit(p.t)) == pytest.approx(np.ones(50), abs=1e-6)
 
 
-def test_both_poses_of_a_plane_are_kept():
+def test_both_poses_of_a_plane_are_returned():
     p = draw_problems(np.random.default_rng(0), 50, 6, 0.0, coplanar=True)
     q, _ = select_candidates(quest6(p.m, p.n), p.m, p.n)
     assert rotation_error(q, p.q).max() < 1e-6
 
 
-def test_kept_candidates_are_distinct_and_ordered_as_padding_last():
+def test_returned_candidates_are_distinct_and_padding_comes_last():
     p = draw_problems(np.random.default_rng(0), 50, 6, 1.0)
     q, t = select_candidates(quest6(p.m, p.n), p.m, p.n, keep=6)
     known = np.isfinite(q[..., 0])
@@ -272,7 +272,7 @@ def test_kept_candidates_are_distinct_and_ordered_as_padding_last():
     assert np.nanmax(cosine) <= np.cos(0.005)
 
 
-def test_under_noise_the_first_is_better_than_a_random_candidate_and_near_the_best():
+def test_under_noise_the_candidate_ranked_first_is_more_accurate_than_a_random_one():
     p = draw_problems(np.random.default_rng(0), 200, 6, 0.5)
     candidates = quest6(p.m, p.n)
     first = rotation_error(select_candidates(candidates, p.m, p.n, keep=1)[0], p.q)
@@ -283,7 +283,7 @@ def test_under_noise_the_first_is_better_than_a_random_candidate_and_near_the_be
 # --- the published accuracy ---
 
 
-def test_accuracy_under_the_papers_protocol():
+def test_the_accuracy_under_the_protocol_of_the_paper_is_the_published_one():
     # Means of 200 problems at 0.5 px in the reference measurement: .0241, .0130 and .0079. Draws of 200
     # problems differ by a tenth.
     p = draw_problems(np.random.default_rng(1), 200, 6, 0.5)

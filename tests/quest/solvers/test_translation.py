@@ -27,7 +27,7 @@ def two_views(seed: int, points: int = 8, baseline: float = 1.0):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_truth_comes_back_in_one_scale(seed: int):
+def test_exact_matches_give_translation_and_depths_in_one_scale(seed: int):
     q, t, m, n, u, v = two_views(seed)
     t_, u_, v_ = translation_and_depths(q, m, n)
     assert t_ == pytest.approx(t, abs=1e-10)
@@ -37,7 +37,7 @@ def test_truth_comes_back_in_one_scale(seed: int):
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("points", [3, 8, 40])
-def test_equals_the_null_vector_of_the_papers_matrix(seed: int, points: int):
+def test_on_exact_matches_the_result_is_the_null_vector_of_the_matrix_of_the_paper(seed: int, points: int):
     q, _, m, n, _, _ = two_views(seed, points)
     expected = np.concatenate(translation_and_depths_printed(q, m, n))
     found = np.concatenate(translation_and_depths(q, m, n))
@@ -45,7 +45,7 @@ def test_equals_the_null_vector_of_the_papers_matrix(seed: int, points: int):
 
 
 @pytest.mark.parametrize("baseline", [0.05, 0.3])
-def test_under_noise_the_direction_is_nearer_than_that_of_the_null_vector(baseline: float):
+def test_under_noise_the_direction_is_more_accurate_than_that_of_the_null_vector(baseline: float):
     errors = {translation_and_depths: [], translation_and_depths_printed: []}
     for seed in range(60):
         rng = np.random.default_rng(seed)
@@ -64,14 +64,14 @@ def test_under_noise_the_direction_is_nearer_than_that_of_the_null_vector(baseli
     assert ours < printed
 
 
-def test_many_matches_cost_no_matrix_of_their_number_squared():
+def test_50000_matches_are_solved_in_linear_memory():
     q, t, m, n, u, _ = two_views(0, points=50_000)
     t_, u_, _ = translation_and_depths(q, m, n)
     assert t_ == pytest.approx(t, abs=1e-10)
     assert np.median(np.abs(u_ / u - 1)) < 1e-12
 
 
-def test_many_rotations_equal_one_by_one_and_padding_is_passed_on():
+def test_many_rotations_equal_one_by_one_and_nan_gives_nan():
     q, _, m, n, _, _ = two_views(0)
     other = np.roll(q, 1)
     together = translation_and_depths(np.stack([q, [np.nan] * 4, other]), m, n)
@@ -81,7 +81,7 @@ def test_many_rotations_equal_one_by_one_and_padding_is_passed_on():
     assert all(np.isnan(a[1]).all() for a in together)
 
 
-def test_a_turning_camera_has_no_translation():
+def test_a_rotation_only_camera_has_no_translation():
     q, _, m, n, _, _ = two_views(0, baseline=0.0)
     t, u, v = translation_and_depths(q, m, n)
     assert np.array_equal(t, np.zeros(3))
@@ -89,7 +89,7 @@ def test_a_turning_camera_has_no_translation():
     assert np.abs(residual).max() < 1e-14
 
 
-def test_majority_of_depths_is_in_front_though_some_are_behind():
+def test_most_depths_are_positive_where_some_points_are_behind():
     q, t, m, n, _, _ = two_views(1)
     m[0], n[0] = -m[0], -n[0]
     t_, u_, v_ = translation_and_depths(q, m, n)
@@ -109,19 +109,19 @@ def test_majority_of_depths_is_in_front_though_some_are_behind():
         (np.array([1, np.inf, 0, 0]), np.ones((6, 3)), "infinite"),
     ],
 )
-def test_wrong_input_is_named(q, m, message: str):
+def test_wrong_arguments_are_named(q, m, message: str):
     with pytest.raises(ValueError, match=message):
         translation_and_depths(q, m, m)
 
 
-def test_essential_matrix_annihilates_matches():
+def test_the_essential_matrix_fulfils_the_epipolar_constraint():
     q, t, m, n, _, _ = two_views(2)
     E = essential_from_pose(matrix_from_quaternion(q), t)
     assert np.abs(np.einsum("ni,ij,nj->n", n, E, m)).max() < 1e-14
     assert pytest.approx(np.cross(np.eye(3), t) @ matrix_from_quaternion(q)) == E
 
 
-def test_sampson_error_is_the_angle_off_the_epipolar_plane():
+def test_the_sampson_error_is_the_angle_off_the_epipolar_plane():
     q, t, m, n, _, _ = two_views(3)
     R, angle = matrix_from_quaternion(q), 1e-5
     normal = np.cross(t, n)
@@ -129,14 +129,14 @@ def test_sampson_error_is_the_angle_off_the_epipolar_plane():
     moved = n + angle * normal
     moved /= np.linalg.norm(moved, axis=1, keepdims=True)
     error = sampson_error(R, t, m, moved)
-    # Moving n alone would mend it by the angle; shared, each view counts by the gradient of n . E m in it,
-    # the sine of the other view's distance from its epipole.
+    # A change of n alone corrects the error by the angle. Shared between the views, the weight of a view is the
+    # gradient of n . E m, the sine of the other view's distance from its epipole.
     sine_n = np.linalg.norm(np.cross(t, n), axis=1)
     sine_m = np.linalg.norm(np.cross(R.T @ t, m), axis=1)
     assert np.abs(error) == pytest.approx(angle * sine_m / np.hypot(sine_n, sine_m), rel=1e-3)
 
 
-def test_sampson_error_is_alike_in_both_views_and_blind_to_the_length_of_t():
+def test_the_sampson_error_is_symmetric_in_the_views_and_independent_of_the_length_of_t():
     q, t, m, n, _, _ = two_views(4)
     R = matrix_from_quaternion(q)
     m = m + 1e-3 * np.random.default_rng(0).normal(size=m.shape)
@@ -159,7 +159,7 @@ def test_many_hypotheses_equal_one_by_one():
         assert angles[k] == pytest.approx(parallax_angles(R[k], m, n))
 
 
-def test_parallax_of_parallel_rays_is_zero_and_of_the_sideways_camera_the_angle():
+def test_the_parallax_of_two_rays_is_the_angle_between_them():
     m = np.array([[0.0, 0.0, 1.0]])
     angle = 1e-7
     n = np.array([[np.sin(angle), 0.0, np.cos(angle)]])

@@ -1,4 +1,4 @@
-"""The statement on parallax: its error rate, its power, and what it says of degenerate scenes."""
+"""The statement on parallax: its error rate, its power, and degenerate scenes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy import stats
 from quest import InputError, parallax_statement
 from quest.benchmarks.parallax_calibration import Scene, draw_views, fitted_motion, true_ratio
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
-from quest.uncertainty.parallax import gaussian_tail, poisson_tail
+from quest.uncertainty.tails import gaussian_tail, poisson_tail
 
 NOISE_RAD = 1.5e-3
 
@@ -22,17 +22,17 @@ def views(seed, *, ratio=0.1, count=200, noise_rad=NOISE_RAD, shape="box"):
 
 @settings(deadline=None)
 @given(st.floats(-6, 30))
-def test_gaussian_tail_is_that_of_scipy(z):
+def test_gaussian_tail_equals_that_of_scipy(z):
     assert gaussian_tail(z) == pytest.approx(stats.norm.sf(z), rel=1e-11, abs=1e-300)
 
 
 @settings(deadline=None)
 @given(st.integers(-3, 400), st.floats(0, 300))
-def test_poisson_tail_is_that_of_scipy(count, mean):
+def test_poisson_tail_equals_that_of_scipy(count, mean):
     assert poisson_tail(count, mean) == pytest.approx(stats.poisson.sf(count - 1, mean), rel=1e-9, abs=1e-13)
 
 
-def test_a_turning_camera_is_rarely_said_to_translate():
+def test_the_error_rate_for_rotation_only_cameras_is_at_most_the_stated_one():
     # With a true error rate of 5 % more than 5 of 30 would happen once in 300 times; the seeds are fixed.
     values = []
     for seed in range(30):
@@ -45,18 +45,18 @@ def test_a_turning_camera_is_rarely_said_to_translate():
 
 
 @pytest.mark.parametrize("shape", ["box", "plane", "wall"])
-def test_a_translation_is_seen_and_measured(shape):
+def test_a_translation_is_observed_and_measured(shape):
     found = []
     for seed in range(20):
         two = views(seed, shape=shape, count=300, ratio=0.05)
         statement = parallax_statement(two.R, two.t, two.m, two.n, NOISE_RAD)
         assert statement.observable(1e-6)
         found.append((statement.ratio - true_ratio(two, two.R, two.t, np.ones(300, bool))) / statement.ratio_sigma)
-    # At the true motion only the points' own noise is left, which b exceeds.
+    # The statement is made at the true motion, so the error is that of the noise of the points; b is larger.
     assert np.abs(found).max() < 4
 
 
-def test_two_identical_images_say_nothing():
+def test_two_identical_views_show_no_translation():
     two = views(0)
     statement = parallax_statement(np.eye(3), two.t, two.m, two.m)
     assert statement.p_value == 1
@@ -64,7 +64,7 @@ def test_two_identical_images_say_nothing():
     assert not statement.observable()
 
 
-def test_exact_translation_is_beyond_doubt():
+def test_an_exact_translation_is_observed_with_certainty():
     two = views(1, noise_rad=0.0)
     statement = parallax_statement(two.R, two.t, two.m, two.n)
     assert statement.p_value < 1e-12
@@ -72,10 +72,10 @@ def test_exact_translation_is_beyond_doubt():
     assert statement.ratio_sigma < 1e-9
 
 
-def test_chance_matches_explain_what_lies_far():
+def test_expected_chance_matches_raise_the_p_value_of_far_matches():
     two = views(2, ratio=0.0, count=300)
     n = two.n.copy()
-    # Eight wrong matches, put on their epipolar lines far ahead, as the selection of a motion among many would.
+    # Eight outliers on their epipolar lines, far from their true places, as after the choice of the best motion.
     n[:8] += 0.2 * (two.t - (n[:8] @ two.t)[:, None] * n[:8])
     naive = parallax_statement(two.R, two.t, two.m, n)
     aware = parallax_statement(two.R, two.t, two.m, n, chance_matches=5.0)
@@ -85,7 +85,7 @@ def test_chance_matches_explain_what_lies_far():
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 1000), st.floats(0.0, 0.1))
-def test_neither_the_frame_of_camera_2_nor_lengths_nor_order_change_it(seed, ratio):
+def test_frame_of_camera_2_lengths_and_order_do_not_change_the_statement(seed, ratio):
     two = views(seed, ratio=ratio, count=60)
     rng = np.random.default_rng(seed)
     turn = rotation_from_vector(rng.normal(size=3))
@@ -114,7 +114,7 @@ def test_neither_the_frame_of_camera_2_nor_lengths_nor_order_change_it(seed, rat
         ({"wrong_matches": 1.5}, "wrong_matches"),
     ],
 )
-def test_wrong_input_is_named(change, message):
+def test_wrong_arguments_are_named(change, message):
     two = views(0, count=20)
     good = {"q_or_R": two.R, "t": two.t, "m": two.m, "n": two.n}
     with pytest.raises(InputError, match=message):

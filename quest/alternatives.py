@@ -1,0 +1,225 @@
+"""Comparison of two motions on the same matches: which alternatives to a pose remain, and whether a plane does.
+
+A motion explains the matches as well as another one if two conditions hold:
+
+* No significant number of matches is explained by the other motion only. This compares counts with their fluctuation
+  (:func:`decides`).
+* Its residuals on the matches that both explain are not larger (:func:`has_larger_residuals`). This compares sums of
+  truncated squares with their scatter over regions of the view, so that one moving body or one part of the lens does
+  not decide.
+
+The two motions of a plane have the same residuals, so only the counts are compared between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quest.geometry.quaternion import canonical, matrix_from_quaternion
+from quest.relative_pose import Hypothesis
+from quest.robust.plane import PlaneFit
+from quest.robust.pose_modes import same_mode
+from quest.robust.pose_problem import RelativePoseProblem
+from quest.robust.spatial_blocks import directions_of, scatter_of_sum
+
+__all__ = [
+    "PLANE_LEVEL",
+    "RIVAL_LEVEL",
+    "as_hypothesis",
+    "decides",
+    "equivalent_motions",
+    "explained_by_plane",
+    "has_larger_residuals",
+]
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+#: Ratio of residuals along and across the epipolar lines up to which points lie on a plane: relief as large as the
+#: noise makes the ratio 1.4. For few matches the bound is four standard deviations of the ratio of two medians,
+#: 1.65 / sqrt(N) each.
+_FLAT = 1.5
+#: How much larger the residuals of a motion must be: in noise variances, and in standard deviations of their sum. Five
+#: unknowns lower the cost by chi-square of five degrees of freedom: by 26 once in 10 000, by 15 once in a hundred. A
+#: rival is dropped for good, hence the higher level. A plane must be as good as the free motion, hence the lower one.
+RIVAL_LEVEL = (26.0, 4.0)
+PLANE_LEVEL = (15.0, 2.5)
+
+
+def decides(votes_for: int, votes_against: int, total: int, scatter: float | None = None) -> bool:
+    """Whether the numbers of matches that only one of two hypotheses explains decide between the two.
+
+    Under the null hypothesis that neither is better, each vote is a fair coin, and the difference has the standard
+    deviation sqrt(for + against). Four of these deviations are exceeded once in 30 000. Votes that come from one small
+    moving object or from a repeated texture are not independent; ``scatter`` is then the right deviation. Twelve votes
+    and 3 % of all matches are required besides: fewer votes may lie in several regions and still come from one repeated
+    texture.
+
+    Parameters
+    ----------
+    votes_for : int
+        Number of matches that only the first hypothesis explains.
+    votes_against : int
+        Number of matches that only the second hypothesis explains.
+    total : int
+        Number of all matches.
+    scatter : float, optional
+        Standard deviation of the difference, see :func:`quest.robust.spatial_blocks.scatter_of_sum`; by default that of
+        independent votes.
+
+    Returns
+    -------
+    bool
+        True where the votes decide for the first hypothesis.
+    """
+    difference = votes_for - votes_against
+    deviation = float(np.sqrt(votes_for + votes_against)) if scatter is None else scatter
+    return bool(difference >= max(12.0, 0.03 * total, 4.0 * deviation))
+
+
+def has_larger_residuals(
+    problem: RelativePoseProblem,
+    model: Floats,
+    other: Floats,
+    gate_rad: float,
+    noise_rad: float,
+    level: tuple[float, float],
+) -> bool:
+    """Whether a motion leaves significantly larger residuals than another motion.
+
+    The scatter is that of the sum of differences (Vuong 1989), over matches or over regions of the view, so that no
+    handful of matches with a common error decides.
+
+    Parameters
+    ----------
+    problem : RelativePoseProblem
+    model, other : (7,) float
+        The two motions (q_wxyz, t).
+    gate_rad : float
+        Residuals are truncated at this angle.
+    noise_rad : float
+        Standard deviation of a bearing.
+    level : (float, float)
+        How much larger, see :data:`RIVAL_LEVEL`.
+
+    Returns
+    -------
+    bool
+
+    References
+    ----------
+    Q. H. Vuong, "Likelihood ratio tests for model selection and non-nested hypotheses", Econometrica 57, 1989.
+    """
+    least, deviations = level
+    r2, behind = problem.residuals(np.stack([model, other]))
+    r2[behind] = np.inf
+    difference = (np.minimum(r2[0], gate_rad**2) - np.minimum(r2[1], gate_rad**2)) / noise_rad**2
+    differs = difference != 0
+    scatter = scatter_of_sum(difference[differs], directions_of(problem.m[differs]))
+    return bool(difference.sum() > max(least, deviations * scatter))
+
+
+def explained_by_plane(
+    problem: RelativePoseProblem, plane: PlaneFit, best: Floats, inliers: int, gate_rad: float, noise_rad: float
+) -> bool:
+    """Whether the inliers of the best motion lie on one plane, and one of the plane's motions fits them as well.
+
+    The gate of the plane, 3 sqrt(2) deviations, rejects one match in 8000. Two in a hundred are allowed off the plane,
+    for errors that are not Gaussian: 25 planes with 15 % outliers left 1.5 % at most. Points with little parallax pass
+    the gate as well, so the residuals along the epipolar lines must have the size of the noise.
+
+    Parameters
+    ----------
+    problem : RelativePoseProblem
+    plane : PlaneFit
+        The plane that explains most inliers.
+    best : (7,) float
+        The best motion (q_wxyz, t).
+    inliers : int
+        Number of its inliers.
+    gate_rad : float
+        Sampson error above which a match is an outlier.
+    noise_rad : float
+        Standard deviation of a bearing.
+
+    Returns
+    -------
+    bool
+    """
+    return bool(
+        len(plane.poses) == 2
+        and not decides(plane.off, int(0.02 * inliers), inliers)
+        and plane.along_rad < max(_FLAT, 1 + 6.6 / np.sqrt(plane.on)) * noise_rad
+        and not all(has_larger_residuals(problem, pose, best, gate_rad, noise_rad, PLANE_LEVEL) for pose in plane.poses)
+    )
+
+
+def equivalent_motions(
+    problem: RelativePoseProblem,
+    candidates: Sequence[Floats],
+    best: Floats,
+    inliers: Bools,
+    gate_rad: float,
+    noise_rad: float | None,
+) -> list[Hypothesis]:
+    """The candidates that explain the matches as well as the best motion.
+
+    Parameters
+    ----------
+    problem : RelativePoseProblem
+    candidates : sequence of (7,) float
+        Other motions (q_wxyz, t).
+    best : (7,) float
+        The best motion (q_wxyz, t).
+    inliers : (N,) bool
+        The matches that the best motion explains.
+    gate_rad : float
+        Sampson error above which a match is not explained.
+    noise_rad : float or None
+        Standard deviation of a bearing; None for the motions of a plane, whose residuals are not compared.
+
+    Returns
+    -------
+    list of Hypothesis
+        Of different modes, the one with most inliers first.
+    """
+    alternatives: list[Hypothesis] = []
+    where = directions_of(problem.m)
+    for model in candidates:
+        explained = problem.explained(model, gate_rad)
+        known = [best, *(np.concatenate([h.q_wxyz, h.t]) for h in alternatives)]
+        if any(same_mode(model, other) for other in known):
+            continue
+        for_best, against = inliers & ~explained, explained & ~inliers
+        # The regions divide the part of the view that either motion explains: a poster that fills a part of the view
+        # has as many regions as a wall that fills all of it.
+        either = inliers | explained
+        scatter = scatter_of_sum(for_best[either].astype(float) - against[either], where[either])
+        if decides(int(for_best.sum()), int(against.sum()), int(inliers.sum()), scatter):
+            continue
+        if noise_rad is not None and has_larger_residuals(problem, model, best, gate_rad, noise_rad, RIVAL_LEVEL):
+            continue
+        alternatives.append(as_hypothesis(model, explained))
+    return sorted(alternatives, key=lambda h: -int(h.inliers.sum()))
+
+
+def as_hypothesis(model: Floats, inliers: Bools) -> Hypothesis:
+    """The motion of a row as a :class:`quest.Hypothesis`.
+
+    Parameters
+    ----------
+    model : (7,) float
+        (q_wxyz, t), unit norm each.
+    inliers : (N,) bool
+        The matches that the motion explains.
+
+    Returns
+    -------
+    Hypothesis
+        With w >= 0.
+    """
+    q = canonical(model[:4])
+    return Hypothesis(q, matrix_from_quaternion(q), model[4:], inliers)

@@ -1,0 +1,112 @@
+"""Relative pose from pixels: the entrance for undistorted pinhole cameras with known K.
+
+The other modules of the package take bearings. This module turns pixels into bearings with the inverse of the camera
+matrix and the threshold in pixels into an angle, and calls :func:`quest.estimate_relative_pose`. Undistort the pixels
+first; for a fisheye camera give bearings to :func:`quest.estimate_relative_pose`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from quest.errors import InputError, as_floats, as_positive
+from quest.estimate import estimate_relative_pose
+from quest.relative_pose import NoPose, RelativePose
+
+__all__ = ["estimate_relative_pose_px"]
+
+Floats = NDArray[np.float64]
+
+
+def estimate_relative_pose_px(
+    points1: ArrayLike,
+    points2: ArrayLike,
+    K1: ArrayLike,
+    K2: ArrayLike,
+    *,
+    threshold_px: float = 1.0,
+    seed: int = 0,
+    confidence: float = 0.999,
+    max_samples: int = 50_000,
+    scores: ArrayLike | None = None,
+    solver: str = "five",
+) -> RelativePose | NoPose:
+    """Estimate the motion between two pinhole views from matched pixels with outliers.
+
+    Parameters
+    ----------
+    points1, points2 : (N, 2) array_like
+        Matched undistorted pixels (x, y) in image 1 and image 2.
+    K1, K2 : (3, 3) array_like
+        Camera matrices ``[[fx, skew, cx], [0, fy, cy], [0, 0, 1]]`` in pixels; the same matrix twice for one camera.
+    threshold_px : float
+        A match whose Sampson error is larger is an outlier: about three times the standard deviation of a pixel
+        coordinate. The angle for :func:`quest.estimate_relative_pose` is ``threshold_px`` divided by the mean focal
+        length of the two cameras, ``(fx1 + fy1 + fx2 + fy2) / 4``.
+    seed : int
+        Seed of the random samples.
+    confidence : float
+        Probability with which RANSAC finds the best motion.
+    max_samples : int
+        Bound on the number of samples.
+    scores : (N,) array_like, optional
+        Quality of the matches, higher is better.
+    solver : {"five", "quest6", "quest7"}
+        What proposes motions, see :func:`quest.estimate_relative_pose`.
+
+    Returns
+    -------
+    RelativePose or NoPose
+        As of :func:`quest.estimate_relative_pose`: angles are radians, depths are distances along the rays.
+
+    Raises
+    ------
+    InputError
+        If the points are not two finite arrays (N, 2) of one shape, K1 or K2 is no camera matrix (not finite, not
+        (3, 3), a focal length that is not positive, a last row other than 0 0 1, a second row that does not begin with
+        0), threshold_px is not positive, or another argument is refused by :func:`quest.estimate_relative_pose`.
+    """
+    K1, K2 = _camera_matrix(K1, "K1"), _camera_matrix(K2, "K2")
+    points1, points2 = _points(points1, "points1"), _points(points2, "points2")
+    if points1.shape != points2.shape:
+        raise InputError(f"points1 and points2 have shapes {points1.shape} and {points2.shape}: give one shape (N, 2)")
+    threshold_px = as_positive(threshold_px, "threshold_px", "a positive number of pixels")
+    focal_px = float(K1[0, 0] + K1[1, 1] + K2[0, 0] + K2[1, 1]) / 4
+    return estimate_relative_pose(
+        _bearings(points1, K1),
+        _bearings(points2, K2),
+        threshold_rad=threshold_px / focal_px,
+        seed=seed,
+        confidence=confidence,
+        max_samples=max_samples,
+        scores=scores,
+        solver=solver,
+    )
+
+
+def _camera_matrix(K: ArrayLike, name: str) -> Floats:
+    K = as_floats(K, name)
+    if K.shape != (3, 3) or not np.isfinite(K).all():
+        raise InputError(f"{name} has shape {K.shape}: give a finite camera matrix (3, 3)")
+    if not (K[0, 0] > 0 and K[1, 1] > 0):
+        raise InputError(f"{name} has the focal lengths {K[0, 0]:g} and {K[1, 1]:g}: give positive ones, in pixels")
+    if K[1, 0] != 0 or K[2].tolist() != [0, 0, 1]:
+        raise InputError(f"{name} is no camera matrix: give [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]")
+    return K
+
+
+def _points(points: ArrayLike, name: str) -> Floats:
+    points = as_floats(points, name)
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise InputError(f"{name} have shape {points.shape}: give an array (N, 2) of pixels")
+    if not np.isfinite(points).all():
+        raise InputError(f"{name} hold a number that is not finite: remove those matches")
+    return points
+
+
+def _bearings(points: Floats, K: Floats) -> Floats:
+    """Rays (N, 3) with z = 1 of pixels (N, 2)."""
+    y = (points[:, 1] - K[1, 2]) / K[1, 1]
+    x = (points[:, 0] - K[0, 2] - K[0, 1] * y) / K[0, 0]
+    return np.column_stack([x, y, np.ones(len(points))])

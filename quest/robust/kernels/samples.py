@@ -1,0 +1,147 @@
+"""Many samples of five matches: solve each from several starts, score the solutions, keep the best of each mode."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quest.robust.kernels.compiler import compiled
+from quest.robust.kernels.five_point import newton_five
+from quest.robust.kernels.scoring import score_or_refute
+from quest.robust.kernels.small_algebra import copy_pose
+
+__all__ = ["SAME_MODE_RAD", "mode_distance", "try_samples"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Two models of a pool nearer than this (radians, rotation plus direction) are one mode: models from five noisy
+#: matches scatter by several degrees about their mode.
+SAME_MODE_RAD = 0.26
+
+
+@compiled
+def mode_distance(R1: Floats, t1: Floats, R2: Floats, t2: Floats) -> float:
+    """Angle between two rotations plus angle between two directions.
+
+    Parameters
+    ----------
+    R1, t1 : (3, 3) float, (3,) float
+        One pose.
+    R2, t2 : (3, 3) float, (3,) float
+        The other pose.
+
+    Returns
+    -------
+    float
+        Radians.
+    """
+    trace, cosine = 0.0, t1[0] * t2[0] + t1[1] * t2[1] + t1[2] * t2[2]
+    for i in range(3):
+        trace += R1[i, 0] * R2[i, 0] + R1[i, 1] * R2[i, 1] + R1[i, 2] * R2[i, 2]
+    between_rotations: float = np.arccos(min(1.0, max(-1.0, 0.5 * (trace - 1))))
+    between_directions: float = np.arccos(min(1.0, max(-1.0, cosine)))
+    return between_rotations + between_directions
+
+
+@compiled
+def try_samples(
+    m: Floats,
+    n: Floats,
+    samples: Ints,
+    rotations: Floats,
+    directions: Floats,
+    threshold_rad: float,
+    pool_R: Floats,
+    pool_t: Floats,
+    pool_costs: Floats,
+    pool_inliers: Ints,
+    chance: Floats,
+) -> None:
+    """Solve samples from several starts each, score the solutions, and keep the best of each mode in the pool.
+
+    Parameters
+    ----------
+    m, n : (N, 3) float
+        Unit bearings, in random order: a bad model is recognized by the first matches.
+    samples : (S, 5) int
+        Rows of m and n.
+    rotations : (K, 3, 3) float
+        The starting rotations of every sample.
+    directions : (S, K, 3) float
+        The starting directions of each sample, unit norm.
+    threshold_rad : float
+        Sampson error above which a match is an outlier.
+    pool_R, pool_t, pool_costs, pool_inliers : (P, 3, 3), (P, 3), (P,) float, (P,) int
+        The pool, ordered by cost (infinite where empty); updated in place.
+    chance : (2,) float
+        The share of matches that a model explains, summed over all models so far, and the number of models; updated
+        in place.
+    """
+    size = len(pool_costs)
+    R, t = np.empty((3, 3)), np.empty(3)
+    found_R, found_t = np.empty((len(rotations), 3, 3)), np.empty((len(rotations), 3))
+    for i in range(len(samples)):
+        found = 0
+        for k in range(len(rotations)):
+            copy_pose(rotations[k], directions[i, k], R, t)
+            if not newton_five(m, n, samples[i], R, t):
+                continue
+            known = False
+            for j in range(found):
+                known = known or mode_distance(R, t, found_R[j], found_t[j]) < 1e-5
+            if known:
+                continue
+            copy_pose(R, t, found_R[found], found_t[found])
+            found += 1
+            # A model from five noisy matches explains at least half of the matches that it explains after refinement.
+            # Nearly all models so far were bad, so the mean share over them is the share of a bad model.
+            good = 0.5 * pool_inliers[0] / len(m)
+            cost, inliers, share = score_or_refute(
+                m, n, R, t, threshold_rad, pool_costs[size - 1], good, chance[0] / max(chance[1], 1.0)
+            )
+            chance[0] += share
+            chance[1] += 1
+            if not cost < pool_costs[size - 1]:
+                continue
+            _enter_pool(R, t, cost, inliers, pool_R, pool_t, pool_costs, pool_inliers)
+
+
+@compiled
+def _enter_pool(
+    R: Floats,
+    t: Floats,
+    cost: float,
+    inliers: int,
+    pool_R: Floats,
+    pool_t: Floats,
+    pool_costs: Floats,
+    pool_inliers: Ints,
+) -> None:
+    """Enter a model into the ordered pool, unless a better model of its mode is there.
+
+    The model takes the place of all members of its mode, not only of the nearest: a new model between two members of
+    the pool makes one mode of both. Where there is no such member, the model takes the place of the last one.
+    """
+    size, kept = len(pool_costs), 0
+    for j in range(size):
+        if not pool_costs[j] < np.inf:
+            break
+        if mode_distance(R, t, pool_R[j], pool_t[j]) < SAME_MODE_RAD:
+            # The members are ordered by cost, so no member of this mode has been removed yet.
+            if not cost < pool_costs[j]:
+                return
+            continue
+        if kept < j:
+            copy_pose(pool_R[j], pool_t[j], pool_R[kept], pool_t[kept])
+            pool_costs[kept], pool_inliers[kept] = pool_costs[j], pool_inliers[j]
+        kept += 1
+    for j in range(kept, size):
+        pool_costs[j], pool_inliers[j] = np.inf, 0
+    at = min(kept, size - 1)
+    while at > 0 and cost < pool_costs[at - 1]:
+        copy_pose(pool_R[at - 1], pool_t[at - 1], pool_R[at], pool_t[at])
+        pool_costs[at], pool_inliers[at] = pool_costs[at - 1], pool_inliers[at - 1]
+        at -= 1
+    copy_pose(R, t, pool_R[at], pool_t[at])
+    pool_costs[at], pool_inliers[at] = cost, inliers

@@ -1,0 +1,164 @@
+"""Linear algebra of three to five unknowns: tangents, rotations, elimination."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quest.robust.kernels.compiler import compiled
+
+__all__ = ["copy_pose", "rotation_of_model", "shift", "solve_in_place", "tangents", "turn"]
+
+Floats = NDArray[np.float64]
+
+
+@compiled
+def tangents(t: Floats) -> tuple[float, float, float, float, float, float]:
+    """Two orthonormal vectors orthogonal to t, as :func:`quest.geometry.refine.tangent_basis`.
+
+    Parameters
+    ----------
+    t : (3,) float
+        Unit norm.
+
+    Returns
+    -------
+    x, y, z, u, v, w : float
+        The first vector (x, y, z) and the second vector (u, v, w).
+    """
+    k = 0
+    if abs(t[1]) < abs(t[k]):
+        k = 1
+    if abs(t[2]) < abs(t[k]):
+        k = 2
+    if k == 0:
+        x, y, z = 0.0, t[2], -t[1]
+    elif k == 1:
+        x, y, z = -t[2], 0.0, t[0]
+    else:
+        x, y, z = t[1], -t[0], 0.0
+    norm = np.sqrt(x * x + y * y + z * z)
+    x, y, z = x / norm, y / norm, z / norm
+    return x, y, z, t[1] * z - t[2] * y, t[2] * x - t[0] * z, t[0] * y - t[1] * x
+
+
+@compiled
+def turn(R: Floats, w0: float, w1: float, w2: float) -> None:
+    """``R <- exp([w]x) R`` in place, through the unit quaternion of w.
+
+    Parameters
+    ----------
+    R : (3, 3) float
+        Overwritten by the result.
+    w0, w1, w2 : float
+        The rotation vector w, radians.
+    """
+    angle = np.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
+    half = 0.5 * angle
+    # sin(x)/x to second order is exact to machine precision below 1e-4.
+    s = np.sin(half) / angle if angle > 1e-4 else 0.5 - half * half / 12
+    c, x, y, z = np.cos(half), s * w0, s * w1, s * w2
+    for k in range(3):
+        a0, a1, a2 = R[0, k], R[1, k], R[2, k]
+        # v + 2 c (q x v) + 2 q x (q x v)
+        b0, b1, b2 = y * a2 - z * a1, z * a0 - x * a2, x * a1 - y * a0
+        R[0, k] = a0 + 2 * (c * b0 + y * b2 - z * b1)
+        R[1, k] = a1 + 2 * (c * b1 + z * b0 - x * b2)
+        R[2, k] = a2 + 2 * (c * b2 + x * b1 - y * b0)
+
+
+@compiled
+def shift(t: Floats, b0: float, b1: float, x: float, y: float, z: float, u: float, v: float, w: float) -> None:
+    """``t <- t + b0 (x, y, z) + b1 (u, v, w)`` in place, scaled back to unit norm.
+
+    Parameters
+    ----------
+    t : (3,) float
+        Unit norm; overwritten by the result.
+    b0, b1 : float
+        The step along the two tangents, radians.
+    x, y, z, u, v, w : float
+        The two tangents, see :func:`tangents`.
+    """
+    t0, t1, t2 = t[0] + b0 * x + b1 * u, t[1] + b0 * y + b1 * v, t[2] + b0 * z + b1 * w
+    norm = np.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
+    t[0], t[1], t[2] = t0 / norm, t1 / norm, t2 / norm
+
+
+@compiled
+def solve_in_place(A: Floats, b: Floats) -> bool:
+    """Solve ``A x = b`` by Gaussian elimination with row pivots.
+
+    Parameters
+    ----------
+    A : (N, N) float
+        Overwritten.
+    b : (N,) float
+        Overwritten by the solution x.
+
+    Returns
+    -------
+    bool
+        False where A is singular (a pivot of at most 1e-14); b then has no meaning.
+    """
+    size = len(b)
+    for c in range(size):
+        p = c
+        for r in range(c + 1, size):
+            if abs(A[r, c]) > abs(A[p, c]):
+                p = r
+        if not abs(A[p, c]) > 1e-14:
+            return False
+        if p != c:
+            for k in range(c, size):
+                A[c, k], A[p, k] = A[p, k], A[c, k]
+            b[c], b[p] = b[p], b[c]
+        inverse = 1.0 / A[c, c]
+        for r in range(c + 1, size):
+            factor = A[r, c] * inverse
+            for k in range(c + 1, size):
+                A[r, k] -= factor * A[c, k]
+            b[r] -= factor * b[c]
+    for c in range(size - 1, -1, -1):
+        for k in range(c + 1, size):
+            b[c] -= A[c, k] * b[k]
+        b[c] /= A[c, c]
+    return True
+
+
+@compiled
+def copy_pose(R: Floats, t: Floats, to_R: Floats, to_t: Floats) -> None:
+    """Copy a pose into other arrays.
+
+    Parameters
+    ----------
+    R, t : (3, 3) float, (3,) float
+        The pose.
+    to_R, to_t : (3, 3) float, (3,) float
+        Overwritten by the pose.
+    """
+    for i in range(3):
+        to_t[i] = t[i]
+        for j in range(3):
+            to_R[i, j] = R[i, j]
+
+
+@compiled
+def rotation_of_model(model: Floats) -> Floats:
+    """Rotation matrix of a model, as :func:`quest.geometry.quaternion.matrix_from_quaternion`.
+
+    Parameters
+    ----------
+    model : (7,) float
+        (q_wxyz, t), where q has unit norm.
+
+    Returns
+    -------
+    (3, 3) float
+    """
+    w, x, y, z = model[0], model[1], model[2], model[3]
+    R = np.empty((3, 3))
+    R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    return R

@@ -1,0 +1,91 @@
+"""Progressive sample consensus: samples from a growing subset of the best matches.
+
+References
+----------
+.. [C05] O. Chum, J. Matas, "Matching with PROSAC: progressive sample consensus", CVPR 2005.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quest.robust.ransac import draw_samples
+
+__all__ = ["progressive_samples", "subset_size"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: After this number of samples at the latest PROSAC draws from all data, as its authors propose.
+_PROSAC_SAMPLES = 200_000
+
+
+def progressive_samples(rng: np.random.Generator, count: int, size: int, drawn: int, batch: int) -> Ints:
+    """Draw the samples number ``drawn`` to ``drawn + batch`` of PROSAC [C05]_.
+
+    Samples come from a growing subset of the best matches. Each sample holds the newest match of the subset and others
+    of the subset.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    count : int
+        Number of matches.
+    size : int
+        Number of matches in a sample.
+    drawn : int
+        Number of samples drawn so far.
+    batch : int
+        Number of samples to draw.
+
+    Returns
+    -------
+    (batch, size) int
+        Ranks of matches; 0 is the best match.
+    """
+    ends = _growth(count, size)
+    newest = np.searchsorted(ends, np.arange(drawn, drawn + batch), side="right") + size - 1
+    samples = np.empty((batch, size), np.int64)
+    uniform = newest >= count
+    samples[uniform] = draw_samples(rng, count, size, int(uniform.sum()))
+    last = newest[~uniform]
+    progressive = np.empty((len(last), size), np.int64)
+    progressive[:, 0] = last
+    # Floyd's method for a random subset of the ranks below: the end of the range replaces a number drawn before.
+    for k in range(1, size):
+        end = last - size + k
+        number = rng.integers(end + 1)
+        known = (progressive[:, 1:k] == number[:, None]).any(axis=1)
+        progressive[:, k] = np.where(known, end, number)
+    samples[~uniform] = progressive
+    return samples
+
+
+def subset_size(count: int, size: int, drawn: int) -> int:
+    """Size of the PROSAC subset after ``drawn`` samples.
+
+    Parameters
+    ----------
+    count : int
+        Number of matches.
+    size : int
+        Number of matches in a sample.
+    drawn : int
+        Number of samples drawn, at least 1.
+
+    Returns
+    -------
+    int
+    """
+    return min(int(np.searchsorted(_growth(count, size), drawn - 1, side="right")) + size, count)
+
+
+def _growth(count: int, size: int) -> Floats:
+    """Numbers of samples after which the subset has size + 1, size + 2, ... count matches: T_g, eq. 3 of [C05]_."""
+    grown = np.arange(size, count + 1)
+    log_share = np.zeros(len(grown))
+    for k in range(size):
+        log_share += np.log((grown - k) / (count - k))
+    steps = np.maximum(np.ceil(np.diff(_PROSAC_SAMPLES * np.exp(log_share), prepend=0.0)), 1.0)
+    return np.asarray(np.cumsum(steps))

@@ -1,0 +1,99 @@
+"""Compiled refinement of poses and rotations equals the readable one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from make_pose_matches import (
+    NOISE_RAD,
+    THRESHOLD_RAD,
+    angle_between,
+    as_model,
+    assert_orthonormal,
+    disturbed,
+    pose_and_matches,
+    random_pose,
+)
+from make_views import unit
+
+from quest.geometry.quaternion import rotation_from_vector
+from quest.geometry.refine import refine_pose, refine_rotation
+from quest.robust import kernels
+
+SEEDS = st.integers(0, 2**32 - 1)
+#: The first call compiles, so there is no deadline.
+laws = settings(deadline=None, max_examples=40)
+
+
+@laws
+@given(seed=SEEDS, angle_rad=st.floats(0, 0.05), wrong=st.integers(0, 20), iterations=st.integers(0, 12))
+def test_refinement_equals_the_readable_refinement(seed, angle_rad, wrong, iterations):
+    R, t, m, n = pose_and_matches(seed, wrong=wrong)
+    use = np.random.default_rng(seed).random(len(m)) < 0.8
+    R0, t0 = disturbed(R, t, seed, angle_rad)
+    expected_R, expected_t = refine_pose(R0, t0, m[use], n[use], THRESHOLD_RAD, iterations)
+    model = kernels.refine_model(m, n, use, as_model(R0, t0), THRESHOLD_RAD, iterations)
+    kernels.refine(m, n, use, R0, t0, THRESHOLD_RAD, iterations)
+    # Where the last step changes the cost by rounding alone, one of them takes it and the other does not.
+    assert expected_R == pytest.approx(R0, abs=1e-6)
+    assert expected_t == pytest.approx(t0, abs=1e-5)
+    assert model[:9].reshape(3, 3) == pytest.approx(R0, abs=1e-6)
+    assert model[9:] == pytest.approx(t0, abs=1e-5)
+
+
+@laws
+@given(seed=SEEDS)
+def test_refinement_never_raises_the_robust_cost_and_returns_a_pose(seed):
+    _, _, m, n = pose_and_matches(seed, wrong=10)
+    R, t = random_pose(seed)
+
+    def robust_cost() -> float:
+        r2, _ = kernels.residuals(m, n, R, t, THRESHOLD_RAD)
+        return float(np.sum(r2 / (THRESHOLD_RAD**2 + r2)))
+
+    before = robust_cost()
+    kernels.refine(m, n, np.ones(len(m), bool), R, t, THRESHOLD_RAD, 20)
+    assert robust_cost() <= before * (1 + 1e-9)
+    assert_orthonormal(R)
+    assert np.linalg.norm(t) == pytest.approx(1)
+
+
+def test_refinement_without_matches_changes_nothing():
+    R, t, m, n = pose_and_matches(0)
+    R_end, t_end = R.copy(), t.copy()
+    kernels.refine(m, n, np.zeros(len(m), bool), R_end, t_end, THRESHOLD_RAD, 5)
+    assert (R_end.tolist(), t_end.tolist()) == (R.tolist(), t.tolist())
+
+
+@laws
+@given(seed=SEEDS, angle_rad=st.floats(0, 0.02), wrong=st.integers(0, 20))
+def test_the_refined_rotation_equals_that_of_the_readable_refinement(seed, angle_rad, wrong):
+    R, _, m, _ = pose_and_matches(seed)
+    rng = np.random.default_rng(seed)
+    n = unit(m @ R.T + NOISE_RAD * rng.normal(size=m.shape))
+    n[:wrong] = unit(rng.uniform([-0.5, -0.5, 1], [0.5, 0.5, 1], (wrong, 3)))
+    found, _ = disturbed(R, np.ones(3), seed, angle_rad)
+    expected = refine_rotation(found, m, n, 0.02, iterations=100)
+    kernels.refine_rotation(m, n, found, 0.02, 100)
+    assert angle_between(found, expected) < 1e-7
+    assert_orthonormal(found)
+
+
+@pytest.mark.parametrize("axis", [[np.pi, 0, 0], [0, np.pi, 0], [0, 0, np.pi], [0, 0, 0]])
+def test_half_turns_and_the_identity_are_refined(axis):
+    _, _, m, _ = pose_and_matches(0)
+    R = rotation_from_vector(axis)
+    found = rotation_from_vector([0.02, -0.03, 0.01]) @ R
+    kernels.refine_rotation(m, m @ R.T, found, 0.1, 50)
+    assert angle_between(found, R) < 1e-9
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_no_ray_or_one_ray_gives_a_rotation_that_fits_it(count):
+    _, _, m, n = pose_and_matches(0)
+    R = np.eye(3)
+    kernels.refine_rotation(m[:count], n[:count], R, 0.5, 20)
+    assert_orthonormal(R)
+    assert m[:count] @ R.T == pytest.approx(n[:count], abs=1e-6)

@@ -1,0 +1,88 @@
+"""The robust estimate on degenerate and unusual scenes, by name of the scene."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from make_two_views import NOISE_RAD, R_TRUE, all_around, box, is_true, line, views
+from make_views import unit
+
+from quest import NoPose, estimate_relative_pose
+from quest.geometry.quaternion import rotation_angle, rotation_from_vector
+
+# No division by zero and no overflow is allowed in the arithmetic of the estimate.
+pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
+
+HALF_TURNS = {"x": [np.pi, 0, 0], "y": [0, np.pi, 0], "z": [0, 0, np.pi], "slanted": list(np.pi * unit([1, -2, 2]))}
+
+
+@pytest.mark.parametrize("axis", HALF_TURNS.values(), ids=HALF_TURNS.keys())
+def test_half_turns_are_estimated(axis):
+    R = rotation_from_vector(axis)
+    pose = estimate_relative_pose(*views(all_around(0), R, noise_rad=NOISE_RAD, outliers=0.2))
+    assert pose.kind == "general"
+    assert is_true(pose, R, rotation_deg=0.5, direction_deg=2)
+
+
+@pytest.mark.parametrize("noise_rad", [0.0, NOISE_RAD], ids=["exact", "noisy"])
+def test_forward_motion_without_rotation_is_estimated(noise_rad):
+    forward = np.array([0, 0, 0.8])
+    pose = estimate_relative_pose(*views(box(0), np.eye(3), forward, noise_rad=noise_rad))
+    assert pose.kind == "general"
+    assert is_true(pose, np.eye(3), forward, rotation_deg=0.3, direction_deg=1.5)
+
+
+@pytest.mark.parametrize("noise_rad", [0.0, NOISE_RAD], ids=["exact", "noisy"])
+def test_points_at_infinity_give_a_rotation(noise_rad):
+    pose = estimate_relative_pose(*views(1e9 * box(0), noise_rad=noise_rad, outliers=0.2))
+    assert pose
+    assert pose.kind == "rotation"
+    assert np.degrees(rotation_angle(pose.R @ R_TRUE.T)) < 0.1
+
+
+def test_near_points_determine_the_translation_beside_points_at_infinity():
+    X = box(0)
+    X[100:] *= 1e9
+    pose = estimate_relative_pose(*views(X, noise_rad=NOISE_RAD))
+    assert pose.kind == "general"
+    assert is_true(pose, rotation_deg=0.3, direction_deg=2)
+    assert pose.inliers[100:].mean() > 0.9
+
+
+@pytest.mark.parametrize("noise_rad", [0.0, NOISE_RAD], ids=["exact", "noisy"])
+@pytest.mark.parametrize("outliers", [0.0, 0.3])
+@pytest.mark.parametrize("seed", range(2))
+def test_points_on_a_line_give_no_pose(seed, noise_rad, outliers):
+    result = estimate_relative_pose(*views(line(seed), noise_rad=noise_rad, outliers=outliers, seed=seed))
+    assert isinstance(result, NoPose)
+    assert result.reason == "no_consistent_motion"
+
+
+@pytest.mark.parametrize("points", [1, 2, 5, 9])
+def test_repeated_matches_are_counted_once(points):
+    result = estimate_relative_pose(*views(np.repeat(box(0, points), 30, axis=0)))
+    assert isinstance(result, NoPose)
+    assert result.reason == "too_few_matches"
+    assert result.evidence.matches == points
+
+
+def test_duplicated_matches_give_the_same_kind_and_pose():
+    m, n = views(box(0), noise_rad=NOISE_RAD, outliers=0.2)
+    pose = estimate_relative_pose(np.repeat(m, 2, axis=0), np.repeat(n, 2, axis=0))
+    assert pose.kind == "general"
+    assert is_true(pose, rotation_deg=0.5, direction_deg=2)
+    assert (pose.inliers[::2] == pose.inliers[1::2]).all()
+
+
+def test_points_behind_both_cameras_are_no_inliers():
+    # The rays of a quarter of the points are negated: the same epipolar lines, but the points lie behind the cameras.
+    m, n = views(box(0), noise_rad=NOISE_RAD)
+    m[:50], n[:50] = -m[:50], -n[:50]
+    pose = estimate_relative_pose(m, n)
+    assert is_true(pose, rotation_deg=0.5, direction_deg=2)
+    assert not pose.inliers[:50].any()
+    assert pose.inliers[50:].mean() > 0.95
+
+
+def test_without_samples_a_moving_camera_has_no_pose():
+    assert not estimate_relative_pose(*views(box(0)), max_samples=0)

@@ -1,0 +1,31 @@
+"""The package quest as seen from outside: its public names and its version."""
+
+from __future__ import annotations
+
+import importlib.metadata
+
+import pytest
+
+import quest
+
+
+def test_dir_shows_the_public_names_and_the_version():
+    assert dir(quest) == sorted([*quest.__all__, "__version__"])
+    assert all(hasattr(quest, name) for name in dir(quest))
+
+
+def test_the_version_is_that_of_the_distribution():
+    assert quest.__version__ == importlib.metadata.version("slam-init")
+
+
+def test_without_an_installed_distribution_the_version_is_unknown(monkeypatch):
+    def not_installed(name: str) -> str:
+        raise importlib.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(importlib.metadata, "version", not_installed)
+    assert quest.__version__ == "0+unknown"
+
+
+def test_a_name_that_does_not_exist_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="nothing"):
+        quest.nothing  # noqa: B018

@@ -1,0 +1,39 @@
+"""The evidence of a pose as typed fields and as a dictionary."""
+
+from __future__ import annotations
+
+from dataclasses import FrozenInstanceError
+
+import pytest
+from make_two_views import NO_TRANSLATION, NOISE_RAD, box, line, plane, views
+
+from quest import PoseEvidence, estimate_relative_pose
+
+BEFORE_PARALLAX = ["matches", "samples", "inliers", "noise_rad"]
+PARALLAX = ["chance_inliers", "parallax_z", "parallax_p"]
+
+
+@pytest.mark.parametrize(
+    ("matches", "names"),
+    [
+        (views(box(0, count=9)), ["matches", "needed"]),
+        (views(box(0), noise_rad=NOISE_RAD), [*BEFORE_PARALLAX, *PARALLAX, "on_plane", "off_plane"]),
+        (views(plane(0), noise_rad=NOISE_RAD), [*BEFORE_PARALLAX, *PARALLAX, "on_plane", "off_plane"]),
+        (views(box(0), t=NO_TRANSLATION, noise_rad=NOISE_RAD), [*BEFORE_PARALLAX, *PARALLAX, "rotation_inliers"]),
+        (views(line(0), noise_rad=NOISE_RAD, outliers=0.3), [*BEFORE_PARALLAX, *PARALLAX, "off_line_rad"]),
+    ],
+    ids=["too few matches", "general", "plane", "rotation-only camera", "line"],
+)
+def test_the_dictionary_has_the_known_fields_in_order(matches, names):
+    evidence = estimate_relative_pose(*matches).evidence
+    assert list(evidence.as_dict()) == names
+    assert evidence.as_dict() == {name: getattr(evidence, name) for name in names}
+
+
+def test_a_field_of_zero_is_known_and_a_field_of_none_is_not():
+    assert PoseEvidence(12, inliers=0).as_dict() == {"matches": 12, "inliers": 0}
+
+
+def test_evidence_cannot_be_changed():
+    with pytest.raises(FrozenInstanceError):
+        PoseEvidence(12).matches = 13
