@@ -122,10 +122,10 @@ def moved_names(package: str, homes: Mapping[str, str]) -> Callable[[str], objec
     function of str
     """
 
-    def find(name: str) -> object:
+    def _find(name: str) -> object:
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         warnings.warn(f"{package}.{name} has moved to {homes[name]}", DeprecationWarning, stacklevel=2)
         return getattr(importlib.import_module(homes[name]), name)
 
-    return find
+    return _find

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -265,13 +265,13 @@ def _draw_mark(
         return
     if kind == "line":
         reach = 3 * radius * np.array([np.cos(angle), np.sin(angle)])
-        ends: Any = np.round((centre + np.stack([-reach, reach])) * 2**_SHIFT).astype(int)
+        ends = np.round((centre + np.stack([-reach, reach])) * 2**_SHIFT).astype(int)
         thickness = max(1, round(radius / 12))
         cv2.line(canvas, tuple(ends[0].tolist()), tuple(ends[1].tolist()), color, thickness, cv2.LINE_AA, _SHIFT)
         return
     if kind == "ellipse":
-        middle: Any = np.round(centre * 2**_SHIFT).astype(int).tolist()
-        axes: Any = np.round(radius * rng.uniform(0.5, 1, 2) * 2**_SHIFT).astype(int).tolist()
+        middle: list[int] = np.round(centre * 2**_SHIFT).astype(int).tolist()
+        axes: list[int] = np.round(radius * rng.uniform(0.5, 1, 2) * 2**_SHIFT).astype(int).tolist()
         cv2.ellipse(canvas, middle, axes, float(np.degrees(angle)), 0, 360, color, -1, cv2.LINE_AA, _SHIFT)
         return
     if kind == "polygon":

@@ -299,8 +299,9 @@ def _info(arguments: argparse.Namespace) -> int:
     info = describe(source, _camera(arguments, source, 0))
     if arguments.json:
         import json
+        from dataclasses import asdict
 
-        tell(json.dumps(info, indent=2, allow_nan=False) + "\n")
+        tell(json.dumps(asdict(info), indent=2, allow_nan=False) + "\n")
     else:
         tell(describe_text(info))
     return _DONE

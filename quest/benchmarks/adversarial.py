@@ -14,7 +14,6 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,8 @@ from quest.benchmarks.tables import markdown_table
 __all__ = ["FUNCTIONS", "call", "defect_of", "draw_input", "main"]
 
 Floats = NDArray[np.float64]
-Views = tuple[Any, Any]
+#: Two views in any form that a caller could pass: arrays, lists, numbers, texts.
+Views = tuple[object, object]
 
 #: Every function of the package that takes bearings. The function of pixels takes other arguments; it checks them and
 #: calls ``estimate_relative_pose``.
@@ -83,7 +83,7 @@ def _with_value(a: Floats, value: float) -> Floats:
 
 
 #: Forms of valid numbers.
-_HARMLESS: dict[str, Callable[[Floats], Any]] = {
+_HARMLESS: dict[str, Callable[[Floats], object]] = {
     "plain": lambda a: a,
     "float32": lambda a: a.astype(np.float32),
     "float16": lambda a: np.clip(a, -6e4, 6e4).astype(np.float16),
@@ -105,7 +105,7 @@ _HARMLESS: dict[str, Callable[[Floats], Any]] = {
     "batch": lambda a: np.stack([a, a[::-1]]),
 }
 #: Forms without meaning: a call must raise InputError.
-_HARMFUL: dict[str, Callable[[Floats], Any]] = {
+_HARMFUL: dict[str, Callable[[Floats], object]] = {
     "NaN": lambda a: _with_value(a, np.nan),
     "infinite": lambda a: _with_value(a, np.inf),
     "zero ray": lambda a: _with_value(a, 0.0),
@@ -140,7 +140,7 @@ def draw_input(rng: np.random.Generator) -> tuple[str, bool, Views]:
     return f"{form}: {scene}, {len(X)} matches", harmful, views
 
 
-def call(name: str, views: Views, rng: np.random.Generator) -> Any:
+def call(name: str, views: Views, rng: np.random.Generator) -> object:
     """Call a function of the package on two views; the other arguments are ordinary or hostile."""
     function = getattr(quest, name)
     hostile = [0, -1.0, np.nan, np.inf, "1", None, 1e300, 1e-300, True, [1.0], 10**400, np.array([1.0, 2.0])]
@@ -152,7 +152,7 @@ def call(name: str, views: Views, rng: np.random.Generator) -> Any:
         return function(_quaternions(rng) if odd is ... else odd, *views)
     if name == "parallax_statement":
         t = rng.normal(size=3) * float(rng.choice([1, 1e300, 1e-300]))
-        arguments = [_quaternions(rng)[0], t]
+        arguments: list[object] = [_quaternions(rng)[0], t]
         options = {}
         if odd is not ...:
             place = int(rng.integers(5))
@@ -169,7 +169,7 @@ def _quaternions(rng: np.random.Generator) -> Floats:
     return np.asarray(scale * np.array([rng.normal(size=4), np.eye(4)[int(rng.integers(4))]]))
 
 
-def defect_of(result: Any) -> str | None:
+def defect_of(result: object) -> str | None:
     """What is invalid in an answer, or None: a number that is not finite, a rotation that is no rotation."""
     if isinstance(result, quest.NoPose):
         return None
@@ -190,6 +190,8 @@ def defect_of(result: Any) -> str | None:
         norm = np.linalg.norm(t, axis=-1)
         fine = (np.abs(norm - 1) < 1e-9) | (norm == 0)
         return None if fine.all() and u.shape == v.shape else "an invalid translation"
+    if not isinstance(result, np.ndarray):
+        return f"an answer of the type {type(result).__name__}"
     rows = result.reshape(-1, 4)
     if result.ndim == 3:
         rows = rows[~np.isnan(rows).all(axis=1)]

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -116,11 +115,13 @@ def pair_set(folder: str | os.PathLike[str]) -> Iterator[ImagePair]:
         yield match_features(cameras[0], features[0], cameras[1], features[1], Pose(T[:3, :3], T[:3, 3]))
 
 
-def _entry_camera(entry: dict[str, Any], i: int) -> Camera:
+def _entry_camera(entry: Mapping[str, object], i: int) -> Camera:
+    """Read the calibration of image ``i``: ``width``, ``height``, the matrix ``K0`` or ``K1``, and the distortion."""
+    width, height = np.array([entry["width"], entry["height"]], int).tolist()
     K = np.array(entry[f"K{i}"], float)
-    distortion = tuple(entry.get(f"distortion{i}", entry.get("distortion", ())))
+    distortion = tuple(np.array(entry.get(f"distortion{i}", entry.get("distortion", ())), float).tolist())
     model = "radtan" if distortion else "pinhole"
-    return Camera(model, entry["width"], entry["height"], K[0, 0], K[1, 1], K[0, 2], K[1, 2], distortion)
+    return Camera(model, width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2], distortion)
 
 
 def _image_features(path: Path) -> SiftFeatures:

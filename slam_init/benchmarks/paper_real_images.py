@@ -29,10 +29,9 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -101,7 +100,7 @@ def read_data_set(name: str, source: TimedSource, limit: int, step: int | None =
     return DataSet(name, step, list(sequence_pairs(source, step, limit)))
 
 
-def _parallax(pairs: Any) -> float:
+def _parallax(pairs: Iterable[ImagePair]) -> float:
     medians = [np.median(parallax_angles(p.cam2_from_cam1.R, p.bearings1, p.bearings2)) for p in pairs]
     return float(np.nanmedian(medians)) if medians else 0.0
 
@@ -184,6 +183,7 @@ def plot(
 
     mpl.use("Agg")
     from matplotlib import pyplot as plt
+    from matplotlib.artist import Artist
 
     columns = min(3, len(sets))
     rows = -(-len(sets) // columns)
@@ -192,7 +192,7 @@ def plot(
     )
     for axis in axes.flat[len(sets) :]:
         axis.set_visible(False)
-    handles: list[Any] = []
+    handles: list[Artist] = []
     for axis, data in zip(axes.flat, sets, strict=False):
         solvers = list(results[data.name])
         handles = []

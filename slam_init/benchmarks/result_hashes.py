@@ -21,11 +21,11 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import NotRequired, TypedDict, cast
 
 WORLDS = ("room", "wall", "nadir", "nadir-turn", "corridor", "desk", "rotation", "rotate-then-move", "static")
 SEEDS = (0, 1, 2)
@@ -68,6 +68,71 @@ _OLD_GATES = {
 }
 
 
+class Attempt(TypedDict):
+    """The keys of an attempt in ``summary.json`` that are read here; those of schema 2 unless stated otherwise."""
+
+    frames: list[int]
+    verdict: str
+    progress: float
+    evidence: NotRequired[dict[str, object]]  # schema 1 only; it replaces all keys below
+    preview: dict[str, object] | None
+    method_evidence: dict[str, object]
+    two_view: TwoView | None
+    rotation_only: dict[str, object] | None
+    vote: Vote | None
+    map: dict[str, object] | None
+    gates: list[Gate]
+
+
+class TwoView(TypedDict):
+    """The relative pose of the pair. It has further keys, which become figures under their names."""
+
+    statistics: dict[str, object]
+    correlated_error_px: float | None
+
+
+class Vote(TypedDict):
+    """The vote between rival maps."""
+
+    rivals: list[Rival]
+    plane: Comparison | None
+    near_rival_deg: float | None
+
+
+class Comparison(TypedDict):
+    """The comparison of two explanations."""
+
+    log_likelihood: float | None
+    z: float | None
+
+
+class Rival(Comparison):
+    """The comparison of a map with a rival map."""
+
+    rival: int
+
+
+class Gate(TypedDict):
+    """A condition of an attempt."""
+
+    name: str
+    value: float | None
+    threshold: float | None
+
+
+class CaseResult(TypedDict):
+    """What one run wrote; an entry of the table.
+
+    ``sha256`` holds the hash of each result file by its name. ``summary`` is the content of ``summary.json`` without
+    the keys that are not compared; it is empty if there is no such file.
+    """
+
+    exit_code: int
+    stderr: str
+    sha256: dict[str, str]
+    summary: dict[str, object]
+
+
 def cases(data: Path) -> Iterator[tuple[str, list[str]]]:
     """Name and arguments of each run."""
     for world in WORLDS:
@@ -91,7 +156,7 @@ def cases(data: Path) -> Iterator[tuple[str, list[str]]]:
                 yield f"{method} {name}", [str(data / name), "--method", method]
 
 
-def run_case(arguments: list[str]) -> dict[str, object]:
+def run_case(arguments: list[str]) -> CaseResult:
     """Run one case in this process and return what it wrote."""
     from slam_init.cli import main
 
@@ -110,12 +175,12 @@ def run_case(arguments: list[str]) -> dict[str, object]:
         return {"exit_code": code, "stderr": errors.getvalue(), "sha256": hashes, "summary": summary}
 
 
-def figures(summary: dict[str, Any]) -> dict[str, object]:
+def figures(summary: Mapping[str, object]) -> dict[str, object]:
     """All figures of a summary by name, flat, under the names that schema 1 gave them.
 
     Texts are left out, since a text may be reworded without a change of the result.
     """
-    attempts = summary.get("attempts", [])
+    attempts = cast("list[Attempt]", summary.get("attempts", []))
     flat = _flat({key: value for key, value in summary.items() if key != "attempts"}, "")
     for k, attempt in enumerate(attempts):
         evidence = attempt["evidence"] if "evidence" in attempt else _evidence_of_schema_1(attempt)
@@ -124,7 +189,7 @@ def figures(summary: dict[str, Any]) -> dict[str, object]:
     return flat
 
 
-def _evidence_of_schema_1(attempt: dict[str, Any]) -> dict[str, object]:
+def _evidence_of_schema_1(attempt: Attempt) -> dict[str, object]:
     """The evidence of an attempt of schema 2, with the keys of schema 1."""
     evidence: dict[str, object] = dict(attempt["preview"] or {}) | attempt["method_evidence"]
     if two_view := attempt["two_view"]:
@@ -159,7 +224,7 @@ def _flat(value: object, prefix: str) -> dict[str, object]:
     return {} if text or value is None else {prefix: value}
 
 
-def differences(before: dict[str, dict[str, Any]], after: dict[str, dict[str, Any]]) -> list[str]:
+def differences(before: Mapping[str, CaseResult], after: Mapping[str, CaseResult]) -> list[str]:
     """One line for each run whose exit code, files or figures differ."""
     lines = [f"{name}: only in one of the tables" for name in sorted(set(before) ^ set(after))]
     for name in sorted(set(before) & set(after)):

@@ -141,7 +141,7 @@ def _table(cells: Sequence[Cell], found: dict[str, Rows]) -> str:
     for variant in VARIANTS:
         rows = found[variant.name]
         correct = _correct(rows, variant.method, moving)
-        false = sum(rows[text, variant.method]["outcome"] == "false" for text in every)
+        false = sum(rows[text, variant.method].outcome == "false" for text in every)
         lost, won = (
             sum(a and not b for a, b in zip(*pair, strict=True)) for pair in ((whole, correct), (correct, whole))
         )
@@ -161,4 +161,4 @@ def _table(cells: Sequence[Cell], found: dict[str, Rows]) -> str:
 
 
 def _correct(rows: Rows, method: str, sources: Sequence[str]) -> list[bool]:
-    return [rows[text, method]["outcome"] == "correct" for text in sources]
+    return [rows[text, method].outcome == "correct" for text in sources]

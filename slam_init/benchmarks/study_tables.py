@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from slam_init.benchmarks.study_parts import NOISES_PX, Cell, grid_name
+from slam_init.compare.journal import read_journal
+from slam_init.compare.rows import TrialRow
 from slam_init.compare.sources import GRID
 from slam_init.compare.statistics import Interval, restricted_mean, wilson
 from slam_init.output.tables import markdown_table, number
@@ -28,15 +28,13 @@ __all__ = [
 ]
 
 #: (source, method) -> row of the trial.
-Rows = Mapping[tuple[str, str], Mapping[str, Any]]
+Rows = Mapping[tuple[str, str], TrialRow]
 
 
 def read_rows(out: str | os.PathLike[str]) -> Rows:
     """Read the trials of a comparison from its folder; only those that start at frame 0."""
-    with (Path(out) / "trials.jsonl").open(encoding="utf-8") as file:
-        next(file)  # the settings
-        rows = [json.loads(line) for line in file]
-    return {(row["source"], row["method"]): row for row in rows if row["start"] == 0}
+    rows = read_journal(Path(out) / "trials.jsonl")
+    return {(row.source, row.method): row for row in rows if row.start == 0}
 
 
 def moving_table(cells: Sequence[Cell], rows: Rows, methods: Sequence[str]) -> str:
@@ -56,13 +54,13 @@ def moving_table(cells: Sequence[Cell], rows: Rows, methods: Sequence[str]) -> s
     together = Cell("all", tuple(text for cell in cells for text in cell.sources))
     for cell in (*cells, together):
         ours = _rows_of(cell, rows, methods[0])
-        solved = [any(rows[source, method]["outcome"] == "correct" for method in methods) for source in cell.sources]
+        solved = [any(rows[source, method].outcome == "correct" for method in methods) for source in cell.sources]
         for method in methods:
             found = _rows_of(cell, rows, method)
-            correct = [row["outcome"] == "correct" for row in found]
+            correct = [row.outcome == "correct" for row in found]
             frames = frames_to_correct(found)
             difference = [a - b for a, b in zip(frames, frames_to_correct(ours), strict=True)]
-            ambiguous = [row["kept_truth"] for row in found if row["kept_truth"] is not None]
+            ambiguous = [row.kept_truth for row in found if row.kept_truth is not None]
             lines.append(
                 [
                     cell.name if method == methods[0] else "",
@@ -70,12 +68,10 @@ def moving_table(cells: Sequence[Cell], rows: Rows, methods: Sequence[str]) -> s
                     str(len(found)),
                     _share(correct),
                     number(
-                        100
-                        * sum(c and bool(row["strict"]) for c, row in zip(correct, found, strict=True))
-                        / len(found),
+                        100 * sum(c and bool(row.strict) for c, row in zip(correct, found, strict=True)) / len(found),
                         1,
                     ),
-                    _share([row["outcome"] == "false" for row in found]),
+                    _share([row.outcome == "false" for row in found]),
                     _none_text(found),
                     f"{sum(ambiguous)} of {len(ambiguous)}" if ambiguous else "-",
                     _share([c for c, by_any in zip(correct, solved, strict=True) if by_any]),
@@ -99,11 +95,11 @@ def static_table(cells: Sequence[Cell], rows: Rows, methods: Sequence[str]) -> s
                     cell.name if method == methods[0] else "",
                     method,
                     str(len(found)),
-                    _share([row["outcome"] == "false" for row in found]),
+                    _share([row.outcome == "false" for row in found]),
                     _none_text(found),
-                    _share([bool(row["reason_right"]) for row in found]),
-                    _share([row["suspected_focal_factor"] is not None for row in found]),
-                    _share([row["reported_focal_factor"] is not None for row in found]),
+                    _share([bool(row.reason_right) for row in found]),
+                    _share([row.suspected_focal_factor is not None for row in found]),
+                    _share([row.reported_focal_factor is not None for row in found]),
                 ]
             )
     return markdown_table(header, lines)
@@ -130,15 +126,20 @@ def grid_table(cells: Sequence[Cell], rows: Rows, method: str, solvable: Contain
     return "\n\n".join(tables)
 
 
-def counts_text(rows: Sequence[Mapping[str, Any]]) -> str:
+def counts_text(rows: Sequence[TrialRow]) -> str:
     """Return ``correct / false / none``; errors are counted as none."""
-    counts = Counter(row["outcome"] for row in rows)
+    counts = Counter(row.outcome for row in rows)
     return f"{counts['correct']} / {counts['false']} / {counts['none'] + counts['error']}"
 
 
-def frames_to_correct(rows: Sequence[Mapping[str, Any]]) -> list[float]:
+def frames_to_correct(rows: Sequence[TrialRow]) -> list[float]:
     """Return the frames until a correct map; the limit for a trial without one."""
-    return [float(row["frames_to_accept"] if row["outcome"] == "correct" else row["frames_limit"]) for row in rows]
+    return [
+        float(row.frames_to_accept)
+        if row.outcome == "correct" and row.frames_to_accept is not None
+        else float(row.frames_limit)
+        for row in rows
+    ]
 
 
 def interval_text(interval: Interval, scale: float, digits: int) -> str:
@@ -149,7 +150,7 @@ def interval_text(interval: Interval, scale: float, digits: int) -> str:
     return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
 
 
-def _rows_of(cell: Cell, rows: Rows, method: str) -> list[Mapping[str, Any]]:
+def _rows_of(cell: Cell, rows: Rows, method: str) -> list[TrialRow]:
     return [rows[source, method] for source in cell.sources]
 
 
@@ -162,10 +163,10 @@ def _mean(values: Sequence[float]) -> Interval:
     return restricted_mean(values, [float("inf")] * len(values))
 
 
-def _none_text(rows: Sequence[Mapping[str, Any]]) -> str:
+def _none_text(rows: Sequence[TrialRow]) -> str:
     """Return the number of trials without a map, with their reasons; errors are listed as ``error``."""
-    none = Counter(str(row["reason"]) for row in rows if row["outcome"] == "none")
-    errors = sum(row["outcome"] == "error" for row in rows)
+    none = Counter(str(row.reason) for row in rows if row.outcome == "none")
+    errors = sum(row.outcome == "error" for row in rows)
     parts = [f"{count} {reason}" for reason, count in sorted(none.items(), key=lambda item: (-item[1], item[0]))]
     parts += [f"{errors} error"] if errors else []
     return f"{none.total() + errors} ({', '.join(parts)})" if parts else "0"

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -19,6 +19,13 @@ from slam_init.bundle.problem import BundleProblem, FocalPrior
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
+
+if TYPE_CHECKING:
+    import gtsam
+
+    _Calibration: TypeAlias = gtsam.Cal3_S2 | gtsam.Cal3DS2 | gtsam.Cal3Fisheye
+    #: Makes a reprojection factor: measured pixel (2,), key of the pose, key of the landmark.
+    _FactorMaker: TypeAlias = Callable[[Floats, int, int], gtsam.NonlinearFactor]
 
 __all__ = [
     "GAUGE",
@@ -96,7 +103,7 @@ def calibration_key() -> int:
     return int(gtsam.symbol("k", 0))
 
 
-def gtsam_calibration(camera: Camera) -> Any:
+def gtsam_calibration(camera: Camera) -> _Calibration:
     """Convert a camera to a calibration of gtsam.
 
     gtsam's Cal3DS2 has no k3. A camera with k3 is adjusted on undistorted pixels, as a Cal3_S2.
@@ -152,7 +159,7 @@ def measured_pixels(camera: Camera, pixels: Floats) -> Floats:
     return camera.normalize(pixels) * (camera.fx, camera.fy) + (camera.cx, camera.cy)
 
 
-def projection(camera: Camera, noise: Any, *, adjusted: bool) -> Callable[[Floats, int, int], Any]:
+def projection(camera: Camera, noise: gtsam.noiseModel.Base, *, adjusted: bool) -> _FactorMaker:
     """Make a function that makes reprojection factors.
 
     Parameters
@@ -181,7 +188,7 @@ def projection(camera: Camera, noise: Any, *, adjusted: bool) -> Callable[[Float
 
 def build_graph(
     camera: Camera, problem: BundleProblem, noise_px: float, *, robust: bool, prior: FocalPrior | None = None
-) -> tuple[Any, Any]:
+) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Build the factor graph of a problem: reprojection factors, pose prior, baseline range.
 
     Parameters
@@ -202,7 +209,7 @@ def build_graph(
     """
     import gtsam
 
-    noise: Any = gtsam.noiseModel.Isotropic.Sigma(2, noise_px)
+    noise: gtsam.noiseModel.Base = gtsam.noiseModel.Isotropic.Sigma(2, noise_px)
     if robust:
         noise = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(_CAUCHY), noise)
     factor = projection(camera, noise, adjusted=prior is not None)
@@ -229,7 +236,7 @@ def build_graph(
     return graph, values
 
 
-def _calibration_prior(prior: FocalPrior) -> Any:
+def _calibration_prior(prior: FocalPrior) -> gtsam.NonlinearFactor:
     """A prior factor on ``K(0)``: loose along (fx, fy); tight for their ratio and for all other parameters."""
     import gtsam
 
@@ -242,7 +249,8 @@ def _calibration_prior(prior: FocalPrior) -> Any:
     whiten[1, :2] = np.array([-along[1], along[0]]) / (_ASPECT_SIGMA * length)
     # gtsam requires the square root of the information matrix in upper triangular form.
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(np.linalg.qr(whiten)[1])
-    return getattr(gtsam, f"PriorFactor{type(mean).__name__}")(calibration_key(), mean, noise)
+    factor: gtsam.NonlinearFactor = getattr(gtsam, f"PriorFactor{type(mean).__name__}")(calibration_key(), mean, noise)
+    return factor
 
 
 def optimize(
@@ -295,7 +303,7 @@ def _rms_px(error: float, noise_px: float, problem: BundleProblem) -> float:
     return float(noise_px * np.sqrt(2 * error / len(problem.views)))
 
 
-def read_problem(values: Any, problem: BundleProblem) -> BundleProblem:
+def read_problem(values: gtsam.Values, problem: BundleProblem) -> BundleProblem:
     """Replace the poses and points of a problem by those of gtsam values.
 
     Parameters
@@ -312,11 +320,11 @@ def read_problem(values: Any, problem: BundleProblem) -> BundleProblem:
     return replace(problem, world_from_cam=poses, points=points.reshape(-1, 3))
 
 
-def _pose(pose3: Any) -> Pose:
+def _pose(pose3: gtsam.Pose3) -> Pose:
     return Pose(np.asarray(pose3.rotation().matrix(), float), np.asarray(pose3.translation(), float))
 
 
-def read_focal_factor(camera: Camera, values: Any) -> float:
+def read_focal_factor(camera: Camera, values: gtsam.Values) -> float:
     """Read the focal length of gtsam values over that of the stated camera.
 
     Parameters
@@ -337,7 +345,7 @@ def read_focal_factor(camera: Camera, values: Any) -> float:
 
 
 def marginal_covariances(
-    graph: Any, values: Any, frames: tuple[int, ...], prior: FocalPrior | None
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, frames: tuple[int, ...], prior: FocalPrior | None
 ) -> tuple[Floats, float]:
     """Compute the marginal covariances of the poses and of the focal length.
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 import os
 from collections.abc import Hashable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -109,7 +108,7 @@ def _check_reach(path: Path, camera: Camera) -> None:
         )
 
 
-def load_yaml(path: str | os.PathLike[str]) -> Any:
+def load_yaml(path: str | os.PathLike[str]) -> object:
     """Read a YAML file by the safe loader.
 
     Parameters
@@ -169,20 +168,20 @@ def _parse(path: Path, text: str, image_size: tuple[int, int] | None) -> Camera:
     return parse_mapping(content, image_size)
 
 
-def _parse_yaml(text: str) -> Any:
+def _parse_yaml(text: str) -> object:
     import yaml
 
     class Loader(yaml.SafeLoader):
         """The safe loader, for files of OpenCV too. A key with two values is an error, as the YAML standard says."""
 
-        def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, object]:
             given: dict[str, object] = {}
             for key, value in node.value:
                 if isinstance(key, yaml.ScalarNode) and given.setdefault(key.value, value.value) != value.value:
                     raise yaml.constructor.ConstructorError(None, None, f"{key.value} is given twice", key.start_mark)
             return super().construct_mapping(node, deep)
 
-    def construct_matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> Any:
+    def construct_matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> object:
         return loader.construct_mapping(node, deep=True)
 
     Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", construct_matrix)
@@ -206,7 +205,7 @@ def _parse_yaml(text: str) -> Any:
         raise CalibrationError(f"broken YAML: {_one_line(error)}") from None
 
 
-def _check_structure(tokens: Iterator[Any]) -> None:
+def _check_structure(tokens: Iterator[object]) -> None:
     """Refuse aliases and deep nesting, with which a small file would take very long to load."""
     import yaml
 
@@ -226,11 +225,11 @@ def _check_structure(tokens: Iterator[Any]) -> None:
             raise CalibrationError(f"broken YAML: nested deeper than {_MAX_DEPTH} levels")
 
 
-def _parse_xml(text: str) -> dict[str, Any]:
+def _parse_xml(text: str) -> dict[str, object]:
     """Read the XML of OpenCV's FileStorage by OpenCV: matrices, numbers and strings at the top level."""
     import cv2
 
-    content: dict[str, Any] = {}
+    content: dict[str, object] = {}
     try:
         storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         root = storage.root()

@@ -6,8 +6,7 @@ Error messages name the key; the caller adds the name of the file.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
 
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
@@ -15,7 +14,8 @@ from slam_init.types.camera import Camera
 __all__ = ["parse_colmap", "parse_mapping"]
 
 Size = tuple[int, int] | None
-Content = dict[str, Any]
+#: The keys and values of a file. A value is checked when it is read.
+Content = Mapping[str, object]
 
 #: Names of the distortion models in all formats, lower case -> model of :class:`~slam_init.types.camera.Camera`.
 _MODELS = {
@@ -249,8 +249,8 @@ def _number(content: Content, key: str, default: float | None = None) -> float:
         raise CalibrationError(f"{key} is missing: give a number")
     value = content[key]
     try:
-        number = math.nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError, OverflowError):
+        number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else math.nan
+    except (ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
         raise CalibrationError(f"{key} is {str(value)[:40]!r}: give a number")

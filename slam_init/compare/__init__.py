@@ -15,15 +15,18 @@ module               content
 ``sources``          the sequences, the limits of their ground truth, the start frames
 ``plan``             the list of trials
 ``replay``           tracks on disk
-``trials``           one trial, and its row of results
+``trials``           one trial, and how its row is made
+``rows``             the row of a trial, and its line in the files
 ``measures``         the quality of a map
 ``isolation``        starts a process for trials, with limits of time and memory
+``messages``         the requests to this process, and its answers
 ``worker``           the program that runs in this process
 ``backends``         loky, sequential, Dask
 ``journal``          finished trials on disk
 ``statistics``       intervals and tests
 ``trial_table``      all rows as a table of columns
 ``aggregate``        figures from this table
+``summary``          all figures of a comparison, as in ``summary.json``
 ``results``          the output files
 ``report``           the HTML page; ``report_tables``, ``charts`` and ``failure_gallery`` are its parts
 ``side_by_side``     the recording of all methods; ``map_snapshot`` and ``methods_recorder`` are its parts
@@ -31,8 +34,21 @@ module               content
 """
 
 from slam_init.compare.plan import Plan
+from slam_init.compare.rows import COLUMNS, TrialRow
 from slam_init.compare.run import compare
 from slam_init.compare.sources import ComparedSource, describe_sources
-from slam_init.compare.trials import COLUMNS, Settings, Trial, run_trial
+from slam_init.compare.summary import ComparisonSummary
+from slam_init.compare.trials import Settings, Trial, run_trial
 
-__all__ = ["COLUMNS", "ComparedSource", "Plan", "Settings", "Trial", "compare", "describe_sources", "run_trial"]
+__all__ = [
+    "COLUMNS",
+    "ComparedSource",
+    "ComparisonSummary",
+    "Plan",
+    "Settings",
+    "Trial",
+    "TrialRow",
+    "compare",
+    "describe_sources",
+    "run_trial",
+]

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +13,7 @@ from slam_init.compare.statistics import Interval, holm, mcnemar_exact, restrict
 from slam_init.compare.trial_table import TrialTable
 from slam_init.types.arrays import Bools, Floats
 
-__all__ = ["Figures", "PairTest", "figures_of", "pair_tests", "summary_of"]
+__all__ = ["Figures", "PairTest", "figures_of", "pair_tests"]
 
 #: Columns whose medians over the correct maps are reported.
 _MEDIANS_OF_CORRECT = (
@@ -219,56 +217,9 @@ def pair_tests(table: TrialTable, methods: Sequence[str], mask: Bools) -> list[P
     ]
 
 
-def summary_of(table: TrialTable, methods: Sequence[str]) -> dict[str, Any]:
-    """Compute all figures of a comparison.
-
-    Parameters
-    ----------
-    table : TrialTable
-    methods : sequence of str
-
-    Returns
-    -------
-    dict
-        ``parts``, ``groups`` and ``pairs`` of ``summary.json`` as plain JSON types. Only the values whose names end in
-        ``_ms`` or ``_mb`` differ from run to run.
-    """
-    parts = table.parts()
-    groups = sorted(set(table.text["group"].tolist()))
-    return {
-        "parts": {
-            name: {m: _plain_figures(figures_of(table, table.where(method=m) & mask)) for m in methods}
-            for name, mask in parts.items()
-        },
-        "groups": {
-            group: {m: _plain_figures(figures_of(table, table.where(method=m, group=group))) for m in methods}
-            for group in groups
-        },
-        "pairs": {
-            name: [_plain(vars(test)) for test in pair_tests(table, methods, mask)] for name, mask in parts.items()
-        },
-    }
-
-
 def _by_trial(table: TrialTable, mask: Bools) -> dict[tuple[str, int], str]:
     sources, starts = table.text["source"][mask].tolist(), table.numbers["start"][mask].astype(int).tolist()
     return dict(zip(zip(sources, starts, strict=True), table.text["outcome"][mask].tolist(), strict=True))
-
-
-def _plain_figures(figures: Figures) -> dict[str, Any]:
-    values = vars(figures) | {"times": None}
-    del values["times"]
-    return {**_plain(values), **_plain(figures.times)}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Interval):
-        return [_plain(value.value), _plain(value.low), _plain(value.high)]
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, float):
-        return float(f"{value:.6g}") if math.isfinite(value) else None
-    return value
 
 
 def _median(values: Floats) -> float | None:

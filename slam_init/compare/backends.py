@@ -115,7 +115,7 @@ def open_backend(name: str, jobs: int) -> Iterator[Backend]:
 def _loky(jobs: int) -> Iterator[Backend]:
     from loky import ProcessPoolExecutor
 
-    executor: Any = ProcessPoolExecutor(max_workers=jobs)
+    executor = ProcessPoolExecutor(max_workers=jobs)  # the package has no type annotations
     try:
         yield Backend(executor, jobs)
     except BaseException:

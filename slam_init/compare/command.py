@@ -5,13 +5,16 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
+from slam_init.compare.aggregate import Figures
 from slam_init.compare.plan import Plan
 from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources, grid_sources
+from slam_init.compare.statistics import Interval
+from slam_init.compare.summary import ComparisonSummary, six_digits
 from slam_init.compare.trial_table import PARTS
 from slam_init.compare.trials import Settings
 from slam_init.errors import ConfigError
@@ -99,13 +102,12 @@ def chosen_methods(text: str | None) -> tuple[str, ...]:
     return names
 
 
-def main_table(summary: dict[str, Any]) -> str:
+def main_table(summary: ComparisonSummary) -> str:
     """Return the main table of each part of a comparison.
 
     Parameters
     ----------
-    summary : dict
-        Content of ``summary.json``.
+    summary : ComparisonSummary
 
     Returns
     -------
@@ -114,13 +116,13 @@ def main_table(summary: dict[str, Any]) -> str:
     """
     tables = []
     for part, title in PARTS.items():
-        if part in summary["parts"]:
+        if part in summary.parts:
             table = _static_table if part.endswith("static") else _moving_table
-            tables.append(table(title, summary["parts"][part]))
+            tables.append(table(title, summary.parts[part]))
     return "\n\n".join(tables)
 
 
-def _moving_table(title: str, figures: dict[str, Any]) -> str:
+def _moving_table(title: str, figures: Mapping[str, Figures]) -> str:
     header = [
         title,
         "trials",
@@ -134,48 +136,51 @@ def _moving_table(title: str, figures: dict[str, Any]) -> str:
     header += ["frames to correct", "rotation (deg)", "direction (deg)", "survival", "frame (ms)"]
     rows = []
     for method, f in figures.items():
-        medians = f["medians"]
         rows.append(
             [
                 method,
-                str(f["trials"]),
-                _percent(f["correct_rate"]),
-                number(100 * f["strict"] / f["trials"] if f["trials"] else None, 1),
-                _percent(f["false_rate"]),
-                str(f["none"]),
-                _percent(f["kept_truth_rate"]),
-                str(f["error"]),
-                number(f["frames_to_correct"][0], 1),
-                number(medians["rotation_error_deg"]),
-                number(medians["direction_error_deg"]),
-                number(medians["survival"]),
-                number(f["frame_median_ms"], 1),
+                str(f.trials),
+                _percent(f.correct_rate),
+                number(100 * f.strict / f.trials if f.trials else None, 1),
+                _percent(f.false_rate),
+                str(f.none),
+                _percent(f.kept_truth_rate),
+                str(f.error),
+                _number(f.frames_to_correct.value, 1),
+                _number(f.medians["rotation_error_deg"]),
+                _number(f.medians["direction_error_deg"]),
+                _number(f.medians["survival"]),
+                _number(f.times["frame_median_ms"], 1),
             ]
         )
     return markdown_table(header, rows)
 
 
-def _static_table(title: str, figures: dict[str, Any]) -> str:
+def _static_table(title: str, figures: Mapping[str, Figures]) -> str:
     header = [title, "trials", "false %", "none", "error", "expected reason %"]
     header += ["focal error suspected %", "focal error reported %"]
     rows = [
         [
             method,
-            str(f["trials"]),
-            _percent(f["false_rate"]),
-            str(f["none"]),
-            str(f["error"]),
-            _percent(f["reason_accuracy"]),
-            _percent(f["suspicion_rate"]),
-            _percent(f["report_rate"]),
+            str(f.trials),
+            _percent(f.false_rate),
+            str(f.none),
+            str(f.error),
+            _percent(f.reason_accuracy),
+            _percent(f.suspicion_rate),
+            _percent(f.report_rate),
         ]
         for method, f in figures.items()
     ]
     return markdown_table(header, rows)
 
 
-def _percent(interval: list[float | None]) -> str:
-    value, low, high = interval
+def _number(value: float | None, digits: int = 2) -> str:
+    return number(six_digits(value), digits)
+
+
+def _percent(interval: Interval) -> str:
+    value, low, high = (six_digits(end) for end in (interval.value, interval.low, interval.high))
     if value is None or low is None or high is None:
         return "-"
     return f"{100 * value:.1f} [{100 * low:.1f}, {100 * high:.1f}]"

@@ -15,8 +15,10 @@ from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import TypeVar
 
+from slam_init.compare.messages import Answer, Request, TracksAnswer, TracksRequest, TrialAnswer, TrialRequest
+from slam_init.compare.rows import TrialRow
 from slam_init.compare.trials import Settings, Trial, error_row
 from slam_init.errors import SlamInitError
 
@@ -29,8 +31,10 @@ _TRACKING_S = 3 * 3600.0
 
 _local = threading.local()
 
+_Answer = TypeVar("_Answer", TrialAnswer, TracksAnswer)
 
-def isolated_trial(trial: Trial, settings: Settings) -> dict[str, Any]:
+
+def isolated_trial(trial: Trial, settings: Settings) -> TrialRow:
     """Run a trial in the process of this thread.
 
     Parameters
@@ -41,25 +45,24 @@ def isolated_trial(trial: Trial, settings: Settings) -> dict[str, Any]:
 
     Returns
     -------
-    dict
-        The row of the trial. Errors of any kind, missed limits and crashes give a row with the outcome ``error``.
+    TrialRow
+        Errors of any kind, missed limits and crashes give a row with the outcome ``error``.
     """
     process = _process(settings)
     failed_row = error_row(trial, settings, "")
     try:
-        answer = process.ask(("trial", trial, settings), settings.time_limit_s)
+        answer = process.ask(TrialRequest(trial, settings), TrialAnswer, settings.time_limit_s)
     except TimeoutError:
         _discard()
-        return failed_row | {"reason": f"no answer within {settings.time_limit_s:g} s"}
+        return replace(failed_row, reason=f"no answer within {settings.time_limit_s:g} s")
     except EOFError:
         code = process.exit_code()
         _discard()
-        return failed_row | {"reason": f"the process died ({_exit_text(code)})"}
-    if answer["memory_exhausted"]:
+        return replace(failed_row, reason=f"the process died ({_exit_text(code)})")
+    if answer.memory_exhausted:
         # After a failed allocation the state of the libraries is unknown.
         _discard()
-    row: dict[str, Any] = answer["row"]
-    return row
+    return answer.row
 
 
 def isolated_tracks(text: str, settings: Settings) -> float:
@@ -84,13 +87,13 @@ def isolated_tracks(text: str, settings: Settings) -> float:
     """
     process = _process(replace(settings, memory_limit_mb=0))
     try:
-        answer = process.ask(("tracks", text, settings), _TRACKING_S)
+        answer = process.ask(TracksRequest(text, settings), TracksAnswer, _TRACKING_S)
     except (TimeoutError, EOFError):
         _discard()
         raise SlamInitError(f"{text}: the tracking process died: run slam-init run on this source to see why") from None
-    if answer["error"] is not None:
-        raise SlamInitError(str(answer["error"]))
-    return float(answer["tracking_ms"])
+    if answer.error is not None:
+        raise SlamInitError(answer.error)
+    return answer.tracking_ms
 
 
 def _process(settings: Settings) -> TrialProcess:
@@ -132,6 +135,7 @@ class TrialProcess:
 
     def __init__(self, memory_limit_mb: int) -> None:
         self.memory_limit_mb = memory_limit_mb
+        self._connection: Connection[Request, Answer | str]
         self._connection, theirs = Pipe()
         command = [sys.executable, "-m", "slam_init.compare.worker", str(theirs.fileno()), str(memory_limit_mb)]
         # One core for each trial. The process can import all modules that its parent can import.
@@ -144,38 +148,41 @@ class TrialProcess:
         theirs.close()
         self._ready = False
 
-    def ask(self, request: tuple[Any, ...], limit_s: float) -> dict[str, Any]:
+    def ask(self, request: Request, kind: type[_Answer], limit_s: float) -> _Answer:
         """Send a request and wait for the answer.
 
         Parameters
         ----------
-        request : tuple
-            ``("trial", trial, settings)`` or ``("tracks", text, settings)``.
+        request : TrialRequest or TracksRequest
+        kind : type
+            Class of the answer to such a request: TrialAnswer or TracksAnswer.
         limit_s : float
             Longest time to wait for the answer; the time in which the process loads its libraries is not counted.
 
         Returns
         -------
-        dict
-            ``row`` and ``memory_exhausted`` for a trial; ``error`` and ``tracking_ms`` for tracks.
+        TrialAnswer or TracksAnswer
+            An object of the class ``kind``.
 
         Raises
         ------
         TimeoutError
             If the answer does not arrive in time.
         EOFError
-            If the process is gone.
+            If the process is gone, or if its answer is of another class.
         """
         try:
             if not self._ready:
                 _receive(self._connection, _START_S)
                 self._ready = True
             self._connection.send(request)
-            answer: dict[str, Any] = _receive(self._connection, limit_s)
+            answer = _receive(self._connection, limit_s)
         except TimeoutError:  # TimeoutError is a subclass of OSError
             raise
         except OSError as error:
             raise EOFError(str(error)) from error
+        if not isinstance(answer, kind):
+            raise EOFError(f"unexpected answer {answer!r}")
         return answer
 
     def exit_code(self) -> int | None:
@@ -197,7 +204,7 @@ class TrialProcess:
         self._process.wait()
 
 
-def _receive(connection: Connection[Any, Any], limit_s: float) -> Any:
+def _receive(connection: Connection[Request, Answer | str], limit_s: float) -> Answer | str:
     if not connection.poll(limit_s):
         raise TimeoutError
     return connection.recv()

@@ -7,18 +7,17 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import IO
 
+from slam_init.compare.rows import Key, TrialRow, parse_row, row_text
 from slam_init.config import RENAMED_OPTIONS
 from slam_init.errors import OutputError
+from slam_init.output.plain_json import Json
 
-__all__ = ["Journal", "Key"]
+__all__ = ["Journal", "read_journal"]
 
 #: Version 2 added ``kept_truth``, ``suspected_focal_factor`` and the options of the methods.
 _SCHEMA = 2
-
-#: Label of the source, method, start frame.
-Key = tuple[str, str, int]
 
 
 class Journal:
@@ -30,8 +29,8 @@ class Journal:
     ----------
     path : str or os.PathLike
         An existing file is continued. Its last line is removed if it is incomplete.
-    settings : mapping
-        Settings that must be equal for all rows, as plain JSON types.
+    settings : mapping of str to JSON
+        Settings that must be equal for all rows.
 
     Raises
     ------
@@ -39,17 +38,17 @@ class Journal:
         If the file belongs to a comparison with other settings, is damaged, or cannot be written.
     """
 
-    def __init__(self, path: str | os.PathLike[str], settings: Mapping[str, Any]) -> None:
+    def __init__(self, path: str | os.PathLike[str], settings: Mapping[str, Json]) -> None:
         self._path = path = Path(path)
         self._offsets: dict[Key, int] = {}
-        header = {"schema": _SCHEMA, **settings}
+        header: dict[str, Json] = {"schema": _SCHEMA, **settings}
         try:
             self._file: IO[bytes] = path.open("r+b" if path.exists() else "w+b")
             end = self._read(header)
             self._file.truncate(end)
             self._file.seek(end)
             if end == 0:
-                self._write(header)
+                self._write(json.dumps(header, allow_nan=False))
         except OSError as error:
             raise OutputError(f"cannot write {path}: {error.strerror or error}: give another --out") from error
 
@@ -59,23 +58,22 @@ class Journal:
     def __len__(self) -> int:
         return len(self._offsets)
 
-    def append(self, row: Mapping[str, Any]) -> None:
+    def append(self, row: TrialRow) -> None:
         """Write a row; after this call the row survives the end of the process.
 
         Parameters
         ----------
-        row : mapping
-            With the keys ``source``, ``method`` and ``start``; plain JSON types.
+        row : TrialRow
 
         Raises
         ------
         OutputError
             If the row cannot be written.
         """
-        self._offsets[_key(row)] = self._file.seek(0, 2)
-        self._write(row)
+        self._offsets[row.key] = self._file.seek(0, 2)
+        self._write(row_text(row))
 
-    def rows(self, wanted: Callable[[Key], bool] = lambda _: True) -> Iterator[dict[str, Any]]:
+    def rows(self, wanted: Callable[[Key], bool] = lambda _: True) -> Iterator[TrialRow]:
         """Read rows back, sorted by source, method and start.
 
         Parameters
@@ -85,13 +83,12 @@ class Journal:
 
         Yields
         ------
-        dict
-            A row.
+        TrialRow
         """
         for key in sorted(self._offsets):
             if wanted(key):
                 self._file.seek(self._offsets[key])
-                yield json.loads(self._file.readline())
+                yield parse_row(self._file.readline())
 
     def close(self) -> None:
         """Close the file."""
@@ -105,35 +102,34 @@ class Journal:
     ) -> None:
         self.close()
 
-    def _write(self, content: Mapping[str, Any]) -> None:
+    def _write(self, line: str) -> None:
         try:
-            self._file.write(json.dumps(content, allow_nan=False).encode() + b"\n")
+            self._file.write(line.encode() + b"\n")
             self._file.flush()
         except OSError as error:
             raise OutputError(f"cannot write {self._path}: {error.strerror or error}: make room") from error
 
-    def _read(self, header: Mapping[str, Any]) -> int:
+    def _read(self, header: Mapping[str, Json]) -> int:
         """Find the rows; return the position of the end of the last complete line."""
         end = 0
         for number, line in enumerate(self._file):
             if not line.endswith(b"\n"):
                 break  # incomplete: the process was killed while it wrote this line
             try:
-                content = json.loads(line)
                 if number == 0:
-                    self._check(content, header)
+                    self._check(_parse_settings(line), header)
                 else:
-                    self._offsets[_key(content)] = end
-            except (ValueError, KeyError, TypeError, AttributeError):
+                    self._offsets[parse_row(line).key] = end
+            except ValueError:
                 raise OutputError(f"{self._path}, line {number + 1} is damaged: give another --out") from None
             end += len(line)
         return end
 
-    def _check(self, found: Mapping[str, Any], header: Mapping[str, Any]) -> None:
+    def _check(self, found: Mapping[str, Json], header: Mapping[str, Json]) -> None:
         if found.get("schema") != _SCHEMA:
             raise OutputError(f"{self._path} was written by another version of slam-init: give another --out")
         for name, value in header.items():
-            if isinstance(value, Mapping):
+            if isinstance(value, dict):
                 if _with_current_names(found.get(name), "") != value:
                     raise OutputError(f"{self._path} holds trials with other {name}: give another --out")
             elif found.get(name) != value:
@@ -142,15 +138,46 @@ class Journal:
                 )
 
 
-def _with_current_names(options: Any, prefix: str) -> Any:
+def read_journal(path: str | os.PathLike[str]) -> Iterator[TrialRow]:
+    """Read the rows of a finished comparison in the order of the file.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        A file ``trials.jsonl``.
+
+    Yields
+    ------
+    TrialRow
+
+    Raises
+    ------
+    OutputError
+        If a line is damaged.
+    OSError
+        If the file cannot be read.
+    """
+    with Path(path).open("rb") as file:
+        next(file)  # the settings
+        for number, line in enumerate(file, 2):
+            try:
+                yield parse_row(line)
+            except ValueError:
+                raise OutputError(f"{path}, line {number} is damaged: run the comparison again") from None
+
+
+def _parse_settings(line: bytes) -> dict[str, Json]:
+    content = json.loads(line)
+    if not isinstance(content, dict):
+        raise ValueError("not a JSON object")
+    return content
+
+
+def _with_current_names(options: Json, prefix: str) -> Json:
     """Return options with their current names; a file of an older version can hold former names."""
-    if not isinstance(options, Mapping):
+    if not isinstance(options, dict):
         return options
     return {
         RENAMED_OPTIONS.get(prefix + name, name): _with_current_names(value, f"{name}.")
         for name, value in options.items()
     }
-
-
-def _key(row: Mapping[str, Any]) -> Key:
-    return str(row["source"]), str(row["method"]), int(row["start"])

@@ -18,7 +18,7 @@ import os
 import uuid
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +26,10 @@ from slam_init.compare.map_snapshot import MapSnapshot
 from slam_init.recording.images import jpeg, reduced
 from slam_init.recording.layout import ESTIMATE_COLOR, TRUTH_COLOR, name_parts
 from slam_init.types.frame import Frame, Observations
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
 
 __all__ = ["record_side_by_side"]
 
@@ -87,7 +91,7 @@ def record_side_by_side(
     partial.replace(path)
 
 
-def _log_frame(rec: Any, entity: str, snapshot: MapSnapshot, outcome: str, frame: int) -> None:
+def _log_frame(rec: rr.RecordingStream, entity: str, snapshot: MapSnapshot, outcome: str, frame: int) -> None:
     """Log the verdict of a method at a frame, and its map at the frame at which it was accepted."""
     import rerun as rr
 
@@ -106,7 +110,7 @@ def _log_frame(rec: Any, entity: str, snapshot: MapSnapshot, outcome: str, frame
     rec.log(f"{entity}/verdict", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
 
-def _log_map(rec: Any, entity: str, snapshot: MapSnapshot) -> None:
+def _log_map(rec: rr.RecordingStream, entity: str, snapshot: MapSnapshot) -> None:
     import rerun as rr
 
     rec.log(f"{entity}/points", rr.Points3D(snapshot.points, colors=snapshot.colors, radii=rr.Radius.ui_points(2)))
@@ -126,7 +130,7 @@ def _log_map(rec: Any, entity: str, snapshot: MapSnapshot) -> None:
         rec.log(f"{entity}/gt", rr.LineStrips3D([snapshot.truth], colors=[TRUTH_COLOR], radii=rr.Radius.ui_points(2)))
 
 
-def _blueprint(entities: Mapping[str, str]) -> Any:
+def _blueprint(entities: Mapping[str, str]) -> rrb.Blueprint:
     """Return the layout: the frame at the left, and the map and the verdict of each method at the right."""
     import rerun.blueprint as rrb
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from slam_init.compare.journal import Key
+from slam_init.compare.rows import Key
 from slam_init.compare.sources import ComparedSource
 from slam_init.compare.trials import Settings, Trial
 

@@ -14,12 +14,14 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slam_init.compare.sources import calibration_of
+from slam_init.types.arrays import Floats, Image, Ints
 from slam_init.types.frame import Observations
 
 if TYPE_CHECKING:
@@ -59,19 +61,39 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """The tracks of a sequence on disk.
+    """The tracks of a sequence on disk: R records, one for each frame and each revision of a frame.
 
     Attributes
     ----------
-    index : dict
-        One entry per stored record: ``at`` (frame at which the record is replayed), ``frame``, ``timestamp_s``,
-        ``name``, ``end`` (end of the rows of the record in the columns).
-    columns : dict
-        ``track_ids``, ``pixels``, ``bearings``, ``colors``; mapped into memory.
+    at : (R,) int
+        Absolute index of the frame at which a record is replayed.
+    frame : (R,) int
+        Absolute index of the frame that the record describes.
+    timestamp_s : (R,) float
+        Time stamp of this frame in seconds.
+    name : (R,) str
+        Name of this frame.
+    end : (R,) int
+        End of the rows of the record in the columns; the rows begin at the end of the record before.
+    track_ids : (N,) int
+        Column of the track ids. All columns are mapped into memory.
+    pixels : (N, 2) float
+        Column of the raw pixels.
+    bearings : (N, 3) float
+        Column of the bearings.
+    colors : (N, 3) uint8
+        Column of the colours.
     """
 
-    index: dict[str, Any]
-    columns: dict[str, Any]
+    at: Ints
+    frame: Ints
+    timestamp_s: Floats
+    name: NDArray[np.str_]
+    end: Ints
+    track_ids: Ints
+    pixels: Floats
+    bearings: Floats
+    colors: Image
 
     def steps(self, start: int) -> Iterator[Step]:
         """Replay the tracks.
@@ -86,7 +108,7 @@ class Tracks:
         Step
             One for each frame from ``start`` on. Revised frames before ``start`` are left out.
         """
-        at, frames = self.index["at"], self.index["frame"]
+        at, frames = self.at, self.frame
         for frame in range(start, int(at[-1]) + 1 if len(at) else 0):
             records = np.flatnonzero(at == frame)
             found = [self._record(int(r)) for r in records if frames[r] >= start]
@@ -95,14 +117,15 @@ class Tracks:
                 yield Step(current[0], tuple(one for one in found if one.frame != frame))
 
     def _record(self, r: int) -> Observations:
-        begin, end = int(self.index["end"][r - 1]) if r else 0, int(self.index["end"][r])
-        frame = int(self.index["frame"][r])
-        parts = {name: np.array(column[begin:end]) for name, column in self.columns.items()}
+        rows = slice(int(self.end[r - 1]) if r else 0, int(self.end[r]))
         return Observations(
-            frame=frame,
-            timestamp_s=float(self.index["timestamp_s"][r]),
-            name=str(self.index["name"][r]),
-            **parts,
+            frame=int(self.frame[r]),
+            timestamp_s=float(self.timestamp_s[r]),
+            name=str(self.name[r]),
+            track_ids=np.array(self.track_ids[rows]),
+            pixels=np.array(self.pixels[rows]),
+            bearings=np.array(self.bearings[rows]),
+            colors=np.array(self.colors[rows]),
         )
 
 
@@ -205,9 +228,9 @@ def _open(home: Path) -> Tracks:
     with np.load(home / _INDEX) as stored:
         index = {name: stored[name] for name in stored.files}
     total = int(index["end"][-1]) if len(index["end"]) else 0
-    columns: dict[str, Any] = {}
+    columns: dict[str, np.ndarray] = {}
     for name, (kind, shape) in _COLUMNS.items():
         # An empty file cannot be mapped into memory.
         empty = np.zeros((0, *shape), kind)
         columns[name] = np.memmap(home / f"{name}.raw", kind, "r", shape=(total, *shape)) if total else empty
-    return Tracks(index, columns)
+    return Tracks(**index, **columns)

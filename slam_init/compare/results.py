@@ -7,13 +7,13 @@ import io
 import json
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from slam_init.compare.aggregate import summary_of
+from slam_init.compare.rows import COLUMNS, TrialRow
+from slam_init.compare.summary import ComparisonSummary, summary_of
 from slam_init.compare.trial_table import TrialTable
-from slam_init.compare.trials import COLUMNS
 from slam_init.errors import OutputError
 
 if TYPE_CHECKING:
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 __all__ = ["remove_results", "write_results"]
 
 _RESULTS, _SUMMARY, _REPORT = "results.csv", "summary.json", "report.html"
-#: Version 2 added the figures of ambiguous planes and of suspected focal lengths. Version 3 renamed the parts
-#: ``image_still`` and ``points_still`` to ``image_static`` and ``points_static``.
-_SCHEMA = 3
 
 
 def remove_results(out: str | os.PathLike[str]) -> None:
@@ -47,24 +44,22 @@ def remove_results(out: str | os.PathLike[str]) -> None:
         raise OutputError(f"cannot write to --out {out}: {error.strerror or error}: give another folder") from error
 
 
-def write_results(
-    out: str | os.PathLike[str], rows: Iterable[Mapping[str, Any]], plan: Plan, command: str
-) -> dict[str, Any]:
+def write_results(out: str | os.PathLike[str], rows: Iterable[TrialRow], plan: Plan, command: str) -> ComparisonSummary:
     """Write all result files. The rows are read once and are not kept in memory.
 
     Parameters
     ----------
     out : str or os.PathLike
         Folder of the comparison.
-    rows : iterable of mapping
-        Rows with the keys of :data:`slam_init.compare.trials.COLUMNS`, sorted by source, method and start.
+    rows : iterable of TrialRow
+        Sorted by source, method and start.
     plan : Plan
     command : str
         The command line that the report shows; empty for none.
 
     Returns
     -------
-    dict
+    ComparisonSummary
         The content of ``summary.json``.
 
     Raises
@@ -81,10 +76,10 @@ def write_results(
         with file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(COLUMNS)
-            table = TrialTable.of(_write_rows(rows, writer))
-        summary = _summary(table, plan)
+            table = TrialTable.of(_write_rows(rows, writer.writerow))
+        summary = summary_of(table, plan)
         texts = {
-            _SUMMARY: json.dumps(summary, indent=2, allow_nan=False) + "\n",
+            _SUMMARY: json.dumps(summary.as_dict(), indent=2, allow_nan=False) + "\n",
             _REPORT: report_html(table, plan, command),
         }
         for name, text in texts.items():
@@ -101,27 +96,13 @@ def write_results(
     return summary
 
 
-def _summary(table: TrialTable, plan: Plan) -> dict[str, Any]:
-    return {
-        "schema": _SCHEMA,
-        "seed": plan.settings.seed,
-        "every": plan.every,
-        "limit_frames": plan.settings.limit_frames,
-        "limit_s": plan.settings.limit_s,
-        "trials": len(table),
-        "methods": list(plan.methods),
-        "sources": [source.label for source in plan.sources],
-        **summary_of(table, plan.methods),
-    }
-
-
-def _write_rows(rows: Iterable[Mapping[str, Any]], writer: Any) -> Iterator[Mapping[str, Any]]:
+def _write_rows(rows: Iterable[TrialRow], write: Callable[[Sequence[object]], object]) -> Iterator[TrialRow]:
     for row in rows:
-        writer.writerow([_cell(row.get(name)) for name in COLUMNS])
+        write([_cell(value) for value in row.values()])
         yield row
 
 
-def _cell(value: Any) -> Any:
+def _cell(value: str | int | float | bool | None) -> str | int | float | None:
     return str(value).lower() if isinstance(value, bool) else value
 
 

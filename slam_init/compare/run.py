@@ -8,16 +8,17 @@ import tempfile
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from slam_init.compare.backends import Backend, open_backend
 from slam_init.compare.isolation import isolated_tracks, isolated_trial
 from slam_init.compare.journal import Journal
 from slam_init.compare.plan import Plan
 from slam_init.compare.results import remove_results, write_results
+from slam_init.compare.summary import ComparisonSummary
 from slam_init.compare.trials import Settings
 from slam_init.datasets.points import POINTS
 from slam_init.errors import OutputError
+from slam_init.output.plain_json import Json
 
 __all__ = ["compare"]
 
@@ -34,7 +35,7 @@ def compare(
     recordings: bool = False,
     progress: bool = False,
     command: str = "",
-) -> dict[str, Any]:
+) -> ComparisonSummary:
     """Run all trials that ``out`` does not hold yet, and write the results.
 
     Parameters
@@ -56,7 +57,7 @@ def compare(
 
     Returns
     -------
-    dict
+    ComparisonSummary
         The content of ``summary.json``.
 
     Raises
@@ -84,7 +85,7 @@ def compare(
         shutil.rmtree(tracks, ignore_errors=True)
 
 
-def _shared_settings(settings: Settings) -> dict[str, Any]:
+def _shared_settings(settings: Settings) -> dict[str, Json]:
     """Return the settings that must be equal for all rows of a results folder."""
     return {
         "seed": settings.seed,
@@ -115,7 +116,7 @@ def _side_by_side(plan: Plan, settings: Settings, journal: Journal) -> None:
 
     outcomes: dict[tuple[str, int], dict[str, str]] = {}
     for row in journal.rows(plan.holds):
-        outcomes.setdefault((row["source"], row["start"]), {})[row["method"]] = row["outcome"]
+        outcomes.setdefault((row.source, row.start), {})[row.method] = row.outcome
     for source in plan.sources:
         for start in source.starts(plan.every):
             of_start = outcomes[source.label, start]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from sys import intern
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from slam_init.compare.rows import TrialRow
 from slam_init.compare.sources import criteria_of, focal_error_of
 from slam_init.datasets.points import POINTS
 from slam_init.types.arrays import Bools, Floats
@@ -59,7 +60,7 @@ class TrialTable:
         The stated focal length is wrong on purpose.
     """
 
-    text: dict[str, Any]
+    text: dict[str, NDArray[np.object_]]
     numbers: dict[str, Floats]
     strict: Bools
     reason_expected: Bools
@@ -69,13 +70,12 @@ class TrialTable:
     wrong_focal: Bools
 
     @staticmethod
-    def of(rows: Iterable[Mapping[str, Any]]) -> TrialTable:
+    def of(rows: Iterable[TrialRow]) -> TrialTable:
         """Read rows, one at a time.
 
         Parameters
         ----------
-        rows : iterable of mapping
-            With the keys of :data:`slam_init.compare.trials.COLUMNS`.
+        rows : iterable of TrialRow
 
         Returns
         -------
@@ -89,15 +89,16 @@ class TrialTable:
         flags: dict[str, list[bool]] = {name: [] for name in flag_names}
         for row in rows:
             for name in names:
-                text[name].append(intern(row[name] or ""))
+                text[name].append(intern(getattr(row, name) or ""))
             for name in NUMBERS:
-                numbers[name].append(math.nan if row.get(name) is None else float(row[name]))
-            flags["strict"].append(bool(row["strict"]))
-            flags["reason_expected"].append(row["reason_right"] is not None)
-            flags["reason_right"].append(bool(row["reason_right"]))
-            flags["ambiguous"].append(row["kept_truth"] is not None)
-            flags["kept_truth"].append(bool(row["kept_truth"]))
-            flags["wrong_focal"].append(focal_error_of(row["source"]) != 0)
+                value = getattr(row, name)
+                numbers[name].append(math.nan if value is None else float(value))
+            flags["strict"].append(bool(row.strict))
+            flags["reason_expected"].append(row.reason_right is not None)
+            flags["reason_right"].append(bool(row.reason_right))
+            flags["ambiguous"].append(row.kept_truth is not None)
+            flags["kept_truth"].append(bool(row.kept_truth))
+            flags["wrong_focal"].append(focal_error_of(row.source) != 0)
         return TrialTable(
             text={name: np.array(values, object) for name, values in text.items()},
             numbers={name: np.array(values, float) for name, values in numbers.items()},

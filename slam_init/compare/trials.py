@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from slam_init.attempt_log import reported_focal_factor
 from slam_init.compare.measures import depth_errors, is_correct, is_strict, pose_errors, survival
 from slam_init.compare.replay import Step, replay
+from slam_init.compare.rows import Key, Outcome, TrialRow
 from slam_init.compare.sources import ComparedSource, Criteria, calibration_of, criteria_of, open_compared
 from slam_init.config import Config
 from slam_init.recording.recorder import Recorder
@@ -26,8 +27,9 @@ if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
     from slam_init.datasets.points import PointSource
     from slam_init.types.camera import Camera
+    from slam_init.types.pose import Trajectory
 
-__all__ = ["COLUMNS", "Settings", "Trial", "error_row", "file_name", "recording_folder", "result_row", "run_trial"]
+__all__ = ["Settings", "Trial", "error_row", "file_name", "recording_folder", "result_row", "run_trial"]
 
 #: A sequence with fewer frames per second is a set of photographs. The limit in seconds is not applied to it.
 _MIN_VIDEO_FPS = 5.0
@@ -35,21 +37,6 @@ _MIN_VIDEO_FPS = 5.0
 _MAX_CAUSE = 200
 #: Largest length of a folder name in characters; file systems allow 255 bytes.
 _MAX_NAME = 120
-
-#: Columns of ``results.csv``. Only the columns that end in ``_ms`` or ``_mb`` differ from run to run.
-#: ``kept_truth``: for a trial that ended with ``ambiguous_plane``, whether one of its stored hypotheses is correct.
-#: ``suspected_focal_factor``: some attempts estimate that the focal length is wrong. The value is the median of their
-#: estimates, divided by the stated focal length.
-#: ``reported_focal_factor``: the same figure as the result reports it to the user, which takes several attempts that
-#: agree.
-COLUMNS: tuple[str, ...] = (
-    "source", "method", "start", "outcome", "reason", "frames_to_accept", "rotation_error_deg", "direction_error_deg",
-    "group", "strict", "frames_limit", "seconds_to_accept", "ate", "rotation_error_before_deg",
-    "direction_error_before_deg", "ate_before", "survival", "depth_error", "depth_order_error", "landmarks",
-    "keyframes", "parallax_deg", "reprojection_rmse_px", "attempts", "injected_cause", "reason_right", "kept_truth",
-    "suspected_focal_factor", "reported_focal_factor",
-    "frame_median_ms", "frame_p95_ms", "attempt_median_ms", "trial_ms", "peak_memory_mb",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -61,7 +48,7 @@ class Trial:
     start: int
 
     @property
-    def key(self) -> tuple[str, str, int]:
+    def key(self) -> Key:
         """Sort key of the rows.
 
         Returns
@@ -125,7 +112,7 @@ class Settings:
         return min(limit, max(2, round(self.limit_s * source.fps))) if video else limit
 
 
-def run_trial(trial: Trial, settings: Settings) -> dict[str, Any]:
+def run_trial(trial: Trial, settings: Settings) -> TrialRow:
     """Run a trial and measure its result.
 
     Parameters
@@ -135,8 +122,8 @@ def run_trial(trial: Trial, settings: Settings) -> dict[str, Any]:
 
     Returns
     -------
-    dict
-        Values of :data:`COLUMNS` except ``peak_memory_mb``.
+    TrialRow
+        Without ``peak_memory_mb``.
 
     Raises
     ------
@@ -169,15 +156,16 @@ def run_trial(trial: Trial, settings: Settings) -> dict[str, Any]:
         row = result_row(trial, settings, result, source, steps)
         if settings.recordings is not None:
             _record_end(trial, settings, result, source, camera, recorder)
-    return row | {
-        "frame_median_ms": _quantile(frames_ms, 0.5),
-        "frame_p95_ms": _quantile(frames_ms, 0.95),
-        "attempt_median_ms": _quantile(attempts_ms, 0.5),
-        "trial_ms": _rounded(1e3 * (time.perf_counter() - begin)),
-    }
+    return replace(
+        row,
+        frame_median_ms=_quantile(frames_ms, 0.5),
+        frame_p95_ms=_quantile(frames_ms, 0.95),
+        attempt_median_ms=_quantile(attempts_ms, 0.5),
+        trial_ms=_rounded(1e3 * (time.perf_counter() - begin)),
+    )
 
 
-def error_row(trial: Trial, settings: Settings, cause: str) -> dict[str, Any]:
+def error_row(trial: Trial, settings: Settings, cause: str) -> TrialRow:
     """Return the row of a trial that ended in an error.
 
     Parameters
@@ -189,10 +177,10 @@ def error_row(trial: Trial, settings: Settings, cause: str) -> dict[str, Any]:
 
     Returns
     -------
-    dict
-        The keys of :data:`COLUMNS`.
+    TrialRow
+        With the outcome ``error``.
     """
-    return _blank(trial, settings) | {"outcome": "error", "reason": " ".join(cause.split())[:_MAX_CAUSE]}
+    return replace(_blank(trial, settings, "error"), reason=" ".join(cause.split())[:_MAX_CAUSE])
 
 
 def recording_folder(recordings: str | os.PathLike[str], source: str, start: int) -> Path:
@@ -224,21 +212,22 @@ def _opened(text: str) -> TimedSource | PointSource:
 # -- rows ------------------------------------------------------------------------------------------
 
 
-def _blank(trial: Trial, settings: Settings) -> dict[str, Any]:
-    """Return the row of a trial with the values that are known before the trial runs."""
-    return dict.fromkeys(COLUMNS) | {
-        "source": trial.source.label,
-        "method": trial.method,
-        "start": trial.start,
-        "group": trial.source.group,
-        "frames_limit": settings.frames_limit(trial.source, trial.start),
-        "injected_cause": criteria_of(trial.source.group).expected_reason,
-    }
+def _blank(trial: Trial, settings: Settings, outcome: Outcome) -> TrialRow:
+    """Return the row of a trial with its outcome and the values that are known before the trial runs."""
+    return TrialRow(
+        source=trial.source.label,
+        method=trial.method,
+        start=trial.start,
+        outcome=outcome,
+        group=trial.source.group,
+        frames_limit=settings.frames_limit(trial.source, trial.start),
+        injected_cause=criteria_of(trial.source.group).expected_reason,
+    )
 
 
 def result_row(
     trial: Trial, settings: Settings, result: Result, source: TimedSource | PointSource, following: Iterable[Step]
-) -> dict[str, Any]:
+) -> TrialRow:
     """Return the row of a trial that ended with a result; times and memory are None.
 
     Parameters
@@ -254,50 +243,61 @@ def result_row(
 
     Returns
     -------
-    dict
-        The keys of :data:`COLUMNS`.
+    TrialRow
+        With the outcome ``none`` if the result has no map.
     """
     criteria = criteria_of(trial.source.group)
-    row = _blank(trial, settings) | {
-        "attempts": len(result.attempts),
-        "strict": False,
-        "suspected_focal_factor": _rounded(_suspected_focal_factor(result)),
-        "reported_focal_factor": _rounded(reported_focal_factor(result.attempts)),
-    }
+    expected = criteria.expected_reason
+    outcome: Outcome = "none" if result.map is None else _outcome(result.map, source, criteria)
+    row = replace(
+        _blank(trial, settings, outcome),
+        attempts=len(result.attempts),
+        strict=False,
+        suspected_focal_factor=_rounded(_suspected_focal_factor(result)),
+        reported_focal_factor=_rounded(reported_focal_factor(result.attempts)),
+    )
     if result.map is None:
-        expected = criteria.expected_reason
-        right = result.reason == expected if expected is not None else None
-        kept = _kept_truth(result, source, criteria)
-        return row | {"outcome": "none", "reason": result.reason, "reason_right": right, "kept_truth": kept}
-    row |= {
-        "outcome": _outcome(result.map, source, criteria),
-        "frames_to_accept": result.frames_to_init,
-        "seconds_to_accept": _rounded(_seconds(source, trial.start, result)),
-        "landmarks": len(result.map.points),
-        "keyframes": " ".join(str(keyframe.frame) for keyframe in result.map.keyframes),
-        "parallax_deg": _rounded(result.map.median_parallax_deg),
-        "reprojection_rmse_px": _rounded(result.map.reprojection_rmse_px),
-        "survival": _rounded(survival(result.map, following)),
-    }
-    if criteria.expected_reason is not None:
-        row["reason_right"] = False  # the method accepted a map instead of giving the expected reason
+        return replace(
+            row,
+            reason=None if result.reason is None else str(result.reason),
+            reason_right=result.reason == expected if expected is not None else None,
+            kept_truth=_kept_truth(result, source, criteria),
+        )
+    row = replace(
+        row,
+        frames_to_accept=result.frames_to_init,
+        seconds_to_accept=_rounded(_seconds(source, trial.start, result)),
+        landmarks=len(result.map.points),
+        keyframes=" ".join(str(keyframe.frame) for keyframe in result.map.keyframes),
+        parallax_deg=_rounded(result.map.median_parallax_deg),
+        reprojection_rmse_px=_rounded(result.map.reprojection_rmse_px),
+        survival=_rounded(survival(result.map, following)),
+        # The method accepted a map instead of giving the expected reason.
+        reason_right=False if expected is not None else None,
+    )
     if source.groundtruth is not None:
-        after = pose_errors(result.map, source.groundtruth)
-        before = pose_errors(result.map, source.groundtruth, before=True)
-        row |= {
-            "strict": is_strict(after, criteria),
-            "rotation_error_deg": _rounded(after.rotation_deg),
-            "direction_error_deg": _rounded(after.direction_deg if criteria.direction_known else None),
-            "ate": _rounded(after.ate),
-            "rotation_error_before_deg": _rounded(before.rotation_deg),
-            "direction_error_before_deg": _rounded(before.direction_deg if criteria.direction_known else None),
-            "ate_before": _rounded(before.ate),
-        }
+        row = _with_pose_errors(row, result.map, source.groundtruth, criteria)
     depths = depth_errors(result.map, source)
-    return row | {"depth_error": _rounded(depths.relative), "depth_order_error": _rounded(depths.wrong_order)}
+    return replace(row, depth_error=_rounded(depths.relative), depth_order_error=_rounded(depths.wrong_order))
 
 
-def _outcome(map_: InitialMap, source: TimedSource | PointSource, criteria: Criteria) -> str:
+def _with_pose_errors(row: TrialRow, map_: InitialMap, truth: Trajectory, criteria: Criteria) -> TrialRow:
+    """Return the row with the errors of the poses, before and after bundle adjustment."""
+    after = pose_errors(map_, truth)
+    before = pose_errors(map_, truth, before=True)
+    return replace(
+        row,
+        strict=is_strict(after, criteria),
+        rotation_error_deg=_rounded(after.rotation_deg),
+        direction_error_deg=_rounded(after.direction_deg if criteria.direction_known else None),
+        ate=_rounded(after.ate),
+        rotation_error_before_deg=_rounded(before.rotation_deg),
+        direction_error_before_deg=_rounded(before.direction_deg if criteria.direction_known else None),
+        ate_before=_rounded(before.ate),
+    )
+
+
+def _outcome(map_: InitialMap, source: TimedSource | PointSource, criteria: Criteria) -> Outcome:
     """Return ``correct`` or ``false``; ``accepted`` if there is no ground truth to compare the map with."""
     if source.groundtruth is None and not criteria.no_translation:
         return "accepted"
@@ -338,7 +338,7 @@ def _rounded(value: float | None) -> float | None:
 def _recorder(trial: Trial, settings: Settings, source: TimedSource | PointSource, camera: Camera) -> Recorder:
     if settings.recordings is None:
         return Recorder()
-    from slam_init.recording.recorder import RerunRecorder
+    from slam_init.recording.rerun_recorder import RerunRecorder
 
     folder = recording_folder(settings.recordings, trial.source.label, trial.start)
     folder.mkdir(parents=True, exist_ok=True)

@@ -12,14 +12,15 @@ import shutil
 import sys
 import threading
 import time
+from dataclasses import replace
 from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
 
+from slam_init.compare.messages import READY, Answer, Request, TracksAnswer, TracksRequest, TrialAnswer, TrialRequest
 from slam_init.compare.replay import find_tracks
 from slam_init.compare.sources import open_compared
-from slam_init.compare.trials import Settings, Trial, error_row, run_trial
+from slam_init.compare.trials import Settings, error_row, run_trial
 from slam_init.errors import SlamInitError
 
 __all__ = ["main"]
@@ -37,19 +38,19 @@ def main(arguments: list[str]) -> None:
         File descriptor of the connection; limit of memory in MB, 0 for no limit.
     """
     descriptor, memory_limit_mb = (int(argument) for argument in arguments)
-    connection: Connection[Any, Any] = Connection(descriptor)
+    connection: Connection[Answer | str, Request] = Connection(descriptor)
     threading.Thread(target=_exit_with_parent, args=(os.getppid(),), daemon=True).start()
     _load_libraries()
     if memory_limit_mb:
         _limit_memory(memory_limit_mb)
-    connection.send("ready")
+    connection.send(READY)
     while True:
         try:
-            kind, subject, settings = connection.recv()
+            request = connection.recv()
         except EOFError:
             return
-        _create_tracks_folder(settings)
-        connection.send(_trial(subject, settings) if kind == "trial" else _tracks(subject, settings))
+        _create_tracks_folder(request.settings)
+        connection.send(_trial(request) if isinstance(request, TrialRequest) else _tracks(request))
 
 
 def _exit_with_parent(parent: int) -> None:
@@ -59,7 +60,8 @@ def _exit_with_parent(parent: int) -> None:
     os._exit(1)
 
 
-def _trial(trial: Trial, settings: Settings) -> dict[str, Any]:
+def _trial(request: TrialRequest) -> TrialAnswer:
+    trial, settings = request.trial, request.settings
     exhausted = False
     _reset_peak_memory()
     try:
@@ -73,16 +75,17 @@ def _trial(trial: Trial, settings: Settings) -> dict[str, Any]:
         exhausted = _is_out_of_memory(error)
         cause = f"{type(error).__name__}: {error}"
         row = error_row(trial, settings, _memory_message(settings) if exhausted else cause)
-    return {"row": row | {"peak_memory_mb": _peak_memory_mb()}, "memory_exhausted": exhausted}
+    return TrialAnswer(replace(row, peak_memory_mb=_peak_memory_mb()), exhausted)
 
 
-def _tracks(text: str, settings: Settings) -> dict[str, Any]:
+def _tracks(request: TracksRequest) -> TracksAnswer:
     begin = time.perf_counter()
+    failure: str | None = None
     try:
-        find_tracks(open_compared(text), text, Path(settings.tracks))
+        find_tracks(open_compared(request.text), request.text, Path(request.settings.tracks))
     except SlamInitError as error:
-        return {"error": str(error), "tracking_ms": None}
-    return {"error": None, "tracking_ms": 1e3 * (time.perf_counter() - begin)}
+        failure = str(error)
+    return TracksAnswer(failure, 1e3 * (time.perf_counter() - begin))
 
 
 def _load_libraries() -> None:

@@ -2,20 +2,98 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from slam_init.datasets import TimedSource
 from slam_init.types.camera import Camera
 
-__all__ = ["describe", "describe_text"]
+__all__ = ["CameraDescription", "SourceDescription", "TruthDescription", "describe", "describe_text"]
 
 # A true pose belongs to a frame if their time stamps differ by no more than this.
 _TOLERANCE_S = 0.02
 
 
-def describe(source: TimedSource, camera: Camera | None) -> dict[str, Any]:
+@dataclass(frozen=True)
+class CameraDescription:
+    """A calibration.
+
+    Attributes
+    ----------
+    model : str
+        ``pinhole``, ``radtan`` or ``fisheye``.
+    fx, fy, cx, cy : float
+        Focal lengths and principal point in pixels.
+    distortion : tuple of float
+        Coefficients of the model.
+    guessed : bool
+        Whether the focal length is a guess.
+    """
+
+    model: str
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...]
+    guessed: bool
+
+
+@dataclass(frozen=True)
+class TruthDescription:
+    """The ground truth of a source.
+
+    Attributes
+    ----------
+    frames : int
+        Number of frames that have a true pose.
+    path_length : float
+        Length of the true trajectory between the first and the last frame, in the unit of the ground truth.
+    """
+
+    frames: int
+    path_length: float
+
+
+@dataclass(frozen=True)
+class SourceDescription:
+    """The facts about a source, in the order of the output of ``slam-init info --json``.
+
+    Attributes
+    ----------
+    name : str
+    kind : str
+        Format of the source, for example ``tum``.
+    frames : int
+        Number of frames.
+    width, height : int
+        Size of the first image in pixels.
+    color : bool
+        Whether the first image has colours.
+    duration_s : float
+        Time from the first to the last frame in seconds.
+    fps : float or None
+        Frames per second; None if all frames have the same time.
+    camera : CameraDescription or None
+        None if the source has no calibration.
+    ground_truth : TruthDescription or None
+        None if the source has no ground truth.
+    """
+
+    name: str
+    kind: str
+    frames: int
+    width: int
+    height: int
+    color: bool
+    duration_s: float
+    fps: float | None
+    camera: CameraDescription | None
+    ground_truth: TruthDescription | None
+
+
+def describe(source: TimedSource, camera: Camera | None) -> SourceDescription:
     """Describe a source. The first image is read.
 
     Parameters
@@ -26,9 +104,7 @@ def describe(source: TimedSource, camera: Camera | None) -> dict[str, Any]:
 
     Returns
     -------
-    dict
-        Plain JSON types: name, kind, frames, size, timing, camera and ground truth. ``path_length`` is the length of
-        the true trajectory between the first and the last frame, in the unit of the ground truth.
+    SourceDescription
 
     Raises
     ------
@@ -38,77 +114,69 @@ def describe(source: TimedSource, camera: Camera | None) -> dict[str, Any]:
     first = next(source.frames(0, 1))
     times_s = source.timestamps_s
     duration_s = float(times_s[-1] - times_s[0])
-    return {
-        "name": source.name,
-        "kind": source.kind,
-        "frames": len(source),
-        "width": first.image.shape[1],
-        "height": first.image.shape[0],
-        "color": first.image.ndim == 3,
-        "duration_s": round(duration_s, 6),
-        "fps": round((len(source) - 1) / duration_s, 3) if duration_s > 0 else None,
-        "camera": None if camera is None else _camera_dict(camera),
-        "ground_truth": _truth_dict(source),
-    }
+    return SourceDescription(
+        name=source.name,
+        kind=source.kind,
+        frames=len(source),
+        width=first.image.shape[1],
+        height=first.image.shape[0],
+        color=first.image.ndim == 3,
+        duration_s=round(duration_s, 6),
+        fps=round((len(source) - 1) / duration_s, 3) if duration_s > 0 else None,
+        camera=None if camera is None else _describe_camera(camera),
+        ground_truth=_describe_truth(source),
+    )
 
 
-def describe_text(info: dict[str, Any]) -> str:
+def describe_text(info: SourceDescription) -> str:
     """Format a description for people, one fact per line.
 
     Parameters
     ----------
-    info : dict
-        As returned by :func:`describe`.
+    info : SourceDescription
 
     Returns
     -------
     str
         Lines, each with its line end.
     """
-    camera, truth = info["camera"], info["ground_truth"]
-    rate = "" if info["fps"] is None else f", {info['duration_s']:.2f} s at {info['fps']:.3g} frames a second"
+    camera, truth = info.camera, info.ground_truth
+    rate = "" if info.fps is None else f", {info.duration_s:.2f} s at {info.fps:.3g} frames a second"
     lines = [
-        f"{info['name']} ({info['kind']})",
-        f"  frames        {info['frames']}{rate}",
-        f"  images        {info['width']}x{info['height']}, {'colour' if info['color'] else 'grey'}",
+        f"{info.name} ({info.kind})",
+        f"  frames        {info.frames}{rate}",
+        f"  images        {info.width}x{info.height}, {'colour' if info.color else 'grey'}",
     ]
     if camera is None:
         lines.append("  camera        none: give --camera FILE, or --camera guess")
     else:
-        lens = ", ".join(f"{k:.4g}" for k in camera["distortion"])
+        lens = ", ".join(f"{k:.4g}" for k in camera.distortion)
         lines.append(
-            f"  camera        {camera['model']}{' (guessed)' if camera['guessed'] else ''}, "
-            f"f = {camera['fx']:.2f}, {camera['fy']:.2f}, c = {camera['cx']:.2f}, {camera['cy']:.2f} px"
+            f"  camera        {camera.model}{' (guessed)' if camera.guessed else ''}, "
+            f"f = {camera.fx:.2f}, {camera.fy:.2f}, c = {camera.cx:.2f}, {camera.cy:.2f} px"
             + (f", distortion {lens}" if lens else "")
         )
     if truth is None:
         lines.append("  ground truth  none")
     else:
-        matched = f"{truth['frames']} of {info['frames']} frames"
-        lines.append(f"  ground truth  for {matched}, path of {truth['path_length']:.3f}")
+        matched = f"{truth.frames} of {info.frames} frames"
+        lines.append(f"  ground truth  for {matched}, path of {truth.path_length:.3f}")
     return "\n".join(lines) + "\n"
 
 
-def _camera_dict(camera: Camera) -> dict[str, Any]:
-    return {
-        "model": camera.model,
-        "fx": camera.fx,
-        "fy": camera.fy,
-        "cx": camera.cx,
-        "cy": camera.cy,
-        "distortion": list(camera.distortion),
-        "guessed": camera.guessed,
-    }
+def _describe_camera(camera: Camera) -> CameraDescription:
+    focal = (camera.fx, camera.fy, camera.cx, camera.cy)
+    return CameraDescription(camera.model, *focal, tuple(camera.distortion), camera.guessed)
 
 
-def _truth_dict(source: TimedSource) -> dict[str, Any] | None:
+def _describe_truth(source: TimedSource) -> TruthDescription | None:
     truth, times_s = source.groundtruth, source.timestamps_s
     if truth is None:
         return None
     within = (truth.timestamps_s >= times_s[0] - _TOLERANCE_S) & (truth.timestamps_s <= times_s[-1] + _TOLERANCE_S)
     positions = np.array([pose.t for pose, keep in zip(truth.world_from_cam, within, strict=True) if keep])
     steps = np.diff(positions.reshape(-1, 3), axis=0)
-    return {
-        "frames": sum(truth.at(float(time_s), _TOLERANCE_S) is not None for time_s in times_s),
-        "path_length": round(float(np.linalg.norm(steps, axis=1).sum()), 6),
-    }
+    return TruthDescription(
+        frames=sum(truth.at(float(time_s), _TOLERANCE_S) is not None for time_s in times_s),
+        path_length=round(float(np.linalg.norm(steps, axis=1).sum()), 6),
+    )

@@ -1,4 +1,4 @@
-"""A small exact world for the tests of what is written: cameras on an arc, points ahead, matching pixels."""
+"""A small exact map with everything that belongs to a run: cameras on an arc, points ahead, pixels, attempts."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ import numpy as np
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.types.camera import Camera
+from slam_init.types.evidence import PreviewEvidence
 from slam_init.types.frame import Frame, Observations
+from slam_init.types.gates import GateName, Stage, at_least, at_most
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose, Trajectory
+from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, Result
 
 CAMERAS = {
@@ -32,7 +35,7 @@ def make_poses(count: int) -> tuple[Pose, ...]:
 
 
 def make_map(model: str = "pinhole", keyframes: int = 4, points: int = 60, noise_px: float = 0.3) -> InitialMap:
-    """A map whose truth is known, with noise on the pixels only; landmark 0 is seen by two keyframes only."""
+    """A map at its true poses and points, with noise on the pixels. Only two keyframes observe landmark 0."""
     rng = np.random.default_rng(7)
     camera, poses = CAMERAS[model], make_poses(keyframes)
     xyz = rng.uniform([-0.35, -0.25, 0.8], [0.45, 0.25, 1.6], (points, 3))
@@ -70,7 +73,7 @@ def make_map(model: str = "pinhole", keyframes: int = 4, points: int = 60, noise
 
 
 def make_graph(camera, keyframes, points, observation_keyframes, observation_landmarks, pixels):
-    """The map as a factor graph: robust projection factors on raw pixels, a prior and a range as gauge."""
+    """A factor graph of the map: robust projection factors on raw pixels; a prior and a range fix the gauge."""
     factor = {
         "pinhole": gtsam.GenericProjectionFactorCal3_S2,
         "radtan": gtsam.GenericProjectionFactorCal3DS2,
@@ -98,7 +101,7 @@ def make_graph(camera, keyframes, points, observation_keyframes, observation_lan
 
 
 def make_observations(map_: InitialMap, model: str = "pinhole") -> list[Observations]:
-    """What the tracker would have handed over for each keyframe."""
+    """The observations of each keyframe, as a tracker returns them."""
     observations = []
     for position, keyframe in enumerate(map_.keyframes):
         mine = map_.observation_keyframes == position
@@ -117,32 +120,47 @@ def make_frame(index: int, timestamp_s: float, name: str, color: bool = True) ->
 
 
 def make_attempts(map_: InitialMap) -> tuple[Attempt, ...]:
-    """Two refusals and an acceptance, with matches."""
+    """Two refusals and an acceptance, with matches, evidence and gates."""
     first, *others = make_observations(map_)
-    evidence: dict[str, float | int | str] = {"matches": 60, "parallax_deg": 0.4, "parallax_min_deg": 1.0}
     attempts = []
     for n, other in enumerate(others):
         ids, a, b = np.intersect1d(first.track_ids, other.track_ids, return_indices=True)
         accepted = n == len(others) - 1
+        bound_deg = 4.0 if accepted else 7.0
         attempts.append(
             Attempt(
-                (first.frame, other.frame),
-                "accepted" if accepted else "low_parallax",
-                evidence | {"parallax_deg": 0.4 + n},
-                "" if accepted else "keep translating",
-                first.pixels[a],
-                other.pixels[b],
-                np.arange(len(ids)) % 5 > 0,
+                frames=(first.frame, other.frame),
+                verdict=Verdict.ACCEPTED if accepted else Verdict.LOW_PARALLAX,
+                advice="" if accepted else Verdict.LOW_PARALLAX.advice,
+                gates=(
+                    at_least(GateName.MATCHES, 60, 30, Verdict.TOO_FEW_MATCHES),
+                    at_most(GateName.DIRECTION_CORRELATED_DEG, 0.8 * bound_deg, 5.0, Verdict.LOW_PARALLAX),
+                    at_most(GateName.DIRECTION_BOUND_DEG, bound_deg, 5.0, Verdict.LOW_PARALLAX),
+                ),
+                stage=None if accepted else Stage.MAP,
+                progress=1.0 if accepted else 0.9,
+                pixels1=first.pixels[a],
+                pixels2=other.pixels[b],
+                inliers=np.arange(len(ids)) % 5 > 0,
+                preview=make_preview(parallax_px=2.5 + n),
             )
         )
     return tuple(attempts)
 
 
-def make_result(map_: InitialMap | None, reason: str | None = None) -> Result:
+def make_preview(parallax_px: float = 2.5) -> PreviewEvidence:
+    """The preview of a pair with a little parallax."""
+    return PreviewEvidence(
+        matches=60, motion_px=9.0, rotation_deg=0.5, parallax_px=parallax_px, parallax_share=0.6, spread=0.5
+    )
+
+
+def make_result(map_: InitialMap | None, reason: Verdict | None = None) -> Result:
     """A run that ended with the map, or without one."""
     return Result(
         map=map_,
         reason=None if map_ is not None else reason,
+        advice="" if reason is None else reason.advice,
         frames_read=32,
         frames_to_init=22 if map_ is not None else None,
         attempts=make_attempts(map_ if map_ is not None else make_map()),

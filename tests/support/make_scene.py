@@ -1,4 +1,4 @@
-"""Exact geometry seen through a camera: observations, tables and bundle problems, with as much noise as asked for."""
+"""Exact geometry seen by a camera: observations, tables of tracks and bundle problems, with a chosen noise."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def plane(rng: np.random.Generator, count: int = 120) -> np.ndarray:
 
 
 def observe(camera, poses, points, noise_px=0.0, rng=None, frames=None) -> list[Observations]:
-    """What each camera sees of each point; the track id of point i is 3 i."""
+    """The observations of all points by each camera; the track id of point i is 3 i."""
     frames = frames if frames is not None else range(len(poses))
     seen = []
     for frame, pose in zip(frames, poses, strict=True):
@@ -45,7 +45,7 @@ def observe(camera, poses, points, noise_px=0.0, rng=None, frames=None) -> list[
 
 
 def history_of(observations) -> History:
-    """A history that holds them all."""
+    """A history that holds all these observations."""
     history = History(1000)
     for observed in observations:
         history.put(observed)
@@ -53,12 +53,12 @@ def history_of(observations) -> History:
 
 
 def table(observations) -> TrackTable:
-    """First and last frame as the pair, those between as voters."""
+    """The table of the first and the last frame as the pair, and of the frames between as further views."""
     return table_of(observations[0], observations[-1], list(observations[1:-1]))
 
 
 def problem(camera, points, poses=None, noise_px=0.0, rng=None) -> BundleProblem:
-    """The truth as a start, with noise on the pixels only."""
+    """A bundle problem that starts from the truth, with noise on the pixels only."""
     poses = poses if poses is not None else make_poses(4)
     pixels = np.concatenate([o.pixels for o in observe(camera, poses, points, noise_px, rng)])
     n = len(points)
@@ -74,13 +74,13 @@ def problem(camera, points, poses=None, noise_px=0.0, rng=None) -> BundleProblem
 
 
 def hypothesis(cam2_from_cam1: Pose, inliers: np.ndarray) -> Hypothesis:
-    """A two-view hypothesis, its baseline of unit length."""
+    """A two-view hypothesis, with a baseline of length one."""
     t = cam2_from_cam1.t / np.linalg.norm(cam2_from_cam1.t)
     return Hypothesis(q_wxyz=cam2_from_cam1.q_wxyz, R=cam2_from_cam1.R, t=t, inliers=inliers)
 
 
 def between(a: Pose, b: Pose) -> Pose:
-    """What is left when b is taken from a."""
+    """The pose of b relative to a."""
     return a.inverse() @ b
 
 
@@ -95,6 +95,6 @@ def texture(seed: int, height: int, width: int) -> np.ndarray:
 
 
 def window(image: np.ndarray, x: float, y: float, width: int, height: int, index: int = 0) -> Frame:
-    """A frame that looks at the texture from (x, y), at subpixel accuracy."""
+    """A frame that shows the window of the texture at (x, y), interpolated between pixels."""
     centre = (x + (width - 1) / 2, y + (height - 1) / 2)
     return Frame(index, index / 30, f"{index}.png", cv2.getRectSubPix(image, (width, height), centre))

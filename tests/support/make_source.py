@@ -1,4 +1,4 @@
-"""Sources for tests: one that keeps the frames it has rendered, and one of given frames."""
+"""Sources for tests: one that renders each frame once, and one of given frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from slam_init.types.pose import Trajectory
 
 @dataclass
 class KeptSource:
-    """Another source, each frame of which is rendered once however often it is read."""
+    """A source that keeps the frames of another source, so that each frame is rendered once."""
 
     source: Source
     kept: dict[int, Frame] = field(default_factory=dict)
@@ -34,7 +34,7 @@ class KeptSource:
 
 @dataclass(frozen=True)
 class GivenFrames:
-    """A source of these frames and nothing else."""
+    """A source of given frames."""
 
     camera: Camera
     given: tuple[Frame, ...]
@@ -51,6 +51,6 @@ class GivenFrames:
 
 
 def synth(name: str, seed: int = 0, **options: float) -> KeptSource:
-    """``synth:NAME`` with some options changed."""
+    """The source ``synth:NAME`` with these options."""
     query = "&".join(f"{key}={value}" for key, value in options.items())
     return KeptSource(open_source(f"synth:{name}?{query}", seed))

@@ -1,19 +1,21 @@
 """The tables of the study count its rows."""
 
+from dataclasses import replace
+
 from comparisons import table_cells
 
 from slam_init.benchmarks.study_parts import NOISES_PX, PARTS, Cell
 from slam_init.benchmarks.study_tables import counts_text, frames_to_correct, grid_table, moving_table, static_table
+from slam_init.compare.rows import TrialRow
 from slam_init.compare.sources import GRID
-from slam_init.compare.trials import COLUMNS
 
 
 def row(source, method, outcome, frames=None, **more):
-    blank = dict.fromkeys(COLUMNS)
-    return blank | {
-        "source": source, "method": method, "outcome": outcome, "frames_to_accept": frames, "frames_limit": 12,
-        "strict": outcome == "correct", "reason": "low_parallax" if outcome == "none" else None, **more,
-    }  # fmt: skip
+    given = {"strict": outcome == "correct", "reason": "low_parallax" if outcome == "none" else None}
+    return TrialRow(
+        source=source, method=method, start=0, group="", outcome=outcome, frames_to_accept=frames, frames_limit=12,
+        **given | more,
+    )  # fmt: skip
 
 
 def test_a_trial_without_a_correct_map_counts_as_its_limit():
@@ -30,7 +32,7 @@ def test_methods_are_compared_on_the_same_worlds():
         for method, given in outcomes.items()
         for source, outcome in zip("abcd", given, strict=True)
     }
-    rows["d", "quest"] |= {"reason": "ambiguous_plane", "kept_truth": True}
+    rows["d", "quest"] = replace(rows["d", "quest"], reason="ambiguous_plane", kept_truth=True)
     ours, other, *together = table_cells(moving_table([Cell("wall", tuple("abcd"))], rows, ("quest", "other")))
     assert ours[:3] == ["wall", "quest", "4"]
     assert ours[3].startswith("50.0 [")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 from comparisons import METHODS, SOURCES
@@ -11,6 +10,7 @@ from comparisons import METHODS, SOURCES
 from slam_init.compare.plan import Plan
 from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources
+from slam_init.compare.summary import ComparisonSummary
 
 
 @pytest.fixture(scope="session")
@@ -20,7 +20,7 @@ def plan() -> Plan:
 
 
 @pytest.fixture(scope="session")
-def finished(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+def finished(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ComparisonSummary]:
     """The folder and the summary of a comparison that was not interrupted."""
     out = tmp_path_factory.mktemp("compare") / "out"
     return out, compare(plan, out, backend="sequential", command="slam-init compare")

@@ -26,5 +26,5 @@ def test_a_method_that_fails_spoils_only_its_own_trial(method, cause):
     isolated_trial(Trial(source, "stella", 0), settings)
     limit_s = 0.5 if method == "Hangs" else 60.0
     failed = isolated_trial(Trial(source, f"failing_methods:{method}", 0), replace(settings, time_limit_s=limit_s))
-    assert (failed["outcome"], failed["reason"]) == ("error", cause)
-    assert isolated_trial(Trial(source, "stella", 0), settings)["outcome"] != "error"
+    assert (failed.outcome, failed.reason) == ("error", cause)
+    assert isolated_trial(Trial(source, "stella", 0), settings).outcome != "error"

@@ -19,5 +19,5 @@ def test_the_page_loads_nothing_from_other_places(finished):
 def test_a_comparison_without_any_map_has_a_page_as_well(tmp_path):
     plan = Plan(tuple(describe_sources(["points:static?views=3"])), ("failing_methods:Raises",))
     summary = compare(plan, tmp_path / "out", backend="sequential")
-    assert summary["parts"]["points_static"]["failing_methods:Raises"]["error"] == 1
+    assert summary.parts["points_static"]["failing_methods:Raises"].error == 1
     assert (tmp_path / "out" / "report.html").is_file()

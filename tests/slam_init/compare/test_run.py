@@ -8,8 +8,9 @@ import pytest
 from comparisons import METHODS, SOURCES, rows_of, without_times
 from path_types import PATH_TYPES
 
+from slam_init.compare.rows import COLUMNS
 from slam_init.compare.run import compare
-from slam_init.compare.trials import COLUMNS, Settings
+from slam_init.compare.trials import Settings
 from slam_init.config import RENAMED_OPTIONS, Config, KeyframeConfig
 from slam_init.errors import OutputError
 
@@ -32,17 +33,17 @@ def test_results_hold_one_sorted_row_per_trial_with_the_documented_columns(finis
     ]  # fmt: skip
     keys = [(row[0], row[1], int(row[2])) for row in rows]
     assert keys == sorted(trial.key for trial in plan.trials())
-    assert summary["trials"] == len(rows) == len(SOURCES) * len(METHODS)
+    assert summary.trials == len(rows) == len(SOURCES) * len(METHODS)
 
 
 def test_the_summary_counts_the_rows(finished):
     out, summary = finished
-    assert json.loads((out / "summary.json").read_text()) == summary
+    assert json.loads((out / "summary.json").read_text()) == summary.as_dict()
     rows = [row for row in rows_of(out) if row["group"] != "points:rotation"]
-    for method, figures in summary["parts"]["points_moving"].items():
+    for method, figures in summary.parts["points_moving"].items():
         outcomes = [row["outcome"] for row in rows if row["method"] == method]
         for outcome in ("correct", "false", "none", "error"):
-            assert figures[outcome] == outcomes.count(outcome)
+            assert getattr(figures, outcome) == outcomes.count(outcome)
 
 
 def test_no_map_of_a_rotation_only_camera_is_correct_and_its_cause_is_recorded(finished):
@@ -55,7 +56,7 @@ def test_no_map_of_a_rotation_only_camera_is_correct_and_its_cause_is_recorded(f
 def test_loky_gives_the_same_results(plan, finished, tmp_path):
     summary = compare(plan, tmp_path, backend="loky", jobs=1)
     assert rows_of(tmp_path) == rows_of(finished[0])
-    assert without_times(summary) == without_times(finished[1])
+    assert without_times(summary.as_dict()) == without_times(finished[1].as_dict())
 
 
 def test_dask_gives_the_same_results(plan, finished, tmp_path):
@@ -82,7 +83,7 @@ def test_a_finished_comparison_is_narrowed_without_running_a_trial(plan, copied,
     before = (copied / "trials.jsonl").read_bytes()
     summary = compare(replace(plan, methods=METHODS[:1]), path_type(copied), backend="sequential")
     assert (copied / "trials.jsonl").read_bytes() == before
-    assert summary["trials"] == len(SOURCES)
+    assert summary.trials == len(SOURCES)
 
 
 def test_rows_of_another_seed_are_not_mixed_in(plan, copied):

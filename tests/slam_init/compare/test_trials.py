@@ -33,7 +33,7 @@ def test_an_ambiguous_plane_is_kept_correctly_if_one_of_the_hypotheses_is_correc
 
     def kept_truth(*maps, reason=Verdict.AMBIGUOUS_PLANE):
         result = Result(None, reason, 12, None, (), {}, hypotheses=maps)
-        return result_row(trial, Settings(), result, opened, ())["kept_truth"]
+        return result_row(trial, Settings(), result, opened, ()).kept_truth
 
     assert kept_truth(right, wrong) is kept_truth(wrong, right) is True
     assert kept_truth(wrong, wrong) is kept_truth() is False
@@ -51,7 +51,7 @@ def test_one_suspicion_of_the_focal_length_is_recorded_and_several_that_agree_ar
         )
         result = Result(None, Verdict.PURE_ROTATION, 12, None, attempts, {})
         row = result_row(trial, Settings(), result, opened, ())
-        return row["suspected_focal_factor"], row["reported_focal_factor"]
+        return row.suspected_focal_factor, row.reported_focal_factor
 
     assert factors() == (None, None)
     assert factors(0.96) == (0.96, None)

@@ -1,0 +1,160 @@
+"""The summary of a comparison: the content of ``summary.json``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from slam_init.compare.aggregate import Figures, PairTest, figures_of, pair_tests
+from slam_init.compare.statistics import Interval
+from slam_init.compare.trial_table import TrialTable
+from slam_init.output.plain_json import Json
+
+if TYPE_CHECKING:
+    from slam_init.compare.plan import Plan
+
+__all__ = ["ComparisonSummary", "six_digits", "summary_of"]
+
+#: Version 2 added the figures of ambiguous planes and of suspected focal lengths. Version 3 renamed the parts
+#: ``image_still`` and ``points_still`` to ``image_static`` and ``points_static``.
+_SCHEMA = 3
+
+
+@dataclass(frozen=True)
+class ComparisonSummary:
+    """All figures of a comparison. Only the times and the peak memory differ from run to run.
+
+    Attributes
+    ----------
+    schema : int
+        Version of the layout of ``summary.json``.
+    seed : int
+        Seed of the random draws of the methods.
+    every : int
+        Step between two start frames.
+    limit_frames : int
+        Largest number of frames that a trial could read.
+    limit_s : float
+        Largest number of seconds of video that a trial on a video could read.
+    trials : int
+        Number of trials.
+    methods : tuple of str
+        Names of the methods.
+    sources : tuple of str
+        Labels of the sources.
+    parts : mapping of str to (mapping of str to Figures)
+        Figures by part (:data:`slam_init.compare.trial_table.PARTS`) and method. A part without trials is left out.
+    groups : mapping of str to (mapping of str to Figures)
+        Figures by scene and method.
+    pairs : mapping of str to (tuple of PairTest)
+        Comparisons of two methods on the same trials, by part.
+    """
+
+    schema: int
+    seed: int
+    every: int
+    limit_frames: int
+    limit_s: float
+    trials: int
+    methods: tuple[str, ...]
+    sources: tuple[str, ...]
+    parts: Mapping[str, Mapping[str, Figures]]
+    groups: Mapping[str, Mapping[str, Figures]]
+    pairs: Mapping[str, tuple[PairTest, ...]]
+
+    def as_dict(self) -> dict[str, Json]:
+        """Convert to plain JSON types, as in the file.
+
+        Returns
+        -------
+        dict
+            An :class:`~slam_init.compare.statistics.Interval` becomes a list of value, low and high end. Figures have
+            six significant digits, and a figure that is not finite is None. The keys of ``Figures.times`` are beside
+            the other figures.
+        """
+        return {
+            "schema": self.schema,
+            "seed": self.seed,
+            "every": self.every,
+            "limit_frames": self.limit_frames,
+            "limit_s": self.limit_s,
+            "trials": self.trials,
+            "methods": list(self.methods),
+            "sources": list(self.sources),
+            "parts": {name: _plain_by_method(figures) for name, figures in self.parts.items()},
+            "groups": {name: _plain_by_method(figures) for name, figures in self.groups.items()},
+            "pairs": {name: [_plain(vars(test)) for test in tests] for name, tests in self.pairs.items()},
+        }
+
+
+def summary_of(table: TrialTable, plan: Plan) -> ComparisonSummary:
+    """Compute all figures of a comparison.
+
+    Parameters
+    ----------
+    table : TrialTable
+    plan : Plan
+
+    Returns
+    -------
+    ComparisonSummary
+    """
+    parts = table.parts()
+    groups = sorted(set(table.text["group"].tolist()))
+    return ComparisonSummary(
+        schema=_SCHEMA,
+        seed=plan.settings.seed,
+        every=plan.every,
+        limit_frames=plan.settings.limit_frames,
+        limit_s=plan.settings.limit_s,
+        trials=len(table),
+        methods=tuple(plan.methods),
+        sources=tuple(source.label for source in plan.sources),
+        parts={
+            name: {method: figures_of(table, table.where(method=method) & mask) for method in plan.methods}
+            for name, mask in parts.items()
+        },
+        groups={
+            group: {method: figures_of(table, table.where(method=method, group=group)) for method in plan.methods}
+            for group in groups
+        },
+        pairs={name: tuple(pair_tests(table, plan.methods, mask)) for name, mask in parts.items()},
+    )
+
+
+def six_digits(value: float | None) -> float | None:
+    """Round a figure as ``summary.json`` holds it.
+
+    Parameters
+    ----------
+    value : float or None
+
+    Returns
+    -------
+    float or None
+        The value with six significant digits; None if there is no value or it is not finite.
+    """
+    return None if value is None or not math.isfinite(value) else float(f"{value:.6g}")
+
+
+def _plain_by_method(figures: Mapping[str, Figures]) -> dict[str, Json]:
+    return {method: _plain_figures(of_method) for method, of_method in figures.items()}
+
+
+def _plain_figures(figures: Figures) -> dict[str, Json]:
+    values = {name: _plain(value) for name, value in vars(figures).items() if name != "times"}
+    return values | {name: _plain(value) for name, value in figures.times.items()}
+
+
+def _plain(value: object) -> Json:
+    if isinstance(value, Interval):
+        return [six_digits(value.value), six_digits(value.low), six_digits(value.high)]
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, float):
+        return six_digits(value)
+    if value is None or isinstance(value, int | str):
+        return value
+    raise TypeError(f"{type(value).__name__} has no JSON type")
