@@ -1,26 +1,25 @@
 """One pair of frames, from its preview to its verdict, as a list of stages.
 
-====================================  ==========================================================================
-stage                                 what it does
-====================================  ==========================================================================
-:func:`screen`                        refuses all pairs of a frame by their previews: no tracks, no motion, no
-                                      parallax
-:func:`match_pair`                    the tracks that both views see
-:func:`estimate_two_views`            relative pose with its alternatives, and what bounds the direction error
-:func:`judge_two_views`               refuses the pair by these bounds (:mod:`slam_init.decision.two_views`)
-:func:`build_maps`                    a bundle-adjusted map for each hypothesis, the best first
-:func:`vote_on_rivals`                whether the best map beats its rivals (:mod:`slam_init.decision.rival_vote`)
-:func:`judge_map`                     the gates of the map (:mod:`slam_init.decision.map_gates`)
-:func:`judge_rotation_only`           whether a rotation-only camera explains the matches as well
-                                      (:mod:`slam_init.decision.rotation_only`)
-====================================  ==========================================================================
+==========================  =========================================================================================
+stage                       what it does
+==========================  =========================================================================================
+``screen``                  refuses all pairs of a frame by their previews: no tracks, no motion, no parallax
+                            (:mod:`slam_init.decision.screening`)
+:func:`match_pair`          gathers the tracks that both views see
+:func:`estimate_two_views`  estimates the relative pose with its alternatives, and the bounds of its direction error
+``judge_two_views``         refuses the pair by these bounds (:mod:`slam_init.decision.two_views`)
+:func:`build_maps`          builds a bundle-adjusted map for each hypothesis, the best first
+``vote_on_rivals``          decides whether the best map beats its rivals (:mod:`slam_init.decision.rival_vote`)
+``judge_map``               refuses the map by its gates (:mod:`slam_init.decision.map_gates`)
+``judge_rotation_only``     refuses the map where a rotation-only camera explains the matches as well
+                            (:mod:`slam_init.decision.rotation_only`)
+==========================  =========================================================================================
 
-:func:`try_pair` runs all but the first one, up to the stage that refuses the pair.
+:func:`try_pair` runs all stages but the first, up to the stage that refuses the pair.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,8 +33,9 @@ from slam_init.decision.map_gates import judge_map
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
 from slam_init.decision.rival_vote import VoteOutcome, vote_gates, vote_of_plane, vote_on_rivals
 from slam_init.decision.rotation_only import fit_rotation_only, judge_rotation_only, suspect_calibration
-from slam_init.decision.two_views import TwoViewEstimate, judge_two_views
-from slam_init.frontend.keyframes import PairPreview, difference_gate
+from slam_init.decision.screening import preview_evidence
+from slam_init.decision.two_views import TwoViewEstimate, judge_two_views, two_view_evidence
+from slam_init.frontend.keyframes import PairPreview
 from slam_init.frontend.tracks import History, common_tracks
 from slam_init.mapping.candidate import MapCandidate, build_candidate
 from slam_init.mapping.map_building import MapWithViews, map_with_views
@@ -44,9 +44,9 @@ from slam_init.mapping.views import TrackTable, further_views, table_of
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.comparison import Margin
-from slam_init.types.evidence import MapEvidence, PreviewEvidence, TwoViewEvidence
+from slam_init.types.evidence import MapEvidence
 from slam_init.types.frame import Observations
-from slam_init.types.gates import GateName, Stage, at_least
+from slam_init.types.gates import Stage
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
@@ -59,21 +59,19 @@ __all__ = [
     "build_maps",
     "estimate_two_views",
     "match_pair",
-    "screen",
     "try_pair",
 ]
 
-#: A tenth of the tracks may be outliers; if more are displaced against the rotation, the pair is worth a closer look.
-_LEAST_PARALLAX_SHARE = 0.1
-#: The outlier threshold should be three standard deviations of the noise. Where the noise of the inliers is half of the
-#: threshold, the threshold cut off a good part of the correct matches (if they filled it evenly, their deviation would
-#: be 0.58 of it), and is widened once: from what a noise of 0.7 px needs to what 2 px need.
+#: The outlier threshold should be three standard deviations of the noise. Where the noise of the inliers is more than
+#: half of the threshold, the threshold has cut off many correct matches: inliers that fill the threshold evenly have a
+#: standard deviation of 0.58 of it. The threshold is then widened once by a factor of three, from the value for a noise
+#: of 0.7 px to the value for a noise of 2 px.
 _TOO_NOISY_SIGMAS, _WIDER = 2.0, 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class MatchedPair:
-    """The tracks that both views of a pair see.
+    """The matches of a pair: the tracks that both views see.
 
     Attributes
     ----------
@@ -117,7 +115,7 @@ class MapsOfPair:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of a pair.
+    """The end of an attempt: its verdict, and the maps that it leaves.
 
     Attributes
     ----------
@@ -126,7 +124,7 @@ class Outcome:
     accepted : MapWithViews or None
         A map that passed all gates.
     unconfirmed : MapWithViews or None
-        A map of two views without a rival, to which nothing is missing but a third view.
+        A map of two views without a rival, which passed all gates except those that ask for a third view.
     hypotheses : tuple of InitialMap
         The maps that the vote could not decide between, the better one first.
     margin : Margin or None
@@ -140,51 +138,6 @@ class Outcome:
     margin: Margin | None = None
 
 
-def screen(camera: Camera, config: Config, current: Observations, pairs: Sequence[PairPreview]) -> Attempt | None:
-    """Refuse all pairs of a frame at once where no pair can lead to a map.
-
-    Parameters
-    ----------
-    camera : Camera
-    config : Config
-    current : Observations
-        The current frame.
-    pairs : sequence of PairPreview
-        Of all candidate references with the current frame, the highest direction score first.
-
-    Returns
-    -------
-    Attempt or None
-        A refusal for lack of tracks, motion or parallax; None where a pair is worth trying, or there is no pair.
-    """
-    if not pairs:
-        return None
-    needed = config.keyframes.min_matches
-    usable = [pair for pair in pairs if pair.matches >= needed]
-    pair = (usable or pairs)[0]
-    motion_px = max((p.motion_px for p in usable), default=0.0)
-    share = max((p.parallax_share for p in usable), default=0.0)
-    noise_px = difference_gate(config.map.noise_px)
-    matches = (
-        at_least(GateName.FEATURES, len(current), needed, Verdict.TOO_FEW_FEATURES),
-        at_least(GateName.MATCHES, pair.matches, needed, Verdict.TOO_FEW_MATCHES),
-    )
-    # Without parallax the camera only rotated, or was static: a rotation that is fitted to noise is close to zero.
-    rotation_px = float(np.radians(max((p.rotation_deg for p in usable), default=0.0))) * camera.focal_px
-    rotation = at_least(GateName.ROTATION_PX, rotation_px, noise_px, Verdict.STATIC_CAMERA)
-    motion = (
-        at_least(GateName.MOTION_PX, motion_px, noise_px, Verdict.STATIC_CAMERA),
-        *([rotation] if share < _LEAST_PARALLAX_SHARE else []),
-        at_least(GateName.PARALLAX_SHARE, share, _LEAST_PARALLAX_SHARE, Verdict.PURE_ROTATION),
-    )
-    attempt = Attempt((pair.reference, pair.current), Verdict.ACCEPTED, preview=_preview_evidence(pair))
-    for stage, gates in ((Stage.MATCHES, matches), (Stage.MOTION, motion)):
-        attempt = with_gates(attempt, gates)
-        if any(not gate.passes() for gate in gates):
-            return refused_by(attempt, stage, gates)
-    return None
-
-
 def try_pair(
     camera: Camera,
     config: Config,
@@ -195,7 +148,7 @@ def try_pair(
     *,
     third_view: bool = True,
 ) -> Outcome:
-    """Two views, a map for each hypothesis, the vote, the gates.
+    """Run the stages of an attempt on a pair: two views, a map for each hypothesis, the vote, the gates.
 
     Parameters
     ----------
@@ -210,7 +163,7 @@ def try_pair(
     stopwatch : Stopwatch
         Times the stages ``two_view`` and ``map``.
     third_view : bool
-        Whether further views decide and confirm. Without them the better two-view map is taken.
+        Whether further views vote on the maps and confirm the best one. Without them the better two-view map is taken.
 
     Returns
     -------
@@ -235,7 +188,7 @@ def try_pair(
     if not isinstance(best.bundle, BundleSolution):
         attempt = replace(attempt, map=MapEvidence(failure=best.bundle.cause))
         return Outcome(refused_at(attempt, Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP))
-    vote = vote_on_rivals(camera, config, maps.candidates if third_view else maps.candidates[:1], maps.plane)
+    vote = vote_on_rivals(camera, maps.candidates if third_view else maps.candidates[:1], maps.plane)
     attempt = replace(attempt, vote=vote.evidence)
     deciding = vote.evidence.deciding
     if deciding is not None:
@@ -275,7 +228,7 @@ def match_pair(history: History, preview: PairPreview, current: Observations) ->
 
 
 def estimate_two_views(camera: Camera, config: Config, pair: MatchedPair) -> TwoViewEstimate | NoPose:
-    """Estimate the relative pose of a pair, and what bounds the error of its direction.
+    """Estimate the relative pose of a pair, and the bounds of the error of its direction.
 
     Parameters
     ----------
@@ -302,8 +255,8 @@ def estimate_two_views(camera: Camera, config: Config, pair: MatchedPair) -> Two
         threshold_rad=threshold_rad,
         rotation_only=rotation_only,
         correlated_rad=correlated_rad,
-        # The correlated error turns the baseline by its ratio to the displacement that no rotation explains, however
-        # many tracks there are. On a plane this displacement is far smaller than the parallax.
+        # The correlated error turns the baseline by its ratio to the displacement that no rotation explains. More
+        # tracks do not lower this angle. On a plane this displacement is far smaller than the parallax.
         correlated_turn_rad=float(np.arctan2(correlated_rad, rotation_only.off_rotation_rad(pose.noise_rad))),
         jackknife_rad=jackknife_rad,
     )
@@ -341,7 +294,7 @@ def build_maps(
     table = table_of(reference, current, views)
     hypotheses: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
     candidates = [build_candidate(camera, config, table, h, estimate.threshold_rad) for h in hypotheses]
-    candidates = rank(camera, config, candidates)
+    candidates = rank(camera, candidates)
     plane = vote_of_plane(config, history, reference, current, pose, candidates) if third_view else None
     if plane is not None and plane.reversed().decides():
         candidates[:2] = candidates[1::-1]
@@ -355,7 +308,7 @@ def build_maps(
 def _pose_at_fitting_threshold(
     camera: Camera, config: Config, pair: MatchedPair
 ) -> tuple[RelativePose | NoPose, float]:
-    """The relative pose and its outlier threshold in radians, which is widened once for noisy tracks."""
+    """Return the relative pose and its outlier threshold in radians, which is widened once for noisy tracks."""
     threshold_rad = config.two_view.threshold_px / camera.focal_px
     pose = estimate_relative_pose(pair.rays1, pair.rays2, threshold_rad=threshold_rad, seed=config.seed)
     if isinstance(pose, RelativePose) and pose.noise_rad > threshold_rad / _TOO_NOISY_SIGMAS:
@@ -367,7 +320,7 @@ def _pose_at_fitting_threshold(
 
 
 def _attempt_of(camera: Camera, pair: MatchedPair, estimate: TwoViewEstimate | NoPose) -> Attempt:
-    """The attempt with the evidence of the preview and of the two views, before any verdict."""
+    """Return the attempt with the evidence of the preview and of the two views, before any verdict."""
     pose = estimate.pose if isinstance(estimate, TwoViewEstimate) else None
     return Attempt(
         frames=(pair.preview.reference, pair.preview.current),
@@ -375,34 +328,8 @@ def _attempt_of(camera: Camera, pair: MatchedPair, estimate: TwoViewEstimate | N
         pixels1=pair.pixels1,
         pixels2=pair.pixels2,
         inliers=np.zeros(len(pair.rays1), bool) if pose is None else pose.inliers,
-        preview=_preview_evidence(pair.preview),
-        two_view=_two_view_evidence(camera, estimate),
-    )
-
-
-def _preview_evidence(pair: PairPreview) -> PreviewEvidence:
-    return PreviewEvidence(
-        matches=pair.matches,
-        motion_px=pair.motion_px,
-        rotation_deg=pair.rotation_deg,
-        parallax_px=pair.parallax_px,
-        parallax_share=pair.parallax_share,
-        spread=pair.spread,
-    )
-
-
-def _two_view_evidence(camera: Camera, estimate: TwoViewEstimate | NoPose) -> TwoViewEvidence:
-    if isinstance(estimate, NoPose):
-        return TwoViewEvidence(estimate.evidence)
-    pose = estimate.pose
-    return TwoViewEvidence(
-        statistics=pose.evidence,
-        kind=pose.kind,
-        alternatives=len(pose.alternatives),
-        noise_px=pose.noise_rad * camera.focal_px,
-        parallax_deg=float(np.degrees(pose.parallax_rad)),
-        direction_sigma_deg=float(np.degrees(pose.direction_sigma_rad)),
-        correlated_error_px=estimate.correlated_rad * camera.focal_px,
+        preview=preview_evidence(pair.preview),
+        two_view=two_view_evidence(camera, estimate),
     )
 
 
@@ -419,9 +346,9 @@ def _undecided(
     best: MapCandidate,
     vote: VoteOutcome,
 ) -> Outcome:
-    """Two maps that the tracks do not decide between; neither is kept where a rotation-only camera is suspected."""
+    """Return two maps that the tracks do not decide between, or none where a rotation-only camera is suspected."""
     suspected = _suspecting_calibration(camera, config, attempt, estimate)
-    # The rotation-only camera is a third explanation then, and one of the two maps need not be right.
+    # A suspected rotation-only camera is a third explanation: then both maps may be wrong, and neither is kept.
     kept = (best, vote.nearest) if suspected.verdict == attempt.verdict else ()
     undecided = tuple(
         map_with_views(history, one.bundle, estimate.pose.kind).map
@@ -443,7 +370,7 @@ def _judged(
     *,
     third_view: bool,
 ) -> Outcome:
-    """The best map with the verdict of its gates, and of the rotation-only rival where the gates leave a map."""
+    """Judge the best map by its gates. If it passes, or lacks only a third view, judge the rotation-only rival too."""
     margin = vote.evidence.deciding
     attempt = judge_map(
         camera,

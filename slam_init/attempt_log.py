@@ -1,4 +1,4 @@
-"""The attempts of a run: what is kept of them, the reason of the whole run, and the notes for the user."""
+"""The attempts of a run: the last ones in full, the reason of the whole run, and the notes for the user."""
 
 from __future__ import annotations
 
@@ -18,22 +18,23 @@ from slam_init.types.result import Attempt
 __all__ = ["ATTEMPTS_KEPT", "AttemptLog", "focal_notes", "reported_focal_factor"]
 
 _LOG = logging.getLogger("slam_init")
+_LOG.addHandler(logging.NullHandler())
 _VERDICTS = tuple(Verdict)
 
-#: Attempts that are kept in full: half a minute of video, and all that a recording of that length shows. The memory of
-#: an initializer must not grow with the length of the video.
+#: Number of attempts that are kept in full, enough for half a minute of video. The memory of an initializer must not
+#: grow with the length of the video.
 ATTEMPTS_KEPT = 1000
 
-#: A single pair may look like a rotation-only camera by chance, so two are needed. The focal factors of a camera that
-#: does only rotate agree to a hundredth.
+#: A single pair may look like a rotation-only camera by chance, so at least two suspicions are required. The focal
+#: factors of a camera that really only rotates agree to a hundredth.
 _LEAST_SUSPICIONS, _ALIKE = 2, 0.015
 
 
 class AttemptLog:
-    """The last attempts without their matches, the verdict of all attempts in one byte each, and the best progress.
+    """The last attempts without their matches, the verdicts of all attempts (one byte each), and the best progress.
 
-    Each attempt is also told to the logger ``slam_init``: at INFO a pair of which maps or two views were estimated, at
-    DEBUG a refusal by the previews or by the rules of another system.
+    Each attempt is also written to the logger ``slam_init``: at level INFO if two views were estimated, and at level
+    DEBUG if the pair was refused by its preview or by the rules of another system.
 
     Parameters
     ----------
@@ -50,11 +51,12 @@ class AttemptLog:
         return len(self._verdicts)
 
     def add(self, attempt: Attempt) -> None:
-        """Keep an attempt.
+        """Add an attempt.
 
         Parameters
         ----------
         attempt : Attempt
+            It is kept without its matches.
         """
         none = np.zeros((0, 2))
         self._kept.append(replace(attempt, pixels1=none, pixels2=none, inliers=np.zeros(0, bool)))
@@ -71,9 +73,9 @@ class AttemptLog:
         )
 
     def best_progress(self, references: Iterable[int]) -> float:
-        """How far the best pair came, of those with a reference frame that is still a candidate.
+        """Return the best progress of the pairs whose reference frame is still a candidate.
 
-        The progress of all other reference frames is forgotten.
+        The progress of all other reference frames is dropped.
 
         Parameters
         ----------
@@ -83,6 +85,7 @@ class AttemptLog:
         Returns
         -------
         float
+            From 0 to 1; 0 without candidates.
         """
         self._progress = {frame: self._progress.get(frame, 0.0) for frame in references}
         return max(self._progress.values(), default=0.0)
@@ -93,11 +96,15 @@ class AttemptLog:
         return tuple(self._kept)
 
     def prevailing_reason(self) -> Verdict:
-        """The most frequent verdict of the second half of the attempts; a video that starts slowly tells little at first.
+        """Return the most frequent verdict of the second half of the attempts.
+
+        The first half is not counted, because a video may start with a camera that hardly moves.
 
         Returns
         -------
         Verdict
+            ``too_few_frames`` without attempts; the first in order of precedence if several verdicts are equally
+            frequent.
         """
         if not self._verdicts:
             return Verdict.TOO_FEW_FRAMES
@@ -105,7 +112,7 @@ class AttemptLog:
         return _VERDICTS[min(counts, key=lambda verdict: (-counts[verdict], verdict))]
 
     def advice(self, reason: Verdict) -> str:
-        """What would help: the advice of the last attempt that was refused for a reason.
+        """Return the advice of the last kept attempt that was refused for a reason.
 
         Parameters
         ----------
@@ -114,11 +121,12 @@ class AttemptLog:
         Returns
         -------
         str
+            The advice of the reason itself if there is no such attempt.
         """
         return next((a.advice for a in reversed(self._kept) if a.verdict == reason), reason.advice)
 
     def notes(self) -> tuple[str, ...]:
-        """What the user should know: a focal length that most checks suspect, attempts that are not kept.
+        """Write notes for the user about a suspected focal length and about attempts that are not kept.
 
         Returns
         -------
@@ -128,8 +136,8 @@ class AttemptLog:
         factor = reported_focal_factor(self._kept)
         if factor is not None:
             notes.append(
-                f"the matches look like those of a camera that only turned, with a focal length {factor:.2f} times the "
-                "stated one: check the calibration"
+                f"the matches look like those of a camera that only rotated, with a focal length {factor:.2f} times "
+                "the stated one: check the calibration"
             )
         if len(self) > len(self._kept):
             notes.append(f"{len(self)} attempts were made; the last {len(self._kept)} are listed")
@@ -137,19 +145,20 @@ class AttemptLog:
 
 
 def reported_focal_factor(attempts: Iterable[Attempt]) -> float | None:
-    """The focal factor that most checks of the calibration suspect.
+    """Return the focal factor that most checks of the calibration suspect.
 
-    A wrong focal length is wrong in every pair, so at least two suspicions and more than half of the checks must agree.
+    A wrong focal length is wrong in each pair. Therefore at least two checks, and more than half of all checks, have to
+    suspect it, and their factors have to agree.
 
     Parameters
     ----------
     attempts : iterable of Attempt
-        Of a run.
+        The attempts of a run.
 
     Returns
     -------
     float or None
-        The true focal length over the stated one; None where nothing is suspected.
+        The true focal length divided by the stated one; None if the stated one is not suspected.
     """
     checked = [a.rotation_only for a in attempts if a.rotation_only is not None]
     factors = [e.suspected_focal_factor for e in checked if e.suspected_focal_factor is not None]
@@ -162,25 +171,27 @@ def reported_focal_factor(attempts: Iterable[Attempt]) -> float | None:
 
 
 def focal_notes(map_: InitialMap | None, config: MapConfig) -> tuple[str, ...]:
-    """A note where bundle adjustment adjusted the focal length, but the views hardly determine it.
+    """Write a note if bundle adjustment adjusted the focal length, but the views hardly determine it.
 
     Parameters
     ----------
     map_ : InitialMap or None
     config : MapConfig
-        With which the map was adjusted.
+        The options of the adjustment.
 
     Returns
     -------
     tuple of str
-        Empty where the focal length was held, or where the views determine it.
+        Empty if the focal length was held fixed, or if the views determine it.
     """
     if map_ is None or map_.focal_factor_sigma is None:
         return ()
-    # Below this the views tell more than the prior: two equal variances together are half of one.
+    # Below this bound the views determine the factor better than the prior does: two equal standard deviations together
+    # give one that is smaller by sqrt(2).
     if map_.focal_factor_sigma < config.focal_sigma / np.sqrt(2):
         return ()
     return (
-        f"the views do not tell the focal length: {map_.focal_factor:.3f} +- {map_.focal_factor_sigma:.3f} times the "
-        f"stated one is little more than the assumption of +- {config.focal_sigma:.3g}; turn the camera while it moves",
+        f"the views do not determine the focal length: {map_.focal_factor:.3f} +- {map_.focal_factor_sigma:.3f} times "
+        f"the stated one is hardly better than the assumption of +- {config.focal_sigma:.3g}; turn the camera while it "
+        "moves",
     )

@@ -91,7 +91,7 @@ class KeyframeConfig:
     #: ... or, in a slow video, after this number of frames.
     new_after_frames: int = 10
     #: Least number of common tracks of a pair: the epipolar geometry has five unknowns, and the decision between two
-    #: motions needs votes by the dozen (see quest.estimate.decides).
+    #: motions needs votes by the dozen (see quest.alternatives.decides).
     min_matches: int = 40
     #: A pair is tried again when its direction score is higher by this factor than at its last failure, or after a
     #: wait: a try at every frame costs time and gives the same result.

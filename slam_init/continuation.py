@@ -1,4 +1,4 @@
-"""After the initialization: locates the next frames in the map, which tests the map."""
+"""Locates the frames after the initialization in the map, as a test of the map."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from slam_init.errors import SourceError
 from slam_init.frontend.tracks import Tracker
 from slam_init.mapping.triangulation import resect
-from slam_init.output.summary import ContinuationRecord
+from slam_init.output.records import ContinuationRecord
 from slam_init.recording.recorder import Recorder
 from slam_init.types.frame import Frame
 from slam_init.types.initial_map import InitialMap, Keyframe
@@ -24,18 +24,18 @@ _SURVIVAL_PX = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Continuation:
-    """Frames located in the map.
+    """The frames after the initialization, located in the map.
 
     Attributes
     ----------
     keyframes : tuple of Keyframe
-        The located frames, world_from_cam; frames that could not be located are missing.
+        The located frames; frames that could not be located are left out.
     frames : int
-        Number of frames that were looked at.
+        Number of frames that were read.
     survival : tuple of float
-        For each of these frames the share of the map's landmarks that it sees within 3 px.
+        For each of these frames, the share of the landmarks that it observes within 3 px of their projection.
     ended_by : str or None
-        Why it ended early: the message of a frame that could not be read.
+        The message about a frame that could not be read, if this ended the continuation early.
     """
 
     keyframes: tuple[Keyframe, ...]
@@ -44,7 +44,7 @@ class Continuation:
     ended_by: str | None = None
 
     def record(self) -> ContinuationRecord:
-        """For ``summary.json``.
+        """Make the record for ``summary.json``.
 
         Returns
         -------
@@ -65,18 +65,19 @@ def follow(
     count: int,
     recorder: Recorder,
 ) -> Continuation:
-    """Resect up to ``count`` further frames with the landmarks of the map, which is not changed.
+    """Locate further frames by resection with the landmarks of the map. The map is not changed.
 
     Parameters
     ----------
     map_ : InitialMap
     tracker : Tracker
-        In its state after the frame at which the map was accepted.
+        The tracker of the initializer, in its state when the map was accepted.
     frames : iterator of Frame
         The frames that follow.
     count : int
         Largest number of frames.
     recorder : Recorder
+        Receives a report of each frame.
 
     Returns
     -------
@@ -90,7 +91,7 @@ def follow(
     while len(survival) < count:
         try:
             frame = next(frames, None)
-        except SourceError as error:  # the map exists already, and a broken frame must not lose it
+        except SourceError as error:  # a frame that cannot be read must not lose the map, which exists already
             ended_by = str(error)
             break
         if frame is None:

@@ -1,9 +1,9 @@
 """The pipeline, to be read from top to bottom.
 
-A frame arrives. Its tracks are followed. The keyframe manager offers pairs with earlier frames. The best pair is tried
-(:mod:`slam_init.attempt`): two-view geometry (:mod:`quest`), a map for each hypothesis, the vote of further views,
-bundle adjustment, gates. The first map that passes all gates ends the initialization. A refusal has a reason and its
-evidence. Where the views cannot decide between two maps, both are kept.
+For each frame, the tracker follows the tracks, and the keyframe manager previews the pairs with earlier frames. The
+best pair is tried (:mod:`slam_init.attempt`): two-view geometry (:mod:`quest`), a bundle-adjusted map for each
+hypothesis, the vote of further views, gates. The first map that passes all gates ends the initialization. A refusal has
+a reason and its evidence. If the views cannot decide between two maps, both are kept.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from slam_init.attempt import Outcome, screen, try_pair
+from slam_init.attempt import Outcome, try_pair
 from slam_init.attempt_log import AttemptLog, focal_notes
 from slam_init.config import Config
 from slam_init.decision.focal_check import FocalCheck
+from slam_init.decision.screening import screen
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
 from slam_init.frontend.tracks import Tracker
 from slam_init.mapping.map_building import MapWithViews
@@ -34,11 +35,11 @@ __all__ = ["Initializer"]
 
 
 class Initializer:
-    """Feed it frames until it has a map: images by :meth:`process`, or tracks of your own by :meth:`process_tracks`.
+    """Takes frames until it has a map: images by :meth:`process`, or tracks of your own by :meth:`process_tracks`.
 
-    Initializers share no state: any number of them may work side by side. The memory of each is bounded, however long
-    it waits: the observations of the last 150 frames and of a window of candidates, the last 1000 attempts, and two
-    dozen bytes a frame for statistics.
+    Initializers share no state, so any number of them can run side by side. The memory of each one is bounded for a
+    video of any length: the observations of the last 150 frames and of a window of candidates, the last 1000 attempts,
+    and two dozen bytes a frame for statistics.
 
     Parameters
     ----------
@@ -47,23 +48,23 @@ class Initializer:
     config : Config, optional
         All options; the defaults suit video and photo sets.
     recorder : Recorder, optional
-        Is told of every frame, attempt and map.
+        Receives a report of each frame, attempt and map.
     third_view : bool
-        Whether further views decide between two motions and confirm the map. Without them the better two-view map is
-        accepted where it passes the gates that two views allow: the method ``quest-two-view``.
+        Whether further views decide between two motions and confirm the map. Without them, the better two-view map is
+        accepted if it passes the gates that need no third view; this is the method ``quest-two-view``.
 
     Attributes
     ----------
     map : InitialMap or None
-        Set when a map was accepted.
+        The accepted map.
     status : Status
-        As the last frame left it.
+        The status after the last frame.
     frames_read : int
-        Number of frames that were fed.
+        Number of frames that the initializer was given.
     tracker : Tracker
-        Follows the tracks; it goes on after the initialization.
+        Follows the tracks; it can be used after the initialization.
     history : History
-        The observations of the last frames; :attr:`tracker` adds to the same one.
+        The observations of the last frames; :attr:`tracker` adds to it.
     """
 
     def __init__(
@@ -90,25 +91,25 @@ class Initializer:
         self._maps = _MapsSoFar(self.recorder)
 
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
-        """Take in the next frame, and tell how far the initialization is.
+        """Process the next frame.
 
         Parameters
         ----------
         image : (H, W) or (H, W, 3) uint8, or Frame
-            Grey or BGR, of the size that the camera is calibrated for; or a frame of a source, which has an index, a
-            name and a time of its own.
+            Grey or BGR, of the size that the camera is calibrated for; or a frame of a source, which has its own index,
+            name and time.
         timestamp_s : float, optional
             In seconds, for the trajectory. Without it the time of an image is its index.
 
         Returns
         -------
         Status
-            Truthy once there is a map. From then on frames are ignored here: go on with :attr:`tracker`.
+            Truthy once there is a map. From then on this method ignores frames; use :attr:`tracker`.
 
         Raises
         ------
         SlamInitError
-            Where the array is no such image, or a frame comes after a later one.
+            If the array is not such an image, or the frame is earlier than the last one.
         """
         if self.map is not None:
             return self.status
@@ -119,27 +120,29 @@ class Initializer:
         return self.process_tracks(current)
 
     def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
-        """Take in the tracks of the next frame from elsewhere: a cache, or features and matches of your own.
+        """Process the tracks of the next frame from elsewhere: from a cache, or from features and matches of your own.
 
-        Feed either images or tracks: the tracker does not know track ids that it did not give.
+        Give an initializer either images or tracks, because its tracker cannot continue tracks with other ids.
 
         Parameters
         ----------
         current : Observations
-            One feature of the world has one track id in all frames. Frames come in ascending order.
+            The tracks of the frame. A point of the scene has the same track id in all frames. The frames are in
+            ascending order.
         revised : sequence of Observations, optional
             Earlier frames with more tracks than before (see :attr:`slam_init.frontend.tracks.Tracker.revised`). Frames
-            that were not fed, or are forgotten, are ignored.
+            that are not in the history are ignored.
 
         Returns
         -------
         Status
-            As :meth:`process`.
+            As for :meth:`process`.
 
         Raises
         ------
         SlamInitError
-            Where the arrays do not belong together, a bearing is not finite, or the frame is not the next one.
+            If the shapes of the arrays do not fit together, a bearing is not finite, or the frame is not later than the
+            last one.
         """
         if self.map is not None:
             return self.status
@@ -166,12 +169,12 @@ class Initializer:
 
     @property
     def map(self) -> InitialMap | None:
-        """The accepted map; None before."""
+        """The accepted map; None without one."""
         return self._maps.accepted
 
     @property
     def result(self) -> Result:
-        """The result up to now: the map, or the reason why there is none and the maps that are kept."""
+        """The result up to now: the map, or the reason why there is none and the undecided maps."""
         reason = None if self.map is not None else self._attempts.prevailing_reason()
         return Result(
             map=self.map,
@@ -187,7 +190,7 @@ class Initializer:
         )
 
     def finish(self) -> Result:
-        """End the sequence. A pair that two views decide, and that no third view could confirm, becomes the map now.
+        """End the sequence. A two-view map that passed all gates but those for a third view is accepted now.
 
         Returns
         -------
@@ -202,7 +205,7 @@ class Initializer:
             self.status = Status.initialized(attempt)
         return self.result
 
-    # -- parts of a frame's step ------------------------------------------------------------------
+    # -- parts of the step of a frame -------------------------------------------------------------
 
     def _try(self, pair: PairPreview, current: Observations) -> Outcome:
         return try_pair(
@@ -210,7 +213,7 @@ class Initializer:
         )
 
     def _checked_and_logged(self, attempt: Attempt, pairs: Sequence[PairPreview], current: Observations) -> Attempt:
-        """The attempt, with a check of the focal length where one is due."""
+        """Add a check of the focal length to an attempt if one is due, and log the attempt."""
         attempt = self._focal_check(attempt, pairs, self.history, current)
         self._log(attempt)
         return attempt
@@ -221,25 +224,25 @@ class Initializer:
 
 
 class _MapsSoFar:
-    """The maps that the attempts left: an accepted one, one without a third view, or two that are undecided.
+    """The maps of the attempts up to now: an accepted map, a map without a third view, or two undecided maps.
 
     Parameters
     ----------
     recorder : Recorder
-        Is told when a map is accepted, and when the undecided maps change.
+        Receives a report when a map is accepted, and when the undecided maps change.
 
     Attributes
     ----------
     accepted : InitialMap or None
     unconfirmed : Outcome or None
-        Of the last pair that lacked nothing but a third view, unless a later attempt contradicts two-view maps.
+        The outcome of the last pair that lacked only a third view; None after an attempt that contradicts it.
     hypotheses : tuple of InitialMap
         The accepted map, or the two undecided ones.
     margin : Margin or None
         The last vote between two maps.
     """
 
-    #: Verdicts of a later attempt that contradict an earlier pair which no third view confirmed.
+    #: Verdicts of a later attempt that contradict an earlier map without a third view.
     _AGAINST_TWO_VIEWS = (
         Verdict.PURE_ROTATION,
         Verdict.NO_CONSISTENT_MOTION,
@@ -255,7 +258,7 @@ class _MapsSoFar:
         self.margin: Margin | None = None
 
     def take(self, outcome: Outcome) -> None:
-        """Keep the maps of a pair that was tried, and drop those that it contradicts."""
+        """Keep the maps of an attempt, and drop the maps that it contradicts."""
         if outcome.attempt.verdict in self._AGAINST_TWO_VIEWS:
             self.unconfirmed = None
         if outcome.margin is not None or outcome.accepted is not None:
@@ -265,15 +268,15 @@ class _MapsSoFar:
             return
         if outcome.unconfirmed is not None:
             self.unconfirmed = outcome
-        # Two undecided maps are kept until two other ones replace them, a vote decides, or a rotation-only camera is
-        # suspected to explain them.
+        # Two undecided maps are kept until two other maps replace them, a vote decides, or a rotation-only camera is
+        # suspected.
         decided = outcome.margin is not None and outcome.margin.decides()
         if outcome.hypotheses or decided or outcome.attempt.suspected_focal_factor is not None:
             self.hypotheses = outcome.hypotheses
             self._recorder.undecided(self.hypotheses)
 
     def accept_unconfirmed(self) -> None:
-        """Accept the map that lacked nothing but a third view."""
+        """Accept the map that lacked only a third view."""
         if self.unconfirmed is not None and self.unconfirmed.unconfirmed is not None:
             self._accept(self.unconfirmed.unconfirmed)
 

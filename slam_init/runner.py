@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,10 +13,12 @@ from slam_init.continuation import Continuation, follow
 from slam_init.evaluation.metrics import compare_with_groundtruth
 from slam_init.methods import make_initializer
 from slam_init.methods.registry import FrontEnd, method_info
+from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.provenance import InputHash, provenance_of
 from slam_init.output.results import RECORDING, prepare_folder, write_results
-from slam_init.output.summary import Provenance, Summary, plain_fields, summary_of
-from slam_init.recording.recorder import Recorder, RerunRecorder
+from slam_init.output.summary import Summary, summary_of
+from slam_init.recording.recorder import Recorder
+from slam_init.recording.rerun_recorder import RerunRecorder
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Source
 from slam_init.types.result import Result
@@ -41,21 +43,22 @@ def run(
     Parameters
     ----------
     source : Source
-        Of :func:`slam_init.open_source`.
+        From :func:`slam_init.open_source`.
     camera : Camera
         The calibration of the frames.
     config : Config
-        All options.
     out : str or path, optional
         Folder of the results (see :mod:`slam_init.output.results`) and of the recording. Without it nothing is written.
-    start, max_frames : int
-        First frame (absolute index), and largest number of frames.
+    start : int
+        Absolute index of the first frame.
+    max_frames : int, optional
+        Largest number of frames until the initialization.
     continue_frames : int
-        After the initialization, locate this many further frames in the map.
+        Number of frames after the initialization that are located in the map.
     progress : bool
         Show a progress bar on stderr.
     notes : tuple of str
-        Notes for the user, which the result repeats.
+        Notes for the user; the result contains them.
 
     Returns
     -------
@@ -66,9 +69,9 @@ def run(
     Raises
     ------
     SlamInitError
-        Where the method is unknown, a frame cannot be read, or a result cannot be written.
+        If the method is unknown, a frame cannot be read, or a result cannot be written.
     """
-    method_info(config.method)  # an unknown method is refused before anything is written
+    method_info(config.method)  # an unknown method is an error before anything is written
     folder = None if out is None else Path(out)
     hashed = InputHash(camera)
     with _recorder(folder, camera, source, config) as recorder:
@@ -76,13 +79,9 @@ def run(
         frames = hashed.reading(source.frames(start=start, max_frames=None if continue_frames else max_frames))
         result = _initialize(initializer, frames, len(source) - start, max_frames, progress)
         result = replace(result, notes=(*notes, *result.notes))
-        continued = None
-        if result.map is not None and continue_frames:
-            continued = follow(result.map, initializer.tracker, frames, continue_frames, recorder)
-            result = _with_early_end(result, continued)
+        result, continued = _continue(result, initializer, frames, continue_frames, recorder)
         options = {"start": start, "max_frames": max_frames, "continue_frames": continue_frames}
-        provenance = provenance_of(sys.argv, plain_fields(config) | options, hashed)
-        summary = _summary(result, source, camera, config, continued, provenance)
+        summary = _summary(result, source, camera, config, continued, options, hashed)
         recorder.summary(summary)
     if folder is not None:
         write_results(folder, result, summary, config_toml(config), continued.keyframes if continued else ())
@@ -90,7 +89,7 @@ def run(
 
 
 def _recorder(folder: Path | None, camera: Camera, source: Source, config: Config) -> Recorder:
-    """A recorder that writes to the folder, which is prepared; one that does nothing without a folder."""
+    """Prepare the folder and return a recorder that writes to it; without a folder, one that does nothing."""
     if folder is None:
         return Recorder()
     prepare_folder(folder)
@@ -100,7 +99,7 @@ def _recorder(folder: Path | None, camera: Camera, source: Source, config: Confi
 def _initialize(
     initializer: FrontEnd, frames: Iterator[Frame], available: int, max_frames: int | None, progress: bool
 ) -> Result:
-    """Feed frames until there is a map."""
+    """Process frames until there is a map."""
     for frame in _with_progress(frames, min(available, max_frames or available), progress):
         if initializer.process(frame) or initializer.frames_read == max_frames:
             break
@@ -108,6 +107,7 @@ def _initialize(
 
 
 def _with_progress(frames: Iterator[Frame], total: int, show: bool) -> Iterator[Frame]:
+    """Yield the frames, with a progress bar on stderr."""
     from tqdm import tqdm
 
     with tqdm(total=total, unit="frame", desc="waiting for parallax", disable=not show, leave=False) as bar:
@@ -116,10 +116,16 @@ def _with_progress(frames: Iterator[Frame], total: int, show: bool) -> Iterator[
             bar.update()
 
 
-def _with_early_end(result: Result, continued: Continuation) -> Result:
-    if continued.ended_by is None:
-        return result
-    return replace(result, notes=(*result.notes, f"the continuation ended early: {continued.ended_by}"))
+def _continue(
+    result: Result, initializer: FrontEnd, frames: Iterator[Frame], count: int, recorder: Recorder
+) -> tuple[Result, Continuation | None]:
+    """Locate further frames in the map, if there is a map and frames are asked for; note an early end."""
+    if result.map is None or not count:
+        return result, None
+    continued = follow(result.map, initializer.tracker, frames, count, recorder)
+    if continued.ended_by is not None:
+        result = replace(result, notes=(*result.notes, f"the continuation ended early: {continued.ended_by}"))
+    return result, continued
 
 
 def _summary(
@@ -128,8 +134,10 @@ def _summary(
     camera: Camera,
     config: Config,
     continued: Continuation | None,
-    provenance: Provenance,
+    options: Mapping[str, Json],
+    hashed: InputHash,
 ) -> Summary:
+    """Summarize the run, with its errors against the ground truth and its provenance."""
     truth = None
     if result.map is not None and source.groundtruth is not None:
         truth = compare_with_groundtruth(result.map.keyframes, source.groundtruth)
@@ -141,5 +149,5 @@ def _summary(
         config.seed,
         ground_truth=truth,
         continued=None if continued is None else continued.record(),
-        provenance=provenance,
+        provenance=provenance_of(sys.argv, plain_fields(config) | dict(options), hashed),
     )

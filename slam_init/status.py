@@ -1,4 +1,4 @@
-"""What an initializer takes and tells, frame by frame: an image or a frame goes in, a status comes out."""
+"""The input and the output of an initializer for each frame: a frame made from an image, and a status."""
 
 from __future__ import annotations
 
@@ -27,23 +27,22 @@ class State(StrEnum):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Status(Described):
-    """How far the initialization is. Truthy when there is a map.
+    """The state of the initialization after a frame. Truthy when there is a map.
 
     Attributes
     ----------
     state : State
         ``waiting`` or ``initialized``.
     progress : float
-        0 at the start, 1 when initialized. Between them it tells how far the best pair came
-        (:func:`slam_init.types.gates.progress`), of those whose reference frame is still a candidate. It falls when
-        that frame is dropped.
+        0 at the start, 1 when initialized. Until then it is the progress (:func:`slam_init.types.gates.progress`) of
+        the best pair whose reference frame is still a candidate. It falls when that frame is dropped.
     reason : Verdict or None
         Why there is no map yet: the verdict of the last attempt; None when initialized.
     advice : str
         What the person who moves the camera should do; empty when initialized.
     attempt : Attempt or None
-        The attempt of this frame: each gate with its value, its threshold and its advice, and the matches. None where
-        no pair was tried.
+        The attempt of this frame: each gate with its value, its threshold and its advice, and the matches. None if no
+        pair was tried.
     """
 
     state: State = State.WAITING
@@ -56,13 +55,14 @@ class Status(Described):
         return self.state == State.INITIALIZED
 
     def after(self, attempt: Attempt | None, progress: float) -> Status:
-        """The status after a frame that did not lead to a map.
+        """Return the status after a frame that did not lead to a map.
 
         Parameters
         ----------
         attempt : Attempt or None
-            Of this frame. Without one, reason and advice stay.
+            The attempt of this frame. Without an attempt, reason and advice stay.
         progress : float
+            From 0 to 1.
 
         Returns
         -------
@@ -74,12 +74,12 @@ class Status(Described):
 
     @staticmethod
     def initialized(attempt: Attempt | None) -> Status:
-        """The status once there is a map.
+        """Return the status once there is a map.
 
         Parameters
         ----------
         attempt : Attempt or None
-            The accepted one.
+            The accepted attempt.
 
         Returns
         -------
@@ -97,18 +97,18 @@ class Status(Described):
 
 
 def frame_of(image: Image | Frame, timestamp_s: float | None, index: int, camera: Camera) -> Frame:
-    """Make a frame of an image; a frame is returned as it is.
+    """Make a frame from an image. A frame is returned unchanged, except for a given time stamp.
 
     Parameters
     ----------
     image : (H, W) or (H, W, 3) uint8, or Frame
         Grey or BGR.
     timestamp_s : float or None
-        In seconds. None: the time stamp of the frame, or the index for an image.
+        In seconds. If it is None, a frame keeps its own time stamp, and that of an image is its index.
     index : int
-        Index of an image.
+        Absolute index that an image gets.
     camera : Camera
-        Its size is that of the images.
+        The images have the size of its calibration.
 
     Returns
     -------
@@ -117,10 +117,10 @@ def frame_of(image: Image | Frame, timestamp_s: float | None, index: int, camera
     Raises
     ------
     SlamInitError
-        Where the array is no such image, or the time stamp is not finite.
+        If the array is not such an image, or the time stamp is not finite.
     """
     if timestamp_s is not None and not np.isfinite(timestamp_s):
-        raise SlamInitError(f"time stamp {timestamp_s}: give seconds, or none")
+        raise SlamInitError(f"time stamp {timestamp_s}: give finite seconds, or None")
     if isinstance(image, Frame):
         return image if timestamp_s is None else replace(image, timestamp_s=float(timestamp_s))
     size = (camera.height, camera.width)

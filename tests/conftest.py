@@ -1,4 +1,4 @@
-"""Image-level runs that several tests look at: each is made once a session."""
+"""Fixtures of image-level runs, which several tests share."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 from make_source import KeptSource, synth
 from runs import Fed, Run
 
+from slam_init.bundle.focal import camera_with_focal_factor
 from slam_init.config import Config
 from slam_init.initializer import Initializer
 from slam_init.runner import run
@@ -17,13 +18,13 @@ from slam_init.runner import run
 
 @pytest.fixture(scope="session")
 def room() -> KeptSource:
-    """A general scene, whole: the embedded default."""
+    """The default source: a scene in general position."""
     return synth("room")
 
 
 @pytest.fixture(scope="session")
 def room_run(room: KeptSource, tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """The main job on the default source, followed by ten frames, with all its files."""
+    """A run on the default source that continues for ten frames and writes all files."""
     out = tmp_path_factory.mktemp("room") / "out"
     result, summary = run(room, room.camera, Config(), out=out, continue_frames=10)
     return Run(room, result, summary, out)
@@ -31,7 +32,7 @@ def room_run(room: KeptSource, tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 @pytest.fixture(scope="session")
 def room_fed_once(room: KeptSource) -> Fed:
-    """The room, frame by frame until there is a map."""
+    """An initializer that has processed the default source up to its map."""
     initializer, frames = Initializer(room.camera), room.frames()
     for frame in frames:
         initializer.process(frame)
@@ -42,5 +43,23 @@ def room_fed_once(room: KeptSource) -> Fed:
 
 @pytest.fixture
 def room_fed(room_fed_once: Fed) -> Fed:
-    """The same, with a tracker of its own for each test: what goes on from a map moves the tracker on."""
+    """The same with a separate tracker for each test, since continuing from a map changes the tracker."""
     return replace(room_fed_once, tracker=copy.deepcopy(room_fed_once.tracker))
+
+
+@pytest.fixture(scope="session")
+def room_refined_once(room: KeptSource) -> Fed:
+    """A map whose stated focal length was a twentieth too long, and was adjusted."""
+    config = Config()
+    config = replace(config, map=replace(config.map, refine_focal=True))
+    initializer, frames = Initializer(camera_with_focal_factor(room.camera, 1.05), config), room.frames()
+    for frame in frames:
+        if initializer.process(frame):
+            break
+    return Fed(room, initializer.tracker, initializer.finish(), list(islice(frames, 15)))
+
+
+@pytest.fixture
+def room_refined(room_refined_once: Fed) -> Fed:
+    """The same with a separate tracker for each test."""
+    return replace(room_refined_once, tracker=copy.deepcopy(room_refined_once.tracker))

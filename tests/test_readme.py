@@ -94,7 +94,9 @@ def test_the_script_refuses_a_readme_with_any_other_number_of_commands(integrate
     assert not any(call.startswith(("slam-init", "ruff")) for call in calls)
 
 
-@pytest.mark.parametrize("failing", ["slam-init run", "python -m pytest", "ruff check .", "lint-imports --no-cache", "mypy "])
+@pytest.mark.parametrize(
+    "failing", ["slam-init run", "python -m pytest", "ruff check .", "lint-imports --no-cache", "mypy "]
+)
 def test_the_script_fails_where_a_step_fails(integrate, failing):
     code, _ = integrate(readme_of(*COMMANDS), failing)
     assert code != 0

@@ -1,14 +1,14 @@
 """Correlated tracking errors: errors that neighbouring tracks have in common, measured from their residuals.
 
 Independent errors average out over the tracks and hardly change the direction of the baseline. Errors that neighbouring
-tracks have in common do not average out: drift of the tracker, the remaining error of the lens calibration, a rolling
-shutter, blur. A motion that is fitted to such a field of errors absorbs a part of it. The rest stays in the residuals,
-where neighbours then agree. The product of the residuals of two tracks of one image region has the variance of the
-correlated error as its mean, whatever the noise of single tracks is.
+tracks have in common do not average out. Their causes are drift of the tracker, the remaining error of the lens
+calibration, a rolling shutter, and blur. A motion that is fitted to such a field of errors absorbs a part of it. The
+rest stays in the residuals, which then agree between neighbours. The mean product of the residuals of two tracks in one
+region of the image is the variance of the correlated error, whatever the noise of single tracks is.
 
-On filmed sequences with sound ground truth the error of the direction was below this measure in half of the pairs, and
-above twice the measure in one of ten. A field that is smooth over the whole image and present in one view only (another
-focus) is absorbed by the motion nearly as a whole, and is not measured.
+On filmed sequences with sound ground truth, the error of the direction was below this measure in half of the pairs, and
+above twice the measure in one pair of ten. The measure is a lower bound for one kind of error: a field that is smooth
+over the whole image and present in one view only, as after a change of focus. The motion absorbs nearly all of it.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from slam_init.types.arrays import Floats
 
 __all__ = ["correlated_error_rad", "rounding_error_px"]
 
-#: Coordinates with fractions are hardly ever whole numbers; a tenth of them allows for chance.
+#: Coordinates with fractions are hardly ever whole numbers; up to a tenth of them may be whole by chance.
 _WHOLE_SHARE = 0.1
 #: The correlated error of inliers cannot exceed their largest residual, three standard deviations.
 _GATE_SIGMAS = 3.0
 
 
 def rounding_error_px(pixels: Floats) -> float:
-    """Standard deviation of the rounding of pixels that are whole numbers.
+    """Return the standard deviation of the rounding of pixels that are whole numbers.
 
-    Tracks with equal displacements are rounded alike, so that their residuals do not show the rounding: with ORB's
-    corners, whole in the first octave, many tracks follow a wrong motion exactly.
+    Tracks with equal displacements have equal rounding errors, so that their residuals do not show the rounding. The
+    corners of ORB are whole pixels in the first octave, and many of these tracks agree exactly with a wrong motion.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def rounding_error_px(pixels: Floats) -> float:
 
 
 def correlated_error_rad(pose: RelativePose, rays1: Floats, rays2: Floats, where: Floats) -> float:
-    """Upper estimate of the correlated tracking error of the inliers of a motion.
+    """Estimate the correlated tracking error of the inliers of a motion from above.
 
     Parameters
     ----------
@@ -62,7 +62,8 @@ def correlated_error_rad(pose: RelativePose, rays1: Floats, rays2: Floats, where
     Returns
     -------
     float
-        Radians of a bearing: the measured value and one standard deviation of the measurement.
+        Radians of a bearing: the measured value plus one standard deviation of the measurement, and at most three
+        standard deviations of the noise.
     """
     inliers = pose.inliers
     residuals, _ = sampson_jacobian(pose.R, pose.t, rays1[inliers], rays2[inliers])
@@ -77,5 +78,5 @@ def correlated_error_rad(pose: RelativePose, rays1: Floats, rays2: Floats, where
     # Standard deviation of the mean product of independent residuals: each pair is counted twice, and each product has
     # the squared variance of a residual.
     deviation = float(np.mean(residuals**2)) * np.sqrt(2 * pairs) / pairs
-    # The deviation is added, since a correlated error below it would not be noticed.
+    # The deviation is added, since a smaller correlated error would not be noticed.
     return float(min(np.sqrt(max(products / pairs, 0.0) + deviation), most))

@@ -16,12 +16,12 @@ from slam_init.types.result import Attempt
 
 __all__ = ["FocalCheck", "with_focal_check"]
 
-#: A rotation by less than this shows less than 0.2 px of a focal length that is wrong by 5 %.
+#: A focal length that is wrong by 5 % moves the tracks by less than 0.2 px where the rotation is smaller than this.
 _FIRST_CHECK_DEG = 5.0
 
 
 class FocalCheck:
-    """Checks the stated focal length whenever a rotating camera has turned clearly farther than at the last check.
+    """Checks the stated focal length of a rotating camera, each time it has rotated clearly farther than before.
 
     Parameters
     ----------
@@ -37,20 +37,22 @@ class FocalCheck:
     def __call__(
         self, attempt: Attempt, pairs: Sequence[PairPreview], history: History, current: Observations
     ) -> Attempt:
-        """Add the evidence of the check, where one is due.
+        """Add the evidence of a check to an attempt, if a check is due.
 
         Parameters
         ----------
         attempt : Attempt
-            Checked only where it was refused as a pure rotation, and has no evidence of a rotation-only camera yet.
+            It is checked only if it was refused as a pure rotation and has no evidence of a rotation-only camera yet.
         pairs : sequence of PairPreview
-            Of all candidate references with the current frame. The check takes the pair with the largest rotation.
+            Of all candidate references with the current frame. The pair with the largest rotation is checked.
         history : History
+            Holds the candidate references.
         current : Observations
 
         Returns
         -------
         Attempt
+            The same attempt if no check is due.
         """
         if attempt.verdict != Verdict.PURE_ROTATION or attempt.rotation_only is not None:
             return attempt
@@ -66,7 +68,7 @@ class FocalCheck:
 def with_focal_check(
     camera: Camera, config: Config, attempt: Attempt, reference: Observations, current: Observations
 ) -> Attempt:
-    """Add what the matches of a rotating camera tell about its focal length.
+    """Add the focal length that the matches of a rotating camera suggest.
 
     Parameters
     ----------
@@ -75,14 +77,14 @@ def with_focal_check(
     attempt : Attempt
         Refused as a pure rotation.
     reference, current : Observations
-        A pair with a large rotation: the larger, the more a wrong focal length shows.
+        A pair with a large rotation. The larger the rotation, the clearer the effect of a wrong focal length.
 
     Returns
     -------
     Attempt
     """
     i, j = common_tracks(reference, current)
-    # Where two views were looked at, they told the noise.
+    # A two-view estimate, if there is one, has measured the noise.
     two_view_px = None if attempt.two_view is None else attempt.two_view.noise_px
     noise_rad = max(config.map.noise_px, two_view_px or 0.0) / camera.focal_px
     correlated_rad = config.acceptance.min_correlated_error_px / camera.focal_px

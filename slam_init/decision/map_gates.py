@@ -30,7 +30,7 @@ __all__ = [
     "map_gates",
 ]
 
-#: The direction of a view nearer to the first view than this share of the longest baseline is too uncertain to count.
+#: A baseline shorter than this share of the longest one is left out, because its direction is too uncertain.
 _SHORT_BASELINE = 0.3
 
 
@@ -88,7 +88,7 @@ def map_gates(
     near_rival_deg: float,
     config: AcceptanceConfig,
 ) -> tuple[Gate, ...]:
-    """All gates of an adjusted map, in the order in which they are reported.
+    """Make all gates of an adjusted map, in the order in which they are reported.
 
     Parameters
     ----------
@@ -106,36 +106,15 @@ def map_gates(
     -------
     tuple of Gate
     """
-    low_parallax, max_deg = Verdict.LOW_PARALLAX, config.max_direction_error_deg
     points = len(bundle.problem.points)
     explained = points / max(len(candidate.table.track_ids), 1)
     return (
-        at_most(
-            GateName.DIRECTION_BOUND_DEG,
-            direction_bound_deg(candidate, bundle, correlated_turn_rad) + near_rival_deg,
-            max_deg,
-            low_parallax,
-            "translate sideways: the path is too short for the depth of the scene",
-        ),
-        at_most(
-            GateName.DIRECTION_FOCAL_DEG,
-            direction_focal_deg(camera, candidate, bundle, config.focal_error),
-            max_deg,
-            low_parallax,
-            "the direction of motion depends on the exact focal length: translate further for the same turn",
-        ),
-        at_most(
-            GateName.DIRECTION_SHIFT_DEG,
-            direction_shift_deg(candidate, bundle),
-            max_deg,
-            low_parallax,
-            "two views and all views disagree on the direction of motion: translate further, best sideways",
-        ),
+        *_direction_gates(camera, candidate, bundle, correlated_turn_rad, near_rival_deg, config),
         at_most(
             GateName.DEPTH_SIGMA,
             depth_sigma(camera, bundle),
             config.max_median_depth_sigma,
-            low_parallax,
+            Verdict.LOW_PARALLAX,
             "translate sideways, or come nearer: the depths are too uncertain",
         ),
         at_least(GateName.LANDMARKS, points, config.min_landmarks, Verdict.TOO_FEW_LANDMARKS),
@@ -157,12 +136,47 @@ def map_gates(
     )
 
 
+def _direction_gates(
+    camera: Camera,
+    candidate: MapCandidate,
+    bundle: BundleSolution,
+    correlated_turn_rad: float,
+    near_rival_deg: float,
+    config: AcceptanceConfig,
+) -> tuple[Gate, Gate, Gate]:
+    """Return the gates on the direction of the baselines."""
+    max_deg = config.max_direction_error_deg
+    return (
+        at_most(
+            GateName.DIRECTION_BOUND_DEG,
+            direction_bound_deg(candidate, bundle, correlated_turn_rad) + near_rival_deg,
+            max_deg,
+            Verdict.LOW_PARALLAX,
+            "translate sideways: the path is too short for the depth of the scene",
+        ),
+        at_most(
+            GateName.DIRECTION_FOCAL_DEG,
+            direction_focal_deg(camera, candidate, bundle, config.focal_error),
+            max_deg,
+            Verdict.LOW_PARALLAX,
+            "the direction of motion depends on the exact focal length: translate further for the same turn",
+        ),
+        at_most(
+            GateName.DIRECTION_SHIFT_DEG,
+            direction_shift_deg(candidate, bundle),
+            max_deg,
+            Verdict.LOW_PARALLAX,
+            "two views and all views disagree on the direction of motion: translate further, best sideways",
+        ),
+    )
+
+
 def direction_bound_deg(candidate: MapCandidate, bundle: BundleSolution, correlated_turn_rad: float) -> float:
-    """Bound of the direction error of a baseline from the first view, for the worst view.
+    """Bound the direction error of a baseline from the first view, for the worst view.
 
     The bound has two parts: three standard deviations by independent noise, and the correlated tracking error, which no
-    average removes. Each view has its own correlated error (lens model, blur, interpolation of the tracker), and this
-    error turns a short baseline more than a long one.
+    average removes. Each view has its own correlated error (lens model, blur, interpolation of the tracker). This error
+    turns a short baseline more than a long one.
 
     Parameters
     ----------
@@ -183,11 +197,11 @@ def direction_bound_deg(candidate: MapCandidate, bundle: BundleSolution, correla
 
 
 def direction_focal_deg(camera: Camera, candidate: MapCandidate, bundle: BundleSolution, focal_error: float) -> float:
-    """Angle by which the baseline of the pair turns where the focal length is wrong.
+    """Compute the angle by which the baseline of the pair turns if the focal length is wrong.
 
-    The function refines the pose on epipolar lines alone, with the stated focal length and with a wrong one in both
-    directions, and returns the larger angle. The pose itself is not compared, since on a plane it is an estimate with
-    the plane as a constraint.
+    The function refines the pose on epipolar lines alone: with the stated focal length, with a larger one, and with a
+    smaller one. It returns the larger angle between the baselines. The pose of the candidate is only the start, because
+    on a plane it is an estimate with the plane as a constraint.
 
     Parameters
     ----------
@@ -207,20 +221,27 @@ def direction_focal_deg(camera: Camera, candidate: MapCandidate, bundle: BundleS
         camera, focal_error = bundle.camera, 3 * bundle.focal_factor_sigma
     motion = candidate.hypothesis
     pixels = candidate.table.pixels[:2, motion.inliers]
-
-    def direction(R: Floats, t: Floats, factor: float) -> tuple[Floats, Floats]:
-        turned = camera_with_focal_factor(camera, factor)
-        m, n = (turned.bearings(seen) for seen in pixels)
-        known = np.isfinite(m).all(axis=1) & np.isfinite(n).all(axis=1)
-        return refine_pose(R, t, m[known], n[known], 3 * bundle.noise_px / camera.focal_px)
-
-    R, t = direction(motion.R, motion.t, 1.0)
-    cosine = min(float(t @ direction(R, t, 1 + sign * focal_error)[1]) for sign in (-1, 1))
+    gate_rad = 3 * bundle.noise_px / camera.focal_px
+    R, t = _refined_with_focal_factor(camera, 1.0, motion.R, motion.t, pixels, gate_rad)
+    cosine = min(
+        float(t @ _refined_with_focal_factor(camera, 1 + sign * focal_error, R, t, pixels, gate_rad)[1])
+        for sign in (-1, 1)
+    )
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
+def _refined_with_focal_factor(
+    camera: Camera, factor: float, R: Floats, t: Floats, pixels: Floats, gate_rad: float
+) -> tuple[Floats, Floats]:
+    """Refine a pose on the epipolar lines of the pixels (2, N, 2) of a pair, with a factor on the focal length."""
+    other = camera_with_focal_factor(camera, factor)
+    m, n = (other.bearings(seen) for seen in pixels)
+    known = np.isfinite(m).all(axis=1) & np.isfinite(n).all(axis=1)
+    return refine_pose(R, t, m[known], n[known], gate_rad)
+
+
 def direction_shift_deg(candidate: MapCandidate, bundle: BundleSolution) -> float:
-    """Angle by which bundle adjustment turned the baseline of the pair.
+    """Compute the angle by which bundle adjustment turned the baseline of the pair.
 
     The two-view estimate and the adjusted one weigh the data differently (constraint of a plane, further views). Where
     they differ by more than the allowed error, one of them is wrong by that much.
@@ -242,7 +263,7 @@ def direction_shift_deg(candidate: MapCandidate, bundle: BundleSolution) -> floa
 
 
 def direction_sigmas_deg(bundle: BundleSolution) -> tuple[Floats, Floats]:
-    """Uncertainty and length of the baselines from the first view.
+    """Compute the uncertainty and the length of the baselines from the first view.
 
     Parameters
     ----------
@@ -270,14 +291,14 @@ def direction_sigmas_deg(bundle: BundleSolution) -> tuple[Floats, Floats]:
 
 
 def _pair(candidate: MapCandidate, bundle: BundleSolution) -> tuple[Pose, Pose]:
-    """``world_from_cam`` of the pair, as adjusted."""
+    """Return the adjusted ``world_from_cam`` of the two views of the pair."""
     pose_of = dict(zip(bundle.problem.frames, bundle.problem.world_from_cam, strict=True))
     first, second = candidate.table.frames[:2]
     return pose_of[first], pose_of[second]
 
 
 def depth_sigma(camera: Camera, bundle: BundleSolution) -> float:
-    """Median over the landmarks of the relative standard deviation of the depth, from parallax and noise.
+    """Compute the relative standard deviation of the depths, from parallax and noise.
 
     Parameters
     ----------
@@ -287,6 +308,7 @@ def depth_sigma(camera: Camera, bundle: BundleSolution) -> float:
     Returns
     -------
     float
+        Median over the landmarks.
     """
     parallax = bundle.problem.parallax_rad()
     return float(np.median(np.sqrt(2) * bundle.noise_px / camera.focal_px / np.maximum(parallax, 1e-12)))

@@ -1,4 +1,4 @@
-"""Refusals: an attempt with more gates, or with a verdict, its advice and its progress."""
+"""Refusals: functions that add gates to an attempt, or a verdict with its advice and its progress."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ __all__ = ["refused", "refused_at", "refused_by", "with_gates"]
 
 
 def with_gates(attempt: Attempt, gates: Sequence[Gate]) -> Attempt:
-    """Add gates that were looked at.
+    """Add gates to an attempt.
 
     Parameters
     ----------
     attempt : Attempt
     gates : sequence of Gate
+        Gates that were evaluated, passed or not.
 
     Returns
     -------
@@ -46,7 +47,7 @@ def refused_by(attempt: Attempt, stage: Stage, gates: Sequence[Gate]) -> Attempt
 
 
 def refused_at(attempt: Attempt, reason: Verdict, stage: Stage) -> Attempt:
-    """Refuse an attempt for a reason that has no figure.
+    """Refuse an attempt for a reason that has no gate.
 
     Parameters
     ----------

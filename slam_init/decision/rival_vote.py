@@ -1,4 +1,4 @@
-"""The planar ambiguity and other rival hypotheses: the best map has to explain the tracks better than each rival."""
+"""Decision rules for rival maps, as on a plane: the best map has to explain the tracks better than each rival."""
 
 from __future__ import annotations
 
@@ -22,26 +22,27 @@ from slam_init.types.reasons import Verdict
 
 __all__ = ["VoteOutcome", "vote_gates", "vote_of_plane", "vote_on_rivals"]
 
-#: What the vote with the plane as a constraint must show before the vote of free points is heard as well: odds of 1000
-#: to 1 if the errors of tracks are independent (as a logarithm), and more than one standard deviation if the errors of
+#: The vote between maps of free points counts only if the vote with the plane as a constraint is clear: odds of 1000 to
+#: 1 (as a logarithm) if the errors of tracks are independent, and more than one standard deviation if the errors of
 #: neighbours are correlated. Of 1300 votes on drawn planes, free points decided for the wrong map twice without the
-#: former condition, never with both.
+#: first condition, and never with both.
 _PLANE_LOG_ODDS, _PLANE_Z = 7.0, 1.0
-#: Two maps nearer than this count as nearly equal, since an initialization is wrong only beyond 5 and 15 degrees. The
-#: rotation is that of the direction at a parallax of a tenth of a radian: with little parallax an error of the rotation
-#: compensates one of the direction.
+#: Two maps that differ by less than both angles count as nearly equal, since an initialization is wrong only beyond 5
+#: degrees in rotation and 15 degrees in direction. The bound of the rotation belongs to the bound of the direction at a
+#: parallax of a tenth of a radian: with little parallax an error of the rotation compensates an error of the direction.
 _NEAR_ROTATION_DEG, _NEAR_DIRECTION_DEG = 1.0, 10.0
 _CURVE = "scene too flat: move in a curve, or show something off the plane"
 
 
 class VoteOutcome(NamedTuple):
-    """The votes between the best map and its rivals, and the rival that was nearest.
+    """The votes between the best map and its rivals, and the rival of the deciding vote.
 
     Attributes
     ----------
     evidence : VoteEvidence
     nearest : MapCandidate or None
-        The rival of the deciding vote; None where no rival had to be beaten.
+        The rival of the deciding vote, which is nearest to the best map in likelihood; None where no rival had to be
+        beaten.
     """
 
     evidence: VoteEvidence
@@ -56,7 +57,7 @@ def vote_of_plane(
     pose: RelativePose,
     candidates: Sequence[MapCandidate],
 ) -> Margin | None:
-    """The vote of all views between the two maps of a plane, with the plane as a constraint.
+    """Let all views vote between the two maps of a plane, with the plane as a constraint.
 
     Parameters
     ----------
@@ -83,18 +84,15 @@ def vote_of_plane(
     return plane_margin(voters, solved[0].hypothesis, solved[1].hypothesis, pose.noise_rad)
 
 
-def vote_on_rivals(
-    camera: Camera, config: Config, candidates: Sequence[MapCandidate], plane: Margin | None
-) -> VoteOutcome:
+def vote_on_rivals(camera: Camera, candidates: Sequence[MapCandidate], plane: Margin | None) -> VoteOutcome:
     """Compare the best map with each of its rivals: as free points, and as a plane where there is such a vote.
 
-    A rival that is nearly the same map need not be beaten: were it the right one, the error of the best map would be
-    about the difference of the two. This difference is added to the bound of the direction error.
+    A rival that is nearly equal to the best map need not be beaten. If this rival were right, the error of the best map
+    would be about the difference of the two maps. This difference is added to the bound of the direction error.
 
     Parameters
     ----------
     camera : Camera
-    config : Config
     candidates : sequence of MapCandidate
         The best map first; the others are its rivals.
     plane : Margin or None
@@ -105,15 +103,15 @@ def vote_on_rivals(
     VoteOutcome
     """
     best, *rivals = candidates
-    told: list[RivalVote] = []
+    free_votes: list[RivalVote] = []
     votes: list[tuple[Margin, MapCandidate]] = []
     plane_used: Margin | None = None
     near_deg = 0.0
     for k, rival in enumerate(rivals, start=1):
         if same_map(best, rival):
             continue
-        free = margin(camera, config, best, rival)
-        told.append(RivalVote(k, free.log_likelihood, free.z))
+        free = margin(camera, best, rival)
+        free_votes.append(RivalVote(k, free.log_likelihood, free.z))
         margins = [free]
         if k == 1 and plane is not None:
             plane_used = plane
@@ -127,21 +125,22 @@ def vote_on_rivals(
         else:
             votes.append((clearest, rival))
     deciding, nearest = min(votes, key=lambda one: one[0].decision_ratio()) if votes else (None, None)
-    return VoteOutcome(VoteEvidence(tuple(told), plane_used, deciding, near_deg), nearest)
+    return VoteOutcome(VoteEvidence(tuple(free_votes), plane_used, deciding, near_deg), nearest)
 
 
 def _with_plane(free: Margin, plane: Margin) -> list[Margin]:
-    """The votes that count on a plane.
+    """Return the votes that count on a plane.
 
-    Maps of free points are hard to adjust under a wrong motion, and one that ended in a bad optimum votes for its rival.
-    So the vote of free points counts only where the plane, whose points cannot move off it, says the same at long odds.
+    A map of free points is hard to adjust under a wrong motion. A map that ended in a bad optimum votes for its rival.
+    So the vote of free points counts only if the vote with the plane as a constraint, where no point can leave the
+    plane, prefers the same map by a wide margin.
     """
-    heard = plane.log_likelihood > _PLANE_LOG_ODDS and plane.z > _PLANE_Z
-    return [free, plane] if heard else [plane]
+    clear = plane.log_likelihood > _PLANE_LOG_ODDS and plane.z > _PLANE_Z
+    return [free, plane] if clear else [plane]
 
 
 def vote_gates(deciding: Margin) -> tuple[Gate, Gate]:
-    """The two gates of a vote.
+    """Make the two gates of a vote.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
-"""The rival explanation of a pair by a camera that only rotates, while its stated focal length is wrong.
+"""Decision rules for the rival explanation of a pair: a rotation-only camera whose stated focal length is wrong.
 
-A camera that rotates by R, while its focal length is stated wrong by a factor s, shows ``n ~ D R D^-1 m`` with
-``D = diag(1, 1, s)`` (exact for a pinhole; for a fisheye near the optical axis only): in stated bearings a homography of
-four unknowns. To an estimator that takes the calibration for granted this looks like a plane and a translation, with
-every point in front of both cameras. A real translation is not of this form, except where it is too small to be
-distinguished from it.
+If a camera rotates by R and its stated focal length is wrong by a factor s, its matches obey ``n ~ D R D^-1 m`` with
+``D = diag(1, 1, s)``, in bearings under the stated calibration. The relation is exact for a pinhole camera; for a
+fisheye camera it holds near the optical axis only. It is a homography with four unknowns. An estimator that trusts the
+calibration takes it for a plane and a translation, with every point in front of both cameras. A real translation does
+not have this form, unless it is too small to be distinguished from it.
 """
 
 from __future__ import annotations
@@ -34,18 +34,19 @@ __all__ = [
     "suspected_focal_factor",
 ]
 
-#: Focal factors that are tried: calibrations from memory or from a data sheet are off by up to a tenth.
+#: Focal factors that are tried. Focal lengths from memory or from a data sheet are wrong by up to a tenth.
 _FACTORS = np.linspace(0.9, 1.1, 21)
-#: A focal length is suspected only if it is off by twice the accuracy of a careless calibration, a hundredth.
+#: A focal length is suspected only if it is wrong by two hundredths or more, twice the error of a careless calibration.
 _LEAST_OFF = 0.02
-#: How much better the free focal length must be: chi-square of one degree of freedom, exceeded by chance once in 15 000
-#: cases; and in standard deviations over regions of the image, so that no body that moves by itself decides.
+#: Required gain by the free focal length. The first number is chi-square with one degree of freedom, exceeded by chance
+#: once in 15 000 cases. The second is in standard deviations over regions of the image, so that a body that moves by
+#: itself cannot decide.
 _LEAST_GAIN, _LEAST_GAIN_Z = 16.0, 3.0
-#: Squared lengths count up to three standard deviations in each of their two components.
+#: Squared residuals are truncated at three standard deviations in each of their two components.
 _GATE2 = 18.0
 #: A rotation moves tracks farther across the lens than a short translation does, and the remaining error of the lens
-#: calibration grows with the displacement: three times the error that a translation is allowed is what a lens that is
-#: calibrated to half a pixel leaves.
+#: calibration grows with the displacement. A lens that is calibrated to half a pixel leaves three times the correlated
+#: error of a translation.
 _CORRELATED_FACTOR = 3.0
 
 
@@ -58,8 +59,8 @@ class RotationOnlyCamera:
     focal_factor : float
         The true focal length over the stated one.
     residual_rad : float
-        Unexplained standard deviation of a component of a bearing, by the median over the matches. For a camera that
-        does only rotate this is the noise.
+        Standard deviation of a component of a bearing that the fit leaves, by the median over the matches. For a camera
+        that really only rotates this is the noise.
     stated_residual_rad : float
         The same for the best rotation with the stated focal length.
     matches : int
@@ -78,14 +79,18 @@ class RotationOnlyCamera:
 
     @property
     def chance_factor(self) -> float:
-        """Factor over its expectation that a residual exceeds once in 30 000 cases.
+        """Bound of a residual divided by its expectation; chance exceeds the bound once in 30 000 cases.
 
         The median of N lengths with two Gaussian components each has a relative standard deviation of 0.72 / sqrt(N).
+
+        Returns
+        -------
+        float
         """
         return 1 + 4 * 0.72 / float(np.sqrt(max(self.matches, 1)))
 
     def off_rotation_rad(self, noise_rad: float) -> float:
-        """Displacement that no rotation with the stated focal length explains, beside the noise.
+        """Compute the displacement that no rotation with the stated focal length explains, without the noise.
 
         Parameters
         ----------
@@ -95,7 +100,7 @@ class RotationOnlyCamera:
         Returns
         -------
         float
-            In radians; a translation shows here.
+            In radians; a translation causes it.
         """
         return float(np.sqrt(max(self.stated_residual_rad**2 - noise_rad**2, 1e-24)))
 
@@ -119,7 +124,7 @@ def fit_rotation_only(rays1: Floats, rays2: Floats, noise_rad: float) -> Rotatio
     R = np.eye(3)
     for i, factor in enumerate(_FACTORS):
         a, b = (_unit(rays * (1.0, 1.0, factor)) for rays in (m, n))
-        # Wide first: the first factor starts from no rotation, each other factor from the rotation of the one before.
+        # The scale begins wide: the first factor starts from no rotation, each other factor from the rotation before.
         for scale_rad in (0.2, 40 * noise_rad, 4 * noise_rad):
             R = refine_rotation_compiled(R, a, b, scale_rad, iterations=4)
         lengths[i] = np.linalg.norm(b - a @ R.T, axis=1)
@@ -142,7 +147,7 @@ def fit_rotation_only(rays1: Floats, rays2: Floats, noise_rad: float) -> Rotatio
 
 
 def suspected_focal_factor(rotation_only: RotationOnlyCamera, expected_rad: float) -> float | None:
-    """The focal factor of a camera that seems to rotate only, with a wrong calibration.
+    """Return the focal factor of a camera that seems to be rotation-only, with a wrong calibration.
 
     Parameters
     ----------
@@ -153,9 +158,9 @@ def suspected_focal_factor(rotation_only: RotationOnlyCamera, expected_rad: floa
     Returns
     -------
     float or None
-        The calibration is suspected where the rotation-only camera explains the matches, where the stated focal length
-        explains clearly less, and where the best factor is not the first or last one tried (a plane's matches pull the
-        factor beyond all bounds). Else None.
+        None where the calibration is not suspected. It is suspected if the rotation-only camera explains the matches,
+        if the stated focal length explains them clearly less well, and if the best factor is not the first or the last
+        one that was tried (the matches of a plane pull the factor beyond all bounds).
     """
     explains = rotation_only.residual_rad <= expected_rad
     matters = rotation_only.gain > _LEAST_GAIN and rotation_only.gain_z > _LEAST_GAIN_Z
@@ -167,7 +172,7 @@ def suspected_focal_factor(rotation_only: RotationOnlyCamera, expected_rad: floa
 def rotation_only_evidence(
     camera: Camera, config: Config, rotation_only: RotationOnlyCamera, noise_rad: float, correlated_rad: float
 ) -> RotationOnlyEvidence:
-    """The focal length that a rotation-only camera would have, and whether the stated one is suspected to be wrong.
+    """Return the focal length of the rotation-only camera, and whether the stated one is suspected to be wrong.
 
     Parameters
     ----------
@@ -212,7 +217,7 @@ def judge_rotation_only(
     Returns
     -------
     Attempt
-        With one gate more; refused as ``pure_rotation`` where the gate does not pass.
+        With one more gate; refused as ``pure_rotation`` if this gate does not pass.
     """
     residual = rotation_only.residual_rad / _expected_rad(camera, config, rotation_only, noise_rad, correlated_rad)
     needed = config.acceptance.min_rotation_only_residual
@@ -232,9 +237,9 @@ def suspect_calibration(
     rotation_only: RotationOnlyCamera,
     correlated_rad: float,
 ) -> Attempt:
-    """Tell a refused pair as ``pure_rotation`` where a rotation-only camera with another focal length explains it.
+    """Change the reason of a refused pair to ``pure_rotation`` if a rotation-only camera explains its matches.
 
-    Only a planar pair can be explained so, since the matches of such a camera obey a homography.
+    Only a planar pair can be explained in this way, since the matches of such a camera obey a homography.
 
     Parameters
     ----------
@@ -263,15 +268,15 @@ def suspect_calibration(
 def _expected_rad(
     camera: Camera, config: Config, rotation_only: RotationOnlyCamera, noise_rad: float, correlated_rad: float
 ) -> float:
-    """Largest residual of a camera that does only rotate: noise, correlated tracking error, and chance."""
+    """Return the largest residual of a camera that really only rotates: noise, correlated error, and chance."""
     noise_rad = max(noise_rad, config.map.min_noise_px / camera.focal_px)
     return rotation_only.chance_factor * float(np.hypot(noise_rad, _CORRELATED_FACTOR * correlated_rad))
 
 
 def _advice(rotation_only: RotationOnlyCamera) -> str:
     return (
-        f"a camera that only turns, with {rotation_only.focal_factor:.2f} times the stated focal length, shows the same: "
-        "translate sideways, or check the calibration"
+        f"a camera that only rotates, with {rotation_only.focal_factor:.2f} times the stated focal length, explains "
+        "the matches as well: translate sideways, or check the calibration"
     )
 
 

@@ -1,7 +1,7 @@
 """Decision rules for the relative pose of a pair, before any map is built.
 
-Three bounds of the direction error have to hold, since the error has three sources: the noise of single tracks, the
-correlated error of neighbouring tracks, and bodies in a part of the image that move by themselves.
+The direction error has three bounds, since it has three sources: the noise of single tracks, the correlated error of
+neighbouring tracks, and bodies in a part of the image that move by themselves. All three have to be small enough.
 """
 
 from __future__ import annotations
@@ -10,23 +10,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quest.estimate import RelativePose
+from quest.estimate import NoPose, RelativePose
 from quest.geometry.quaternion import rotation_angle
 from slam_init.config import Config
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
 from slam_init.decision.rotation_only import RotationOnlyCamera
 from slam_init.frontend.keyframes import difference_gate
 from slam_init.types.camera import Camera
+from slam_init.types.evidence import TwoViewEvidence
 from slam_init.types.gates import GateName, Stage, at_least, at_most
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
-__all__ = ["TwoViewEstimate", "judge_two_views"]
+__all__ = ["TwoViewEstimate", "judge_two_views", "two_view_evidence"]
 
 
 @dataclass(frozen=True, eq=False)
 class TwoViewEstimate:
-    """The relative pose of a pair, and what bounds the error of its direction.
+    """The relative pose of a pair, and the bounds of its direction error.
 
     Attributes
     ----------
@@ -53,8 +54,36 @@ class TwoViewEstimate:
     jackknife_rad: float
 
 
+def two_view_evidence(camera: Camera, estimate: TwoViewEstimate | NoPose) -> TwoViewEvidence:
+    """Return the figures of a two-view estimate as evidence of an attempt.
+
+    Parameters
+    ----------
+    camera : Camera
+        Converts angles to pixels.
+    estimate : TwoViewEstimate or NoPose
+
+    Returns
+    -------
+    TwoViewEvidence
+        With the statistics alone where no pose was found.
+    """
+    if isinstance(estimate, NoPose):
+        return TwoViewEvidence(estimate.evidence)
+    pose = estimate.pose
+    return TwoViewEvidence(
+        statistics=pose.evidence,
+        kind=pose.kind,
+        alternatives=len(pose.alternatives),
+        noise_px=pose.noise_rad * camera.focal_px,
+        parallax_deg=float(np.degrees(pose.parallax_rad)),
+        direction_sigma_deg=float(np.degrees(pose.direction_sigma_rad)),
+        correlated_error_px=estimate.correlated_rad * camera.focal_px,
+    )
+
+
 def judge_two_views(camera: Camera, config: Config, attempt: Attempt, estimate: TwoViewEstimate) -> Attempt:
-    """Refuse a pair whose two views show no translation, or tell its direction too badly.
+    """Refuse a pair whose two views show no translation, or determine its direction too poorly.
 
     Parameters
     ----------
@@ -66,7 +95,7 @@ def judge_two_views(camera: Camera, config: Config, attempt: Attempt, estimate: 
     Returns
     -------
     Attempt
-        With the gates of this stage; its verdict is still ``accepted`` where all pass.
+        With the gates of this stage; its verdict is still ``accepted`` if all of them pass.
     """
     if estimate.pose.kind == "rotation":
         return _judge_rotation(camera, config, attempt, estimate.pose)
@@ -74,7 +103,7 @@ def judge_two_views(camera: Camera, config: Config, attempt: Attempt, estimate: 
 
 
 def _judge_rotation(camera: Camera, config: Config, attempt: Attempt, pose: RelativePose) -> Attempt:
-    """A pure rotation; or a static camera, where the rotation is within the noise that it was fitted to."""
+    """Refuse a pure rotation; a static camera if the rotation is within the noise that it was fitted to."""
     least_px = difference_gate(max(config.map.noise_px, pose.noise_rad * camera.focal_px))
     rotation_px = float(rotation_angle(pose.R)) * camera.focal_px
     gate = at_least(GateName.ROTATION_PX, rotation_px, least_px, Verdict.STATIC_CAMERA)
@@ -87,8 +116,8 @@ def _judge_rotation(camera: Camera, config: Config, attempt: Attempt, pose: Rela
 def _judge_direction(config: Config, attempt: Attempt, estimate: TwoViewEstimate) -> Attempt:
     pose, settings = estimate.pose, config.acceptance
     max_deg = settings.max_direction_error_deg
-    # Further views and the adjustment lower the standard deviation by about the square root of their number. So here the
-    # bound holds for one standard deviation, and for three of them in the map.
+    # Further views and bundle adjustment lower the standard deviation by about the square root of the number of views.
+    # Therefore one standard deviation is compared with the bound here, and three standard deviations in the map.
     sigma_deg = float(np.degrees(pose.direction_sigma_rad))
     by_noise = (
         at_least(
@@ -120,6 +149,6 @@ def _judge_direction(config: Config, attempt: Attempt, estimate: TwoViewEstimate
     refused = refused_by(attempt, Stage.TWO_VIEWS, gates)
     if refused.verdict != Verdict.LOW_PARALLAX:
         return refused
-    # The gates by noise predict how much longer the baseline has to be. The jackknife does not: it comes from a dozen
-    # fits, and jumps from frame to frame.
+    # The gates by noise predict how much longer the baseline has to be. The jackknife does not, since it is computed
+    # from a dozen fits and jumps from frame to frame.
     return replace(refused, parallax_shortfall=max(gate.parallax_shortfall() for gate in by_noise))

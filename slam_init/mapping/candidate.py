@@ -1,7 +1,7 @@
-"""From one two-view hypothesis to an adjusted map with further views, and the comparison of two such maps.
+"""From a two-view hypothesis to a bundle-adjusted map with further views.
 
-A plane seen in two views has two explanations that fit equally well; each is carried to a map of its own here, and the
-views between and around the pair vote by how well its points predict them.
+Two views of a plane have two explanations that fit equally well. A map is built for each of them, and the further views
+decide which map predicts them better (:mod:`slam_init.mapping.rivals`).
 """
 
 from __future__ import annotations
@@ -23,20 +23,27 @@ from slam_init.types.pose import Pose
 
 __all__ = ["MapCandidate", "build_candidate"]
 
+#: Bundle adjustment needs at least this many points.
+_MIN_POINTS = 6
+
 
 @dataclass(frozen=True, eq=False)
 class MapCandidate:
-    """A hypothesis that was carried to a map, or why it could not be.
+    """The map of a hypothesis, or the reason why it could not be built.
 
     Attributes
     ----------
     hypothesis : Hypothesis or RelativePose
+        The motion of the pair.
     bundle : BundleSolution or BundleFailure
+        The adjusted map.
     table : TrackTable
+        The tracks of the pair in all views.
     agreement : float
-        Share of the landmarks' observations by further views that agree with the two-view map; NaN without any.
+        Share of the observations by further views that agree with the two-view map; NaN without observations.
     placed : int
-        Views that the two-view map could locate, the pair included; those of a short baseline are not in the bundle.
+        Number of views that could be located in the two-view map, the pair included. Views with a short baseline are
+        counted, but are not in the bundle.
     """
 
     hypothesis: Hypothesis | RelativePose
@@ -53,30 +60,83 @@ def build_candidate(
     hypothesis: Hypothesis | RelativePose,
     threshold_rad: float | None = None,
 ) -> MapCandidate:
-    """Triangulate the pair, resect the further views, adjust everything.
+    """Build the map of a hypothesis: triangulate the pair, locate the further views, adjust the bundle.
 
     Parameters
     ----------
     camera : Camera
     config : Config
     table : TrackTable
+        The tracks of the pair in all views.
     hypothesis : Hypothesis or RelativePose
+        ``cam2_from_cam1`` of the pair and its inliers.
     threshold_rad : float, optional
-        Outliers of a further view are farther off than this; by default that of the configuration.
+        Outlier threshold of the further views; by default that of the configuration.
+
+    Returns
+    -------
+    MapCandidate
+        With a :class:`BundleFailure` if no map could be built.
     """
     if threshold_rad is None:
         threshold_rad = config.two_view.threshold_px / camera.focal_px
+    pair = _triangulated_pair(camera, config, table, hypothesis)
+    poses, agreement = _located_views(config, table, pair, threshold_rad)
+    problem = _bundle_problem(table, pair, _without_short_baselines(config, poses))
+    if len(problem.points) < _MIN_POINTS:
+        cause = f"only {len(problem.points)} points can be triangulated"
+        bundle: BundleSolution | BundleFailure = BundleFailure(cause)
+    else:
+        bundle = adjust(camera, problem, config.map)
+    return MapCandidate(hypothesis, bundle, table, agreement, len(poses))
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """The two-view map of a pair.
+
+    Attributes
+    ----------
+    poses : dict of int to Pose
+        Row of the table -> ``world_from_cam``; the world is the first view of the pair.
+    points : (T, 3) float
+        Point of each track of the table, in the world frame; NaN where it cannot be triangulated.
+    usable : (T,) bool
+        Inliers of the hypothesis whose point lies in front of both cameras and has enough parallax.
+    """
+
+    poses: dict[int, Pose]
+    points: Floats
+    usable: Bools
+
+
+def _triangulated_pair(
+    camera: Camera, config: Config, table: TrackTable, hypothesis: Hypothesis | RelativePose
+) -> _Pair:
+    """Triangulate the tracks of the pair, and choose those that can become landmarks."""
     cam2_from_cam1 = Pose(hypothesis.R, hypothesis.t)
-    poses = {0: Pose.identity(), 1: cam2_from_cam1.inverse()}  # view -> world_from_cam
+    poses = {0: Pose.identity(), 1: cam2_from_cam1.inverse()}
     points = triangulate([poses[0], poses[1]], table.bearings[:2])
     usable = hypothesis.inliers & _before_all(points, poses, table)
     usable &= _parallax_rad(points, poses) > min_parallax_rad(camera, config.map.min_noise_px, config.map)
+    return _Pair(poses, points, usable)
+
+
+def _located_views(
+    config: Config, table: TrackTable, pair: _Pair, threshold_rad: float
+) -> tuple[dict[int, Pose], float]:
+    """Locate the further views in the two-view map.
+
+    Returns the poses by row of the table, those of the pair included, and the share of the observations by further
+    views that agree with the two-view map (NaN without observations).
+    """
+    poses = dict(pair.poses)
     seen, agreeing = 0, 0
     for k in range(2, len(table.frames)):
-        visible = usable & np.isfinite(table.bearings[k, :, 0])
+        visible = pair.usable & np.isfinite(table.bearings[k, :, 0])
         if visible.sum() < config.map.min_resected:
             continue
-        resected = resect(points[visible], table.bearings[k, visible], threshold_rad)
+        resected = resect(pair.points[visible], table.bearings[k, visible], threshold_rad)
         seen += int(visible.sum())
         if resected is None:
             continue
@@ -84,38 +144,42 @@ def build_candidate(
         agreeing += int(inliers.sum())
         if inliers.sum() >= config.map.min_resected:
             poses[k] = cam_from_world.inverse()
-    agreement = agreeing / seen if seen else float("nan")
-    placed = len(poses)
-    # The tracks' way is a first guess at the baseline, rotation included; now it is known.
+    return poses, agreeing / seen if seen else float("nan")
+
+
+def _without_short_baselines(config: Config, poses: dict[int, Pose]) -> dict[int, Pose]:
+    """Leave out further views with a short baseline from the first view of the pair.
+
+    The views were chosen by the displacement of their tracks, which includes the rotation. Now the baselines are known.
+    If all further baselines are short, the bound is relative to the longest of them.
+    """
     share = {k: float(np.linalg.norm(poses[k].t) / np.linalg.norm(poses[1].t)) for k in poses if k > 1}
     least = config.map.min_motion_share * min(1.0, max(share.values(), default=0.0))
-    poses = {k: pose for k, pose in poses.items() if share.get(k, np.inf) >= least}
-    # In time order: the first view is the world.
+    return {k: pose for k, pose in poses.items() if share.get(k, np.inf) >= least}
+
+
+def _bundle_problem(table: TrackTable, pair: _Pair, poses: dict[int, Pose]) -> BundleProblem:
+    """Gather the views in time order, with the first of them as the world frame, and the usable points they observe."""
     views = sorted(poses, key=lambda k: table.frames[k])
     first_from_world = poses[views[0]].inverse()
-    observed = np.isfinite(table.bearings[views, :, 0]) & usable
+    observed = np.isfinite(table.bearings[views, :, 0]) & pair.usable
     view_index, track_index = np.nonzero(observed)
-    kept_tracks = np.flatnonzero(usable)
-    position = np.full(len(usable), -1)
-    position[kept_tracks] = np.arange(len(kept_tracks))
-    problem = BundleProblem(
+    tracks = np.flatnonzero(pair.usable)
+    position = np.full(len(pair.usable), -1)
+    position[tracks] = np.arange(len(tracks))
+    return BundleProblem(
         frames=tuple(table.frames[k] for k in views),
         world_from_cam=tuple(first_from_world @ poses[k] for k in views),
-        points=first_from_world.apply(points[kept_tracks]),
-        track_ids=table.track_ids[kept_tracks],
+        points=first_from_world.apply(pair.points[tracks]),
+        track_ids=table.track_ids[tracks],
         views=view_index.astype(np.int64),
         landmarks=position[track_index].astype(np.int64),
         pixels=table.pixels[views][observed],
     )
-    if len(kept_tracks) < 6:
-        bundle: BundleSolution | BundleFailure = BundleFailure(f"only {len(kept_tracks)} points can be triangulated")
-    else:
-        bundle = adjust(camera, problem, config.map)
-    return MapCandidate(hypothesis, bundle, table, agreement, placed)
 
 
 def _before_all(points: Floats, poses: dict[int, Pose], table: TrackTable) -> Bools:
-    """Points that lie along their rays, not behind the cameras."""
+    """Return which points lie in front of all cameras, in the direction of their rays."""
     before = np.isfinite(points).all(axis=1)
     for k, world_from_cam in poses.items():
         in_camera = world_from_cam.inverse().apply(points)
@@ -124,6 +188,7 @@ def _before_all(points: Floats, poses: dict[int, Pose], table: TrackTable) -> Bo
 
 
 def _parallax_rad(points: Floats, poses: dict[int, Pose]) -> Floats:
+    """Return the angle between the rays of each point from the two views of the pair."""
     rays = [points - pose.t for pose in (poses[0], poses[1])]
     a, b = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
     return np.asarray(np.arccos(np.clip(np.einsum("ij,ij->i", a, b), -1, 1)))

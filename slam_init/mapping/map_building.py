@@ -1,4 +1,4 @@
-"""Builds the `InitialMap` from an adjusted bundle."""
+"""Builds the :class:`~slam_init.types.initial_map.InitialMap` from an adjusted bundle."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ __all__ = ["MapWithViews", "initial_map", "map_with_views"]
 
 @dataclass(frozen=True, eq=False)
 class MapWithViews:
-    """A map, and the observations of its keyframes, which the history may have forgotten when the map is accepted.
+    """A map, and the observations of its keyframes, which the history may have dropped when the map is accepted.
 
     Attributes
     ----------
     map : InitialMap
     views : tuple of Observations
-        Of the keyframes, in their order.
+        The observations of the keyframes, in the same order.
     """
 
     map: InitialMap
@@ -31,7 +31,7 @@ class MapWithViews:
 
 
 def map_with_views(history: History, bundle: BundleSolution, scene: str) -> MapWithViews:
-    """The map of an adjusted bundle, with the observations of its keyframes.
+    """Build the map of an adjusted bundle, with the observations of its keyframes.
 
     Parameters
     ----------
@@ -50,13 +50,13 @@ def map_with_views(history: History, bundle: BundleSolution, scene: str) -> MapW
 
 
 def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: str) -> InitialMap:
-    """The map of an adjusted bundle.
+    """Build the map of an adjusted bundle.
 
     Parameters
     ----------
     bundle : BundleSolution
     views : sequence of Observations
-        Of the frames of the bundle, in its order.
+        The observations of the frames of the bundle, in the same order. Landmarks without a color become grey.
     scene : str
         ``general`` or ``planar``.
 

@@ -1,6 +1,6 @@
-"""Points from rays, and poses from points.
+"""Triangulation of points from rays, and resection of a camera from points.
 
-Both work on unit bearings, whatever the lens.
+Both work on unit bearings, so that the lens model does not matter.
 """
 
 from __future__ import annotations
@@ -15,19 +15,21 @@ __all__ = ["resect", "triangulate"]
 
 
 def triangulate(world_from_cam: list[Pose], bearings: Floats) -> Floats:
-    """The points nearest to their rays.
+    """Compute the points that are nearest to their rays.
 
     Parameters
     ----------
     world_from_cam : list of K Pose
+        Poses of the cameras.
     bearings : (K, L, 3) float
         Unit rays of L points in each camera; NaN where a view does not see a point.
 
     Returns
     -------
     (L, 3) float
-        Least sum of squared distances to the rays, each weighted by the inverse squared distance from its camera, so
-        that the error counted is an angle. NaN where fewer than two rays are given or they are parallel.
+        In the world frame. Each point minimizes the sum of its squared distances to the rays, each weighted by the
+        inverse squared distance from the camera, so that the error is an angle. NaN where fewer than two rays are given
+        or the rays are parallel.
     """
     count = bearings.shape[1]
     centres = np.array([pose.t for pose in world_from_cam])
@@ -53,23 +55,30 @@ def triangulate(world_from_cam: list[Pose], bearings: Floats) -> Floats:
 def resect(
     points: Floats, bearings: Floats, threshold_rad: float, guess: Pose | None = None
 ) -> tuple[Pose, Bools] | None:
-    """The pose of a camera from points of the map: cam_from_world.
+    """Estimate the pose of a camera from points of the map.
+
+    A minimal solver in a RANSAC loop [1]_ gives a start, which is refined on the angles between rays and points.
 
     Parameters
     ----------
     points : (N, 3) float
         In the world frame.
     bearings : (N, 3) float
-        Their unit rays in the camera.
+        Unit rays of the points in the camera frame.
     threshold_rad : float
-        Angle between a ray and its point beyond which the match is an outlier.
+        A match is an outlier if the angle between its ray and its point is larger.
     guess : Pose, optional
-        A cam_from_world to start from; it is used where it explains more than the minimal solver's.
+        Another start, a ``cam_from_world``. The start that leads to more inliers is used.
 
     Returns
     -------
-    (cam_from_world, inliers) or None
-        None where fewer than six matches agree on a pose.
+    (Pose, (N,) bool) or None
+        ``cam_from_world`` and the inliers; None if fewer than six matches agree on a pose.
+
+    References
+    ----------
+    .. [1] T. Ke, S. I. Roumeliotis, An efficient algebraic solution to the perspective-three-point problem, CVPR 2017
+       (OpenCV, ``SOLVEPNP_AP3P``).
     """
     if len(points) < 6:
         return None
@@ -88,7 +97,7 @@ def resect(
 
 
 def _minimal_pose(points: Floats, bearings: Floats, threshold_rad: float) -> Pose | None:
-    """OpenCV's P3P in a RANSAC loop, on the plane z = 1."""
+    """Estimate ``cam_from_world`` by OpenCV's P3P in a RANSAC loop, on the plane z = 1."""
     import cv2
 
     ahead = bearings[:, 2] > 0.05
@@ -105,13 +114,13 @@ def _minimal_pose(points: Floats, bearings: Floats, threshold_rad: float) -> Pos
 
 
 def _angles(pose: Pose, points: Floats, bearings: Floats) -> Floats:
-    """Small-angle distance (N,) of rays from their points."""
+    """Return the angles (N,) between rays and their points, in the small-angle approximation."""
     X = pose.apply(points)
     return np.asarray(np.linalg.norm(X / np.linalg.norm(X, axis=1, keepdims=True) - bearings, axis=1))
 
 
 def _refine(pose: Pose, points: Floats, bearings: Floats, scale_rad: float, iterations: int = 8) -> Pose:
-    """Gauss-Newton on the angles between rays and points, with the weights of Geman and McClure."""
+    """Refine a pose by Gauss-Newton steps on the angles between rays and points, with a Geman-McClure kernel."""
 
     def residuals(pose: Pose) -> tuple[Floats, Floats, Floats]:
         X = pose.apply(points)
@@ -142,7 +151,7 @@ def _refine(pose: Pose, points: Floats, bearings: Floats, scale_rad: float, iter
         A[np.diag_indices(6)] += damping * np.diag(A) + 1e-300
         try:
             step = -np.linalg.solve(A, g)
-        except np.linalg.LinAlgError:  # the points do not fix the pose: keep what there is
+        except np.linalg.LinAlgError:  # the points do not determine the pose: keep the current one
             break
         R = rotation_from_vector(step[:3])
         moved = Pose(R @ pose.R, R @ pose.t + step[3:])

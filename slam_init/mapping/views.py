@@ -1,4 +1,4 @@
-"""Tracks of a pair in all views, and the choice of further views."""
+"""The tracks of a pair in several views, and the choice of further views."""
 
 from __future__ import annotations
 
@@ -17,15 +17,17 @@ __all__ = ["TrackTable", "further_views", "table_of", "voting_views"]
 
 @dataclass(frozen=True, eq=False)
 class TrackTable:
-    """The tracks common to a pair, as seen in the pair (first two rows) and in further views.
+    """The tracks that a pair has in common, as the pair (first two rows) and further views see them.
 
     Attributes
     ----------
     frames : tuple of V int
+        Absolute frame index of each row.
     track_ids : (T,) int
     pixels : (V, T, 2) float
-        NaN where a view does not see a track.
+        Raw pixels; NaN where a view does not see a track.
     bearings : (V, T, 3) float
+        Unit rays in the camera frames; NaN where a view does not see a track.
     """
 
     frames: tuple[int, ...]
@@ -35,7 +37,19 @@ class TrackTable:
 
 
 def table_of(reference: Observations, current: Observations, further: list[Observations]) -> TrackTable:
-    """Gather the tracks that a pair has in common, in all views."""
+    """Gather the tracks that a pair has in common, in the pair and in further views.
+
+    Parameters
+    ----------
+    reference, current : Observations
+        The pair.
+    further : list of Observations
+        The further views.
+
+    Returns
+    -------
+    TrackTable
+    """
     i, _ = common_tracks(reference, current)
     track_ids = reference.track_ids[i]
     views = [reference, current, *further]
@@ -50,21 +64,31 @@ def table_of(reference: Observations, current: Observations, further: list[Obser
 def further_views(
     history: History, reference: Observations, current: Observations, config: MapConfig
 ) -> list[Observations]:
-    """Views that can vote on a pair: evenly spaced over the later part of the motion, else the nearest ones before it.
+    """Choose the further views of a map.
 
-    A view close to the reference has a short baseline, hence a direction that is badly known: where the tracks moved
-    less than ``min_motion_share`` of their way, a view is taken only for lack of a better one.
+    If there are views between the pair, the chosen ones are evenly spaced over the later part of the motion. Else they
+    are the last views before the pair. A view close to the reference has a short baseline, so its direction is poorly
+    determined. A view where the tracks have moved by less than ``min_motion_share`` of their motion in the pair is only
+    taken if there is no better one.
+
+    Parameters
+    ----------
+    history : History
+        Holds the views.
+    reference, current : Observations
+        The pair.
+    config : MapConfig
+
+    Returns
+    -------
+    list of Observations
+        At most ``max_further_views``.
     """
-
-    def motion_px(view: Observations) -> float:
-        i, j = common_tracks(reference, view)
-        return float(np.median(np.linalg.norm(view.pixels[j] - reference.pixels[i], axis=1)))
-
     between = _sharing(history.between(reference.frame, current.frame), reference, current, config.min_resected)
     if between:
-        moved = np.array([motion_px(view) for view in between])
-        far = config.min_motion_share * motion_px(current)
-        late = [view for view, way in zip(between, moved, strict=True) if way >= far]
+        moved = np.array([_motion_px(reference, view) for view in between])
+        far = config.min_motion_share * _motion_px(reference, current)
+        late = [view for view, motion in zip(between, moved, strict=True) if motion >= far]
         views = late or [between[int(np.argmax(moved))]]
         return _evenly_spaced(views, config.max_further_views)
     earlier = _sharing(history.between(-1, reference.frame), reference, current, config.min_resected)
@@ -74,24 +98,43 @@ def further_views(
 def voting_views(
     history: History, reference: Observations, current: Observations, config: MapConfig
 ) -> list[Observations]:
-    """Views for a vote between two maps: from the whole way between the pair, and what lies before it, evenly spaced.
+    """Choose the views of a vote between two maps: evenly spaced over all views between and before the pair.
 
-    Other than for a map, a short baseline does no harm: such a view says little, and says so.
+    A short baseline does no harm here, because both maps predict nearly the same for such a view.
+
+    Parameters
+    ----------
+    history : History
+        Holds the views.
+    reference, current : Observations
+        The pair.
+    config : MapConfig
+
+    Returns
+    -------
+    list of Observations
+        At most ``max_voting_views``.
     """
     views = (*history.between(-1, reference.frame), *history.between(reference.frame, current.frame))
     return _evenly_spaced(_sharing(views, reference, current, config.min_resected), config.max_voting_views)
 
 
+def _motion_px(reference: Observations, view: Observations) -> float:
+    """Return the median displacement of the tracks from the reference to a view."""
+    i, j = common_tracks(reference, view)
+    return float(np.median(np.linalg.norm(view.pixels[j] - reference.pixels[i], axis=1)))
+
+
 def _sharing(
     views: Iterable[Observations], reference: Observations, current: Observations, least: int
 ) -> list[Observations]:
-    """The views that see at least so many of the tracks that a pair has in common."""
+    """Return the views that see at least ``least`` of the tracks that a pair has in common."""
     pair_ids = np.intersect1d(reference.track_ids, current.track_ids, assume_unique=True)
     return [v for v in views if len(np.intersect1d(pair_ids, v.track_ids, assume_unique=True)) >= least]
 
 
 def _evenly_spaced(views: list[Observations], at_most: int) -> list[Observations]:
-    """So many of the views at most, the first and the last among them."""
+    """Return at most ``at_most`` of the views, with the first and the last among them."""
     if not views:
         return []
     picks = np.unique(np.linspace(0, len(views) - 1, at_most).round().astype(int))

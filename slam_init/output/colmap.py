@@ -1,4 +1,4 @@
-"""The initial map as a COLMAP model, in COLMAP's text format."""
+"""Writes the initial map as a COLMAP model in text format."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from slam_init.types.initial_map import InitialMap
 
 __all__ = ["COLMAP_FILES", "colmap_model", "numbers_text"]
 
-#: Where the three texts of :func:`colmap_model` belong, relative to the folder of the results.
+#: Paths of the three texts of :func:`colmap_model`, relative to the folder of the results.
 COLMAP_FILES = ("colmap/cameras.txt", "colmap/images.txt", "colmap/points3D.txt")
 
 
 def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
-    """The map as a COLMAP text model of the original images.
+    """Write a map as a COLMAP text model of the original images.
 
-    COLMAP puts the centre of the first pixel at (0.5, 0.5) where this project has (0, 0), so half a pixel is
-    added to the principal point and to every observation. Ids count from 1: images in the order of the
-    keyframes, points in the order of the landmarks.
+    In COLMAP the centre of the first pixel is at (0.5, 0.5), and in this project at (0, 0). Therefore half a pixel is
+    added to the principal point and to each observation. Ids begin at 1: images in the order of the keyframes, points
+    in the order of the landmarks.
 
     Parameters
     ----------
     map_ : InitialMap
-        Its camera is that of the original images, with the focal length as adjusted.
+        Its camera is that of the original images, with the adjusted focal length.
 
     Returns
     -------
@@ -47,12 +47,12 @@ def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
     errors_px = np.zeros(len(map_.observation_landmarks))
     positions = np.zeros(len(map_.observation_landmarks), int)  # of an observation among those of its image
     for k, keyframe in enumerate(map_.keyframes):
-        mine = np.flatnonzero(map_.observation_keyframes == k)
-        landmarks, pixels = map_.observation_landmarks[mine], map_.observation_pixels[mine]
+        rows = np.flatnonzero(map_.observation_keyframes == k)
+        landmarks, pixels = map_.observation_landmarks[rows], map_.observation_pixels[rows]
         cam_from_world = keyframe.world_from_cam.inverse()
         projected = camera.project(cam_from_world.apply(map_.points[landmarks]))
-        errors_px[mine] = np.linalg.norm(projected - pixels, axis=1)
-        positions[mine] = np.arange(len(mine))
+        errors_px[rows] = np.linalg.norm(projected - pixels, axis=1)
+        positions[rows] = np.arange(len(rows))
         pose = numbers_text([*cam_from_world.q_wxyz, *cam_from_world.t])
         images.append(f"{k + 1} {pose} 1 {keyframe.name}")
         images.append(
@@ -63,15 +63,15 @@ def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
     order = np.argsort(map_.observation_landmarks, kind="stable")
     starts = np.searchsorted(map_.observation_landmarks[order], np.arange(len(map_.points) + 1))
     for i, (xyz, rgb) in enumerate(zip(map_.points, map_.colors, strict=True)):
-        mine = order[starts[i] : starts[i + 1]]
-        track = " ".join(f"{map_.observation_keyframes[j] + 1} {positions[j]}" for j in mine)
-        error = numbers_text([float(np.mean(errors_px[mine]))])
+        rows = order[starts[i] : starts[i + 1]]
+        track = " ".join(f"{map_.observation_keyframes[j] + 1} {positions[j]}" for j in rows)
+        error = numbers_text([float(np.mean(errors_px[rows]))])
         points.append(f"{i + 1} {numbers_text(xyz)} {' '.join(map(str, rgb))} {error} {track}")
     return cameras, "\n".join(images) + "\n", "\n".join(points) + "\n"
 
 
 def _colmap_camera(camera: Camera) -> tuple[str, list[float]]:
-    """COLMAP's name and parameters of a camera."""
+    """Return COLMAP's name and parameters of a camera."""
     centre = [camera.cx + 0.5, camera.cy + 0.5]
     parameters = [camera.fx, camera.fy, *centre, *camera.distortion]
     if camera.model == "pinhole":
@@ -79,15 +79,21 @@ def _colmap_camera(camera: Camera) -> tuple[str, list[float]]:
     if camera.model == "fisheye":
         return "OPENCV_FISHEYE", parameters
     if len(camera.distortion) == 5 and camera.distortion[4] != 0:
-        return "FULL_OPENCV", [
-            *parameters,
-            0.0,
-            0.0,
-            0.0,
-        ]  # k4, k5, k6: the denominator of the rational model
+        # k4, k5, k6: the denominator of the rational model.
+        return "FULL_OPENCV", [*parameters, 0.0, 0.0, 0.0]
     return "OPENCV", parameters[:8]
 
 
 def numbers_text(values: Sequence[float] | Floats) -> str:
-    """Numbers separated by spaces: twelve significant digits are a billionth of a pixel at any image size."""
+    """Write numbers, separated by spaces.
+
+    Parameters
+    ----------
+    values : sequence of float, or (N,) float
+
+    Returns
+    -------
+    str
+        Twelve significant digits each. For pixels of any image size this is a billionth of a pixel.
+    """
     return " ".join(f"{value:.12g}" for value in values)

@@ -1,4 +1,4 @@
-"""What a result was made with and from: versions, command line, options, and a hash of what was read."""
+"""The provenance of a result: versions, command line, options, and a hash of the input."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-from slam_init.output.summary import Json, Provenance
+from slam_init.output.plain_json import Json
+from slam_init.output.records import Provenance
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 
 __all__ = ["InputHash", "provenance_of"]
 
-#: A result may change with these packages.
+#: The versions of these packages may change a result.
 _PACKAGES = ("slam-init", "numpy", "scipy", "opencv-python-headless", "gtsam", "rerun-sdk", "numba")
 
 
 class InputHash:
-    """Hash of the frames that a run reads: the same for the same pixels, names, time stamps and calibration.
+    """Hash of the frames that a run reads. Equal pixels, names, time stamps and calibrations have equal hashes.
 
     Parameters
     ----------
@@ -32,7 +33,7 @@ class InputHash:
         self._hash = hashlib.blake2b(repr(camera).encode(), digest_size=16)
 
     def reading(self, frames: Iterator[Frame]) -> Iterator[Frame]:
-        """Hash frames while they are read.
+        """Pass frames through, and add them to the hash.
 
         Parameters
         ----------
@@ -41,7 +42,7 @@ class InputHash:
         Yields
         ------
         Frame
-            As it came.
+            The same frame.
         """
         for frame in frames:
             header = f"{frame.index} {frame.timestamp_s!r} {frame.name} {frame.image.shape}"
@@ -50,11 +51,12 @@ class InputHash:
             yield frame
 
     def hexdigest(self) -> str:
-        """The hash of what was read up to now.
+        """Return the hash of the frames that were read up to now.
 
         Returns
         -------
         str
+            32 hexadecimal digits.
         """
         return self._hash.hexdigest()
 
@@ -69,7 +71,7 @@ def provenance_of(command: Sequence[str], options: Mapping[str, Json], input_has
     options : mapping of str to JSON
         The resolved configuration and the options of the run.
     input_hash : InputHash
-        Of the frames that were read.
+        Hash of the frames that were read.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The summary of a run for a person at a terminal."""
+"""The summary of a run as text for a terminal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["report_text"]
 
 
 def report_text(summary: Summary, out: str | os.PathLike[str]) -> str:
-    """A few aligned lines: the verdict, the quality of the map, the place of the files.
+    """Write a few aligned lines: the verdict, the quality of the map, and the folder of the results.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def report_text(summary: Summary, out: str | os.PathLike[str]) -> str:
 
 
 def _kept_facts(summary: Summary) -> list[tuple[str, str]]:
-    """The two maps of an undecided plane."""
+    """Return the line about the two maps of an undecided plane, if there are any."""
     if not summary.hypotheses or summary.margin is None:
         return []
     frames = ", ".join(str(keyframe.frame) for keyframe in summary.hypotheses[0].keyframes)
@@ -45,6 +45,7 @@ def _kept_facts(summary: Summary) -> list[tuple[str, str]]:
 
 
 def _map_facts(summary: Summary) -> list[tuple[str, str]]:
+    """Return the lines about the map."""
     frames = ", ".join(str(keyframe.frame) for keyframe in summary.keyframes)
     facts = [
         ("keyframes", f"{len(summary.keyframes)} (frames {frames})"),
@@ -73,6 +74,7 @@ def _map_facts(summary: Summary) -> list[tuple[str, str]]:
 
 
 def _attempts(summary: Summary) -> str:
+    """Return the number of attempts, in total and by verdict."""
     verdicts = Counter(str(attempt.verdict) for attempt in summary.attempts)
     counts = ", ".join(f"{count} {verdict.replace('_', ' ')}" for verdict, count in verdicts.most_common())
     return f"{len(summary.attempts)}" + (f" ({counts})" if counts else "")

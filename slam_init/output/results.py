@@ -2,16 +2,16 @@
 
 A folder holds exactly one run::
 
-    summary.json                what ``--json`` prints
-    trajectory.txt              TUM: the keyframes, world_from_cam
+    summary.json                the summary, as ``--json`` prints it
+    trajectory.txt              TUM format: world_from_cam of the keyframes
     map.ply                     the landmarks with their colours, binary
     colmap/                     text model of the original images (cameras.txt, images.txt, points3D.txt)
     graph.txt, values.txt       factor graph and estimate as gtsam's text archives
-    continued.txt               TUM: the frames resected after the initialization
+    continued.txt               TUM format: world_from_cam of the frames that were located after the initialization
     config.toml                 the resolved configuration
 
-Everything is written beside its place before the first file of an earlier run is touched, then renamed, the
-summary last: a folder with a summary is complete, and a run that fails leaves what was there.
+Each file is first written under a temporary name. Only when all files are complete, they replace those of an earlier
+run, the summary last. So a folder with a summary is complete, and a run that fails leaves the earlier results.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ __all__ = [
     "write_results",
 ]
 
-#: Name of the recording within the folder; written by :mod:`slam_init.recording.recorder` while the run goes on.
+#: Name of the recording in the folder. :mod:`slam_init.recording.rerun_recorder` writes it during the run.
 RECORDING = "recording.rrd"
 
 _SUMMARY, _GRAPH, _VALUES = "summary.json", "graph.txt", "values.txt"
@@ -57,25 +57,24 @@ _FILES = (
 
 
 def prepare_folder(out: Path) -> None:
-    """Make sure, before a run, that results can be written to a folder. What is in it stays.
+    """Check before a run that results can be written to a folder. Files in the folder are not changed.
 
     Parameters
     ----------
     out : Path
-        Created with its parents where missing.
+        The folder; it is created with its parents if it does not exist.
 
     Raises
     ------
     OutputError
-        Where the path is a file, or the folder cannot be created or written, or something else has the name of
-        a result.
+        If the path is a file, if the folder cannot be created or written, or if a folder has the name of a result.
     """
     try:
         if out.exists() and not out.is_dir():
             raise OutputError(f"--out {out} is a file: give a folder")
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=out):
-            pass  # only to learn whether a file can be created
+            pass  # this only tests whether a file can be created
         for name in (*_FILES, RECORDING):
             path = out / name
             if path.is_dir():
@@ -87,12 +86,19 @@ def prepare_folder(out: Path) -> None:
 
 
 def remove_older_results(out: Path) -> None:
-    """Remove results that are older than the recording beside them: an interrupted run has replaced only that.
+    """Remove results that are older than the recording beside them.
+
+    An interrupted run has replaced the recording only; the other results are those of an earlier run.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of the results.
 
     Raises
     ------
     OutputError
-        Where one cannot be removed.
+        If a file cannot be removed.
     """
     try:
         if (out / RECORDING).is_file():
@@ -111,33 +117,57 @@ def write_results(
     config_toml: str | None = None,
     continued: Sequence[Keyframe] = (),
 ) -> None:
-    """Write everything but the recording, all or nothing.
+    """Write all results but the recording: either all files are replaced, or none.
 
-    Files of an earlier run that this one does not write are removed.
+    Files of an earlier run that this run does not write are removed.
 
     Parameters
     ----------
     out : Path
-        Folder, created where missing.
+        The folder; it is created if it does not exist.
     result : Result
     summary : Summary
-        Of :func:`slam_init.output.summary.summary_of`.
+        From :func:`slam_init.output.summary.summary_of`.
     config_toml : str or None
         The resolved configuration.
     continued : sequence of Keyframe
-        The poses of the frames after the initialization.
+        The frames that were located after the initialization.
 
     Raises
     ------
     OutputError
-        Where the path is a file, or something cannot be written there.
+        If the path is a file, or a file cannot be written.
     """
+    files = _contents(result, summary, config_toml, continued)
+    if out.exists() and not out.is_dir():
+        raise OutputError(f"--out {out} is a file: give a folder")
+    temporaries: dict[str, Path] = {}
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for name, content in files.items():
+            temporaries[name] = _write_beside(out / name, content)
+        for name in (_SUMMARY, *_FILES):  # the summary is removed first and written last
+            if name == _SUMMARY or name not in files:
+                (out / name).unlink(missing_ok=True)
+        for name, temporary in temporaries.items():
+            temporary.replace(out / name)
+    except OSError as error:
+        raise _output_error(out, error) from error
+    finally:  # after an interrupt as well: no temporary files are left
+        for temporary in temporaries.values():
+            temporary.unlink(missing_ok=True)
+
+
+def _contents(
+    result: Result, summary: Summary, config_toml: str | None, continued: Sequence[Keyframe]
+) -> dict[str, bytes]:
+    """Return the content of each file by name, the summary last."""
     files: dict[str, bytes] = {}
     if result.map is not None:
         files["trajectory.txt"] = tum_text(result.map.keyframes).encode()
         files["map.ply"] = ply_bytes(result.map)
         files |= {
-            # Names of images as the file system has them, Unicode or not.
+            # The file system allows names of images that are not Unicode; the bytes are written unchanged.
             name: text.encode("utf-8", "surrogateescape")
             for name, text in zip(COLMAP_FILES, colmap_model(result.map), strict=True)
         }
@@ -148,28 +178,11 @@ def write_results(
     if config_toml is not None:
         files["config.toml"] = config_toml.encode()
     files[_SUMMARY] = summary_text(summary).encode()
-
-    if out.exists() and not out.is_dir():
-        raise OutputError(f"--out {out} is a file: give a folder")
-    temporaries: dict[str, Path] = {}
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        for name, content in files.items():
-            temporaries[name] = _write_beside(out / name, content)
-        for name in (_SUMMARY, *_FILES):  # the summary goes first and comes last
-            if name == _SUMMARY or name not in files:
-                (out / name).unlink(missing_ok=True)
-        for name, temporary in temporaries.items():
-            temporary.replace(out / name)
-    except OSError as error:
-        raise _output_error(out, error) from error
-    finally:  # also after an interrupt: leave no debris
-        for temporary in temporaries.values():
-            temporary.unlink(missing_ok=True)
+    return files
 
 
 def load_graph(out: str | os.PathLike[str]) -> tuple[Any, Any]:
-    """Read back the factor graph of a run, to go on with it in gtsam.
+    """Read the factor graph of a run, to continue with it in gtsam.
 
     Parameters
     ----------
@@ -185,7 +198,7 @@ def load_graph(out: str | os.PathLike[str]) -> tuple[Any, Any]:
     Raises
     ------
     SourceError
-        Where the folder holds no readable graph.
+        If the folder holds no readable graph.
     """
     import gtsam
 
@@ -196,13 +209,23 @@ def load_graph(out: str | os.PathLike[str]) -> tuple[Any, Any]:
         values.deserialize((out / _VALUES).read_text())
     except OSError as error:
         raise SourceError(f"no graph in {out}: give the --out folder of a run that initialized") from error
-    except RuntimeError as error:  # how gtsam's archive reports what it cannot parse
+    except RuntimeError as error:  # gtsam cannot parse the archive
         raise SourceError(f"the graph in {out} is damaged: run again") from error
     return graph, values
 
 
 def tum_text(keyframes: Sequence[Keyframe]) -> str:
-    """A trajectory in TUM's format: ``timestamp tx ty tz qx qy qz qw``, world_from_cam, quaternion w last."""
+    """Write a trajectory in TUM format.
+
+    Parameters
+    ----------
+    keyframes : sequence of Keyframe
+
+    Returns
+    -------
+    str
+        One line ``timestamp tx ty tz qx qy qz qw`` for each keyframe: ``world_from_cam``, with w last.
+    """
     lines = ["# timestamp tx ty tz qx qy qz qw (world_from_cam)"]
     for keyframe in keyframes:
         w, x, y, z = keyframe.world_from_cam.q_wxyz
@@ -212,7 +235,17 @@ def tum_text(keyframes: Sequence[Keyframe]) -> str:
 
 
 def ply_bytes(map_: InitialMap) -> bytes:
-    """The landmarks as a binary little-endian PLY with positions (float) and colours (uchar)."""
+    """Write the landmarks of a map in PLY format.
+
+    Parameters
+    ----------
+    map_ : InitialMap
+
+    Returns
+    -------
+    bytes
+        Binary, little-endian; positions are float, colours are uchar.
+    """
     header = (
         "ply\nformat binary_little_endian 1.0\n"
         "comment world frame: the first keyframe's camera, x right, y down, z forward\n"
@@ -227,21 +260,21 @@ def ply_bytes(map_: InitialMap) -> bytes:
 
 
 def _write_beside(path: Path, content: bytes) -> Path:
-    """Write a hidden file beside the one that it is to replace."""
+    """Write a hidden file in the folder of the file that it will replace."""
     path.parent.mkdir(exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
-        # mkstemp makes files private; results are as readable as any other file of the user.
+        # mkstemp makes private files; results get the usual permissions of the user's files.
         umask = os.umask(0)
         os.umask(umask)
         Path(temporary).chmod(0o666 & ~umask)
-    except BaseException:  # also an interrupt: leave no debris
+    except BaseException:  # an interrupt as well: no temporary file is left
         Path(temporary).unlink(missing_ok=True)
         raise
     return Path(temporary)
 
 
 def _output_error(out: Path, error: OSError) -> OutputError:
-    return OutputError(f"cannot write to --out {out}: {error.strerror or error}: give a folder you may write to")
+    return OutputError(f"cannot write to --out {out}: {error.strerror or error}: give a folder that you can write to")

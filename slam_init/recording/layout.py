@@ -1,4 +1,4 @@
-"""How the viewer lays a recording out, and which figures it plots. Used by :mod:`slam_init.recording.recorder` only."""
+"""The layout of a recording in the viewer, and the figures that it plots."""
 
 from __future__ import annotations
 
@@ -43,12 +43,14 @@ class Series:
     Attributes
     ----------
     entity : str
-        The last but one part of the path is the plot.
+        Path of the entity; its last but one part names the plot.
     label : str
+        Name in the legend.
     color : (int, int, int)
+        RGB, 0 to 255.
     of_attempt : function of Attempt, or None
-        Takes the figure from an attempt; the function returns None where the attempt does not have it. None where the
-        figure does not come from an attempt.
+        Returns the figure of an attempt, or None if the attempt does not have it. None if the figure does not come from
+        an attempt.
     """
 
     entity: str
@@ -58,12 +60,12 @@ class Series:
 
 
 def _gate_value(name: GateName) -> Callable[[Attempt], float | None]:
-    """The value of a gate of an attempt."""
+    """Return a function that returns the value of a gate of an attempt."""
     return lambda attempt: next((gate.value for gate in attempt.gates if gate.name is name), None)
 
 
 def _gate_threshold(name: GateName) -> Callable[[Attempt], float | None]:
-    """The threshold of a gate of an attempt."""
+    """Return a function that returns the threshold of a gate of an attempt."""
     return lambda attempt: next((gate.threshold for gate in attempt.gates if gate.name is name), None)
 
 
@@ -75,8 +77,9 @@ def _parallax_share(attempt: Attempt) -> float | None:
     return None if attempt.preview is None else attempt.preview.parallax_share
 
 
-#: The figures that show how an initialization develops: the parallax grows, then the bounds of the direction error fall
-#: below their threshold, first those of a pair, then that of a map. The verdict panel lists the other figures.
+#: The figures that show the progress of an initialization. First the parallax grows. Then the bounds of the direction
+#: error fall below their threshold: first the bounds of a pair, then the bound of a map. The panel of the verdict lists
+#: all other figures.
 SERIES = (
     Series(TRACKS, "tracks", ESTIMATE_COLOR),
     Series("stats/counts/landmarks", "landmarks", _GREEN, _gate_value(GateName.LANDMARKS)),
@@ -97,29 +100,15 @@ SERIES = (
 
 
 def blueprint() -> Any:
-    """The map and the cameras close up at the left; image, pair, series and verdict at the right."""
-    import rerun as rr
+    """Make the layout: the map and the keyframes at the left; image, pair, series and verdict at the right.
+
+    Returns
+    -------
+    rerun.blueprint.Blueprint
+    """
     import rerun.blueprint as rrb
 
-    no_axes = [rr.TransformAxes3D(0.0)]  # the frusta show where a camera looks
-    space = rrb.Spatial3DView(
-        origin="world",
-        # Keypoints belong on the flat image; painted on a frustum they hide it.
-        contents=["$origin/**", "- /world/camera/image/keypoints", "- /world/camera/image/motion"],
-        name="map: estimate blue, ground truth orange",
-        defaults=no_axes,
-        line_grid=False,
-        # Behind, above and beside the first camera; the unit is the median depth of the landmarks.
-        eye_controls=rrb.EyeControls3D(position=(-0.4, -0.45, -0.65), look_target=(0.0, 0.0, 0.8), eye_up=(0, -1, 0)),
-    )
-    # Without an eye of its own the viewer frames what is there, however short the path.
-    cameras = rrb.Spatial3DView(
-        origin="world",
-        contents=["/world/trajectory/**", "/world/keyframes/**"],
-        name="keyframes",
-        defaults=no_axes,
-        line_grid=False,
-    )
+    space, keyframes = _space_views()
     camera = rrb.Spatial2DView(origin="world/camera/image", name="frame and tracks")
     pair = rrb.Spatial2DView(origin="pairs/image", name="pair tried: inliers green, outliers red")
     verdict = rrb.TextDocumentView(origin="pairs/verdict", name="verdict")
@@ -143,7 +132,7 @@ def blueprint() -> Any:
     root = rrb.Horizontal(
         rrb.Vertical(
             space,
-            rrb.Horizontal(cameras, rrb.Tabs(log, summary, iterations, name="text"), column_shares=[1, 1]),
+            rrb.Horizontal(keyframes, rrb.Tabs(log, summary, iterations, name="text"), column_shares=[1, 1]),
             row_shares=[5, 3],
         ),
         rrb.Vertical(
@@ -158,8 +147,43 @@ def blueprint() -> Any:
     return rrb.Blueprint(root, rrb.TimePanel(timeline="frame", state="collapsed"), collapse_panels=True)
 
 
+def _space_views() -> tuple[Any, Any]:
+    """Make the view of the map from behind the first camera, and the view of the path and the keyframes."""
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    no_axes = [rr.TransformAxes3D(0.0)]  # the frusta show the directions of the cameras
+    space = rrb.Spatial3DView(
+        origin="world",
+        # Keypoints are shown on the flat image only; on the frustum they would hide the image.
+        contents=["$origin/**", "- /world/camera/image/keypoints", "- /world/camera/image/motion"],
+        name="map: estimate blue, ground truth orange",
+        defaults=no_axes,
+        line_grid=False,
+        # Behind, above and beside the first camera; the unit is the median depth of the landmarks.
+        eye_controls=rrb.EyeControls3D(position=(-0.4, -0.45, -0.65), look_target=(0.0, 0.0, 0.8), eye_up=(0, -1, 0)),
+    )
+    # Without eye controls the viewer fits the view to its content, also if the path is short.
+    keyframes = rrb.Spatial3DView(
+        origin="world",
+        contents=["/world/trajectory/**", "/world/keyframes/**"],
+        name="keyframes",
+        defaults=no_axes,
+        line_grid=False,
+    )
+    return space, keyframes
+
+
 def name_parts(part: Any, path: str) -> None:
-    """Replace the random ids of a layout by ids made from the place of each part."""
+    """Replace the random ids of a layout by ids that depend on the position of each part.
+
+    Parameters
+    ----------
+    part : rerun.blueprint.Container or View
+        The part, with its contents.
+    path : str
+        Position of the part.
+    """
     part.id = uuid.uuid5(uuid.NAMESPACE_URL, path)
     for i, child in enumerate(getattr(part, "contents", ())):
         if hasattr(child, "id"):

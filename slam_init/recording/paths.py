@@ -1,4 +1,4 @@
-"""Trajectories as lines of the recording: dashed, and those of maps that the views could not decide between."""
+"""Trajectories in a recording: the dashed path of the ground truth, and the paths of two undecided maps."""
 
 from __future__ import annotations
 
@@ -13,32 +13,43 @@ from slam_init.types.initial_map import InitialMap
 
 __all__ = ["dashes", "log_hypotheses"]
 
-#: The ground truth is dashed, so that the estimate is seen where both agree.
+#: Number of dashes of the ground truth. It is dashed so that the estimate can be seen where both agree.
 _DASHES = 30
-#: The better of the two maps that are kept, and its rival.
+#: Colours of the better one of two undecided maps, and of its rival.
 _COLORS: tuple[Color, ...] = ((190, 120, 255), (130, 110, 150))
 
 
 def dashes(positions: Floats) -> list[Floats]:
-    """Every other piece of a path cut into pieces of one length."""
+    """Cut a path into pieces of equal length, and return every other piece.
+
+    Parameters
+    ----------
+    positions : (N, 3) float
+        The path.
+
+    Returns
+    -------
+    list of (M, 3) float
+    """
     lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(lengths)])
     cuts = np.linspace(0, along[-1], 2 * _DASHES)
-    dashes = []
+    pieces = []
     for begin, end in cuts.reshape(-1, 2):
-        # The corners in between belong to a dash too.
+        # The corners of the path within a dash are kept.
         at = np.concatenate([[begin], along[(along > begin) & (along < end)], [end]])
-        dashes.append(np.stack([np.interp(at, along, column) for column in positions.T], axis=1))
-    return dashes
+        pieces.append(np.stack([np.interp(at, along, column) for column in positions.T], axis=1))
+    return pieces
 
 
 def log_hypotheses(rec: Any, maps: Sequence[InitialMap]) -> None:
-    """Log the path of each map, the better one first, and clear those for which there is none.
+    """Log the paths of up to two maps, and clear the entities of the maps that do not exist.
 
     Parameters
     ----------
     rec : rerun.RecordingStream
-    maps : sequence of at most two InitialMap
+    maps : sequence of InitialMap
+        At most two, the better one first.
     """
     import rerun as rr
 

@@ -1,11 +1,12 @@
-"""Attempts and summaries in words, for the recording."""
+"""Texts of attempts and summaries for the recording."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
 
-from slam_init.output.summary import Json, Summary, plain_fields
+from slam_init.output.plain_json import Json, plain_fields
+from slam_init.output.summary import Summary
 from slam_init.types.evidence import VoteEvidence
 from slam_init.types.gates import Direction, Gate
 from slam_init.types.reasons import Verdict
@@ -27,12 +28,12 @@ _FIGURES = (
     "reprojection_rmse_px",
     "scene",
 )
-#: Fields that have a table each. Times and provenance are left out: no two runs have the same ones.
+#: Fields that have a table each. Times and provenance are left out, since they differ between equal runs.
 _TABLES = ("margin", "ground_truth", "camera", "focal_length", "source", "continued")
 
 
 def attempt_line(attempt: Attempt) -> str:
-    """One line: the frames, the verdict and what would help.
+    """Write one line: the frames, the verdict and the advice.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def attempt_line(attempt: Attempt) -> str:
 
 
 def attempt_markdown(attempt: Attempt) -> str:
-    """The verdict as a heading, the advice, the gates, then the rest of the evidence.
+    """Write the verdict as a heading, then the advice, the gates, and the rest of the evidence.
 
     Parameters
     ----------
@@ -70,7 +71,7 @@ def attempt_markdown(attempt: Attempt) -> str:
 
 
 def summary_markdown(summary: Summary) -> str:
-    """The figures of a summary as tables, its keyframes listed.
+    """Write the figures of a summary as tables, with a list of its keyframes.
 
     Parameters
     ----------
@@ -104,7 +105,7 @@ def _gate_row(gate: Gate) -> str:
 
 
 def _evidence(attempt: Attempt) -> dict[str, Json]:
-    """All evidence of an attempt by name, flat, without what is not known."""
+    """Return all evidence of an attempt by name, in one flat table, without the unknown figures."""
     rows: dict[str, Json] = dict(attempt.method_evidence)
     if attempt.preview is not None:
         rows |= plain_fields(attempt.preview)

@@ -220,6 +220,13 @@ class Camera(Described):
         pixels[~seen] = np.nan
         return np.asarray(pixels)
 
+    @property
+    def max_tangent(self) -> float:
+        """Tangent of the largest angle from the optical axis that the lens sees; infinite where nothing limits it."""
+        if self.model == "fisheye":
+            return math.tan(_turning_radius(self.distortion, _MAX_FISHEYE_ANGLE_RAD))
+        return _turning_radius(_radial(self.distortion), np.inf) if self.is_distorted else math.inf
+
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         guessed = " (focal length guessed)" if self.guessed else ""
         facts = [

@@ -14,7 +14,19 @@ __all__ = ["StageTimes", "Stopwatch"]
 
 
 class StageTimes(TypedDict):
-    """Wall-clock times of a stage in milliseconds (median, 95th percentile, total), and the number of its calls."""
+    """Wall-clock times of a stage, in milliseconds, and the number of its calls.
+
+    Attributes
+    ----------
+    median : float
+        Median time of a call.
+    p95 : float
+        95th percentile of the times of the calls.
+    total : float
+        Sum of the times of all calls.
+    calls : float
+        Number of calls.
+    """
 
     median: float
     p95: float

@@ -1,4 +1,4 @@
-"""The same seed gives the same map, to the last bit: on repeated runs, and however many threads the libraries take."""
+"""The same seed gives the same map to the last bit, in repeated runs and with any number of threads."""
 
 import os
 import subprocess
@@ -7,7 +7,7 @@ import sys
 import pytest
 from paths import ROOT
 
-#: A plane whose twin is voted on, a general scene with many wrong matches, and images that are tracked.
+#: A plane with a vote on its twin, a general scene with many outliers, and images that are tracked.
 SOURCES = (
     "points:wall?seed=2&noise_px=1.0",
     "points:room?seed=3&outliers=0.3",
@@ -34,6 +34,7 @@ for text in sys.argv[1:]:
 
 
 def maps(threads):
+    """The number of landmarks and the hash of each map, from a new process."""
     variables = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
     done = subprocess.run(
         [sys.executable, "-c", DIGEST, *SOURCES],

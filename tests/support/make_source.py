@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 from slam_init.datasets import open_source
 from slam_init.types.camera import Camera
@@ -54,3 +54,9 @@ def synth(name: str, seed: int = 0, **options: float) -> KeptSource:
     """The source ``synth:NAME`` with these options."""
     query = "&".join(f"{key}={value}" for key, value in options.items())
     return KeptSource(open_source(f"synth:{name}?{query}", seed))
+
+
+def picked(source: Source, indices: Sequence[int]) -> tuple[Frame, ...]:
+    """These frames of a source, numbered from 0, at 30 Hz."""
+    frames = [next(source.frames(index, 1)) for index in indices]
+    return tuple(replace(frame, index=k, timestamp_s=k / 30) for k, frame in enumerate(frames))

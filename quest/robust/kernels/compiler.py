@@ -9,32 +9,42 @@ from typing import TypeVar, cast
 
 from numba import njit
 
-__all__ = ["compiled"]
+__all__ = ["compiled", "compiler_of"]
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
-#: Hash of the source of all loops. numba compiles a function again when the file of this function has changed, and not
-#: when the file of a function that it calls has changed. So the hash is a part of the name under which numba keeps the
-#: machine code: an edit of any file of this folder renews the machine code of all loops.
-_SOURCES = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py"))))
 
+def compiler_of(folder: Path) -> Callable[[Function], Function]:
+    """The decorator for the compiled loops of a folder.
 
-def compiled(function: Function) -> Function:
-    """Compile a function at its first call and keep the machine code on disk.
+    numba compiles a function again when the file of this function has changed, and not when the file of a function that
+    it calls has changed. So a hash of all sources of the folder, and of this folder, is a part of the name under which
+    numba keeps the machine code: an edit of any of these files renews the machine code of all loops.
 
     Parameters
     ----------
-    function : callable
-        A function of numbers and arrays, in the part of Python that numba compiles.
+    folder : Path
+        Folder of the loops.
 
     Returns
     -------
     callable
-        The compiled function. Where no folder can be written (neither that of the package nor that of the user), each
-        process compiles for itself.
+        Compiles a function of numbers and arrays, in the part of Python that numba compiles, at its first call, and
+        keeps the machine code on disk. Where no folder can be written (neither that of the package nor that of the
+        user), each process compiles for itself.
     """
-    function.__qualname__ = f"{function.__qualname__}_{_SOURCES.hexdigest()[:8]}"
-    try:
-        return cast("Function", njit(cache=True, error_model="numpy")(function))
-    except RuntimeError:
-        return cast("Function", njit(error_model="numpy")(function))
+    files = {*Path(__file__).parent.glob("*.py"), *folder.glob("*.py")}
+    sources = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()[:8]
+
+    def _compiled(function: Function) -> Function:
+        function.__qualname__ = f"{function.__qualname__}_{sources}"
+        try:
+            return cast("Function", njit(cache=True, error_model="numpy")(function))
+        except RuntimeError:
+            return cast("Function", njit(error_model="numpy")(function))
+
+    return _compiled
+
+
+#: The decorator of the loops of this folder.
+compiled = compiler_of(Path(__file__).parent)

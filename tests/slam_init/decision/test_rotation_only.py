@@ -1,19 +1,32 @@
-"""A camera that only turns, whose stated focal length may be wrong, told from a translation before a wall."""
+"""A rotation-only camera with a wrong stated focal length is distinguished from a translation in front of a wall."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from make_candidates import TOWARDS
+from make_pair import estimated
+from make_scene import CAMERA, CONFIG, observe, plane
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.decision.calibration_check import TurningCamera, suspected_focal_factor, turning_camera
+from slam_init.decision.rotation_only import (
+    RotationOnlyCamera,
+    fit_rotation_only,
+    judge_rotation_only,
+    suspect_calibration,
+    suspected_focal_factor,
+)
+from slam_init.types.evidence import RotationOnlyEvidence
+from slam_init.types.gates import GateName, Stage
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import Attempt
 
 NOISE = 1e-3
 TURN = rotation_from_vector(np.array([0.03, 0.2, 0.01]))
 
 
 def matches(R, t, factor=1.0, depth=None, seed=0, count=400):
-    """Bearings under the stated calibration of a camera with another focal length; depth (N,) of the points."""
+    """Bearings under the stated calibration, of a camera with another focal length, and points at ``depth(x)``."""
     rng = np.random.default_rng(seed)
     x = np.column_stack([rng.uniform([-0.7, -0.5], [0.7, 0.5], (count, 2)), np.ones(count)])
     X = x * (1.0 if depth is None else depth(x)[:, None])
@@ -30,59 +43,102 @@ def wall(x):
 
 @pytest.mark.parametrize("factor", [0.92, 0.97, 1.0, 1.04, 1.08])
 @pytest.mark.parametrize("outliers", [0.0, 0.3])
-def test_a_turning_camera_leaves_the_noise_and_tells_its_focal_length(factor, outliers):
+def test_the_fit_of_a_rotation_only_camera_leaves_the_noise_and_finds_the_focal_length(factor, outliers):
     m, n = matches(TURN, np.zeros(3), factor)
     lost = int(outliers * len(n))
     n[:lost] = matches(TURN, np.zeros(3), seed=9, count=lost)[1] if lost else n[:lost]
-    found = turning_camera(m, n, NOISE)
+    found = fit_rotation_only(m, n, NOISE)
     assert found.focal_factor == pytest.approx(factor, abs=0.015)
-    # The bearings' own noise is less than that of the pixels off the axis; outliers raise the median.
+    # Away from the optical axis, the noise of a bearing is less than that of a pixel. Outliers raise the median.
     assert 0.6 * NOISE < found.residual_rad < (1.8 if lost else 1.1) * NOISE
     assert found.stated_residual_rad >= found.residual_rad
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_translation_before_a_wall_leaves_more(seed):
+def test_the_fit_to_a_translation_in_front_of_a_wall_leaves_more_than_noise(seed):
     t = 0.1 * np.random.default_rng(seed).normal(size=3)
     m, n = matches(TURN, t, depth=wall, seed=seed)
-    found = turning_camera(m, n, NOISE)
+    found = fit_rotation_only(m, n, NOISE)
     assert found.residual_rad > 3 * NOISE
     assert suspected_focal_factor(found, 1.5 * NOISE) is None
 
 
 def test_a_wrong_focal_length_is_suspected_and_a_right_one_is_not():
     for factor in (0.94, 1.06):
-        found = turning_camera(*matches(TURN, np.zeros(3), factor), NOISE)
+        found = fit_rotation_only(*matches(TURN, np.zeros(3), factor), NOISE)
         assert suspected_focal_factor(found, 1.5 * NOISE) == pytest.approx(factor, abs=0.015)
     for seed in range(5):
-        found = turning_camera(*matches(TURN, np.zeros(3), seed=seed), NOISE)
+        found = fit_rotation_only(*matches(TURN, np.zeros(3), seed=seed), NOISE)
         assert suspected_focal_factor(found, 1.5 * NOISE) is None
 
 
-def test_a_camera_that_stands_still_says_nothing_of_its_focal_length():
-    found = turning_camera(*matches(np.eye(3), np.zeros(3), 1.08), NOISE)
+def test_a_static_camera_does_not_determine_its_focal_length():
+    found = fit_rotation_only(*matches(np.eye(3), np.zeros(3), 1.08), NOISE)
     assert suspected_focal_factor(found, 1.5 * NOISE) is None
 
 
-def test_a_suspicion_needs_all_of_its_grounds():
-    sure = TurningCamera(1.05, 1.0, 2.0, matches=400, gain=100.0, gain_z=8.0)
+def test_a_focal_length_is_suspected_only_if_all_conditions_hold():
+    sure = RotationOnlyCamera(1.05, 1.0, 2.0, matches=400, gain=100.0, gain_z=8.0)
     assert suspected_focal_factor(sure, 1.5) == 1.05
     assert suspected_focal_factor(replace(sure, focal_factor=0.98), 1.5) == 0.98
     for reason, weak in {
-        "it does not explain the matches": replace(sure, residual_rad=1.6),
-        "the stated one explains them as well": replace(sure, gain=10.0),
-        "one region of the view speaks for it": replace(sure, gain_z=2.0),
-        "it is near enough": replace(sure, focal_factor=1.01),
-        "it is the last one that was tried": replace(sure, focal_factor=1.1),
+        "the rotation-only camera does not explain the matches": replace(sure, residual_rad=1.6),
+        "the stated focal length explains the matches as well": replace(sure, gain=10.0),
+        "the gain comes from one region of the view": replace(sure, gain_z=2.0),
+        "the factor is within the error of a calibration": replace(sure, focal_factor=1.01),
+        "the factor is the last one that was tried": replace(sure, focal_factor=1.1),
     }.items():
         assert suspected_focal_factor(weak, 1.5) is None, reason
 
 
-def test_the_fewer_the_matches_the_more_a_residual_may_exceed_its_expectation():
-    """Over many draws the median length of Gaussian errors stays below the factor, and comes near it."""
+def test_a_residual_of_few_matches_may_exceed_its_expectation_more():
+    """Over many draws, the largest median length of Gaussian errors is near the factor."""
     rng = np.random.default_rng(0)
     for count in (50, 800):
         lengths = np.linalg.norm(rng.normal(size=(2000, count, 2)), axis=2)
         medians = np.median(lengths, axis=1) / np.sqrt(2 * np.log(2))
-        limit = TurningCamera(1.0, 1.0, 1.0, count, 0.0, 0.0).chance_factor
+        limit = RotationOnlyCamera(1.0, 1.0, 1.0, count, 0.0, 0.0).chance_factor
         assert 1 + 0.7 * (limit - 1) < medians.max() < 1 + 1.3 * (limit - 1)
+
+
+# -- the decision on a pair -----------------------------------------------------------------------
+
+ATTEMPT = Attempt((0, 1), Verdict.ACCEPTED)
+#: A rotation-only camera with a focal length of 1.05 times the stated one, which explains the matches as noise.
+EXPLAINS = RotationOnlyCamera(1.05, NOISE, 3 * NOISE, matches=400, gain=100.0, gain_z=8.0)
+
+
+def test_a_map_is_refused_if_a_rotation_only_camera_explains_the_matches():
+    refused = judge_rotation_only(CAMERA, CONFIG, ATTEMPT, EXPLAINS, NOISE, 0.0)
+    assert (refused.verdict, refused.stage) == (Verdict.PURE_ROTATION, Stage.MAP)
+    (gate,) = refused.gates
+    assert gate.name is GateName.ROTATION_ONLY_RESIDUAL
+    assert refused.parallax_shortfall == gate.threshold / gate.value
+    assert refused.suspected_focal_factor == 1.05
+    assert "1.05 times" in refused.advice
+
+
+def test_a_map_is_accepted_if_a_rotation_only_camera_leaves_a_clear_residual():
+    leaves = replace(EXPLAINS, residual_rad=5 * NOISE)
+    accepted = judge_rotation_only(CAMERA, CONFIG, ATTEMPT, leaves, NOISE, 0.0)
+    assert accepted.verdict == Verdict.ACCEPTED
+    assert accepted.gates[0].passes()
+    assert accepted.suspected_focal_factor is None
+    # The same residual does not count if the correlated tracking error is as large.
+    assert judge_rotation_only(CAMERA, CONFIG, ATTEMPT, leaves, NOISE, 5 * NOISE).verdict == Verdict.PURE_ROTATION
+
+
+def test_a_refused_planar_pair_becomes_a_pure_rotation_if_a_rotation_only_camera_is_suspected():
+    rng = np.random.default_rng(0)
+    pose = estimated(observe(CAMERA, TOWARDS, plane(rng, 300), 0.3, rng)).pose
+    assert pose.kind == "planar"
+    refused = replace(ATTEMPT, verdict=Verdict.LOW_PARALLAX, advice="keep translating")
+    explains = replace(EXPLAINS, residual_rad=pose.noise_rad)
+    suspected = suspect_calibration(CAMERA, CONFIG, refused, pose, explains, 0.0)
+    assert suspected.verdict == Verdict.PURE_ROTATION
+    assert "check the calibration" in suspected.advice
+    weak = suspect_calibration(CAMERA, CONFIG, refused, pose, replace(explains, gain=1.0), 0.0)
+    assert (weak.verdict, weak.advice) == (refused.verdict, refused.advice)
+    assert weak.rotation_only == RotationOnlyEvidence(1.05)
+    general = replace(pose, kind="general")
+    assert suspect_calibration(CAMERA, CONFIG, refused, general, explains, 0.0) is refused

@@ -1,4 +1,4 @@
-"""Laws of points from rays and of poses from points."""
+"""Laws of triangulation and of resection."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def test_the_order_of_the_views_does_not_matter():
 
 
 def test_a_point_behind_both_cameras_is_found_where_its_lines_meet():
-    """Cheirality is the caller's question: the rays are lines, and the point says on which side it lies."""
+    """Triangulation treats rays as lines; the caller tests on which side of the cameras a point lies."""
     poses, points = list(make_poses(2)), np.array([[0.1, 0.0, -1.5]])
     np.testing.assert_allclose(triangulate(poses, -rays(poses, points)), points, atol=1e-8)
 
@@ -91,7 +91,7 @@ def test_resection_finds_the_pose_of_exact_points(model):
 
 @given(seed=seeds)
 @settings(max_examples=15, deadline=None)
-def test_resection_survives_a_third_of_outliers_and_names_them(seed):
+def test_resection_finds_the_pose_and_the_outliers_among_a_third_of_outliers(seed):
     rng = np.random.default_rng(seed)
     points, truth = cloud(rng, 90), make_poses(4)[3]
     (seen,) = observe(CAMERA, [truth], points, 0.3, rng)
@@ -110,8 +110,8 @@ def test_resection_of_points_on_a_plane():
     assert_near(resect(points, seen.bearings, THRESHOLD_RAD)[0], truth.inverse(), 1e-5, 1e-5)
 
 
-def test_a_good_guess_serves_where_the_minimal_solver_cannot():
-    """Rays to the side and behind do not fit on the plane z = 1."""
+def test_a_good_guess_gives_a_pose_where_the_minimal_solver_has_none():
+    """Rays to the side and behind the camera have no point on the plane z = 1."""
     rng = np.random.default_rng(4)
     directions = rng.normal(size=(60, 3))
     directions[:, 2] = -np.abs(directions[:, 2])

@@ -1,4 +1,4 @@
-"""What is written is read back by the programs it is meant for: evo, COLMAP, gtsam, JSON, a PLY reader."""
+"""Laws of the files of a run: complete, atomic, and readable by evo, COLMAP and gtsam."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import os
 import tempfile
 from dataclasses import replace
+from pathlib import Path
 
 import gtsam
 import numpy as np
@@ -21,13 +22,8 @@ from slam_init.bundle.focal import camera_with_focal_factor
 from slam_init.bundle.graph import calibration_key
 from slam_init.errors import OutputError, SourceError
 from slam_init.mapping.map_building import initial_map
-from slam_init.output.results import (
-    load_graph,
-    prepare_folder,
-    remove_older_results,
-    summary_text,
-    write_results,
-)
+from slam_init.output.results import load_graph, prepare_folder, remove_older_results, write_results
+from slam_init.types.reasons import Verdict
 
 FILES_WITH_MAP = {
     "summary.json",
@@ -46,31 +42,31 @@ def write(out, result, **keywords):
     return {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
 
 
-def test_a_folder_holds_the_documented_files_and_no_debris(tmp_path):
+def test_a_folder_holds_the_documented_files_and_no_temporary_files(tmp_path):
     map_ = make_map()
     written = write(tmp_path / "deep" / "run", make_result(map_), config_toml="seed = 0\n", continued=map_.keyframes)
     assert written == FILES_WITH_MAP | {"config.toml", "continued.txt"}
 
 
-def test_images_of_no_unicode_name_are_named_as_the_file_system_does(tmp_path):
+def test_a_name_that_is_not_unicode_is_written_with_its_bytes(tmp_path):
     map_ = make_map()
     first = replace(map_.keyframes[0], name="\udcff.png")
     write(tmp_path, make_result(replace(map_, keyframes=(first, *map_.keyframes[1:]))))
     assert b" 1 \xff.png\n" in (tmp_path / "colmap" / "images.txt").read_bytes()
 
 
-def test_a_run_without_a_map_leaves_nothing_of_an_earlier_run_but_foreign_files(tmp_path):
+def test_a_run_without_a_map_removes_the_results_of_an_earlier_run_and_no_other_files(tmp_path):
     map_ = make_map()
     write(tmp_path, make_result(map_), continued=map_.keyframes)
     (tmp_path / "notes.md").write_text("mine")
-    assert write(tmp_path, make_result(None, "static_camera")) == {"summary.json", "notes.md"}
+    assert write(tmp_path, make_result(None, Verdict.STATIC_CAMERA)) == {"summary.json", "notes.md"}
 
 
 def contents(folder):
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_preparing_changes_nothing(tmp_path):
+def test_preparing_a_folder_changes_no_file(tmp_path):
     write(tmp_path, make_result(make_map()))
     (tmp_path / "recording.rrd").write_bytes(b"old")
     before = contents(tmp_path)
@@ -79,7 +75,7 @@ def test_preparing_changes_nothing(tmp_path):
 
 
 @pytest.mark.parametrize("recording_is_newer", [True, False])
-def test_an_interrupted_run_leaves_no_older_results_beside_its_recording(tmp_path, recording_is_newer):
+def test_results_that_are_older_than_the_recording_are_removed(tmp_path, recording_is_newer):
     write(tmp_path, make_result(make_map()))
     for name in ("recording.rrd", "notes.md"):
         (tmp_path / name).write_bytes(b"")
@@ -92,7 +88,7 @@ def test_an_interrupted_run_leaves_no_older_results_beside_its_recording(tmp_pat
 
 
 @pytest.mark.parametrize("taken", ["summary.json/mine", "recording.rrd/mine", "colmap"])
-def test_a_place_of_a_result_that_is_taken_is_told_before_the_run(tmp_path, taken):
+def test_a_folder_in_the_place_of_a_result_is_an_error_before_the_run(tmp_path, taken):
     (tmp_path / taken).parent.mkdir(exist_ok=True)
     (tmp_path / taken).write_text("mine")
     with pytest.raises(OutputError, match="give another --out"):
@@ -100,7 +96,7 @@ def test_a_place_of_a_result_that_is_taken_is_told_before_the_run(tmp_path, take
     assert contents(tmp_path) == {taken: b"mine"}
 
 
-def test_a_disk_that_fills_up_leaves_the_results_of_the_earlier_run(tmp_path, monkeypatch):
+def test_a_full_disk_leaves_the_results_of_the_earlier_run(tmp_path, monkeypatch):
     write(tmp_path, make_result(make_map()))
     before = contents(tmp_path)
     mkstemp = tempfile.mkstemp
@@ -126,47 +122,8 @@ def test_evo_reads_the_keyframes_with_the_time_stamps_of_the_source(tmp_path):
     np.testing.assert_allclose([T[:3, :3] for T in read.poses_se3], [p.R for p in poses], atol=1e-10)
 
 
-@pytest.mark.parametrize("model", CAMERAS)
-def test_colmap_reads_the_model_and_finds_our_reprojection_error(tmp_path, model):
-    map_, camera = make_map(model), CAMERAS[model]
-    write(tmp_path, make_result(map_))
-    read = pycolmap.Reconstruction(tmp_path / "colmap")
-    expected = {
-        "pinhole": "PINHOLE",
-        "radtan": "OPENCV",
-        "radtan5": "FULL_OPENCV",
-        "fisheye": "OPENCV_FISHEYE",
-    }
-    assert read.cameras[1].model.name == expected[model]
-    assert [read.images[k + 1].name for k in range(4)] == [k.name for k in map_.keyframes]
-    assert read.num_points3D() == len(map_.points)
-    assert read.compute_num_observations() == len(map_.observation_pixels)
-
-    written_px = {i: point.error for i, point in read.points3D.items()}
-    read.update_point_3d_errors()
-    for i, point in read.points3D.items():
-        assert point.error == pytest.approx(written_px[i], abs=1e-6)
-    ours = []
-    for k, i, pixel in zip(
-        map_.observation_keyframes, map_.observation_landmarks, map_.observation_pixels, strict=True
-    ):
-        cam_from_world = map_.keyframes[k].world_from_cam.inverse()
-        ours.append(np.linalg.norm(camera.project(cam_from_world.apply(map_.points[i]))[0] - pixel))
-    assert np.sqrt(np.mean(np.square(ours))) == pytest.approx(map_.reprojection_rmse_px)
-    by_point = [np.mean(np.array(ours)[map_.observation_landmarks == i]) for i in range(len(map_.points))]
-    assert read.compute_mean_reprojection_error() == pytest.approx(np.mean(by_point), abs=1e-6)
-
-
-def test_a_fifth_coefficient_of_zero_is_the_plain_opencv_camera(tmp_path):
-    camera = replace(CAMERAS["radtan5"], distortion=(-0.2, 0.05, 1e-3, -5e-4, 0.0))
-    write(tmp_path, make_result(replace(make_map("radtan"), camera=camera)))
-    read = pycolmap.Reconstruction(tmp_path / "colmap").cameras[1]
-    assert read.model.name == "OPENCV"
-    np.testing.assert_allclose(read.params[4:], camera.distortion[:4])
-
-
 @pytest.mark.parametrize("model", ["pinhole", "radtan", "fisheye"])
-def test_gtsam_reads_the_graph_and_goes_on_with_it(tmp_path, model):
+def test_gtsam_reads_the_graph_and_continues_to_optimize_it(tmp_path, model):
     map_ = make_map(model)
     write(tmp_path, make_result(map_))
     graph, values = load_graph(tmp_path)
@@ -177,7 +134,7 @@ def test_gtsam_reads_the_graph_and_goes_on_with_it(tmp_path, model):
     assert graph.error(optimized) < graph.error(values)
 
 
-def test_a_folder_without_a_graph_or_with_a_damaged_one_is_told(tmp_path):
+def test_a_missing_or_damaged_graph_is_an_error(tmp_path):
     with pytest.raises(SourceError, match="no graph in"):
         load_graph(tmp_path)
     write(tmp_path, make_result(make_map()))
@@ -187,8 +144,8 @@ def test_a_folder_without_a_graph_or_with_a_damaged_one_is_told(tmp_path):
 
 
 @pytest.mark.parametrize("model", CAMERAS)
-def test_a_map_with_an_adjusted_focal_length_goes_out_and_comes_back_with_it(tmp_path, model):
-    """COLMAP's error is ours, and gtsam goes on with the calibration as a variable."""
+def test_an_adjusted_focal_length_is_in_all_files(tmp_path, model):
+    """COLMAP computes the same reprojection error, and the graph has the calibration as a variable."""
     rng = np.random.default_rng(2)
     points = cloud(rng, 60)
     noisy = problem(CAMERAS[model], points, noise_px=0.5, rng=rng)
@@ -224,11 +181,7 @@ def test_a_map_with_an_adjusted_focal_length_goes_out_and_comes_back_with_it(tmp
     }
 
 
-def test_a_focal_length_that_was_held_is_not_in_the_summary():
-    assert "focal_length" not in summarize(make_result(make_map()))
-
-
-def test_the_ply_holds_every_landmark_with_its_colour(tmp_path):
+def test_the_ply_holds_each_landmark_with_its_colour(tmp_path):
     map_ = make_map()
     write(tmp_path, make_result(map_))
     header, body = (tmp_path / "map.ply").read_bytes().split(b"end_header\n", 1)
@@ -239,52 +192,7 @@ def test_the_ply_holds_every_landmark_with_its_colour(tmp_path):
     np.testing.assert_array_equal(vertices["rgb"], map_.colors)
 
 
-def test_the_summary_has_the_documented_keys_and_counts_what_is_on_disk(tmp_path):
-    map_ = make_map()
-    truth = {"rotation_error_deg": 0.25, "direction_error_deg": None, "ate_rmse": 0.01, "path_length": 1.5}
-    result = make_result(map_)
-    write_results(tmp_path, result, summarize(result, ground_truth=truth))
-    read = json.loads((tmp_path / "summary.json").read_text())
-    assert {
-        "schema": 1,
-        "status": "initialized",
-        "reason": None,
-        "frames_read": 32,
-        "frames_to_init": 22,
-        "landmarks": 60,
-        "scene": "general",
-        "ground_truth": truth,
-        "timing_ms": result.timing_ms,
-        "method": "quest",
-        "seed": 0,
-    }.items() <= read.items()
-    assert [k["frame"] for k in read["keyframes"]] == [10, 17, 24, 31]
-    assert read["keyframes"][1]["timestamp"] == map_.keyframes[1].timestamp_s
-    np.testing.assert_allclose(read["keyframes"][3]["t"], map_.keyframes[3].world_from_cam.t, atol=1e-8)
-    np.testing.assert_allclose(read["keyframes"][3]["q_wxyz"], map_.keyframes[3].world_from_cam.q_wxyz, atol=1e-8)
-    assert read["reprojection_rmse_px"] == pytest.approx(map_.reprojection_rmse_px, rel=1e-5)
-    assert [(a["frames"], a["verdict"]) for a in read["attempts"]][-1] == ([10, 31], "accepted")
-    assert read["attempts"][0]["evidence"]["parallax_deg"] == 0.4
-    assert "continued" not in read
-
-
-def test_a_run_without_a_map_says_why_in_the_same_words():
-    summary = summarize(make_result(None, "low_parallax"))
-    assert (summary["status"], summary["reason"]) == ("not_initialized", "low_parallax")
-    assert (summary["keyframes"], summary["landmarks"], summary["ground_truth"]) == ([], 0, None)
-    assert summary.keys() == summarize(make_result(make_map())).keys()
-
-
-@pytest.mark.parametrize("bad", [float("nan"), float("inf"), np.float64("nan"), np.float32("-inf")])
-def test_numbers_that_json_does_not_know_become_null(bad):
-    result = make_result(make_map())
-    evidence = {"noise_px": bad, "count": np.int64(3), "planar": np.bool_(True)}
-    attempt = replace(result.attempts[0], evidence=evidence)
-    text = summary_text(summarize(replace(result, attempts=(attempt,))))
-    assert json.loads(text)["attempts"][0]["evidence"] == {"noise_px": None, "count": 3, "planar": True}
-
-
-def test_the_same_run_gives_the_same_bytes(tmp_path):
+def test_two_equal_runs_give_the_same_bytes(tmp_path):
     for name in "ab":
         write(tmp_path / name, make_result(make_map()))
     for name in FILES_WITH_MAP:
@@ -292,7 +200,7 @@ def test_the_same_run_gives_the_same_bytes(tmp_path):
 
 
 @pytest.mark.parametrize("below", ["", "sub/folder"])
-def test_a_path_that_is_a_file_is_refused_and_the_file_left_alone(tmp_path, below):
+def test_a_path_that_is_a_file_is_an_error_and_the_file_is_not_changed(tmp_path, below):
     file = tmp_path / "taken"
     file.write_text("mine")
     result = make_result(make_map())
@@ -304,9 +212,7 @@ def test_a_path_that_is_a_file_is_refused_and_the_file_left_alone(tmp_path, belo
     assert file.read_text() == "mine"
 
 
-def test_a_failing_disk_leaves_no_half_written_file(tmp_path, monkeypatch):
-    from pathlib import Path
-
+def test_a_failing_disk_leaves_no_temporary_file(tmp_path, monkeypatch):
     def refuse(self, target):
         raise OSError(28, "No space left on device")
 

@@ -1,0 +1,88 @@
+"""Decision rules for all pairs of a frame, by their previews, before any epipolar geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from slam_init.config import Config
+from slam_init.decision.refusal import refused_by, with_gates
+from slam_init.frontend.keyframes import PairPreview, difference_gate
+from slam_init.types.camera import Camera
+from slam_init.types.evidence import PreviewEvidence
+from slam_init.types.frame import Observations
+from slam_init.types.gates import GateName, Stage, at_least
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import Attempt
+
+__all__ = ["preview_evidence", "screen"]
+
+#: A tenth of the tracks may be outliers. If the rotation leaves more of the tracks displaced, the pair is tried.
+_LEAST_PARALLAX_SHARE = 0.1
+
+
+def screen(camera: Camera, config: Config, current: Observations, pairs: Sequence[PairPreview]) -> Attempt | None:
+    """Refuse all pairs of a frame at once where no pair can lead to a map.
+
+    Parameters
+    ----------
+    camera : Camera
+    config : Config
+    current : Observations
+        The current frame.
+    pairs : sequence of PairPreview
+        Of all candidate references with the current frame, the highest direction score first.
+
+    Returns
+    -------
+    Attempt or None
+        A refusal for lack of tracks, motion or parallax. None where a pair is worth trying, or there is no pair.
+    """
+    if not pairs:
+        return None
+    needed = config.keyframes.min_matches
+    usable = [pair for pair in pairs if pair.matches >= needed]
+    pair = (usable or pairs)[0]
+    motion_px = max((p.motion_px for p in usable), default=0.0)
+    share = max((p.parallax_share for p in usable), default=0.0)
+    noise_px = difference_gate(config.map.noise_px)
+    matches = (
+        at_least(GateName.FEATURES, len(current), needed, Verdict.TOO_FEW_FEATURES),
+        at_least(GateName.MATCHES, pair.matches, needed, Verdict.TOO_FEW_MATCHES),
+    )
+    # Without parallax the camera only rotated, or was static: a rotation that is fitted to noise is close to zero.
+    rotation_px = float(np.radians(max((p.rotation_deg for p in usable), default=0.0))) * camera.focal_px
+    rotation = at_least(GateName.ROTATION_PX, rotation_px, noise_px, Verdict.STATIC_CAMERA)
+    motion = (
+        at_least(GateName.MOTION_PX, motion_px, noise_px, Verdict.STATIC_CAMERA),
+        *([rotation] if share < _LEAST_PARALLAX_SHARE else []),
+        at_least(GateName.PARALLAX_SHARE, share, _LEAST_PARALLAX_SHARE, Verdict.PURE_ROTATION),
+    )
+    attempt = Attempt((pair.reference, pair.current), Verdict.ACCEPTED, preview=preview_evidence(pair))
+    for stage, gates in ((Stage.MATCHES, matches), (Stage.MOTION, motion)):
+        attempt = with_gates(attempt, gates)
+        if any(not gate.passes() for gate in gates):
+            return refused_by(attempt, stage, gates)
+    return None
+
+
+def preview_evidence(pair: PairPreview) -> PreviewEvidence:
+    """Return the figures of a preview as evidence of an attempt.
+
+    Parameters
+    ----------
+    pair : PairPreview
+
+    Returns
+    -------
+    PreviewEvidence
+    """
+    return PreviewEvidence(
+        matches=pair.matches,
+        motion_px=pair.motion_px,
+        rotation_deg=pair.rotation_deg,
+        parallax_px=pair.parallax_px,
+        parallax_share=pair.parallax_share,
+        spread=pair.spread,
+    )

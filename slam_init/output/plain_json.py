@@ -1,0 +1,79 @@
+"""Converts dataclasses to plain JSON types: the one serializer of ``summary.json`` and of the recording."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from enum import Enum
+from typing import TypeAlias
+
+import numpy as np
+
+__all__ = ["DIGITS", "Json", "plain", "plain_fields"]
+
+#: The types that :mod:`json` writes and reads.
+Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
+
+#: Significant digits of floats, unless a field has its own number.
+DIGITS = 6
+
+
+def plain(value: object, digits: int = DIGITS) -> Json:
+    """Convert a value to plain JSON types.
+
+    Parameters
+    ----------
+    value : object
+        Dataclasses become objects, sequences and arrays become lists, enumerations become their value, and floats that
+        are not finite become None.
+    digits : int
+        Significant digits of floats. A field of a dataclass may have its own number in its metadata, as ``digits``.
+
+    Returns
+    -------
+    None, bool, int, float, str, list or dict
+    """
+    if isinstance(value, Enum):
+        return plain(value.value, digits)
+    if value is None or isinstance(value, str):
+        return value
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, int | np.integer):
+        return int(value)
+    if isinstance(value, float | np.floating):
+        return float(f"{value:.{digits}g}") if math.isfinite(value) else None
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return plain_fields(value, digits)
+    if isinstance(value, Mapping):
+        return {str(key): plain(item, digits) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [plain(item, digits) for item in value]
+    return str(value)
+
+
+def plain_fields(value: object, digits: int = DIGITS) -> dict[str, Json]:
+    """Convert the fields of a dataclass to plain JSON types, by name.
+
+    Parameters
+    ----------
+    value : dataclass
+    digits : int
+        Significant digits of floats.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    TypeError
+        If the value is not a dataclass.
+    """
+    if not dataclasses.is_dataclass(value):
+        raise TypeError(f"{type(value).__name__} is not a dataclass")
+    return {
+        item.name: plain(getattr(value, item.name), item.metadata.get("digits", digits))
+        for item in dataclasses.fields(value)
+    }

@@ -1,0 +1,378 @@
+"""The parts of ``summary.json``: source, camera, keyframes, attempts, continuation, provenance."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from slam_init.output.plain_json import Json
+from slam_init.types.camera import Camera
+from slam_init.types.evidence import (
+    MapEvidence,
+    PreviewEvidence,
+    RotationOnlyEvidence,
+    TwoViewEvidence,
+    VoteEvidence,
+)
+from slam_init.types.gates import Direction, Gate, GateName, Stage
+from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import Attempt
+
+__all__ = [
+    "AttemptRecord",
+    "CameraRecord",
+    "ContinuationRecord",
+    "FocalLengthRecord",
+    "GateRecord",
+    "HypothesisRecord",
+    "KeyframeRecord",
+    "Provenance",
+    "SourceRecord",
+]
+
+#: Poses and intrinsics have three more significant digits than other floats, so that a trajectory can be rebuilt.
+_EXACT = {"digits": 9}
+#: Time stamps are written without rounding.
+_AS_IS = {"digits": 17}
+
+
+@dataclass(frozen=True)
+class SourceRecord:
+    """The source of the frames.
+
+    Attributes
+    ----------
+    name : str
+        Short name of the source.
+    kind : str
+        ``tum``, ``euroc``, ``kitti``, ``images``, ``video``, ``synth`` or ``python``.
+    """
+
+    name: str
+    kind: str
+
+
+@dataclass(frozen=True)
+class CameraRecord:
+    """The stated calibration.
+
+    Attributes
+    ----------
+    model : str
+        ``pinhole``, ``radtan`` or ``fisheye``.
+    width, height : int
+        Size of the images, in pixels.
+    fx, fy, cx, cy : float
+        Intrinsics, in pixels.
+    distortion : tuple of float
+        Coefficients of the model.
+    guessed : bool
+        Whether the focal length is a guess.
+    """
+
+    model: str
+    width: int
+    height: int
+    fx: float = field(metadata=_EXACT)
+    fy: float = field(metadata=_EXACT)
+    cx: float = field(metadata=_EXACT)
+    cy: float = field(metadata=_EXACT)
+    distortion: tuple[float, ...] = field(metadata=_EXACT)
+    guessed: bool
+
+    @staticmethod
+    def of(camera: Camera) -> CameraRecord:
+        """Make the record of a camera.
+
+        Parameters
+        ----------
+        camera : Camera
+
+        Returns
+        -------
+        CameraRecord
+        """
+        return CameraRecord(
+            camera.model,
+            camera.width,
+            camera.height,
+            camera.fx,
+            camera.fy,
+            camera.cx,
+            camera.cy,
+            tuple(camera.distortion),
+            camera.guessed,
+        )
+
+
+@dataclass(frozen=True)
+class KeyframeRecord:
+    """A keyframe of a map.
+
+    Attributes
+    ----------
+    frame : int
+        Absolute index of the frame.
+    timestamp : float
+        In seconds.
+    q_wxyz : tuple of four float
+        Rotation of ``world_from_cam`` as a Hamilton quaternion, w first.
+    t : tuple of three float
+        Translation of ``world_from_cam``, in units of the map.
+    """
+
+    frame: int
+    timestamp: float = field(metadata=_AS_IS)
+    q_wxyz: tuple[float, ...] = field(metadata=_EXACT)
+    t: tuple[float, ...] = field(metadata=_EXACT)
+
+    @staticmethod
+    def of(keyframe: Keyframe) -> KeyframeRecord:
+        """Make the record of a keyframe.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+
+        Returns
+        -------
+        KeyframeRecord
+        """
+        pose = keyframe.world_from_cam
+        q, t = (tuple(map(float, values)) for values in (pose.q_wxyz, pose.t))
+        return KeyframeRecord(int(keyframe.frame), float(keyframe.timestamp_s), q, t)
+
+
+@dataclass(frozen=True)
+class HypothesisRecord:
+    """One of two maps that the views could not decide between.
+
+    Attributes
+    ----------
+    keyframes : tuple of KeyframeRecord
+        In time order.
+    landmarks : int
+        Number of landmarks.
+    reprojection_rmse_px : float
+        Root mean square of the reprojection errors, in pixels.
+    """
+
+    keyframes: tuple[KeyframeRecord, ...]
+    landmarks: int
+    reprojection_rmse_px: float
+
+    @staticmethod
+    def of(map_: InitialMap) -> HypothesisRecord:
+        """Make the record of an undecided map.
+
+        Parameters
+        ----------
+        map_ : InitialMap
+
+        Returns
+        -------
+        HypothesisRecord
+        """
+        keyframes = tuple(KeyframeRecord.of(keyframe) for keyframe in map_.keyframes)
+        return HypothesisRecord(keyframes, len(map_.points), map_.reprojection_rmse_px)
+
+
+@dataclass(frozen=True)
+class GateRecord:
+    """A condition that was evaluated.
+
+    Attributes
+    ----------
+    name : GateName
+        Name of the figure.
+    value, threshold : float or None
+        The figure and its bound, in the unit of the gate; None if the number is not finite.
+    direction : Direction
+        Whether the value passes from the threshold upwards or downwards.
+    unit : str
+        Unit of value and threshold; empty for shares, counts and ratios.
+    passes : bool
+        Whether the gate passes.
+    reason : Verdict
+        The verdict if the gate does not pass.
+    advice : str
+        What the person who moves the camera should do then.
+    """
+
+    name: GateName
+    value: float | None
+    threshold: float | None
+    direction: Direction
+    unit: str
+    passes: bool
+    reason: Verdict
+    advice: str
+
+    @staticmethod
+    def of(gate: Gate) -> GateRecord:
+        """Make the record of a gate.
+
+        Parameters
+        ----------
+        gate : Gate
+
+        Returns
+        -------
+        GateRecord
+        """
+        return GateRecord(
+            gate.name,
+            gate.value,
+            gate.threshold,
+            gate.direction,
+            gate.unit,
+            gate.passes(),
+            gate.reason,
+            gate.advice,
+        )
+
+
+@dataclass(frozen=True)
+class AttemptRecord:
+    """An attempt, without its matches.
+
+    Attributes
+    ----------
+    frames : tuple of int
+        Absolute indices of the pair (reference, current), then of further views that voted.
+    verdict : Verdict
+        ``accepted`` or the reason of the refusal.
+    advice : str
+        What the person who moves the camera should do; empty when accepted.
+    stage : Stage or None
+        The stage that refused the pair; None if it was accepted, or refused by the rules of another method.
+    progress : float
+        How far the pair advanced through the stages, 0 to 1.
+    parallax_shortfall : float
+        Required baseline divided by the current one, from the worst gate that scales with parallax; 1 if none does.
+    gates : tuple of GateRecord
+        The conditions that were evaluated.
+    preview : PreviewEvidence or None
+        Figures before any epipolar geometry.
+    two_view : TwoViewEvidence or None
+        Figures of the relative pose.
+    rotation_only : RotationOnlyEvidence or None
+        Figures of the rival explanation by a rotation-only camera.
+    vote : VoteEvidence or None
+        Figures of the vote between rival maps.
+    map : MapEvidence or None
+        Figures of bundle adjustment.
+    method_evidence : mapping of str to bool, float, int, str or None
+        Figures of a method of somebody else, under its own names.
+    """
+
+    frames: tuple[int, ...]
+    verdict: Verdict
+    advice: str
+    stage: Stage | None
+    progress: float
+    parallax_shortfall: float
+    gates: tuple[GateRecord, ...]
+    preview: PreviewEvidence | None
+    two_view: TwoViewEvidence | None
+    rotation_only: RotationOnlyEvidence | None
+    vote: VoteEvidence | None
+    map: MapEvidence | None
+    method_evidence: Mapping[str, bool | float | int | str | None]
+
+    @staticmethod
+    def of(attempt: Attempt) -> AttemptRecord:
+        """Make the record of an attempt.
+
+        Parameters
+        ----------
+        attempt : Attempt
+
+        Returns
+        -------
+        AttemptRecord
+        """
+        shared = {item.name: getattr(attempt, item.name) for item in dataclasses.fields(AttemptRecord)}
+        return AttemptRecord(**shared | {"gates": tuple(GateRecord.of(gate) for gate in attempt.gates)})
+
+
+@dataclass(frozen=True)
+class FocalLengthRecord:
+    """The focal length, if bundle adjustment adjusted it.
+
+    Attributes
+    ----------
+    fx, fy : float
+        The adjusted focal length, in pixels.
+    factor : float
+        The adjusted focal length divided by the stated one.
+    factor_sigma : float
+        Standard deviation of the factor.
+    """
+
+    fx: float = field(metadata=_EXACT)
+    fy: float = field(metadata=_EXACT)
+    factor: float
+    factor_sigma: float
+
+    @staticmethod
+    def of(map_: InitialMap) -> FocalLengthRecord | None:
+        """Make the record of the focal length of a map.
+
+        Parameters
+        ----------
+        map_ : InitialMap
+
+        Returns
+        -------
+        FocalLengthRecord or None
+            None if the focal length was held fixed.
+        """
+        if map_.focal_factor_sigma is None:
+            return None
+        return FocalLengthRecord(map_.camera.fx, map_.camera.fy, map_.focal_factor, map_.focal_factor_sigma)
+
+
+@dataclass(frozen=True)
+class ContinuationRecord:
+    """The frames after the initialization.
+
+    Attributes
+    ----------
+    frames : int
+        Number of frames that were read.
+    located : int
+        Number of frames that could be located in the map.
+    survival_median, survival_last : float or None
+        Share of the landmarks that a frame observes within 3 px of their projection: median over the frames, and the
+        value of the last frame. None without frames.
+    """
+
+    frames: int
+    located: int
+    survival_median: float | None
+    survival_last: float | None
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """The versions, options and input of a run.
+
+    Attributes
+    ----------
+    packages : mapping of str to str
+        Versions of Python and of the packages that a result depends on.
+    command : tuple of str
+        The command line.
+    options : mapping of str to JSON
+        The resolved configuration and the options of the run.
+    input_blake2b : str
+        Hash of the calibration and of the frames that were read: pixels, names and time stamps, in order.
+    """
+
+    packages: Mapping[str, str]
+    command: tuple[str, ...]
+    options: Mapping[str, Json]
+    input_blake2b: str

@@ -1,0 +1,392 @@
+"""The recording of a run for the Rerun viewer, written during the run.
+
+==========================  =======================================================================
+entity                      content
+==========================  =======================================================================
+``world``                   frame of the first keyframe (x right, y down, z forward)
+``world/camera``            the current camera; its image with keypoints and their motion below
+``world/keyframes/K``       the keyframes of the map
+``world/points``            the landmarks
+``world/trajectory``        ``est`` and ``gt``, the ground truth aligned to the map by a similarity;
+                            ``hypothesis1``, ``hypothesis2`` while two maps are kept
+``pairs``                   the last pair tried: images, matches (green inliers, red outliers), verdict
+``stats``                   number of tracks; figures of the attempts with their gates; error of
+                            bundle adjustment
+``log``, ``summary``        one line for each attempt; the summary of the run
+==========================  =======================================================================
+
+Timelines: ``frame`` (absolute index), ``sensor_time``, ``stage`` (0 for the map before bundle adjustment, 1 after it),
+``ba_iter``. The content depends on the run and its seed only: it has no wall clock and no random ids.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import uuid
+from collections import OrderedDict, deque
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from slam_init.errors import OutputError, SlamInitError
+from slam_init.evaluation.metrics import Similarity, align_poses
+from slam_init.output.summary import Summary
+from slam_init.recording.images import bgr, jpeg, reduced, reduced_shape
+from slam_init.recording.layout import ERROR, ERROR_BARS, ESTIMATE_COLOR, SERIES, TRACKS, TRUTH_COLOR, Color, blueprint
+from slam_init.recording.paths import dashes, log_hypotheses
+from slam_init.recording.recorder import Recorder
+from slam_init.recording.text import attempt_line, attempt_markdown, summary_markdown
+from slam_init.types.arrays import Floats, Image
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, Observations
+from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.pose import Pose, Trajectory
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import Attempt
+
+__all__ = ["FRAMES_AT_FULL_RATE", "RerunRecorder"]
+
+_GREEN, _RED, _YELLOW = (60, 200, 90), (230, 70, 70), (255, 200, 40)
+
+#: Images are reduced to this many pixels on their longer side, and the images of a pair to half of it. This is enough
+#: to judge a match by eye, and 300 frames with their tracks take less than 30 MB.
+_LONG_SIDE_PX = 640
+#: Each image is kept up to this many frames, then every second image, then every third one, and so on. So a video of
+#: hours does not fill the disk.
+FRAMES_AT_FULL_RATE = 300
+#: Number of small images in memory for the view of a pair. The reference of a pair may be as old as the oldest
+#: candidate keyframe.
+_MEMORY_FRAMES = 400
+#: The line at a keypoint shows its motion over this many frames.
+_TAIL_FRAMES = 3
+#: At most this many matches are drawn as lines, since more lines cannot be told apart. All matches are drawn as points.
+_MAX_LINES = 120
+#: The images of a pair are put one above the other if width divided by height is larger than this.
+_WIDE = 1.8
+#: A chunk ends after this many bytes, and never after a time, so that two equal runs write equal chunks.
+_CHUNK_BYTES = 1 << 19
+#: Size of the frustum of the camera in units of the map, whose median depth is 1. On a short path the frusta of the
+#: keyframes would hide the path. Their size is then a tenth of the path, so that five of them do not overlap.
+_FRUSTUM, _SMALLEST_FRUSTUM, _FRUSTUM_OF_PATH = 0.08, 0.005, 0.1
+
+
+class RerunRecorder(Recorder):
+    """Writes a ``.rrd`` file with a layout for the viewer during the run.
+
+    The file is called ``.partial.rrd`` until it is closed, so that an earlier file stays until then. If a ``with``
+    statement ends with a :class:`SlamInitError`, the partial file is removed.
+
+    Parameters
+    ----------
+    path : Path
+        The file; an existing one is replaced.
+    camera : Camera
+        The calibration of the frames.
+    source_name : str
+        Name of the source; the name of the recording contains it.
+    groundtruth : Trajectory or None
+        It is shown beside the estimate, once there is a map.
+    seed : int
+        Seed of the run. The id of the recording depends on the name of the source and the seed.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        camera: Camera,
+        source_name: str,
+        groundtruth: Trajectory | None = None,
+        seed: int = 0,
+    ) -> None:
+        # Rerun must not send usage data. It reads this variable when it is imported.
+        os.environ.setdefault("RERUN_ANALYTICS", "false")
+        import rerun as rr
+
+        # The first call takes half a second. It comes before the file is created, in case of an interrupt.
+        layout = blueprint()
+        try:
+            # Rerun reports a path that it cannot write in another thread, or not at all, so the path is tested here.
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            partial = path.with_suffix(".partial.rrd")
+            partial.write_bytes(b"")
+        except OSError as error:
+            raise OutputError(f"cannot write the recording {path}: {error.strerror}: give another --out") from error
+        self._rr = rr
+        self._path, self._partial = path, partial
+        self._camera = camera
+        self._groundtruth = groundtruth
+        self._scale = min(1.0, _LONG_SIDE_PX / max(camera.width, camera.height))
+        self._frames = 0
+        self._recent: OrderedDict[int, Image] = OrderedDict()
+        self._tails: deque[Observations] = deque(maxlen=_TAIL_FRAMES + 1)
+        self._path_est: list[Floats] = []
+        self._world_from_gt: Similarity | None = None
+        self._first_s = 0.0
+        self._hypotheses = 0
+
+        batching = rr.ChunkBatcherConfig.NEVER()
+        batching.flush_num_bytes = _CHUNK_BYTES
+        source_name = _unicode(source_name)
+        identity = uuid.uuid5(uuid.NAMESPACE_URL, f"slam-init/{source_name}/{seed}")
+        self._rec = rr.RecordingStream(
+            "slam_init", recording_id=identity, send_properties=False, batcher_config=batching
+        )
+        self._rec.set_log_time_enabled(False)
+        self._rec.set_log_tick_enabled(False)
+        self._rec.save(partial, default_blueprint=layout)
+        self._rec.send_recording_name(f"slam-init {source_name}")
+        self._rec.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
+        for series in SERIES:
+            # Points are drawn as well, since a single attempt makes no line.
+            for style in (rr.SeriesLines, rr.SeriesPoints):
+                self._rec.log(series.entity, style(names=series.label, colors=[series.color]), static=True)
+
+    def frame(self, frame: Frame, observations: Observations) -> None:
+        """Log the reduced image, its keypoints, and their motion over the last frames.
+
+        Parameters
+        ----------
+        frame : Frame
+        observations : Observations
+        """
+        rr, rec = self._rr, self._rec
+        rec.set_time("frame", sequence=frame.index)
+        rec.set_time("sensor_time", duration=frame.timestamp_s)
+        self._recent[frame.index] = reduced(frame.image, _LONG_SIDE_PX // 2)
+        if len(self._recent) > _MEMORY_FRAMES:
+            self._recent.popitem(last=False)
+        if self._frames % (1 + self._frames // FRAMES_AT_FULL_RATE) == 0:
+            rec.log("world/camera/image", jpeg(reduced(frame.image, _LONG_SIDE_PX)))
+        self._frames += 1
+        if self._frames == 1:
+            # Logged as static, because the viewer reports an error for an image without a camera on any timeline.
+            self._log_pinhole("world/camera/image", _YELLOW, _FRUSTUM, static=True)
+
+        self._tails.append(observations)
+        oldest = self._tails[0]
+        _, i, j = np.intersect1d(oldest.track_ids, observations.track_ids, return_indices=True)
+        tails = np.stack([oldest.pixels[i], observations.pixels[j]], axis=1)
+        rec.log(
+            "world/camera/image/motion",
+            rr.LineStrips2D(self._shown(tails), colors=[(*_YELLOW, 130)], radii=rr.Radius.ui_points(0.5)),
+        )
+        rec.log(
+            "world/camera/image/keypoints",
+            rr.Points2D(self._shown(observations.pixels), colors=[_GREEN], radii=rr.Radius.ui_points(2)),
+        )
+        rec.log(TRACKS, rr.Scalars(float(len(observations))))
+
+    def attempt(self, attempt: Attempt) -> None:
+        """Log the pair with its matches, the verdict with its evidence, and the figures as series.
+
+        Parameters
+        ----------
+        attempt : Attempt
+        """
+        rr, rec = self._rr, self._rec
+        accepted = attempt.verdict == Verdict.ACCEPTED
+        level = rr.TextLogLevel.INFO if accepted else rr.TextLogLevel.WARN
+        rec.log("log", rr.TextLog(attempt_line(attempt), level=level, color=_GREEN if accepted else _YELLOW))
+        rec.log(
+            "pairs/verdict",
+            rr.TextDocument(attempt_markdown(attempt), media_type=rr.MediaType.MARKDOWN),
+        )
+        for series in SERIES:
+            value = None if series.of_attempt is None else series.of_attempt(attempt)
+            if value is not None and np.isfinite(value):
+                rec.log(series.entity, rr.Scalars(float(value)))
+        self._log_pair(attempt)
+
+    def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
+        """Log the map before and after bundle adjustment, and the ground truth aligned to it.
+
+        Parameters
+        ----------
+        map_ : InitialMap
+        observations : sequence of Observations
+            Not used.
+        """
+        rr, rec = self._rr, self._rec
+        rec.log(
+            "log",
+            rr.TextLog(
+                f"initialized: {len(map_.keyframes)} keyframes, {len(map_.points)} landmarks, "
+                f"{map_.reprojection_rmse_px:.2f} px, {map_.scene} scene",
+                level=rr.TextLogLevel.INFO,
+                color=_GREEN,
+            ),
+        )
+        self.undecided(())
+        poses_after = tuple(keyframe.world_from_cam for keyframe in map_.keyframes)
+        path = max(float(np.linalg.norm(pose.t - poses_after[0].t)) for pose in poses_after)
+        size = float(np.clip(_FRUSTUM_OF_PATH * path, _SMALLEST_FRUSTUM, _FRUSTUM))
+        self._camera = map_.camera
+        rec.set_time("stage", sequence=0)
+        for view in map_.keyframes:
+            # Without images, since they cover one another on a short path. The view of the pair shows two of them.
+            self._log_pinhole(f"world/keyframes/{view.frame}", ESTIMATE_COLOR, size)
+        stages = ((map_.points_before, map_.keyframes_before), (map_.points, poses_after))
+        for stage, (points, poses) in enumerate(stages):
+            rec.set_time("stage", sequence=stage)
+            rec.log("world/points", rr.Points3D(points, colors=map_.colors, radii=rr.Radius.ui_points(2.5)))
+            for view, pose in zip(map_.keyframes, poses, strict=True):
+                rec.log(f"world/keyframes/{view.frame}", _transform(pose))
+            self._path_est = [pose.t for pose in poses]
+            self._log_camera(poses[-1])
+        if self._groundtruth is not None:
+            self._log_groundtruth(map_.keyframes, self._groundtruth)
+        rec.disable_timeline("stage")
+
+        rec.log(ERROR_BARS, rr.BarChart(np.array(map_.bundle_errors), color=ESTIMATE_COLOR))
+        for iteration, error in enumerate(map_.bundle_errors):
+            rec.set_time("ba_iter", sequence=iteration)
+            rec.log(ERROR, rr.Scalars(error))
+        rec.disable_timeline("ba_iter")
+
+    def undecided(self, maps: Sequence[InitialMap]) -> None:
+        """Draw the trajectories of the maps, the better one brighter, and clear those drawn before.
+
+        Parameters
+        ----------
+        maps : sequence of InitialMap
+        """
+        if self._hypotheses or maps:
+            log_hypotheses(self._rec, maps)
+        self._hypotheses = len(maps)
+
+    def continued(self, keyframe: Keyframe) -> None:
+        """Move the camera, and extend both trajectories.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+        """
+        self._path_est.append(keyframe.world_from_cam.t)
+        self._log_camera(keyframe.world_from_cam)
+        if self._groundtruth is not None and self._world_from_gt is not None:
+            self._log_true_path(self._groundtruth, self._world_from_gt, keyframe.timestamp_s)
+
+    def summary(self, summary: Summary) -> None:
+        """Log the summary as a table. Times and provenance are left out, since they differ between equal runs.
+
+        Parameters
+        ----------
+        summary : Summary
+        """
+        rr = self._rr
+        document = rr.TextDocument(_unicode(summary_markdown(summary)), media_type=rr.MediaType.MARKDOWN)
+        self._rec.log("summary", document, static=True)
+
+    def close(self) -> None:
+        """Finish the file and rename it to its final name."""
+        self._rec.disconnect()
+        if self._partial.exists():
+            self._partial.replace(self._path)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file; after a :class:`SlamInitError` remove it. After an interrupt the file is kept."""
+        if isinstance(error, SlamInitError):
+            self._rec.disconnect()
+            self._partial.unlink(missing_ok=True)
+        else:
+            self.close()
+
+    # -- parts of the recording -------------------------------------------------------------------
+
+    def _shown(self, pixels: Floats) -> Floats:
+        """Convert raw pixels (..., 2) to the reduced image. In Rerun, pixel centres are at half-integers."""
+        return (pixels + 0.5) * self._scale
+
+    def _log_pinhole(self, entity: str, color: Color, size: float, *, static: bool = False) -> None:
+        """Log a frustum for reduced images. It has no lens distortion, so its rays at the border are not exact."""
+        rr, camera = self._rr, self._camera
+        small = camera.scaled(self._scale)
+        pinhole = rr.Pinhole(
+            resolution=[small.width, small.height],
+            focal_length=[small.fx, small.fy],
+            principal_point=[small.cx + 0.5, small.cy + 0.5],
+            image_plane_distance=size,
+            color=color,
+            line_width=rr.Radius.ui_points(1.0),
+        )
+        self._rec.log(entity, pinhole, static=static)
+
+    def _log_camera(self, world_from_cam: Pose) -> None:
+        """Log the pose of the camera, and the estimated path up to it."""
+        self._rec.log("world/camera", _transform(world_from_cam))
+        self._log_path("est", [np.array(self._path_est)], ESTIMATE_COLOR)
+
+    def _log_path(self, name: str, strips: Sequence[Floats], color: Color) -> None:
+        """Log a trajectory as line strips."""
+        # The title of the view explains the colours. Labels in the view would cover one another where the estimate is
+        # good.
+        rr = self._rr
+        # Of two lines in one place, the viewer draws the broader one on top.
+        width = rr.Radius.ui_points(1.5 if name == "est" else 2.0)
+        self._rec.log(f"world/trajectory/{name}", rr.LineStrips3D(strips, colors=[color], radii=width))
+
+    def _log_groundtruth(self, keyframes: Sequence[Keyframe], truth: Trajectory) -> None:
+        """Align the ground truth to the keyframes, and log its path."""
+        pairs = [(true, k.world_from_cam) for k in keyframes if (true := truth.at(k.timestamp_s)) is not None]
+        if len(pairs) < 2:
+            return
+        self._world_from_gt = align_poses([true for true, _ in pairs], [pose for _, pose in pairs])
+        self._first_s = keyframes[0].timestamp_s
+        self._log_true_path(truth, self._world_from_gt, keyframes[-1].timestamp_s)
+
+    def _log_true_path(self, truth: Trajectory, world_from_gt: Similarity, last_s: float) -> None:
+        """Log the true path from the first keyframe to a time."""
+        times = truth.timestamps_s
+        first, last = (int(np.argmin(np.abs(times - t))) for t in (self._first_s, last_s))
+        positions = np.array([pose.t for pose in truth.world_from_cam[first : last + 1]])
+        self._log_path("gt", dashes(world_from_gt.apply(positions)), TRUTH_COLOR)
+
+    def _log_pair(self, attempt: Attempt) -> None:
+        """Log the two images of a pair side by side, and the matches as lines between them."""
+        rr, rec = self._rr, self._rec
+        images = [self._recent.get(index) for index in attempt.frames[:2]]
+        shape = reduced_shape(self._camera.height, self._camera.width, _LONG_SIDE_PX // 2)
+        blank = np.full((*shape, 3), 40, np.uint8)
+        left, right = (blank if image is None else bgr(image) for image in images)
+        wide = shape[1] > _WIDE * shape[0]
+        rec.log("pairs/image", jpeg(np.concatenate([left, right], axis=0 if wide else 1)))
+
+        factor = shape[1] / self._camera.width
+        second = (0, shape[0]) if wide else (shape[1], 0)
+        points1 = (attempt.pixels1 + 0.5) * factor
+        points2 = (attempt.pixels2 + 0.5) * factor + second
+        matches = np.stack([points1, points2], axis=1)
+        step = max(1, -(-len(matches) // _MAX_LINES))
+        drawn = np.arange(len(matches)) % step == 0
+        for name, chosen, color in (("inliers", attempt.inliers, _GREEN), ("outliers", ~attempt.inliers, _RED)):
+            rec.log(
+                f"pairs/image/{name}",
+                rr.LineStrips2D(matches[chosen & drawn], colors=[(*color, 150)], radii=rr.Radius.ui_points(0.5)),
+            )
+            rec.log(
+                f"pairs/image/{name}/points",
+                rr.Points2D(matches[chosen].reshape(-1, 2), colors=[color], radii=rr.Radius.ui_points(1.5)),
+            )
+
+
+def _unicode(text: str) -> str:
+    """Return a text that Rerun can encode; file systems allow names that are not Unicode."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+def _transform(pose: Pose) -> Any:
+    import rerun as rr
+
+    return rr.Transform3D(translation=pose.t, mat3x3=pose.R)

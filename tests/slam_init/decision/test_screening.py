@@ -1,0 +1,61 @@
+"""Laws of the refusal of all pairs of a frame by their previews."""
+
+import numpy as np
+import pytest
+from make_map import make_poses
+from make_scene import CAMERA, CONFIG, cloud, observe
+
+from slam_init.decision.screening import preview_evidence, screen
+from slam_init.frontend.keyframes import PairPreview
+from slam_init.types.gates import GateName, Stage
+from slam_init.types.reasons import Verdict
+
+NEEDED = CONFIG.keyframes.min_matches
+(CURRENT,) = observe(CAMERA, make_poses(1), cloud(np.random.default_rng(0), 2 * NEEDED), frames=[7])
+FEW = observe(CAMERA, make_poses(1), cloud(np.random.default_rng(0), NEEDED - 1), frames=[7])[0]
+
+
+def pair(reference=3, matches=2 * NEEDED, motion_px=30.0, rotation_deg=2.0, parallax_share=0.5):
+    return PairPreview(reference, 7, matches, 1.0, motion_px, rotation_deg, 5.0, parallax_share, 0.5)
+
+
+def screened(*pairs, current=CURRENT):
+    return screen(CAMERA, CONFIG, current, pairs)
+
+
+def test_a_pair_with_matches_motion_and_parallax_is_not_refused():
+    assert screened(pair()) is None
+    assert screened() is None
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason", "stage", "gate"),
+    [
+        ({"matches": NEEDED - 1}, Verdict.TOO_FEW_MATCHES, Stage.MATCHES, GateName.MATCHES),
+        ({"motion_px": 0.1}, Verdict.STATIC_CAMERA, Stage.MOTION, GateName.MOTION_PX),
+        ({"parallax_share": 0.05}, Verdict.PURE_ROTATION, Stage.MOTION, GateName.PARALLAX_SHARE),
+        ({"parallax_share": 0.05, "rotation_deg": 0.01}, Verdict.STATIC_CAMERA, Stage.MOTION, GateName.ROTATION_PX),
+    ],
+)
+def test_each_lack_refuses_for_its_own_reason(changed, reason, stage, gate):
+    attempt = screened(pair(**changed))
+    assert (attempt.verdict, attempt.stage, attempt.frames) == (reason, stage, (3, 7))
+    assert attempt.failed_gates[0].name is gate
+    assert attempt.advice == attempt.failed_gates[0].advice
+    assert attempt.preview == preview_evidence(pair(**changed))
+
+
+def test_a_frame_with_too_few_features_is_refused_for_its_features_first():
+    attempt = screened(pair(matches=NEEDED - 1), current=FEW)
+    assert attempt.verdict == Verdict.TOO_FEW_FEATURES
+
+
+def test_one_good_pair_is_enough():
+    assert screened(pair(0, motion_px=0.1, parallax_share=0.0), pair(5)) is None
+    assert screened(pair(0, matches=NEEDED - 1), pair(5)) is None
+
+
+def test_pairs_with_too_few_matches_do_not_count_for_the_motion():
+    attempt = screened(pair(0, motion_px=0.1, parallax_share=0.0), pair(5, matches=NEEDED - 1))
+    assert attempt.verdict == Verdict.STATIC_CAMERA
+    assert attempt.frames == (0, 7)

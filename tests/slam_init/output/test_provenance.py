@@ -1,0 +1,73 @@
+"""Laws of the provenance: equal inputs have equal hashes, and each change of the input changes the hash."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from make_map import CAMERAS, make_frame
+
+from slam_init.output.provenance import InputHash, provenance_of
+
+FRAMES = [make_frame(k, k / 30, f"{k}.png") for k in range(3)]
+
+
+def hash_of(frames, camera=CAMERAS["pinhole"]):
+    hashed = InputHash(camera)
+    assert list(hashed.reading(iter(frames))) == list(frames)
+    return hashed.hexdigest()
+
+
+def dotted(frame):
+    """The same frame with one other pixel."""
+    image = frame.image.copy()
+    image[7, 5] += 1
+    return replace(frame, image=image)
+
+
+def test_equal_inputs_have_equal_hashes():
+    copies = [replace(frame, image=frame.image.copy()) for frame in FRAMES]
+    assert hash_of(FRAMES) == hash_of(copies)
+    strided = [replace(frame, image=np.asfortranarray(frame.image)) for frame in FRAMES]
+    assert hash_of(FRAMES) == hash_of(strided)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        [*FRAMES[:2], dotted(FRAMES[2])],
+        [*FRAMES[:2], replace(FRAMES[2], name="other.png")],
+        [*FRAMES[:2], replace(FRAMES[2], timestamp_s=FRAMES[2].timestamp_s + 1e-9)],
+        [*FRAMES[:2], replace(FRAMES[2], image=FRAMES[2].image.reshape(640, 480, 3))],
+        FRAMES[:2],
+        FRAMES[::-1],
+    ],
+    ids=["pixel", "name", "time stamp", "shape", "number of frames", "order"],
+)
+def test_each_change_of_the_frames_changes_the_hash(changed):
+    assert hash_of(changed) != hash_of(FRAMES)
+
+
+def test_another_calibration_changes_the_hash():
+    assert hash_of(FRAMES, replace(CAMERAS["pinhole"], fx=501.0)) != hash_of(FRAMES)
+
+
+def test_only_frames_that_were_read_are_hashed():
+    hashed = InputHash(CAMERAS["pinhole"])
+    reading = hashed.reading(iter(FRAMES))
+    next(reading)
+    next(reading)
+    assert hashed.hexdigest() == hash_of(FRAMES[:2])
+
+
+def test_a_name_that_is_not_unicode_can_be_hashed():
+    assert len(hash_of([replace(FRAMES[0], name="\udcff.png")])) == 32
+
+
+def test_the_provenance_holds_versions_command_options_and_the_hash():
+    hashed = InputHash(CAMERAS["pinhole"])
+    provenance = provenance_of(["slam-init", "run"], {"seed": 3}, hashed)
+    assert provenance.packages["numpy"] == np.__version__
+    assert {"python", "slam-init", "gtsam", "opencv-python-headless"} <= set(provenance.packages)
+    assert provenance.command == ("slam-init", "run")
+    assert provenance.options == {"seed": 3}
+    assert provenance.input_blake2b == hashed.hexdigest()

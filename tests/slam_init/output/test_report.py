@@ -1,0 +1,61 @@
+"""The report for the terminal: the verdict first, then the figures that there are."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from make_map import make_map, make_result
+from make_summary import summarize
+
+from slam_init.output.records import ContinuationRecord
+from slam_init.output.report import report_text
+from slam_init.types.comparison import Margin
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import GroundTruthErrors
+
+
+def lines_of(summary):
+    """The title, and the texts by name."""
+    title, *lines = report_text(summary, Path("out")).splitlines()
+    return title, {line[2:16].strip(): line[16:] for line in lines}
+
+
+def test_a_map_is_reported_with_its_quality():
+    truth = GroundTruthErrors(rotation_error_deg=0.25, direction_error_deg=None, ate_rmse=0.01, path_length=1.5)
+    summary = summarize(make_result(make_map()), ground_truth=truth, continued=ContinuationRecord(10, 9, 0.8, 0.7))
+    title, lines = lines_of(summary)
+    assert title == "initialized after 22 frames"
+    assert lines["keyframes"] == "4 (frames 10, 17, 24, 31)"
+    assert lines["landmarks"] == "60, general scene"
+    assert lines["parallax"] == "12.50 deg (median)"
+    assert lines["ground truth"] == "rotation 0.25 deg, ATE 0.01"
+    assert lines["continued"] == "9 of 10 further frames located, 80% of the landmarks seen (median)"
+    assert lines["attempts"] == "3 (2 low parallax, 1 accepted)"
+    assert lines["results"] == "out/ (recording: rerun out/recording.rrd)"
+
+
+def test_a_refusal_is_reported_with_its_advice():
+    title, lines = lines_of(summarize(make_result(None, Verdict.STATIC_CAMERA)))
+    assert title == "not initialized: static camera"
+    assert lines["advice"] == Verdict.STATIC_CAMERA.advice
+    assert lines["frames read"] == "32"
+    assert "keyframes" not in lines
+
+
+def test_two_undecided_maps_are_reported_with_their_margin():
+    result = replace(
+        make_result(None, Verdict.AMBIGUOUS_PLANE), hypotheses=(make_map(), make_map()), margin=Margin(3.0, 1.5)
+    )
+    _, lines = lines_of(summarize(result))
+    assert lines["kept"] == "two maps of frames 10, 17, 24, 31; the first is better by z = 1.5 (4 decide)"
+
+
+def test_each_note_has_a_line():
+    result = replace(make_result(make_map()), notes=("the camera was guessed", "second"))
+    text = report_text(summarize(result), "out")
+    assert "  note          the camera was guessed\n  note          second\n" in text
+
+
+def test_a_static_ground_truth_gives_no_errors_of_direction():
+    truth = GroundTruthErrors(rotation_error_deg=0.25, direction_error_deg=None, ate_rmse=None, path_length=0.0)
+    _, lines = lines_of(summarize(make_result(make_map()), ground_truth=truth))
+    assert lines["ground truth"] == "rotation 0.25 deg"

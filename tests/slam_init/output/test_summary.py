@@ -1,0 +1,191 @@
+"""Laws of ``summary.json``: its keys and values, its JSON Schema, and the deprecated access by key."""
+
+import json
+from dataclasses import fields, replace
+
+import jsonschema
+import numpy as np
+import pytest
+from make_map import make_map, make_result
+from make_schema import schema_text
+from make_source import GivenFrames, synth
+from make_summary import summarize
+
+from slam_init.config import Config
+from slam_init.output.summary import SCHEMA, SCHEMA_FILE, Summary, summary_schema, summary_text
+from slam_init.runner import run
+from slam_init.types.comparison import Margin
+from slam_init.types.evidence import RotationOnlyEvidence
+from slam_init.types.gates import GateName, at_least
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import GroundTruthErrors
+
+
+def read(summary: Summary):
+    """The content of the file, as another program reads it."""
+    return json.loads(summary_text(summary))
+
+
+def validate(summary: Summary) -> None:
+    jsonschema.Draft202012Validator(summary_schema()).validate(read(summary))
+
+
+# -- keys and values ------------------------------------------------------------------------------
+
+
+def test_the_summary_of_a_map_has_its_figures_and_poses():
+    map_ = make_map()
+    truth = GroundTruthErrors(rotation_error_deg=0.25, direction_error_deg=None, ate_rmse=0.01, path_length=1.5)
+    result = make_result(map_)
+    content = read(summarize(result, ground_truth=truth))
+    assert {
+        "schema": SCHEMA,
+        "status": "initialized",
+        "reason": None,
+        "advice": "",
+        "frames_read": 32,
+        "frames_to_init": 22,
+        "landmarks": 60,
+        "scene": "general",
+        "ground_truth": {
+            "rotation_error_deg": 0.25, "direction_error_deg": None, "ate_rmse": 0.01, "path_length": 1.5
+        },
+        "timing_ms": result.timing_ms,
+        "method": "quest",
+        "seed": 0,
+        "continued": None,
+        "focal_length": None,
+    }.items() <= content.items()  # fmt: skip
+    assert [k["frame"] for k in content["keyframes"]] == [10, 17, 24, 31]
+    assert content["keyframes"][1]["timestamp"] == map_.keyframes[1].timestamp_s
+    np.testing.assert_allclose(content["keyframes"][3]["t"], map_.keyframes[3].world_from_cam.t, atol=1e-8)
+    np.testing.assert_allclose(content["keyframes"][3]["q_wxyz"], map_.keyframes[3].world_from_cam.q_wxyz, atol=1e-8)
+    assert content["reprojection_rmse_px"] == pytest.approx(map_.reprojection_rmse_px, rel=1e-5)
+
+
+def test_the_summary_of_an_attempt_has_its_evidence_and_gates():
+    attempts = read(summarize(make_result(make_map())))["attempts"]
+    assert [(a["frames"], a["verdict"]) for a in attempts][-1] == ([10, 31], "accepted")
+    assert attempts[0]["stage"] == "map"
+    assert attempts[0]["preview"]["parallax_px"] == 2.5
+    assert attempts[0]["two_view"] is None
+    assert attempts[0]["gates"][2] == {
+        "name": "direction_bound_deg",
+        "value": 7.0,
+        "threshold": 5.0,
+        "direction": "at_most",
+        "unit": "deg",
+        "passes": False,
+        "reason": "low_parallax",
+        "advice": Verdict.LOW_PARALLAX.advice,
+    }
+
+
+def test_the_summary_without_a_map_has_the_same_keys_and_the_reason():
+    summary = summarize(make_result(None, Verdict.LOW_PARALLAX))
+    assert (summary.status, summary.reason) == ("not_initialized", "low_parallax")
+    assert (summary.keyframes, summary.landmarks, summary.ground_truth) == ((), 0, None)
+    assert read(summary).keys() == read(summarize(make_result(make_map()))).keys()
+    assert list(read(summary)) == [field.name for field in fields(Summary)]
+
+
+def test_the_two_maps_of_an_undecided_plane_are_hypotheses():
+    undecided = replace(
+        make_result(None, Verdict.AMBIGUOUS_PLANE), hypotheses=(make_map(), make_map()), margin=Margin(3.0, 1.5)
+    )
+    content = read(summarize(undecided))
+    assert [len(kept["keyframes"]) for kept in content["hypotheses"]] == [4, 4]
+    assert set(content["hypotheses"][0]["keyframes"][0]) == {"frame", "timestamp", "q_wxyz", "t"}
+    assert content["margin"] == {"log_likelihood": 3.0, "z": 1.5, "z_needed": 4.0}
+    map_ = make_map()
+    assert summarize(replace(make_result(map_), hypotheses=(map_,))).hypotheses == ()
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), np.float64("nan"), np.float32("-inf")])
+def test_numbers_that_are_not_finite_are_null(bad):
+    result = make_result(make_map())
+    evidence = {"noise_px": bad, "count": np.int64(3), "planar": np.bool_(True)}
+    gate = at_least(GateName.PARALLAX_SHARE, bad, 0.1, Verdict.PURE_ROTATION)
+    attempt = replace(result.attempts[0], method_evidence=evidence, gates=(gate,))
+    summary = summarize(replace(result, attempts=(attempt,)))
+    (content,) = read(summary)["attempts"]
+    assert content["method_evidence"] == {"noise_px": None, "count": 3, "planar": True}
+    assert content["gates"][0]["value"] is None
+    validate(summary)
+
+
+def test_the_text_is_ascii_and_ends_with_a_newline():
+    text = summary_text(replace(summarize(make_result(make_map())), notes=("größer", "\udcff.png")))
+    assert text.isascii()
+    assert text.endswith("}\n")
+    assert json.loads(text)["notes"] == ["größer", "\udcff.png"]
+
+
+def test_access_by_key_is_deprecated_and_gives_the_plain_value():
+    summary = summarize(make_result(make_map()))
+    with pytest.warns(DeprecationWarning, match=r"use summary\.landmarks"):
+        assert summary["landmarks"] == 60
+    with pytest.warns(DeprecationWarning), pytest.raises(KeyError):
+        _ = summary["no_such_key"]
+
+
+# -- the JSON Schema ------------------------------------------------------------------------------
+
+
+def test_the_schema_in_the_package_is_up_to_date():
+    """If this fails, run ``python tests/support/make_schema.py``."""
+    assert summary_schema() == json.loads(schema_text()), f"{SCHEMA_FILE} is not that of Summary"
+
+
+def test_the_schema_is_valid_and_describes_each_property_of_each_type():
+    schema = summary_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    types = [schema, *schema["$defs"].values()]
+    described = [t for t in types if "properties" in t]
+    assert len(described) > 10
+    for one in described:
+        assert one.get("description"), one.get("title")
+        for name, value in one["properties"].items():
+            assert value.get("description"), f"{one.get('title')}.{name}"
+
+
+def test_the_summary_of_an_initialized_run_is_valid(room_run):
+    validate(room_run.summary)
+
+
+def test_the_summary_of_a_refused_run_is_valid():
+    source = synth("rotation", frames=12, width=320, height=240)
+    _, summary = run(source, source.camera, Config())
+    assert summary.reason is not None
+    validate(summary)
+
+
+def test_the_summary_of_an_undecided_plane_and_of_a_suspected_calibration_is_valid():
+    result = replace(
+        make_result(None, Verdict.AMBIGUOUS_PLANE), hypotheses=(make_map(), make_map()), margin=Margin(3.0, 1.5)
+    )
+    suspected = replace(result.attempts[0], rotation_only=RotationOnlyEvidence(1.05, 1.05))
+    validate(summarize(replace(result, attempts=(suspected, *result.attempts))))
+
+
+def test_the_summary_of_another_method_is_valid(room):
+    source = GivenFrames(room.camera, tuple(room.frames(0, 20)), room.groundtruth)
+    _, summary = run(source, room.camera, Config(method="orb-slam3"))
+    assert any(attempt.method_evidence for attempt in summary.attempts)
+    validate(summary)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda content: content.pop("status"),
+        lambda content: content.update(reason="tired"),
+        lambda content: content.update(landmarks="many"),
+        lambda content: content["attempts"][0]["gates"][0].update(name="luck"),
+        lambda content: content.update(unknown_key=1),
+    ],
+)
+def test_the_schema_refuses_missing_keys_unknown_keys_and_wrong_values(spoil):
+    content = read(summarize(make_result(make_map())))
+    spoil(content)
+    assert not jsonschema.Draft202012Validator(summary_schema()).is_valid(content)

@@ -1,0 +1,37 @@
+"""Laws of reduced and compressed images."""
+
+import cv2
+import numpy as np
+import pytest
+
+from slam_init.recording.images import bgr, jpeg, reduced, reduced_shape
+from slam_init.types.camera import Camera
+
+
+@pytest.mark.parametrize("size", [(640, 1), (1, 5000)])
+def test_an_image_of_one_row_or_column_keeps_it_when_it_is_reduced(size):
+    camera = Camera("pinhole", *size, 500, 500, 0, 0).scaled(0.1)
+    image = reduced(np.zeros(size[::-1], np.uint8), 64)
+    assert min(camera.width, camera.height) == 1 == min(image.shape)
+
+
+def test_an_image_is_reduced_to_its_longer_side_and_never_enlarged():
+    assert reduced_shape(480, 640, 320) == (240, 320)
+    assert reduced_shape(480, 640, 1000) == (480, 640)
+    image = np.zeros((480, 640, 3), np.uint8)
+    assert reduced(image, 640) is image
+    assert reduced(image, 320).shape == (240, 320, 3)
+
+
+def test_a_grey_image_gets_three_equal_channels_and_a_coloured_one_stays():
+    grey = np.random.default_rng(0).integers(0, 255, (4, 5), np.uint8)
+    assert bgr(grey).shape == (4, 5, 3)
+    assert (bgr(grey) == grey[..., None]).all()
+    coloured = np.zeros((4, 5, 3), np.uint8)
+    assert bgr(coloured) is coloured
+
+
+def test_a_compressed_image_is_a_jpeg_of_the_same_size():
+    (content,) = jpeg(np.zeros((48, 64, 3), np.uint8)).blob.as_arrow_array().to_pylist()
+    decoded = cv2.imdecode(np.frombuffer(bytes(content), np.uint8), cv2.IMREAD_COLOR)
+    assert decoded.shape == (48, 64, 3)

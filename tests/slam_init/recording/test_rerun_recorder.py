@@ -1,0 +1,225 @@
+"""Laws of the recording: complete, sound for the viewer's own tool, equal for equal runs, bounded in size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import rerun as rr
+from make_map import (
+    CAMERAS,
+    make_attempts,
+    make_frame,
+    make_map,
+    make_observations,
+    make_preview,
+    make_truth,
+)
+from read_recording import chunks, column, entities, rerun_tool
+from report_run import report_run
+from rerun.chunk import RrdReader
+
+from slam_init.errors import OutputError, SourceError
+from slam_init.recording import rerun_recorder
+from slam_init.recording.layout import SERIES
+from slam_init.recording.rerun_recorder import RerunRecorder
+from slam_init.types.gates import GateName, at_least
+from slam_init.types.reasons import Verdict
+
+
+@pytest.fixture(autouse=True)
+def strict():
+    rr.set_strict_mode(True)
+    yield
+    rr.set_strict_mode(False)
+
+
+def record(path, model="pinhole", color=True):
+    map_ = make_map(model)
+    report_run(RerunRecorder(path, CAMERAS[model], "arc", make_truth(map_), seed=3), model, color)
+    return map_
+
+
+@pytest.mark.parametrize(("model", "color"), [("pinhole", True), ("radtan", False), ("fisheye", True)])
+def test_a_recording_holds_the_whole_run_and_passes_verification(tmp_path, model, color):
+    path = tmp_path / "recording.rrd"
+    map_ = record(path, model, color)
+    assert rerun_tool("verify", path).returncode == 0
+    keyframes = {f"/world/keyframes/{k.frame}" for k in map_.keyframes}
+    assert keyframes | {
+        "/world/camera",
+        "/world/camera/image",
+        "/world/camera/image/keypoints",
+        "/world/points",
+        "/world/trajectory/est",
+        "/world/trajectory/gt",
+        "/pairs/image",
+        "/pairs/image/inliers",
+        "/pairs/verdict",
+        "/stats/counts/tracks",
+        "/stats/parallax/median",
+        "/stats/direction/gate",
+        "/stats/bundle/error",
+        "/log",
+        "/summary",
+    } <= entities(path)
+    assert column(path, "/log", "TextLog:level") == [["WARN"], ["WARN"], ["INFO"], ["INFO"]]
+
+
+def test_a_recording_holds_the_map_before_and_after_bundle_adjustment(tmp_path):
+    map_ = record(tmp_path / "a.rrd")
+    stages = dict(
+        zip(
+            column(tmp_path / "a.rrd", "/world/points", "stage"),
+            column(tmp_path / "a.rrd", "/world/points", "Points3D:positions"),
+            strict=True,
+        )
+    )
+    np.testing.assert_allclose(stages[0], map_.points_before, atol=1e-6)
+    np.testing.assert_allclose(stages[1], map_.points, atol=1e-6)
+    errors = column(tmp_path / "a.rrd", "/stats/bundle/error", "Scalars:scalars")
+    assert errors == [[error] for error in map_.bundle_errors]
+
+
+def test_the_ground_truth_of_a_perfect_map_lies_on_the_estimate(tmp_path):
+    map_ = record(tmp_path / "a.rrd")
+    dashes = column(tmp_path / "a.rrd", "/world/trajectory/gt", "LineStrips3D:strips")[0]
+    truth, path = np.concatenate(dashes), np.array([k.world_from_cam.t for k in map_.keyframes])
+    np.testing.assert_allclose([truth[0], truth[-1]], path[[0, -1]], atol=1e-6)
+    off = [min(distance_to_segment(point, a, b) for a, b in pairwise(path)) for point in truth]
+    assert max(off) < 1e-6
+
+
+def distance_to_segment(point, a, b):
+    share = np.clip((point - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+    return np.linalg.norm(a + share * (b - a) - point)
+
+
+def test_the_paths_of_two_maps_are_drawn_while_they_are_kept(tmp_path):
+    map_ = make_map()
+    with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "kept") as recorder:
+        recorder.undecided((map_, map_))
+        recorder.undecided((map_,))
+        recorder.undecided(())
+    assert rerun_tool("verify", tmp_path / "a.rrd").returncode == 0
+    for name, drawn in (("hypothesis1", 2), ("hypothesis2", 1)):
+        paths = column(tmp_path / "a.rrd", f"/world/trajectory/{name}", "LineStrips3D:strips")
+        assert len(paths) == drawn
+        np.testing.assert_allclose(paths[0][0], [k.world_from_cam.t for k in map_.keyframes], atol=1e-6)
+    with RerunRecorder(tmp_path / "b.rrd", CAMERAS["pinhole"], "decided") as recorder:
+        recorder.undecided(())
+    assert not [entity for entity in entities(tmp_path / "b.rrd") if "hypothesis" in entity]
+
+
+def test_without_ground_truth_there_is_only_the_estimate(tmp_path):
+    report_run(RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "arc"))
+    assert "/world/trajectory/est" in entities(tmp_path / "a.rrd")
+    assert "/world/trajectory/gt" not in entities(tmp_path / "a.rrd")
+
+
+def test_equal_runs_have_equal_content_and_other_runs_do_not(tmp_path):
+    for name in ("a", "b"):
+        record(tmp_path / f"{name}.rrd")
+    record(tmp_path / "c.rrd", color=False)
+    assert rerun_tool("compare", "--unordered", tmp_path / "a.rrd", tmp_path / "b.rrd").returncode == 0
+    assert rerun_tool("compare", "--unordered", tmp_path / "a.rrd", tmp_path / "c.rrd").returncode != 0
+
+
+def test_the_id_depends_on_the_source_and_the_seed_only(tmp_path):
+    ids = []
+    for i, (source, seed) in enumerate([("a", 0), ("a", 0), ("b", 0), ("a", 1)]):
+        RerunRecorder(tmp_path / f"{i}.rrd", CAMERAS["pinhole"], source, seed=seed).close()
+        ids.append(RrdReader(tmp_path / f"{i}.rrd").recordings()[0].recording_id)
+    assert ids[0] == ids[1]
+    assert len(set(ids)) == 3
+
+
+def test_a_large_image_and_its_keypoints_are_reduced_equally(tmp_path):
+    camera = CAMERAS["pinhole"].scaled(4)
+    seen = make_observations(make_map())[0]
+    frame = make_frame(0, 0.0, "a.png")
+    large = replace(frame, image=frame.image.repeat(4, axis=0).repeat(4, axis=1))
+    with RerunRecorder(tmp_path / "a.rrd", camera, "wide") as recorder:
+        recorder.frame(large, replace(seen, pixels=(seen.pixels + 0.5) * 4 - 0.5))
+    shown = column(tmp_path / "a.rrd", "/world/camera/image/keypoints", "Points2D:positions")[0]
+    np.testing.assert_allclose(shown, seen.pixels + 0.5, atol=1e-3)
+    assert column(tmp_path / "a.rrd", "/world/camera/image", "Pinhole:resolution") == [[[640, 480]]]
+
+
+def test_of_many_frames_only_some_images_are_kept_but_all_tracks(tmp_path, monkeypatch):
+    monkeypatch.setattr(rerun_recorder, "FRAMES_AT_FULL_RATE", 5)
+    seen = make_observations(make_map())[0]
+    with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "long") as recorder:
+        for i in range(15):
+            recorder.frame(make_frame(i, i / 30, "a.png"), replace(seen, frame=i, timestamp_s=i / 30))
+    images = [
+        frame
+        for batch in chunks(tmp_path / "a.rrd", "/world/camera/image")
+        if "EncodedImage:blob" in batch.schema.names
+        for frame in batch["frame"].to_pylist()
+    ]
+    assert images == [0, 1, 2, 3, 4, 6, 8, 12]
+    assert len(column(tmp_path / "a.rrd", "/stats/counts/tracks", "Scalars:scalars")) == 15
+
+
+def test_a_pair_is_drawn_also_without_its_images_and_without_matches(tmp_path):
+    attempt = make_attempts(make_map())[0]
+    none = np.zeros((0, 2))
+    empty = replace(attempt, pixels1=none, pixels2=none, inliers=np.zeros(0, bool))
+    with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "gaps") as recorder:
+        recorder.attempt(attempt)
+        recorder.attempt(empty)
+    assert len(column(tmp_path / "a.rrd", "/pairs/image", "EncodedImage:blob")) == 2
+
+
+def test_figures_that_an_attempt_lacks_or_that_are_not_finite_are_not_plotted(tmp_path):
+    attempt = make_attempts(make_map())[0]
+    landmarks = at_least(GateName.LANDMARKS, 80, 50, Verdict.TOO_FEW_LANDMARKS)
+    share = at_least(GateName.EXPLAINED_SHARE, float("nan"), 0.5, Verdict.NO_CONSISTENT_MOTION)
+    with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "gaps") as recorder:
+        recorder.attempt(replace(attempt, preview=None, gates=()))
+        nan = replace(make_preview(parallax_px=float("nan")), parallax_share=float("nan"))
+        recorder.attempt(replace(attempt, preview=nan, gates=(landmarks, share)))
+    shown = [series.entity for series in SERIES if f"/{series.entity}" in entities(tmp_path / "a.rrd")]
+    scalars = {entity: column(tmp_path / "a.rrd", f"/{entity}", "Scalars:scalars") for entity in shown}
+    assert {entity: values for entity, values in scalars.items() if values} == {"stats/counts/landmarks": [[80.0]]}
+
+
+def test_a_wide_pair_is_stacked_and_a_tall_one_put_side_by_side(tmp_path):
+    attempt = make_attempts(make_map())[0]
+    for name, height, second in (("wide", 200, (0, 100)), ("tall", 480, (320, 0))):
+        camera = replace(CAMERAS["pinhole"], height=height)
+        with RerunRecorder(tmp_path / f"{name}.rrd", camera, name) as recorder:
+            recorder.attempt(attempt)
+        ends = column(tmp_path / f"{name}.rrd", "/pairs/image/inliers/points", "Points2D:positions")[0]
+        expected = (attempt.pixels2[attempt.inliers] + 0.5) / 2 + second
+        np.testing.assert_allclose(ends[1::2], expected, atol=1e-3)
+
+
+def test_a_path_that_cannot_be_written_is_an_error_at_once(tmp_path):
+    for path in (tmp_path, tmp_path / "missing" / "a.rrd"):
+        with pytest.raises(OutputError, match="cannot write the recording"):
+            RerunRecorder(path, CAMERAS["pinhole"], "arc")
+
+
+@pytest.mark.parametrize("error", [SourceError("frame 7: cut off"), KeyboardInterrupt()])
+def test_an_error_leaves_the_earlier_recording_and_an_interrupt_the_new_one(tmp_path, error):
+    path = tmp_path / "a.rrd"
+    path.write_bytes(b"old")
+    with pytest.raises(type(error)), RerunRecorder(path, CAMERAS["pinhole"], "arc"):
+        assert path.read_bytes() == b"old"
+        raise error
+    assert [file.name for file in tmp_path.iterdir()] == ["a.rrd"]
+    if isinstance(error, SourceError):
+        assert path.read_bytes() == b"old"
+    else:
+        assert rerun_tool("verify", path).returncode == 0
+
+
+def test_a_recording_can_be_closed_twice(tmp_path):
+    recorder = RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "arc")
+    recorder.close()
+    recorder.close()
+    assert rerun_tool("verify", tmp_path / "a.rrd").returncode == 0

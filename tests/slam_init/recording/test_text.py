@@ -1,0 +1,68 @@
+"""The texts of a recording: each verdict with its evidence, and the summary."""
+
+from dataclasses import replace
+
+from make_map import make_attempts, make_map, make_preview, make_result
+from make_summary import summarize
+
+from slam_init.recording.text import attempt_line, attempt_markdown, summary_markdown
+from slam_init.types.comparison import Margin
+from slam_init.types.evidence import MapEvidence, RivalVote, RotationOnlyEvidence, VoteEvidence
+from slam_init.types.reasons import Verdict
+
+
+def test_the_line_of_an_attempt_names_frames_verdict_and_advice():
+    refused, *_, accepted = make_attempts(make_map())
+    assert attempt_line(refused) == f"frames 10, 17 low_parallax: {Verdict.LOW_PARALLAX.advice}"
+    assert attempt_line(accepted) == "frames 10, 31 accepted"
+
+
+def test_the_text_of_an_attempt_has_verdict_advice_and_gates():
+    refused, *_, accepted = (attempt_markdown(attempt) for attempt in make_attempts(make_map()))
+    assert "refused: low_parallax" in refused
+    assert Verdict.LOW_PARALLAX.advice in refused
+    assert "| matches | 60 | ≥ 30 |  |" in refused
+    assert "| direction_bound_deg | 7 | ≤ 5 | **fails** |" in refused
+    assert "### accepted" in accepted
+    assert "fails" not in accepted
+
+
+def test_the_text_of_an_attempt_has_all_evidence_that_is_known():
+    attempt = replace(
+        make_attempts(make_map())[0],
+        preview=make_preview(parallax_px=3.5),
+        rotation_only=RotationOnlyEvidence(1.02),
+        vote=VoteEvidence((RivalVote(1, 12.0, 2.5),), plane=Margin(30.0, 4.5), near_rival_deg=1.5),
+        map=MapEvidence(failure="too few points"),
+        method_evidence={"parallax_min_deg": 1.0},
+    )
+    text = attempt_markdown(attempt)
+    for row in (
+        "| parallax_px | 3.5 |",
+        "| rotation_only_focal_factor | 1.02 |",
+        "| rival1_log_likelihood | 12 |",
+        "| rival1_z | 2.5 |",
+        "| plane_z | 4.5 |",
+        "| near_rival_deg | 1.5 |",
+        "| failure | too few points |",
+        "| parallax_min_deg | 1 |",
+    ):
+        assert row in text
+    assert "suspected" not in text  # nothing is suspected
+    assert "reprojection_rmse_px" not in text
+
+
+def test_the_text_of_a_summary_has_its_figures_and_no_times():
+    text = summary_markdown(summarize(make_result(make_map())))
+    assert "# initialized" in text
+    assert "| landmarks | 60 |" in text
+    assert "| low_parallax | 2 |" in text
+    assert "Keyframes: 10, 17, 24, 31" in text
+    assert "timing" not in text
+    assert "provenance" not in text
+    assert "not_initialized: static_camera" in summary_markdown(summarize(make_result(None, Verdict.STATIC_CAMERA)))
+
+
+def test_a_pipe_in_a_text_does_not_break_the_table():
+    attempt = replace(make_attempts(make_map())[0], method_evidence={"rule": "a|b"})
+    assert "| rule | a/b |" in attempt_markdown(attempt)

@@ -1,0 +1,71 @@
+"""The texts of attempts and results, and the deprecated dictionary of all evidence."""
+
+from dataclasses import replace
+
+import pytest
+from make_map import make_attempts, make_map, make_result
+
+from slam_init.types.evidence import MapEvidence, RotationOnlyEvidence
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import Attempt
+
+
+def lines_of(described) -> list[str]:
+    """The lines of the text; the notebook table has the same content."""
+    lines = str(described).split("\n")
+    html = described._repr_html_()
+    assert html.count("<tr>") == len(lines) - 1
+    assert repr(described) == f"<{type(described).__name__}: {lines[0]}>"
+    return lines
+
+
+def test_an_attempt_names_its_verdict_its_advice_and_the_gates_that_failed():
+    refused, *_, accepted = make_attempts(make_map())
+    lines = lines_of(refused)
+    assert lines[0] == "frames 10, 17: low_parallax"
+    assert refused.advice in lines[1]
+    assert "1 of 3 pass" in lines[2]
+    assert [gate.name for gate in refused.failed_gates] == ["direction_correlated_deg", "direction_bound_deg"]
+    assert "direction_correlated_deg" in lines[3]
+    assert lines_of(accepted)[1:] == ["  gates       3 of 3 pass"]
+
+
+def test_a_result_is_truthy_with_a_map_and_names_the_reason_without_one():
+    initialized, refused = make_result(make_map()), make_result(None, Verdict.STATIC_CAMERA)
+    assert initialized
+    assert (initialized.status, refused.status) == ("initialized", "not_initialized")
+    assert not refused
+    assert lines_of(initialized)[0] == "initialized after 22 frames"
+    assert lines_of(refused)[0] == "not initialized after 32 frames: static_camera"
+    assert Verdict.STATIC_CAMERA.advice in lines_of(refused)[1]
+    undecided = replace(make_result(None, Verdict.AMBIGUOUS_PLANE), hypotheses=(make_map(), make_map()))
+    assert "2 maps, one of them is right" in str(undecided)
+
+
+def test_a_text_has_at_most_six_lines_and_a_notebook_escapes_names():
+    result = replace(make_result(make_map()), notes=("<first>", "second"))
+    assert len(lines_of(result)) <= 6
+    assert "&lt;first&gt;" in result._repr_html_()
+
+
+def test_an_attempt_knows_the_suspected_focal_factor_of_its_evidence():
+    attempt = Attempt((0, 1), Verdict.PURE_ROTATION)
+    assert attempt.suspected_focal_factor is None
+    assert replace(attempt, rotation_only=RotationOnlyEvidence(1.05)).suspected_focal_factor is None
+    assert replace(attempt, rotation_only=RotationOnlyEvidence(1.05, 1.05)).suspected_focal_factor == 1.05
+
+
+def test_the_deprecated_evidence_holds_all_figures_and_gates_by_name():
+    attempt = replace(
+        make_attempts(make_map())[0],
+        rotation_only=RotationOnlyEvidence(1.02),
+        map=MapEvidence(failure="no points"),
+        method_evidence={"score": 0.5},
+    )
+    with pytest.warns(DeprecationWarning, match="use the fields preview, two_view"):
+        evidence = attempt.evidence
+    assert evidence["parallax_px"] == 2.5
+    assert evidence["focal_factor"] == 1.02
+    assert evidence["failure"] == "no points"
+    assert evidence["score"] == 0.5
+    assert (evidence["direction_bound_deg"], evidence["direction_bound_deg_gate"]) == (7.0, 5.0)

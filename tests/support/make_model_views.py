@@ -1,0 +1,31 @@
+"""Exact pixels of two views, and models that are estimated from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from quest.geometry.quaternion import rotation_from_vector
+from slam_init.benchmarks.two_view_scenes import CAMERA
+from slam_init.methods.models import normalize, normalizing_transform
+from slam_init.types.pose import Pose
+
+
+def views(seed: int, count: int = 60, planar: bool = False) -> tuple[np.ndarray, np.ndarray, Pose]:
+    """Exact pixels of points in two views, and cam2_from_cam1 with |t| = 1."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform([-2, -1.5, 4], [2, 1.5, 8], (count, 3))
+    if planar:
+        points[:, 2] = 6 + 0.4 * points[:, 0] - 0.3 * points[:, 1]
+    t = rng.normal(size=3)
+    pose = Pose(rotation_from_vector(0.1 * rng.normal(size=3)), t / np.linalg.norm(t))
+    # Some pixels lie outside of the image, which does not matter here.
+    return CAMERA.project(points), CAMERA.project(pose.apply(points)), pose
+
+
+def estimate(solver: Callable, pixels1: np.ndarray, pixels2: np.ndarray, back: str) -> np.ndarray:
+    """The model (1, 3, 3) of a solver for normalized pixels; ``back`` undoes the normalization of the second view."""
+    T1, T2 = normalizing_transform(pixels1), normalizing_transform(pixels2)
+    model = solver(normalize(T1, pixels1)[None], normalize(T2, pixels2)[None])
+    return (T2.T if back == "transpose" else np.linalg.inv(T2)) @ model @ T1

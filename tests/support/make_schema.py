@@ -1,0 +1,96 @@
+"""Generates the JSON Schema of ``summary.json`` from the types and docstrings of :class:`Summary`.
+
+Run ``python tests/support/make_schema.py`` after each change of these types. It writes the file that
+:func:`slam_init.output.summary.summary_schema` reads.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any, get_type_hints
+from unittest.mock import patch
+
+from numpydoc.docscrape import ClassDoc
+from pydantic import JsonValue, TypeAdapter
+from pydantic.json_schema import GenerateJsonSchema
+from typing_extensions import TypedDict
+
+from quest.relative_pose import PoseEvidence
+from slam_init.output import records, summary
+from slam_init.types import comparison, evidence, gates, reasons, result, stopwatch
+
+#: Where the types of the schema are defined.
+_MODULES = (records, summary, comparison, evidence, gates, reasons, result, stopwatch)
+#: Types whose floats may be null: a figure that is not finite is written as null.
+_FIGURES = (
+    "AttemptRecord",
+    "Margin",
+    "MapEvidence",
+    "PoseEvidence",
+    "PreviewEvidence",
+    "RivalVote",
+    "RotationOnlyEvidence",
+    "TwoViewEvidence",
+    "VoteEvidence",
+)
+
+
+def schema_text() -> str:
+    """The content of the schema file."""
+    return json.dumps(summary_json_schema(), indent=2) + "\n"
+
+
+def summary_json_schema() -> dict[str, Any]:
+    """The JSON Schema (draft 2020-12) of :class:`Summary`, with descriptions from its docstrings."""
+    # pydantic reads TypedDict of typing_extensions only (before Python 3.12), and has a type of its own for JSON.
+    stage_times = TypedDict("StageTimes", get_type_hints(stopwatch.StageTimes))
+    with patch.object(summary, "StageTimes", stage_times), patch.object(records, "Json", JsonValue):
+        schema = TypeAdapter(summary.Summary).json_schema(mode="serialization")
+    for name, one in [("Summary", schema), *schema["$defs"].items()]:
+        _describe(one, name)
+        for value in one.get("properties", {}).values():
+            _tidy(value, nullable=name in _FIGURES)
+    schema["properties"]["schema"]["const"] = summary.SCHEMA
+    return {"$schema": GenerateJsonSchema.schema_dialect, "$id": f"urn:slam-init:summary:{summary.SCHEMA}"} | schema
+
+
+def _describe(schema: dict[str, Any], name: str) -> None:
+    """Describe a type and its properties by the docstring of its class; other keys than these are not allowed."""
+    if name == "JsonValue":
+        schema["description"] = "Any JSON value."
+        return
+    classes = {"PoseEvidence": PoseEvidence} | {k: v for module in _MODULES for k, v in vars(module).items()}
+    doc = ClassDoc(classes[name])
+    schema["description"] = _plain(" ".join([*doc["Summary"], *doc["Extended Summary"]]))
+    if "properties" not in schema:
+        return
+    texts = {part.strip(): item.desc for item in doc["Attributes"] for part in item.name.split(",")}
+    for key, value in schema["properties"].items():
+        value["description"] = _plain(" ".join(texts[key]))
+    schema["additionalProperties"] = False
+
+
+def _tidy(schema: dict[str, Any], *, nullable: bool) -> None:
+    """Remove generated titles; let numbers be null where a figure may not be finite."""
+    schema.pop("title", None)
+    if nullable and schema.get("type") == "number":
+        schema["type"] = ["number", "null"]
+
+
+def _plain(text: str) -> str:
+    """A docstring without the markup of Sphinx (roles, doubled backquotes), and with null for None."""
+    text = re.sub(r":\w+:`~?([^`]*)`", r"\1", re.sub(r"\s+", " ", text))
+    return re.sub(r"\bNone\b", "null", text.replace("``", "`")).strip()
+
+
+def main() -> None:
+    """Write the schema file."""
+    path = Path(summary.__file__).with_name(summary.SCHEMA_FILE)
+    path.write_text(schema_text(), encoding="utf-8")
+    print(path)
+
+
+if __name__ == "__main__":
+    main()
