@@ -8,8 +8,10 @@ A sequence is a world of textured planes, a smooth camera path and a sensor, all
 
 Scenes: ``room`` (general), ``wall`` (one tilted plane), ``nadir`` (straight flight over flat ground), ``nadir-turn``
 (flight in a turn over flat ground), ``corridor`` (forward motion), ``desk`` (dominant plane with objects), ``rotation``
-(rotation-only camera), ``rotate-then-move`` and ``static``. :func:`make_points` makes tracks without images, in scenes
-of the same kind.
+(rotation-only camera), ``rotate-then-move`` and ``static``; these are the :data:`STANDARD_SCENES`. The scenes
+``tilted-15``, ``tilted-30`` and ``tilted-45`` are level straight flights over flat ground. Their camera is tilted
+forward or sideways by 15, 30 or 45 degrees from straight down. :func:`make_points` makes tracks without images, in
+scenes of the same kind.
 """
 
 from sequences_synth.points import (
@@ -19,19 +21,22 @@ from sequences_synth.points import (
     PointSequence,
     make_points,
 )
-from sequences_synth.scene import SCENES
+from sequences_synth.scene import SCENES, STANDARD_SCENES
 from sequences_synth.sequence import PinholeCamera, SynthOptions, SynthSequence, make_sequence
+from sequences_synth.tracking_error import TrackingError
 from sequences_synth.writer import write_tum
 
 __all__ = [
     "POINT_SCENES",
     "SCENES",
     "SCENES_WITHOUT_TRANSLATION",
+    "STANDARD_SCENES",
     "PinholeCamera",
     "PointOptions",
     "PointSequence",
     "SynthOptions",
     "SynthSequence",
+    "TrackingError",
     "make_points",
     "make_sequence",
     "write_tum",

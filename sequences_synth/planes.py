@@ -1,6 +1,8 @@
-"""Scenes that are one plane: `wall`, `nadir`, `nadir-turn`."""
+"""Scenes that are one plane: `wall`, `nadir`, `nadir-turn`, `tilted-15`, `tilted-30`, `tilted-45`."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +11,7 @@ from sequences_synth.builder import Setup, curved_path, hand_jitter, linear_angl
 from sequences_synth.textured_quad import Quad
 from sequences_synth.trajectory import PROGRESS_RANGE, Jitter, Path
 
-__all__ = ["nadir", "nadir_turn", "wall"]
+__all__ = ["nadir", "nadir_turn", "tilted", "wall"]
 
 Floats = NDArray[np.float64]
 
@@ -72,8 +74,13 @@ def wall(setup: Setup) -> tuple[list[Quad], Path]:
     return [_plane(setup, path, origin, u, v, "wall", 0.75 * distance)], path
 
 
-def _flight(setup: Setup, turn_deg: float) -> tuple[list[Quad], Path]:
-    """A drone over flat ground; heading and velocity turn by ``turn_deg`` in 100 frames."""
+def _flight(setup: Setup, turn_deg: float, tilt_deg: float | None = None) -> tuple[list[Quad], Path]:
+    """A drone over flat ground; heading and velocity turn by ``turn_deg`` in 100 frames.
+
+    By default the drone climbs a little, and the camera is 0 to 30 degrees off the vertical in any direction. With
+    ``tilt_deg`` the flight is level, and the camera is tilted by this angle from the vertical, along or across the
+    direction of flight.
+    """
     rng = setup.rng
     height = rng.uniform(15, 35)
     reach = height * rng.uniform(0.30, 0.38)
@@ -82,6 +89,11 @@ def _flight(setup: Setup, turn_deg: float) -> tuple[list[Quad], Path]:
     # The direction of flight is independent of the heading: a drone can fly sideways and backwards.
     course, yaw = rng.uniform(0, 2 * np.pi, 2)
     turn = np.radians(turn_deg)
+    if tilt_deg is not None:
+        # The camera is tilted forward in half of the worlds, and to the left or right in the others. A yaw of 0 looks
+        # along the y axis, a course of 0 leads along the x axis.
+        climb, pitch = 0.0, np.radians(-90 + tilt_deg)
+        yaw = course + np.pi / 2 * (rng.choice([0.0, setup.random_sign()]) - 1)
 
     def centre(p: float) -> Floats:
         # An arc: the direction of the velocity is linear in p. np.sinc avoids 0 / 0 in the limit of a straight line.
@@ -129,3 +141,20 @@ def nadir_turn(setup: Setup) -> tuple[list[Quad], Path]:
     path : Path
     """
     return _flight(setup, setup.random_sign() * float(setup.rng.uniform(45, 90)))
+
+
+def tilted(tilt_deg: float) -> Callable[[Setup], tuple[list[Quad], Path]]:
+    """Make the builder of a straight level flight over flat ground with a tilted camera.
+
+    Parameters
+    ----------
+    tilt_deg : float
+        Angle between the optical axis and the normal of the ground. The camera is tilted forward in half of the worlds,
+        and to the left or right in the others.
+
+    Returns
+    -------
+    callable
+        Setup -> the one quad of the ground, as a list, and the path.
+    """
+    return lambda setup: _flight(setup, 0.0, tilt_deg)

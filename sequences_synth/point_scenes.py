@@ -138,6 +138,23 @@ def _nadir_turn(rng: np.random.Generator) -> Layout:
     return Layout(_plane(np.array([0.0, 0.0, 1.0]), 2.0), position, lambda s: np.array([0.0, 0.0, turn * s]))
 
 
+def _tilted(tilt_deg: float) -> Callable[[np.random.Generator], Layout]:
+    """A straight level flight over flat ground; the camera is tilted from straight down, along or across the track."""
+
+    def draw(rng: np.random.Generator) -> Layout:
+        heading = rng.uniform(0, 2 * np.pi)
+        # The camera is tilted forward in half of the worlds, and to the left or right in the others.
+        towards = heading + rng.choice([0.0, rng.choice([-0.5, 0.5]) * np.pi])
+        # The frame "down" is that of the camera before the tilt; its z axis is the normal of the ground. The rotation
+        # tilts the optical axis from the normal towards the direction `towards`.
+        axis = np.array([-np.sin(towards), np.cos(towards), 0.0])
+        cam_from_down = rotation_from_vector(np.radians(tilt_deg) * axis).T
+        position = _straight(cam_from_down @ np.array([np.cos(heading), np.sin(heading), 0.0]))
+        return Layout(_plane(cam_from_down @ np.array([0.0, 0.0, 1.0]), 2.0), position, _no_motion)
+
+    return draw
+
+
 def _corridor(rng: np.random.Generator) -> Layout:
     position = _straight(_unit(np.array([*(0.05 * rng.normal(size=2)), 1.0])))
     return Layout(_tunnel(rng), position, _hand_rotation(rng))
@@ -175,4 +192,7 @@ LAYOUTS: dict[str, Callable[[np.random.Generator], Layout]] = {
     "rotation": _rotation_only,
     "rotate-then-move": _rotate_then_move,
     "static": _static,
+    "tilted-15": _tilted(15.0),
+    "tilted-30": _tilted(30.0),
+    "tilted-45": _tilted(45.0),
 }

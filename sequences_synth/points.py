@@ -1,7 +1,8 @@
 """Tracks without images: points of a known scene seen by a moving camera, thousands of sequences per minute.
 
 The scenes have the names of the rendered ones, and depth, planes and motion of the same kind, drawn from a seed. Tracks
-have Gaussian noise. Some tracks are outliers, and on request some lie on bodies that move on their own. Poses are
+have Gaussian noise. Some tracks are outliers, and on request some lie on bodies that move on their own. On request the
+tracks of a view also have a smooth error in common (:mod:`sequences_synth.tracking_error`). Poses are
 ``world_from_cam``. The world frame is the pose at which the camera would start without the tremor of the hand. The
 length of the path is given relative to the median depth of the scene ::
 
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from sequences_synth.point_scenes import LAYOUTS, Layout
 from sequences_synth.sequence import PinholeCamera
+from sequences_synth.tracking_error import TrackingError
 from sequences_synth.trajectory import rotation_from_vector
 
 __all__ = ["POINT_SCENES", "SCENES_WITHOUT_TRANSLATION", "PointOptions", "PointSequence", "make_points"]
@@ -65,6 +67,12 @@ class PointOptions:
         translate.
     focal_error : float
         The stated focal length is the true one times ``1 + focal_error``.
+    field_px : float
+        Root mean square of one coordinate of a smooth error field that the tracks of a view have in common, over the
+        image. The field of each view is independent of the others. Outliers do not have it.
+    drift_px : float
+        The same for a smooth field that performs a random walk over the views: 0 in the first view, and ``drift_px`` in
+        the last one.
 
     Raises
     ------
@@ -79,11 +87,13 @@ class PointOptions:
     moving: float = 0.0
     baseline: float = 0.15
     focal_error: float = 0.0
+    field_px: float = 0.0
+    drift_px: float = 0.0
 
     def __post_init__(self) -> None:
         limits: dict[str, tuple[float, float]] = {
             "views": (2, 10_000), "points": (1, 100_000), "noise_px": (0, 100), "outliers": (0, 1), "moving": (0, 1),
-            "baseline": (0, 10), "focal_error": (-0.9, 10),
+            "baseline": (0, 10), "focal_error": (-0.9, 10), "field_px": (0, 100), "drift_px": (0, 100),
         }  # fmt: skip
         for name in (f.name for f in fields(self)):
             value, (low, high) = getattr(self, name), limits[name]
@@ -116,9 +126,11 @@ class PointSequence:
     is_moving : (M,) bool
         Tracks on moving bodies.
     pixels : (V, M, 2) float
-        Measured pixels, with noise.
+        Measured pixels, with noise and correlated error.
     visible : (V, M) bool
         Whether a view sees a track.
+    tracking_error : TrackingError
+        The correlated error that ``pixels`` contain, except those of outliers.
     """
 
     name: str
@@ -133,6 +145,7 @@ class PointSequence:
     is_moving: Bools
     pixels: Floats
     visible: Bools
+    tracking_error: TrackingError
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -204,7 +217,11 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
     scale, poses = _poses(layout, options, rng)
     points = _points(layout, poses, true_camera, options, rng)
     kinds = _kinds(points, options, rng)
-    pixels, visible = _project(points, kinds, poses, scale, true_camera, options, rng)
+    # The correlated error has its own generator, so that its options change neither the scene nor the noise.
+    error_rng = np.random.default_rng((seed, *b"tracking error ", *name.encode()))
+    size = true_camera.width, true_camera.height
+    error = TrackingError.draw(error_rng, options.views, *size, options.field_px, options.drift_px)
+    pixels, visible = _project(points, kinds, poses, scale, true_camera, error, options, rng)
     stated = _FOCAL_PX * (1 + options.focal_error)
     return PointSequence(
         name=name,
@@ -219,6 +236,7 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
         is_moving=kinds == _MOVING,
         pixels=pixels,
         visible=visible,
+        tracking_error=error,
     )
 
 
@@ -280,6 +298,7 @@ def _project(
     poses: Floats,
     scale: float,
     camera: PinholeCamera,
+    error: TrackingError,
     options: PointOptions,
     rng: np.random.Generator,
 ) -> tuple[Floats, Bools]:
@@ -301,7 +320,7 @@ def _project(
         ahead = X[:, 2] > _NEAREST * np.median(np.abs(X[:, 2]))
         z = np.where(ahead, X[:, 2], 1.0)[:, None]
         true = camera.fx * X[:, :2] / z + [camera.cx, camera.cy]
-        measured = true + options.noise_px * rng.normal(size=true.shape)
+        measured = true + options.noise_px * rng.normal(size=true.shape) + error.at(view, true)
         anywhere = rng.uniform(0, size - 1, measured.shape)
         pixels[view] = np.where((kinds == _OUTLIER)[:, None], anywhere, measured)
         inside = ((pixels[view] >= 0) & (pixels[view] <= size - 1)).all(axis=1)

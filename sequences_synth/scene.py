@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from sequences_synth.builder import Setup
 from sequences_synth.indoors import corridor, desk
-from sequences_synth.planes import nadir, nadir_turn, wall
+from sequences_synth.planes import nadir, nadir_turn, tilted, wall
 from sequences_synth.room_scenes import room, rotate_then_move, rotation, static
 from sequences_synth.textured_quad import Quad
 from sequences_synth.trajectory import Path, progress
 
-__all__ = ["SCENES", "World", "build_world"]
+__all__ = ["SCENES", "STANDARD_SCENES", "World", "build_world"]
 
 Floats = NDArray[np.float64]
 
@@ -132,7 +132,23 @@ _BUILDERS: dict[str, Callable[[Setup], tuple[list[Quad], Path]]] = {
     "rotation": rotation,
     "rotate-then-move": rotate_then_move,
     "static": static,
+    "tilted-15": tilted(15.0),
+    "tilted-30": tilted(30.0),
+    "tilted-45": tilted(45.0),
 }
 
 #: Names of the rendered scenes.
 SCENES: tuple[str, ...] = tuple(_BUILDERS)
+#: Scenes that grids and benchmarks draw by default, rendered or as points. This list is fixed, so that measured tables
+#: stay comparable when scenes are added. Other scenes are reached by name.
+STANDARD_SCENES: tuple[str, ...] = (
+    "room",
+    "wall",
+    "nadir",
+    "nadir-turn",
+    "corridor",
+    "desk",
+    "rotation",
+    "rotate-then-move",
+    "static",
+)

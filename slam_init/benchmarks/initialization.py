@@ -31,7 +31,7 @@ from statistics import median
 
 import numpy as np
 
-from sequences_synth import SCENES
+from sequences_synth import SCENES, STANDARD_SCENES
 from slam_init.benchmarks.image_pairs import DIRECTION_UNKNOWN, STATIC_SEQUENCE, data_folder
 from slam_init.benchmarks.options import positive, show
 from slam_init.output.tables import markdown_table, number
@@ -293,7 +293,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.description = "Count correct, false and missing initializations. Real sequences: below SLAM_INIT_DATA."
     parser.add_argument("--only", choices=("real", "synthetic"), help="one of the two tables")
     parser.add_argument("--seeds", type=positive, default=10, metavar="N", help="of each scene (default: 10)")
-    parser.add_argument("--scenes", default=",".join(SCENES), metavar="A,B", help="synthetic scenes (default: all)")
+    scenes_help = "synthetic scenes (default: the nine standard ones)"
+    parser.add_argument("--scenes", default=",".join(STANDARD_SCENES), metavar="A,B", help=scenes_help)
     parser.add_argument("--every", type=positive, metavar="K", help="real: start at every K-th frame, and count")
     parser.add_argument("--jobs", type=positive, default=1, metavar="N", help="processes (default: 1)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the tables to a file as well")

@@ -1,4 +1,7 @@
-"""Tracks without images as a source: ``points:NAME``, or with options ``points:NAME?noise_px=1&baseline=0.05``."""
+"""Tracks without images as a source: ``points:NAME``, or with options ``points:NAME?noise_px=1&baseline=0.05``.
+
+The names are those of :data:`sequences_synth.POINT_SCENES`, the options those of :class:`sequences_synth.PointOptions`.
+"""
 
 from __future__ import annotations
 
@@ -152,12 +155,14 @@ def open_points(text: str, seed: int) -> PointSource:
 
 
 def point_scenes() -> tuple[str, ...]:
-    """List the names of the scenes.
+    """List the standard scenes, which a grid of trials draws.
 
     Returns
     -------
     tuple of str
+        :data:`sequences_synth.STANDARD_SCENES`. The other scenes of :data:`sequences_synth.POINT_SCENES` are opened by
+        name only, so that the trials of a grid do not change when scenes are added.
     """
-    from sequences_synth import POINT_SCENES
+    from sequences_synth import STANDARD_SCENES
 
-    return POINT_SCENES
+    return STANDARD_SCENES

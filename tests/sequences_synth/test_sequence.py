@@ -12,6 +12,7 @@ import pytest
 from sequences_synth import SCENES, SynthOptions, make_sequence
 
 CLEAN = SynthOptions(width=320, height=240, noise=0, motion_blur=0, exposure_change=0)
+TILTED = {"tilted-15": 15, "tilted-30": 30, "tilted-45": 45}
 MOVING = [name for name in SCENES if name not in ("static", "rotation")]
 
 
@@ -113,7 +114,7 @@ def test_tracked_corners_obey_the_true_epipolar_geometry(name):
     assert np.median(np.abs(np.sum(lines2 * b, axis=1)) / scale) < 0.15
 
 
-@pytest.mark.parametrize("name", ["wall", "nadir", "nadir-turn"])
+@pytest.mark.parametrize("name", ["wall", "nadir", "nadir-turn", *TILTED])
 @pytest.mark.parametrize("seed", range(3))
 def test_planar_scenes_are_one_plane_that_fills_every_view(name, seed):
     sequence = make_sequence(name, seed, CLEAN)
@@ -163,6 +164,22 @@ def test_the_path_of_nadir_is_straight_and_that_of_nadir_turn_is_not():
         first, last = centres[40] - centres[15], centres[99] - centres[74]
         cosine = first @ last / np.linalg.norm(first) / np.linalg.norm(last)
         assert (cosine > np.cos(np.radians(6))) == straight
+
+
+@pytest.mark.parametrize("name", TILTED)
+def test_a_tilted_flight_is_level_and_its_camera_is_off_the_vertical_forward_or_sideways(name):
+    kinds = set()
+    for seed in range(8):
+        path = make_sequence(name, seed).world.path
+        poses = np.stack([path.steady(p, p) for p in (0.0, 0.5, 1.0)])
+        track = poses[-1, :3, 3] - poses[0, :3, 3]
+        look = poses[:, :3, 2]
+        assert track[2] == 0
+        np.testing.assert_allclose(np.degrees(np.arccos(-look[:, 2])), TILTED[name], atol=1e-9)
+        cosine = look[0] @ track / np.linalg.norm(track) / np.sin(np.radians(TILTED[name]))
+        assert np.isclose(cosine, 1) or np.isclose(cosine, 0, atol=1e-9)
+        kinds.add(round(cosine))
+    assert kinds == {0, 1}
 
 
 def test_focal_error_changes_only_the_stated_camera():

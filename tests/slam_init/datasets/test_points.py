@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sequences_synth import PointOptions, make_points
-from slam_init.datasets.points import open_points
+from slam_init.datasets.points import open_points, point_scenes
 from slam_init.errors import SourceError
 
 
@@ -19,8 +19,27 @@ def test_a_source_of_points_gives_the_tracks_of_the_sequence():
     assert [frame.index for frame in source.frames(1, 2)] == [1, 2]
 
 
+def test_a_tilted_scene_and_the_options_of_correlated_error_are_reached_by_name():
+    source = open_points("points:tilted-30?field_px=0.5&drift_px=1", 2)
+    sequence = make_points("tilted-30", 2, PointOptions(field_px=0.5, drift_px=1))
+    np.testing.assert_array_equal(source.sequence.pixels, sequence.pixels)
+
+
+def test_the_focal_error_of_a_rotation_scene_is_that_of_the_stated_camera():
+    right, wrong = (open_points(f"points:rotation?focal_error={error}", 1) for error in (0.0, -0.04))
+    assert wrong.camera.fx == pytest.approx(0.96 * right.camera.fx)
+    for a, b in zip(right.observations(), wrong.observations(), strict=True):
+        np.testing.assert_array_equal(a.pixels, b.pixels)
+
+
+def test_a_grid_draws_the_standard_scenes_only():
+    assert len(point_scenes()) == 9
+    assert not [name for name in point_scenes() if name.startswith("tilted")]
+
+
 @pytest.mark.parametrize(
-    "text", ["points:attic", "points:room?colour=1", "points:room?views=many", "points:room?outliers=2"]
+    "text",
+    ["points:attic", "points:room?colour=1", "points:room?views=many", "points:room?outliers=2", "points:tilted-20"],
 )
 def test_an_invalid_source_text_is_refused_in_one_line(text):
     with pytest.raises(SourceError) as caught:
