@@ -159,7 +159,11 @@ def _add_info(commands: _Commands) -> None:
 
 def _add_compare(commands: _Commands) -> None:
     compare = commands.add_parser("compare", help="compare methods on the same trials", allow_abbrev=False)
-    compare.description = "Run methods on the same tracks from many starts; write tables, statistics and a report."
+    compare.description = (
+        "Run methods on the same tracks from many starts; write tables, statistics and a report. The wait of a trial "
+        "is the number of frames after its start until the first correct map; a trial without one counts as its limit. "
+        "slam_init/compare/judging.py tells how each sequence is judged."
+    )
     compare.set_defaults(command=_compare)
     compare.add_argument(
         "sources",
@@ -169,6 +173,9 @@ def _add_compare(commands: _Commands) -> None:
     )
     compare.add_argument("--methods", metavar="A,B", help="of slam-init run --method (default: all that are installed)")
     compare.add_argument("--every", type=int, default=10, metavar="K", help="start at every K-th frame (default: 10)")
+    compare.add_argument(
+        "--min-left", type=int, default=3, metavar="N", help="start only where N frames are left (default: 3)"
+    )
     compare.add_argument("--grid", type=int, default=0, metavar="N", help="add N point-level trials of each scene")
     compare.add_argument(
         "--limit-frames", type=int, default=150, metavar="N", help="a trial reads at most N frames (default: 150)"
@@ -309,7 +316,7 @@ def _info(arguments: argparse.Namespace) -> int:
 
 def _compare(arguments: argparse.Namespace) -> int:
     """``slam-init compare``."""
-    for option, least in (("every", 1), ("grid", 0), ("limit_frames", 2), ("jobs", 1), ("seed", 0)):
+    for option, least in (("every", 1), ("min_left", 2), ("grid", 0), ("limit_frames", 2), ("jobs", 1), ("seed", 0)):
         _at_least(f"--{option.replace('_', '-')}", getattr(arguments, option), least)
     _at_least("--time-limit", arguments.time_limit, 1)
     _at_least("--memory-limit", arguments.memory_limit, 100)

@@ -13,8 +13,8 @@ import numpy as np
 
 from slam_init.benchmarks.map_quality import adjusted_by_pycolmap, errors_of, opened_points
 from slam_init.bundle.problem import BundleProblem
+from slam_init.compare.judging import Criteria
 from slam_init.compare.measures import PoseErrors, is_correct
-from slam_init.compare.sources import Criteria
 from slam_init.datasets.points import PointSource
 
 __all__ = ["solvable_worlds", "true_problem"]

@@ -4,15 +4,20 @@ A *trial* runs one method on one source from one start frame. The tracks of a so
 get the same tracks. A trial ends at the first map or at the limit of frames. Each trial has one of these outcomes:
 
 * *correct*: the method accepted a map, and every keyframe is within 5 degrees in rotation and within 15 degrees in the
-  direction of its baseline. A correct map is also *strict* if every keyframe is within 1 and 5 degrees.
+  direction of its baseline. A correct map is also *strict* if every keyframe is within 1 and 5 degrees. Sequences whose
+  ground truth has limits have other bounds (:mod:`slam_init.compare.judging`).
 * *false*: the method accepted any other map. If the camera never translates, every map is false.
 * *none*: the method found no map; the row holds the reason.
 * *error*: the method raised, did not answer in time, crashed, or used too much memory.
 
+The *wait* of a trial is the number of frames after its start frame until the first correct map: 1 is the second frame.
+A trial without a correct map counts as its limit.
+
 ===================  ===============================================================================
 module               content
 ===================  ===============================================================================
-``sources``          the sequences, the limits of their ground truth, the start frames
+``sources``          the sequences, the start frames
+``judging``          how each sequence is judged: the bounds of a correct map
 ``plan``             the list of trials
 ``replay``           tracks on disk
 ``trials``           one trial, and how its row is made
@@ -24,6 +29,7 @@ module               content
 ``backends``         loky, sequential, Dask
 ``journal``          finished trials on disk
 ``statistics``       intervals and tests
+``wait``             the wait, and its differences between methods
 ``trial_table``      all rows as a table of columns
 ``aggregate``        figures from this table
 ``summary``          all figures of a comparison, as in ``summary.json``

@@ -11,6 +11,7 @@ import numpy as np
 
 from slam_init.compare.statistics import Interval, holm, mcnemar_exact, restricted_mean, wilson
 from slam_init.compare.trial_table import TrialTable
+from slam_init.compare.wait import mean_wait
 from slam_init.types.arrays import Bools, Floats
 
 __all__ = ["Figures", "PairTest", "figures_of", "pair_tests"]
@@ -38,6 +39,9 @@ class Figures:
     frames_to_accept, frames_to_correct : Interval
         Restricted mean of the frames until the first map, and until a correct map. A trial without such a map counts as
         its limit.
+    wait : Interval
+        Restricted mean of the frames after the start frame until the first correct map; see
+        :mod:`slam_init.compare.wait`.
     seconds_to_accept : Interval
         Mean over the accepted maps.
     reason_accuracy : Interval
@@ -74,6 +78,7 @@ class Figures:
     precision: Interval
     frames_to_accept: Interval
     frames_to_correct: Interval
+    wait: Interval
     seconds_to_accept: Interval
     reason_accuracy: Interval
     undecided: int
@@ -127,6 +132,7 @@ def figures_of(table: TrialTable, mask: Bools) -> Figures:
         precision=wilson(correct, correct + false),
         frames_to_accept=restricted_mean(frames, limits),
         frames_to_correct=restricted_mean(np.where(is_correct, frames, np.nan), limits),
+        wait=mean_wait(table, mask),
         seconds_to_accept=_mean_seconds(numbers["seconds_to_accept"]),
         reason_accuracy=wilson(int(np.sum(table.reason_right[mask])), expected),
         undecided=undecided,

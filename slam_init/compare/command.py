@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -17,10 +17,14 @@ from slam_init.compare.statistics import Interval
 from slam_init.compare.summary import ComparisonSummary, six_digits
 from slam_init.compare.trial_table import PARTS
 from slam_init.compare.trials import Settings
+from slam_init.compare.wait import WaitDifference
 from slam_init.errors import ConfigError
 from slam_init.output.tables import markdown_table, number
 
 __all__ = ["chosen_methods", "main_table", "run_command"]
+
+#: The options on which the results depend, and their defaults.
+_OPTIONS = (("methods", None), ("every", 10), ("min_left", 3), ("grid", 0), ("limit_frames", 150), ("seed", 0))
 
 
 def run_command(arguments: argparse.Namespace, out: str | os.PathLike[str], *, progress: bool) -> str:
@@ -51,6 +55,7 @@ def run_command(arguments: argparse.Namespace, out: str | os.PathLike[str], *, p
         sources=tuple(describe_sources(texts)),
         methods=methods,
         every=arguments.every,
+        min_left=arguments.min_left,
         settings=Settings(
             seed=arguments.seed,
             limit_frames=arguments.limit_frames,
@@ -76,7 +81,7 @@ def chosen_methods(text: str | None) -> tuple[str, ...]:
     Parameters
     ----------
     text : str or None
-        Names, separated by commas; None for all methods whose packages are installed.
+        Names, separated by commas; None for all methods whose packages are installed, each under one name.
 
     Returns
     -------
@@ -91,7 +96,8 @@ def chosen_methods(text: str | None) -> tuple[str, ...]:
     from slam_init.methods import METHODS, method_info
 
     if text is None:
-        return tuple(name for name, info in METHODS.items() if info.needs is None or find_spec(info.needs))
+        installed = (info for info in METHODS.values() if info.needs is None or find_spec(info.needs))
+        return tuple(info.name for info in installed if info.alias_of is None)
     names = tuple(text.split(","))
     for name in names:
         info = method_info(name)
@@ -112,13 +118,15 @@ def main_table(summary: ComparisonSummary) -> str:
     Returns
     -------
     str
-        Tables in markdown.
+        Tables in markdown: for each part the methods, and for a moving camera the paired differences of the wait.
     """
     tables = []
     for part, title in PARTS.items():
         if part in summary.parts:
             table = _static_table if part.endswith("static") else _moving_table
             tables.append(table(title, summary.parts[part]))
+        if summary.waits.get(part):
+            tables.append(_wait_table(summary.waits[part]))
     return "\n\n".join(tables)
 
 
@@ -133,7 +141,7 @@ def _moving_table(title: str, figures: Mapping[str, Figures]) -> str:
         "ambiguous: correct hypothesis kept %",
         "error",
     ]
-    header += ["frames to correct", "rotation (deg)", "direction (deg)", "survival", "frame (ms)"]
+    header += ["wait (frames)", "rotation (deg)", "direction (deg)", "survival", "frame (ms)"]
     rows = []
     for method, f in figures.items():
         rows.append(
@@ -146,7 +154,7 @@ def _moving_table(title: str, figures: Mapping[str, Figures]) -> str:
                 str(f.none),
                 _percent(f.kept_truth_rate),
                 str(f.error),
-                _number(f.frames_to_correct.value, 1),
+                _interval(f.wait),
                 _number(f.medians["rotation_error_deg"]),
                 _number(f.medians["direction_error_deg"]),
                 _number(f.medians["survival"]),
@@ -175,6 +183,19 @@ def _static_table(title: str, figures: Mapping[str, Figures]) -> str:
     return markdown_table(header, rows)
 
 
+def _wait_table(differences: Sequence[WaitDifference]) -> str:
+    header = [f"wait of {differences[0].first} minus that of", "trials", "sequences", "frames"]
+    rows = [[d.second, str(d.trials), str(d.sequences), _interval(d.difference_frames)] for d in differences]
+    return markdown_table(header, rows)
+
+
+def _interval(interval: Interval) -> str:
+    """Return a figure with its 95 % interval; without it if a single sequence gives none."""
+    value, low, high = (six_digits(end) for end in (interval.value, interval.low, interval.high))
+    ends = "" if low is None or high is None else f" [{low:.2f}, {high:.2f}]"
+    return f"{number(value, 2)}{ends}"
+
+
 def _number(value: float | None, digits: int = 2) -> str:
     return number(six_digits(value), digits)
 
@@ -189,7 +210,7 @@ def _percent(interval: Interval) -> str:
 def _command(arguments: argparse.Namespace) -> str:
     """Return a command that gives the same results. It names only the folders that the user typed."""
     words = ["slam-init", "compare", *arguments.sources]
-    for option, default in (("methods", None), ("every", 10), ("grid", 0), ("limit_frames", 150), ("seed", 0)):
+    for option, default in _OPTIONS:
         value = getattr(arguments, option)
         if value != default:
             words += [f"--{option.replace('_', '-')}", str(value)]

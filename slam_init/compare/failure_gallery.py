@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slam_init.compare.judging import criteria_of
 from slam_init.compare.sources import open_compared
 from slam_init.compare.trial_table import TrialTable
 from slam_init.datasets.points import PointSource
@@ -60,7 +61,13 @@ def failure_cases(table: TrialTable, texts: dict[str, str]) -> list[FailureCase]
     outcome = table.text["outcome"]
     rotation = np.nan_to_num(table.numbers["rotation_error_deg"], nan=0.0)
     direction = np.nan_to_num(table.numbers["direction_error_deg"], nan=0.0)
-    error = np.maximum(rotation / 5, direction / 15)
+    criteria = {group: criteria_of(group) for group in set(table.text["group"])}
+    of_row = [criteria[group] for group in table.text["group"]]
+    # A direction that is not judged has no error.
+    error = np.maximum(
+        rotation / np.array([c.rotation_deg for c in of_row]),
+        direction / np.array([c.direction_deg or np.inf for c in of_row]),
+    )
     shown = np.flatnonzero((outcome == "false") | (outcome == "correct"))
     shown = shown[(outcome[shown] == "false") | (error[shown] > _MIN_ERROR)]
     order = shown[np.lexsort((-error[shown], outcome[shown] != "false"))]

@@ -31,6 +31,9 @@ class Journal:
         An existing file is continued. Its last line is removed if it is incomplete.
     settings : mapping of str to JSON
         Settings that must be equal for all rows.
+    is_current : callable
+        Takes a row and returns whether it is valid; all rows by default. Other rows are passed over, so that their
+        trials are run again. If a trial has several rows, the last one is valid.
 
     Raises
     ------
@@ -38,8 +41,14 @@ class Journal:
         If the file belongs to a comparison with other settings, is damaged, or cannot be written.
     """
 
-    def __init__(self, path: str | os.PathLike[str], settings: Mapping[str, Json]) -> None:
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        settings: Mapping[str, Json],
+        is_current: Callable[[TrialRow], bool] = lambda _: True,
+    ) -> None:
         self._path = path = Path(path)
+        self._is_current = is_current
         self._offsets: dict[Key, int] = {}
         header: dict[str, Json] = {"schema": _SCHEMA, **settings}
         try:
@@ -118,8 +127,10 @@ class Journal:
             try:
                 if number == 0:
                     self._check(_parse_settings(line), header)
+                elif self._is_current(row := parse_row(line)):
+                    self._offsets[row.key] = end
                 else:
-                    self._offsets[parse_row(line).key] = end
+                    self._offsets.pop(row.key, None)
             except ValueError:
                 raise OutputError(f"{self._path}, line {number + 1} is damaged: give another --out") from None
             end += len(line)
@@ -139,7 +150,7 @@ class Journal:
 
 
 def read_journal(path: str | os.PathLike[str]) -> Iterator[TrialRow]:
-    """Read the rows of a finished comparison in the order of the file.
+    """Read the rows of a finished comparison in the order of the file. Of two rows of a trial, the last one is valid.
 
     Parameters
     ----------

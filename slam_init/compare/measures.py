@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from slam_init.compare.judging import Criteria, Truth
 from slam_init.compare.replay import Step
-from slam_init.compare.sources import Criteria
 from slam_init.evaluation.metrics import compare_with_groundtruth
 from slam_init.mapping.triangulation import resect
 from slam_init.types.arrays import Bools, Floats, Ints
@@ -23,9 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = ["DepthErrors", "PoseErrors", "depth_errors", "is_correct", "is_strict", "pose_errors", "survival"]
 
-#: Bounds of rotation and direction in degrees. Tracking recovers from errors within the first bounds; errors within
-#: the second bounds need no recovery.
-_CORRECT_DEG = (5.0, 15.0)
+#: Bounds of rotation and direction in degrees. Tracking recovers from errors within the bounds of
+#: :mod:`slam_init.compare.judging`; errors within these bounds need no recovery.
 _STRICT_DEG = (1.0, 5.0)
 #: Survival is measured on this number of frames after the acceptance. Every third frame is used, because neighbouring
 #: frames give nearly the same value.
@@ -99,44 +98,49 @@ def pose_errors(map_: InitialMap, truth: Trajectory | None, *, before: bool = Fa
 
 
 def is_correct(errors: PoseErrors, criteria: Criteria) -> bool:
-    """Return whether a map is within 5 degrees in rotation and within 15 degrees in direction.
+    """Return whether the errors of a map are within the bounds of its sequence.
 
     Parameters
     ----------
     errors : PoseErrors
     criteria : Criteria
+        5 degrees in rotation and 15 degrees in direction for a sound ground truth.
 
     Returns
     -------
     bool
         Always False if the camera does not translate, or if the ground truth does not hold the values.
     """
-    return _within(errors, criteria, _CORRECT_DEG)
+    return _within(errors, criteria, (criteria.rotation_deg, criteria.direction_deg))
 
 
 def is_strict(errors: PoseErrors, criteria: Criteria) -> bool:
-    """Return whether a map is within 1 degree in rotation and within 5 degrees in direction.
+    """Return whether a correct map is also within 1 degree in rotation and within 5 degrees in direction.
 
     Parameters
     ----------
     errors : PoseErrors
     criteria : Criteria
+        The direction is compared with the bound of 5 degrees only if the ground truth is sound.
 
     Returns
     -------
     bool
-        As :func:`is_correct`, with the smaller bounds.
+        Always False if the map is not correct.
     """
-    return _within(errors, criteria, _STRICT_DEG)
+    rotation_deg, direction_deg = _STRICT_DEG
+    resolved = direction_deg if criteria.truth is Truth.SOUND else None
+    return is_correct(errors, criteria) and _within(errors, criteria, (rotation_deg, resolved))
 
 
-def _within(errors: PoseErrors, criteria: Criteria, bounds_deg: tuple[float, float]) -> bool:
+def _within(errors: PoseErrors, criteria: Criteria, bounds_deg: tuple[float, float | None]) -> bool:
     if criteria.no_translation:
         return False
     # An error that is not known counts as too large.
     rotation = errors.rotation_deg is not None and errors.rotation_deg < bounds_deg[0]
-    direction = errors.direction_deg is not None and errors.direction_deg < bounds_deg[1]
-    return rotation and (direction or not criteria.direction_known)
+    if bounds_deg[1] is None:
+        return rotation
+    return rotation and errors.direction_deg is not None and errors.direction_deg < bounds_deg[1]
 
 
 def survival(map_: InitialMap, following: Iterable[Step]) -> float | None:

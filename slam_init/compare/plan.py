@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from slam_init.compare.judging import Criteria
 from slam_init.compare.rows import Key
 from slam_init.compare.sources import ComparedSource
 from slam_init.compare.trials import Settings, Trial
@@ -24,6 +25,9 @@ class Plan:
         Names as in ``slam-init run --method``.
     every : int
         Step between two start frames.
+    min_left : int
+        Smallest number of frames that a trial can read, with the start frame. Two views and a third one that confirms
+        them are the least from which every method can make a map.
     settings : Settings
         The folders in it are not used: :func:`slam_init.compare.run.compare` chooses them.
     """
@@ -31,6 +35,7 @@ class Plan:
     sources: tuple[ComparedSource, ...]
     methods: tuple[str, ...]
     every: int = 10
+    min_left: int = 3
     settings: Settings = field(default_factory=Settings)
 
     def trials(self) -> Iterator[Trial]:
@@ -42,7 +47,7 @@ class Plan:
             A method on a source from a start frame.
         """
         for source in self.sources:
-            for start in source.starts(self.every):
+            for start in self.starts(source):
                 for method in self.methods:
                     yield Trial(source, method, start)
 
@@ -62,6 +67,41 @@ class Plan:
         label, method, start = key
         return method in self.methods and start in self._starts.get(label, ())
 
+    def starts(self, source: ComparedSource) -> range:
+        """Return the start frames of the trials on a source.
+
+        Parameters
+        ----------
+        source : ComparedSource
+
+        Returns
+        -------
+        range
+            Every :attr:`every`-th frame that leaves :attr:`min_left` frames.
+        """
+        return source.starts(self.every, self.min_left)
+
     @cached_property
     def _starts(self) -> dict[str, range]:
-        return {source.label: source.starts(self.every) for source in self.sources}
+        return {source.label: self.starts(source) for source in self.sources}
+
+    @cached_property
+    def criteria(self) -> dict[str, Criteria]:
+        """Return the criteria by which the maps of each source are classified, by the label of the source.
+
+        Returns
+        -------
+        dict of str to Criteria
+        """
+        return {source.label: source.criteria for source in self.sources}
+
+    def judging(self) -> dict[str, Criteria]:
+        """Return the criteria of each group.
+
+        Returns
+        -------
+        dict of str to Criteria
+            By :attr:`ComparedSource.group`, sorted.
+        """
+        by_group = {source.group: source.criteria for source in self.sources}
+        return dict(sorted(by_group.items()))

@@ -14,8 +14,17 @@ import numpy as np
 from slam_init.compare.aggregate import Figures, figures_of
 from slam_init.compare.charts import Axis, box_chart, curve_chart, stacked_chart
 from slam_init.compare.failure_gallery import failure_cases
-from slam_init.compare.report_tables import group_table, pair_table, quality_table, rates_table, static_table
+from slam_init.compare.report_tables import (
+    group_table,
+    judging_table,
+    pair_table,
+    quality_table,
+    rates_table,
+    static_table,
+    wait_table,
+)
 from slam_init.compare.trial_table import PARTS, TrialTable
+from slam_init.compare.wait import wait_differences
 from slam_init.types.arrays import Bools, Floats
 
 if TYPE_CHECKING:
@@ -71,7 +80,7 @@ def report_html(table: TrialTable, plan: Plan, command: str) -> str:
     body = [_header(table, plan, command, parts)]
     for part in parts:
         body.append(_static_section(part) if part.no_translation else _moving_section(table, plan, part))
-    body += [_groups_section(table, plan), _gallery_section(table, plan), _footer(plan)]
+    body += [_groups_section(table, plan), _judging_section(plan), _gallery_section(table, plan), _footer(plan)]
     css = files("slam_init.compare").joinpath("report.css").read_text(encoding="utf-8")
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -89,7 +98,8 @@ def _header(table: TrialTable, plan: Plan, command: str, parts: Sequence[_Part])
         (f"{false:,}", "false maps"),
         (str(plan.settings.seed), "seed"),
     ]
-    links = [(part.name, part.title) for part in parts] + [("scenes", "by scene"), ("worst", "worst cases")]
+    links = [(part.name, part.title) for part in parts]
+    links += [("scenes", "by scene"), ("judging", "how judged"), ("worst", "worst cases")]
     return (
         "<h1>Monocular initializers on the same tracks</h1>"
         '<p class="soft">Each trial starts a method at a frame and ends at its first map, or after '
@@ -123,6 +133,11 @@ def _moving_section(table: TrialTable, plan: Plan, part: _Part) -> str:
         "only the method of the column, finds a correct map; below, the p-value of McNemar's exact test, adjusted for "
         "the number of pairs (Holm). A cell is coloured if the p-value is below 0.05.</p>"
         + pair_table(table, plan.methods, part.mask)
+        + '<p class="soft">Difference of the waits, trial by trial: a negative difference means that '
+        f"{escape(plan.methods[0])} has a correct map earlier. The intervals come from a bootstrap over sequences, "
+        "because trials of one sequence overlap. They are too narrow for fewer than about ten sequences. A cell is "
+        "coloured if its interval does not hold zero.</p>"
+        + wait_table(wait_differences(table, plan.methods, part.mask))
     )
 
 
@@ -203,8 +218,17 @@ def _reasons(part: _Part) -> str:
 def _groups_section(table: TrialTable, plan: Plan) -> str:
     return (
         '<h2 id="scenes">By scene</h2>'
-        '<p class="soft">Number of trials with a correct map / a false map / no map (errors included).</p>'
-        + group_table(table, plan.methods)
+        '<p class="soft">Number of trials with a correct map / a false map / no map (errors included), and the wait '
+        "in frames.</p>" + group_table(table, plan.methods)
+    )
+
+
+def _judging_section(plan: Plan) -> str:
+    return (
+        '<h2 id="judging">How each sequence is judged</h2>'
+        '<p class="soft">The errors are those of the worst keyframe, relative to the first keyframe. Every map is '
+        "false if the camera does not translate. A sequence without ground truth is not judged.</p>"
+        + judging_table(plan.judging())
     )
 
 
@@ -238,18 +262,17 @@ def _gallery_section(table: TrialTable, plan: Plan) -> str:
 
 def _footer(plan: Plan) -> str:
     return (
-        "<footer><h3>Definitions</h3><p>An accepted map is <b>correct</b> if every keyframe is within 5&deg; in "
-        "rotation and within 15&deg; in the direction of its baseline, both relative to the first keyframe. A correct "
-        "map is <b>strict</b> if every keyframe is within 1&deg; and 5&deg;. Any other map is <b>false</b>; if the "
-        "camera never translates, every map is false. <b>None</b>: no map up to the limit. <b>Error</b>: the method "
-        "raised, did not answer in time, crashed or used too much memory. <b>Survival</b>: share of the landmarks "
-        "that are observed within 3 px of their projection after resection; median over every third of the next 30 "
-        "frames. <b>ATE</b>: root mean square position error of the keyframes after alignment by a similarity, "
+        "<footer><h3>Definitions</h3><p>An accepted map is <b>correct</b> if every keyframe is within the bounds of "
+        "its sequence: 5&deg; in rotation and 15&deg; in the direction of its baseline for a sound ground truth. A "
+        "correct map is <b>strict</b> if every keyframe is within 1&deg; and 5&deg;. Any other map is <b>false</b>; if "
+        "the camera never translates, every map is false. <b>None</b>: no map up to the limit. <b>Error</b>: the "
+        "method raised, did not answer in time, crashed or used too much memory. <b>Survival</b>: share of the "
+        "landmarks that are observed within 3 px of their projection after resection; median over every third of the "
+        "next 30 frames. <b>ATE</b>: root mean square position error of the keyframes after alignment by a similarity, "
         "divided by the length of the true path; for maps of at least three keyframes. <b>Depth</b>: median relative "
         "error after median alignment, where depth is known.</p><p>The intervals and tests assume independent trials. "
         f"Trials of one sequence start every {plan.every} frames; they overlap and are not fully independent. The "
-        "direction is not checked where the ground truth does not resolve it (depth tracking, rolling "
-        "shutter).</p></footer>"
+        "intervals of the wait resample sequences and do not need this assumption.</p></footer>"
     )
 
 

@@ -9,11 +9,13 @@ import numpy as np
 
 from slam_init.compare.aggregate import Figures, PairTest, pair_tests
 from slam_init.compare.charts import share_bar
+from slam_init.compare.judging import Criteria
 from slam_init.compare.statistics import Interval
 from slam_init.compare.trial_table import TrialTable
+from slam_init.compare.wait import WaitDifference, mean_wait
 from slam_init.types.arrays import Bools
 
-__all__ = ["group_table", "pair_table", "quality_table", "rates_table", "static_table"]
+__all__ = ["group_table", "judging_table", "pair_table", "quality_table", "rates_table", "static_table", "wait_table"]
 
 _SIGNIFICANT = 0.05
 _OUTCOMES = ("correct", "accepted", "false", "none", "error")
@@ -45,7 +47,7 @@ def rates_table(figures: Mapping[str, Figures]) -> str:
         ("ambiguous: correct<br>hypothesis kept %", _kept_truth, None, True),
         ("error", lambda f: str(f.error), None, True),
         ("frames to<br>first map", lambda f: _mean(f.frames_to_accept), None, False),
-        ("frames to<br>correct map", lambda f: _mean(f.frames_to_correct), lambda f: f.frames_to_correct.value, False),
+        ("wait<br>(frames)", lambda f: _mean(f.wait, 2), lambda f: f.wait.value, False),
         ("seconds to<br>first map", lambda f: _mean(f.seconds_to_accept, 2), None, False),
     ]
     return _table(figures, columns)
@@ -120,7 +122,7 @@ def static_table(figures: Mapping[str, Figures]) -> str:
 
 
 def group_table(table: TrialTable, methods: Sequence[str]) -> str:
-    """Make the table of scenes (rows) and methods (columns) with counts of correct, false and no maps.
+    """Make the table of scenes (rows) and methods (columns) with counts of correct, false and no maps, and the wait.
 
     Parameters
     ----------
@@ -144,11 +146,71 @@ def group_table(table: TrialTable, methods: Sequence[str]) -> str:
             figures = (
                 f"{counts['correct'] + counts['accepted']} / {counts['false']} / {counts['none'] + counts['error']}"
             )
-            cells.append(f"<td>{bar}{figures}</td>")
+            cells.append(f"<td>{bar}{figures}{_wait_of_cell(table, mask)}</td>")
         rows.append(f"<tr><th>{escape(group)}</th>{''.join(cells)}</tr>")
     return (
         f'<div class="scroll"><table class="matrix"><thead><tr><th>scene</th>{head}</tr></thead>'
         f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _wait_of_cell(table: TrialTable, mask: Bools) -> str:
+    wait = mean_wait(table, mask).value
+    return f'<span class="interval">wait {wait:.2f}</span>' if wait == wait else ""
+
+
+def wait_table(differences: Sequence[WaitDifference]) -> str:
+    """Make the table of the waits of the first method compared with those of each other method.
+
+    Parameters
+    ----------
+    differences : sequence of WaitDifference
+
+    Returns
+    -------
+    str
+        HTML element; empty for a single method.
+    """
+    if not differences:
+        return ""
+    first = escape(differences[0].first)
+    rows = [
+        f"<tr><th>{escape(d.second)}</th><td>{d.trials}</td><td>{d.sequences}</td>"
+        f"<td{_sign_class(d.difference_frames)}>{_mean(d.difference_frames, 2)}</td></tr>"
+        for d in differences
+    ]
+    return (
+        f'<div class="scroll"><table><thead><tr><th>wait of {first} minus that of</th><th>trials</th>'
+        f"<th>sequences</th><th>frames</th></tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _sign_class(difference: Interval) -> str:
+    """Return the colour of a difference whose interval does not hold zero. A shorter wait is better."""
+    return ' class="win"' if difference.high < 0 else ' class="lose"' if difference.low > 0 else ""
+
+
+def judging_table(judging: Mapping[str, Criteria]) -> str:
+    """Make the table of how each sequence is judged.
+
+    Parameters
+    ----------
+    judging : mapping of str to Criteria
+        By scene.
+
+    Returns
+    -------
+    str
+        HTML element.
+    """
+    rows = [
+        f"<tr><th>{escape(group)}</th><td>{criteria.truth}</td><td>{escape(criteria.rule)}</td>"
+        f"<td>{criteria.expected_reason or '-'}</td><td>{escape(criteria.note or '-')}</td></tr>"
+        for group, criteria in judging.items()
+    ]
+    return (
+        '<div class="scroll"><table><thead><tr><th>scene</th><th>ground truth</th><th>correct</th>'
+        f"<th>expected reason</th><th>because</th></tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
     )
 
 

@@ -43,7 +43,7 @@ class TrialRow:
     rotation_error_deg : float or None
         Rotation error of the map in degrees.
     direction_error_deg : float or None
-        Error of the direction of the baseline in degrees; None if the ground truth does not resolve the direction.
+        Error of the direction of the baseline in degrees; None if the direction is not judged.
     group : str
         Scene of the source. Trials of one scene are counted together.
     strict : bool or None
@@ -93,6 +93,9 @@ class TrialRow:
         Time of the whole trial in milliseconds, with opening the source and measuring the result.
     peak_memory_mb : float or None
         Peak resident memory of the process of the trial in MB.
+    judged_by : str or None
+        The criteria of the outcome in words (:attr:`slam_init.compare.judging.Criteria.rule`); None in a row of a
+        version without this column.
     """
 
     source: str
@@ -129,6 +132,7 @@ class TrialRow:
     attempt_median_ms: float | None = None
     trial_ms: float | None = None
     peak_memory_mb: float | None = None
+    judged_by: str | None = None
 
     @property
     def key(self) -> Key:

@@ -14,6 +14,7 @@ from slam_init.compare.isolation import isolated_tracks, isolated_trial
 from slam_init.compare.journal import Journal
 from slam_init.compare.plan import Plan
 from slam_init.compare.results import remove_results, write_results
+from slam_init.compare.rows import TrialRow
 from slam_init.compare.summary import ComparisonSummary
 from slam_init.compare.trials import Settings
 from slam_init.datasets.points import POINTS
@@ -74,7 +75,7 @@ def compare(
     folder = str((out / _RECORDINGS).resolve()) if recordings else None
     settings = replace(plan.settings, tracks=tracks, recordings=folder)
     try:
-        with Journal(out / _JOURNAL, _shared_settings(settings)) as journal:
+        with Journal(out / _JOURNAL, _shared_settings(settings), partial(_is_current, plan)) as journal:
             remove_results(out)
             with open_backend(backend, jobs) as workers:
                 _run_trials(plan, settings, journal, workers, progress)
@@ -93,6 +94,12 @@ def _shared_settings(settings: Settings) -> dict[str, Json]:
         "limit_s": settings.limit_s,
         "options": asdict(replace(settings.config, method="", seed=0)),
     }
+
+
+def _is_current(plan: Plan, row: TrialRow) -> bool:
+    """Return whether a stored row was judged by the criteria of this version; the trial is run again otherwise."""
+    criteria = plan.criteria.get(row.source)
+    return criteria is None or criteria.judged(row.judged_by)
 
 
 def _run_trials(plan: Plan, settings: Settings, journal: Journal, workers: Backend, progress: bool) -> None:
@@ -118,6 +125,6 @@ def _side_by_side(plan: Plan, settings: Settings, journal: Journal) -> None:
     for row in journal.rows(plan.holds):
         outcomes.setdefault((row.source, row.start), {})[row.method] = row.outcome
     for source in plan.sources:
-        for start in source.starts(plan.every):
+        for start in plan.starts(source):
             of_start = outcomes[source.label, start]
             write_side_by_side(source, start, settings, {method: of_start[method] for method in plan.methods})

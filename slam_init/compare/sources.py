@@ -1,4 +1,4 @@
-"""The sequences of a comparison: how to open them, the limits of their ground truth, and the start frames of trials."""
+"""The sequences of a comparison: how to open them, and the start frames of trials."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
 
+from slam_init.compare.judging import NOT_JUDGED, Criteria, criteria_of
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.types.arrays import Floats
 
@@ -21,9 +22,7 @@ if TYPE_CHECKING:
 __all__ = [
     "GRID",
     "ComparedSource",
-    "Criteria",
     "calibration_of",
-    "criteria_of",
     "describe_sources",
     "drawn_sources",
     "focal_error_of",
@@ -31,8 +30,6 @@ __all__ = [
     "open_compared",
 ]
 
-#: A trial starts only where at least this many frames are left: half a second of video.
-_MIN_FRAMES = 15
 #: The sampled grid: noise of a coordinate in pixels, share of outliers, baseline over the median depth, relative error
 #: of the focal length.
 GRID: dict[str, tuple[float, ...]] = {
@@ -43,38 +40,6 @@ GRID: dict[str, tuple[float, ...]] = {
 }
 
 
-@dataclass(frozen=True)
-class Criteria:
-    """By which criteria the maps of a sequence are classified as correct or false.
-
-    Attributes
-    ----------
-    no_translation : bool
-        The camera is static or only rotates, so every map is false.
-    direction_known : bool
-        False if the ground truth does not resolve the direction of a short baseline. The direction is not checked then.
-    expected_reason : str or None
-        The reason that a method should give if it finds no map; None if no reason is expected.
-    """
-
-    no_translation: bool = False
-    direction_known: bool = True
-    expected_reason: str | None = None
-
-
-#: Synthetic scenes whose camera does not translate.
-_SCENE_CRITERIA = {
-    "static": Criteria(no_translation=True, expected_reason="static_camera"),
-    "rotation": Criteria(no_translation=True, expected_reason="pure_rotation"),
-}
-#: Public sequences whose ground truth has limits, by the last part of their path. In V1_01_static a drone stands on the
-#: ground; the ground truth still shows a motion, because motion capture resolves its vibration of 2 mm. In 7-Scenes
-#: (depth tracking) and TUM fr1 (rolling shutter) the direction of a short baseline has an error of about ten degrees.
-_SEQUENCE_CRITERIA = {
-    "V1_01_static": Criteria(no_translation=True, expected_reason="static_camera"),
-    "redkitchen_a": Criteria(direction_known=False),
-    "fr1_desk_9frames": Criteria(direction_known=False),
-}
 #: Excluded: a person holds the chessboard in front of a fixed camera, so no single motion explains the image.
 _SEVERAL_MOTIONS = ("opencv_chessboard",)
 
@@ -95,6 +60,8 @@ class ComparedSource:
         Number of frames.
     fps : float
         Frames per second: the inverse of the median step of the time stamps.
+    has_truth : bool
+        Whether the source has a ground truth.
     """
 
     label: str
@@ -102,22 +69,37 @@ class ComparedSource:
     text: str
     frames: int
     fps: float
+    has_truth: bool
 
-    def starts(self, every: int) -> range:
+    @property
+    def criteria(self) -> Criteria:
+        """Return the criteria by which the maps of the source are classified.
+
+        Returns
+        -------
+        Criteria
+            Those of its group; :data:`slam_init.compare.judging.NOT_JUDGED` if there is no ground truth. A camera that
+            is known not to translate is judged without one.
+        """
+        criteria = criteria_of(self.group)
+        return criteria if self.has_truth or criteria.no_translation else NOT_JUDGED
+
+    def starts(self, every: int, min_left: int) -> range:
         """Start frames of the trials.
 
         Parameters
         ----------
         every : int
             Step between two start frames.
+        min_left : int
+            Smallest number of frames that a trial can read, with the start frame.
 
         Returns
         -------
         range
-            Start frames with at least 15 frames left (half a second of video). A shorter sequence has one start,
-            frame 0.
+            Start frames with at least ``min_left`` frames left. A shorter sequence has one start, frame 0.
         """
-        return range(0, max(self.frames - _MIN_FRAMES + 1, 1), every)
+        return range(0, max(self.frames - min_left + 1, 1), every)
 
 
 def open_compared(text: str) -> TimedSource | PointSource:
@@ -177,25 +159,6 @@ def calibration_of(source: TimedSource | PointSource, text: str) -> Camera:
     if source.camera is None:
         raise CalibrationError(f"{text} has no calibration: put a camera.yaml beside its images")
     return source.camera
-
-
-def criteria_of(group: str) -> Criteria:
-    """Return the criteria by which the trials of a group are classified.
-
-    Parameters
-    ----------
-    group : str
-        :attr:`ComparedSource.group`.
-
-    Returns
-    -------
-    Criteria
-        The defaults, except for scenes without translation and for sequences whose ground truth has known limits.
-    """
-    prefix, colon, scene = group.partition(":")
-    if colon and prefix in ("synth", "points"):
-        return _SCENE_CRITERIA.get(scene, Criteria())
-    return _SEQUENCE_CRITERIA.get(Path(group).name, Criteria())
 
 
 def focal_error_of(label: str) -> float:
@@ -325,6 +288,7 @@ def _describe(label: str, text: str) -> ComparedSource:
         text=text,
         frames=len(source),
         fps=_fps(source.timestamps_s),
+        has_truth=source.groundtruth is not None,
     )
 
 

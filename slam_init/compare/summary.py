@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from slam_init.compare.aggregate import Figures, PairTest, figures_of, pair_tests
+from slam_init.compare.judging import Criteria
 from slam_init.compare.statistics import Interval
 from slam_init.compare.trial_table import TrialTable
+from slam_init.compare.wait import WaitDifference, wait_differences
 from slam_init.output.plain_json import Json
 
 if TYPE_CHECKING:
@@ -18,8 +20,9 @@ if TYPE_CHECKING:
 __all__ = ["ComparisonSummary", "six_digits", "summary_of"]
 
 #: Version 2 added the figures of ambiguous planes and of suspected focal lengths. Version 3 renamed the parts
-#: ``image_still`` and ``points_still`` to ``image_static`` and ``points_static``.
-_SCHEMA = 3
+#: ``image_still`` and ``points_still`` to ``image_static`` and ``points_static``. Version 4 added ``min_left``,
+#: ``judging``, ``wait`` and ``waits``.
+_SCHEMA = 4
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,8 @@ class ComparisonSummary:
         Seed of the random draws of the methods.
     every : int
         Step between two start frames.
+    min_left : int
+        Smallest number of frames that a trial could read, with the start frame.
     limit_frames : int
         Largest number of frames that a trial could read.
     limit_s : float
@@ -44,25 +49,32 @@ class ComparisonSummary:
         Names of the methods.
     sources : tuple of str
         Labels of the sources.
+    judging : mapping of str to Criteria
+        How each group is judged.
     parts : mapping of str to (mapping of str to Figures)
         Figures by part (:data:`slam_init.compare.trial_table.PARTS`) and method. A part without trials is left out.
     groups : mapping of str to (mapping of str to Figures)
         Figures by scene and method.
     pairs : mapping of str to (tuple of PairTest)
         Comparisons of two methods on the same trials, by part.
+    waits : mapping of str to (tuple of WaitDifference)
+        Comparisons of the wait of the first method with that of each other one, by part with a moving camera.
     """
 
     schema: int
     seed: int
     every: int
+    min_left: int
     limit_frames: int
     limit_s: float
     trials: int
     methods: tuple[str, ...]
     sources: tuple[str, ...]
+    judging: Mapping[str, Criteria]
     parts: Mapping[str, Mapping[str, Figures]]
     groups: Mapping[str, Mapping[str, Figures]]
     pairs: Mapping[str, tuple[PairTest, ...]]
+    waits: Mapping[str, tuple[WaitDifference, ...]]
 
     def as_dict(self) -> dict[str, Json]:
         """Convert to plain JSON types, as in the file.
@@ -78,14 +90,17 @@ class ComparisonSummary:
             "schema": self.schema,
             "seed": self.seed,
             "every": self.every,
+            "min_left": self.min_left,
             "limit_frames": self.limit_frames,
             "limit_s": self.limit_s,
             "trials": self.trials,
             "methods": list(self.methods),
             "sources": list(self.sources),
+            "judging": {group: _plain(vars(criteria)) for group, criteria in self.judging.items()},
             "parts": {name: _plain_by_method(figures) for name, figures in self.parts.items()},
             "groups": {name: _plain_by_method(figures) for name, figures in self.groups.items()},
             "pairs": {name: [_plain(vars(test)) for test in tests] for name, tests in self.pairs.items()},
+            "waits": {name: [_plain(vars(item)) for item in items] for name, items in self.waits.items()},
         }
 
 
@@ -107,11 +122,13 @@ def summary_of(table: TrialTable, plan: Plan) -> ComparisonSummary:
         schema=_SCHEMA,
         seed=plan.settings.seed,
         every=plan.every,
+        min_left=plan.min_left,
         limit_frames=plan.settings.limit_frames,
         limit_s=plan.settings.limit_s,
         trials=len(table),
         methods=tuple(plan.methods),
         sources=tuple(source.label for source in plan.sources),
+        judging=plan.judging(),
         parts={
             name: {method: figures_of(table, table.where(method=method) & mask) for method in plan.methods}
             for name, mask in parts.items()
@@ -121,6 +138,11 @@ def summary_of(table: TrialTable, plan: Plan) -> ComparisonSummary:
             for group in groups
         },
         pairs={name: tuple(pair_tests(table, plan.methods, mask)) for name, mask in parts.items()},
+        waits={
+            name: tuple(wait_differences(table, plan.methods, mask))
+            for name, mask in parts.items()
+            if name.endswith("moving")
+        },
     )
 
 

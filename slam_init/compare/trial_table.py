@@ -10,8 +10,9 @@ from sys import intern
 import numpy as np
 from numpy.typing import NDArray
 
+from slam_init.compare.judging import NOT_JUDGED, criteria_of
 from slam_init.compare.rows import TrialRow
-from slam_init.compare.sources import criteria_of, focal_error_of
+from slam_init.compare.sources import focal_error_of
 from slam_init.datasets.points import POINTS
 from slam_init.types.arrays import Bools, Floats
 
@@ -40,6 +41,11 @@ def _part_of(group: str) -> str:
     return f"{level}_{'static' if criteria_of(group).no_translation else 'moving'}"
 
 
+def _is_solvable(row: TrialRow) -> bool:
+    judged = row.judged_by != NOT_JUDGED.rule and row.outcome != "accepted"
+    return judged and not criteria_of(row.group).no_translation
+
+
 @dataclass(frozen=True, eq=False)
 class TrialTable:
     """The trials, stored by column.
@@ -58,6 +64,8 @@ class TrialTable:
         The trial ended with ``ambiguous_plane`` and there is a ground truth; one of its stored hypotheses is correct.
     wrong_focal : (N,) bool
         The stated focal length is wrong on purpose.
+    solvable : (N,) bool
+        A map can be correct: the source has a ground truth, and the camera translates.
     """
 
     text: dict[str, NDArray[np.object_]]
@@ -68,6 +76,7 @@ class TrialTable:
     ambiguous: Bools
     kept_truth: Bools
     wrong_focal: Bools
+    solvable: Bools
 
     @staticmethod
     def of(rows: Iterable[TrialRow]) -> TrialTable:
@@ -85,7 +94,7 @@ class TrialTable:
         names = ("source", "method", "group", "outcome", "reason", "keyframes")
         text: dict[str, list[str]] = {name: [] for name in names}
         numbers: dict[str, list[float]] = {name: [] for name in NUMBERS}
-        flag_names = ("strict", "reason_expected", "reason_right", "ambiguous", "kept_truth", "wrong_focal")
+        flag_names = ("strict", "reason_expected", "reason_right", "ambiguous", "kept_truth", "wrong_focal", "solvable")
         flags: dict[str, list[bool]] = {name: [] for name in flag_names}
         for row in rows:
             for name in names:
@@ -99,6 +108,7 @@ class TrialTable:
             flags["ambiguous"].append(row.kept_truth is not None)
             flags["kept_truth"].append(bool(row.kept_truth))
             flags["wrong_focal"].append(focal_error_of(row.source) != 0)
+            flags["solvable"].append(_is_solvable(row))
         return TrialTable(
             text={name: np.array(values, object) for name, values in text.items()},
             numbers={name: np.array(values, float) for name, values in numbers.items()},
@@ -127,14 +137,14 @@ class TrialTable:
         return mask
 
     def knows_direction(self) -> Bools:
-        """Select the trials whose ground truth resolves the direction of a short baseline.
+        """Select the trials whose direction is judged.
 
         Returns
         -------
         (N,) bool
             Mask of these trials.
         """
-        known = {group: criteria_of(group).direction_known for group in set(self.text["group"])}
+        known = {group: criteria_of(group).direction_deg is not None for group in set(self.text["group"])}
         return np.array([known[group] for group in self.text["group"]], bool)
 
     def parts(self) -> dict[str, Bools]:

@@ -14,10 +14,11 @@ from urllib.parse import quote
 import numpy as np
 
 from slam_init.attempt_log import reported_focal_factor
+from slam_init.compare.judging import Criteria, Truth
 from slam_init.compare.measures import depth_errors, is_correct, is_strict, pose_errors, survival
 from slam_init.compare.replay import Step, replay
 from slam_init.compare.rows import Key, Outcome, TrialRow
-from slam_init.compare.sources import ComparedSource, Criteria, calibration_of, criteria_of, open_compared
+from slam_init.compare.sources import ComparedSource, calibration_of, open_compared
 from slam_init.config import Config
 from slam_init.recording.recorder import Recorder
 from slam_init.types.initial_map import InitialMap
@@ -221,7 +222,8 @@ def _blank(trial: Trial, settings: Settings, outcome: Outcome) -> TrialRow:
         outcome=outcome,
         group=trial.source.group,
         frames_limit=settings.frames_limit(trial.source, trial.start),
-        injected_cause=criteria_of(trial.source.group).expected_reason,
+        injected_cause=trial.source.criteria.expected_reason,
+        judged_by=trial.source.criteria.rule,
     )
 
 
@@ -246,7 +248,7 @@ def result_row(
     TrialRow
         With the outcome ``none`` if the result has no map.
     """
-    criteria = criteria_of(trial.source.group)
+    criteria = trial.source.criteria
     expected = criteria.expected_reason
     outcome: Outcome = "none" if result.map is None else _outcome(result.map, source, criteria)
     row = replace(
@@ -289,24 +291,24 @@ def _with_pose_errors(row: TrialRow, map_: InitialMap, truth: Trajectory, criter
         row,
         strict=is_strict(after, criteria),
         rotation_error_deg=_rounded(after.rotation_deg),
-        direction_error_deg=_rounded(after.direction_deg if criteria.direction_known else None),
+        direction_error_deg=_rounded(after.direction_deg if criteria.direction_deg is not None else None),
         ate=_rounded(after.ate),
         rotation_error_before_deg=_rounded(before.rotation_deg),
-        direction_error_before_deg=_rounded(before.direction_deg if criteria.direction_known else None),
+        direction_error_before_deg=_rounded(before.direction_deg if criteria.direction_deg is not None else None),
         ate_before=_rounded(before.ate),
     )
 
 
 def _outcome(map_: InitialMap, source: TimedSource | PointSource, criteria: Criteria) -> Outcome:
     """Return ``correct`` or ``false``; ``accepted`` if there is no ground truth to compare the map with."""
-    if source.groundtruth is None and not criteria.no_translation:
+    if criteria.truth is Truth.NONE:
         return "accepted"
     return "correct" if is_correct(pose_errors(map_, source.groundtruth), criteria) else "false"
 
 
 def _kept_truth(result: Result, source: TimedSource | PointSource, criteria: Criteria) -> bool | None:
     """Return whether one of the hypotheses of an ambiguous plane is correct; None if that cannot be said."""
-    if result.reason != "ambiguous_plane" or (source.groundtruth is None and not criteria.no_translation):
+    if result.reason != "ambiguous_plane" or criteria.truth is Truth.NONE:
         return None
     return any(_outcome(map_, source, criteria) == "correct" for map_ in result.hypotheses)
 

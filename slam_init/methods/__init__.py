@@ -1,6 +1,7 @@
-"""Ways to initialize, behind one interface: ours, and those of other systems written from their rules.
+"""Methods of initialization behind one interface: that of this project, and those of other systems.
 
-The numbers of each stand in a frozen dataclass beside it, with their source. The rules carry over, no code does.
+The methods of other systems are written from their published rules; no code is copied. The constants of each method are
+in a frozen dataclass in its module, each with its source.
 """
 
 from slam_init.methods.registry import (

@@ -1,4 +1,4 @@
-"""One essential matrix, always: from five matches by OpenCV, or from eight.
+"""Methods that estimate one essential matrix, also on a plane: from five matches by OpenCV, or from eight matches.
 
 References
 ----------
@@ -26,25 +26,39 @@ from slam_init.methods.motions import motions_of_essential
 from slam_init.methods.two_view import TwoViewOutcome, check_matches
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
+from slam_init.types.reasons import Verdict
 
 __all__ = ["EightPointRules", "EssentialEightPoint", "EssentialFivePoint", "FivePointRules"]
 
 
 @dataclass(frozen=True)
 class FivePointRules:
-    """The numbers of ``essential-5pt``: OpenCV's defaults."""
+    """The constants of ``essential-5pt`` and its other name ``magsac``: the defaults of OpenCV.
+
+    Attributes
+    ----------
+    confidence : float
+    threshold_px : float
+        Outlier threshold.
+    min_matches : int
+        Five matches have up to ten motions, and a sixth match chooses among them.
+    gates : GateRules
+    """
 
     confidence: float = 0.999
     threshold_px: float = 1.0
-    #: Five matches have up to ten motions: a sixth one chooses.
     min_matches: int = 6
     gates: GateRules = field(default_factory=GateRules)
 
 
 class EssentialFivePoint:
-    """OpenCV's five-point RANSAC with MAGSAC++ scores [1]_, cheirality, parallax gate.
+    """OpenCV's five-point RANSAC with MAGSAC++ scores [1]_, then cheirality and a parallax gate.
 
-    OpenCV's random generator starts in the same state at every call: the seed plays no part.
+    The random generator of OpenCV starts in the same state at each call, so the seed has no effect.
+
+    Parameters
+    ----------
+    rules : FivePointRules, optional
     """
 
     pair_rule = GATED_PAIRS
@@ -55,17 +69,17 @@ class EssentialFivePoint:
     def bootstrap(
         self, camera: Camera, pixels1: Floats, pixels2: Floats, bearings1: Floats, bearings2: Floats, seed: int
     ) -> TwoViewOutcome:
-        """See :class:`slam_init.methods.two_view.TwoViewMethod`."""
+        """Accept or refuse a pair; see :meth:`slam_init.methods.two_view.TwoViewMethod.bootstrap`."""
         import cv2
 
         count, rules = check_matches(pixels1, pixels2, bearings1, bearings2), self.rules
         if count < rules.min_matches:
-            return TwoViewOutcome.refused("too_few_matches", count, {"matches_needed": rules.min_matches})
+            return TwoViewOutcome.refused(Verdict.TOO_FEW_MATCHES, count, {"matches_needed": rules.min_matches})
         E, mask = cv2.findEssentialMat(
             pixels1, pixels2, camera.K, cv2.USAC_MAGSAC, rules.confidence, rules.threshold_px
         )
         if E is None or E.shape != (3, 3):
-            return TwoViewOutcome.refused("no_consistent_motion", count)
+            return TwoViewOutcome.refused(Verdict.NO_CONSISTENT_MOTION, count)
         R, t = motions_of_essential(np.asarray(E, float))
         inliers = np.asarray(mask.ravel() > 0)
         return accept_best(camera, R, t, bearings1, bearings2, inliers, rules.gates, {})
@@ -73,18 +87,33 @@ class EssentialFivePoint:
 
 @dataclass(frozen=True)
 class EightPointRules:
-    """The numbers of ``essential-8pt``."""
+    """The constants of ``essential-8pt``.
 
-    #: As ORB-SLAM's: at 10 % of outliers 43 in 100 samples of eight are clean, at 40 % two.
+    Attributes
+    ----------
+    iterations : int
+        As many as in ORB-SLAM. With 10 % of outliers, 43 of 100 samples of eight matches hold no outlier; with 40 %,
+        two of 100.
+    sample_size : int
+    gate_px2 : float
+        Bound of the squared Sampson distance of an inlier: 95 % of chi-square with one degree of freedom, at a noise of
+        1 px [3]_.
+    gates : GateRules
+    """
+
     iterations: int = 200
     sample_size: int = 8
-    #: Squared pixels of the Sampson distance: 95 % of chi-square with one degree of freedom at a noise of 1 px [3]_.
     gate_px2: float = 3.841
     gates: GateRules = field(default_factory=GateRules)
 
 
 class EssentialEightPoint:
-    """Normalized 8-point fundamental matrices [2]_ in RANSAC, fitted again to all inliers; E from the best."""
+    """Normalized eight-point fundamental matrices [2]_ in RANSAC; the best is fitted to its inliers and gives E.
+
+    Parameters
+    ----------
+    rules : EightPointRules, optional
+    """
 
     pair_rule = GATED_PAIRS
 
@@ -94,10 +123,10 @@ class EssentialEightPoint:
     def bootstrap(
         self, camera: Camera, pixels1: Floats, pixels2: Floats, bearings1: Floats, bearings2: Floats, seed: int
     ) -> TwoViewOutcome:
-        """See :class:`slam_init.methods.two_view.TwoViewMethod`."""
+        """Accept or refuse a pair; see :meth:`slam_init.methods.two_view.TwoViewMethod.bootstrap`."""
         count, rules = check_matches(pixels1, pixels2, bearings1, bearings2), self.rules
         if count < rules.sample_size:
-            return TwoViewOutcome.refused("too_few_matches", count, {"matches_needed": rules.sample_size})
+            return TwoViewOutcome.refused(Verdict.TOO_FEW_MATCHES, count, {"matches_needed": rules.sample_size})
         T1, T2 = normalizing_transform(pixels1), normalizing_transform(pixels2)
         x1, x2 = normalize(T1, pixels1), normalize(T2, pixels2)
         drawn = draw_samples(np.random.default_rng(seed), count, rules.sample_size, rules.iterations)
@@ -106,7 +135,7 @@ class EssentialEightPoint:
         best = int(np.argmin(errors.sum(axis=1)))
         inliers = np.asarray(errors[best] < rules.gate_px2)
         if inliers.sum() < rules.sample_size:
-            return TwoViewOutcome.refused("no_consistent_motion", count, {"inliers": int(inliers.sum())})
+            return TwoViewOutcome.refused(Verdict.NO_CONSISTENT_MOTION, count, {"inliers": int(inliers.sum())})
         F = (T2.T @ fundamental_eight_point(x1[None, inliers], x2[None, inliers]) @ T1)[0]
         inliers = np.asarray(sampson_errors(F, pixels1, pixels2) < rules.gate_px2)
         R, t = motions_of_essential(camera.K.T @ F @ camera.K)

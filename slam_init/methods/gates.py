@@ -1,4 +1,4 @@
-"""Cheirality and parallax: what every estimator of a single essential matrix needs before its pose is a map."""
+"""Gates on cheirality and parallax, shared by the methods that estimate one essential matrix."""
 
 from __future__ import annotations
 
@@ -10,22 +10,29 @@ from slam_init.methods.motions import IN_FRONT, MotionCheck, check_motions
 from slam_init.methods.two_view import Evidence, PairRule, TwoViewOutcome
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
+from slam_init.types.reasons import Verdict
 
 __all__ = ["GATED_PAIRS", "GateRules", "accept_best"]
 
 
 @dataclass(frozen=True)
 class GateRules:
-    """What the best motion has to show. The numbers are those that ORB-SLAM and stella_vslam share."""
+    """The requirements on the best motion. ORB-SLAM and stella_vslam use the same numbers.
 
-    #: Points in front of both cameras.
+    Attributes
+    ----------
+    min_in_front : int
+        Smallest number of points in front of both cameras.
+    min_parallax_deg : float
+        The 51st largest parallax has to be larger.
+    """
+
     min_in_front: int = 50
-    #: Degrees that the 51st largest parallax exceeds.
     min_parallax_deg: float = 1.0
 
 
-#: The pairs that these estimators are shown: those of ORB-SLAM, so that the methods see the same ones. As many
-#: landmarks have to be left as points in front were asked for.
+#: The pair rule of these methods. It is that of ORB-SLAM, so that the methods are compared on the same pairs. As many
+#: landmarks are required after bundle adjustment as points in front before it.
 GATED_PAIRS = PairRule(min_features=101, min_matches=100, min_landmarks=50)
 
 
@@ -39,18 +46,25 @@ def accept_best(
     rules: GateRules,
     evidence: Evidence,
 ) -> TwoViewOutcome:
-    """The motion, of K, that puts most inliers in front of both cameras, if it passes the gates.
+    """Accept the motion that puts most inliers in front of both cameras, if it passes the gates.
 
     Parameters
     ----------
     camera : Camera
     R : (K, 3, 3) float
+        Rotations of the K candidate motions ``cam2_from_cam1``.
     t : (K, 3) float
+        Their translations, |t| = 1.
     bearings1, bearings2 : (N, 3) float
+        Unit rays of the matches.
     inliers : (N,) bool
     rules : GateRules
     evidence : dict
-        What is known already.
+        Figures of the method, which the outcome repeats.
+
+    Returns
+    -------
+    TwoViewOutcome
     """
     count = len(inliers)
     check: MotionCheck = check_motions(camera, R, t, bearings1, bearings2, inliers, IN_FRONT)
@@ -61,7 +75,7 @@ def accept_best(
     evidence |= {"in_front": int(in_front[best]), "in_front_gate": rules.min_in_front}
     evidence |= {"parallax_deg": parallax_deg, "parallax_deg_gate": rules.min_parallax_deg}
     if in_front[best] < rules.min_in_front:
-        return TwoViewOutcome.refused("no_consistent_motion", count, evidence)
+        return TwoViewOutcome.refused(Verdict.NO_CONSISTENT_MOTION, count, evidence)
     if parallax_deg <= rules.min_parallax_deg:
-        return TwoViewOutcome.refused("low_parallax", count, evidence)
+        return TwoViewOutcome.refused(Verdict.LOW_PARALLAX, count, evidence)
     return TwoViewOutcome.accepted(check.pose(best), check.landmarks[best], check.points[best], False, evidence)

@@ -1,6 +1,6 @@
-"""Fundamental matrices and homographies from small samples, many at a time, and how far matches are from them.
+"""Fundamental matrices and homographies from batches of small samples, and the errors of matches under them.
 
-All functions take pixels. A batch of B samples of n matches is one array (B, n, 2), its models (B, 3, 3).
+All functions take pixels. A batch of B samples of n matches is one array (B, n, 2); its models are one array (B, 3, 3).
 
 References
 ----------
@@ -27,15 +27,32 @@ __all__ = [
 
 
 def homogeneous(pixels: Floats) -> Floats:
-    """(..., n, 2) -> (..., n, 3) with a last coordinate of one."""
+    """Append a last coordinate of one.
+
+    Parameters
+    ----------
+    pixels : (..., n, 2) float
+
+    Returns
+    -------
+    (..., n, 3) float
+    """
     return np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], axis=-1)
 
 
 def normalizing_transform(pixels: Floats) -> Floats:
-    """(3, 3) that brings pixels (N, 2) to mean zero and mean absolute coordinates of one, each axis for itself.
+    """Compute the transformation that gives pixels mean zero and mean absolute coordinates of one on each axis.
 
-    Hartley [1]_ scales both axes alike, to a mean distance of sqrt(2); ORB-SLAM and stella_vslam do this. Points on a
-    line along an axis keep their scale there.
+    ORB-SLAM and stella_vslam use it. Hartley [1]_ scales both axes equally, to a mean distance of sqrt(2). If the
+    pixels lie on a line along one axis, the scale of the other axis is not changed.
+
+    Parameters
+    ----------
+    pixels : (N, 2) float
+
+    Returns
+    -------
+    (3, 3) float
     """
     mean = pixels.mean(axis=0)
     spread = np.abs(pixels - mean).mean(axis=0)
@@ -44,17 +61,27 @@ def normalizing_transform(pixels: Floats) -> Floats:
 
 
 def normalize(transform: Floats, pixels: Floats) -> Floats:
-    """Pixels (N, 2) under such a transform (3, 3)."""
+    """Apply a transformation of :func:`normalizing_transform`.
+
+    Parameters
+    ----------
+    transform : (3, 3) float
+    pixels : (N, 2) float
+
+    Returns
+    -------
+    (N, 2) float
+    """
     return np.asarray(pixels * np.diag(transform)[:2] + transform[:2, 2])
 
 
 def fundamental_eight_point(points1: Floats, points2: Floats) -> Floats:
-    """Fundamental matrices ``x2 . F x1 = 0`` of rank two from n >= 8 matches each [1]_.
+    """Compute fundamental matrices ``x2 . F x1 = 0`` of rank two from n >= 8 matches each [1]_.
 
     Parameters
     ----------
     points1, points2 : (B, n, 2) float
-        Best normalized, see :func:`normalizing_transform`.
+        Matched points; the result is most accurate if they are normalized (:func:`normalizing_transform`).
 
     Returns
     -------
@@ -68,9 +95,16 @@ def fundamental_eight_point(points1: Floats, points2: Floats) -> Floats:
 
 
 def homography_dlt(points1: Floats, points2: Floats) -> Floats:
-    """Homographies ``x2 ~ H x1`` from n >= 4 matches each, by the direct linear transformation.
+    """Compute homographies ``x2 ~ H x1`` from n >= 4 matches each, by the direct linear transformation [2]_.
 
-    Parameters and result as for :func:`fundamental_eight_point`.
+    Parameters
+    ----------
+    points1, points2 : (B, n, 2) float
+        Matched points; the result is most accurate if they are normalized (:func:`normalizing_transform`).
+
+    Returns
+    -------
+    (B, 3, 3) float
     """
     x1, zero = homogeneous(points1), np.zeros((*points1.shape[:-1], 3))
     u, v = points2[..., :1], points2[..., 1:]
@@ -81,46 +115,84 @@ def homography_dlt(points1: Floats, points2: Floats) -> Floats:
 
 
 def _null_vectors(rows: Floats) -> Floats:
-    """Unit vectors (B, 9) that rows (B, k, 9) take nearest to zero."""
-    # Of the normal matrix: faster than a full SVD by far. The digits that squaring costs are far below the noise of a
-    # pixel, as the rows are normalized.
+    """Return the unit vectors (B, 9) whose products with the rows (B, k, 9) are smallest."""
+    # The eigenvectors of the normal matrix are much faster to compute than a full SVD. Squaring the rows only loses
+    # digits far below the noise of a pixel, since the rows are normalized.
     return np.asarray(np.linalg.eigh(rows.swapaxes(-1, -2) @ rows)[1][..., 0])
 
 
 def transfer_errors(H: Floats, pixels1: Floats, pixels2: Floats) -> tuple[Floats, Floats]:
-    """Squared distances (B, N) of x2 from H x1 in the second image, and of x1 from H^-1 x2 in the first."""
-    with np.errstate(all="ignore"):  # a singular H, or a point sent to infinity, is infinitely far or NaN
+    """Compute the squared transfer errors of matches under homographies.
+
+    Parameters
+    ----------
+    H : (B, 3, 3) float
+    pixels1, pixels2 : (N, 2) float
+
+    Returns
+    -------
+    in2 : (B, N) float
+        Squared distance between x2 and H x1 in the second image, in squared pixels.
+    in1 : (B, N) float
+        Squared distance between x1 and H^-1 x2 in the first image.
+    """
+    with np.errstate(all="ignore"):  # the error of a singular H, or of a point at infinity, is infinite or NaN
         inverse = _adjugate(H)
         return _squared_distance(H, pixels1, pixels2), _squared_distance(inverse, pixels2, pixels1)
 
 
 def _squared_distance(H: Floats, source: Floats, target: Floats) -> Floats:
+    """Return the squared distances (B, N) between H source and target."""
     x, y, w = np.moveaxis(H @ homogeneous(source).T, -2, 0)
     return np.asarray((x / w - target[:, 0]) ** 2 + (y / w - target[:, 1]) ** 2)
 
 
 def _adjugate(H: Floats) -> Floats:
-    """The inverses up to scale, also where there are none."""
+    """Return the adjugate matrices, which are the inverses up to scale and exist for singular matrices too."""
     rows = np.cross(H[..., [1, 2, 0], :], H[..., [2, 0, 1], :])
     return np.asarray(rows.swapaxes(-1, -2))
 
 
 def epipolar_errors(F: Floats, pixels1: Floats, pixels2: Floats) -> tuple[Floats, Floats]:
-    """Squared distances (B, N) of x2 from the line F x1, and of x1 from the line F^T x2."""
+    """Compute the squared distances of matches from their epipolar lines.
+
+    Parameters
+    ----------
+    F : (B, 3, 3) float
+    pixels1, pixels2 : (N, 2) float
+
+    Returns
+    -------
+    in2 : (B, N) float
+        Squared distance between x2 and the line F x1, in squared pixels.
+    in1 : (B, N) float
+        Squared distance between x1 and the line F^T x2.
+    """
     product, lines2, lines1 = _epipolar(F, pixels1, pixels2)
     with np.errstate(all="ignore"):  # 0/0 at the epipole
         return product**2 / lines2, product**2 / lines1
 
 
 def sampson_errors(F: Floats, pixels1: Floats, pixels2: Floats) -> Floats:
-    """Squared Sampson distances (B, N) in pixels^2 [2]_."""
+    """Compute the squared Sampson distances of matches [2]_.
+
+    Parameters
+    ----------
+    F : (B, 3, 3) float
+    pixels1, pixels2 : (N, 2) float
+
+    Returns
+    -------
+    (B, N) float
+        In squared pixels.
+    """
     product, lines2, lines1 = _epipolar(F, pixels1, pixels2)
     with np.errstate(all="ignore"):  # 0/0 where both are epipoles
         return np.asarray(product**2 / (lines2 + lines1))
 
 
 def _epipolar(F: Floats, pixels1: Floats, pixels2: Floats) -> tuple[Floats, Floats, Floats]:
-    """``x2 . F x1`` and the squared norms of the normals of F x1 and of F^T x2, each (B, N)."""
+    """Return ``x2 . F x1`` and the squared norms of the normals of F x1 and of F^T x2, each (B, N)."""
     x1, x2 = homogeneous(pixels1), homogeneous(pixels2)
     products = (x2[:, :, None] * x1[:, None, :]).reshape(len(x1), 9)
     in2, in1 = F[..., :2, :] @ x1.T, F.swapaxes(-1, -2)[..., :2, :] @ x2.T

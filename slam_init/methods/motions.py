@@ -1,4 +1,4 @@
-"""The motions behind an essential matrix or a homography, and how many points each puts in front of the cameras.
+"""The motions of an essential matrix or a homography, and the points that each motion puts in front of the cameras.
 
 References
 ----------
@@ -27,7 +27,18 @@ __all__ = [
 
 
 def motions_of_essential(E: Floats) -> tuple[Floats, Floats]:
-    """The four motions R (4, 3, 3), t (4, 3) of an essential matrix (3, 3), |t| = 1 [1]_."""
+    """Compute the four motions ``cam2_from_cam1`` of an essential matrix [1]_.
+
+    Parameters
+    ----------
+    E : (3, 3) float
+
+    Returns
+    -------
+    R : (4, 3, 3) float
+    t : (4, 3) float
+        |t| = 1.
+    """
     U, _, Vt = np.linalg.svd(E)
     W = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     proper = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
@@ -36,10 +47,22 @@ def motions_of_essential(E: Floats) -> tuple[Floats, Floats]:
 
 
 def motions_of_homography(H: Floats, ratio_gate: float) -> tuple[Floats, Floats, Floats]:
-    """The eight motions R (8, 3, 3), t (8, 3), |t| = 1, and plane normals (8, 3) of a homography of rays (3, 3) [2]_.
+    """Compute the eight motions ``cam2_from_cam1`` of a homography of rays [2]_.
 
-    Empty where two neighbouring singular values are alike to within ``ratio_gate``, a number just above 1: there is no
-    translation then, or its plane is not unique.
+    Parameters
+    ----------
+    H : (3, 3) float
+    ratio_gate : float
+        A number just above 1. There are no motions if the ratio of two neighbouring singular values is not larger: then
+        there is no translation, or the plane is not unique.
+
+    Returns
+    -------
+    R : (8, 3, 3) float
+    t : (8, 3) float
+        |t| = 1.
+    normals : (8, 3) float
+        Normals of the planes. All three arrays are empty if there are no motions.
     """
     U, d, Vt = np.linalg.svd(H)
     d1, d2, d3 = d
@@ -69,19 +92,19 @@ def motions_of_homography(H: Floats, ratio_gate: float) -> tuple[Floats, Floats,
 
 @dataclass(frozen=True)
 class CheckRule:
-    """When a triangulated match counts for a motion.
+    """The rule that decides whether a triangulated match counts for a motion.
 
     Attributes
     ----------
     max_error_px : float
-        Of the reprojection in either image.
+        Largest reprojection error in each image.
     distant_cos : float
-        Points whose rays differ by less than the angle of this cosine are at infinity for all that is known: they may
-        lie behind a camera, and do not become landmarks.
+        Cosine of an angle. If the angle between the rays of a point is smaller, the point may be at infinity: it may
+        lie behind a camera, and does not become a landmark.
     ranked : int
-        The parallax of a motion is the largest but so many.
+        The parallax of a motion is the largest angle of a point after this many larger ones.
     midpoint : bool
-        Triangulate by the midpoint of the common perpendicular in place of the linear method.
+        Triangulate by the midpoint of the common perpendicular instead of the linear method.
     """
 
     max_error_px: float
@@ -90,26 +113,28 @@ class CheckRule:
     midpoint: bool = False
 
 
-#: Every inlier before both cameras counts: the estimator has judged the residuals, and no point is at infinity.
+#: Each inlier in front of both cameras counts: the estimator has tested the residuals, and no point is at infinity.
 IN_FRONT = CheckRule(max_error_px=float("inf"), distant_cos=1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class MotionCheck:
-    """How K motions fare with N matches.
+    """The triangulated matches of K motions.
 
     Attributes
     ----------
     R : (K, 3, 3) float
+        Rotations of the motions ``cam2_from_cam1``.
     t : (K, 3) float
+        Translations of the motions, |t| = 1.
     good : (K, N) bool
         Matches that count for the motion.
     landmarks : (K, N) bool
-        Those of them that are near enough to become points.
+        Good matches that are near enough to become points.
     points : (K, N, 3) float
-        In camera 1.
+        In the frame of camera 1, in units of the baseline; NaN for matches that were not used.
     parallax_deg : (K,) float
-        The parallax that so many good matches exceed as the rule says; zero without any.
+        The ranked parallax of the good matches (:attr:`CheckRule.ranked`); zero without good matches.
     """
 
     R: Floats
@@ -120,35 +145,50 @@ class MotionCheck:
     parallax_deg: Floats
 
     def pose(self, k: int) -> Pose:
-        """cam2_from_cam1 of motion k."""
+        """Return one motion.
+
+        Parameters
+        ----------
+        k : int
+
+        Returns
+        -------
+        Pose
+            ``cam2_from_cam1``.
+        """
         return Pose(self.R[k], self.t[k])
 
 
 def check_motions(
     camera: Camera, R: Floats, t: Floats, bearings1: Floats, bearings2: Floats, inliers: Bools, rule: CheckRule
 ) -> MotionCheck:
-    """Triangulate the inliers with each motion and count those in front of both cameras and near their pixels.
+    """Triangulate the inliers with each motion, and find those in front of both cameras with small reprojection errors.
 
     Parameters
     ----------
     camera : Camera
-        Of both views; its distortion does not matter.
+        Camera of both views; its distortion is not used.
     R : (K, 3, 3) float
+        Rotations of the motions ``cam2_from_cam1``.
     t : (K, 3) float
-        |t| = 1.
+        Translations of the motions, |t| = 1.
     bearings1, bearings2 : (N, 3) float
-        Unit rays before the cameras.
+        Unit rays in front of the cameras.
     inliers : (N,) bool
-        The matches to look at.
+        The matches that are triangulated.
     rule : CheckRule
+
+    Returns
+    -------
+    MotionCheck
     """
     used = np.flatnonzero(inliers)
     x1, x2 = (rays[used] / rays[used, 2:] for rays in (bearings1, bearings2))
     focal = np.array([camera.fx, camera.fy])
-    with np.errstate(all="ignore"):  # parallel rays meet at infinity: not finite, not good
+    with np.errstate(all="ignore"):  # parallel rays meet at infinity: their point is not finite, and not good
         in1 = _midpoints(R, t, bearings1[used], bearings2[used]) if rule.midpoint else _linear(R, t, x1, x2)
         in2 = in1 @ R.swapaxes(-1, -2) + t[:, None, :]
-        # |X - O2| = |R X + t|: the angle between the rays to a point.
+        # Cosine of the angle between the rays to a point; R X is the ray from camera 1, R X + t the ray from camera 2.
         cosine = np.sum((in1 @ R.swapaxes(-1, -2)) * in2, axis=-1)
         cosine /= np.linalg.norm(in1, axis=-1) * np.linalg.norm(in2, axis=-1)
         error1 = np.sum(((in1[..., :2] / in1[..., 2:] - x1[:, :2]) * focal) ** 2, axis=-1)
@@ -165,7 +205,7 @@ def check_motions(
 
 
 def _ranked_parallax_deg(cosine: Floats, good: Bools, rank: int) -> Floats:
-    """For each motion the largest angle but ``rank`` of its good points, the smallest where there are fewer."""
+    """Return for each motion the angle of a good point after ``rank`` larger ones, or the smallest of fewer angles."""
     counts = good.sum(axis=1)
     if cosine.shape[1] == 0:
         return np.zeros(len(cosine))
@@ -176,7 +216,7 @@ def _ranked_parallax_deg(cosine: Floats, good: Bools, rank: int) -> Floats:
 
 
 def _linear(R: Floats, t: Floats, x1: Floats, x2: Floats) -> Floats:
-    """Linear triangulation [1]_: (K, N, 3) from points (N, 3) on the planes z = 1."""
+    """Triangulate linearly [1]_: points (K, N, 3) from rays (N, 3) with z = 1."""
     K, N = len(R), len(x1)
     P = np.concatenate([R, t[..., None]], axis=-1)[:, None]  # (K, 1, 3, 4)
     identity = np.eye(3, 4)
@@ -190,8 +230,8 @@ def _linear(R: Floats, t: Floats, x1: Floats, x2: Floats) -> Floats:
 
 
 def _midpoints(R: Floats, t: Floats, m: Floats, n: Floats) -> Floats:
-    """Middles (K, N, 3) of the common perpendiculars of the rays, in camera 1."""
-    n1 = n @ R  # rows R^T n: the second ray in camera 1
+    """Return the midpoints (K, N, 3) of the common perpendiculars of the rays, in the frame of camera 1."""
+    n1 = n @ R  # rows R^T n: the second ray in the frame of camera 1
     centre2 = -np.einsum("kji,kj->ki", R, t)
     c = np.sum(m * n1, axis=-1)
     along1, along2 = centre2 @ m.T, np.einsum("kni,ki->kn", n1, centre2)

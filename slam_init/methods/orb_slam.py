@@ -1,4 +1,4 @@
-"""The rules of ORB-SLAM: homography or fundamental matrix by the ratio of their scores, then one clear motion.
+"""The rules of ORB-SLAM: homography or fundamental matrix by the ratio of their scores, then one distinct motion.
 
 References
 ----------
@@ -27,38 +27,60 @@ from slam_init.methods.motions import CheckRule, check_motions, motions_of_essen
 from slam_init.methods.two_view import Evidence, PairRule, TwoViewOutcome, check_matches
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
+from slam_init.types.reasons import Verdict
 
 __all__ = ["OrbSlam", "OrbSlamRules", "orb_slam2", "orb_slam3"]
 
 
 @dataclass(frozen=True)
 class OrbSlamRules:
-    """The numbers, each with where it stands in the sources [1]_ [2]_ [3]_."""
+    """The constants of the rules, each with its place in the sources [1]_ [2]_ [3]_.
 
-    #: The homography is taken above this share of the scores: 0.45 in [1]_, 0.40 in [2]_, 0.50 in [3]_ (Reconstruct).
+    Attributes
+    ----------
+    homography_score_share : float
+        The homography is taken if its share of the sum of both scores is larger: 0.45 in [1]_, 0.40 in [2]_, 0.50 in
+        [3]_ (Reconstruct).
+    min_tracked : int
+        Required number of landmarks after bundle adjustment: 100 in [2]_, 50 in [3]_ (CreateInitialMapMonocular).
+    iterations : int
+        Number of samples; both models use the same samples (constructor; Reconstruct).
+    sample_size : int
+        Matches in a sample.
+    homography_gate_px2, fundamental_gate_px2 : float
+        Bounds of the squared error of an inlier: 95 % of chi-square with two and with one degree of freedom, at a noise
+        of one pixel. The score of an inlier of either model is the first bound minus its error (CheckHomography,
+        CheckFundamental).
+    min_good_share : float
+        Required share of the inliers that count for the motion (ReconstructF, ReconstructH).
+    min_triangulated : int
+        Required number of matches that count for the motion (ReconstructF, ReconstructH).
+    rival_share_fundamental, rival_share_homography : float
+        No second motion may have more than this share of the matches of the best motion (ReconstructF; ReconstructH).
+    min_parallax_deg : float
+        The 51st largest parallax has to be larger (Reconstruct, CheckRT).
+    singular_ratio : float
+        A homography has no motion if the ratio of two of its singular values is nearer to one (ReconstructH).
+    check : CheckRule
+        Reprojection errors within 2 px. A point is at infinity if the cosine of its parallax is larger, which is 0.36
+        degrees (ReconstructF, CheckRT).
+    min_features, min_matches : int
+        More than 100 features in both frames, and at least 100 matches (MonocularInitialization).
+    """
+
     homography_score_share: float
-    #: Landmarks after bundle adjustment: 100 in [2]_, 50 in [3]_ (CreateInitialMapMonocular).
     min_tracked: int
-    #: Samples of eight, the same for both models (constructor; Reconstruct).
     iterations: int = 200
     sample_size: int = 8
-    #: Squared pixels: 95 % of chi-square with two and with one degree of freedom, at a noise of one pixel. The first
-    #: is what both scores are counted from (CheckHomography, CheckFundamental).
     homography_gate_px2: float = 5.991
     fundamental_gate_px2: float = 3.841
-    #: The motion keeps this share of the inliers, and this many (ReconstructF, ReconstructH).
     min_good_share: float = 0.9
     min_triangulated: int = 50
-    #: No second motion keeps more than this share of what the best one does (ReconstructF; ReconstructH).
     rival_share_fundamental: float = 0.7
     rival_share_homography: float = 0.75
-    #: Degrees that the 51st largest parallax exceeds (Reconstruct, CheckRT).
     min_parallax_deg: float = 1.0
-    #: Singular values of a homography that are nearer to one another leave no motion (ReconstructH).
     singular_ratio: float = 1.00001
-    #: Reprojection within 2 px; beyond this cosine, 0.36 degrees, a point is at infinity (ReconstructF, CheckRT).
     check: CheckRule = field(default_factory=lambda: CheckRule(max_error_px=2.0, distant_cos=0.99998))
-    #: More than 100 features in both frames, at least 100 matches (MonocularInitialization).
     min_features: int = 101
     min_matches: int = 100
 
@@ -66,7 +88,11 @@ class OrbSlamRules:
 class OrbSlam:
     """The initialization of ORB-SLAM as a two-view method.
 
-    Departs from the sources in arithmetic only: double precision, and the random generator.
+    Departures from the sources: double precision, and the random generator.
+
+    Parameters
+    ----------
+    rules : OrbSlamRules
     """
 
     def __init__(self, rules: OrbSlamRules) -> None:
@@ -76,15 +102,15 @@ class OrbSlam:
     def bootstrap(
         self, camera: Camera, pixels1: Floats, pixels2: Floats, bearings1: Floats, bearings2: Floats, seed: int
     ) -> TwoViewOutcome:
-        """See :class:`slam_init.methods.two_view.TwoViewMethod`."""
+        """Accept or refuse a pair; see :meth:`slam_init.methods.two_view.TwoViewMethod.bootstrap`."""
         count, rules = check_matches(pixels1, pixels2, bearings1, bearings2), self.rules
         if count < rules.sample_size:
-            return TwoViewOutcome.refused("too_few_matches", count, {"matches_needed": rules.sample_size})
+            return TwoViewOutcome.refused(Verdict.TOO_FEW_MATCHES, count, {"matches_needed": rules.sample_size})
         samples = draw_samples(np.random.default_rng(seed), count, rules.sample_size, rules.iterations)
         H, score_H, inliers_H = self._best_homography(pixels1, pixels2, samples)
         F, score_F, inliers_F = self._best_fundamental(pixels1, pixels2, samples)
         if score_H + score_F == 0:
-            return TwoViewOutcome.refused("no_consistent_motion", count)
+            return TwoViewOutcome.refused(Verdict.NO_CONSISTENT_MOTION, count)
         share = score_H / (score_H + score_F)
         planar = share > rules.homography_score_share
         evidence: Evidence = {
@@ -97,7 +123,7 @@ class OrbSlam:
         else:
             R, t = motions_of_essential(camera.K.T @ F @ camera.K)
         if len(R) == 0:
-            return TwoViewOutcome.refused("pure_rotation", count, evidence)
+            return TwoViewOutcome.refused(Verdict.PURE_ROTATION, count, evidence)
         check = check_motions(camera, R, t, bearings1, bearings2, inliers, rules.check)
         good = check.good.sum(axis=1)
         best = int(np.argmax(good))
@@ -108,17 +134,17 @@ class OrbSlam:
         evidence |= {"inliers": int(inliers.sum()), "good": int(good[best]), "good_gate": needed}
         evidence |= {"rival_share": rival, "rival_share_gate": rival_share}
         evidence |= {"parallax_deg": parallax_deg, "parallax_deg_gate": rules.min_parallax_deg}
-        # The sources give no reason; these are in the project's order of precedence. Fewer good points than the ranked
-        # one have no parallax to speak of.
+        # The sources give no reasons; these follow the order of precedence of this project. The number of good points
+        # comes first, since a few points have no reliable parallax.
         if good[best] < rules.min_triangulated:
-            return TwoViewOutcome.refused("no_consistent_motion", count, evidence)
+            return TwoViewOutcome.refused(Verdict.NO_CONSISTENT_MOTION, count, evidence)
         if parallax_deg < rules.min_parallax_deg:
-            return TwoViewOutcome.refused("low_parallax", count, evidence)
+            return TwoViewOutcome.refused(Verdict.LOW_PARALLAX, count, evidence)
         if good[best] < needed:
-            return TwoViewOutcome.refused("no_consistent_motion", count, evidence)
-        # As they stand in the sources: a rival at the gate itself speaks against a homography only.
+            return TwoViewOutcome.refused(Verdict.NO_CONSISTENT_MOTION, count, evidence)
+        # As in the sources: a rival exactly at the bound refuses a homography, and not a fundamental matrix.
         if rival >= rival_share if planar else rival > rival_share:
-            return TwoViewOutcome.refused("ambiguous_plane", count, evidence)
+            return TwoViewOutcome.refused(Verdict.AMBIGUOUS_PLANE, count, evidence)
         return TwoViewOutcome.accepted(check.pose(best), check.landmarks[best], check.points[best], planar, evidence)
 
     def _best_homography(self, pixels1: Floats, pixels2: Floats, samples: Ints) -> tuple[Floats, float, Bools]:
@@ -137,25 +163,35 @@ class OrbSlam:
 
 
 def orb_slam3() -> OrbSlam:
-    """The rules of ORB-SLAM3 v1.0."""
+    """Make the method with the rules of ORB-SLAM3 v1.0.
+
+    Returns
+    -------
+    OrbSlam
+    """
     return OrbSlam(OrbSlamRules(homography_score_share=0.50, min_tracked=50))
 
 
 def orb_slam2() -> OrbSlam:
-    """The rules of ORB-SLAM2."""
+    """Make the method with the rules of ORB-SLAM2.
+
+    Returns
+    -------
+    OrbSlam
+    """
     return OrbSlam(OrbSlamRules(homography_score_share=0.40, min_tracked=100))
 
 
 def _best(models: Floats, errors: tuple[Floats, Floats], gate: float, full: float) -> tuple[Floats, float, Bools]:
-    """The model (3, 3) of the highest score, the score, and the matches (N,) within the gate in both images."""
-    within = [error <= gate for error in errors]  # NaN is not
+    """Return the model (3, 3) of the highest score, the score, and the matches (N,) within the gate in both images."""
+    within = [error <= gate for error in errors]  # False for NaN
     score = sum(np.where(ok, full - error, 0.0).sum(axis=1) for ok, error in zip(within, errors, strict=True))
     best = int(np.argmax(score))
     return models[best], float(score[best]), within[0][best] & within[1][best]
 
 
 def _needed(rules: OrbSlamRules, inliers: int, planar: bool) -> int:
-    """Good points that a motion needs."""
-    if planar:  # more than both
+    """Return the number of good points that a motion needs."""
+    if planar:  # more than both bounds
         return max(int(np.floor(rules.min_good_share * inliers)), rules.min_triangulated) + 1
     return max(int(rules.min_good_share * inliers), rules.min_triangulated)

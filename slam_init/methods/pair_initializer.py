@@ -1,4 +1,4 @@
-"""An initializer around a two-view method: reference frame, attempt at every frame, two-view bundle adjustment."""
+"""An initializer that runs a two-view method: reference frame, attempt at each frame, two-view bundle adjustment."""
 
 from __future__ import annotations
 
@@ -33,28 +33,36 @@ __all__ = ["PairInitializer"]
 #: None of the two-view methods tests the uncertainty of a depth. So their landmarks are kept, unless their depth is
 #: entirely uncertain after bundle adjustment.
 _ANY_DEPTH_SIGMA = 1.0
-#: The tracks of the reference frame are lost: it is replaced.
+#: Verdicts after which the reference frame is replaced, because its tracks are lost.
 _NEW_REFERENCE = (Verdict.TOO_FEW_FEATURES, Verdict.TOO_FEW_MATCHES)
 
 
 class PairInitializer:
-    """Feed it frames until the method accepts a pair; the same interface as :class:`slam_init.initializer.Initializer`.
+    """Takes frames until the method accepts a pair; has the interface of :class:`slam_init.initializer.Initializer`.
 
     Parameters
     ----------
     method : TwoViewMethod
     camera : Camera
-    config : Config
+        The calibration of the images.
+    config : Config, optional
+        Options of the tracker and of bundle adjustment; the method has its own constants.
     recorder : Recorder, optional
+        Receives a report of each frame, attempt and map.
 
     Attributes
     ----------
     map : InitialMap or None
+        The accepted map.
     status : Status
-        Its progress stays 0 until there is a map: the rules of other systems have no measure of how far they are.
+        The status after the last frame. Its progress stays 0 until there is a map, because the rules of other systems
+        have no measure of progress.
     frames_read : int
+        Number of frames that the initializer was given.
     tracker : Tracker
+        Follows the tracks; it can be used after the initialization.
     history : History
+        The observations of the last frames.
     """
 
     def __init__(
@@ -75,7 +83,19 @@ class PairInitializer:
         self._attempts = AttemptLog()
 
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
-        """Take in the next frame; see :meth:`slam_init.initializer.Initializer.process`."""
+        """Process the next frame; see :meth:`slam_init.initializer.Initializer.process`.
+
+        Parameters
+        ----------
+        image : (H, W) or (H, W, 3) uint8, or Frame
+            Grey or BGR, or a frame of a source.
+        timestamp_s : float, optional
+            In seconds.
+
+        Returns
+        -------
+        Status
+        """
         if self.map is not None:
             return self.status
         frame = frame_of(image, timestamp_s, self._next_index, self.camera)
@@ -85,7 +105,19 @@ class PairInitializer:
         return self.process_tracks(current)
 
     def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
-        """Take in the tracks of the next frame; see :meth:`slam_init.initializer.Initializer.process_tracks`."""
+        """Process the tracks of the next frame; see :meth:`slam_init.initializer.Initializer.process_tracks`.
+
+        Parameters
+        ----------
+        current : Observations
+            The tracks of the frame.
+        revised : sequence of Observations, optional
+            Earlier frames with more tracks than before.
+
+        Returns
+        -------
+        Status
+        """
         if self.map is not None:
             return self.status
         self.history.take(current, revised)
@@ -108,15 +140,20 @@ class PairInitializer:
         return self.status
 
     def finish(self) -> Result:
-        """No more frames: the same as :attr:`result`."""
+        """End the sequence. The result is the same as :attr:`result`.
+
+        Returns
+        -------
+        Result
+        """
         return self.result
 
     @property
     def result(self) -> Result:
-        """What is known by now: the map, or the reason why there is none."""
+        """The result up to now: the map, or the reason why there is none."""
         reason = None if self.map is not None else self._attempts.prevailing_reason()
         if reason == Verdict.TOO_FEW_FRAMES and self.frames_read > 1:
-            reason = Verdict.TOO_FEW_FEATURES  # no frame had enough of them to become a reference
+            reason = Verdict.TOO_FEW_FEATURES  # no frame had enough features to become a reference
         return Result(
             map=self.map,
             reason=reason,
@@ -130,6 +167,7 @@ class PairInitializer:
         )
 
     def _try(self, reference: Observations, current: Observations) -> Attempt:
+        """Run the method on a pair, and set the map if the pair is accepted."""
         i, j = common_tracks(reference, current)
         gates = self._tracks_gates(len(current), len(i))
         attempt = with_gates(Attempt((reference.frame, current.frame), Verdict.ACCEPTED), gates)
@@ -159,7 +197,7 @@ class PairInitializer:
             return self._adjusted(attempt, outcome, outcome.cam2_from_cam1, reference, current)
 
     def _tracks_gates(self, features: int, matches: int) -> tuple[Gate, Gate]:
-        """The pair rule of the method."""
+        """Return the gates of the pair rule of the method."""
         rule = self.method.pair_rule
         return (
             at_least(GateName.FEATURES, features, rule.min_features, Verdict.TOO_FEW_FEATURES),
@@ -169,7 +207,7 @@ class PairInitializer:
     def _adjusted(
         self, attempt: Attempt, outcome: TwoViewOutcome, pose: Pose, reference: Observations, current: Observations
     ) -> Attempt:
-        """Two-view bundle adjustment of what the method accepted; sets the map, or starts anew as the systems do."""
+        """Adjust the accepted pair and set the map. If this fails, drop the reference, as the other systems do."""
         i, j = common_tracks(reference, current)
         kept = np.flatnonzero(outcome.landmarks)
         count = len(kept)

@@ -1,7 +1,7 @@
-"""The names of the methods, what each is, and how it is made. Loads nothing heavy: the command line reads it.
+"""The names of the methods, their descriptions, and how they are made.
 
-A method of your own needs no entry here: ``--method package.module:Class`` takes a
-:class:`~slam_init.methods.two_view.TwoViewMethod` from wherever Python can import it
+The module imports no heavy library, because the command line reads it. A method of your own needs no entry here:
+``--method package.module:Class`` takes any :class:`~slam_init.methods.two_view.TwoViewMethod` that Python can import
 (see :mod:`slam_init.examples.add_a_method`).
 """
 
@@ -31,7 +31,7 @@ __all__ = ["METHODS", "FrontEnd", "MethodInfo", "make_initializer", "make_two_vi
 
 
 class FrontEnd(Protocol):
-    """What every method is run as: it is fed frames until it has a map."""
+    """The interface of an initializer: it takes frames until it has a map."""
 
     status: Status
     frames_read: int
@@ -44,26 +44,58 @@ class FrontEnd(Protocol):
         ...
 
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
-        """Take in the next frame."""
+        """Process the next frame.
+
+        Parameters
+        ----------
+        image : (H, W) or (H, W, 3) uint8, or Frame
+            Grey or BGR, or a frame of a source.
+        timestamp_s : float, optional
+            In seconds.
+
+        Returns
+        -------
+        Status
+            Truthy once there is a map.
+        """
         ...
 
     def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
-        """Take in the tracks of the next frame, found elsewhere."""
+        """Process the tracks of the next frame, which were found elsewhere.
+
+        Parameters
+        ----------
+        current : Observations
+            The tracks of the frame.
+        revised : sequence of Observations, optional
+            Earlier frames with more tracks than before.
+
+        Returns
+        -------
+        Status
+            Truthy once there is a map.
+        """
         ...
 
     @property
     def result(self) -> Result:
-        """What is known by now."""
+        """The result up to now."""
         ...
 
     def finish(self) -> Result:
-        """No more frames: the map, or the reason why there is none."""
+        """End the sequence.
+
+        Returns
+        -------
+        Result
+            The map, or the reason why there is none.
+        """
         ...
 
 
 @dataclass(frozen=True)
 class MethodInfo:
-    """A method.
+    """The description of a method.
 
     Attributes
     ----------
@@ -71,12 +103,14 @@ class MethodInfo:
     summary : str
         One line.
     source : str
-        Where its rules come from.
+        Source of its rules.
     home : str
-        ``package.module:attribute``; the attribute called without arguments gives a
-        :class:`~slam_init.methods.two_view.TwoViewMethod`. Empty for those that are more than two views.
+        ``package.module:attribute``; the attribute, called without arguments, returns a
+        :class:`~slam_init.methods.two_view.TwoViewMethod`. Empty for the methods of :mod:`slam_init.initializer`.
     needs : str or None
-        A package that has to be installed besides.
+        An optional package that the method needs.
+    alias_of : str or None
+        The same method has this name as well. By default a comparison runs it once.
     """
 
     name: str
@@ -84,17 +118,18 @@ class MethodInfo:
     source: str
     home: str = ""
     needs: str | None = None
+    alias_of: str | None = None
 
 
 _HERE = "slam_init.methods"
 
-#: By name, ours first.
+#: The methods by name; those of this project come first.
 METHODS: dict[str, MethodInfo] = {
     info.name: info
     for info in (
         MethodInfo(
             "quest",
-            "QuEst; rival hypotheses carried to maps, decided by further views",
+            "QuEst; a map for each rival hypothesis, further views decide between the maps",
             "this project; Fathian et al. 2017, arXiv:1704.02672",
         ),
         MethodInfo(
@@ -151,17 +186,47 @@ METHODS: dict[str, MethodInfo] = {
             f"{_HERE}.poselib:PoseLib",
             needs="poselib",
         ),
+        MethodInfo(
+            "poselib-100",
+            "as poselib with at least 100 iterations in place of 1000, as in the benchmark of its authors",
+            "PoseLib, estimate_relative_pose and its benchmark; Larsson 2020",
+            f"{_HERE}.poselib:poselib_100",
+            needs="poselib",
+        ),
+        MethodInfo(
+            "magsac",
+            "another name of essential-5pt: OpenCV's five-point USAC_MAGSAC, parallax gate",
+            "OpenCV, findEssentialMat; Barath et al., CVPR 2020",
+            f"{_HERE}.essential:EssentialFivePoint",
+            alias_of="essential-5pt",
+        ),
+        MethodInfo(
+            "superansac",
+            "SupeRANSAC's five-point essential matrix with uniform samples, parallax gate; not deterministic",
+            "pysuperansac, estimateEssentialMatrix; Barath 2025, arXiv:2506.04803",
+            f"{_HERE}.superansac:SupeRansac",
+            needs="pysuperansac",
+        ),
     )
 }
 
 
 def method_info(name: str) -> MethodInfo:
-    """The method of a name, or of a ``package.module:attribute``.
+    """Describe a method.
+
+    Parameters
+    ----------
+    name : str
+        A name of :data:`METHODS`, or ``package.module:attribute``.
+
+    Returns
+    -------
+    MethodInfo
 
     Raises
     ------
     ConfigError
-        Where there is no such method.
+        If there is no such method.
     """
     if name in METHODS:
         return METHODS[name]
@@ -171,16 +236,25 @@ def method_info(name: str) -> MethodInfo:
 
 
 def make_two_view(name: str) -> Any:
-    """The :class:`~slam_init.methods.two_view.TwoViewMethod` of a name.
+    """Make the two-view method of a name.
+
+    Parameters
+    ----------
+    name : str
+        A name of :data:`METHODS`, or ``package.module:attribute``.
+
+    Returns
+    -------
+    slam_init.methods.two_view.TwoViewMethod
 
     Raises
     ------
     ConfigError
-        Where there is none, it cannot be imported, or the package that it needs is not installed.
+        If there is no such method, if it cannot be imported, or if a package that it needs is not installed.
     """
     info = method_info(name)
     if not info.home:
-        raise ConfigError(f"{name} is no two-view method: use make_initializer")
+        raise ConfigError(f"{name} is not a two-view method: use make_initializer")
     if info.needs is not None and find_spec(info.needs) is None:
         raise ConfigError(f"the method {name} needs the package {info.needs}: pip install {info.needs}")
     module, _, attribute = info.home.partition(":")
@@ -189,25 +263,31 @@ def make_two_view(name: str) -> Any:
     except (ImportError, AttributeError, TypeError, ValueError) as error:
         raise ConfigError(f"the method {name!r} cannot be made: {error}") from error
     if not hasattr(method, "bootstrap") or not hasattr(method, "pair_rule"):
-        raise ConfigError(f"{name!r} is no two-view method: it has no bootstrap, or no pair_rule")
+        raise ConfigError(f"{name!r} is not a two-view method: it has no bootstrap, or no pair_rule")
     return method
 
 
 def make_initializer(name: str, camera: Camera, config: Config, recorder: Recorder | None = None) -> FrontEnd:
-    """An initializer that uses a method.
+    """Make an initializer that uses a method.
 
     Parameters
     ----------
     name : str
-        Of :data:`METHODS`, or ``package.module:attribute``.
+        A name of :data:`METHODS`, or ``package.module:attribute``.
     camera : Camera
+        The calibration of the images.
     config : Config
     recorder : Recorder, optional
+        Receives a report of each frame, attempt and map.
+
+    Returns
+    -------
+    FrontEnd
 
     Raises
     ------
     ConfigError
-        Where there is no such method, or the package that it needs is not installed.
+        If there is no such method, or a package that it needs is not installed.
     """
     from slam_init.initializer import Initializer
 

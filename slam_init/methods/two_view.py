@@ -1,7 +1,7 @@
-"""What a two-view method is: it looks at the matches of one pair and accepts a motion, or says why not.
+"""The interface of a two-view method: it accepts a motion for the matches of one pair, or refuses the pair.
 
-Written once for all of them, so that a comparison differs in the method alone: the pair rule, the frames and the
-bundle adjustment are those of :class:`slam_init.methods.pair_initializer.PairInitializer`.
+The frames, the tracks and the bundle adjustment of :class:`slam_init.methods.pair_initializer.PairInitializer` are the
+same for all methods, so that a comparison shows differences between the methods only.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from slam_init.types.reasons import REASONS, Verdict
 
 __all__ = ["Evidence", "PairRule", "TwoViewMethod", "TwoViewOutcome", "check_matches", "undistorted_pixels"]
 
-#: What a method tells about its decision: names of its own, which nothing in this project acts on.
+#: The figures behind the decision of a method, under the method's own names. They are only reported.
 Evidence = dict[str, float | int | str]
 
 
 @dataclass(frozen=True)
 class PairRule:
-    """Which frames are paired: one reference with every later frame, until too few of its tracks are left.
+    """The choice of pairs: a reference is paired with each later frame, until too few of its tracks are left.
 
     Attributes
     ----------
     min_features : int
-        A reference has at least so many features, and so has the frame it is paired with.
+        Smallest number of features of a reference, and of a frame that is paired with it.
     min_matches : int
-        With fewer common tracks the current frame becomes the new reference.
+        Smallest number of common tracks. If there are fewer, the current frame becomes the new reference.
     min_landmarks : int
-        Landmarks that have to be left after bundle adjustment.
+        Smallest number of landmarks after bundle adjustment.
     """
 
     min_features: int
@@ -44,18 +44,18 @@ class PairRule:
 
 @dataclass(frozen=True, eq=False)
 class TwoViewOutcome:
-    """What a method makes of one pair. Truthy when it accepts.
+    """The decision of a method on one pair. Truthy when the pair is accepted.
 
     Attributes
     ----------
     reason : str
         ``accepted`` or a reason of :data:`slam_init.types.reasons.REASONS`.
     cam2_from_cam1 : Pose or None
-        ``u R m + t = v n`` with |t| = 1; None where the pair is refused.
+        ``u R m + t = v n`` with |t| = 1; None if the pair is refused.
     landmarks : (N,) bool
         The matches that become points of the map.
     points : (N, 3) float
-        In camera 1, in units of the baseline; NaN where there is no landmark.
+        In the frame of camera 1, in units of the baseline; NaN for matches that are not landmarks.
     planar : bool
         Whether the motion comes from a homography.
     evidence : dict
@@ -76,10 +76,14 @@ class TwoViewOutcome:
     def verdict(self) -> Verdict:
         """The reason as a verdict of the pipeline.
 
+        Returns
+        -------
+        Verdict
+
         Raises
         ------
         SlamInitError
-            Where a method gives a reason that is none of :data:`slam_init.types.reasons.REASONS`.
+            If the reason is not one of :data:`slam_init.types.reasons.REASONS`.
         """
         try:
             return Verdict(self.reason)
@@ -89,24 +93,56 @@ class TwoViewOutcome:
 
     @staticmethod
     def refused(reason: str, count: int, evidence: Evidence | None = None) -> TwoViewOutcome:
-        """No motion from ``count`` matches, for a reason."""
+        """Make the outcome of a refused pair.
+
+        Parameters
+        ----------
+        reason : str
+            A reason of :data:`slam_init.types.reasons.REASONS`.
+        count : int
+            Number of matches.
+        evidence : dict, optional
+            The numbers behind the decision, with their thresholds.
+
+        Returns
+        -------
+        TwoViewOutcome
+        """
         return TwoViewOutcome(reason, None, np.zeros(count, bool), np.full((count, 3), np.nan), False, evidence or {})
 
     @staticmethod
     def accepted(
         cam2_from_cam1: Pose, landmarks: Bools, points: Floats, planar: bool, evidence: Evidence
     ) -> TwoViewOutcome:
-        """A motion, and the points that become landmarks."""
+        """Make the outcome of an accepted pair.
+
+        Parameters
+        ----------
+        cam2_from_cam1 : Pose
+            ``u R m + t = v n`` with |t| = 1.
+        landmarks : (N,) bool
+            The matches that become points of the map.
+        points : (N, 3) float
+            In the frame of camera 1, in units of the baseline.
+        planar : bool
+            Whether the motion comes from a homography.
+        evidence : dict
+            The numbers behind the decision, with their thresholds.
+
+        Returns
+        -------
+        TwoViewOutcome
+        """
         kept = np.where(landmarks[:, None], points, np.nan)
         return TwoViewOutcome(Verdict.ACCEPTED, cam2_from_cam1, landmarks, kept, planar, evidence)
 
 
 class TwoViewMethod(Protocol):
-    """A way to initialize from two views."""
+    """A method that initializes from two views."""
 
     @property
     def pair_rule(self) -> PairRule:
-        """Which pairs it is shown."""
+        """The choice of the pairs that the method gets."""
         ...
 
     def bootstrap(
@@ -117,34 +153,59 @@ class TwoViewMethod(Protocol):
         Parameters
         ----------
         camera : Camera
-            Its ``K`` belongs to the pixels.
+            Its ``K`` is the camera matrix of the undistorted pixels.
         pixels1, pixels2 : (N, 2) float
             Matched pixels, undistorted (see :func:`undistorted_pixels`).
         bearings1, bearings2 : (N, 3) float
-            Their unit rays.
+            Unit rays of the same matches.
         seed : int
-            Of all random draws.
+            Seed of all random draws.
+
+        Returns
+        -------
+        TwoViewOutcome
 
         Raises
         ------
         SlamInitError
-            Where the arrays do not belong together or hold a number that is not finite.
+            If the shapes of the arrays do not fit together, or a number is not finite.
         """
         ...
 
 
 def undistorted_pixels(camera: Camera, bearings: Floats) -> Floats:
-    """Pixels (N, 2) that a camera without distortion and with the same ``K`` would have seen the rays (N, 3) at."""
+    """Project rays with the camera matrix of a camera, without its distortion.
+
+    Parameters
+    ----------
+    camera : Camera
+    bearings : (N, 3) float
+        Rays in front of the camera.
+
+    Returns
+    -------
+    (N, 2) float
+    """
     return np.asarray(bearings[:, :2] / bearings[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy))
 
 
 def check_matches(pixels1: Floats, pixels2: Floats, bearings1: Floats, bearings2: Floats) -> int:
-    """The number of matches.
+    """Check the arrays that a method gets.
+
+    Parameters
+    ----------
+    pixels1, pixels2 : (N, 2) float
+    bearings1, bearings2 : (N, 3) float
+
+    Returns
+    -------
+    int
+        Number of matches.
 
     Raises
     ------
     SlamInitError
-        Where the arrays do not belong together or hold a number that is not finite.
+        If the shapes of the arrays do not fit together, or a number is not finite.
     """
     count = len(pixels1)
     shapes = (pixels1.shape, pixels2.shape, bearings1.shape, bearings2.shape)

@@ -1,16 +1,17 @@
 """The command ``slam-init compare``."""
 
 import pytest
-from comparisons import rows_of
+from comparisons import METHODS, rows_of
 
 from slam_init.cli import main
+from slam_init.compare.command import chosen_methods, main_table
 
 DATA_SET = "python:slam_init.examples.add_a_data_set:Poster"
 
 
 def test_the_command_writes_tables_a_page_and_recordings_of_the_example_data_set_and_method(tmp_path, capsys):
     methods = ["quest-two-view", "slam_init.examples.add_a_method:MedianParallax"]
-    options = ["--every", "30", "--limit-frames", "12", "--backend", "sequential", "--recordings"]
+    options = ["--every", "30", "--min-left", "15", "--limit-frames", "12", "--backend", "sequential", "--recordings"]
     assert main(["compare", DATA_SET, *options, "--methods", ",".join(methods), "--out", str(tmp_path)]) == 0
     assert "images, moving camera" in capsys.readouterr().out
     rows = rows_of(tmp_path)
@@ -22,6 +23,19 @@ def test_the_command_writes_tables_a_page_and_recordings_of_the_example_data_set
     assert not list(tmp_path.rglob("*.npz"))  # the snapshots are removed after the recording of all methods
 
 
+def test_by_default_each_installed_method_is_compared_under_one_name():
+    names = chosen_methods(None)
+    assert "essential-5pt" in names
+    assert "magsac" not in names
+    assert chosen_methods("magsac,quest") == ("magsac", "quest")
+
+
+def test_the_text_holds_the_wait_of_each_method_and_its_differences(finished):
+    text = main_table(finished[1])
+    assert "wait (frames)" in text
+    assert f"wait of {METHODS[0]} minus that of" in text
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -30,6 +44,7 @@ def test_the_command_writes_tables_a_page_and_recordings_of_the_example_data_set
         ["points:room", "--methods", "stella,stella"],
         ["points:room", "--backend", "spark"],
         ["points:room", "--jobs", "0"],
+        ["points:room", "--min-left", "1"],
         ["nowhere"],
         ["python:nowhere:nothing"],
     ],

@@ -54,6 +54,19 @@ def test_a_row_of_another_version_is_read_without_its_unknown_columns_and_with_n
     assert parse_row(json.dumps(stored)) == row()
 
 
+def test_rows_that_are_not_current_are_run_again_and_the_later_row_of_a_trial_is_valid(tmp_path):
+    path = tmp_path / "trials.jsonl"
+    with Journal(path, {}) as journal:
+        journal.append(row(judged_by="former"))
+        journal.append(row(start=10, judged_by="current"))
+    for _ in range(2):
+        with Journal(path, {}, lambda row: row.judged_by == "current") as journal:
+            if row().key not in journal:
+                journal.append(row(judged_by="current"))
+            assert [each.judged_by for each in journal.rows()] == ["current", "current"]
+    assert len(path.read_text().splitlines()) == 4
+
+
 @pytest.mark.parametrize(
     ("column", "value"),
     [("source", None), ("start", "0"), ("start", True), ("outcome", "lost"), ("strict", 1), ("ate", "0.1")],

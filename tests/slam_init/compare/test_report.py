@@ -16,6 +16,14 @@ def test_the_page_loads_nothing_from_other_places(finished):
         assert method in page
 
 
+def test_the_page_tells_the_wait_and_how_each_scene_is_judged(finished):
+    page = (finished[0] / "report.html").read_text()
+    assert f"wait of {METHODS[0]} minus that of" in page
+    assert "How each sequence is judged" in page
+    for rule in ("rotation within 5 deg, direction within 15 deg", "every map is false"):
+        assert rule in page
+
+
 def test_a_comparison_without_any_map_has_a_page_as_well(tmp_path):
     plan = Plan(tuple(describe_sources(["points:static?views=3"])), ("failing_methods:Raises",))
     summary = compare(plan, tmp_path / "out", backend="sequential")

@@ -106,6 +106,32 @@ def test_a_folder_with_former_names_of_options_is_resumed(plan, finished, tmp_pa
     assert rows_of(tmp_path) == rows_of(finished[0])
 
 
+def test_rows_without_their_criteria_are_kept_and_rows_of_other_criteria_are_run_again(plan, finished, tmp_path):
+    header, *rows = (finished[0] / "trials.jsonl").read_text().splitlines()
+    stored = [json.loads(row) for row in rows]
+    for values in stored:
+        del values["judged_by"]
+    stored[0]["judged_by"] = "rotation within 1 deg"
+    (tmp_path / "trials.jsonl").write_text("\n".join([header, *map(json.dumps, stored)]) + "\n")
+    compare(plan, tmp_path, backend="sequential")
+    assert len((tmp_path / "trials.jsonl").read_text().splitlines()) == len(rows) + 2
+    without = [{k: v for k, v in row.items() if k != "judged_by"} for row in rows_of(finished[0])]
+    assert [{k: v for k, v in row.items() if k != "judged_by"} for row in rows_of(tmp_path)] == without
+
+
+def test_the_summary_tells_the_wait_and_how_each_scene_is_judged(finished):
+    summary = finished[1].as_dict()
+    assert summary["min_left"] == 3
+    assert summary["judging"]["points:room"]["truth"] == "sound"
+    assert summary["judging"]["points:rotation"]["no_translation"]
+    assert [item["second"] for item in summary["waits"]["points_moving"]] == list(METHODS[1:])
+    value, low, high = summary["waits"]["points_moving"][0]["difference_frames"]
+    assert low <= value <= high
+    raises = summary["parts"]["points_moving"][METHODS[-1]]
+    assert raises["wait"][0] == 4  # five frames: the limit of a trial that fails
+    assert summary["parts"]["points_static"][METHODS[0]]["wait"] == [None, None, None]
+
+
 def test_rows_of_another_version_are_not_mixed_in(plan, finished, tmp_path):
     header, *rows = (finished[0] / "trials.jsonl").read_text().splitlines()
     old = [{k: v for k, v in json.loads(row).items() if k != "kept_truth"} for row in rows]

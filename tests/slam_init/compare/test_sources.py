@@ -6,8 +6,9 @@ from urllib.parse import parse_qsl
 import numpy as np
 import pytest
 
+from slam_init.compare.judging import NOT_JUDGED, Criteria
+from slam_init.compare.plan import Plan
 from slam_init.compare.sources import (
-    criteria_of,
     describe_sources,
     drawn_sources,
     focal_error_of,
@@ -57,13 +58,23 @@ def test_a_folder_of_sequences_stands_for_all_sequences_below_it(tmp_path):
     assert [source.label for source in describe_sources([str(tmp_path)])] == ["a", "deep/b"]
 
 
-def test_trials_start_only_where_half_a_second_of_video_is_left():
-    (source,) = describe_sources(["points:room?views=40"])
-    assert list(source.starts(10)) == [0, 10, 20]
-    assert list(replace(source, frames=9).starts(10)) == [0]
+def test_trials_start_at_every_kth_frame_that_leaves_enough_frames():
+    (source,) = describe_sources(["points:room?views=43"])
+    assert list(source.starts(10, 3)) == [0, 10, 20, 30, 40]
+    assert list(source.starts(10, 4)) == [0, 10, 20, 30]
+    assert list(replace(source, frames=2).starts(10, 3)) == [0]
 
 
-def test_the_criteria_of_a_sequence_do_not_depend_on_the_folder_that_holds_it():
-    assert criteria_of("some/where/V1_01_static").no_translation
-    assert not criteria_of("redkitchen_a").direction_known
-    assert not criteria_of("synth:room").no_translation
+def test_a_set_of_few_photographs_has_trials_as_well():
+    (source,) = describe_sources(["points:room?views=9"])
+    plan = Plan((source,), ("stella",), every=1)
+    assert [trial.start for trial in plan.trials()] == list(range(7))
+    limits = [plan.settings.frames_limit(source, start) for start in plan.starts(source)]
+    assert limits == [9, 8, 7, 6, 5, 4, 3]
+
+
+def test_a_source_without_ground_truth_is_not_judged_unless_its_camera_does_not_translate():
+    (source,) = describe_sources(["points:room"])
+    assert source.criteria == Criteria()
+    assert replace(source, has_truth=False).criteria == NOT_JUDGED
+    assert replace(source, group="x/V1_01_static", has_truth=False).criteria.no_translation

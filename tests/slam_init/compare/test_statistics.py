@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from slam_init.compare.statistics import holm, mcnemar_exact, restricted_mean, wilson
+from slam_init.compare.statistics import cluster_mean, holm, mcnemar_exact, restricted_mean, wilson
 
 counts = st.integers(0, 400)
 
@@ -76,3 +76,37 @@ def test_the_restricted_mean_is_at_most_the_mean_limit_and_grows_with_it(trials)
     assert mean.low <= mean.value <= mean.high
     assert mean.value <= limits.mean() + 1e-9
     assert restricted_mean(times, limits + 1).value >= mean.value - 1e-9
+
+
+def test_the_bootstrap_over_clusters_of_one_value_has_the_normal_interval_of_a_mean():
+    rng = np.random.default_rng(1)
+    values = rng.normal(3.0, 2.0, 400)
+    interval = cluster_mean(values, np.arange(400).astype(object))
+    half = 1.96 * values.std() / math.sqrt(400)
+    assert interval.value == pytest.approx(values.mean())
+    assert (interval.low, interval.high) == pytest.approx((values.mean() - half, values.mean() + half), abs=0.15 * half)
+
+
+def test_values_of_one_cluster_do_not_count_as_independent():
+    rng = np.random.default_rng(2)
+    means = rng.normal(0.0, 1.0, 30)
+    clusters = np.repeat(np.arange(30), 50).astype(object)
+    wide = cluster_mean(np.repeat(means, 50), clusters)
+    once = cluster_mean(means, np.arange(30).astype(object))
+    assert (wide.low, wide.high) == pytest.approx((once.low, once.high))
+
+
+def test_the_bootstrap_repeats_itself_and_covers_the_mean_in_95_percent_of_the_cases():
+    rng = np.random.default_rng(3)
+    covered = 0
+    for _ in range(200):
+        values = np.repeat(rng.normal(0.0, 1.0, 25), 4) + rng.normal(0.0, 0.3, 100)
+        clusters = np.repeat(np.arange(25), 4).astype(object)
+        interval = cluster_mean(values, clusters)
+        assert interval == cluster_mean(values, clusters)
+        covered += interval.low <= 0 <= interval.high
+    assert 0.88 <= covered / 200 <= 0.98
+
+
+def test_the_mean_of_no_values_is_not_known():
+    assert math.isnan(cluster_mean(np.zeros(0), np.zeros(0, object)).value)

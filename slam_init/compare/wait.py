@@ -1,0 +1,116 @@
+"""The wait: the number of frames after the start frame until the first correct map.
+
+A wait of 1 is the least possible: a correct map at the second frame. A trial without a correct map counts as its limit,
+which is the number of frames after the start frame that the trial can read. The mean of these values is the restricted
+mean of the wait. Trials of sequences without ground truth, and of cameras that do not translate, have no wait.
+
+Trials of one sequence overlap and are not independent. The intervals are therefore those of a bootstrap over sequences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam_init.compare.statistics import Interval, cluster_mean
+from slam_init.compare.trial_table import TrialTable
+from slam_init.types.arrays import Bools, Floats
+
+__all__ = ["WaitDifference", "mean_wait", "wait_differences", "waits"]
+
+
+@dataclass(frozen=True)
+class WaitDifference:
+    """The waits of two methods on the same trials.
+
+    Attributes
+    ----------
+    first, second : str
+        The methods.
+    trials : int
+        Number of trials that both methods ran and that have a wait.
+    sequences : int
+        Number of sequences of these trials.
+    difference_frames : Interval
+        Mean of the wait of the first method minus that of the second one, in frames. The interval is that of a
+        bootstrap over sequences; its ends are NaN for a single sequence.
+    """
+
+    first: str
+    second: str
+    trials: int
+    sequences: int
+    difference_frames: Interval
+
+
+def waits(table: TrialTable) -> Floats:
+    """Return the wait of each trial.
+
+    Parameters
+    ----------
+    table : TrialTable
+
+    Returns
+    -------
+    (N,) float
+        In frames. The limit for a trial without a correct map; NaN for a trial in which no map can be correct.
+    """
+    limits = table.numbers["frames_limit"] - 1
+    frames = np.where(table.text["outcome"] == "correct", table.numbers["frames_to_accept"] - 1, limits)
+    return np.where(table.solvable, np.minimum(frames, limits), np.nan)
+
+
+def mean_wait(table: TrialTable, mask: Bools) -> Interval:
+    """Compute the restricted mean of the wait.
+
+    Parameters
+    ----------
+    table : TrialTable
+    mask : (N,) bool
+        The trials that are counted.
+
+    Returns
+    -------
+    Interval
+        In frames, from a bootstrap over sequences. The ends are NaN for a single sequence.
+    """
+    mask = mask & table.solvable
+    return cluster_mean(waits(table)[mask], table.text["source"][mask])
+
+
+def wait_differences(table: TrialTable, methods: Sequence[str], mask: Bools) -> list[WaitDifference]:
+    """Compare the wait of the first method with that of each other method, trial by trial.
+
+    Parameters
+    ----------
+    table : TrialTable
+    methods : sequence of str
+    mask : (N,) bool
+        The trials that are compared.
+
+    Returns
+    -------
+    list of WaitDifference
+        One for each method but the first.
+    """
+    values = waits(table)
+    by_method = {method: _by_trial(table, values, mask & table.where(method=method)) for method in methods}
+    return [_difference(methods[0], other, by_method) for other in methods[1:]]
+
+
+def _difference(first: str, second: str, by_method: dict[str, dict[tuple[str, int], float]]) -> WaitDifference:
+    ours, theirs = by_method[first], by_method[second]
+    shared = sorted(ours.keys() & theirs.keys())
+    sources: NDArray[np.object_] = np.array([source for source, _ in shared], object)
+    differences = np.array([ours[key] - theirs[key] for key in shared], float)
+    return WaitDifference(first, second, len(shared), len(set(sources)), cluster_mean(differences, sources))
+
+
+def _by_trial(table: TrialTable, values: Floats, mask: Bools) -> dict[tuple[str, int], float]:
+    """Return the wait by source and start frame."""
+    mask = mask & table.solvable
+    sources, starts = table.text["source"][mask].tolist(), table.numbers["start"][mask].astype(int).tolist()
+    return dict(zip(zip(sources, starts, strict=True), values[mask].tolist(), strict=True))

@@ -1,0 +1,59 @@
+"""How sequences are judged: each bound separates correct maps from false ones."""
+
+import pytest
+
+from slam_init.compare.judging import NOT_JUDGED, SEQUENCES, Criteria, Truth, criteria_of
+from slam_init.compare.measures import PoseErrors, is_correct, is_strict
+
+
+@pytest.mark.parametrize(
+    ("group", "rotation_deg", "direction_deg"),
+    [("unknown", 5, 15), ("fr1_desk_9frames", 5, 25), ("fr1_rpy_b", 3, None), ("redkitchen_a", 5, None)],
+)
+def test_a_map_is_correct_within_the_bounds_of_its_sequence(group, rotation_deg, direction_deg):
+    criteria = criteria_of(group)
+    direction = 179.0 if direction_deg is None else direction_deg - 0.1
+    assert is_correct(PoseErrors(rotation_deg - 0.1, direction), criteria)
+    assert not is_correct(PoseErrors(rotation_deg + 0.1, direction), criteria)
+    if direction_deg is not None:
+        assert not is_correct(PoseErrors(rotation_deg - 0.1, direction_deg + 0.1), criteria)
+        assert not is_correct(PoseErrors(rotation_deg - 0.1, None), criteria)  # not known counts as too large
+
+
+@pytest.mark.parametrize("group", ["parrington", "V1_01_static", "synth:rotation", "points:static"])
+def test_no_map_is_correct_if_the_camera_does_not_translate(group):
+    criteria = criteria_of(group)
+    assert criteria.no_translation
+    assert criteria.expected_reason in ("pure_rotation", "static_camera")
+    assert not is_correct(PoseErrors(0.0, 0.0), criteria)
+
+
+def test_a_strict_map_is_correct_and_coarse_directions_do_not_matter_for_it():
+    assert is_strict(PoseErrors(0.9, 4.9), Criteria())
+    assert not is_strict(PoseErrors(0.9, 5.1), Criteria())
+    coarse = criteria_of("fr1_desk_9frames")
+    assert is_strict(PoseErrors(0.9, 20.0), coarse)
+    assert not is_strict(PoseErrors(0.9, 26.0), coarse)
+
+
+def test_the_criteria_of_a_sequence_do_not_depend_on_the_folder_that_holds_it():
+    assert criteria_of("some/where/V1_01_static") == criteria_of("V1_01_static") == SEQUENCES["V1_01_static"]
+    assert criteria_of("synth:room") == criteria_of("anything") == Criteria()
+
+
+def test_each_exception_says_why():
+    for criteria in SEQUENCES.values():
+        assert criteria.note
+        assert criteria.no_translation or criteria.truth is not Truth.SOUND
+
+
+def test_a_row_is_judged_again_if_the_criteria_differ():
+    sound, coarse = Criteria(), criteria_of("fr1_desk_9frames")
+    assert sound.judged(sound.rule)
+    assert not sound.judged(coarse.rule)
+    # rows of versions without the column
+    assert sound.judged(None)
+    assert criteria_of("V1_01_static").judged(None)
+    assert NOT_JUDGED.judged(None)
+    assert not coarse.judged(None)
+    assert not criteria_of("parrington").judged(None)

@@ -1,0 +1,59 @@
+"""The wait: frames after the start until the first correct map."""
+
+import math
+
+import numpy as np
+import pytest
+
+from slam_init.compare.judging import NOT_JUDGED, Criteria
+from slam_init.compare.rows import TrialRow
+from slam_init.compare.trial_table import TrialTable
+from slam_init.compare.wait import mean_wait, wait_differences, waits
+
+
+def row(outcome, frames=None, *, source="a", method="quest", start=0, limit=11, **values):
+    given = {"group": source, "frames_limit": limit, "judged_by": Criteria().rule} | values
+    return TrialRow(source=source, method=method, start=start, outcome=outcome, frames_to_accept=frames, **given)
+
+
+def test_a_correct_map_at_the_second_frame_has_a_wait_of_1_and_other_trials_count_as_their_limit():
+    rows = [row("correct", 2), row("correct", 11), row("false", 2), row("none"), row("error", limit=3)]
+    assert waits(TrialTable.of(rows)).tolist() == [1, 10, 10, 10, 2]
+
+
+def test_trials_that_no_map_can_solve_have_no_wait():
+    rows = [
+        row("false", 2, group="points:rotation"),
+        row("false", 2, group="parrington"),
+        row("accepted", 2, judged_by=None),
+        row("none", judged_by=NOT_JUDGED.rule),
+    ]
+    table = TrialTable.of(rows)
+    assert np.isnan(waits(table)).all()
+    assert math.isnan(mean_wait(table, np.ones(4, bool)).value)
+    assert wait_differences(table, ("quest", "stella"), np.ones(4, bool))[0].trials == 0
+
+
+def test_a_difference_compares_the_same_trials_and_its_interval_the_sequences():
+    rows = []
+    for k, source in enumerate("abcd"):
+        for start in (0, 10):
+            rows.append(row("correct", 4 + k, source=source, start=start))
+            rows.append(row("correct", 2, source=source, start=start, method="stella"))
+    rows.append(row("correct", 2, source="e", method="stella"))  # quest did not run this trial
+    table = TrialTable.of(rows)
+    (difference,) = wait_differences(table, ("quest", "stella"), np.ones(len(table), bool))
+    assert (difference.first, difference.second) == ("quest", "stella")
+    assert (difference.trials, difference.sequences) == (8, 4)
+    assert difference.difference_frames.value == pytest.approx(np.mean([2, 3, 4, 5]))
+    assert 2 <= difference.difference_frames.low < 3.5 < difference.difference_frames.high <= 5
+    (swapped,) = wait_differences(table, ("stella", "quest"), np.ones(len(table), bool))
+    assert swapped.difference_frames.value == -difference.difference_frames.value
+
+
+def test_a_single_sequence_has_a_mean_and_no_interval():
+    table = TrialTable.of([row("correct", 3, start=start) for start in (0, 10)])
+    interval = mean_wait(table, np.ones(2, bool))
+    assert interval.value == 2
+    assert math.isnan(interval.low)
+    assert math.isnan(interval.high)

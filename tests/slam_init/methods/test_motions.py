@@ -1,0 +1,97 @@
+"""Laws of the motions of an essential matrix or a homography, and of the check of motions by triangulation."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from make_model_views import estimate, views
+
+from quest.geometry.quaternion import rotation_angle, rotation_from_vector
+from slam_init.benchmarks.two_view_scenes import CAMERA
+from slam_init.methods.models import fundamental_eight_point, homography_dlt
+from slam_init.methods.motions import CheckRule, check_motions, motions_of_essential, motions_of_homography
+
+RULE = CheckRule(max_error_px=1e-3, distant_cos=1.0)
+
+
+def contains(R, t, pose):
+    """Whether exactly one of the motions is the pose."""
+    near = [rotation_angle(a.T @ pose.R) < 1e-5 and a_t @ pose.t > 1 - 1e-9 for a, a_t in zip(R, t, strict=True)]
+    return sum(near) == 1
+
+
+# Eight points can lie near a critical surface, so the motion is estimated from twelve points or more.
+@given(st.integers(0, 10_000), st.integers(12, 30))
+def test_the_motions_of_an_essential_matrix_contain_the_true_one(seed, count):
+    pixels1, pixels2, pose = views(seed, count)
+    F = estimate(fundamental_eight_point, pixels1, pixels2, "transpose")
+    R, t = motions_of_essential(CAMERA.K.T @ F[0] @ CAMERA.K)
+    np.testing.assert_allclose(np.linalg.det(R), 1)
+    assert contains(R, t, pose)
+
+
+@given(st.integers(0, 10_000))
+def test_the_motions_of_a_homography_contain_the_true_one(seed):
+    pixels1, pixels2, pose = views(seed, planar=True)
+    H = estimate(homography_dlt, pixels1, pixels2, "inverse")[0]
+    R, t, normals = motions_of_homography(np.linalg.inv(CAMERA.K) @ H @ CAMERA.K, 1.0)
+    assert R.shape == (8, 3, 3)
+    np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-9)
+    assert contains(R, t, pose)
+    true_normal = np.array([-0.4, 0.3, 1]) / np.linalg.norm([-0.4, 0.3, 1])
+    assert np.abs(normals @ true_normal).max() > 1 - 1e-6
+
+
+def test_the_homography_of_a_rotation_has_no_motion():
+    R, t, normals = motions_of_homography(rotation_from_vector(np.array([0.1, 0.2, -0.05])), 1.00001)
+    assert len(R) == len(t) == len(normals) == 0
+
+
+@pytest.mark.parametrize("midpoint", [False, True])
+def test_only_the_true_motion_puts_all_points_in_front(midpoint):
+    pixels1, pixels2, pose = views(3)
+    rays1, rays2 = CAMERA.bearings(pixels1), CAMERA.bearings(pixels2)
+    F = estimate(fundamental_eight_point, pixels1, pixels2, "transpose")[0]
+    R, t = motions_of_essential(CAMERA.K.T @ F @ CAMERA.K)
+    rule = CheckRule(max_error_px=1e-3, distant_cos=1.0, midpoint=midpoint)
+    check = check_motions(CAMERA, R, t, rays1, rays2, np.ones(60, bool), rule)
+    counts = check.good.sum(axis=1)
+    assert sorted(counts)[-1] == 60
+    assert sorted(counts)[-2] < 60
+    best = int(np.argmax(counts))
+    np.testing.assert_allclose(check.pose(best).R, pose.R, atol=1e-6)
+    np.testing.assert_allclose(CAMERA.project(check.points[best]), pixels1, atol=1e-4)
+
+
+def test_outliers_are_not_triangulated():
+    pixels1, pixels2, pose = views(4)
+    rays = CAMERA.bearings(pixels1), CAMERA.bearings(pixels2)
+    inliers = np.arange(60) < 20
+    check = check_motions(CAMERA, pose.R[None], pose.t[None], *rays, inliers, RULE)
+    assert (check.good[0] == inliers).all()
+    assert np.isnan(check.points[0][~inliers]).all()
+    none = check_motions(CAMERA, pose.R[None], pose.t[None], *rays, np.zeros(60, bool), RULE)
+    assert none.parallax_deg[0] == 0
+    assert not none.good.any()
+
+
+def test_a_point_at_infinity_is_not_a_landmark():
+    pixels1, _, pose = views(5)
+    rays = CAMERA.bearings(pixels1)
+    turned = rays @ pose.R.T
+    before = turned[:, 2] > 0.1
+    rule = CheckRule(max_error_px=2.0, distant_cos=0.99998)
+    check = check_motions(
+        CAMERA, pose.R[None], pose.t[None], rays[before], turned[before], np.ones(before.sum(), bool), rule
+    )
+    assert not check.landmarks.any()
+
+
+def test_the_ranked_parallax_is_that_after_the_given_number_of_larger_ones():
+    pixels1, pixels2, pose = views(6)
+    rays1, rays2 = CAMERA.bearings(pixels1), CAMERA.bearings(pixels2)
+    angles = np.degrees(np.arccos(np.einsum("ij,ij->i", rays1 @ pose.R.T, rays2)))
+    for ranked, expected in ((0, angles.max()), (9, np.sort(angles)[-10]), (1000, angles.min())):
+        rule = CheckRule(max_error_px=1e-3, distant_cos=1.0, ranked=ranked)
+        check = check_motions(CAMERA, pose.R[None], pose.t[None], rays1, rays2, np.ones(60, bool), rule)
+        assert check.parallax_deg[0] == pytest.approx(expected, abs=1e-6)

@@ -1,0 +1,75 @@
+"""Methods that call the libraries of other authors: their settings, and their counts on the scenes of the table."""
+
+import numpy as np
+import pytest
+
+from slam_init.benchmarks.heuristics_fidelity import ORIGINAL, ROWS, fisher_p, run_cell
+from slam_init.benchmarks.two_view_scenes import CAMERA, make_scene
+from slam_init.methods import METHODS, make_two_view
+from slam_init.methods.gates import GATED_PAIRS, GateRules
+
+PEERS = ("poselib", "poselib-100", "magsac", "superansac")
+
+
+def peer(name):
+    if METHODS[name].needs:
+        pytest.importorskip(METHODS[name].needs)
+    return make_two_view(name)
+
+
+def outcome(two_view, scene):
+    rays = CAMERA.bearings(scene.pixels1), CAMERA.bearings(scene.pixels2)
+    return two_view.bootstrap(CAMERA, scene.pixels1, scene.pixels2, *rays, 0)
+
+
+@pytest.mark.parametrize("name", PEERS)
+def test_all_peers_have_the_same_gates(name):
+    two_view = peer(name)
+    assert two_view.rules.gates == GateRules(min_in_front=50, min_parallax_deg=1.0)
+    assert two_view.pair_rule == GATED_PAIRS
+
+
+@pytest.mark.parametrize("name", PEERS)
+@pytest.mark.parametrize(("kind", "baseline"), [("general", 0.03), ("general", 0.15), ("rotation", 0.15)])
+def test_a_peer_solves_general_scenes_and_refuses_rotations(name, kind, baseline):
+    peer(name)
+    cell = run_cell(name, kind, baseline, scenes=5)
+    assert (cell.correct, cell.false) == ((0, 0) if kind == "rotation" else (5, 0))
+
+
+@pytest.mark.parametrize("name", ["poselib", "magsac"])
+def test_the_counts_on_planes_are_those_of_the_table(name):
+    peer(name)
+    kind, baseline = ROWS[3]
+    correct, false = ORIGINAL[METHODS[name].alias_of or name][3]
+    cell = run_cell(name, kind, baseline, scenes=20)
+    assert fisher_p(cell.correct, cell.trials, correct, 50) > 0.01
+    assert fisher_p(cell.false, cell.trials, false, 50) > 0.01
+
+
+def test_poselib_100_draws_fewer_samples_and_poselib_as_many_as_its_default():
+    poselib = pytest.importorskip("poselib")
+    assert peer("poselib").rules.min_iterations == poselib.RansacOptions()["min_iterations"] == 1000
+    assert peer("poselib-100").rules.min_iterations == 100
+
+
+def test_superansac_has_the_defaults_of_its_package_but_for_the_order_of_the_matches():
+    pysuperansac = pytest.importorskip("pysuperansac")
+    defaults, rules = pysuperansac.RANSACSettings(), peer("superansac").rules
+    assert rules.threshold_px == defaults.inlier_threshold
+    assert rules.confidence == defaults.confidence
+    assert (rules.min_iterations, rules.max_iterations) == (defaults.min_iterations, defaults.max_iterations)
+    assert defaults.sampler == pysuperansac.SamplerType.PROSAC
+
+
+def test_two_calls_of_superansac_give_nearly_the_same_rotation():
+    peer("superansac")
+    scene = make_scene("general", 0.15, 0)
+    first, second = (outcome(peer("superansac"), scene) for _ in range(2))
+    relative = first.cam2_from_cam1.R @ second.cam2_from_cam1.R.T
+    assert np.rad2deg(np.arccos(np.clip((np.trace(relative) - 1) / 2, -1, 1))) < 0.2
+
+
+def test_magsac_is_another_name_of_the_five_point_method():
+    assert METHODS["magsac"].alias_of == "essential-5pt"
+    assert METHODS["magsac"].home == METHODS["essential-5pt"].home

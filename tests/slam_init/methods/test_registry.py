@@ -1,0 +1,56 @@
+"""The names of the methods: each is described and can be made, and other names are errors."""
+
+from importlib.util import find_spec
+
+import pytest
+from make_scene import CAMERA, CONFIG
+
+from slam_init.config import Config
+from slam_init.errors import ConfigError
+from slam_init.examples.add_a_method import MedianParallax
+from slam_init.methods import METHODS, MethodInfo, make_initializer, make_two_view, method_info
+from slam_init.runner import run
+
+
+def test_each_method_is_described_and_can_be_made():
+    for name, info in METHODS.items():
+        assert info.name == name
+        assert info.summary
+        assert info.source
+        if info.needs is None or find_spec(info.needs):
+            assert make_initializer(name, CAMERA, CONFIG).frames_read == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("magic", "use one of quest"),
+        ("no_such_module:Method", "cannot be made"),
+        ("slam_init.types.arrays:Nothing", "cannot be made"),
+        ("slam_init.types.arrays:Pose", "cannot be made"),
+        ("slam_init.config:Config", "not a two-view method"),
+        ("quest", "use make_initializer"),
+    ],
+)
+def test_other_names_are_errors_with_a_way_out(name, message):
+    with pytest.raises(ConfigError, match=message):
+        make_two_view(name)
+
+
+def test_a_method_whose_package_is_not_installed_names_the_package(monkeypatch):
+    monkeypatch.setitem(METHODS, "rare", MethodInfo("rare", "-", "-", "slam_init.config:Config", "no_such_package"))
+    with pytest.raises(ConfigError, match="pip install no_such_package"):
+        make_two_view("rare")
+
+
+def test_a_method_of_your_own_is_imported_by_its_path(room, tmp_path):
+    """As the command line runs the example; the summary and the configuration name the method."""
+    name = "slam_init.examples.add_a_method:MedianParallax"
+    assert method_info(name).home == name
+    assert isinstance(make_two_view(name), MedianParallax)
+    result, summary = run(room, room.camera, Config(method=name), out=tmp_path)
+    assert result
+    assert summary.method == name
+    assert summary.ground_truth.direction_error_deg < 5
+    assert name in (tmp_path / "config.toml").read_text()
+    assert (tmp_path / "recording.rrd").stat().st_size > 0
