@@ -45,7 +45,8 @@ _ERROR_RATE = 1e-4
 #: Smallest noise, as a share of the threshold, that is used where the parallax is tested. Most matches of a static
 #: camera agree to some hundredths of a pixel, a few do not, and so long a tail is not Gaussian.
 _LEAST_NOISE = 0.05
-#: Fewer than this many matches cannot confirm a motion of five unknowns that five to seven matches proposed.
+#: A motion always fits the five to seven matches that it was computed from. With fewer than ten matches, too few others
+#: remain to confirm it.
 _MIN_MATCHES = 10
 #: Points along a line allow a whole family of motions. Over 48 strips of points the pose was wrong by degrees wherever
 #: their half width was under ten times the noise, and it was among the returned ones from fifteen times on.
@@ -156,8 +157,10 @@ def estimate_relative_pose(
     evidence = replace(evidence, chance_inliers=chance, parallax_z=parallax.test_value, parallax_p=parallax.p_value)
     if not parallax.observable(_ERROR_RATE):
         return _rotation_or_no_pose(rotation, gate_rad, evidence, parallax)
-    # Five or six inliers are those of the sample. The best of thousands of random motions lies about four standard
-    # deviations above the mean of a Poisson count.
+    # The motion fits the five or six matches of its sample (seven with "quest7") in any case, so six inliers do not
+    # count as evidence. The best of thousands of random motions lies about four standard deviations above the mean of a
+    # Poisson count, whose variance is its mean. The mean comes from three shuffles only and may be zero. One is added
+    # to the variance, so that at least four more inliers are required even then.
     if count < max(_MIN_MATCHES, 6 + chance + 4 * np.sqrt(chance + 1)):
         return NoPose("no_consistent_motion", evidence)
     spread = max(off_line_rad(m[motion.inliers]), off_line_rad(n[motion.inliers]))
@@ -263,7 +266,9 @@ def _pose_with_alternatives(
         order = np.argsort(problem.costs(np.array(plane.poses))[0], kind="stable")
         best, *candidates = (plane.poses[k] for k in order)
         inliers = problem.explained(best, gate_rad)
-        if inliers.sum() < _MIN_MATCHES:  # rays in all directions, half of them behind the motion of the plane
+        # With rays in all directions, this motion may place so many points behind a camera that fewer than ten inliers
+        # remain.
+        if inliers.sum() < _MIN_MATCHES:
             return NoPose("no_consistent_motion", evidence)
     else:
         candidates = _rivals(problem, report, motion, plane)
@@ -290,8 +295,8 @@ def _pose_with_alternatives(
 
 def _rivals(problem: RelativePoseProblem, report: RansacReport, motion: _Motion, plane: PlaneFit) -> list[Floats]:
     """Other motions of a scene that is no plane, each refined to its optimum on all matches."""
-    # A raw model that misses half of the inliers is discarded: of the best motion, the raw model from noisy samples
-    # missed a third at most.
+    # A raw model that misses half of the inliers is discarded. This is safe: before refinement, even the raw model of
+    # the right motion missed at most a third of the inliers.
     near = (report.costs[1:] - report.costs[0]) / problem.threshold_rad**2 < 0.5 * motion.inliers.sum()
     raw = spread_out(report.models[1:][near], motion.model)
     rivals = [*plane.poses[1:], *(problem.polish(model) for model in raw)]

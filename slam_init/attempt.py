@@ -34,14 +34,14 @@ from slam_init.decision.refusal import refused_at, refused_by, with_gates
 from slam_init.decision.rival_vote import VoteOutcome, vote_gates, vote_of_plane, vote_on_rivals
 from slam_init.decision.rotation_only import fit_rotation_only, judge_rotation_only, suspect_calibration
 from slam_init.decision.screening import preview_evidence
-from slam_init.decision.two_views import TwoViewEstimate, judge_two_views, two_view_evidence
+from slam_init.decision.two_views import MatchedPair, TwoViewEstimate, judge_two_views, two_view_evidence
+from slam_init.decision.window_rule import judge_by_window
 from slam_init.frontend.keyframes import PairPreview
 from slam_init.frontend.tracks import History, common_tracks
 from slam_init.mapping.candidate import MapCandidate, build_candidate
 from slam_init.mapping.map_building import MapWithViews, map_with_views
 from slam_init.mapping.rivals import rank
 from slam_init.mapping.views import TrackTable, further_views, table_of
-from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.comparison import Margin
 from slam_init.types.evidence import MapEvidence
@@ -67,30 +67,6 @@ __all__ = [
 #: standard deviation of 0.58 of it. The threshold is then widened once by a factor of three, from the value for a noise
 #: of 0.7 px to the value for a noise of 2 px.
 _TOO_NOISY_SIGMAS, _WIDER = 2.0, 3.0
-
-
-@dataclass(frozen=True, eq=False)
-class MatchedPair:
-    """The matches of a pair: the tracks that both views see.
-
-    Attributes
-    ----------
-    preview : PairPreview
-    reference, current : Observations
-        The two views, in time order.
-    pixels1, pixels2 : (N, 2) float
-        Raw pixels in the reference and in the current view.
-    rays1, rays2 : (N, 3) float
-        Unit bearings in the two camera frames.
-    """
-
-    preview: PairPreview
-    reference: Observations
-    current: Observations
-    pixels1: Floats
-    pixels2: Floats
-    rays1: Floats
-    rays2: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +151,9 @@ def try_pair(
     attempt = _attempt_of(camera, pair, estimate)
     if isinstance(estimate, NoPose):
         return Outcome(refused_at(attempt, Verdict(estimate.reason), Stage.TWO_VIEWS))
+    if config.acceptance.rule == "window" and estimate.pose.kind != "rotation":
+        with stopwatch("map"):
+            return _decided_by_window(camera, config, history, attempt, pair, estimate)
     attempt = judge_two_views(camera, config, attempt, estimate)
     if attempt.verdict == Verdict.LOW_PARALLAX:
         return Outcome(_suspecting_calibration(camera, config, attempt, estimate))
@@ -331,6 +310,18 @@ def _attempt_of(camera: Camera, pair: MatchedPair, estimate: TwoViewEstimate | N
         preview=preview_evidence(pair.preview),
         two_view=two_view_evidence(camera, estimate),
     )
+
+
+def _decided_by_window(
+    camera: Camera, config: Config, history: History, attempt: Attempt, pair: MatchedPair, estimate: TwoViewEstimate
+) -> Outcome:
+    """Return the outcome of the rule "window"."""
+    decision = judge_by_window(camera, config, history, attempt, pair, estimate)
+    bundles = [one.bundle for one in decision.maps if isinstance(one.bundle, BundleSolution)]
+    built = [map_with_views(history, bundle, estimate.pose.kind) for bundle in bundles]
+    if decision.attempt.verdict == Verdict.ACCEPTED:
+        return Outcome(replace(decision.attempt, progress=1.0), accepted=built[0])
+    return Outcome(decision.attempt, hypotheses=tuple(one.map for one in built))
 
 
 def _suspecting_calibration(camera: Camera, config: Config, attempt: Attempt, estimate: TwoViewEstimate) -> Attempt:

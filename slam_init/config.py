@@ -152,6 +152,11 @@ class MapConfig:
 class AcceptanceConfig:
     """Gates that a map has to pass (:mod:`slam_init.decision`)."""
 
+    #: What decides: "gates" on the pair and on the map, or "window", the stated risk of the joint estimate of all
+    #: views.
+    rule: str = "gates"
+    #: Largest probability that a map is wrong, with the rule "window": one map in 200.
+    max_risk: float = 0.005
     #: Least number of landmarks, as in ORB-SLAM and stella_vslam: tracking needs them.
     min_landmarks: int = 50
     #: Bound of the direction error of the baseline: three standard deviations and the correlated tracking error. A map
@@ -319,6 +324,8 @@ def _number_or_text(wanted: type, value: object, where: str, key: str) -> object
     if wanted is bool:
         return value
     least, most = _RANGES.get(key, (float("-inf"), float("inf")))
+    if key == "acceptance.rule" and value not in ("gates", "window"):
+        raise ConfigError(f"{where}: {key} is {value!r}: use gates or window")
     if isinstance(value, int | float) and not least <= value <= most:
         raise ConfigError(f"{where}: {key} is {value!r}: it must lie in {least} .. {most}")
     # Sizes, counts and thresholds are positive numbers; the seed may be zero.

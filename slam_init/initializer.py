@@ -1,9 +1,10 @@
 """The pipeline, to be read from top to bottom.
 
-For each frame, the tracker follows the tracks, and the keyframe manager previews the pairs with earlier frames. The
-best pair is tried (:mod:`slam_init.attempt`): two-view geometry (:mod:`quest`), a bundle-adjusted map for each
-hypothesis, the vote of further views, gates. The first map that passes all gates ends the initialization. A refusal has
-a reason and its evidence. If the views cannot decide between two maps, both are kept.
+For each frame, the tracker follows the tracks, and the keyframe manager previews the pairs with earlier frames. If no
+pair shows enough tracks, motion or parallax, the frame is refused (:func:`~slam_init.decision.screening.screen`).
+Otherwise the best pair that need not wait is tried (:mod:`slam_init.attempt`): two-view geometry (:mod:`quest`), a
+bundle-adjusted map for each hypothesis, the vote of further views, gates. The first map that passes all gates ends the
+initialization. A refusal has a reason and its evidence. If the views cannot decide between two maps, both are kept.
 """
 
 from __future__ import annotations
@@ -239,7 +240,8 @@ class _MapsSoFar:
     hypotheses : tuple of InitialMap
         The accepted map, or the two undecided ones.
     margin : Margin or None
-        The last vote between two maps.
+        The vote of the accepted map, if it had one. Before that, the last vote between two maps.
+        :meth:`accept_unconfirmed` does not change it.
     """
 
     #: Verdicts of a later attempt that contradict an earlier map without a third view.

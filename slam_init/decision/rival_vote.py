@@ -1,4 +1,15 @@
-"""Decision rules for rival maps, as on a plane: the best map has to explain the tracks better than each rival."""
+"""Decision rules for rival maps, as on a plane: the best map has to explain the tracks better than each rival.
+
+The stages of :mod:`slam_init.attempt` work in this order:
+
+1. :func:`slam_init.mapping.rivals.rank` sorts the candidate maps, the best first.
+2. :func:`vote_of_plane` lets all views vote between the two maps of a plane. It calls
+   :func:`slam_init.decision.plane_vote.plane_margin`, which adjusts the model of :mod:`slam_init.decision.plane_model`
+   for each motion. If this vote decides for the second map, the two maps are exchanged.
+3. :func:`vote_on_rivals` compares the best map with each rival as free points, by
+   :func:`slam_init.mapping.rivals.margin`, adds the vote with the plane as a constraint, and chooses the deciding vote.
+4. :func:`vote_gates` makes the two gates of the deciding vote.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +39,8 @@ __all__ = ["VoteOutcome", "vote_gates", "vote_of_plane", "vote_on_rivals"]
 #: first condition, and never with both.
 _PLANE_LOG_ODDS, _PLANE_Z = 7.0, 1.0
 #: Two maps that differ by less than both angles count as nearly equal, since an initialization is wrong only beyond 5
-#: degrees in rotation and 15 degrees in direction. The bound of the rotation belongs to the bound of the direction at a
-#: parallax of a tenth of a radian: with little parallax an error of the rotation compensates an error of the direction.
+#: degrees in rotation and 15 degrees in direction. At a parallax of 0.1 rad, a direction error of 10 degrees moves the
+#: tracks as much as a rotation error of 0.1 x 10 = 1 degree. Hence the bound of 1 degree.
 _NEAR_ROTATION_DEG, _NEAR_DIRECTION_DEG = 1.0, 10.0
 _CURVE = "scene too flat: move in a curve, or show something off the plane"
 
@@ -41,8 +52,8 @@ class VoteOutcome(NamedTuple):
     ----------
     evidence : VoteEvidence
     nearest : MapCandidate or None
-        The rival of the deciding vote, which is nearest to the best map in likelihood; None where no rival had to be
-        beaten.
+        The rival of the deciding vote: the rival over which the best map has the smallest advantage, negative if the
+        rival is better. None where no rival had to be beaten.
     """
 
     evidence: VoteEvidence
@@ -87,8 +98,9 @@ def vote_of_plane(
 def vote_on_rivals(camera: Camera, candidates: Sequence[MapCandidate], plane: Margin | None) -> VoteOutcome:
     """Compare the best map with each of its rivals: as free points, and as a plane where there is such a vote.
 
-    A rival that is nearly equal to the best map need not be beaten. If this rival were right, the error of the best map
-    would be about the difference of the two maps. This difference is added to the bound of the direction error.
+    A rival that is nearly equal to the best map need not be beaten if no vote decides between the two. If this rival
+    were right, the error of the best map would be about the difference of the two maps. This difference is added to the
+    bound of the direction error.
 
     Parameters
     ----------
@@ -116,6 +128,8 @@ def vote_on_rivals(camera: Camera, candidates: Sequence[MapCandidate], plane: Ma
         if k == 1 and plane is not None:
             plane_used = plane
             margins = _with_plane(free, plane)
+        # ``clearest`` is the vote most strongly against the best map, if any decides against it; otherwise it is the
+        # strongest vote for the best map.
         against = [m for m in margins if m.reversed().decides()]
         clearest = min(against or [max(margins, key=Margin.decision_ratio)], key=Margin.decision_ratio)
         rotation_deg, direction_deg = difference_of_maps_deg(best, rival)

@@ -15,14 +15,40 @@ from quest.geometry.quaternion import rotation_angle
 from slam_init.config import Config
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
 from slam_init.decision.rotation_only import RotationOnlyCamera
-from slam_init.frontend.keyframes import difference_gate
+from slam_init.frontend.keyframes import PairPreview, difference_gate
+from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import TwoViewEvidence
+from slam_init.types.frame import Observations
 from slam_init.types.gates import GateName, Stage, at_least, at_most
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
-__all__ = ["TwoViewEstimate", "judge_two_views", "two_view_evidence"]
+__all__ = ["MatchedPair", "TwoViewEstimate", "judge_two_views", "two_view_evidence"]
+
+
+@dataclass(frozen=True, eq=False)
+class MatchedPair:
+    """The matches of a pair: the tracks that both views see.
+
+    Attributes
+    ----------
+    preview : PairPreview
+    reference, current : Observations
+        The two views, in time order.
+    pixels1, pixels2 : (N, 2) float
+        Raw pixels in the reference and in the current view.
+    rays1, rays2 : (N, 3) float
+        Unit bearings in the two camera frames.
+    """
+
+    preview: PairPreview
+    reference: Observations
+    current: Observations
+    pixels1: Floats
+    pixels2: Floats
+    rays1: Floats
+    rays2: Floats
 
 
 @dataclass(frozen=True, eq=False)

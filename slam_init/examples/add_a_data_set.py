@@ -1,4 +1,4 @@
-"""Add a data set in 20 lines: a class that yields frames and knows the camera and the true trajectory.
+"""Add a data set: a class that yields frames and knows the camera and the true trajectory, in about 30 lines of code.
 
 The class need not be registered. Every command accepts its import path: ::
 
@@ -8,6 +8,17 @@ The class need not be registered. Every command accepts its import path: ::
 The example shows a poster on a wall. The camera slides past the poster and rotates a little, so each frame is a
 homography of the poster. If your data are in files, read the files in ``frames``. For ``slam-init run``, ``camera`` and
 ``groundtruth`` may be None.
+
+The command imports the attribute and calls it without arguments. To give your class a path, name an attribute that
+holds the path, or read an environment variable in a function: ::
+
+    # my_data.py
+    hall = functools.partial(Recording, Path("/data/hall"))  # python:my_data:hall
+
+    def any_recording():  # python:my_data:any_recording
+        return Recording(Path(os.environ["RECORDING"]))
+
+The module has to be importable: install it, or add its folder to ``PYTHONPATH``.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ class PairPreview:
     matches : int
         Common tracks.
     overlap : float
-        Number of common tracks over that of the frame with more tracks. A frame without features has overlap 0.
+        Number of common tracks over that of the frame with more tracks; 0 if there are fewer than 3 common tracks.
     motion_px : float
         90th percentile of the displacement of the tracks.
     rotation_deg : float
@@ -58,7 +58,7 @@ class PairPreview:
     parallax_share : float
         Share of the tracks that are displaced by more than noise after this rotation is removed.
     spread : float
-        Share of the image's grid cells that hold a common track, in (0, 1].
+        Share of the image's grid cells that hold a common track, in [0, 1]; 0 if there are fewer than 3.
     """
 
     reference: int
@@ -73,7 +73,7 @@ class PairPreview:
 
     @property
     def direction_score(self) -> float:
-        """Expected precision of the direction of the baseline, in arbitrary units: parallax times sqrt(tracks)."""
+        """Expected precision of the baseline's direction, in arbitrary units: parallax times sqrt(tracks x spread)."""
         return self.parallax_px * float(np.sqrt(self.matches * self.spread))
 
 
@@ -116,7 +116,7 @@ def preview_pair(camera: Camera, reference: Observations, current: Observations,
     motion_px = float(np.percentile(np.linalg.norm(current.pixels[j] - reference.pixels[i], axis=1), 90))
     gate_px = difference_gate(noise_px)
     R = np.eye(3)
-    # The scale of the robust kernel decreases from one at which every track counts to the noise.
+    # The scale of the robust kernel starts wide, so that every track counts, and decreases to the noise gate.
     for scale_px in (0.1 * camera.focal_px, 8 * gate_px, gate_px):
         R = refine_rotation_compiled(R, m, n, scale_px / camera.focal_px, iterations=4)
     left_px = np.linalg.norm(n - m @ R.T, axis=1) * camera.focal_px
@@ -239,7 +239,9 @@ class KeyframeManager:
             )
 
     def update(self, current: Observations, pairs: list[PairPreview]) -> None:
-        """Add the current frame to the candidates if the newest one is old enough, and drop the least useful ones.
+        """Add the current frame to the candidates if a new one is due, and drop the least useful candidates.
+
+        A new candidate is due if the newest candidate is old enough or shares too few tracks with the current frame.
 
         Parameters
         ----------
@@ -253,8 +255,8 @@ class KeyframeManager:
             to_newest = next(pair for pair in pairs if pair.reference == newest)
             if to_newest.overlap >= settings.new_overlap and current.frame - newest < settings.new_after_frames:
                 return
-            # The new candidate sees the same scene as the newest one. So it needs the same score before it is tried,
-            # unless it gets ``new_after_frames`` old.
+            # The new candidate sees the same scene as the newest one. So the new candidate waits until it reaches the
+            # same score, or until it is ``new_after_frames`` frames old; from then on its score does not matter.
             if newest in self._retry and to_newest.overlap >= _SAME_SCENE:
                 later = current.frame + settings.new_after_frames
                 self._retry[current.frame] = replace(self._retry[newest], from_frame=later)

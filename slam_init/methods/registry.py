@@ -7,7 +7,7 @@ The module imports no heavy library, because the command line reads it. A method
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Protocol
@@ -135,6 +135,11 @@ METHODS: dict[str, MethodInfo] = {
         MethodInfo(
             "quest-two-view",
             "the same without a third view: the better of the two-view maps, if its gates pass",
+            "this project",
+        ),
+        MethodInfo(
+            "quest-window",
+            "QuEst; the stated risk of the joint estimate of all views decides",
             "this project",
         ),
         MethodInfo(
@@ -292,6 +297,8 @@ def make_initializer(name: str, camera: Camera, config: Config, recorder: Record
     from slam_init.initializer import Initializer
 
     info = method_info(name)
+    if info.name == "quest-window":
+        config = replace(config, acceptance=replace(config.acceptance, rule="window"))
     if not info.home:
         return Initializer(camera, config, recorder, third_view=info.name != "quest-two-view")
     from slam_init.methods.pair_initializer import PairInitializer

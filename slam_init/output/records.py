@@ -14,6 +14,7 @@ from slam_init.types.evidence import (
     RotationOnlyEvidence,
     TwoViewEvidence,
     VoteEvidence,
+    WindowEvidence,
 )
 from slam_init.types.gates import Direction, Gate, GateName, Stage
 from slam_init.types.initial_map import InitialMap, Keyframe
@@ -262,6 +263,8 @@ class AttemptRecord:
         Figures of the rival explanation by a rotation-only camera.
     vote : VoteEvidence or None
         Figures of the vote between rival maps.
+    window : WindowEvidence or None
+        Of the joint estimate of all views.
     map : MapEvidence or None
         Figures of bundle adjustment.
     method_evidence : mapping of str to bool, float, int, str or None
@@ -279,6 +282,7 @@ class AttemptRecord:
     two_view: TwoViewEvidence | None
     rotation_only: RotationOnlyEvidence | None
     vote: VoteEvidence | None
+    window: WindowEvidence | None
     map: MapEvidence | None
     method_evidence: Mapping[str, bool | float | int | str | None]
 

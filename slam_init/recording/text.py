@@ -119,6 +119,8 @@ def _evidence(attempt: Attempt) -> dict[str, Json]:
         rows |= {f"rotation_only_{name}": value for name, value in plain_fields(attempt.rotation_only).items()}
     if attempt.vote is not None:
         rows |= _vote(attempt.vote)
+    if attempt.window is not None:
+        rows |= plain_fields(attempt.window)
     if attempt.map is not None:
         rows |= plain_fields(attempt.map)
     return {name: value for name, value in rows.items() if value is not None}

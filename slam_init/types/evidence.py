@@ -21,6 +21,7 @@ __all__ = [
     "RotationOnlyEvidence",
     "TwoViewEvidence",
     "VoteEvidence",
+    "WindowEvidence",
 ]
 
 #: The figures behind the decision of a method of somebody else, under the method's own names. They are only reported.
@@ -44,7 +45,7 @@ class PreviewEvidence:
     parallax_share : float
         Share of the tracks that are displaced by more than noise after the rotation is removed.
     spread : float
-        Share of the image's grid cells that hold a common track, in (0, 1].
+        Share of the image's grid cells that hold a common track, in [0, 1]; 0 if there are fewer than 3.
     """
 
     matches: int
@@ -135,8 +136,8 @@ class VoteEvidence:
         Vote on the first rival with the plane as a constraint (:mod:`slam_init.decision.plane_vote`); None where the
         scene is not planar or no further view sees the plane.
     deciding : Margin or None
-        The vote that the verdict depends on: the vote on the rival that is nearest to the best map in likelihood. None
-        if no rival had to be beaten.
+        The vote that the verdict depends on: the vote on the rival over which the best map has the smallest advantage,
+        negative if the rival is better. None if no rival had to be beaten.
     near_rival_deg : float
         Largest angle between the baselines of the best map and of a nearly equal rival that could not be ruled out. It
         is added to the bound of the direction error.
@@ -146,6 +147,45 @@ class VoteEvidence:
     plane: Margin | None = None
     deciding: Margin | None = None
     near_rival_deg: float = 0.0
+
+
+@dataclass(frozen=True)
+class WindowEvidence:
+    """The joint estimate of all views of the window, with the rule "window" (:mod:`slam_init.window.risk`).
+
+    Attributes
+    ----------
+    views : int
+        Number of views in the joint fit of the best hypothesis.
+    hypotheses : int
+        Number of different motions that were fitted.
+    planar : bool
+        Whether the points were held on a plane.
+    risk : float
+        Probability that the map is wrong; the sum of the four terms below.
+    risk_direction, risk_rival, risk_rotation, risk_floor : float
+        By the uncertainty of the direction, by another motion, by a camera that only rotates, and by what is not
+        modelled.
+    direction_sigma_deg, rotation_sigma_deg : float
+        Largest standard deviations of the direction of the baseline and of the rotation of the pair.
+    rotation_log_likelihood : float
+        Log likelihood of the best motion over a rotation-only camera, in nats.
+    focal_factor : float
+        Fitted focal length over the stated one.
+    """
+
+    views: int
+    hypotheses: int
+    planar: bool
+    risk: float
+    risk_direction: float
+    risk_rival: float
+    risk_rotation: float
+    risk_floor: float
+    direction_sigma_deg: float
+    rotation_sigma_deg: float
+    rotation_log_likelihood: float
+    focal_factor: float
 
 
 @dataclass(frozen=True)

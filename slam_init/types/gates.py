@@ -31,12 +31,13 @@ class Direction(StrEnum):
     AT_MOST = "at_most"
 
 
+# To add a gate, add its name and unit here, make the gate with ``at_least`` or ``at_most`` in the module of
+# ``slam_init.decision`` that computes the figure, and add a field for its threshold, with the reason for the default,
+# to ``slam_init.config``. Then run ``python tests/support/make_schema.py``.
 class GateName(StrEnum):
-    """The gates of all stages. The value is the name in ``summary.json``.
+    """The name of a gate, that is, of the figure that is compared with a threshold.
 
-    To add a gate, add its name and unit here, make the gate with :func:`at_least` or :func:`at_most` in the module of
-    :mod:`slam_init.decision` that computes the figure, and add a field for its threshold, with the reason for the
-    default, to :mod:`slam_init.config`.
+    A suffix ``_px`` or ``_deg`` is the unit.
 
     Attributes
     ----------
@@ -68,8 +69,10 @@ class GateName(StrEnum):
     TWO_VIEW_DIRECTION_SIGMA_DEG = "two_view_direction_sigma_deg", "deg"
     DIRECTION_CORRELATED_DEG = "direction_correlated_deg", "deg"
     DIRECTION_JACKKNIFE_DEG = "direction_jackknife_deg", "deg"
-    # Stage MAP, vote between rival maps: the difference of the log likelihoods of two maps, in units of the standard
-    # deviation of this sum over tracks (z), and in nats.
+    # Stage MAP, vote between rival maps. Each track votes by the difference of its log likelihoods in the two maps, and
+    # the vote is the sum over all tracks. VOTE_Z is this sum in units of its standard deviation; its threshold is
+    # Margin.z_needed (4, or 3 with the plane as a constraint). VOTE_LOG_LIKELIHOOD is the sum in nats; its threshold is
+    # Margin.LOG_LIKELIHOOD_NEEDED (20).
     VOTE_Z = "vote_z"
     VOTE_LOG_LIKELIHOOD = "vote_log_likelihood", "nat"
     # Stage MAP, the adjusted map (see slam_init.decision.map_gates).
@@ -81,6 +84,8 @@ class GateName(StrEnum):
     EXPLAINED_SHARE = "explained_share"
     FURTHER_VIEWS = "further_views"
     FURTHER_AGREEMENT = "further_agreement"
+    # Stage MAP, rule "window": the probability that the map is wrong.
+    RISK = "risk"
     # Stage MAP, the rival hypothesis of a rotation-only camera: its residual divided by the expected one.
     ROTATION_ONLY_RESIDUAL = "rotation_only_residual"
 

@@ -7,16 +7,15 @@ from enum import StrEnum
 __all__ = ["REASONS", "Verdict"]
 
 
+# To add a reason, add a line here: the value goes to ``summary.json``, and the advice is shown to the person who moves
+# the camera. A gate (``slam_init.types.gates.Gate``) or a stage of ``slam_init.attempt`` then names the reason. Add the
+# reason to the list in README.md, and run ``python tests/support/make_schema.py``.
 class Verdict(StrEnum):
     """The verdict on a pair of frames: accepted, or the reason of the refusal.
 
     The order of the members is the order of precedence. An attempt reports the first reason that holds: a static camera
     is also a pure rotation (by zero degrees), and a pure rotation also has low parallax. A run reports the most
     frequent reason of the second half of its attempts, and the first one of equally frequent reasons.
-
-    To add a reason, add a line here: the value goes to ``summary.json``, and the advice is shown to the person who
-    moves the camera. A gate (:class:`slam_init.types.gates.Gate`) or a stage of :mod:`slam_init.attempt` then names
-    the reason.
 
     Attributes
     ----------

@@ -20,6 +20,7 @@ from slam_init.types.evidence import (
     RotationOnlyEvidence,
     TwoViewEvidence,
     VoteEvidence,
+    WindowEvidence,
 )
 from slam_init.types.gates import Gate, Stage
 from slam_init.types.initial_map import InitialMap
@@ -62,6 +63,8 @@ class Attempt(Described):
         Figures of the rival explanation by a rotation-only camera; None if it was not fitted.
     vote : VoteEvidence or None
         Figures of the vote between rival maps; None if no map was built.
+    window : WindowEvidence or None
+        Of the joint estimate of all views; None unless ``acceptance.rule`` is "window".
     map : MapEvidence or None
         Figures of bundle adjustment; None if no map was built.
     method_evidence : mapping of str to float, int or str
@@ -82,6 +85,7 @@ class Attempt(Described):
     two_view: TwoViewEvidence | None = None
     rotation_only: RotationOnlyEvidence | None = None
     vote: VoteEvidence | None = None
+    window: WindowEvidence | None = None
     map: MapEvidence | None = None
     method_evidence: FreeEvidence = field(default_factory=dict)
 
@@ -104,7 +108,7 @@ class Attempt(Described):
             stacklevel=2,
         )
         figures: dict[str, float | int | str] = dict(self.method_evidence)
-        for part in (self.preview, self.two_view, self.rotation_only, self.vote, self.map):
+        for part in (self.preview, self.two_view, self.rotation_only, self.vote, self.window, self.map):
             for item in dataclasses.fields(part) if part is not None else ():
                 value = getattr(part, item.name)
                 if isinstance(value, float | int | str):

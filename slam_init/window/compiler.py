@@ -1,0 +1,11 @@
+"""The decorator of the compiled loops of the joint fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from quest.robust.kernels.compiler import compiler_of
+
+__all__ = ["compiled"]
+
+compiled = compiler_of(Path(__file__).parent)

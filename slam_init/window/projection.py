@@ -1,0 +1,98 @@
+"""The compiled projection of a point, with its derivatives.
+
+The lens models are those of :class:`slam_init.types.camera.Camera`.
+
+A camera is a vector of eleven numbers: the model (0 pinhole, 1 radtan, 2 fisheye), fx, fy, cx, cy, five coefficients of
+the distortion (0 where the model has fewer), and the largest ``|(x, y) / z|`` that the lens sees.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
+from slam_init.window.compiler import compiled
+
+__all__ = ["camera_vector", "project_point"]
+
+_MODELS = {"pinhole": 0.0, "radtan": 1.0, "fisheye": 2.0}
+
+
+def camera_vector(camera: Camera) -> Floats:
+    """The numbers of a camera for the compiled loops.
+
+    Parameters
+    ----------
+    camera : Camera
+
+    Returns
+    -------
+    (11,) float
+    """
+    coefficients = (*camera.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+    return np.array(
+        [_MODELS[camera.model], camera.fx, camera.fy, camera.cx, camera.cy, *coefficients, camera.max_tangent], float
+    )
+
+
+@compiled
+def project_point(camera: Floats, scale: float, X: float, Y: float, Z: float, pixel: Floats, by_point: Floats) -> bool:
+    """Project a point, and differentiate its pixel by the point.
+
+    Parameters
+    ----------
+    camera : (11,) float
+        Of :func:`camera_vector`.
+    scale : float
+        Factor of the focal length. The derivative of the pixel by the logarithm of the scale is the pixel less the
+        principal point.
+    X, Y, Z : float
+        The point in the camera frame, in any scale.
+    pixel : (2,) float
+        Receives the pixel.
+    by_point : (2, 3) float
+        Receives the derivatives by X, Y and Z.
+
+    Returns
+    -------
+    bool
+        Whether the lens sees the point; otherwise nothing is written.
+    """
+    if Z <= 0.0:
+        return False
+    x, y = X / Z, Y / Z
+    r2 = x * x + y * y
+    if r2 >= camera[10] * camera[10]:
+        return False
+    k1, k2, k3, k4, k5 = camera[5], camera[6], camera[7], camera[8], camera[9]
+    u, v, uu, uv, vu, vv = x, y, 1.0, 0.0, 0.0, 1.0
+    if camera[0] == 1.0:  # k3, k4 are p1, p2; k5 is k3
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k5))
+        slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * r2 * k5))
+        u = x * radial + 2.0 * k3 * x * y + k4 * (r2 + 2.0 * x * x)
+        v = y * radial + k3 * (r2 + 2.0 * y * y) + 2.0 * k4 * x * y
+        uu = radial + x * x * slope + 2.0 * k3 * y + 6.0 * k4 * x
+        uv = x * y * slope + 2.0 * k3 * x + 2.0 * k4 * y
+        vu = uv
+        vv = radial + y * y * slope + 6.0 * k3 * y + 2.0 * k4 * x
+    elif camera[0] == 2.0 and r2 > 1e-16:
+        r = np.sqrt(r2)
+        angle = np.arctan(r)
+        a2 = angle * angle
+        distorted = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
+        growth = 1.0 + a2 * (3.0 * k1 + a2 * (5.0 * k2 + a2 * (7.0 * k3 + a2 * 9.0 * k4)))
+        ratio = distorted / r
+        bend = (growth / (1.0 + r2) - ratio) / r2
+        u, v = x * ratio, y * ratio
+        uu, uv, vu, vv = ratio + x * x * bend, x * y * bend, x * y * bend, ratio + y * y * bend
+    fx, fy = scale * camera[1], scale * camera[2]
+    pixel[0] = fx * u + camera[3]
+    pixel[1] = fy * v + camera[4]
+    by_point[0, 0] = fx * uu / Z
+    by_point[0, 1] = fx * uv / Z
+    by_point[0, 2] = -fx * (uu * x + uv * y) / Z
+    by_point[1, 0] = fy * vu / Z
+    by_point[1, 1] = fy * vv / Z
+    by_point[1, 2] = -fy * (vu * x + vv * y) / Z
+    return True

@@ -1,0 +1,133 @@
+"""Laws of the compiled loop of the joint fit: its costs and its equations are those of the robust cost."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from make_map import CAMERAS
+from make_window import cost_at, equations, make_window, moved
+
+#: Far from all residuals of noise, near enough that the robust weights differ from 1.
+GATE = 5.0
+
+
+def world(kind, seed=1, views=3, camera=None):
+    """Noisy tracks and a state off the truth by a few standard deviations of the noise."""
+    scene = "wall" if kind == "plane" else "room"
+    window = make_window(scene, seed, views, 25, noise_px=1.0, baseline=0.3, turning=0.1, camera=camera)
+    # A track may start in a later view: hide some from the first one.
+    seen = window.tracks.seen.copy()
+    seen[0, ::4] = False
+    tracks = window.tracks
+    tracks = type(tracks).gather(tracks.camera, tracks.frames, tracks.track_ids, tracks.pixels, seen, 1.0)
+    window = replace(window, tracks=tracks)
+    state = window.true_state(window.plane if kind == "plane" else None)
+    rng = np.random.default_rng((seed, 3))
+    t = state.t.copy()
+    t[1:] += 1e-3 * rng.normal(size=t[1:].shape)
+    return tracks, replace(state, t=t, log_scale=2e-3, field=0.2 * rng.normal(size=state.field.shape))
+
+
+@pytest.mark.parametrize("with_field", [False, True])
+def test_the_cost_of_a_track_is_the_robust_sum_over_its_observations(with_field):
+    tracks, state = world("free")
+    found = equations(tracks, state, GATE, with_field=with_field)
+    camera = replace(
+        tracks.camera, fx=tracks.camera.fx * np.exp(state.log_scale), fy=tracks.camera.fy * np.exp(state.log_scale)
+    )
+    gate2 = GATE**2
+    for i, a in enumerate(tracks.anchor):
+        expected = 0.0
+        point = state.R[a].T @ (state.rays[i] / state.inverse_distances[i] - state.t[a]) if a >= 0 else None
+        for k in np.flatnonzero(tracks.seen[:, i]) if a >= 0 else ():
+            x = tracks.pixels[k, i]
+            e = (camera.project((state.R[k] @ point + state.t[k])[None])[0] - x) / tracks.sigma_px[k, i]
+            if with_field:
+                u, v = (x - (camera.cx, camera.cy)) / (max(camera.width, camera.height) / 2)
+                terms = np.array([1, u, v, u * u, u * v, v * v]) / tracks.sigma_px[k, i]
+                e = e + [terms @ state.field[k, :6], terms @ state.field[k, 6:]]
+            expected += gate2 * (e @ e) / (gate2 + e @ e)
+        assert found.costs[i] == pytest.approx(expected, rel=1e-9, abs=1e-12)
+    assert found.cost == pytest.approx(found.costs.sum())
+
+
+def test_the_inverse_distances_of_a_plane_are_those_of_its_points():
+    tracks, state = world("plane")
+    free = equations(tracks, replace(state, plane=None), GATE)
+    centre = -np.einsum("tji,tj->ti", state.R[np.maximum(tracks.anchor, 0)], state.t[np.maximum(tracks.anchor, 0)])
+    world_rays = np.einsum("tji,tj->ti", state.R[np.maximum(tracks.anchor, 0)], state.rays)
+    inverse = (world_rays @ state.plane) / (1 - centre @ state.plane)
+    same = equations(tracks, replace(state, plane=None, inverse_distances=inverse), GATE)
+    np.testing.assert_allclose(equations(tracks, state, GATE).costs, same.costs, rtol=1e-9)
+    assert not np.allclose(free.costs, same.costs)  # the state is off the truth
+
+
+def test_points_behind_a_plane_cost_the_gate_in_each_view():
+    tracks, state = world("plane")
+    used = tracks.anchor >= 0
+    found = equations(tracks, replace(state, plane=-state.plane), GATE)
+    np.testing.assert_allclose(found.costs[used], GATE**2 * tracks.seen.sum(axis=0)[used])
+    assert not found.gradient.any()
+
+
+def test_a_track_that_is_left_out_has_no_cost_and_no_equations():
+    tracks, state = world("free")
+    without = replace(tracks, anchor=np.where(np.arange(len(tracks.anchor)) == 3, -1, tracks.anchor))
+    all_, fewer = equations(tracks, state, GATE), equations(without, state, GATE)
+    assert fewer.costs[3] == 0
+    assert fewer.cost == pytest.approx(all_.cost - all_.costs[3])
+    assert not fewer.back[3].any()
+
+
+@pytest.mark.parametrize("camera", ["pinhole", "fisheye"])
+@pytest.mark.parametrize("with_field", [False, True])
+@pytest.mark.parametrize("kind", ["free", "plane"])
+def test_the_gradient_is_the_slope_of_the_cost_along_a_step_that_the_tracks_follow(kind, with_field, camera):
+    tracks, state = world(kind, camera=CAMERAS[camera])
+    found = equations(tracks, state, GATE, with_field=with_field)
+    scale = np.sqrt(np.diag(found.normal))
+    size, step = len(found.gradient), 1e-4
+    for unknown in range(size):
+        along = np.zeros(size)
+        along[unknown] = step / max(scale[unknown], 1.0)
+        ahead, behind = (
+            cost_at(tracks, moved(state, s * along, found.back, with_field=with_field), GATE, with_field=with_field)
+            for s in (1, -1)
+        )
+        slope = (ahead - behind) / (2 * along[unknown])
+        # The equations are those of half of the cost.
+        assert 2 * found.gradient[unknown] == pytest.approx(slope, rel=1e-4, abs=1e-4 * scale[unknown])
+
+
+def test_the_gradient_is_right_for_tracks_whose_distance_is_held():
+    tracks, state = world("free")
+    free = np.zeros(len(tracks.anchor), bool)
+    found = equations(tracks, state, GATE, free=free)
+    assert not found.back[:, 2].any()
+    size = len(found.gradient)
+    for unknown in range(size):
+        along = np.zeros(size)
+        along[unknown] = 1e-6
+        ahead, behind = (cost_at(tracks, moved(state, s * along, found.back, with_field=False), GATE) for s in (1, -1))
+        assert 2 * found.gradient[unknown] == pytest.approx((ahead - behind) / 2e-6, rel=1e-4, abs=0.05)
+
+
+@pytest.mark.parametrize("with_field", [False, True])
+@pytest.mark.parametrize("kind", ["free", "plane"])
+def test_the_information_is_symmetric_and_not_negative(kind, with_field):
+    normal = equations(*world(kind), GATE, with_field=with_field).normal
+    np.testing.assert_array_equal(normal, normal.T)
+    eigenvalues = np.linalg.eigvalsh(normal)
+    assert eigenvalues[0] > -1e-6 * eigenvalues[-1]
+
+
+@pytest.mark.parametrize("kind", ["free", "plane"])
+def test_the_images_do_not_tell_the_scale(kind):
+    tracks, state = world(kind)
+    larger = replace(
+        state,
+        t=1.7 * state.t,
+        inverse_distances=state.inverse_distances / 1.7,
+        plane=None if state.plane is None else state.plane / 1.7,
+    )
+    assert cost_at(tracks, larger, GATE) == pytest.approx(cost_at(tracks, state, GATE), rel=1e-9)

@@ -1,0 +1,87 @@
+"""Laws of the choice of tracks for the joint fit."""
+
+import numpy as np
+import pytest
+from make_window import pair_and_further, point_source
+
+from slam_init.types.frame import Observations
+from slam_init.window.tracks import MAX_TRACKS, gather_tracks
+
+
+def views_of(points, views=5, seed=1):
+    source = point_source("room", seed, points=points, views=views)
+    return source.camera, pair_and_further(list(source.observations()), views)
+
+
+def only(view: Observations, keep: np.ndarray) -> Observations:
+    """The view with some of its tracks."""
+    return Observations(
+        view.frame, view.timestamp_s, view.name, view.track_ids[keep], view.pixels[keep], view.bearings[keep]
+    )
+
+
+def test_few_tracks_are_all_taken_with_their_pixels():
+    camera, views = views_of(60)
+    tracks = gather_tracks(camera, views, 0.7)
+    ids, counts = np.unique(np.concatenate([view.track_ids for view in views]), return_counts=True)
+    np.testing.assert_array_equal(tracks.track_ids, ids[counts >= 2])
+    for k, view in enumerate(views):
+        np.testing.assert_array_equal(tracks.track_ids[tracks.seen[k]], np.intersect1d(view.track_ids, ids[counts >= 2]))
+        at = np.searchsorted(view.track_ids, tracks.track_ids[tracks.seen[k]])
+        np.testing.assert_array_equal(tracks.pixels[k, tracks.seen[k]], view.pixels[at])
+
+
+def test_the_first_view_is_the_reference_and_tracks_have_their_ray_in_the_first_view_that_sees_them():
+    camera, views = views_of(60)
+    tracks = gather_tracks(camera, views, 0.7)
+    assert tracks.frames == tuple(view.frame for view in views)
+    np.testing.assert_array_equal(tracks.anchor, np.argmax(tracks.seen, axis=0))
+    for i, a in enumerate(tracks.anchor):
+        np.testing.assert_allclose(tracks.rays[i], camera.bearings(tracks.pixels[a, i])[0])
+
+
+def test_a_track_of_one_view_is_left_out():
+    camera, views = views_of(60)
+    lonely = views[0].track_ids[0]
+    rest = [only(view, view.track_ids != lonely) for view in views[1:]]
+    assert lonely not in gather_tracks(camera, [views[0], *rest], 0.7).track_ids
+
+
+def test_many_tracks_are_thinned_to_a_bounded_number_in_ascending_order():
+    camera, views = views_of(800)
+    tracks = gather_tracks(camera, views, 0.7)
+    assert tracks.pixels.shape == (5, MAX_TRACKS, 2)
+    assert (np.diff(tracks.track_ids) > 0).all()
+
+
+def test_the_chosen_tracks_are_spread_over_the_image():
+    camera, views = views_of(1500)
+    # All tracks of the right half are dropped, except a few.
+    right = views[0].track_ids[views[0].pixels[:, 0] > camera.width / 2]
+    few, dropped = right[:30], right[30:]
+    views = [only(view, ~np.isin(view.track_ids, dropped)) for view in views]
+    chosen = gather_tracks(camera, views, 0.7)
+    assert np.isin(few, chosen.track_ids).mean() > 0.8
+    x, y = chosen.pixels[chosen.anchor, np.arange(MAX_TRACKS)].T
+    left = x < camera.width / 2
+    cells = np.histogram2d(x[left], y[left], bins=(6, 9), range=((0, camera.width / 2), (0, camera.height)))[0]
+    assert cells.min() >= 1
+    assert cells.max() <= 4
+
+
+def test_of_the_tracks_of_a_cell_those_of_both_views_of_the_pair_and_of_most_views_come_first():
+    camera, views = views_of(800)
+    rng = np.random.default_rng(0)
+    lost = rng.random(10_000) < 0.5  # half of the tracks leave the current view
+    views[1] = only(views[1], ~lost[views[1].track_ids])
+    tracks = gather_tracks(camera, views, 0.7)
+    in_pair = np.isin(tracks.track_ids, np.intersect1d(views[0].track_ids, views[1].track_ids))
+    assert in_pair.mean() > 0.8  # of all tracks, half are in both views
+
+
+@pytest.mark.parametrize(("noise_px", "sigma_px"), [(0.4, 0.4), (0.0, 1e-3)])
+def test_the_noise_is_that_of_all_pixels_and_never_zero(noise_px, sigma_px):
+    camera, views = views_of(30)
+    tracks = gather_tracks(camera, views, noise_px)
+    np.testing.assert_array_equal(tracks.sigma_px, sigma_px)
+    assert np.isfinite(tracks.places).all()

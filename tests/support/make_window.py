@@ -1,0 +1,217 @@
+"""Windows of drawn worlds: tracks with their truth, exact or noisy, and the hypotheses of their pair."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from quest import RelativePose, estimate_relative_pose
+from quest.geometry.quaternion import rotation_from_vector
+from quest.robust.kernels import small_algebra
+from sequences_synth.points import PointOptions, PointSequence, make_points
+from slam_init.config import AcceptanceConfig, Config
+from slam_init.datasets.points import PointSource
+from slam_init.frontend.tracks import common_tracks
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Observations
+from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
+from slam_init.window.joint_fit import JointFit, Priors, WindowState, WindowTracks, start_at
+from slam_init.window.kernels import FIELD_TERMS, accumulate
+from slam_init.window.projection import camera_vector
+from slam_init.window.tracks import gather_tracks
+
+#: The rule that the tests of the window decide by.
+WINDOW_CONFIG = Config(acceptance=AcceptanceConfig(rule="window"))
+#: A focal length that is nearly known, and no error fields.
+PRIORS = Priors(focal_sigma=0.02)
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """Tracks of a window, and the truth in the frame of its first view."""
+
+    tracks: WindowTracks
+    R: np.ndarray
+    t: np.ndarray
+    points: np.ndarray
+
+    @property
+    def plane(self) -> np.ndarray:
+        """The plane ``k . X = 1`` of the points."""
+        return np.linalg.lstsq(self.points, np.ones(len(self.points)), rcond=None)[0]
+
+    def true_state(self, plane: np.ndarray | None = None) -> WindowState:
+        """The truth as a state."""
+        anchor = np.maximum(self.tracks.anchor, 0)
+        in_anchor = np.einsum("tij,tj->ti", self.R[anchor], self.points) + self.t[anchor]
+        distance = np.linalg.norm(in_anchor, axis=1)
+        field = np.zeros((len(self.R), 12))
+        return WindowState(
+            self.R.copy(), self.t.copy(), in_anchor / distance[:, None], 1 / distance, 0.0, field, plane
+        )
+
+    def start(self, seed: int, plane: np.ndarray | None = None, error: float = 0.02) -> WindowState:
+        """A state near the truth: rotations off by half of the error (rad), baselines by a share of their length."""
+        rng = np.random.default_rng((seed, 17))
+        R, t = self.R.copy(), self.t.copy()
+        for k in range(1, len(R)):
+            R[k] = rotation_from_vector(0.5 * error * rng.uniform(-1, 1, 3)) @ R[k]
+            t[k] += error * np.linalg.norm(t[k]) * rng.uniform(-1, 1, 3)
+        return start_at(self.tracks, R, t, plane)
+
+    def rotation_error(self, state: WindowState) -> float:
+        """Largest difference of an element of a rotation."""
+        return float(np.abs(state.R - self.R).max())
+
+    def direction_error(self, state: WindowState) -> float:
+        """Largest chord between the found and the true direction of a centre from the first view."""
+        found, true = (np.einsum("kji,kj->ki", s.R, s.t)[1:] for s in (state, self))
+        unit = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (found, true))
+        return float(np.linalg.norm(np.subtract(*unit), axis=1).max())
+
+
+def make_window(
+    scene: str = "room",
+    seed: int = 0,
+    views: int = 3,
+    points: int = 60,
+    *,
+    noise_px: float = 0.0,
+    sigma_px: float = 0.7,
+    baseline: float = 0.2,
+    camera: Camera | None = None,
+    stated: Camera | None = None,
+    turning: float = 0.0,
+) -> Window:
+    """A window without outliers of a drawn world, seen by a camera of any model.
+
+    The views turn about the vertical and the optical axis by up to ``turning`` radians. The camera that the tracks
+    state may differ from the one that sees the points.
+    """
+    options = PointOptions(views=views, points=points, noise_px=0, outliers=0, baseline=baseline)
+    sequence = make_points(scene, seed, options)
+    camera = camera or camera_of(sequence)
+    cam_from_world = np.linalg.inv(sequence.poses)
+    first = cam_from_world[0]
+    X = sequence.points @ first[:3, :3].T + first[:3, 3]
+    relative = cam_from_world @ sequence.poses[0]
+    R, t = relative[:, :3, :3].copy(), relative[:, :3, 3].copy()
+    for k in range(1, views):
+        turn = rotation_from_vector(turning * np.array([0.3, np.sin(2.0 * k), np.cos(1.7 * k)]))
+        R[k], t[k] = turn @ R[k], turn @ t[k]
+    rng = np.random.default_rng((seed, 23))
+    pixels = np.array([camera.project(X @ R[k].T + t[k]) for k in range(views)])
+    with np.errstate(invalid="ignore"):
+        seen = ((pixels >= 0) & (pixels <= (camera.width - 1, camera.height - 1))).all(axis=-1)
+    pixels = pixels + noise_px * rng.normal(size=pixels.shape)
+    tracks = WindowTracks.gather(
+        stated or camera, tuple(range(views)), np.arange(len(X)), pixels, seen, noise_px or sigma_px
+    )
+    return Window(tracks, R, t, X)
+
+
+def camera_of(sequence: PointSequence) -> Camera:
+    """The true camera of a sequence."""
+    c = sequence.true_camera
+    return Camera("pinhole", c.width, c.height, c.fx, c.fy, c.cx, c.cy)
+
+
+def point_source(scene: str, seed: int = 0, **options: float) -> PointSource:
+    """A drawn world with noise and outliers, as a source of tracks."""
+    return PointSource(make_points(scene, seed, PointOptions(**options)))
+
+
+def pair_and_further(observations: Sequence[Observations], views: int) -> list[Observations]:
+    """The first ``views`` frames in the order of a window: the first and the last one, then those between."""
+    return [observations[0], observations[views - 1], *observations[1 : views - 1]]
+
+
+def pose_of_pair(camera: Camera, reference: Observations, current: Observations):
+    """The pose of a pair with its matched rays; the pose is falsy where there is none."""
+    i, j = common_tracks(reference, current)
+    rays1, rays2 = reference.bearings[i], current.bearings[j]
+    return estimate_relative_pose(rays1, rays2, threshold_rad=2.0 / camera.focal_px), rays1, rays2
+
+
+def hypotheses_of(
+    source: PointSource, views: int, priors: Priors, noise_px: float = 0.7
+) -> WindowHypotheses | None:
+    """The fitted hypotheses of the first frames; None where the pair proposes no motion with a translation."""
+    window = pair_and_further(list(source.observations()), views)
+    pose, rays1, rays2 = pose_of_pair(source.camera, *window[:2])
+    if not isinstance(pose, RelativePose) or pose.kind == "rotation":
+        return None
+    return fit_hypotheses(gather_tracks(source.camera, window, noise_px), pose, rays1, rays2, priors)
+
+
+def focal_sigma(fit: JointFit) -> float:
+    """Posterior standard deviation of the logarithm of the focal scale, of a fit without error fields."""
+    column = 6 * (len(fit.state.R) - 1)
+    return float(np.sqrt(np.linalg.inv(fit.information)[column, column]))
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """The equations of a step at a state: see :func:`slam_init.window.kernels.accumulate`."""
+
+    cost: float
+    costs: np.ndarray
+    normal: np.ndarray
+    gradient: np.ndarray
+    back: np.ndarray
+
+
+def equations(
+    tracks: WindowTracks, state: WindowState, gate: float, *, with_field: bool = False, free: np.ndarray | None = None
+) -> Equations:
+    """The equations at a state, by the compiled loop, without any prior."""
+    views, count = tracks.seen.shape
+    field_size = FIELD_TERMS if with_field else 0
+    size = (6 + field_size) * (views - 1) + field_size + 1 + (0 if state.plane is None else 3)
+    normal, gradient = np.full((size, size), np.nan), np.full(size, np.nan)
+    back, costs = np.zeros((count, 3, 4 + size)), np.full(count, np.nan)
+    cost = accumulate(
+        camera_vector(tracks.camera), state.R, state.t, state.log_scale,
+        np.zeros(3) if state.plane is None else state.plane, state.plane is not None, state.field, field_size,
+        tracks.pixels, tracks.sigma_px, tracks.places, tracks.seen, tracks.anchor, state.rays,
+        state.inverse_distances, np.ones(count, bool) if free is None else free, gate**2, normal, gradient, back,
+        costs, True,
+    )  # fmt: skip
+    return Equations(cost, costs, normal, gradient, back)
+
+
+def cost_at(tracks: WindowTracks, state: WindowState, gate: float, *, with_field: bool = False) -> float:
+    """The cost at a state."""
+    return equations(tracks, state, gate, with_field=with_field).cost
+
+
+def moved(state: WindowState, step: np.ndarray, back: np.ndarray, *, with_field: bool) -> WindowState:
+    """The state after a step of the shared unknowns, with the tracks following to first order.
+
+    The unknowns have the order of :mod:`slam_init.window.kernels`. A track moves by ``-A^-1 W step``: the own gradient of
+    the track is left out, so that the tracks do not move without a step.
+    """
+    field_size = FIELD_TERMS if with_field else 0
+    R, t, field = state.R.copy(), state.t.copy(), state.field.copy()
+    rest = list(step)
+
+    def take(count: int) -> np.ndarray:
+        taken = np.array(rest[:count])
+        del rest[:count]
+        return taken
+
+    for k in range(len(R)):
+        if k:
+            R[k] = rotation_from_vector(take(3)) @ R[k]
+            t[k] = t[k] + take(3)
+        if with_field:
+            field[k] += take(field_size)
+    log_scale = state.log_scale + float(take(1)[0])
+    plane = None if state.plane is None else state.plane + take(3)
+    local = -np.einsum("tpq,tqg,g->tp", back[:, :, 1:4], back[:, :, 4:], step)
+    tangents = np.array([np.reshape(small_algebra.tangents(ray), (2, 3)) for ray in state.rays])
+    rays = state.rays + np.einsum("tq,tqj->tj", local[:, :2], tangents)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    return WindowState(R, t, rays, state.inverse_distances + local[:, 2], log_scale, field, plane)
