@@ -159,7 +159,6 @@ def try_pair(
         return Outcome(_suspecting_calibration(camera, config, attempt, estimate))
     if attempt.verdict != Verdict.ACCEPTED:
         return Outcome(attempt)
-
     with stopwatch("map"):
         maps = build_maps(camera, config, history, pair, estimate, third_view=third_view)
     attempt = replace(attempt, frames=(*attempt.frames, *maps.table.frames[2:]))
@@ -169,12 +168,10 @@ def try_pair(
         return Outcome(refused_at(attempt, Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP))
     vote = vote_on_rivals(camera, maps.candidates if third_view else maps.candidates[:1], maps.plane)
     attempt = replace(attempt, vote=vote.evidence)
-    deciding = vote.evidence.deciding
-    if deciding is not None:
-        gates = vote_gates(deciding)
-        attempt = with_gates(attempt, gates)
+    if (deciding := vote.evidence.deciding) is not None:
+        attempt = with_gates(attempt, vote_gates(deciding))
         if not deciding.decides():
-            attempt = refused_by(attempt, Stage.MAP, gates)
+            attempt = refused_by(attempt, Stage.MAP, vote_gates(deciding))
             return _undecided(camera, config, history, attempt, estimate, best, vote)
     return _judged(camera, config, history, attempt, estimate, maps, best.bundle, vote, third_view=third_view)
 

@@ -69,6 +69,181 @@ def _depth_on_plane(R: Floats, t: Floats, a: int, d: Floats, plane: Floats, out:
 
 
 @compiled
+def _by_anchor_point(D: Floats, R: Floats, k: int, a: int, DM: Floats) -> None:
+    """Turn derivatives by a point of view k (2, 3) into derivatives by a point of the anchor: ``DM = D R_k R_a^T``."""
+    for j in range(2):
+        w0 = D[j, 0] * R[k, 0, 0] + D[j, 1] * R[k, 1, 0] + D[j, 2] * R[k, 2, 0]
+        w1 = D[j, 0] * R[k, 0, 1] + D[j, 1] * R[k, 1, 1] + D[j, 2] * R[k, 2, 1]
+        w2 = D[j, 0] * R[k, 0, 2] + D[j, 1] * R[k, 1, 2] + D[j, 2] * R[k, 2, 2]
+        for q in range(3):
+            DM[j, q] = w0 * R[a, q, 0] + w1 * R[a, q, 1] + w2 * R[a, q, 2]
+
+
+@compiled
+def _pose_columns(first: int, x: Floats, r: float, D: Floats, sign: float, idx: Ints, Jg: Floats, n: int) -> int:
+    """Derivatives by a pose: ``sign (x X D)`` by its rotation vector, ``sign r D`` by its translation."""
+    for q in range(6):
+        idx[n + q] = first + q
+    for j in range(2):
+        Jg[j, n] = sign * (x[1] * D[j, 2] - x[2] * D[j, 1])
+        Jg[j, n + 1] = sign * (x[2] * D[j, 0] - x[0] * D[j, 2])
+        Jg[j, n + 2] = sign * (x[0] * D[j, 1] - x[1] * D[j, 0])
+        for q in range(3):
+            Jg[j, n + 3 + q] = sign * r * D[j, q]
+    return n + 6
+
+
+@compiled
+def _depth_columns(
+    t: Floats,
+    k: int,
+    a: int,
+    D: Floats,
+    DM: Floats,
+    is_plane: bool,
+    free: bool,
+    by: Floats,
+    d: Floats,
+    first: int,
+    Jl: Floats,
+    idx: Ints,
+    Jg: Floats,
+    n: int,
+) -> int:
+    """Derivatives by the inverse distance: of a free point, or through the plane, the ray and the anchor's pose."""
+    x0, x1, x2, y0, y1, y2 = tangents(d)
+    for j in range(2):
+        by_depth = 0.0
+        for q in range(3):
+            by_depth += D[j, q] * t[k, q] - DM[j, q] * t[a, q]
+        if is_plane:
+            Jl[j, 0] += by_depth * (by[3] * x0 + by[4] * x1 + by[5] * x2)
+            Jl[j, 1] += by_depth * (by[3] * y0 + by[4] * y1 + by[5] * y2)
+            for q in range(6 if a > 0 else 0):
+                Jg[j, n - 6 + q] += by_depth * by[6 + q]
+            for q in range(3):
+                Jg[j, n + q] = by_depth * by[q]
+                idx[n + q] = first + q
+        elif free:
+            Jl[j, 2] = by_depth
+    return n + (3 if is_plane else 0)
+
+
+@compiled
+def _field_columns(first: int, half: int, place: Floats, idx: Ints, Jg: Floats, n: int) -> int:
+    """Derivatives by the error field of a view."""
+    for q in range(half):
+        idx[n + q] = first + q
+        idx[n + half + q] = first + half + q
+        Jg[0, n + q] = place[q]
+        Jg[1, n + q] = 0.0
+        Jg[0, n + half + q] = 0.0
+        Jg[1, n + half + q] = place[q]
+    return n + 2 * half
+
+
+@compiled
+def _add_observation(
+    weight: float,
+    e: Floats,
+    Jl: Floats,
+    Jg: Floats,
+    idx: Ints,
+    n: int,
+    A: Floats,
+    b: Floats,
+    W: Floats,
+    gradient: Floats,
+    normal: Floats,
+    touched: Bools,
+    columns: Ints,
+    n_columns: int,
+) -> int:
+    """Add an observation to the equations of its track (A, b, W) and to the common ones; the lower half of normal."""
+    for j in range(2):
+        for p in range(3):
+            x = weight * Jl[j, p]
+            b[p] += x * e[j]
+            for q in range(3):
+                A[p, q] += x * Jl[j, q]
+    for p in range(n):
+        column = idx[p]
+        g0, g1 = weight * Jg[0, p], weight * Jg[1, p]
+        gradient[column] += g0 * e[0] + g1 * e[1]
+        for q in range(3):
+            W[q, column] += g0 * Jl[0, q] + g1 * Jl[1, q]
+        if not touched[column]:
+            touched[column] = True
+            columns[n_columns] = column
+            n_columns += 1
+        for q in range(n):
+            other = idx[q]
+            if other <= column:
+                normal[column, other] += g0 * Jg[0, q] + g1 * Jg[1, q]
+    return n_columns
+
+
+@compiled
+def _invert(A: Floats, unknowns: int) -> None:
+    """Invert the equations of a track in place; without its inverse distance where it has two unknowns."""
+    for q in range(unknowns):
+        A[q, q] = A[q, q] * (1 + 1e-9) + 1e-9
+    if unknowns == 2:
+        det = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
+        i00, i11, i01 = A[1, 1] / det, A[0, 0] / det, -A[0, 1] / det
+        A[:] = 0.0
+        A[0, 0], A[1, 1], A[0, 1], A[1, 0] = i00, i11, i01, i01
+        return
+    c00 = A[1, 1] * A[2, 2] - A[1, 2] * A[1, 2]
+    c01 = A[1, 2] * A[0, 2] - A[0, 1] * A[2, 2]
+    c02 = A[0, 1] * A[1, 2] - A[0, 2] * A[1, 1]
+    det = A[0, 0] * c00 + A[0, 1] * c01 + A[0, 2] * c02
+    c11 = A[0, 0] * A[2, 2] - A[0, 2] * A[0, 2]
+    c12 = A[0, 1] * A[0, 2] - A[0, 0] * A[1, 2]
+    c22 = A[0, 0] * A[1, 1] - A[0, 1] * A[0, 1]
+    A[0, 0], A[1, 1], A[2, 2] = c00 / det, c11 / det, c22 / det
+    A[0, 1] = A[1, 0] = c01 / det
+    A[0, 2] = A[2, 0] = c02 / det
+    A[1, 2] = A[2, 1] = c12 / det
+
+
+@compiled
+def _eliminate(
+    inverse: Floats,
+    b: Floats,
+    W: Floats,
+    AW: Floats,
+    columns: Ints,
+    n_columns: int,
+    touched: Bools,
+    back: Floats,
+    gradient: Floats,
+    normal: Floats,
+) -> None:
+    """Take a track out of the common equations (Schur complement), and keep what its own step needs."""
+    back[:] = 0.0
+    for p in range(3):
+        back[p, 0] = b[p]
+        for q in range(3):
+            back[p, 1 + q] = inverse[p, q]
+    for q in range(n_columns):
+        column = columns[q]
+        w0, w1, w2 = W[0, column], W[1, column], W[2, column]
+        for p in range(3):
+            back[p, 4 + column] = W[p, column]
+            AW[p, column] = inverse[p, 0] * w0 + inverse[p, 1] * w1 + inverse[p, 2] * w2
+        gradient[column] -= AW[0, column] * b[0] + AW[1, column] * b[1] + AW[2, column] * b[2]
+        touched[column] = False
+    for p in range(n_columns):
+        column = columns[p]
+        w0, w1, w2 = W[0, column], W[1, column], W[2, column]
+        for q in range(n_columns):
+            other = columns[q]
+            if other <= column:
+                normal[column, other] -= w0 * AW[0, other] + w1 * AW[1, other] + w2 * AW[2, other]
+
+
+@compiled
 def accumulate(
     camera: Floats,
     R: Floats,
@@ -144,212 +319,76 @@ def accumulate(
         The sum of the costs.
     """
     V, T = seen.shape
-    block = 6 + field_size
-    views = block * (V - 1) + field_size  # view 0 has a field and no pose
-    G = views + 1 + (3 if is_plane else 0)
-    scale = np.exp(log_scale)
-    pixel = np.empty(2)
-    by_point = np.empty((2, 3))
-    total = 0.0
-    if fill:
-        normal[:] = 0.0
-        gradient[:] = 0.0
-    idx = np.empty(2 * block + 16, np.int64)
-    Jg = np.empty((2, 2 * block + 16))
-    Jl = np.empty((2, 3))
-    W = np.zeros((3, G))
-    A = np.zeros((3, 3))
-    b = np.zeros(3)
-    AW = np.zeros((3, G))
-    by = np.zeros(12)
-    touched = np.zeros(G, np.bool_)
-    columns = np.empty(G, np.int64)
-    Y = np.empty(3)
-    e = np.empty(2)
-    D = np.empty((2, 3))
-    DM = np.empty((2, 3))
     half = field_size // 2
+    block = 6 + field_size
+    focal = block * (V - 1) + field_size  # view 0 has a field and no pose
+    G = len(gradient)
+    if fill:
+        normal[:], gradient[:] = 0.0, 0.0
+    idx, Jg, Jl = np.empty(2 * block + 16, np.int64), np.zeros((2, 2 * block + 16)), np.zeros((2, 3))
+    A, b, W, AW = np.zeros((3, 3)), np.zeros(3), np.zeros((3, G)), np.zeros((3, G))
+    touched, columns = np.zeros(G, np.bool_), np.empty(G, np.int64)
+    D, DM, pixel, e = np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(2)
+    by, v, Y, x = np.zeros(12), np.empty(3), np.empty(3), np.empty(3)
+    total = 0.0
     for i in range(T):
         costs[i] = 0.0
         a = anchor[i]
         if a < 0:
             continue
-        r = rho[i]
-        behind = False
-        if is_plane:
-            r = _depth_on_plane(R, t, a, d[i], plane, by)
-            behind = r <= 0.0
+        r = _depth_on_plane(R, t, a, d[i], plane, by) if is_plane else rho[i]
+        behind = is_plane and r <= 0.0
         x0, x1, x2, y0, y1, y2 = tangents(d[i])
-        v0, v1, v2 = d[i, 0] - r * t[a, 0], d[i, 1] - r * t[a, 1], d[i, 2] - r * t[a, 2]
         for q in range(3):
-            Y[q] = R[a, 0, q] * v0 + R[a, 1, q] * v1 + R[a, 2, q] * v2
-        W[:] = 0.0
-        A[:] = 0.0
-        b[:] = 0.0
-        track = 0.0
+            v[q] = d[i, q] - r * t[a, q]
+        for q in range(3):
+            Y[q] = R[a, 0, q] * v[0] + R[a, 1, q] * v[1] + R[a, 2, q] * v[2]
+        W[:], A[:], b[:] = 0.0, 0.0, 0.0
         n_columns = 0
         for k in range(V):
             if not seen[k, i]:
                 continue
-            if behind:
-                track += gate2
+            for q in range(3):
+                x[q] = R[k, q, 0] * Y[0] + R[k, q, 1] * Y[1] + R[k, q, 2] * Y[2]
+            P0, P1, P2 = x[0] + r * t[k, 0], x[1] + r * t[k, 1], x[2] + r * t[k, 2]
+            if behind or not project_point(camera, np.exp(log_scale), P0, P1, P2, pixel, D):
+                costs[i] += gate2
                 continue
-            p0 = R[k, 0, 0] * Y[0] + R[k, 0, 1] * Y[1] + R[k, 0, 2] * Y[2]
-            p1 = R[k, 1, 0] * Y[0] + R[k, 1, 1] * Y[1] + R[k, 1, 2] * Y[2]
-            p2 = R[k, 2, 0] * Y[0] + R[k, 2, 1] * Y[1] + R[k, 2, 2] * Y[2]
-            P0, P1, P2 = p0 + r * t[k, 0], p1 + r * t[k, 1], p2 + r * t[k, 2]
-            if not project_point(camera, scale, P0, P1, P2, pixel, by_point):
-                track += gate2
-                continue
-            sigma = sigma_px[k, i]
             for j in range(2):
-                e[j] = (pixel[j] - pixels[k, i, j]) / sigma
-                if field_size:
-                    for q in range(half):
-                        e[j] += places[k, i, q] * field[k, j * half + q]
+                e[j] = (pixel[j] - pixels[k, i, j]) / sigma_px[k, i]
+                for q in range(half):
+                    e[j] += places[k, i, q] * field[k, j * half + q]
             r2 = e[0] * e[0] + e[1] * e[1]
-            track += gate2 * r2 / (gate2 + r2)
+            costs[i] += gate2 * r2 / (gate2 + r2)
             if not fill:
                 continue
-            weight = (gate2 / (gate2 + r2)) ** 2
+            D /= sigma_px[k, i]
+            _by_anchor_point(D, R, k, a, DM)
             n = 0
-            for j in range(2):
-                for q in range(3):
-                    D[j, q] = by_point[j, q] / sigma
-            # R_a R_k^T D, the derivative by a point in the anchor's frame
-            for j in range(2):
-                w0 = D[j, 0] * R[k, 0, 0] + D[j, 1] * R[k, 1, 0] + D[j, 2] * R[k, 2, 0]
-                w1 = D[j, 0] * R[k, 0, 1] + D[j, 1] * R[k, 1, 1] + D[j, 2] * R[k, 2, 1]
-                w2 = D[j, 0] * R[k, 0, 2] + D[j, 1] * R[k, 1, 2] + D[j, 2] * R[k, 2, 2]
-                for q in range(3):
-                    DM[j, q] = w0 * R[a, q, 0] + w1 * R[a, q, 1] + w2 * R[a, q, 2]
             for j in range(2):
                 Jl[j, 0] = DM[j, 0] * x0 + DM[j, 1] * x1 + DM[j, 2] * x2
                 Jl[j, 1] = DM[j, 0] * y0 + DM[j, 1] * y1 + DM[j, 2] * y2
                 Jl[j, 2] = 0.0
             if k != a:
                 if k > 0:
-                    o = field_size + block * (k - 1)
-                    for q in range(6):
-                        idx[n + q] = o + q
-                    for j in range(2):
-                        Jg[j, n] = p1 * D[j, 2] - p2 * D[j, 1]
-                        Jg[j, n + 1] = p2 * D[j, 0] - p0 * D[j, 2]
-                        Jg[j, n + 2] = p0 * D[j, 1] - p1 * D[j, 0]
-                        for q in range(3):
-                            Jg[j, n + 3 + q] = r * D[j, q]
-                    n += 6
+                    n = _pose_columns(field_size + block * (k - 1), x, r, D, 1.0, idx, Jg, n)
                 if a > 0:
-                    o = field_size + block * (a - 1)
-                    for q in range(6):
-                        idx[n + q] = o + q
-                    for j in range(2):
-                        Jg[j, n] = DM[j, 1] * v2 - DM[j, 2] * v1
-                        Jg[j, n + 1] = DM[j, 2] * v0 - DM[j, 0] * v2
-                        Jg[j, n + 2] = DM[j, 0] * v1 - DM[j, 1] * v0
-                        for q in range(3):
-                            Jg[j, n + 3 + q] = -r * DM[j, q]
-                for j in range(2):
-                    dr = 0.0
-                    for q in range(3):
-                        dr += D[j, q] * t[k, q] - DM[j, q] * t[a, q]
-                    if is_plane:
-                        Jl[j, 0] += dr * (by[3] * x0 + by[4] * x1 + by[5] * x2)
-                        Jl[j, 1] += dr * (by[3] * y0 + by[4] * y1 + by[5] * y2)
-                        if a > 0:
-                            for q in range(6):
-                                Jg[j, n + q] += dr * by[6 + q]
-                        o = n + (6 if a > 0 else 0)
-                        for q in range(3):
-                            Jg[j, o + q] = dr * by[q]
-                            idx[o + q] = views + 1 + q
-                    elif free[i]:
-                        Jl[j, 2] = dr
-                if a > 0:
-                    n += 6
-                if is_plane:
-                    n += 3
+                    n = _pose_columns(field_size + block * (a - 1), v, r, DM, -1.0, idx, Jg, n)
+                n = _depth_columns(t, k, a, D, DM, is_plane, free[i], by, d[i], focal + 1, Jl, idx, Jg, n)
             if field_size:
-                o = field_size + block * (k - 1) + 6 if k else 0
-                for q in range(half):
-                    idx[n + q] = o + q
-                    idx[n + half + q] = o + half + q
-                    Jg[0, n + q] = places[k, i, q]
-                    Jg[1, n + q] = 0.0
-                    Jg[0, n + half + q] = 0.0
-                    Jg[1, n + half + q] = places[k, i, q]
-                n += field_size
-            idx[n] = views
-            Jg[0, n] = (pixel[0] - camera[3]) / sigma
-            Jg[1, n] = (pixel[1] - camera[4]) / sigma
-            n += 1
-            for j in range(2):
-                for p in range(3):
-                    x = weight * Jl[j, p]
-                    b[p] += x * e[j]
-                    for q in range(3):
-                        A[p, q] += x * Jl[j, q]
-            for p in range(n):
-                column = idx[p]
-                g0, g1 = weight * Jg[0, p], weight * Jg[1, p]
-                gradient[column] += g0 * e[0] + g1 * e[1]
-                for q in range(3):
-                    W[q, column] += g0 * Jl[0, q] + g1 * Jl[1, q]
-                if not touched[column]:
-                    touched[column] = True
-                    columns[n_columns] = column
-                    n_columns += 1
-                for q in range(n):
-                    other = idx[q]
-                    if other <= column:
-                        normal[column, other] += g0 * Jg[0, q] + g1 * Jg[1, q]
-        costs[i] = track
-        total += track
-        if not fill:
-            continue
-        unknowns = 2 if (is_plane or not free[i]) else 3
-        for q in range(unknowns):
-            A[q, q] = A[q, q] * (1 + 1e-9) + 1e-9
-        if unknowns == 2:
-            det = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
-            i00, i11, i01 = A[1, 1] / det, A[0, 0] / det, -A[0, 1] / det
-            A[:] = 0.0
-            A[0, 0], A[1, 1], A[0, 1], A[1, 0] = i00, i11, i01, i01
-        else:
-            c00 = A[1, 1] * A[2, 2] - A[1, 2] * A[1, 2]
-            c01 = A[1, 2] * A[0, 2] - A[0, 1] * A[2, 2]
-            c02 = A[0, 1] * A[1, 2] - A[0, 2] * A[1, 1]
-            det = A[0, 0] * c00 + A[0, 1] * c01 + A[0, 2] * c02
-            c11 = A[0, 0] * A[2, 2] - A[0, 2] * A[0, 2]
-            c12 = A[0, 1] * A[0, 2] - A[0, 0] * A[1, 2]
-            c22 = A[0, 0] * A[1, 1] - A[0, 1] * A[0, 1]
-            A[0, 0], A[1, 1], A[2, 2] = c00 / det, c11 / det, c22 / det
-            A[0, 1] = A[1, 0] = c01 / det
-            A[0, 2] = A[2, 0] = c02 / det
-            A[1, 2] = A[2, 1] = c12 / det
-        for p in range(3):
-            back[i, p, 0] = b[p]
-            for q in range(3):
-                back[i, p, 1 + q] = A[p, q]
-            for q in range(G):
-                back[i, p, 4 + q] = 0.0
-        for q in range(n_columns):
-            column = columns[q]
-            w0, w1, w2 = W[0, column], W[1, column], W[2, column]
-            for p in range(3):
-                back[i, p, 4 + column] = W[p, column]
-                AW[p, column] = A[p, 0] * w0 + A[p, 1] * w1 + A[p, 2] * w2
-            gradient[column] -= AW[0, column] * b[0] + AW[1, column] * b[1] + AW[2, column] * b[2]
-            touched[column] = False
-        for p in range(n_columns):
-            column = columns[p]
-            w0, w1, w2 = W[0, column], W[1, column], W[2, column]
-            for q in range(n_columns):
-                other = columns[q]
-                if other <= column:
-                    normal[column, other] -= w0 * AW[0, other] + w1 * AW[1, other] + w2 * AW[2, other]
-    if fill:
-        for p in range(G):
-            for q in range(p):
-                normal[q, p] = normal[p, q]
+                n = _field_columns(field_size + block * (k - 1) + 6 if k else 0, half, places[k, i], idx, Jg, n)
+            idx[n] = focal
+            Jg[0, n] = (pixel[0] - camera[3]) / sigma_px[k, i]
+            Jg[1, n] = (pixel[1] - camera[4]) / sigma_px[k, i]
+            n_columns = _add_observation(
+                (gate2 / (gate2 + r2)) ** 2, e, Jl, Jg, idx, n + 1, A, b, W, gradient, normal, touched, columns,
+                n_columns,
+            )  # fmt: skip
+        total += costs[i]
+        if fill:
+            _invert(A, 2 if (is_plane or not free[i]) else 3)
+            _eliminate(A, b, W, AW, columns, n_columns, touched, back[i], gradient, normal)
+    for p in range(G if fill else 0):
+        for q in range(p):
+            normal[q, p] = normal[p, q]
     return total

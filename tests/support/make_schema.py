@@ -34,6 +34,7 @@ _FIGURES = (
     "RotationOnlyEvidence",
     "TwoViewEvidence",
     "VoteEvidence",
+    "WindowEvidence",
 )
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quest import RelativePose, estimate_relative_pose
-from quest.geometry.quaternion import rotation_from_vector
+from quest import NoPose, RelativePose, estimate_relative_pose
+from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from quest.robust.kernels import small_algebra
 from sequences_synth.points import PointOptions, PointSequence, make_points
 from slam_init.config import AcceptanceConfig, Config
@@ -16,6 +16,7 @@ from slam_init.datasets.points import PointSource
 from slam_init.frontend.tracks import common_tracks
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
 from slam_init.window.joint_fit import JointFit, Priors, WindowState, WindowTracks, start_at
 from slam_init.window.kernels import FIELD_TERMS, accumulate
@@ -48,9 +49,7 @@ class Window:
         in_anchor = np.einsum("tij,tj->ti", self.R[anchor], self.points) + self.t[anchor]
         distance = np.linalg.norm(in_anchor, axis=1)
         field = np.zeros((len(self.R), 12))
-        return WindowState(
-            self.R.copy(), self.t.copy(), in_anchor / distance[:, None], 1 / distance, 0.0, field, plane
-        )
+        return WindowState(self.R.copy(), self.t.copy(), in_anchor / distance[:, None], 1 / distance, 0.0, field, plane)
 
     def start(self, seed: int, plane: np.ndarray | None = None, error: float = 0.02) -> WindowState:
         """A state near the truth: rotations off by half of the error (rad), baselines by a share of their length."""
@@ -128,7 +127,9 @@ def pair_and_further(observations: Sequence[Observations], views: int) -> list[O
     return [observations[0], observations[views - 1], *observations[1 : views - 1]]
 
 
-def pose_of_pair(camera: Camera, reference: Observations, current: Observations):
+def pose_of_pair(
+    camera: Camera, reference: Observations, current: Observations
+) -> tuple[RelativePose | NoPose, np.ndarray, np.ndarray]:
     """The pose of a pair with its matched rays; the pose is falsy where there is none."""
     i, j = common_tracks(reference, current)
     rays1, rays2 = reference.bearings[i], current.bearings[j]
@@ -136,14 +137,30 @@ def pose_of_pair(camera: Camera, reference: Observations, current: Observations)
 
 
 def hypotheses_of(
-    source: PointSource, views: int, priors: Priors, noise_px: float = 0.7
+    camera: Camera,
+    views: Sequence[Observations],
+    priors: Priors,
+    noise_px: float = 0.7,
+    pose: RelativePose | None = None,
 ) -> WindowHypotheses | None:
-    """The fitted hypotheses of the first frames; None where the pair proposes no motion with a translation."""
-    window = pair_and_further(list(source.observations()), views)
-    pose, rays1, rays2 = pose_of_pair(source.camera, *window[:2])
+    """The fitted hypotheses of a window, reference and current first; None where the pair proposes no translation."""
+    proposed, rays1, rays2 = pose_of_pair(camera, *views[:2])
+    pose = pose or proposed
     if not isinstance(pose, RelativePose) or pose.kind == "rotation":
         return None
-    return fit_hypotheses(gather_tracks(source.camera, window, noise_px), pose, rays1, rays2, priors)
+    return fit_hypotheses(gather_tracks(camera, views, noise_px), pose, rays1, rays2, priors)
+
+
+def true_motion(source: PointSource, reference: int, current: int) -> Pose:
+    """The true cam2_from_cam1 of two frames."""
+    poses = source.groundtruth.world_from_cam
+    return poses[current].inverse() @ poses[reference]
+
+
+def pose_errors_deg(found: Pose, true: Pose) -> tuple[float, float]:
+    """Errors of the rotation and of the direction of the baseline."""
+    cosine = found.centre @ true.centre / np.linalg.norm(found.centre) / np.linalg.norm(true.centre)
+    return float(np.degrees(rotation_angle(found.R.T @ true.R))), float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def focal_sigma(fit: JointFit) -> float:
@@ -190,8 +207,8 @@ def cost_at(tracks: WindowTracks, state: WindowState, gate: float, *, with_field
 def moved(state: WindowState, step: np.ndarray, back: np.ndarray, *, with_field: bool) -> WindowState:
     """The state after a step of the shared unknowns, with the tracks following to first order.
 
-    The unknowns have the order of :mod:`slam_init.window.kernels`. A track moves by ``-A^-1 W step``: the own gradient of
-    the track is left out, so that the tracks do not move without a step.
+    The unknowns have the order of :mod:`slam_init.window.kernels`. A track moves by ``-A^-1 W step``. The gradient
+    of the track is left out, so that the tracks do not move without a step.
     """
     field_size = FIELD_TERMS if with_field else 0
     R, t, field = state.R.copy(), state.t.copy(), state.field.copy()

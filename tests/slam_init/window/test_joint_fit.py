@@ -56,9 +56,7 @@ def test_the_length_of_the_longest_baseline_is_held():
     start = window.start(4)
     fit = fitted(window, seed=4)
     assert fit.held_view == np.argmax(np.linalg.norm(start.t, axis=1))
-    assert np.linalg.norm(fit.state.t[fit.held_view]) == pytest.approx(
-        np.linalg.norm(start.t[fit.held_view]), rel=5e-3
-    )
+    assert np.linalg.norm(fit.state.t[fit.held_view]) == pytest.approx(np.linalg.norm(start.t[fit.held_view]), rel=5e-3)
 
 
 def test_a_start_at_the_true_poses_has_the_true_inverse_distances():
@@ -161,9 +159,7 @@ def test_points_behind_the_cameras_cost_the_gate():
     fit = fit_window(window.tracks, window.true_state(plane), PRIORS, max_steps=0)
     behind = (window.true_state().rays @ plane < -1e-3) & (window.tracks.anchor == 0)
     assert behind.sum() > 10
-    np.testing.assert_allclose(
-        fit.track_costs[behind], PRIORS.gate_sigmas**2 * window.tracks.seen.sum(axis=0)[behind]
-    )
+    np.testing.assert_allclose(fit.track_costs[behind], PRIORS.gate_sigmas**2 * window.tracks.seen.sum(axis=0)[behind])
 
 
 # -- rotation only --------------------------------------------------------------------------------
@@ -172,9 +168,7 @@ def test_points_behind_the_cameras_cost_the_gate():
 def test_a_rotation_only_camera_is_fitted_with_all_points_at_infinity():
     window = make_window("rotation", 1, 4)
     t = np.outer(np.arange(4), [1e-9, 0, 0])
-    fit = fit_window(
-        window.tracks, start_at(window.tracks, window.R, t, at_infinity=True), PRIORS, rotation_only=True
-    )
+    fit = fit_window(window.tracks, start_at(window.tracks, window.R, t, at_infinity=True), PRIORS, rotation_only=True)
     assert fit.cost < 1e-6
     assert window.rotation_error(fit.state) < 1e-6
     assert not fit.state.inverse_distances.any()
@@ -249,9 +243,7 @@ def test_a_smooth_error_of_a_view_is_found_as_its_field():
     pixels[2, :, 0] += 0.5 * tracks.places[2, :, 3] * 0.2  # half a pixel times u^2, in x
     bent = WindowTracks.gather(tracks.camera, tracks.frames, tracks.track_ids, pixels, tracks.seen, 0.2)
     start = window.start(2, error=place * 0.01)
-    stiff, soft = (
-        fit_window(bent, start, Priors(0.02, sigma), max_steps=50, tolerance=1e-9) for sigma in (0.0, 1.0)
-    )
+    stiff, soft = (fit_window(bent, start, Priors(0.02, sigma), max_steps=50, tolerance=1e-9) for sigma in (0.0, 1.0))
     # The residual is the projection less the pixel, so the field is the error itself.
     assert soft.state.field[2, 3] == pytest.approx(0.5, abs=0.15)
     assert soft.cost < 0.2 * stiff.cost

@@ -45,7 +45,7 @@ def test_the_cost_of_a_track_is_the_robust_sum_over_its_observations(with_field)
             if with_field:
                 u, v = (x - (camera.cx, camera.cy)) / (max(camera.width, camera.height) / 2)
                 terms = np.array([1, u, v, u * u, u * v, v * v]) / tracks.sigma_px[k, i]
-                e = e + [terms @ state.field[k, :6], terms @ state.field[k, 6:]]
+                e = e + state.field[k].reshape(2, 6) @ terms
             expected += gate2 * (e @ e) / (gate2 + e @ e)
         assert found.costs[i] == pytest.approx(expected, rel=1e-9, abs=1e-12)
     assert found.cost == pytest.approx(found.costs.sum())

@@ -26,7 +26,9 @@ def test_few_tracks_are_all_taken_with_their_pixels():
     ids, counts = np.unique(np.concatenate([view.track_ids for view in views]), return_counts=True)
     np.testing.assert_array_equal(tracks.track_ids, ids[counts >= 2])
     for k, view in enumerate(views):
-        np.testing.assert_array_equal(tracks.track_ids[tracks.seen[k]], np.intersect1d(view.track_ids, ids[counts >= 2]))
+        np.testing.assert_array_equal(
+            tracks.track_ids[tracks.seen[k]], np.intersect1d(view.track_ids, ids[counts >= 2])
+        )
         at = np.searchsorted(view.track_ids, tracks.track_ids[tracks.seen[k]])
         np.testing.assert_array_equal(tracks.pixels[k, tracks.seen[k]], view.pixels[at])
 

@@ -1,0 +1,172 @@
+"""Laws of the stated risk: its terms add up, more views lower it, and a rotation-only camera never has a small one."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from make_window import hypotheses_of, pair_and_further, point_source
+
+from quest.robust.spatial_blocks import regions_of
+from slam_init.config import AcceptanceConfig
+from slam_init.window.joint_fit import Priors
+from slam_init.window.risk import risk_of
+
+PRIORS = Priors(focal_sigma=0.03, field_sigma_px=0.1)
+MAX_RISK = AcceptanceConfig().max_risk
+
+
+def hypotheses(scene, seed, views, last=None, **options):
+    """The hypotheses of the first and the last frame, and of evenly spaced frames between."""
+    source = point_source(scene, seed, **options)
+    observations = list(source.observations())
+    picks = np.linspace(0, len(observations) - 1 if last is None else last, views).round().astype(int)
+    return hypotheses_of(source.camera, pair_and_further([observations[k] for k in picks], views), PRIORS)
+
+
+@pytest.fixture(scope="module")
+def undecided():
+    """A plane in two views: the twin explains them as well."""
+    return hypotheses("wall", 0, 2, baseline=0.3)
+
+
+@pytest.fixture(scope="module")
+def clear():
+    """A room in six views."""
+    return hypotheses("room", 0, 6)
+
+
+@pytest.mark.parametrize(
+    ("scene", "views"), [("room", 2), ("room", 3), ("room", 8), ("wall", 2), ("wall", 8), ("desk", 4)]
+)
+def test_the_terms_add_up(scene, views):
+    for seed in range(2):
+        risk = risk_of(hypotheses(scene, seed, views, baseline=0.08, points=150))
+        terms = (risk.direction, risk.rival, risk.rotation, risk.floor)
+        assert all(0 <= term <= 1 for term in terms)
+        assert risk.total == pytest.approx(min(1.0, sum(terms)))
+        assert risk.total >= risk.floor > 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_views_between_the_pair_lower_the_risk_of_a_room(seed):
+    few, more, most = (risk_of(hypotheses("room", seed, views, baseline=0.1, points=150)) for views in (3, 6, 12))
+    assert few.total >= more.total >= most.total
+    assert few.direction_sigma_deg > most.direction_sigma_deg
+    assert few.rotation_sigma_deg > most.rotation_sigma_deg
+    assert most.total < MAX_RISK
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_longer_window_lowers_the_risk_of_a_room(seed):
+    few, most = (risk_of(hypotheses("room", seed, last + 1, last, baseline=0.1, points=150)) for last in (2, 11))
+    assert few.total >= most.total
+    assert few.direction_sigma_deg > most.direction_sigma_deg
+
+
+def test_a_single_motion_has_no_rival(undecided, clear):
+    assert len(clear.motions) == 1
+    for single in (clear, replace(undecided, motions=undecided.motions[:1])):
+        risk = risk_of(single)
+        assert risk.rival == 0
+        assert risk.margin is None
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3, 5])
+def test_a_plane_in_two_views_has_a_rival_that_is_as_probable(seed):
+    risk = risk_of(hypotheses("wall", seed, 2, baseline=0.3))
+    assert risk.rival > 0.9
+    assert risk.total > 0.9
+    assert not risk.margin.decides()
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3, 5])
+def test_further_views_decide_against_the_twin_of_a_plane(seed):
+    risk = risk_of(hypotheses("wall", seed, 12, baseline=0.3))
+    assert risk.rival < 1e-4
+    assert risk.total < MAX_RISK
+
+
+def with_rival_costs(found, extra):
+    """The same hypotheses where the rival has the costs of the best motion plus those of the argument."""
+    best, rival = found.motions
+    costs = np.full_like(best.fit.track_costs, 1.0)
+    a = replace(best, fit=replace(best.fit, track_costs=costs))
+    b = replace(rival, fit=replace(rival.fit, track_costs=costs + extra))
+    return replace(found, motions=(a, b))
+
+
+def test_tracks_of_one_region_of_the_image_cannot_decide(undecided):
+    rays = undecided.motions[0].fit.state.rays
+    region = regions_of(np.arctan2(rays[:, :2], rays[:, 2:]))
+    largest = np.argmax(np.bincount(region))
+    risk = risk_of(with_rival_costs(undecided, 5.0 * (region == largest)))
+    assert risk.rival == 1
+    assert risk.margin.log_likelihood == pytest.approx(0, abs=1e-9)
+    others = risk_of(with_rival_costs(undecided, 5.0 * (region != largest)))
+    assert others.rival < 1e-9
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_track_votes_by_three_nats_at_the_most(undecided, sign):
+    count = len(undecided.motions[0].fit.track_costs)
+    some = (np.arange(count) % 7 == 0).astype(float)
+    margin = risk_of(with_rival_costs(undecided, 1e6 * sign * some)).margin
+    assert 0 < sign * margin.log_likelihood <= 3 * some.sum()
+
+
+def test_tracks_that_neither_motion_explains_do_not_vote(undecided):
+    best, rival = undecided.motions
+    count = len(best.fit.track_costs)
+    wrong = np.arange(count) % 7 == 0
+    rng = np.random.default_rng(0)
+    motions = tuple(
+        replace(m, fit=replace(m.fit, track_costs=np.where(wrong, rng.uniform(20, 90, count), 1.0)))
+        for m in (best, rival)
+    )
+    assert risk_of(replace(undecided, motions=motions)).margin.log_likelihood == 0
+
+
+def test_a_rival_that_locates_fewer_views_pays_for_the_views_it_leaves_out():
+    found = hypotheses("wall", 0, 4, baseline=0.3)
+    best, rival = found.motions
+    equal = replace(rival, fit=replace(rival.fit, track_costs=best.fit.track_costs))
+    fewer = replace(equal, rows=(0, 1, 2))
+    with_all, without = (risk_of(replace(found, motions=(best, one))) for one in (equal, fewer))
+    assert with_all.rival == 1
+    assert without.rival < 1e-6
+
+
+def test_the_rotation_term_falls_with_the_gain_over_the_rotation_only_camera(clear):
+    cost = clear.motions[0].fit.cost
+    risks = [
+        risk_of(replace(clear, rotation_only=replace(clear.rotation_only, cost=cost + gain)))
+        for gain in (0.0, 100.0, 200.0, 400.0, 1000.0)
+    ]
+    assert risks[0].rotation > 0.999
+    assert risks[-1].rotation < 1e-6
+    assert (np.diff([risk.rotation for risk in risks]) <= 0).all()
+    np.testing.assert_allclose([risk.rotation_log_likelihood for risk in risks], [0, 50, 100, 200, 500])
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_rotation_only_camera_of_wrong_focal_length_never_has_a_small_risk(seed):
+    """Where the focal length is wrong, quest takes some rotation-only cameras for moving ones."""
+    for views in (8, 10, 12):
+        found = hypotheses("rotation", seed, views, views - 1, focal_error=0.05)
+        if found is not None:
+            assert risk_of(found).total > MAX_RISK
+
+
+def test_some_rotation_only_cameras_of_wrong_focal_length_have_a_proposed_motion():
+    """The law above is not empty."""
+    assert hypotheses("rotation", 6, 10, 9, focal_error=0.05) is not None
+
+
+def test_the_standard_deviations_follow_the_noise():
+    source = point_source("room", 0, noise_px=0.5)
+    views = pair_and_further(list(source.observations()), 6)
+    a, b = (risk_of(hypotheses_of(source.camera, views, Priors(1e-6, 0.0), noise)) for noise in (0.5, 1.0))
+    assert b.direction_sigma_deg / a.direction_sigma_deg == pytest.approx(2, rel=0.2)
+    assert b.direction >= a.direction
+    assert math.isfinite(a.rotation_sigma_deg)
