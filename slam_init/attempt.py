@@ -317,8 +317,8 @@ def _decided_by_window(
     bundles = [one.bundle for one in decision.maps if isinstance(one.bundle, BundleSolution)]
     built = [map_with_views(history, bundle, estimate.pose.kind) for bundle in bundles]
     if decision.attempt.verdict == Verdict.ACCEPTED:
-        return Outcome(replace(decision.attempt, progress=1.0), accepted=built[0])
-    return Outcome(decision.attempt, hypotheses=tuple(one.map for one in built))
+        return Outcome(replace(decision.attempt, progress=1.0), accepted=built[0], margin=decision.margin)
+    return Outcome(decision.attempt, hypotheses=tuple(one.map for one in built), margin=decision.margin)
 
 
 def _suspecting_calibration(camera: Camera, config: Config, attempt: Attempt, estimate: TwoViewEstimate) -> Attempt:

@@ -184,6 +184,10 @@ class AcceptanceConfig:
     #: objects has this share. Correct maps had 0.9 and more.
     min_further_agreement: float = 0.7
 
+    def __post_init__(self) -> None:
+        if self.rule not in ("gates", "window"):
+            raise ConfigError(f"acceptance.rule is {self.rule!r}: use gates or window")
+
 
 @dataclass(frozen=True, repr=False)
 class Config(Described):
@@ -324,8 +328,6 @@ def _number_or_text(wanted: type, value: object, where: str, key: str) -> object
     if wanted is bool:
         return value
     least, most = _RANGES.get(key, (float("-inf"), float("inf")))
-    if key == "acceptance.rule" and value not in ("gates", "window"):
-        raise ConfigError(f"{where}: {key} is {value!r}: use gates or window")
     if isinstance(value, int | float) and not least <= value <= most:
         raise ConfigError(f"{where}: {key} is {value!r}: it must lie in {least} .. {most}")
     # Sizes, counts and thresholds are positive numbers; the seed may be zero.

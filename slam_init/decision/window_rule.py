@@ -16,6 +16,7 @@ from slam_init.frontend.tracks import History
 from slam_init.mapping.candidate import MapCandidate, build_candidate
 from slam_init.mapping.views import further_views, table_of, voting_views
 from slam_init.types.camera import Camera
+from slam_init.types.comparison import Margin
 from slam_init.types.evidence import MapEvidence, WindowEvidence
 from slam_init.types.gates import GateName, Stage, at_least, at_most
 from slam_init.types.reasons import Verdict
@@ -46,10 +47,13 @@ class WindowDecision:
         With its verdict and evidence.
     maps : tuple of MapCandidate
         The map of the best hypothesis where it was accepted; both maps of an undecided plane; else empty.
+    margin : Margin or None
+        The vote against the nearest rival; None without a rival.
     """
 
     attempt: Attempt
     maps: tuple[MapCandidate, ...] = ()
+    margin: Margin | None = None
 
 
 def judge_by_window(
@@ -91,9 +95,9 @@ def judge_by_window(
         undecided = hypotheses.motions[:2] if refused.verdict == Verdict.AMBIGUOUS_PLANE else ()
         maps = [_map(camera, config, history, pair, motion, estimate.threshold_rad) for motion in undecided]
         solved = tuple(one for one in maps if isinstance(one.bundle, BundleSolution))
-        return WindowDecision(refused, solved if len(solved) == 2 else ())
+        return WindowDecision(refused, solved if len(solved) == 2 else (), risk.margin)
     candidate = _map(camera, config, history, pair, hypotheses.motions[0], estimate.threshold_rad)
-    return _usable(config, attempt, candidate)
+    return replace(_usable(config, attempt, candidate), margin=risk.margin)
 
 
 def _evidence(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowEvidence:

@@ -88,15 +88,15 @@ class WindowHypotheses:
         information of the best one allows for error fields.
     rotation_only : JointFit
         The camera that only rotates, with the focal length as an unknown.
-    focal_sigma : float
-        Prior of the focal length: relative standard deviation.
+    priors : Priors
+        Of the fits.
     """
 
     tracks: WindowTracks
     planar: bool
     motions: tuple[FittedMotion, ...]
     rotation_only: JointFit
-    focal_sigma: float
+    priors: Priors
 
 
 def fit_hypotheses(
@@ -136,9 +136,7 @@ def fit_hypotheses(
             different.append(fitted)
     best = different[0]
     different[0] = replace(best, fit=with_error_fields(tracks.of_views(best.rows), best.fit, priors))
-    return WindowHypotheses(
-        tracks, planar, tuple(different), _fit_rotation(tracks, rotations, priors), priors.focal_sigma
-    )
+    return WindowHypotheses(tracks, planar, tuple(different), _fit_rotation(tracks, rotations, priors), priors)
 
 
 def _rotations(bearings: Floats, proposed: Floats) -> Floats:

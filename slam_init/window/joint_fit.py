@@ -35,7 +35,7 @@ class WindowTracks:
     camera : Camera
         As stated.
     frames : tuple of V int
-        Absolute indices, ascending.
+        Absolute indices, in any order; the frame of the first view is the world.
     track_ids : (T,) int
     pixels : (V, T, 2) float
         Raw pixels; any number where a view does not see a track.

@@ -101,7 +101,7 @@ def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
     """Factor on the standard deviation of the direction, for what the covariance does not know."""
     few_views = 1 + _FEW_VIEWS / math.sqrt(len(best.rows) - 1)
     # A focal length that is pulled beyond its prior compensates errors that the model does not have.
-    pull = abs(best.fit.state.log_scale) / hypotheses.focal_sigma
+    pull = abs(best.fit.state.log_scale) / hypotheses.priors.focal_sigma
     return few_views * max(pull, 1.0)
 
 
@@ -148,7 +148,7 @@ def _costs_of_tracks(hypotheses: WindowHypotheses, motion: FittedMotion) -> Floa
     placed = seen[list(motion.rows)].sum(axis=0)
     missing = seen.sum(axis=0) - placed
     freedom = np.maximum(2 * seen.sum(axis=0) - 3, 0)
-    gate2 = 9.0
+    gate2 = hypotheses.priors.gate_sigmas**2
     return np.asarray(np.minimum(motion.fit.track_costs + gate2 * missing, explained_at_most(freedom)))
 
 
@@ -162,7 +162,7 @@ def _rotation_probability(hypotheses: WindowHypotheses) -> tuple[float, float]:
     best = hypotheses.motions[0]
     views = len(best.rows)
     missing = int(hypotheses.tracks.seen.sum()) - int(hypotheses.tracks.seen[list(best.rows)].sum())
-    gain = 0.5 * (hypotheses.rotation_only.cost - best.fit.cost - 9.0 * missing)
+    gain = 0.5 * (hypotheses.rotation_only.cost - best.fit.cost - hypotheses.priors.gate_sigmas**2 * missing)
     # Inverse distances are not negative: a track at infinity gains by half of its noise only.
     depths = 3 if hypotheses.planar else 0.5 * int((hypotheses.tracks.anchor >= 0).sum())
     freedom = 3 * (views - 1) - 1 + depths

@@ -37,7 +37,7 @@ def clear():
 
 
 @pytest.mark.parametrize(
-    ("scene", "views"), [("room", 2), ("room", 3), ("room", 8), ("wall", 2), ("wall", 8), ("desk", 4)]
+    ("scene", "views"), [("room", 2), ("room", 3), ("room", 5), ("wall", 2), ("wall", 5), ("desk", 4)]
 )
 def test_the_terms_add_up(scene, views):
     for seed in range(2):
@@ -48,7 +48,7 @@ def test_the_terms_add_up(scene, views):
         assert risk.total >= risk.floor > 0
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_views_between_the_pair_lower_the_risk_of_a_room(seed):
     few, more, most = (risk_of(hypotheses("room", seed, views, baseline=0.1, points=150)) for views in (3, 6, 12))
     assert few.total >= more.total >= most.total
@@ -57,7 +57,7 @@ def test_views_between_the_pair_lower_the_risk_of_a_room(seed):
     assert most.total < MAX_RISK
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_longer_window_lowers_the_risk_of_a_room(seed):
     few, most = (risk_of(hypotheses("room", seed, last + 1, last, baseline=0.1, points=150)) for last in (2, 11))
     assert few.total >= most.total
