@@ -35,7 +35,6 @@ from slam_init.decision.rival_vote import VoteOutcome, vote_gates, vote_of_plane
 from slam_init.decision.rotation_only import fit_rotation_only, judge_rotation_only, suspect_calibration
 from slam_init.decision.screening import preview_evidence
 from slam_init.decision.two_views import MatchedPair, TwoViewEstimate, judge_two_views, two_view_evidence
-from slam_init.decision.window_rule import judge_by_window
 from slam_init.frontend.keyframes import PairPreview
 from slam_init.frontend.tracks import History, common_tracks
 from slam_init.mapping.candidate import MapCandidate, build_candidate
@@ -313,6 +312,9 @@ def _decided_by_window(
     camera: Camera, config: Config, history: History, attempt: Attempt, pair: MatchedPair, estimate: TwoViewEstimate
 ) -> Outcome:
     """Return the outcome of the rule "window"."""
+    # Imported here, since it loads the compiler (0.3 s), as quest does where an estimation starts.
+    from slam_init.decision.window_rule import judge_by_window
+
     decision = judge_by_window(camera, config, history, attempt, pair, estimate)
     bundles = [one.bundle for one in decision.maps if isinstance(one.bundle, BundleSolution)]
     built = [map_with_views(history, bundle, estimate.pose.kind) for bundle in bundles]

@@ -29,16 +29,13 @@ from slam_init.output.summary import (
 )
 from slam_init.types.comparison import Margin
 from slam_init.types.reasons import Verdict
-from slam_init.types.result import GroundTruthErrors
+from slam_init.types.result import Attempt, GroundTruthErrors
 
 CAMERA = "model: pinhole\nwidth: 64\nheight: 48\nfx: 60\nfy: 60\ncx: 31.5\ncy: 23.5\n"
 
 
 def attempts(*verdicts):
-    return tuple(
-        AttemptRecord((0, k + 1), Verdict(verdict), "", None, 0.0, 1.0, (), None, None, None, None, None, {})
-        for k, verdict in enumerate(verdicts)
-    )
+    return tuple(AttemptRecord.of(Attempt((0, k + 1), Verdict(verdict))) for k, verdict in enumerate(verdicts))
 
 
 INITIALIZED = Summary(
