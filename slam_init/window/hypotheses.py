@@ -18,7 +18,8 @@ from slam_init.mapping.plane import plane_of_motion
 from slam_init.mapping.triangulation import resect, triangulate
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.pose import Pose
-from slam_init.window.joint_fit import JointFit, Priors, WindowTracks, fit_window, start_at, with_error_fields
+from slam_init.window.joint_fit import JointFit, Priors, fit_window, start_at, with_error_fields
+from slam_init.window.tracks import WindowTracks
 
 __all__ = ["FittedMotion", "WindowHypotheses", "fit_hypotheses"]
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
-from slam_init.window.joint_fit import WindowTracks
 
-__all__ = ["MAX_TRACKS", "MAX_VIEWS", "gather_tracks"]
+__all__ = ["MAX_TRACKS", "MAX_VIEWS", "WindowTracks", "gather_tracks"]
 
 #: A decision needs a well-spread subset of the tracks, not all of them: the standard deviation of the direction falls
 #: with the square root of their number, and 150 of 800 tracks leave 2.3 times of it.
@@ -20,6 +20,96 @@ MAX_TRACKS = 150
 MAX_VIEWS = 12
 #: The image is divided into this many cells (columns, rows); each cell gives its best tracks in turn.
 _CELLS = (12, 9)
+
+
+@dataclass(frozen=True, eq=False)
+class WindowTracks:
+    """The tracks of a window.
+
+    Attributes
+    ----------
+    camera : Camera
+        As stated.
+    frames : tuple of V int
+        Absolute indices, in any order; the frame of the first view is the world.
+    track_ids : (T,) int
+    pixels : (V, T, 2) float
+        Raw pixels; any number where a view does not see a track.
+    seen : (V, T) bool
+    rays : (T, 3) float
+        Unit bearings in the anchor views, by the stated camera.
+    anchor : (T,) int
+        First view that sees a track; -1 for a track that fewer than two views see.
+    sigma_px : (V, T) float
+        Standard deviation of a coordinate of a pixel.
+    places : (V, T, 6) float
+        1, u, v, u^2, uv, v^2 of the pixels, u and v from -1 to 1 over the longer side of the image; over sigma_px.
+    """
+
+    camera: Camera
+    frames: tuple[int, ...]
+    track_ids: Ints
+    pixels: Floats
+    seen: Bools
+    rays: Floats
+    anchor: Ints
+    sigma_px: Floats
+    places: Floats
+
+    @staticmethod
+    def gather(
+        camera: Camera, frames: tuple[int, ...], track_ids: Ints, pixels: Floats, seen: Bools, noise_px: float
+    ) -> WindowTracks:
+        """Prepare tracks for the fit.
+
+        Parameters
+        ----------
+        camera : Camera
+        frames : tuple of V int
+        track_ids : (T,) int
+        pixels : (V, T, 2) float
+        seen : (V, T) bool
+        noise_px : float
+            Standard deviation of a coordinate of a pixel.
+
+        Returns
+        -------
+        WindowTracks
+        """
+        anchor = np.where(seen.sum(axis=0) >= 2, np.argmax(seen, axis=0), -1).astype(np.int64)
+        rays = camera.bearings(pixels[np.maximum(anchor, 0), np.arange(pixels.shape[1])])
+        anchor[~np.isfinite(rays).all(axis=1)] = -1
+        side = 0.5 * max(camera.width, camera.height)
+        u, v = np.moveaxis((np.where(seen[..., None], pixels, 0.0) - (camera.cx, camera.cy)) / side, -1, 0)
+        places = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1) / noise_px
+        sigma_px = np.full(seen.shape, float(noise_px))
+        return WindowTracks(
+            camera, frames, track_ids, np.nan_to_num(pixels), seen, np.nan_to_num(rays), anchor, sigma_px, places
+        )
+
+    def of_views(self, rows: tuple[int, ...]) -> WindowTracks:
+        """The same tracks in some of the views.
+
+        Parameters
+        ----------
+        rows : tuple of int
+            The first of them becomes the world.
+
+        Returns
+        -------
+        WindowTracks
+        """
+        if rows == tuple(range(len(self.frames))):
+            return self
+        chosen = list(rows)
+        return WindowTracks.gather(
+            self.camera,
+            tuple(self.frames[row] for row in rows),
+            self.track_ids,
+            self.pixels[chosen],
+            self.seen[chosen],
+            float(np.median(self.sigma_px)),
+        )
 
 
 def gather_tracks(camera: Camera, views: Sequence[Observations], noise_px: float) -> WindowTracks:

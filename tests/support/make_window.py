@@ -18,10 +18,10 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
-from slam_init.window.joint_fit import JointFit, Priors, WindowState, WindowTracks, start_at
+from slam_init.window.joint_fit import JointFit, Priors, WindowState, start_at
 from slam_init.window.kernels import FIELD_TERMS, accumulate
 from slam_init.window.projection import camera_vector
-from slam_init.window.tracks import gather_tracks
+from slam_init.window.tracks import WindowTracks, gather_tracks
 
 #: The rule that the tests of the window decide by.
 WINDOW_CONFIG = Config(acceptance=AcceptanceConfig(rule="window"))

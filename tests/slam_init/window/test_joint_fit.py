@@ -9,8 +9,9 @@ from make_window import PRIORS, camera_of, focal_sigma, make_window
 
 from sequences_synth.points import make_points
 from slam_init.bundle.focal import camera_with_focal_factor
-from slam_init.window.joint_fit import Priors, WindowTracks, fit_window, start_at, with_error_fields
+from slam_init.window.joint_fit import Priors, fit_window, start_at, with_error_fields
 from slam_init.window.risk import direction_sigmas_deg
+from slam_init.window.tracks import WindowTracks
 
 SCENES = {"general": "room", "plane": "wall"}
 #: No observation is an outlier.
