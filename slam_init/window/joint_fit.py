@@ -192,8 +192,8 @@ def fit_window(
 def with_error_fields(tracks: WindowTracks, fit: JointFit, priors: Priors) -> JointFit:
     """The same fit, with the information that remains when each view has an unknown error field.
 
-    The fields hardly move the optimum, and they make a step ten times as expensive. So a window is fitted without
-    them, and they enter where they matter: in the covariance.
+    The fields make a step several times as expensive (see ``benchmarks/measured/window_fit.md``). So a window is fitted
+    without them, and they enter the covariance only.
 
     Parameters
     ----------

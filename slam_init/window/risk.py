@@ -37,9 +37,11 @@ _WRONG_DIRECTION_DEG = 15.0
 _FEW_VIEWS = 1.4
 #: Largest vote of a track, as a difference of costs (twice the nats).
 _LARGEST_VOTE = 6.0
-#: The vote is looked at again and again while frames arrive: about ten looks are independent.
+#: A pair is judged again while frames arrive: with windows of 2 to 12 views about ten times. The looks share most of
+#: their data, so that the sum over all looks is an upper bound.
 _LOOKS = 10.0
-#: Share of wrong maps that no term explains.
+#: Share of wrong maps that no term explains, a tenth of the largest risk that is accepted. It is an assumption: of 1268
+#: drawn windows with a risk below 0.005 none was wrong, which bounds their share by 0.24 % (95 %).
 _FLOOR = 5e-4
 
 
