@@ -29,7 +29,7 @@ from quest.noise import GATE_SIGMAS, chance_inliers, refine_with_noise, settle
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
 from quest.robust.lo_ransac import lo_ransac_five_point
 from quest.robust.plane import PlaneFit, fit_plane, off_line_rad
-from quest.robust.pose_modes import spread_out
+from quest.robust.pose_modes import same_mode, spread_out
 from quest.robust.pose_problem import SAMPLERS, CompiledPoseProblem, RelativePoseProblem
 from quest.robust.ransac import RansacReport, ransac
 from quest.robust.rotation import fit_rotation
@@ -156,7 +156,7 @@ def estimate_relative_pose(
     parallax = _tested_parallax(m, n, motion, chance, _LEAST_NOISE * threshold_rad, rotation.R)
     evidence = replace(evidence, chance_inliers=chance, parallax_z=parallax.test_value, parallax_p=parallax.p_value)
     if not parallax.observable(_ERROR_RATE):
-        return _rotation_or_no_pose(rotation, gate_rad, evidence, parallax)
+        return _rotation_or_no_pose(rotation, gate_rad, evidence, parallax, _unobserved_motions(problem, motion))
     # The motion fits the five or six matches of its sample (seven with "quest7") in any case, so six inliers do not
     # count as evidence. The best of thousands of random motions lies about four standard deviations above the mean of a
     # Poisson count, whose variance is its mean. The mean comes from three shuffles only and may be zero. One is added
@@ -303,8 +303,23 @@ def _rivals(problem: RelativePoseProblem, report: RansacReport, motion: _Motion,
     return [settle(problem, rival, motion.noise_rad) for rival in rivals]
 
 
+def _unobserved_motions(problem: RelativePoseProblem, motion: _Motion) -> tuple[Hypothesis, ...]:
+    """The best motion and those of its plane, although the matches do not show their translation."""
+    inliers = motion.inliers
+    plane = fit_plane(motion.model, problem.m[inliers], problem.n[inliers], motion.noise_rad)
+    different: list[Floats] = []
+    for model in (*plane.poses, motion.model):
+        if not any(same_mode(model, other) for other in different):
+            different.append(model)
+    return tuple(as_hypothesis(model, problem.explained(model, motion.gate_rad)) for model in different)
+
+
 def _rotation_or_no_pose(
-    rotation: _RotationFit, gate_rad: float, evidence: PoseEvidence, parallax: ParallaxStatement | None = None
+    rotation: _RotationFit,
+    gate_rad: float,
+    evidence: PoseEvidence,
+    parallax: ParallaxStatement | None = None,
+    unobserved: tuple[Hypothesis, ...] = (),
 ) -> RelativePose | NoPose:
     """The pose of kind "rotation" where the rotation explains a quarter of the matches."""
     total = len(rotation.r2)
@@ -326,7 +341,7 @@ def _rotation_or_no_pose(
         depths1=nan,
         depths2=nan.copy(),
         kind="rotation",
-        alternatives=(),
+        alternatives=unobserved,
         noise_rad=noise_rad,
         parallax_rad=0.0,
         parallax=parallax,

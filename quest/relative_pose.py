@@ -113,7 +113,8 @@ class RelativePose:
     kind : str
         "general", "planar" (one plane explains the inliers) or "rotation" (no translation is observable).
     alternatives : tuple of Hypothesis
-        Other poses that explain the matches as well: at most three, on a plane at most one.
+        Other poses that explain the matches as well: at most three, on a plane at most one. For kind "rotation" they
+        are motions with a translation that the matches do not show; further views may.
     noise_rad : float
         Standard deviation of a bearing, estimated from the residuals of the inliers.
     parallax_rad : float

@@ -24,21 +24,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
+from quest.estimate import Hypothesis, NoPose, RelativePose
 from quest.jackknife import direction_spread_rad
 from slam_init.bundle.problem import BundleSolution
 from slam_init.config import Config
 from slam_init.decision.correlated_error import correlated_error_rad, rounding_error_px
 from slam_init.decision.map_gates import judge_map
+from slam_init.decision.outcome import Outcome
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
 from slam_init.decision.rival_vote import VoteOutcome, vote_gates, vote_of_plane, vote_on_rivals
 from slam_init.decision.rotation_only import fit_rotation_only, judge_rotation_only, suspect_calibration
 from slam_init.decision.screening import preview_evidence
-from slam_init.decision.two_views import MatchedPair, TwoViewEstimate, judge_two_views, two_view_evidence
+from slam_init.decision.two_views import (
+    MatchedPair,
+    TwoViewEstimate,
+    judge_two_views,
+    match_pair,
+    pose_at_fitting_threshold,
+    two_view_evidence,
+)
 from slam_init.frontend.keyframes import PairPreview
-from slam_init.frontend.tracks import History, common_tracks
+from slam_init.frontend.tracks import History
 from slam_init.mapping.candidate import MapCandidate, build_candidate
-from slam_init.mapping.map_building import MapWithViews, map_with_views
+from slam_init.mapping.map_building import map_with_views
 from slam_init.mapping.rivals import rank
 from slam_init.mapping.views import TrackTable, further_views, table_of
 from slam_init.types.camera import Camera
@@ -46,7 +54,6 @@ from slam_init.types.comparison import Margin
 from slam_init.types.evidence import MapEvidence
 from slam_init.types.frame import Observations
 from slam_init.types.gates import Stage
-from slam_init.types.initial_map import InitialMap
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 from slam_init.types.stopwatch import Stopwatch
@@ -60,12 +67,6 @@ __all__ = [
     "match_pair",
     "try_pair",
 ]
-
-#: The outlier threshold should be three standard deviations of the noise. Where the noise of the inliers is more than
-#: half of the threshold, the threshold has cut off many correct matches: inliers that fill the threshold evenly have a
-#: standard deviation of 0.58 of it. The threshold is then widened once by a factor of three, from the value for a noise
-#: of 0.7 px to the value for a noise of 2 px.
-_TOO_NOISY_SIGMAS, _WIDER = 2.0, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,31 +87,6 @@ class MapsOfPair:
     table: TrackTable
     candidates: tuple[MapCandidate, ...]
     plane: Margin | None
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """The end of an attempt: its verdict, and the maps that it leaves.
-
-    Attributes
-    ----------
-    attempt : Attempt
-        The verdict and its evidence.
-    accepted : MapWithViews or None
-        A map that passed all gates.
-    unconfirmed : MapWithViews or None
-        A map of two views without a rival, which passed all gates except those that ask for a third view.
-    hypotheses : tuple of InitialMap
-        The maps that the vote could not decide between, the better one first.
-    margin : Margin or None
-        The deciding vote, where there were two maps.
-    """
-
-    attempt: Attempt
-    accepted: MapWithViews | None = None
-    unconfirmed: MapWithViews | None = None
-    hypotheses: tuple[InitialMap, ...] = ()
-    margin: Margin | None = None
 
 
 def try_pair(
@@ -150,9 +126,6 @@ def try_pair(
     attempt = _attempt_of(camera, pair, estimate)
     if isinstance(estimate, NoPose):
         return Outcome(refused_at(attempt, Verdict(estimate.reason), Stage.TWO_VIEWS))
-    if config.acceptance.rule == "window" and estimate.pose.kind != "rotation":
-        with stopwatch("map"):
-            return _decided_by_window(camera, config, history, attempt, pair, estimate)
     attempt = judge_two_views(camera, config, attempt, estimate)
     if attempt.verdict == Verdict.LOW_PARALLAX:
         return Outcome(_suspecting_calibration(camera, config, attempt, estimate))
@@ -175,33 +148,6 @@ def try_pair(
     return _judged(camera, config, history, attempt, estimate, maps, best.bundle, vote, third_view=third_view)
 
 
-def match_pair(history: History, preview: PairPreview, current: Observations) -> MatchedPair:
-    """Gather the tracks that the reference of a pair and the current frame have in common.
-
-    Parameters
-    ----------
-    history : History
-        Holds the reference frame.
-    preview : PairPreview
-    current : Observations
-
-    Returns
-    -------
-    MatchedPair
-    """
-    reference = history[preview.reference]
-    i, j = common_tracks(reference, current)
-    return MatchedPair(
-        preview=preview,
-        reference=reference,
-        current=current,
-        pixels1=reference.pixels[i],
-        pixels2=current.pixels[j],
-        rays1=reference.bearings[i],
-        rays2=current.bearings[j],
-    )
-
-
 def estimate_two_views(camera: Camera, config: Config, pair: MatchedPair) -> TwoViewEstimate | NoPose:
     """Estimate the relative pose of a pair, and the bounds of the error of its direction.
 
@@ -216,7 +162,7 @@ def estimate_two_views(camera: Camera, config: Config, pair: MatchedPair) -> Two
     TwoViewEstimate or NoPose
     """
     rays1, rays2 = pair.rays1, pair.rays2
-    pose, threshold_rad = _pose_at_fitting_threshold(camera, config, pair)
+    pose, threshold_rad = pose_at_fitting_threshold(camera, config, pair)
     if isinstance(pose, NoPose):
         return pose
     rotation_only = fit_rotation_only(rays1[pose.inliers], rays2[pose.inliers], pose.noise_rad)
@@ -280,20 +226,6 @@ def build_maps(
 # -- parts of the stages --------------------------------------------------------------------------
 
 
-def _pose_at_fitting_threshold(
-    camera: Camera, config: Config, pair: MatchedPair
-) -> tuple[RelativePose | NoPose, float]:
-    """Return the relative pose and its outlier threshold in radians, which is widened once for noisy tracks."""
-    threshold_rad = config.two_view.threshold_px / camera.focal_px
-    pose = estimate_relative_pose(pair.rays1, pair.rays2, threshold_rad=threshold_rad, seed=config.seed)
-    if isinstance(pose, RelativePose) and pose.noise_rad > threshold_rad / _TOO_NOISY_SIGMAS:
-        wider_rad = min(_WIDER * threshold_rad, 1.0)
-        again = estimate_relative_pose(pair.rays1, pair.rays2, threshold_rad=wider_rad, seed=config.seed)
-        if isinstance(again, RelativePose) and again.kind != "rotation":
-            return again, wider_rad
-    return pose, threshold_rad
-
-
 def _attempt_of(camera: Camera, pair: MatchedPair, estimate: TwoViewEstimate | NoPose) -> Attempt:
     """Return the attempt with the evidence of the preview and of the two views, before any verdict."""
     pose = estimate.pose if isinstance(estimate, TwoViewEstimate) else None
@@ -306,21 +238,6 @@ def _attempt_of(camera: Camera, pair: MatchedPair, estimate: TwoViewEstimate | N
         preview=preview_evidence(pair.preview),
         two_view=two_view_evidence(camera, estimate),
     )
-
-
-def _decided_by_window(
-    camera: Camera, config: Config, history: History, attempt: Attempt, pair: MatchedPair, estimate: TwoViewEstimate
-) -> Outcome:
-    """Return the outcome of the rule "window"."""
-    # Imported here, since it loads the compiler (0.3 s), as quest does where an estimation starts.
-    from slam_init.decision.window_rule import judge_by_window
-
-    decision = judge_by_window(camera, config, history, attempt, pair, estimate)
-    bundles = [one.bundle for one in decision.maps if isinstance(one.bundle, BundleSolution)]
-    built = [map_with_views(history, bundle, estimate.pose.kind) for bundle in bundles]
-    if decision.attempt.verdict == Verdict.ACCEPTED:
-        return Outcome(replace(decision.attempt, progress=1.0), accepted=built[0], margin=decision.margin)
-    return Outcome(decision.attempt, hypotheses=tuple(one.map for one in built), margin=decision.margin)
 
 
 def _suspecting_calibration(camera: Camera, config: Config, attempt: Attempt, estimate: TwoViewEstimate) -> Attempt:

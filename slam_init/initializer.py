@@ -11,11 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from slam_init.attempt import Outcome, try_pair
+from slam_init.attempt import try_pair
 from slam_init.attempt_log import AttemptLog, focal_notes
 from slam_init.config import Config
 from slam_init.decision.focal_check import FocalCheck
+from slam_init.decision.outcome import Outcome
 from slam_init.decision.screening import screen
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
 from slam_init.frontend.tracks import Tracker
@@ -29,8 +31,11 @@ from slam_init.types.frame import Frame, Observations
 from slam_init.types.gates import Stage
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.reasons import Verdict
-from slam_init.types.result import Attempt, Result
+from slam_init.types.result import Attempt, ProvisionalMap, Result
 from slam_init.types.stopwatch import Stopwatch
+
+if TYPE_CHECKING:
+    from slam_init.decision.window_rule import WindowRule
 
 __all__ = ["Initializer"]
 
@@ -90,6 +95,7 @@ class Initializer:
         self._focal_check = FocalCheck(camera, self.config)
         self._attempts = AttemptLog()
         self._maps = _MapsSoFar(self.recorder)
+        self._window: WindowRule | None = None
 
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
         """Process the next frame.
@@ -156,12 +162,13 @@ class Initializer:
         attempt = screen(self.camera, self.config, current, pairs)
         if attempt is not None:
             attempt = self._checked_and_logged(attempt, pairs, current)
-        elif best is not None:
-            outcome = self._try(best, current)
+        elif (outcome := self._judge(best, pairs, current)) is not None:
             attempt = self._checked_and_logged(outcome.attempt, pairs, current)
             self._maps.take(outcome)
-            if self.map is None:
-                self.keyframes.failed(best, attempt.parallax_shortfall, map_refused=attempt.stage is Stage.MAP)
+            if self.map is None and best is not None:
+                # The window keeps its motions from frame to frame, so it need not rest after a refused map.
+                rest = attempt.stage is Stage.MAP and self._window is None
+                self.keyframes.failed(best, attempt.parallax_shortfall, map_refused=rest)
         self.keyframes.update(current, pairs)
         self.history.forget(keep=self.keyframes.candidates)
         progress = self._attempts.best_progress(self.keyframes.candidates)
@@ -172,6 +179,20 @@ class Initializer:
     def map(self) -> InitialMap | None:
         """The accepted map; None without one."""
         return self._maps.accepted
+
+    @property
+    def provisional(self) -> ProvisionalMap | None:
+        """The best map up to now with its risk; the accepted map once there is one.
+
+        It is built when it is asked for, which takes as long as a bundle adjustment. None where no motion is known, and
+        always with the rule "gates", which states no risk.
+        """
+        if self._window is None:
+            return None
+        accepted = self.status.attempt
+        if self.map is not None and accepted is not None and accepted.window is not None:
+            return ProvisionalMap(self.map, accepted.window.risk)
+        return self._window.provisional()
 
     @property
     def result(self) -> Result:
@@ -208,7 +229,17 @@ class Initializer:
 
     # -- parts of the step of a frame -------------------------------------------------------------
 
-    def _try(self, pair: PairPreview, current: Observations) -> Outcome:
+    def _judge(self, pair: PairPreview | None, pairs: Sequence[PairPreview], current: Observations) -> Outcome | None:
+        """Judge a frame by the rule of the configuration; None where there is nothing to judge."""
+        if self.config.acceptance.rule == "window":
+            if self._window is None:
+                # Imported here, since it loads the compiler (0.3 s), as quest does where an estimation starts.
+                from slam_init.decision.window_rule import WindowRule
+
+                self._window = WindowRule(self.camera, self.config, self.history)
+            return self._window.judge(pair, pairs, current, self.stopwatch)
+        if pair is None:
+            return None
         return try_pair(
             self.camera, self.config, self.history, pair, current, self.stopwatch, third_view=self._third_view
         )

@@ -30,8 +30,9 @@ from slam_init.output.tables import markdown_table
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
-from slam_init.window.hypotheses import FittedMotion, fit_hypotheses
+from slam_init.window.hypotheses import FittedMotion
 from slam_init.window.joint_fit import Priors, fit_window
+from slam_init.window.live import LiveHypotheses
 from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.tracks import gather_tracks
 
@@ -84,31 +85,31 @@ class Window:
 
 
 def judge_window(
-    camera: Camera, views: Sequence[Observations], cam_from_world: Sequence[Pose]
+    live: LiveHypotheses, camera: Camera, views: Sequence[Observations], cam_from_world: Sequence[Pose]
 ) -> tuple[str, WindowRisk | None, float, float, float]:
     """Kind, risk, true errors (rotation and direction, degrees) and milliseconds of a window of consecutive views."""
     reference, current, *further = views[0], views[-1], *views[1:-1]
-    order = [0, len(views) - 1, *range(1, len(views) - 1)]
     i, j = common_tracks(reference, current)
     rays1, rays2 = reference.bearings[i], current.bearings[j]
     pose = estimate_relative_pose(rays1, rays2, threshold_rad=2.0 / camera.focal_px)
-    if isinstance(pose, NoPose) or pose.kind == "rotation":
-        return ("none" if isinstance(pose, NoPose) else pose.kind), None, math.nan, math.nan, 0.0
     begin = time.perf_counter()
-    noise_px = max(pose.noise_rad * camera.focal_px, 0.1)
-    tracks = gather_tracks(camera, [reference, current, *further], noise_px)
-    hypotheses = fit_hypotheses(tracks, pose, rays1, rays2, WINDOW_PRIORS)
+    if not isinstance(pose, NoPose):
+        noise_px = max(pose.noise_rad * camera.focal_px, 0.1)
+        live.propose(pose, (reference.frame, current.frame), rays1, rays2, noise_px)
+    hypotheses = live.fitted([reference, current, *further]) if live else None
+    if hypotheses is None:
+        return ("none" if isinstance(pose, NoPose) else pose.kind), None, math.nan, math.nan, 0.0
     risk = risk_of(hypotheses)
     milliseconds = 1e3 * (time.perf_counter() - begin)
-    rotation, direction = _errors(hypotheses.motions[0], [cam_from_world[k] for k in order])
-    return pose.kind, risk, rotation, direction, milliseconds
+    true = {view.frame: one for view, one in zip(views, cam_from_world, strict=True)}
+    rotation, direction = _errors(hypotheses.motions[0], [true[frame] for frame in hypotheses.motions[0].frames])
+    return "planar" if hypotheses.motions[0].planar else "general", risk, rotation, direction, milliseconds
 
 
 def _errors(motion: FittedMotion, true: Sequence[Pose]) -> tuple[float, float]:
     to_reference = true[0].inverse()
     rotation = max(
-        float(rotation_angle(R.T @ (true[row] @ to_reference).R))
-        for R, row in zip(motion.fit.state.R, motion.rows, strict=True)
+        float(rotation_angle(R.T @ (pose @ to_reference).R)) for R, pose in zip(motion.fit.state.R, true, strict=True)
     )
     truth, found = true[1] @ to_reference, motion.cam2_from_cam1
     length = float(np.linalg.norm(truth.t))
@@ -130,8 +131,9 @@ def drawn_windows(seeds: range, baselines: Sequence[float], scenes: Sequence[str
                 source = open_points(f"points:{scene}?{values}", seed)
                 views = list(source.observations())
                 poses = [pose.inverse() for pose in source.groundtruth.world_from_cam]
+                live = LiveHypotheses(source.camera, WINDOW_PRIORS)
                 for count in VIEWS:
-                    judged = judge_window(source.camera, views[:count], poses[:count])
+                    judged = judge_window(live, source.camera, views[:count], poses[:count])
                     yield Window(scene, baseline, str(seed), count, *judged)
 
 
@@ -189,7 +191,12 @@ def step_table() -> str:
     pose = estimate_relative_pose(rays1, rays2, threshold_rad=2.0 / source.camera.focal_px)
     if isinstance(pose, NoPose):
         raise ValueError("the world of the step table has a pose")
-    best = fit_hypotheses(tracks, pose, rays1, rays2, WINDOW_PRIORS).motions[0]
+    live = LiveHypotheses(source.camera, WINDOW_PRIORS)
+    live.propose(pose, (order[0].frame, order[1].frame), rays1, rays2, 0.7)
+    hypotheses = live.fitted(order)
+    if hypotheses is None:
+        raise ValueError("the world of the step table has a map")
+    best = hypotheses.motions[0]
     rows = []
     for name, priors in (("without error fields", Priors(0.03, 0.0)), ("with error fields", WINDOW_PRIORS)):
         samples = []

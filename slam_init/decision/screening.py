@@ -54,10 +54,12 @@ def screen(camera: Camera, config: Config, current: Observations, pairs: Sequenc
     # Without parallax the camera only rotated, or was static: a rotation that is fitted to noise is close to zero.
     rotation_px = float(np.radians(max((p.rotation_deg for p in usable), default=0.0))) * camera.focal_px
     rotation = at_least(GateName.ROTATION_PX, rotation_px, noise_px, Verdict.STATIC_CAMERA)
+    parallax = at_least(GateName.PARALLAX_SHARE, share, _LEAST_PARALLAX_SHARE, Verdict.PURE_ROTATION)
     motion = (
         at_least(GateName.MOTION_PX, motion_px, noise_px, Verdict.STATIC_CAMERA),
         *([rotation] if share < _LEAST_PARALLAX_SHARE else []),
-        at_least(GateName.PARALLAX_SHARE, share, _LEAST_PARALLAX_SHARE, Verdict.PURE_ROTATION),
+        # The window tells a rotation-only camera by all its views, and earlier.
+        *([parallax] if config.acceptance.rule == "gates" else []),
     )
     attempt = Attempt((pair.reference, pair.current), Verdict.ACCEPTED, preview=preview_evidence(pair))
     for stage, gates in ((Stage.MATCHES, matches), (Stage.MOTION, motion)):

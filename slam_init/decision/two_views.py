@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quest.estimate import NoPose, RelativePose
+from quest.estimate import NoPose, RelativePose, estimate_relative_pose
 from quest.geometry.quaternion import rotation_angle
 from slam_init.config import Config
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
 from slam_init.decision.rotation_only import RotationOnlyCamera
 from slam_init.frontend.keyframes import PairPreview, difference_gate
+from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import TwoViewEvidence
@@ -24,7 +25,22 @@ from slam_init.types.gates import GateName, Stage, at_least, at_most
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
-__all__ = ["MatchedPair", "TwoViewEstimate", "judge_two_views", "two_view_evidence"]
+__all__ = [
+    "MatchedPair",
+    "TwoViewEstimate",
+    "judge_rotation",
+    "judge_two_views",
+    "match_pair",
+    "pose_at_fitting_threshold",
+    "pose_evidence",
+    "two_view_evidence",
+]
+
+#: The outlier threshold should be three standard deviations of the noise. Where the noise of the inliers is more than
+#: half of the threshold, the threshold has cut off many correct matches: inliers that fill the threshold evenly have a
+#: standard deviation of 0.58 of it. The threshold is then widened once by a factor of three, from the value for a noise
+#: of 0.7 px to the value for a noise of 2 px.
+_TOO_NOISY_SIGMAS, _WIDER = 2.0, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +96,84 @@ class TwoViewEstimate:
     jackknife_rad: float
 
 
+def match_pair(history: History, preview: PairPreview, current: Observations) -> MatchedPair:
+    """Gather the tracks that the reference of a pair and the current frame have in common.
+
+    Parameters
+    ----------
+    history : History
+        Holds the reference frame.
+    preview : PairPreview
+    current : Observations
+
+    Returns
+    -------
+    MatchedPair
+    """
+    reference = history[preview.reference]
+    i, j = common_tracks(reference, current)
+    return MatchedPair(
+        preview=preview,
+        reference=reference,
+        current=current,
+        pixels1=reference.pixels[i],
+        pixels2=current.pixels[j],
+        rays1=reference.bearings[i],
+        rays2=current.bearings[j],
+    )
+
+
+def pose_at_fitting_threshold(camera: Camera, config: Config, pair: MatchedPair) -> tuple[RelativePose | NoPose, float]:
+    """Estimate the relative pose of a pair; the outlier threshold is widened once for noisy tracks.
+
+    Parameters
+    ----------
+    camera : Camera
+    config : Config
+    pair : MatchedPair
+
+    Returns
+    -------
+    pose : RelativePose or NoPose
+    threshold_rad : float
+        The outlier threshold that was used.
+    """
+    threshold_rad = config.two_view.threshold_px / camera.focal_px
+    pose = estimate_relative_pose(pair.rays1, pair.rays2, threshold_rad=threshold_rad, seed=config.seed)
+    if isinstance(pose, RelativePose) and pose.noise_rad > threshold_rad / _TOO_NOISY_SIGMAS:
+        wider_rad = min(_WIDER * threshold_rad, 1.0)
+        again = estimate_relative_pose(pair.rays1, pair.rays2, threshold_rad=wider_rad, seed=config.seed)
+        if isinstance(again, RelativePose) and again.kind != "rotation":
+            return again, wider_rad
+    return pose, threshold_rad
+
+
+def pose_evidence(camera: Camera, pose: RelativePose | NoPose) -> TwoViewEvidence:
+    """Return the figures of a relative pose as evidence of an attempt.
+
+    Parameters
+    ----------
+    camera : Camera
+        Converts angles to pixels.
+    pose : RelativePose or NoPose
+
+    Returns
+    -------
+    TwoViewEvidence
+        With the statistics alone where no pose was found.
+    """
+    if isinstance(pose, NoPose):
+        return TwoViewEvidence(pose.evidence)
+    return TwoViewEvidence(
+        statistics=pose.evidence,
+        kind=pose.kind,
+        alternatives=len(pose.alternatives),
+        noise_px=pose.noise_rad * camera.focal_px,
+        parallax_deg=float(np.degrees(pose.parallax_rad)),
+        direction_sigma_deg=float(np.degrees(pose.direction_sigma_rad)),
+    )
+
+
 def two_view_evidence(camera: Camera, estimate: TwoViewEstimate | NoPose) -> TwoViewEvidence:
     """Return the figures of a two-view estimate as evidence of an attempt.
 
@@ -95,17 +189,9 @@ def two_view_evidence(camera: Camera, estimate: TwoViewEstimate | NoPose) -> Two
         With the statistics alone where no pose was found.
     """
     if isinstance(estimate, NoPose):
-        return TwoViewEvidence(estimate.evidence)
-    pose = estimate.pose
-    return TwoViewEvidence(
-        statistics=pose.evidence,
-        kind=pose.kind,
-        alternatives=len(pose.alternatives),
-        noise_px=pose.noise_rad * camera.focal_px,
-        parallax_deg=float(np.degrees(pose.parallax_rad)),
-        direction_sigma_deg=float(np.degrees(pose.direction_sigma_rad)),
-        correlated_error_px=estimate.correlated_rad * camera.focal_px,
-    )
+        return pose_evidence(camera, estimate)
+    correlated_px = estimate.correlated_rad * camera.focal_px
+    return replace(pose_evidence(camera, estimate.pose), correlated_error_px=correlated_px)
 
 
 def judge_two_views(camera: Camera, config: Config, attempt: Attempt, estimate: TwoViewEstimate) -> Attempt:
@@ -124,12 +210,25 @@ def judge_two_views(camera: Camera, config: Config, attempt: Attempt, estimate: 
         With the gates of this stage; its verdict is still ``accepted`` if all of them pass.
     """
     if estimate.pose.kind == "rotation":
-        return _judge_rotation(camera, config, attempt, estimate.pose)
+        return judge_rotation(camera, config, attempt, estimate.pose)
     return _judge_direction(config, attempt, estimate)
 
 
-def _judge_rotation(camera: Camera, config: Config, attempt: Attempt, pose: RelativePose) -> Attempt:
-    """Refuse a pure rotation; a static camera if the rotation is within the noise that it was fitted to."""
+def judge_rotation(camera: Camera, config: Config, attempt: Attempt, pose: RelativePose) -> Attempt:
+    """Refuse a pure rotation; a static camera if the rotation is within the noise that it was fitted to.
+
+    Parameters
+    ----------
+    camera : Camera
+    config : Config
+    attempt : Attempt
+    pose : RelativePose
+        Of kind "rotation".
+
+    Returns
+    -------
+    Attempt
+    """
     least_px = difference_gate(max(config.map.noise_px, pose.noise_rad * camera.focal_px))
     rotation_px = float(rotation_angle(pose.R)) * camera.focal_px
     gate = at_least(GateName.ROTATION_PX, rotation_px, least_px, Verdict.STATIC_CAMERA)

@@ -1,103 +1,270 @@
-"""The rule "window": one number decides, the risk that the map of the best hypothesis is wrong."""
+"""The rule "window": one number decides, the risk that the map of the best hypothesis is wrong.
+
+quest proposes motions from the pairs that the keyframe manager chooses. From then on the motions live: each further
+frame joins their joint fit, and the risk is stated anew. A map is built for an accepted motion, for both motions of an
+undecided plane, or on request.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quest.estimate import Hypothesis
-from quest.geometry.quaternion import quaternion_from_matrix
-from slam_init.bundle.problem import BundleSolution
+from quest.estimate import NoPose, RelativePose
+from quest.geometry.epipolar import depths_from_pose
+from slam_init.bundle.problem import BundleFailure, BundleSolution
 from slam_init.config import Config
+from slam_init.decision.outcome import Outcome
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
-from slam_init.decision.two_views import MatchedPair, TwoViewEstimate
+from slam_init.decision.screening import preview_evidence
+from slam_init.decision.two_views import (
+    MatchedPair,
+    judge_rotation,
+    match_pair,
+    pose_at_fitting_threshold,
+    pose_evidence,
+)
+from slam_init.frontend.keyframes import PairPreview
 from slam_init.frontend.tracks import History
-from slam_init.mapping.candidate import MapCandidate, build_candidate
-from slam_init.mapping.views import further_views, table_of, voting_views
+from slam_init.mapping.candidate import map_of_poses
+from slam_init.mapping.map_building import MapWithViews, map_with_views
+from slam_init.mapping.views import TrackTable, table_of, voting_views
+from slam_init.types.arrays import Bools
 from slam_init.types.camera import Camera
-from slam_init.types.comparison import Margin
 from slam_init.types.evidence import MapEvidence, WindowEvidence
+from slam_init.types.frame import Observations
 from slam_init.types.gates import GateName, Stage, at_least, at_most
+from slam_init.types.initial_map import InitialMap
+from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
-from slam_init.types.result import Attempt
-from slam_init.window.hypotheses import FittedMotion, WindowHypotheses, fit_hypotheses
+from slam_init.types.result import Attempt, ProvisionalMap
+from slam_init.types.stopwatch import Stopwatch
+from slam_init.window.hypotheses import FittedMotion, WindowHypotheses
 from slam_init.window.joint_fit import Priors
+from slam_init.window.live import LiveHypotheses
 from slam_init.window.risk import WindowRisk, risk_of
-from slam_init.window.tracks import MAX_VIEWS, gather_tracks
+from slam_init.window.tracks import MAX_VIEWS
 
-__all__ = ["WINDOW_PRIORS", "WindowDecision", "judge_by_window"]
+__all__ = ["WINDOW_PRIORS", "WindowRule"]
 
-#: Standard deviation of each coefficient of a view's error field, in pixels: two thirds of the least correlated
-#: tracking error that the gates assume (0.15 px), since six terms together have about 1.5 times the rms of one.
-_FIELD_SIGMA_PX = 0.1
-#: Prior of the focal length: calibrations are better than this, data sheets are worse.
-_FOCAL_SIGMA = 0.03
-#: What is known of the camera before the fit.
-WINDOW_PRIORS = Priors(_FOCAL_SIGMA, _FIELD_SIGMA_PX)
+#: What is known of the camera before the fit: calibrations are better than two per cent, data sheets are worse.
+WINDOW_PRIORS = Priors(focal_sigma=0.02)
+#: Bundle adjustment on all tracks may turn the fitted motion by as much as a third of what makes a map wrong.
+_ADJUSTED_ROTATION_DEG, _ADJUSTED_DIRECTION_DEG = 1.5, 5.0
 
 
 @dataclass(frozen=True, eq=False)
-class WindowDecision:
-    """What the window decided about a pair.
+class _Judged:
+    """The last window: its pair, its hypotheses and its risk."""
 
-    Attributes
-    ----------
-    attempt : Attempt
-        With its verdict and evidence.
-    maps : tuple of MapCandidate
-        The map of the best hypothesis where it was accepted; both maps of an undecided plane; else empty.
-    margin : Margin or None
-        The vote against the nearest rival; None without a rival.
-    """
-
+    pair: MatchedPair
+    hypotheses: WindowHypotheses
+    risk: WindowRisk
     attempt: Attempt
-    maps: tuple[MapCandidate, ...] = ()
-    margin: Margin | None = None
 
 
-def judge_by_window(
-    camera: Camera,
-    config: Config,
-    history: History,
-    attempt: Attempt,
-    pair: MatchedPair,
-    estimate: TwoViewEstimate,
-) -> WindowDecision:
-    """Fit all views of the window jointly for each motion of the pair, and accept the best where its risk is small.
+class WindowRule:
+    """Judges the frames of a video by the joint estimate of their window.
 
     Parameters
     ----------
     camera : Camera
     config : Config
     history : History
-        Holds the further views.
-    attempt : Attempt
-    pair : MatchedPair
-    estimate : TwoViewEstimate
-        Its pose is not of kind "rotation".
-
-    Returns
-    -------
-    WindowDecision
+        Holds the candidate references and the frames between them.
     """
-    pose, reference, current = estimate.pose, pair.reference, pair.current
-    noise_px = max(config.map.min_noise_px, pose.noise_rad * camera.focal_px)
-    views = voting_views(history, reference, current, replace(config.map, max_voting_views=MAX_VIEWS - 2))
-    tracks = gather_tracks(camera, [reference, current, *views], noise_px)
-    hypotheses = fit_hypotheses(tracks, pose, pair.rays1, pair.rays2, WINDOW_PRIORS)
-    risk = risk_of(hypotheses)
-    attempt = replace(attempt, window=_evidence(hypotheses, risk))
-    gate = at_most(GateName.RISK, risk.total, config.acceptance.max_risk, *_reason(hypotheses, risk))
-    attempt = with_gates(attempt, (gate,))
-    if not gate.passes():
-        refused = replace(refused_by(attempt, Stage.MAP, (gate,)), parallax_shortfall=1.0)
-        undecided = hypotheses.motions[:2] if refused.verdict == Verdict.AMBIGUOUS_PLANE else ()
-        maps = [_map(camera, config, history, pair, motion, estimate.threshold_rad) for motion in undecided]
-        solved = tuple(one for one in maps if isinstance(one.bundle, BundleSolution))
-        return WindowDecision(refused, solved if len(solved) == 2 else (), risk.margin)
-    candidate = _map(camera, config, history, pair, hypotheses.motions[0], estimate.threshold_rad)
-    return replace(_usable(config, attempt, candidate), margin=risk.margin)
+
+    def __init__(self, camera: Camera, config: Config, history: History) -> None:
+        self._camera = camera
+        self._config = config
+        self._history = history
+        self._live = LiveHypotheses(camera, WINDOW_PRIORS, config.map.min_noise_px)
+        self._threshold_rad = config.two_view.threshold_px / camera.focal_px
+        self._reference: int | None = None
+        self._last: _Judged | None = None
+
+    def judge(
+        self,
+        chosen: PairPreview | None,
+        pairs: Sequence[PairPreview],
+        current: Observations,
+        stopwatch: Stopwatch,
+    ) -> Outcome | None:
+        """Judge a frame.
+
+        Parameters
+        ----------
+        chosen : PairPreview or None
+            The pair that quest proposes new motions from; None where no pair is worth it.
+        pairs : sequence of PairPreview
+            Of all candidate references with the frame.
+        current : Observations
+            The frame.
+        stopwatch : Stopwatch
+            Times the stages ``two_view`` and ``map``.
+
+        Returns
+        -------
+        Outcome or None
+            None where no motion is known and no pair was chosen.
+        """
+        preview = chosen or next((pair for pair in pairs if pair.reference == self._reference), None)
+        if preview is None or not (chosen or self._live):
+            return None
+        pair = match_pair(self._history, preview, current)
+        attempt = Attempt(
+            frames=(preview.reference, preview.current),
+            verdict=Verdict.ACCEPTED,
+            pixels1=pair.pixels1,
+            pixels2=pair.pixels2,
+            inliers=np.zeros(len(pair.rays1), bool),
+            preview=preview_evidence(preview),
+        )
+        if chosen is not None:
+            self._reference = chosen.reference
+            with stopwatch("two_view"):
+                pose, self._threshold_rad = pose_at_fitting_threshold(self._camera, self._config, pair)
+            attempt = self._with_pose(attempt, pose)
+            if isinstance(pose, RelativePose):
+                self._propose(pair, pose)
+            if not self._live:
+                self._last = None
+                return Outcome(self._without_motion(attempt, pose))
+        with stopwatch("map"):
+            return self._judged(attempt, pair)
+
+    def provisional(self) -> ProvisionalMap | None:
+        """Build the map of the best motion of the last window.
+
+        Returns
+        -------
+        ProvisionalMap or None
+            None where there is no motion, where its map cannot be built, or where the history has dropped its frames.
+            The risk is 1 where bundle adjustment moved the map away from the motion.
+        """
+        last = self._last
+        if last is None or any(frame not in self._history for frame in last.hypotheses.motions[0].frames):
+            return None
+        certain = max(self._config.acceptance.max_risk, last.risk.direction)
+        frames = _certain_frames(last.hypotheses, last.risk, certain)
+        bundle, _ = self._map(last.pair, last.hypotheses.motions[0], frames)
+        built = self._built(bundle, last.hypotheses)
+        if built is None or not isinstance(bundle, BundleSolution):
+            return None
+        moved = not _same_motion(bundle, last.hypotheses.motions[0])
+        return ProvisionalMap(built.map, 1.0 if moved else last.risk.total)
+
+    # -- parts of the judgement -------------------------------------------------------------------
+
+    def _with_pose(self, attempt: Attempt, pose: RelativePose | NoPose) -> Attempt:
+        evidence = pose_evidence(self._camera, pose)
+        inliers = pose.inliers if isinstance(pose, RelativePose) else attempt.inliers
+        return replace(attempt, two_view=evidence, inliers=inliers)
+
+    def _propose(self, pair: MatchedPair, pose: RelativePose) -> None:
+        noise_px = max(self._config.map.min_noise_px, pose.noise_rad * self._camera.focal_px)
+        frames = (pair.preview.reference, pair.preview.current)
+        self._live.propose(pose, frames, pair.rays1, pair.rays2, noise_px)
+
+    def _without_motion(self, attempt: Attempt, pose: RelativePose | NoPose) -> Attempt:
+        if isinstance(pose, NoPose):
+            return refused_at(attempt, Verdict(pose.reason), Stage.TWO_VIEWS)
+        return judge_rotation(self._camera, self._config, attempt, pose)
+
+    def _judged(self, attempt: Attempt, pair: MatchedPair) -> Outcome:
+        settings = replace(self._config.map, max_voting_views=MAX_VIEWS - 2)
+        views = voting_views(self._history, pair.reference, pair.current, settings)
+        hypotheses = self._live.fitted([pair.reference, pair.current, *views])
+        if hypotheses is None:
+            self._last = None
+            return Outcome(refused_at(attempt, Verdict.NO_CONSISTENT_MOTION, Stage.MAP))
+        risk = risk_of(hypotheses)
+        attempt = replace(
+            attempt,
+            window=_evidence(hypotheses, risk),
+            inliers=_inliers(pair, hypotheses.motions[0].cam2_from_cam1, self._threshold_rad),
+        )
+        self._last = _Judged(pair, hypotheses, risk, attempt)
+        gate = at_most(GateName.RISK, risk.total, self._config.acceptance.max_risk, *_reason(hypotheses, risk))
+        attempt = with_gates(attempt, (gate,))
+        if not gate.passes():
+            refused = refused_by(attempt, Stage.MAP, (gate,))
+            return Outcome(refused, hypotheses=self._undecided(refused, pair, hypotheses), margin=risk.margin)
+        certain = _certain_frames(hypotheses, risk, self._config.acceptance.max_risk)
+        bundle, table = self._map(pair, hypotheses.motions[0], certain)
+        attempt = replace(attempt, frames=table.frames)
+        return replace(self._usable(attempt, bundle, hypotheses), margin=risk.margin)
+
+    def _undecided(self, refused: Attempt, pair: MatchedPair, hypotheses: WindowHypotheses) -> tuple[InitialMap, ...]:
+        """The maps of both motions of a plane that the tracks do not decide between."""
+        if refused.verdict != Verdict.AMBIGUOUS_PLANE:
+            return ()
+        both = (self._built(self._map(pair, motion)[0], hypotheses) for motion in hypotheses.motions[:2])
+        maps = tuple(one.map for one in both if one is not None)
+        return maps if len(maps) == 2 else ()
+
+    def _map(
+        self, pair: MatchedPair, motion: FittedMotion, frames: Sequence[int] | None = None
+    ) -> tuple[BundleSolution | BundleFailure, TrackTable]:
+        """The bundle-adjusted map of a fitted motion, on all tracks of the pair and in the given frames."""
+        views = [self._history[frame] for frame in (motion.frames if frames is None else frames)[2:]]
+        table = table_of(pair.reference, pair.current, views)
+        poses = motion.motion.cam_from_world
+        options = self._config.map
+        # A focal length that the window found to be off would bend the map.
+        if abs(motion.fit.state.log_scale) > WINDOW_PRIORS.focal_sigma:
+            options = replace(options, refine_focal=True, focal_sigma=WINDOW_PRIORS.focal_sigma)
+        config = replace(self._config, map=options)
+        return map_of_poses(self._camera, config, table, poses, self._threshold_rad), table
+
+    def _built(self, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses) -> MapWithViews | None:
+        if not isinstance(bundle, BundleSolution):
+            return None
+        return map_with_views(self._history, bundle, "planar" if hypotheses.planar else "general")
+
+    def _usable(
+        self, attempt: Attempt, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses
+    ) -> Outcome:
+        """Refuse a map that cannot be used, although its motion is right: too few landmarks, or no adjustment."""
+        if not isinstance(bundle, BundleSolution):
+            attempt = replace(attempt, map=MapEvidence(failure=bundle.cause))
+            return Outcome(refused_at(attempt, Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP))
+        attempt = replace(attempt, map=MapEvidence(reprojection_rmse_px=bundle.rmse_px))
+        landmarks = at_least(
+            GateName.LANDMARKS,
+            len(bundle.problem.points),
+            self._config.acceptance.min_landmarks,
+            Verdict.TOO_FEW_LANDMARKS,
+        )
+        attempt = with_gates(attempt, (landmarks,))
+        if not landmarks.passes():
+            return Outcome(refused_by(attempt, Stage.MAP, (landmarks,)))
+        if not _same_motion(bundle, hypotheses.motions[0]):
+            attempt = replace(attempt, map=MapEvidence(failure="the adjusted motion differs from that of the window"))
+            return Outcome(refused_at(attempt, Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP))
+        return Outcome(replace(attempt, progress=1.0), accepted=self._built(bundle, hypotheses))
+
+
+def _inliers(pair: MatchedPair, pose: Pose, threshold_rad: float) -> Bools:
+    """The matches of the pair that a motion explains, with points in front of both cameras."""
+    m, n = pair.rays1, pair.rays2
+    depths1, depths2 = depths_from_pose(pose.R, pose.t, m, n)
+    normal = np.cross(np.broadcast_to(pose.t, m.shape), m @ pose.R.T)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    near = np.abs(np.einsum("ij,ij->i", n, normal)) < np.sqrt(2) * threshold_rad
+    return np.asarray(near & (depths1 > 0) & (depths2 > 0))
+
+
+def _same_motion(bundle: BundleSolution, motion: FittedMotion) -> bool:
+    """Whether bundle adjustment on all tracks kept the motion of the window."""
+    at = dict(zip(bundle.problem.frames, bundle.problem.world_from_cam, strict=True))
+    reference, current = motion.frames[:2]
+    if reference not in at or current not in at:
+        return False
+    rotation_deg, direction_deg = motion.difference_from_deg(at[current].inverse() @ at[reference])
+    return rotation_deg <= _ADJUSTED_ROTATION_DEG and direction_deg <= _ADJUSTED_DIRECTION_DEG
 
 
 def _evidence(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowEvidence:
@@ -113,9 +280,19 @@ def _evidence(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowEvidence:
         risk_floor=risk.floor,
         direction_sigma_deg=risk.direction_sigma_deg,
         rotation_sigma_deg=risk.rotation_sigma_deg,
+        depth_sigma=risk.depth_sigma,
+        noise_px=hypotheses.tracks.noise_px,
+        field_px=risk.field_px,
         rotation_log_likelihood=risk.rotation_log_likelihood,
         focal_factor=float(np.exp(best.fit.state.log_scale)),
     )
+
+
+def _certain_frames(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> tuple[int, ...]:
+    """Reference, current, and the views whose own baseline is certain: the keyframes of the map."""
+    reference, *others = hypotheses.motions[0].frames
+    risks = zip(others, risk.direction_of_views, strict=True)
+    return (reference, *(frame for k, (frame, one) in enumerate(risks) if k == 0 or one <= max_risk))
 
 
 def _reason(hypotheses: WindowHypotheses, risk: WindowRisk) -> tuple[Verdict, str | None]:
@@ -127,37 +304,3 @@ def _reason(hypotheses: WindowHypotheses, risk: WindowRisk) -> tuple[Verdict, st
             return Verdict.AMBIGUOUS_PLANE, None
         return Verdict.LOW_PARALLAX, "two motions explain the tracks: translate further, best sideways"
     return Verdict.LOW_PARALLAX, None
-
-
-def _map(
-    camera: Camera,
-    config: Config,
-    history: History,
-    pair: MatchedPair,
-    motion: FittedMotion,
-    threshold_rad: float,
-) -> MapCandidate:
-    """The bundle-adjusted map of a fitted motion."""
-    pose = motion.cam2_from_cam1
-    hypothesis = Hypothesis(quaternion_from_matrix(pose.R), pose.R, pose.t, motion.motion.inliers)
-    views = further_views(history, pair.reference, pair.current, config.map)
-    return build_candidate(camera, config, table_of(pair.reference, pair.current, views), hypothesis, threshold_rad)
-
-
-def _usable(config: Config, attempt: Attempt, candidate: MapCandidate) -> WindowDecision:
-    """Refuse a map that cannot be used, although its motion is right: too few landmarks, or no adjustment."""
-    attempt = replace(attempt, frames=(*attempt.frames, *candidate.table.frames[2:]))
-    if not isinstance(candidate.bundle, BundleSolution):
-        attempt = replace(attempt, map=MapEvidence(failure=candidate.bundle.cause))
-        return WindowDecision(refused_at(attempt, Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP))
-    attempt = replace(attempt, map=MapEvidence(reprojection_rmse_px=candidate.bundle.rmse_px))
-    landmarks = at_least(
-        GateName.LANDMARKS,
-        len(candidate.bundle.problem.points),
-        config.acceptance.min_landmarks,
-        Verdict.TOO_FEW_LANDMARKS,
-    )
-    attempt = with_gates(attempt, (landmarks,))
-    if not landmarks.passes():
-        return WindowDecision(refused_by(attempt, Stage.MAP, (landmarks,)))
-    return WindowDecision(attempt, (candidate,))

@@ -59,6 +59,9 @@ class History:
     def __getitem__(self, frame: int) -> Observations:
         return self._frames[frame]
 
+    def __contains__(self, frame: int) -> bool:
+        return frame in self._frames
+
     def put(self, observations: Observations) -> None:
         """Add a frame, or replace its observations.
 

@@ -21,7 +21,7 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
-__all__ = ["MapCandidate", "build_candidate"]
+__all__ = ["MapCandidate", "build_candidate", "map_of_poses"]
 
 #: Bundle adjustment needs at least this many points.
 _MIN_POINTS = 6
@@ -89,6 +89,42 @@ def build_candidate(
     else:
         bundle = adjust(camera, problem, config.map)
     return MapCandidate(hypothesis, bundle, table, agreement, len(poses))
+
+
+def map_of_poses(
+    camera: Camera, config: Config, table: TrackTable, cam_from_world: dict[int, Pose], threshold_rad: float
+) -> BundleSolution | BundleFailure:
+    """Build the bundle-adjusted map of views whose poses are known.
+
+    Parameters
+    ----------
+    camera : Camera
+        Its bearings are those of the table.
+    config : Config
+    table : TrackTable
+        Its first two rows are reference and current.
+    cam_from_world : dict of int to Pose
+        By absolute frame index; reference and current are among them. Other views of the table are left out.
+    threshold_rad : float
+        An observation farther from its point does not make the point a landmark.
+
+    Returns
+    -------
+    BundleSolution or BundleFailure
+    """
+    rows = [row for row, frame in enumerate(table.frames) if frame in cam_from_world]
+    poses = {row: cam_from_world[table.frames[row]].inverse() for row in rows}
+    points = triangulate(list(poses.values()), table.bearings[rows])
+    usable = _before_all(points, {row: poses[row] for row in (0, 1)}, table)
+    for row in (0, 1):
+        local = poses[row].inverse().apply(np.nan_to_num(points))
+        local /= np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-300)
+        usable &= np.linalg.norm(local - np.nan_to_num(table.bearings[row]), axis=1) < threshold_rad
+    usable &= _parallax_rad(points, poses) > min_parallax_rad(camera, config.map.min_noise_px, config.map)
+    problem = _bundle_problem(table, _Pair(poses, points, usable), poses)
+    if len(problem.points) < _MIN_POINTS:
+        return BundleFailure(f"only {len(problem.points)} points can be triangulated")
+    return adjust(camera, problem, config.map)
 
 
 @dataclass(frozen=True, eq=False)

@@ -168,6 +168,12 @@ class WindowEvidence:
         modelled.
     direction_sigma_deg, rotation_sigma_deg : float
         Largest standard deviations of the direction of the baseline and of the rotation of the pair.
+    depth_sigma : float
+        Median of the relative standard deviations of the depths.
+    noise_px : float
+        Measured standard deviation of a coordinate of a track.
+    field_px : float
+        Expected standard deviation of the coefficients of the smooth error that the tracks of a view share.
     rotation_log_likelihood : float
         Log likelihood of the best motion over a rotation-only camera, in nats.
     focal_factor : float
@@ -184,6 +190,9 @@ class WindowEvidence:
     risk_floor: float
     direction_sigma_deg: float
     rotation_sigma_deg: float
+    depth_sigma: float
+    noise_px: float
+    field_px: float
     rotation_log_likelihood: float
     focal_factor: float
 

@@ -27,7 +27,7 @@ from slam_init.types.initial_map import InitialMap
 from slam_init.types.reasons import Verdict
 from slam_init.types.stopwatch import StageTimes
 
-__all__ = ["Attempt", "GroundTruthErrors", "Result"]
+__all__ = ["Attempt", "GroundTruthErrors", "ProvisionalMap", "Result"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -151,6 +151,21 @@ class GroundTruthErrors:
     direction_error_deg: float | None
     ate_rmse: float | None
     path_length: float
+
+
+@dataclass(frozen=True, eq=False)
+class ProvisionalMap:
+    """The best map of an initializer that has not accepted one yet.
+
+    Attributes
+    ----------
+    map : InitialMap
+    risk : float
+        Probability that the map is wrong: a rotation off by 5 degrees, or a baseline by 15 degrees.
+    """
+
+    map: InitialMap
+    risk: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,9 +1,12 @@
 """The joint fit of a window: one robust maximum-likelihood estimate of all views, for one hypothesis.
 
-The hypothesis says what the points are (free, or on one plane) and where the fit starts. Unknown are the poses of all
-views but the first, the true rays and inverse distances of all tracks, the focal length (with a prior), the plane, and
-for each view a smooth error field that its tracks have in common (with a prior). The length of one baseline is held,
-since images do not tell the scale. Two views, three or twelve: the same code.
+The hypothesis says whether most points lie on one plane, and where the fit starts. Unknown are the poses of all views
+but the first, the true rays of all tracks, the inverse distances of the tracks off the plane, the focal length (with a
+prior), the plane, and for each view a smooth error field that its tracks have in common (with a prior). The length of
+one baseline is held, since images do not tell the scale. Two views, three or twelve: the same code.
+
+A track may leave the plane, at a fixed cost. So relief beside a plane is a part of the model, and a plane that is none
+loses its tracks.
 """
 
 from __future__ import annotations
@@ -12,16 +15,35 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quest.geometry.quaternion import rotation_from_vector
-from slam_init.types.arrays import Floats, Ints
-from slam_init.window.kernels import FIELD_TERMS, accumulate
+from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.window.kernels import FIELD_TERMS, accumulate, eliminate
 from slam_init.window.projection import camera_vector
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["JointFit", "Priors", "WindowState", "fit_window", "start_at", "with_error_fields"]
+__all__ = [
+    "OFF_PLANE_COST",
+    "JointFit",
+    "Linearization",
+    "Priors",
+    "WindowState",
+    "costs_off_plane",
+    "fit_window",
+    "linearize_with_fields",
+    "start_at",
+    "start_noise_factor",
+]
 
 #: Levenberg-Marquardt: first damping, the factor of a rejected step, and how often a step is tried.
 _DAMPING, _RAISE, _TRIES = 1e-4, 10.0, 6
+#: Cost of a track that leaves the plane: three nats, as much as a track may vote for or against a hypothesis.
+OFF_PLANE_COST = 6.0
+#: How often the tracks may leave the plane or return to it before the fit ends.
+_PLANE_ROUNDS = 2
+#: The noise is measured again this often, each time with the outliers of the last value. Within three deviations a 2-D
+#: Gaussian has this share of its variance.
+_NOISE_ROUNDS, _INSIDE_THREE_SIGMAS = 5, 0.949
+#: Median of the squared length of a 2-D Gaussian of variance 1, and the largest noise at a start over the assumed one.
+_MEDIAN_SQUARE, _LARGEST_START_FACTOR = 1.386, 10.0
 #: Stiffness of the held baseline over that of its view.
 _GAUGE = 1e4
 
@@ -56,13 +78,15 @@ class WindowState:
     rays : (T, 3) float
         True unit rays in the anchor views.
     inverse_distances : (T,) float
-        Along the rays, not negative; not used on a plane.
+        Along the rays, not negative; not used on the plane.
     log_scale : float
         Logarithm of the true focal length over the stated one.
     field : (V, 12) float
         Coefficients of the error fields.
     plane : (3,) float or None
-        ``plane . X = 1`` in the world; None for free points.
+        ``plane . X = 1`` in the world; None without one.
+    on_plane : (T,) bool
+        Tracks whose point lies on the plane.
     """
 
     R: Floats
@@ -71,7 +95,8 @@ class WindowState:
     inverse_distances: Floats
     log_scale: float
     field: Floats
-    plane: Floats | None = None
+    plane: Floats | None
+    on_plane: Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +109,7 @@ class JointFit:
     cost : float
         Twice the negative logarithm of the posterior density, up to a constant.
     track_costs : (T,) float
-        The share of each track in the cost.
+        The share of each track in the cost, with the cost of leaving the plane.
     iterations : int
         Number of Gauss-Newton steps.
     information : (G, G) float
@@ -92,6 +117,8 @@ class JointFit:
         :mod:`slam_init.window.kernels`.
     held_view : int
         View whose baseline was held.
+    noise_factor : float
+        The noise by the residuals over the noise of the tracks as assumed; 1 where there are too few residuals.
     field_size : int
         Number of coefficients of the error field of a view in the information; 0 where there is none.
     """
@@ -102,7 +129,7 @@ class JointFit:
     iterations: int
     information: Floats
     held_view: int
-
+    noise_factor: float
     field_size: int = 0
 
     def pose_covariance(self, view: int) -> Floats:
@@ -123,7 +150,13 @@ class JointFit:
 
 
 def start_at(
-    tracks: WindowTracks, R: Floats, t: Floats, plane: Floats | None = None, *, at_infinity: bool = False
+    tracks: WindowTracks,
+    R: Floats,
+    t: Floats,
+    plane: Floats | None = None,
+    *,
+    log_scale: float = 0.0,
+    at_infinity: bool = False,
 ) -> WindowState:
     """A state at given poses: measured rays, and inverse distances by linear least squares.
 
@@ -133,7 +166,9 @@ def start_at(
     R, t : (V, 3, 3), (V, 3) float
         cam_from_world.
     plane : (3,) float, optional
-        For points on a plane.
+        All points start on it.
+    log_scale : float
+        Logarithm of the true focal length over the stated one.
     at_infinity : bool
         Whether all points start at infinity.
 
@@ -142,11 +177,14 @@ def start_at(
     WindowState
     """
     anchor = np.maximum(tracks.anchor, 0)
-    world = np.einsum("tji,tj->ti", R[anchor], tracks.rays)
+    bearings = tracks.bearings(log_scale)
+    rays = bearings[anchor, np.arange(len(anchor))]
+    rays = np.where(np.isfinite(rays), rays, tracks.rays)
+    world = np.einsum("tji,tj->ti", R[anchor], rays)
     centre = np.einsum("tji,tj->ti", R[anchor], t[anchor])
     numerator, denominator = np.zeros(len(anchor)), np.full(len(anchor), 1e-12)
     for k in range(len(R)):
-        measured = tracks.camera.bearings(tracks.pixels[k])
+        measured = bearings[k]
         along, by_depth = world @ R[k].T, t[k] - centre @ R[k].T
         # n x (along + rho by_depth) = 0
         a, b = np.cross(measured, along), np.cross(measured, by_depth)
@@ -154,7 +192,8 @@ def start_at(
         numerator -= np.where(used, np.einsum("ij,ij->i", a, b), 0.0)
         denominator += np.where(used, np.einsum("ij,ij->i", b, b), 0.0)
     inverse = np.maximum(np.nan_to_num(numerator / denominator), 0.0) * (not at_infinity)
-    return WindowState(R.copy(), t.copy(), tracks.rays.copy(), inverse, 0.0, np.zeros((len(R), FIELD_TERMS)), plane)
+    field, on_plane = np.zeros((len(R), FIELD_TERMS)), np.full(len(anchor), plane is not None)
+    return WindowState(R.copy(), t.copy(), rays, inverse, log_scale, field, plane, on_plane)
 
 
 def fit_window(
@@ -163,8 +202,8 @@ def fit_window(
     priors: Priors,
     *,
     rotation_only: bool = False,
-    max_steps: int = 20,
-    tolerance: float = 0.01,
+    max_steps: int = 12,
+    tolerance: float = 0.05,
 ) -> JointFit:
     """Fit all views of a window jointly, from a start near the answer.
 
@@ -179,21 +218,95 @@ def fit_window(
     max_steps : int
         Largest number of Gauss-Newton steps.
     tolerance : float
-        The fit ends where a step lowers the cost by less: a hundredth is far below what decides.
+        The fit ends where a step lowers the cost by less: a fortieth of a nat is far below what decides.
 
     Returns
     -------
     JointFit
     """
     fitter = _Fitter(tracks, start, priors, rotation_only)
-    return fitter.run(start, max_steps, tolerance)
+    fit = fitter.run(start, max_steps, tolerance)
+    for _ in range(0 if start.plane is None else _PLANE_ROUNDS):
+        reassigned = fitter.reassigned(fit.state)
+        if (reassigned.on_plane == fit.state.on_plane).all():
+            break
+        fit = fitter.run(reassigned, max_steps, tolerance)
+    return fit
 
 
-def with_error_fields(tracks: WindowTracks, fit: JointFit, priors: Priors) -> JointFit:
-    """The same fit, with the information that remains when each view has an unknown error field.
+def start_noise_factor(tracks: WindowTracks, start: WindowState, priors: Priors) -> float:
+    """The noise of a start over the noise of its tracks, by the median residual.
 
-    The fields make a step several times as expensive (see ``benchmarks/measured/window_fit.md``). So a window is fitted
-    without them, and they enter the covariance only.
+    A start is off by more than the noise, and the noise of a pair can be far smaller than that of the other views. With
+    too small a noise all observations count as outliers, and the fit cannot move.
+
+    Parameters
+    ----------
+    tracks : WindowTracks
+    start : WindowState
+    priors : Priors
+
+    Returns
+    -------
+    float
+        From 1 to 10.
+    """
+    return _Fitter(tracks, start, priors, False).start_noise_factor(start)
+
+
+def costs_off_plane(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:
+    """The cost of each track of a fit, at the same poses, if each point had a distance of its own.
+
+    Parameters
+    ----------
+    tracks : WindowTracks
+        As fitted.
+    fit : JointFit
+        With a plane.
+    priors : Priors
+        As fitted.
+
+    Returns
+    -------
+    (T,) float
+        Without the cost of leaving the plane. The rays and the distances are those of one Gauss-Newton step.
+    """
+    return _Fitter(tracks, fit.state, priors, False).off_plane(fit.state)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearization:
+    """The quadratic expansion of the cost about a fit, with an error field in each view that has no prior yet.
+
+    Attributes
+    ----------
+    information, gradient : (G, G), (G,) float
+        Half of the second and half of the first derivatives of the cost, tracks eliminated, baseline held.
+    shares : (T, G) float
+        The share of each track in the gradient.
+    is_field : (G,) bool
+        Which unknowns are coefficients of the fields. The others have the order of :attr:`JointFit.information`.
+    distance_variance : (T,) float
+        Variance of the inverse distance of each track off the plane, if all other unknowns were known.
+    distance_coupling : (T, G) float
+        How the inverse distance of each track follows the other unknowns.
+    """
+
+    information: Floats
+    gradient: Floats
+    shares: Floats
+    is_field: Bools
+    distance_variance: Floats
+    distance_coupling: Floats
+
+
+def linearize_with_fields(
+    tracks: WindowTracks, fit: JointFit, priors: Priors, *, rotation_only: bool = False
+) -> Linearization:
+    """Expand the cost of a fit in all its unknowns and in the error fields of the views.
+
+    The distances of tracks at infinity count as unknowns too: that a distance is not negative bounds it on one side
+    only. Their gradient, which the bound stops, is left out.
 
     Parameters
     ----------
@@ -202,13 +315,15 @@ def with_error_fields(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Jo
     fit : JointFit
         Without fields.
     priors : Priors
-        With the standard deviation of the fields.
+        The fields have no prior here.
+    rotation_only : bool
+        As fitted.
 
     Returns
     -------
-    JointFit
+    Linearization
     """
-    return _Fitter(tracks, fit.state, priors, False).linearized(fit)
+    return _Fitter(tracks, fit.state, replace(priors, field_sigma_px=np.inf), rotation_only).linearized(fit.state)
 
 
 class _Fitter:
@@ -217,15 +332,18 @@ class _Fitter:
     def __init__(self, tracks: WindowTracks, start: WindowState, priors: Priors, rotation_only: bool) -> None:
         self._tracks, self._priors, self._rotation_only = tracks, priors, rotation_only
         self._camera = camera_vector(tracks.camera)
-        self._is_plane = start.plane is not None
+        self._has_plane = start.plane is not None
         self._field_size = FIELD_TERMS if priors.field_sigma_px > 0 else 0
         views, count = tracks.seen.shape
         self._views = views
         self._block = 6 + self._field_size
         self._focal = self._block * (views - 1) + self._field_size
-        size = self._focal + 1 + (3 if self._is_plane else 0)
-        self._normal, self._gradient = np.zeros((size, size)), np.zeros(size)
+        size = self._focal + 1 + (3 if self._has_plane else 0)
+        self._normal, self._gradient, self._shares = np.zeros((size, size)), np.zeros(size), np.zeros((count, size))
         self._back, self._costs = np.zeros((count, 3, 4 + size)), np.zeros(count)
+        self._squares = np.zeros((views, count))
+        firsts = self._field_size + self._block * np.arange(views - 1)
+        self._pose_columns = firsts[:, None] + np.arange(6)
         self._held_view = int(np.argmax(np.linalg.norm(start.t, axis=1)))
         self._free = np.ones(count, bool)
 
@@ -250,11 +368,89 @@ class _Fitter:
             self._equations(state)
             if settled:
                 break
-        return JointFit(state, cost, self._costs.copy(), steps, self._gauged(state), self._held_view, self._field_size)
+        # The last try may have been rejected: the costs of the tracks are those of the state.
+        self._equations(state)
+        return JointFit(
+            state,
+            cost,
+            self._costs.copy(),
+            steps,
+            self._gauged(state),
+            self._held_view,
+            self._noise_factor(state),
+            self._field_size,
+        )
 
-    def linearized(self, fit: JointFit) -> JointFit:
-        self._equations(fit.state)
-        return replace(fit, information=self._gauged(fit.state), field_size=self._field_size)
+    def start_noise_factor(self, state: WindowState) -> float:
+        """The noise by the median residual at a start over the assumed noise, at least 1."""
+        self._equations(state)
+        self._cost(self._moved(state, np.zeros(len(self._gradient))))
+        used = self._tracks.seen & (self._tracks.anchor >= 0)
+        median = float(np.median(self._squares[used])) if used.any() else 0.0
+        return float(np.sqrt(min(max(median / _MEDIAN_SQUARE, 1.0), _LARGEST_START_FACTOR**2)))
+
+    def _noise_factor(self, state: WindowState) -> float:
+        """The noise by the residuals over the assumed noise; residuals beyond three deviations are outliers."""
+        used = self._tracks.seen & (self._tracks.anchor >= 0)
+        factor2 = 1.0
+        for _ in range(_NOISE_ROUNDS):
+            inside = used & (self._squares < 9.0 * factor2)
+            observations, counts = float(inside.sum()), inside.sum(axis=0)
+            free = (counts >= 2) & ~state.on_plane & self._free
+            freedom = 2 * observations - 2 * float((counts >= 1).sum()) - float(free.sum()) - 6 * (self._views - 1)
+            if freedom < 0.1 * observations:
+                return 1.0
+            factor2 = float(self._squares[inside].sum()) / (freedom * _INSIDE_THREE_SIGMAS)
+        return float(np.sqrt(factor2))
+
+    def reassigned(self, state: WindowState) -> WindowState:
+        """The tracks on the plane and those off it, by their costs at the poses of a state."""
+        everywhere = np.ones(len(state.rays), bool)
+        self._cost(replace(state, on_plane=everywhere))
+        on = self._costs.copy()
+        off = self.off_plane(state) + OFF_PLANE_COST
+        inverse = start_at(self._tracks, state.R, state.t, log_scale=state.log_scale).inverse_distances
+        return replace(state, on_plane=on <= off, inverse_distances=inverse)
+
+    def off_plane(self, state: WindowState) -> Floats:
+        nowhere = np.zeros(len(state.rays), bool)
+        measured = start_at(self._tracks, state.R, state.t, log_scale=state.log_scale)
+        inverse = measured.inverse_distances
+        # Rays as measured and as fitted with the plane; each track takes the better one.
+        starts = [
+            replace(state, on_plane=nowhere, inverse_distances=inverse, rays=rays)
+            for rays in (state.rays, measured.rays)
+        ]
+        best = np.full(len(state.rays), np.inf)
+        for start in starts:
+            self._equations(start)
+            for moved in (start, self._moved(start, np.zeros(len(self._gradient)))):
+                self._cost(moved)
+                best = np.minimum(best, self._costs)
+        return np.asarray(best - (OFF_PLANE_COST if self._has_plane else 0.0) * (self._tracks.anchor >= 0))
+
+    def linearized(self, state: WindowState) -> Linearization:
+        self._free[:] = not self._rotation_only
+        self._accumulate(state, fill=True)
+        held = ~state.on_plane & (state.inverse_distances == 0) & (self._back[:, 2, 0] > 0)
+        if held.any() and not self._rotation_only:
+            # The equations are linear in the gradients of the tracks.
+            stopped = self._back[held, :, 3] * self._back[held, 2, :1]
+            self._shares[held] += np.einsum("tpg,tp->tg", self._back[held, :, 4:], stopped)
+        is_field = np.zeros(len(self._gradient), bool)
+        for k in range(self._views):
+            is_field[self._field_columns(k)] = True
+        shares, gradient = self._shares.copy(), self._shares.sum(axis=0)
+        gradient[self._focal] += state.log_scale / self._priors.focal_sigma**2
+        variance = self._back[:, 2, 3].copy()
+        coupling = -np.einsum("tq,tqg->tg", self._back[:, 2, 1:4], self._back[:, :, 4:])
+        on_plane = np.flatnonzero(state.on_plane & (self._tracks.anchor == 0))
+        if state.plane is not None:
+            # In the reference, the inverse distance along a ray is the product of the plane and the ray.
+            variance[on_plane] = 0.0
+            coupling[on_plane] = 0.0
+            coupling[on_plane, -3:] = state.rays[on_plane]
+        return Linearization(self._gauged(state), gradient, shares, is_field, variance, coupling)
 
     def _cost(self, state: WindowState) -> float:
         return self._accumulate(state, fill=False)
@@ -263,8 +459,8 @@ class _Fitter:
         """The equations of a step. Tracks at infinity whose distance would become negative are held there."""
         self._free[:] = not self._rotation_only
         cost = self._accumulate(state, fill=True)
-        if not self._is_plane and not self._rotation_only:
-            held = (state.inverse_distances == 0) & (self._back[:, 2, 0] > 0)
+        if not self._rotation_only:
+            held = ~state.on_plane & (state.inverse_distances == 0) & (self._back[:, 2, 0] > 0)
             if held.any():
                 self._free[held] = False
                 cost = self._accumulate(state, fill=True)
@@ -274,13 +470,18 @@ class _Fitter:
         tracks, priors = self._tracks, self._priors
         plane = np.zeros(3) if state.plane is None else state.plane
         cost = accumulate(
-            self._camera, state.R, state.t, state.log_scale, plane, self._is_plane, state.field, self._field_size,
+            self._camera, state.R, state.t, state.log_scale, plane, state.on_plane, state.field, self._field_size,
             tracks.pixels, tracks.sigma_px, tracks.places, tracks.seen, tracks.anchor, state.rays,
-            state.inverse_distances, self._free, priors.gate_sigmas**2, self._normal, self._gradient, self._back,
-            self._costs, fill,
+            state.inverse_distances, self._free, priors.gate_sigmas**2, self._normal, self._shares, self._back,
+            self._costs, self._squares, fill,
         )  # fmt: skip
+        if self._has_plane:
+            off = ~state.on_plane & (tracks.anchor >= 0)
+            self._costs[off] += OFF_PLANE_COST
+            cost += OFF_PLANE_COST * float(off.sum())
         cost += (state.log_scale / priors.focal_sigma) ** 2
         if fill:
+            self._gradient[:] = eliminate(self._normal, self._shares, self._back)
             self._normal[self._focal, self._focal] += 1 / priors.focal_sigma**2
             self._gradient[self._focal] += state.log_scale / priors.focal_sigma**2
         if self._field_size:
@@ -306,10 +507,9 @@ class _Fitter:
 
     def _moved(self, state: WindowState, step: Floats) -> WindowState:
         R, t, field = state.R.copy(), state.t.copy(), state.field.copy()
-        for k in range(1, self._views):
-            first = self._field_size + self._block * (k - 1)
-            R[k] = rotation_from_vector(step[first : first + 3]) @ R[k]
-            t[k] += step[first + 3 : first + 6]
+        poses = step[self._pose_columns]
+        R[1:] = _rotations(poses[:, :3]) @ R[1:]
+        t[1:] += poses[:, 3:]
         if self._field_size:
             for k in range(self._views):
                 field[k] += step[self._field_columns(k)]
@@ -318,9 +518,8 @@ class _Fitter:
         first_tangent, second_tangent = _tangents(state.rays)
         rays = state.rays + first_tangent * local[:, :1] + second_tangent * local[:, 1:2]
         rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-300)
-        inverse = state.inverse_distances
-        if not self._is_plane:
-            inverse = np.maximum(inverse + np.where(self._free, local[:, 2], 0.0), 0.0)
+        free = self._free & ~state.on_plane
+        inverse = np.maximum(state.inverse_distances + np.where(free, local[:, 2], 0.0), 0.0)
         plane = None if state.plane is None else state.plane + step[-3:]
         return replace(
             state,
@@ -332,6 +531,17 @@ class _Fitter:
             field=field,
             plane=plane,
         )
+
+
+def _rotations(vectors: Floats) -> Floats:
+    """Rotation matrices (V, 3, 3) of rotation vectors (V, 3): the formula of Rodrigues."""
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    x, y, z = vectors.T
+    cross = np.zeros((len(vectors), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
+    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = z, -y, x
+    sine, versine = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    return np.asarray(np.eye(3) + sine * cross + versine * (cross @ cross))
 
 
 def _tangents(rays: Floats) -> tuple[Floats, Floats]:

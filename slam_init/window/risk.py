@@ -4,10 +4,12 @@ Wrong means: a rotation off by more than 5 degrees, or a direction of the baseli
 causes add their probabilities:
 
 * **direction**: the right hypothesis with a large error. The covariance of the joint fit (Laplace) gives the standard
-  deviation of the direction. It knows noise, focal length and error fields.
+  deviation of the direction, the error fields integrated out. It knows noise, focal length and errors that the tracks
+  of a view share. Errors that a track keeps over many views show in the scatter of the scores of the tracks over
+  regions of the image; the larger one of both deviations counts.
 * **rival**: another motion is right. Each track votes by the difference of its two log likelihoods, by three nats at
   the most: so much it costs to say that the track is an outlier. The image region with the largest vote is left out,
-  since a moving body or a step in the scene fills a region.
+  since a moving body or a step in the scene fills a region. What the error fields explain of the rival counts for it.
 * **rotation**: the camera only rotates, with a wrong focal length. Translation and points add unknowns, so they lower
   the cost by chance: twice the gain has a chi-square distribution then.
 * **floor**: what is not modelled.
@@ -26,20 +28,30 @@ from slam_init.mapping.rivals import explained_at_most, margin_of
 from slam_init.types.arrays import Floats
 from slam_init.types.comparison import Margin
 from slam_init.window.hypotheses import FittedMotion, WindowHypotheses
-from slam_init.window.joint_fit import JointFit
+from slam_init.window.joint_fit import JointFit, Linearization, linearize_with_fields
+from slam_init.window.linear_algebra import single_threaded
+from slam_init.window.marginal import FIELD_PRIOR, FieldMarginal, marginalize_fields
 
-__all__ = ["WindowRisk", "direction_sigmas_deg", "risk_of"]
+__all__ = ["WindowRisk", "risk_of"]
 
-#: A direction is wrong from here on.
-_WRONG_DIRECTION_DEG = 15.0
-#: Laplace is optimistic with few views. Factor on the standard deviation of the direction: 2.4 with two views, 1.4 with
+#: A rotation and a direction are wrong from here on.
+_WRONG_ROTATION_DEG, _WRONG_DIRECTION_DEG = 5.0, 15.0
+#: Laplace is optimistic with few views. Factor on the standard deviation of the direction: 1.7 with two views, 1.2 with
 #: twelve.
-_FEW_VIEWS = 1.4
+_FEW_VIEWS = 0.7
+#: A focal length that is off by two of its standard deviations widens the direction by sqrt(2), one that is off by more
+#: in proportion, as Student's distribution with four degrees of freedom is wider than a Gaussian one far out.
+_PULL_FREEDOM = 4.0
+#: Regions across and down for the scatter of the scores: a dozen sums determine a standard deviation to a fifth, and
+#: errors of the lens and of the shutter extend over a quarter of the image.
+_SCORE_REGIONS = (4, 3)
 #: Largest vote of a track, as a difference of costs (twice the nats).
 _LARGEST_VOTE = 6.0
 #: A pair is judged again while frames arrive: with windows of 2 to 12 views about ten times. The looks share most of
 #: their data, so that the sum over all looks is an upper bound.
 _LOOKS = 10.0
+#: A rival that is further behind than this is not looked at with error fields: they explain less.
+_FAR_BEHIND_NATS = 300.0
 #: Share of wrong maps that no term explains, a tenth of the largest risk that is accepted. It is an assumption: of 1268
 #: drawn windows with a risk below 0.005 none was wrong, which bounds their share by 0.24 % (95 %).
 _FLOOR = 5e-4
@@ -56,13 +68,20 @@ class WindowRisk:
     direction, rival, rotation, floor : float
         Probabilities, see the module docstring.
     direction_sigma_deg : float
-        Standard deviation of the direction of the pair's baseline where it is largest, as fitted.
+        Standard deviation of the direction of the pair's baseline where it is largest.
     rotation_sigma_deg : float
-        Standard deviation of the pair's rotation where it is largest, as fitted.
+        Standard deviation of the pair's rotation where it is largest.
+    depth_sigma : float
+        Median of the relative standard deviations of the depths.
+    field_px : float
+        Expected standard deviation of the coefficients of the error fields.
     margin : Margin or None
         The vote against the nearest rival; None without a rival.
     rotation_log_likelihood : float
         Log likelihood of the best motion over the rotation-only camera, in nats.
+    direction_of_views : tuple of float
+        The term of the direction for each view of the best motion but the first: the pair's own first. A view near the
+        reference has an uncertain direction although its position is certain.
     """
 
     total: float
@@ -72,8 +91,26 @@ class WindowRisk:
     floor: float
     direction_sigma_deg: float
     rotation_sigma_deg: float
+    depth_sigma: float
+    field_px: float
     margin: Margin | None
     rotation_log_likelihood: float
+    direction_of_views: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Expanded:
+    """A fit, its quadratic expansion, and the posterior of the scale of its error fields."""
+
+    fit: JointFit
+    linearization: Linearization
+    marginal: FieldMarginal
+
+    @property
+    def scale_weights(self) -> Floats:
+        log = self.marginal.log_evidence + np.log(FIELD_PRIOR)
+        weights = np.exp(log - log.max())
+        return np.asarray(weights / weights.sum())
 
 
 def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
@@ -87,58 +124,130 @@ def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     -------
     WindowRisk
     """
+    with single_threaded():
+        return _risk_of(hypotheses)
+
+
+def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     best, *rivals = hypotheses.motions
-    rotation_deg, direction_deg = direction_sigmas_deg(best.fit)
+    expanded = _expanded(hypotheses, best)
+    factor, weights = _optimism(hypotheses, best), expanded.scale_weights
+    of_views = [_direction_sigmas_deg(hypotheses, best, expanded, view) for view in range(1, len(best.rows))]
+    direction_risks = tuple(float(weights @ _wrong_direction(factor * sigmas_deg)) for sigmas_deg in of_views)
+    direction, direction_deg = direction_risks[0], float(np.sqrt(weights @ of_views[0] ** 2))
+    rotation_deg = _rotation_sigma_deg(expanded)
     margins = [_margin(hypotheses, best, rival) for rival in rivals]
     nearest = min(margins, key=Margin.decision_ratio, default=None)
-    factor = _optimism(hypotheses, best)
-    direction = math.exp(-0.5 * (_WRONG_DIRECTION_DEG / (factor * max(direction_deg, 1e-9))) ** 2)
-    rival = min(1.0, _LOOKS * sum(_rival_probability(margin) for margin in margins))
-    gain, rotation = _rotation_probability(hypotheses)
+    spread_deg = factor * direction_deg
+    odds = [
+        _rival_probability(hypotheses, expanded, rival, margin) * _wrong_if_right(best, rival, spread_deg)
+        for rival, margin in zip(rivals, margins, strict=True)
+    ]
+    rival = min(1.0, _LOOKS * sum(odds))
+    gain, rotation = _rotation_probability(hypotheses, expanded)
     total = min(1.0, direction + rival + rotation + _FLOOR)
-    return WindowRisk(total, direction, rival, rotation, _FLOOR, direction_deg, rotation_deg, nearest, gain)
+    field_px = expanded.marginal.expected_scale_px(expanded.scale_weights)
+    return WindowRisk(
+        total=total,
+        direction=direction,
+        direction_of_views=direction_risks,
+        rival=rival,
+        rotation=rotation,
+        floor=_FLOOR,
+        direction_sigma_deg=direction_deg,
+        rotation_sigma_deg=rotation_deg,
+        depth_sigma=_depth_sigma(hypotheses, expanded),
+        field_px=field_px,
+        margin=nearest,
+        rotation_log_likelihood=gain,
+    )
+
+
+def _expanded(hypotheses: WindowHypotheses, motion: FittedMotion) -> _Expanded:
+    linearization = linearize_with_fields(hypotheses.tracks.of_views(motion.rows), motion.fit, hypotheses.priors)
+    return _Expanded(motion.fit, linearization, marginalize_fields(linearization))
 
 
 def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
     """Factor on the standard deviation of the direction, for what the covariance does not know."""
     few_views = 1 + _FEW_VIEWS / math.sqrt(len(best.rows) - 1)
     # A focal length that is pulled beyond its prior compensates errors that the model does not have.
-    pull = abs(best.fit.state.log_scale) / hypotheses.priors.focal_sigma
-    return few_views * max(pull, 1.0)
+    pull = best.fit.state.log_scale / hypotheses.priors.focal_sigma
+    return few_views * math.sqrt(1 + pull**2 / _PULL_FREEDOM)
 
 
-def direction_sigmas_deg(fit: JointFit) -> tuple[float, float]:
-    """Largest standard deviations of rotation and direction of the pair, by the covariance of the fit.
+def _wrong_direction(sigmas_deg: Floats) -> Floats:
+    """Probability that a direction with this largest standard deviation is off by 15 degrees."""
+    return np.asarray(np.exp(-0.5 * (_WRONG_DIRECTION_DEG / np.maximum(sigmas_deg, 1e-9)) ** 2))
 
-    Parameters
-    ----------
-    fit : JointFit
-        View 0 is the reference, view 1 the current frame.
 
-    Returns
-    -------
-    rotation_deg, direction_deg : float
-    """
-    covariance = fit.pose_covariance(1)
-    R, t = fit.state.R[1], fit.state.t[1]
+def _direction_sigmas_deg(hypotheses: WindowHypotheses, best: FittedMotion, expanded: _Expanded, view: int) -> Floats:
+    """Largest standard deviation of the direction of a view's baseline, for each scale of the fields (S,)."""
+    J = np.zeros((2, len(expanded.marginal.shift)))
+    J[:, 6 * (view - 1) : 6 * view] = _direction_derivatives(best.fit, view)
+    shifts, covariances = expanded.marginal.of(J)
+    covariances = covariances + shifts[:, :, None] * shifts[:, None, :]
+    sigmas = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, -1], 0.0))
+    return np.asarray(np.degrees(np.maximum(sigmas, _scattered_sigma(hypotheses, best, expanded, J))))
+
+
+def _rotation_sigma_deg(expanded: _Expanded) -> float:
+    """Largest standard deviation of the rotation of the pair."""
+    J = np.eye(3, len(expanded.marginal.shift))
+    shifts, covariances = expanded.marginal.of(J)
+    covariance = np.einsum("s,sij->ij", expanded.scale_weights, covariances + shifts[:, :, None] * shifts[:, None, :])
+    return math.degrees(float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0))))
+
+
+def _direction_derivatives(fit: JointFit, view: int) -> Floats:
+    """Derivatives (2, 6) of the direction of a view's baseline, in radians, by its pose."""
+    R, t = fit.state.R[view], fit.state.t[view]
     cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
-    # Centre -R^T t of the current camera: its derivatives by the rotation vector (from the left) and by t.
+    # Centre -R^T t of the camera: its derivatives by the rotation vector (from the left) and by t.
     J = np.hstack([R.T @ cross, R.T])
     length = max(float(np.linalg.norm(t)), 1e-300)
-    along = R.T @ t / length
-    across = np.eye(3) - np.outer(along, along)
-    of_centre = across @ J @ covariance @ J.T @ across
-    rotation = float(np.sqrt(max(np.linalg.eigvalsh(covariance[:3, :3])[-1], 0.0)))
-    direction = float(np.sqrt(max(np.linalg.eigvalsh(of_centre)[-1], 0.0))) / length
-    return math.degrees(rotation), math.degrees(direction)
+    across = np.linalg.svd((R.T @ t / length)[None])[2][1:]
+    return np.asarray(across @ J / length)
+
+
+def _scattered_sigma(hypotheses: WindowHypotheses, best: FittedMotion, expanded: _Expanded, J: Floats) -> float:
+    """Standard deviation of the direction by the scatter of the scores over regions (a sandwich estimate)."""
+    lin, marginal = expanded.linearization, expanded.marginal
+    influence = lin.shares[:, ~lin.is_field] @ marginal.covariance @ J.T
+    region = regions_of(_places(best), _SCORE_REGIONS)
+    used = hypotheses.tracks.anchor >= 0
+    sums = np.array([np.bincount(region[used], weights=column[used], minlength=12) for column in influence.T])
+    count = len(np.unique(region[used]))
+    # As many sums are used up as the direction has unknowns.
+    scatter = sums @ sums.T * count / max(count - 2, 1)
+    return float(np.sqrt(max(np.linalg.eigvalsh(scatter)[-1], 0.0)))
+
+
+def _depth_sigma(hypotheses: WindowHypotheses, expanded: _Expanded) -> float:
+    """Median of the relative standard deviations of the depths of the tracks that the reference sees."""
+    lin, covariance = expanded.linearization, expanded.marginal.covariance
+    coupling = lin.distance_coupling[:, ~lin.is_field]
+    variance = lin.distance_variance + np.einsum("tx,xy,ty->t", coupling, covariance, coupling)
+    state = expanded.fit.state
+    inverse = state.inverse_distances.copy()
+    if state.plane is not None:
+        inverse[state.on_plane] = state.rays[state.on_plane] @ state.plane
+    seen = (hypotheses.tracks.anchor == 0) & (inverse > 0)
+    if not seen.any():
+        return math.inf
+    return float(np.median(np.sqrt(np.maximum(variance[seen], 0.0)) / inverse[seen]))
+
+
+def _places(motion: FittedMotion) -> Floats:
+    rays = motion.fit.state.rays
+    return np.arctan2(rays[:, :2], rays[:, 2:])
 
 
 def _margin(hypotheses: WindowHypotheses, best: FittedMotion, rival: FittedMotion) -> Margin:
     """The vote of the tracks; a rival that locates fewer views explains the others as outliers."""
     costs = [_costs_of_tracks(hypotheses, motion) for motion in (best, rival)]
     votes = np.clip(costs[1] - costs[0], -_LARGEST_VOTE, _LARGEST_VOTE)
-    rays = best.fit.state.rays
-    where = np.arctan2(rays[:, :2], rays[:, 2:])
+    where = _places(best)
     largest = float(np.bincount(regions_of(where), weights=votes).max())
     margin = margin_of(votes, where)
     return replace(margin, log_likelihood=margin.log_likelihood - 0.5 * max(largest, 0.0))
@@ -151,24 +260,40 @@ def _costs_of_tracks(hypotheses: WindowHypotheses, motion: FittedMotion) -> Floa
     missing = seen.sum(axis=0) - placed
     freedom = np.maximum(2 * seen.sum(axis=0) - 3, 0)
     gate2 = hypotheses.priors.gate_sigmas**2
-    return np.asarray(np.minimum(motion.fit.track_costs + gate2 * missing, explained_at_most(freedom)))
+    bound = explained_at_most(freedom) + (_LARGEST_VOTE if hypotheses.planar else 0.0)
+    return np.asarray(np.minimum(motion.fit.track_costs + gate2 * missing, bound))
 
 
-def _rival_probability(margin: Margin) -> float:
-    """Probability that the rival is right after all, by the odds of the votes."""
-    return math.exp(-max(margin.log_likelihood, 0.0))
+def _rival_probability(hypotheses: WindowHypotheses, best: _Expanded, rival: FittedMotion, margin: Margin) -> float:
+    """Probability that the rival is right after all: the odds of the votes, the error fields integrated out."""
+    behind = margin.log_likelihood
+    if behind <= 0.0 or behind > _FAR_BEHIND_NATS:
+        return 0.5 if behind <= 0.0 else 0.0
+    # The fields explain a share of the difference of the costs, and the same share of the votes.
+    missing = int(hypotheses.tracks.seen[list(hypotheses.motions[0].rows)].sum())
+    missing -= int(hypotheses.tracks.seen[list(rival.rows)].sum())
+    ahead = 0.5 * (rival.fit.cost + hypotheses.priors.gate_sigmas**2 * missing - best.fit.cost)
+    explained = _expanded(hypotheses, rival).marginal.log_evidence - best.marginal.log_evidence
+    left = np.clip(1 - explained / max(ahead, 1e-9), 0.0, 1.0)
+    return float(best.scale_weights @ (1 / (1 + np.exp(behind * left))))
 
 
-def _rotation_probability(hypotheses: WindowHypotheses) -> tuple[float, float]:
+def _wrong_if_right(best: FittedMotion, rival: FittedMotion, sigma_deg: float) -> float:
+    """Probability that the map of the best motion is wrong if the rival is right: not if both are nearly the same."""
+    rotation_deg, direction_deg = best.difference_deg(rival)
+    if rotation_deg > _WRONG_ROTATION_DEG:
+        return 1.0
+    left_deg = max(_WRONG_DIRECTION_DEG - direction_deg, 0.0)
+    return math.exp(-0.5 * (left_deg / max(sigma_deg, 1e-9)) ** 2)
+
+
+def _rotation_probability(hypotheses: WindowHypotheses, expanded: _Expanded) -> tuple[float, float]:
     """Gain over the rotation-only camera (nats), and the probability of such a gain if the camera only rotates."""
-    best = hypotheses.motions[0]
-    views = len(best.rows)
-    missing = int(hypotheses.tracks.seen.sum()) - int(hypotheses.tracks.seen[list(best.rows)].sum())
-    gain = 0.5 * (hypotheses.rotation_only.cost - best.fit.cost - hypotheses.priors.gate_sigmas**2 * missing)
-    # Inverse distances are not negative: a track at infinity gains by half of its noise only.
-    depths = 3 if hypotheses.planar else 0.5 * int((hypotheses.tracks.anchor >= 0).sum())
-    freedom = 3 * (views - 1) - 1 + depths
+    gain, freedom = hypotheses.gain_over_rotation
+    rotation = linearize_with_fields(hypotheses.tracks, hypotheses.rotation_only, hypotheses.priors, rotation_only=True)
+    explained = marginalize_fields(rotation).lowered_cost - expanded.marginal.lowered_cost
+    gains = np.maximum(gain - 0.5 * np.maximum(explained, 0.0), 0.0)
     # Wilson and Hilferty: the cube root of chi-square over its freedom is nearly Gaussian.
     spread = 2 / (9 * freedom)
-    z = ((max(2 * gain, 0.0) / freedom) ** (1 / 3) - (1 - spread)) / math.sqrt(spread)
-    return gain, gaussian_tail(z)
+    z = ((2 * gains / freedom) ** (1 / 3) - (1 - spread)) / math.sqrt(spread)
+    return gain, float(FIELD_PRIOR @ [gaussian_tail(float(one)) for one in z])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,8 +14,8 @@ from slam_init.types.frame import Observations
 __all__ = ["MAX_TRACKS", "MAX_VIEWS", "WindowTracks", "gather_tracks"]
 
 #: A decision needs a well-spread subset of the tracks, not all of them: the standard deviation of the direction falls
-#: with the square root of their number, and 150 of 800 tracks leave 2.3 times of it.
-MAX_TRACKS = 150
+#: with the square root of their number, and 300 of 800 tracks leave 1.6 times of it.
+MAX_TRACKS = 300
 #: The information of more views comes from their baselines, which grow; views in between add little.
 MAX_VIEWS = 12
 #: The image is divided into this many cells (columns, rows); each cell gives its best tracks in turn.
@@ -87,6 +87,43 @@ class WindowTracks:
             camera, frames, track_ids, np.nan_to_num(pixels), seen, np.nan_to_num(rays), anchor, sigma_px, places
         )
 
+    @property
+    def noise_px(self) -> float:
+        """Standard deviation of a coordinate of a pixel: the median."""
+        return float(np.median(self.sigma_px))
+
+    def bearings(self, log_scale: float = 0.0) -> Floats:
+        """The measured rays.
+
+        Parameters
+        ----------
+        log_scale : float
+            Logarithm of the true focal length over the stated one.
+
+        Returns
+        -------
+        (V, T, 3) float
+            Unit rays in the cameras; any rays where a view does not see a track.
+        """
+        centre = np.array([self.camera.cx, self.camera.cy])
+        pixels = centre + (self.pixels - centre) / np.exp(log_scale)
+        return np.array([self.camera.bearings(one) for one in pixels])
+
+    def with_noise(self, noise_px: float) -> WindowTracks:
+        """The same tracks with another noise.
+
+        Parameters
+        ----------
+        noise_px : float
+            Standard deviation of a coordinate of a pixel.
+
+        Returns
+        -------
+        WindowTracks
+        """
+        factor = noise_px / self.noise_px
+        return replace(self, sigma_px=self.sigma_px * factor, places=self.places / factor)
+
     def of_views(self, rows: tuple[int, ...]) -> WindowTracks:
         """The same tracks in some of the views.
 
@@ -108,7 +145,7 @@ class WindowTracks:
             self.track_ids,
             self.pixels[chosen],
             self.seen[chosen],
-            float(np.median(self.sigma_px)),
+            self.noise_px,
         )
 
 
@@ -151,7 +188,7 @@ def _table(views: Sequence[Observations]) -> tuple[Ints, Floats, Bools]:
 
 
 def _spread(camera: Camera, pixels: Floats, seen: Bools, score: Ints) -> Ints:
-    """Positions (ascending) of at most 150 tracks: the best of each cell, then the second of each cell, and so on."""
+    """Positions (ascending) of at most 300 tracks: the best of each cell, then the second of each cell, and so on."""
     count = pixels.shape[1]
     if count <= MAX_TRACKS:
         return np.arange(count)

@@ -45,14 +45,17 @@ def test_a_pose_has_consistent_attributes(scene):
     assert 0 < pose.direction_sigma_rad < np.radians(5)
 
 
-def test_a_rotation_has_no_translation_no_depths_and_no_alternatives():
+def test_a_rotation_has_no_translation_and_no_depths_and_its_alternatives_are_motions_that_further_views_may_show():
     pose = estimate_relative_pose(*views(box(0), t=NO_TRANSLATION, noise_rad=NOISE_RAD))
     assert pose
     assert pose.kind == "rotation"
     assert pose.t.tolist() == [0, 0, 0]
     assert np.isnan(pose.depths1).all()
     assert np.isnan(pose.depths2).all()
-    assert pose.alternatives == ()
+    assert pose.alternatives
+    for other in pose.alternatives:
+        assert np.linalg.norm(other.t) == pytest.approx(1)
+        assert other.inliers.sum() >= 0.9 * pose.inliers.sum()
     assert pose.direction_sigma_rad == np.inf
 
 

@@ -11,9 +11,10 @@ from make_scene import CAMERA, CONFIG, cloud, history_of, observe, plane
 
 from quest.estimate import NoPose
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
-from slam_init.attempt import build_maps, estimate_two_views, match_pair, try_pair
+from slam_init.attempt import build_maps, estimate_two_views, try_pair
 from slam_init.bundle.problem import BundleSolution
 from slam_init.decision.correlated_error import rounding_error_px
+from slam_init.decision.two_views import match_pair
 from slam_init.types.gates import Stage
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from make_scene import CAMERA, CONFIG, history_of
 
-from slam_init.attempt import MatchedPair, estimate_two_views, match_pair
-from slam_init.decision.two_views import TwoViewEstimate
+from slam_init.attempt import estimate_two_views
+from slam_init.decision.two_views import MatchedPair, TwoViewEstimate, match_pair
 from slam_init.frontend.keyframes import PairPreview, preview_pair
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations

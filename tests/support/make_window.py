@@ -17,9 +17,9 @@ from slam_init.frontend.tracks import common_tracks
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
-from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
+from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.joint_fit import JointFit, Priors, WindowState, start_at
-from slam_init.window.kernels import FIELD_TERMS, accumulate
+from slam_init.window.kernels import FIELD_TERMS, accumulate, eliminate
 from slam_init.window.projection import camera_vector
 from slam_init.window.tracks import WindowTracks, gather_tracks
 
@@ -49,7 +49,9 @@ class Window:
         in_anchor = np.einsum("tij,tj->ti", self.R[anchor], self.points) + self.t[anchor]
         distance = np.linalg.norm(in_anchor, axis=1)
         field = np.zeros((len(self.R), 12))
-        return WindowState(self.R.copy(), self.t.copy(), in_anchor / distance[:, None], 1 / distance, 0.0, field, plane)
+        on_plane = np.full(len(distance), plane is not None)
+        rays = in_anchor / distance[:, None]
+        return WindowState(self.R.copy(), self.t.copy(), rays, 1 / distance, 0.0, field, plane, on_plane)
 
     def start(self, seed: int, plane: np.ndarray | None = None, error: float = 0.02) -> WindowState:
         """A state near the truth: rotations off by half of the error (rad), baselines by a share of their length."""
@@ -146,9 +148,10 @@ def hypotheses_of(
     """The fitted hypotheses of a window, reference and current first; None where the pair proposes no translation."""
     proposed, rays1, rays2 = pose_of_pair(camera, *views[:2])
     pose = pose or proposed
-    if not isinstance(pose, RelativePose) or pose.kind == "rotation":
+    if not isinstance(pose, RelativePose):
         return None
-    return fit_hypotheses(gather_tracks(camera, views, noise_px), pose, rays1, rays2, priors)
+    motions = motions_of_pair(pose, (views[0].frame, views[1].frame), rays1, rays2)
+    return fit_hypotheses(gather_tracks(camera, views, noise_px), motions, priors)
 
 
 def true_motion(source: PointSource, reference: int, current: int) -> Pose:
@@ -163,6 +166,20 @@ def pose_errors_deg(found: Pose, true: Pose) -> tuple[float, float]:
     return float(np.degrees(rotation_angle(found.R.T @ true.R))), float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
+def direction_covariance(fit: JointFit, view: int) -> tuple[np.ndarray, np.ndarray]:
+    """Covariance (2, 2) of the direction R^T t of a view's baseline in radians, and its basis (2, 3)."""
+    R, t = fit.state.R[view], fit.state.t[view]
+    basis = np.linalg.svd((R.T @ t)[None])[2][1:]
+    cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
+    J = basis @ np.hstack([R.T @ cross, R.T]) / np.linalg.norm(t)
+    return J @ fit.pose_covariance(view) @ J.T, basis
+
+
+def direction_sigma_deg(fit: JointFit, view: int = 1) -> float:
+    """Largest standard deviation of the direction of a view's baseline."""
+    return float(np.degrees(np.sqrt(np.linalg.eigvalsh(direction_covariance(fit, view)[0])[-1])))
+
+
 def focal_sigma(fit: JointFit) -> float:
     """Posterior standard deviation of the logarithm of the focal scale, of a fit without error fields."""
     column = 6 * (len(fit.state.R) - 1)
@@ -175,6 +192,7 @@ class Equations:
 
     cost: float
     costs: np.ndarray
+    squares: np.ndarray
     normal: np.ndarray
     gradient: np.ndarray
     back: np.ndarray
@@ -187,16 +205,17 @@ def equations(
     views, count = tracks.seen.shape
     field_size = FIELD_TERMS if with_field else 0
     size = (6 + field_size) * (views - 1) + field_size + 1 + (0 if state.plane is None else 3)
-    normal, gradient = np.full((size, size), np.nan), np.full(size, np.nan)
-    back, costs = np.zeros((count, 3, 4 + size)), np.full(count, np.nan)
+    normal, shares = np.full((size, size), np.nan), np.full((count, size), np.nan)
+    back, costs, squares = np.zeros((count, 3, 4 + size)), np.full(count, np.nan), np.full((views, count), np.nan)
     cost = accumulate(
         camera_vector(tracks.camera), state.R, state.t, state.log_scale,
-        np.zeros(3) if state.plane is None else state.plane, state.plane is not None, state.field, field_size,
+        np.zeros(3) if state.plane is None else state.plane, state.on_plane, state.field, field_size,
         tracks.pixels, tracks.sigma_px, tracks.places, tracks.seen, tracks.anchor, state.rays,
-        state.inverse_distances, np.ones(count, bool) if free is None else free, gate**2, normal, gradient, back,
-        costs, True,
+        state.inverse_distances, np.ones(count, bool) if free is None else free, gate**2, normal, shares, back,
+        costs, squares, True,
     )  # fmt: skip
-    return Equations(cost, costs, normal, gradient, back)
+    gradient = eliminate(normal, shares, back)
+    return Equations(cost, costs, squares, normal, gradient, back)
 
 
 def cost_at(tracks: WindowTracks, state: WindowState, gate: float, *, with_field: bool = False) -> float:
@@ -231,4 +250,4 @@ def moved(state: WindowState, step: np.ndarray, back: np.ndarray, *, with_field:
     tangents = np.array([np.reshape(small_algebra.tangents(ray), (2, 3)) for ray in state.rays])
     rays = state.rays + np.einsum("tq,tqj->tj", local[:, :2], tangents)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    return WindowState(R, t, rays, state.inverse_distances + local[:, 2], log_scale, field, plane)
+    return WindowState(R, t, rays, state.inverse_distances + local[:, 2], log_scale, field, plane, state.on_plane)

@@ -1,0 +1,37 @@
+"""The end of an attempt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from slam_init.mapping.map_building import MapWithViews
+from slam_init.types.comparison import Margin
+from slam_init.types.initial_map import InitialMap
+from slam_init.types.result import Attempt
+
+__all__ = ["Outcome"]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """The end of an attempt: its verdict, and the maps that it leaves.
+
+    Attributes
+    ----------
+    attempt : Attempt
+        The verdict and its evidence.
+    accepted : MapWithViews or None
+        A map that passed all gates.
+    unconfirmed : MapWithViews or None
+        A map of two views without a rival, which passed all gates except those that ask for a third view.
+    hypotheses : tuple of InitialMap
+        The maps that the vote could not decide between, the better one first.
+    margin : Margin or None
+        The deciding vote, where there were two maps.
+    """
+
+    attempt: Attempt
+    accepted: MapWithViews | None = None
+    unconfirmed: MapWithViews | None = None
+    hypotheses: tuple[InitialMap, ...] = ()
+    margin: Margin | None = None

@@ -1,0 +1,98 @@
+"""The hypotheses that live across frames: pairs propose them, each frame joins their fit, beaten ones are dropped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from quest.estimate import RelativePose
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Observations
+from slam_init.window.hypotheses import Motion, WindowHypotheses, fit_hypotheses, motions_of_pair
+from slam_init.window.joint_fit import Priors
+from slam_init.window.linear_algebra import single_threaded
+from slam_init.window.tracks import gather_tracks
+
+__all__ = ["LiveHypotheses"]
+
+#: Number of motions that are carried from frame to frame: both motions of a plane, and two that other pairs found.
+_MAX_MOTIONS = 4
+#: A motion whose cost is higher by this is dropped: a hundred nats. More frames hardly turn that.
+_HOPELESS = 200.0
+
+
+class LiveHypotheses:
+    """The motions of the window, from frame to frame.
+
+    Parameters
+    ----------
+    camera : Camera
+    priors : Priors
+    least_noise_px : float
+        Lower limit of the noise of a track.
+    """
+
+    def __init__(self, camera: Camera, priors: Priors, least_noise_px: float = 0.1) -> None:
+        self._camera = camera
+        self._priors = priors
+        self._least_noise_px = least_noise_px
+        self._motions: list[Motion] = []
+        self._proposed: list[Motion] = []
+        self._noise_px = 0.0
+
+    def __bool__(self) -> bool:
+        return bool(self._motions or self._proposed)
+
+    def propose(
+        self, pose: RelativePose, frames: tuple[int, int], rays1: Floats, rays2: Floats, noise_px: float
+    ) -> None:
+        """Add the motions of a pair.
+
+        Parameters
+        ----------
+        pose : RelativePose
+            Of the pair.
+        frames : (int, int)
+            Absolute indices of reference and current.
+        rays1, rays2 : (N, 3) float
+            The matches that the pose was estimated from.
+        noise_px : float
+            Standard deviation of a coordinate of a track.
+        """
+        self._proposed = motions_of_pair(pose, frames, rays1, rays2)
+        self._noise_px = self._noise_px or noise_px
+
+    def fitted(self, views: Sequence[Observations]) -> WindowHypotheses | None:
+        """Fit all motions to the views of a window, and keep those that are not hopeless.
+
+        Parameters
+        ----------
+        views : sequence of Observations
+            Reference and current first.
+
+        Returns
+        -------
+        WindowHypotheses or None
+            None where no motion locates reference and current.
+        """
+        with single_threaded():
+            return self._fitted(views)
+
+    def _fitted(self, views: Sequence[Observations]) -> WindowHypotheses | None:
+        tracks = gather_tracks(self._camera, views, self._noise_px)
+        motions = [*self._motions, *self._proposed]
+        hypotheses = fit_hypotheses(tracks, motions, self._priors, self._least_noise_px)
+        self._proposed = []
+        if hypotheses is None:
+            self._motions = []
+            return None
+        self._noise_px = hypotheses.tracks.noise_px
+        best = hypotheses.motions[0]
+        gain, freedom = hypotheses.gain_over_rotation
+        # Twice the gain is as large as this by chance alone: there is nothing to carry on.
+        if 2 * gain < freedom:
+            self._motions = []
+            return hypotheses
+        kept = [m for m in hypotheses.motions if len(m.rows) < len(best.rows) or m.fit.cost < best.fit.cost + _HOPELESS]
+        self._motions = [fitted.motion for fitted in kept[:_MAX_MOTIONS]]
+        return hypotheses

@@ -1,0 +1,132 @@
+"""The error fields of a fit, integrated out.
+
+The tracks of a view share errors: of the lens model, of the shutter, of the tracker. A smooth field for each view
+describes them (:mod:`slam_init.window.kernels`). How large the fields are is not known beforehand, and the tracks tell:
+errors that neighbours share do not average out. So the scale of the fields has a posterior too. It decides how far a
+rival is behind (its fields explain a part of its residuals), and how certain the direction of the baseline is.
+
+With the quadratic expansion of the cost (Laplace), both have a closed form for each scale: one eigenvalue
+decomposition serves all scales.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slam_init.types.arrays import Floats
+from slam_init.window.joint_fit import Linearization
+
+__all__ = ["FIELD_PRIOR", "FIELD_SCALES_PX", "FieldMarginal", "marginalize_fields"]
+
+#: Standard deviation of a coefficient of a field, in pixels: from none to a lens without its distortion, in steps of a
+#: factor of two.
+FIELD_SCALES_PX: Floats = np.array([0.0, 0.03, 0.06, 0.125, 0.25, 0.5, 1.0, 2.0])
+#: Probability of each scale before the tracks are seen: rectified lenses and good trackers leave a tenth of a pixel;
+#: more than half a pixel is a camera model that does not hold.
+FIELD_PRIOR: Floats = np.array([0.2, 0.2, 0.2, 0.2, 0.12, 0.05, 0.02, 0.01])
+FIELD_SCALES_PX.setflags(write=False)
+FIELD_PRIOR.setflags(write=False)
+
+
+@dataclass(frozen=True, eq=False)
+class FieldMarginal:
+    """What a fit says for each scale of its fields.
+
+    Attributes
+    ----------
+    log_evidence : (S,) float
+        Logarithm of the probability of the tracks with fields of each scale, over that without fields.
+    strength : (F,) float
+        Eigenvalues of the information about the fields that the other unknowns leave.
+    pull : (F,) float
+        The gradient along their eigenvectors.
+    covariance : (X, X) float
+        Of the other unknowns without fields.
+    shift : (X,) float
+        Of the other unknowns without fields; 0 up to the tolerance of the fit.
+    coupling : (X, F) float
+        How the other unknowns follow the fields along the eigenvectors.
+    """
+
+    log_evidence: Floats
+    strength: Floats
+    pull: Floats
+    covariance: Floats
+    shift: Floats
+    coupling: Floats
+
+    @property
+    def lowered_cost(self) -> Floats:
+        """(S,) how much the fields lower the cost."""
+        return np.array([float(np.sum(_prior_variance(s, self.strength) * self.pull**2)) for s in FIELD_SCALES_PX])
+
+    @staticmethod
+    def expected_scale_px(weights: Floats) -> float:
+        """Expected scale of the fields.
+
+        Parameters
+        ----------
+        weights : (S,) float
+            Probability of each scale.
+
+        Returns
+        -------
+        float
+        """
+        return float(weights @ FIELD_SCALES_PX)
+
+    def of(self, J: Floats) -> tuple[Floats, Floats]:
+        """Posterior of linear functions of the unknowns, for each scale.
+
+        Parameters
+        ----------
+        J : (M, X) float
+            Derivatives of the functions.
+
+        Returns
+        -------
+        shifts : (S, M) float
+            From the value at the fit, which has no fields.
+        covariances : (S, M, M) float
+        """
+        follow = J @ self.coupling
+        shifts, covariances = [], []
+        for scale in FIELD_SCALES_PX:
+            spread = _prior_variance(scale, self.strength)
+            shifts.append(J @ self.shift + follow @ (spread * self.pull))
+            covariances.append(J @ self.covariance @ J.T + (follow * spread) @ follow.T)
+        return np.array(shifts), np.array(covariances)
+
+
+def marginalize_fields(linearization: Linearization) -> FieldMarginal:
+    """Integrate the error fields out.
+
+    Parameters
+    ----------
+    linearization : Linearization
+
+    Returns
+    -------
+    FieldMarginal
+    """
+    field, other = linearization.is_field, ~linearization.is_field
+    H, g = linearization.information, linearization.gradient
+    covariance = np.asarray(np.linalg.inv(H[np.ix_(other, other)] + 1e-9 * np.eye(int(other.sum()))), np.float64)
+    follow = covariance @ H[np.ix_(other, field)]
+    left = H[np.ix_(field, field)] - H[np.ix_(field, other)] @ follow
+    eigenvalues, vectors = np.linalg.eigh(0.5 * (left + left.T))
+    strength = np.asarray(np.maximum(eigenvalues, 0.0), np.float64)
+    pull = np.asarray(vectors.T @ (g[field] - follow.T @ g[other]), np.float64)
+    shift = np.asarray(-covariance @ g[other], np.float64)
+    evidence = [
+        0.5 * float(np.sum(_prior_variance(s, strength) * pull**2) - np.sum(np.log1p(s**2 * strength)))
+        for s in FIELD_SCALES_PX
+    ]
+    return FieldMarginal(np.array(evidence), strength, pull, covariance, shift, np.asarray(follow @ vectors))
+
+
+def _prior_variance(scale: float, strength: Floats) -> Floats:
+    """Variance of the coefficients along the eigenvectors, given the tracks."""
+    return np.asarray(scale**2 / (1 + scale**2 * strength))

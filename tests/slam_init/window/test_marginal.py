@@ -1,0 +1,137 @@
+"""Laws of the integral over the error fields: it is that of the full normal equations, and tracks tell the scale."""
+
+import numpy as np
+import pytest
+from make_window import PRIORS, make_window, point_source
+
+from slam_init.window.joint_fit import fit_window, linearize_with_fields, start_at
+from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, marginalize_fields
+from slam_init.window.tracks import gather_tracks
+
+SCENES = {"general": "room", "plane": "wall"}
+
+
+@pytest.fixture(scope="module", params=SCENES)
+def linearization(request):
+    """The expansion of a fit of four views; one step short of the optimum, so that its gradient is not zero."""
+    window = make_window(SCENES[request.param], 1, 4, 40, noise_px=0.7, baseline=0.3)
+    start = window.start(1, window.plane if request.param == "plane" else None, error=1e-3)
+    fit = fit_window(window.tracks, start, PRIORS, max_steps=0)
+    return linearize_with_fields(window.tracks, fit, PRIORS)
+
+
+def dense(linearization, scale):
+    """Information and gradient with the prior of the fields; for a scale of 0 without the fields."""
+    H, g, field = linearization.information, linearization.gradient, linearization.is_field
+    if scale == 0:
+        return H[np.ix_(~field, ~field)], g[~field]
+    return H + np.diag(field / scale**2), g
+
+
+def functions(linearization):
+    """Three linear functions of the unknowns, each in units of its standard deviation without fields."""
+    count = int((~linearization.is_field).sum())
+    J = np.random.default_rng(0).normal(size=(3, count))
+    covariance = np.linalg.inv(dense(linearization, 0.0)[0])
+    return J / np.sqrt(np.einsum("mx,xy,my->m", J, covariance, J))[:, None]
+
+
+def test_without_fields_the_covariance_is_the_inverse_of_the_information_of_the_other_unknowns(linearization):
+    found = marginalize_fields(linearization)
+    assert FIELD_SCALES_PX[0] == 0
+    information, gradient = dense(linearization, 0.0)
+    np.testing.assert_allclose(found.covariance @ information, np.eye(len(information)), atol=1e-6)
+    J = functions(linearization)
+    shifts, covariances = found.of(J)
+    np.testing.assert_allclose(covariances[0], J @ np.linalg.inv(information) @ J.T, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(shifts[0], -J @ np.linalg.solve(information, gradient), rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("index", range(1, len(FIELD_SCALES_PX)))
+def test_shifts_and_covariances_are_those_of_the_full_normal_equations(linearization, index):
+    J = functions(linearization)
+    information, gradient = dense(linearization, FIELD_SCALES_PX[index])
+    full = np.zeros((3, len(information)))
+    full[:, ~linearization.is_field] = J
+    shifts, covariances = marginalize_fields(linearization).of(J)
+    np.testing.assert_allclose(shifts[index], -full @ np.linalg.solve(information, gradient), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(covariances[index], full @ np.linalg.solve(information, full.T), rtol=1e-5, atol=1e-6)
+
+
+def log_integral(linearization, scale):
+    """Logarithm of the integral of the likelihood and the prior of the fields over all unknowns, up to a constant."""
+    information, gradient = dense(linearization, scale)
+    fields = int(linearization.is_field.sum())
+    log = 0.5 * gradient @ np.linalg.solve(information, gradient) - 0.5 * np.linalg.slogdet(information)[1]
+    # The Gaussian integral has a factor sqrt(2 pi) for each coefficient, which the prior cancels.
+    return log - (fields * np.log(scale) if scale else 0.0)
+
+
+def test_the_evidence_is_the_gaussian_integral_over_all_unknowns(linearization):
+    found = marginalize_fields(linearization).log_evidence
+    assert found[0] == 0
+    expected = [log_integral(linearization, s) - log_integral(linearization, 0.0) for s in FIELD_SCALES_PX]
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-4)
+
+
+def test_the_fields_lower_the_cost_by_what_the_minimum_of_the_full_equations_is_lower(linearization):
+    def lowest(scale):
+        information, gradient = dense(linearization, scale)
+        return -gradient @ np.linalg.solve(information, gradient)
+
+    found = marginalize_fields(linearization).lowered_cost
+    np.testing.assert_allclose(found, [lowest(0.0) - lowest(s) for s in FIELD_SCALES_PX], rtol=1e-5, atol=1e-4)
+
+
+def test_larger_fields_never_raise_the_certainty_or_the_cost(linearization):
+    found = marginalize_fields(linearization)
+    _, covariances = found.of(functions(linearization))
+    variances = np.einsum("smm->sm", covariances)
+    assert (np.diff(variances, axis=0) >= 0).all()
+    assert (variances[-1] > 1.2 * variances[0]).all()
+    assert (np.diff(found.lowered_cost) >= 0).all()
+
+
+def test_the_prior_of_the_scales_is_a_distribution_over_ascending_scales():
+    assert FIELD_PRIOR.sum() == pytest.approx(1)
+    assert (FIELD_PRIOR > 0).all()
+    assert (np.diff(FIELD_SCALES_PX) > 0).all()
+
+
+def test_a_certain_scale_is_the_expected_one():
+    marginal = marginalize_fields(small_fit("room", 0, 0.0)[0])
+    for weights, scale in zip(np.eye(len(FIELD_SCALES_PX)), FIELD_SCALES_PX, strict=True):
+        assert marginal.expected_scale_px(weights) == scale
+
+
+def small_fit(scene, seed, field_px):
+    """The expansion of the fit of a drawn world from its truth, and the root mean square of its field coefficients."""
+    source = point_source(scene, seed, field_px=field_px, outliers=0.0, views=6, points=200, baseline=0.2)
+    tracks = gather_tracks(source.camera, list(source.observations()), 0.7)
+    poses = source.groundtruth.world_from_cam
+    relative = [poses[k].inverse() @ poses[0] for k in tracks.frames]
+    start = start_at(tracks, np.array([pose.R for pose in relative]), np.array([pose.t for pose in relative]))
+    fit = fit_window(tracks, start, PRIORS)
+    error = source.sequence.tracking_error
+    coefficients = []
+    for k in tracks.frames:
+        pixels, terms = tracks.pixels[k, tracks.seen[k]], 0.7 * tracks.places[k, tracks.seen[k]]
+        coefficients.append(np.linalg.lstsq(terms, error.at(k, pixels), rcond=None)[0])
+    return linearize_with_fields(tracks, fit, PRIORS), float(np.sqrt(np.mean(np.square(coefficients))))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_tracks_without_fields_prefer_none(seed):
+    evidence = marginalize_fields(small_fit("room", seed, 0.0)[0]).log_evidence
+    assert evidence[1:].max() < 1  # fields of a few hundredths of a pixel cannot be told from none
+    assert evidence[FIELD_SCALES_PX >= 0.125].max() < -2
+    assert evidence[FIELD_SCALES_PX >= 0.25].max() < -8
+
+
+@pytest.mark.parametrize("field_px", [0.2, 0.5, 1.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_tracks_that_share_smooth_fields_prefer_a_scale_of_about_the_true_one(seed, field_px):
+    linearization, true_px = small_fit("room", seed, field_px)
+    found = marginalize_fields(linearization)
+    assert found.log_evidence.max() > (20 if field_px >= 0.5 else 2)
+    assert 0.4 < FIELD_SCALES_PX[np.argmax(found.log_evidence)] / true_px < 2.5
