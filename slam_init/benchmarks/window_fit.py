@@ -36,7 +36,9 @@ from slam_init.window.live import LiveHypotheses
 from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.tracks import gather_tracks
 
-SCENES = ("room", "corridor", "wall", "desk", "nadir", "nadir-turn", "tilted-30", "rotation", "static")
+PLANES = ("wall", "desk", "nadir", "nadir-turn")
+TILTED = ("tilted-15", "tilted-30", "tilted-45")
+SCENES = ("room", "corridor", *PLANES, *TILTED, "rotation", "static")
 BASELINES = (0.03, 0.05, 0.1)
 VIEWS = tuple(range(2, 13))
 #: What counts as wrong, in degrees.

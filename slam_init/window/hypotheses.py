@@ -27,7 +27,6 @@ from slam_init.mapping.triangulation import resect, triangulate
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.pose import Pose
 from slam_init.window.joint_fit import (
-    OFF_PLANE_COST,
     JointFit,
     Priors,
     costs_off_plane,
@@ -58,6 +57,8 @@ _WORTH_TRYING = 0.05
 #: The window is fitted again where the noise was off by more than this factor (as a logarithm): the standard deviations
 #: are off by as much. With another noise other observations are outliers, hence the rounds.
 _NOISE_TOLERANCE, _NOISE_ROUNDS = 0.07, 2
+#: A start whose residuals are this many times the noise is far from the answer.
+_FAR_FACTOR = 1.5
 #: Motions nearer than this lead to the same optimum: a third of what makes an initialization wrong.
 _NEAR_ROTATION_DEG, _NEAR_DIRECTION_DEG = 1.5, 5.0
 #: Two fits nearer than this are one: an order below what makes an initialization wrong.
@@ -212,17 +213,16 @@ class WindowHypotheses:
     def gain_over_rotation(self) -> tuple[float, float]:
         """Log likelihood of the best motion over the rotation-only camera (nats), and the degrees of freedom of it.
 
-        Translation and points lower the cost by chance too: twice the gain has a chi-square distribution then.
+        Translation and points lower the cost by chance too: twice the gain has a chi-square distribution then. Tracks
+        that leave the plane have paid for it.
         """
         best, seen = self.motions[0], self.tracks.seen
         missing = int(seen.sum()) - int(seen[list(best.rows)].sum())
-        off_plane = float((~best.fit.state.on_plane & (self.tracks.anchor >= 0)).sum())
-        left_plane = OFF_PLANE_COST * off_plane if self.planar else 0.0
-        lowered = self.rotation_only.cost - best.fit.cost + left_plane - self.priors.gate_sigmas**2 * missing
+        lowered = self.rotation_only.cost - best.fit.cost - self.priors.gate_sigmas**2 * missing
         # A distance is not negative, so that by chance half of the tracks gain nothing. But without a translation its
         # direction is chosen to suit the tracks, and outliers gain more than noise: 0.9 a track in 32 drawn windows.
-        freedom = 3 * (len(best.rows) - 1) - 1 + off_plane + (3 if self.planar else 0)
-        return 0.5 * lowered, freedom
+        points = 3.0 if self.planar else float((self.tracks.anchor >= 0).sum())
+        return 0.5 * lowered, 3 * (len(best.rows) - 1) - 1 + points
 
 
 def motions_of_pair(pose: RelativePose, frames: tuple[int, int], rays1: Floats, rays2: Floats) -> list[Motion]:
@@ -451,4 +451,9 @@ def _fit_rotation(tracks: WindowTracks, rotations: Floats, priors: Priors) -> Jo
     # The translation has no effect on points at infinity; its length only has to differ from zero.
     t = np.outer(np.arange(len(rotations)), [1e-9, 0.0, 0.0])
     start = start_at(tracks, rotations, t, at_infinity=True)
+    # A wrong focal length moves the tracks by many times their noise, so the fit starts with a noise that allows it.
+    factor = start_noise_factor(tracks, start, priors, rotation_only=True)
+    for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():
+        wide = tracks.with_noise(wider * tracks.noise_px)
+        start = fit_window(wide, start, priors, rotation_only=True).state
     return fit_window(tracks, start, priors, rotation_only=True)

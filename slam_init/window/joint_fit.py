@@ -43,7 +43,7 @@ _PLANE_ROUNDS = 2
 #: Gaussian has this share of its variance.
 _NOISE_ROUNDS, _INSIDE_THREE_SIGMAS = 5, 0.949
 #: Median of the squared length of a 2-D Gaussian of variance 1, and the largest noise at a start over the assumed one.
-_MEDIAN_SQUARE, _LARGEST_START_FACTOR = 1.386, 10.0
+_MEDIAN_SQUARE, _LARGEST_START_FACTOR = 1.386, 30.0
 #: Stiffness of the held baseline over that of its view.
 _GAUGE = 1e4
 
@@ -119,6 +119,10 @@ class JointFit:
         View whose baseline was held.
     noise_factor : float
         The noise by the residuals over the noise of the tracks as assumed; 1 where there are too few residuals.
+    dispersion : float
+        How much the cost of a track falls by chance where its point may move in one direction, at least 1: 1 for errors
+        that are independent from view to view, more for a tracker that keeps its errors. It is measured across the
+        epipolar lines, where a rigid scene does not move.
     field_size : int
         Number of coefficients of the error field of a view in the information; 0 where there is none.
     """
@@ -130,6 +134,7 @@ class JointFit:
     information: Floats
     held_view: int
     noise_factor: float
+    dispersion: float
     field_size: int = 0
 
     def pose_covariance(self, view: int) -> Floats:
@@ -234,7 +239,9 @@ def fit_window(
     return fit
 
 
-def start_noise_factor(tracks: WindowTracks, start: WindowState, priors: Priors) -> float:
+def start_noise_factor(
+    tracks: WindowTracks, start: WindowState, priors: Priors, *, rotation_only: bool = False
+) -> float:
     """The noise of a start over the noise of its tracks, by the median residual.
 
     A start is off by more than the noise, and the noise of a pair can be far smaller than that of the other views. With
@@ -245,13 +252,15 @@ def start_noise_factor(tracks: WindowTracks, start: WindowState, priors: Priors)
     tracks : WindowTracks
     start : WindowState
     priors : Priors
+    rotation_only : bool
+        Whether all points are at infinity.
 
     Returns
     -------
     float
-        From 1 to 10.
+        From 1 to 30.
     """
-    return _Fitter(tracks, start, priors, False).start_noise_factor(start)
+    return _Fitter(tracks, start, priors, rotation_only).start_noise_factor(start)
 
 
 def costs_off_plane(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:
@@ -341,7 +350,7 @@ class _Fitter:
         size = self._focal + 1 + (3 if self._has_plane else 0)
         self._normal, self._gradient, self._shares = np.zeros((size, size)), np.zeros(size), np.zeros((count, size))
         self._back, self._costs = np.zeros((count, 3, 4 + size)), np.zeros(count)
-        self._squares = np.zeros((views, count))
+        self._squares, self._across = np.zeros((views, count)), np.zeros(count)
         firsts = self._field_size + self._block * np.arange(views - 1)
         self._pose_columns = firsts[:, None] + np.arange(6)
         self._held_view = int(np.argmax(np.linalg.norm(start.t, axis=1)))
@@ -378,8 +387,13 @@ class _Fitter:
             self._gauged(state),
             self._held_view,
             self._noise_factor(state),
+            self._dispersion(state),
             self._field_size,
         )
+
+    def _dispersion(self, state: WindowState) -> float:
+        free = self._free & ~state.on_plane & (self._tracks.anchor >= 0)
+        return max(float(self._across[free].mean()), 1.0) if free.any() else 1.0
 
     def start_noise_factor(self, state: WindowState) -> float:
         """The noise by the median residual at a start over the assumed noise, at least 1."""
@@ -473,7 +487,7 @@ class _Fitter:
             self._camera, state.R, state.t, state.log_scale, plane, state.on_plane, state.field, self._field_size,
             tracks.pixels, tracks.sigma_px, tracks.places, tracks.seen, tracks.anchor, state.rays,
             state.inverse_distances, self._free, priors.gate_sigmas**2, self._normal, self._shares, self._back,
-            self._costs, self._squares, fill,
+            self._costs, self._squares, self._across, fill,
         )  # fmt: skip
         if self._has_plane:
             off = ~state.on_plane & (tracks.anchor >= 0)

@@ -225,6 +225,7 @@ def accumulate(
     back: Floats,
     costs: Floats,
     squares: Floats,
+    across: Floats,
     fill: bool,
 ) -> float:
     """Robust cost of all observations, and the equations of a Gauss-Newton step.
@@ -274,6 +275,9 @@ def accumulate(
         Receives the cost of each track.
     squares : (V, T) float
         Receives the squared residual of each observation in units of the noise; infinite behind a camera.
+    across : (T,) float
+        Receives how much the cost of a track with a free distance would fall if its point moved across its epipolar
+        lines, in proportion to what a distance moves it along them. A rigid scene does not move so: this is chance.
     fill : bool
         Whether the equations are wanted; otherwise only the costs.
 
@@ -299,7 +303,7 @@ def accumulate(
         a = anchor[i]
         if a < 0:
             if fill:
-                back[i] = 0.0
+                back[i], across[i] = 0.0, 0.0
             continue
         r = _depth_on_plane(R, t, a, d[i], plane, by) if on_plane[i] else rho[i]
         behind = on_plane[i] and r <= 0.0
@@ -309,6 +313,7 @@ def accumulate(
         for q in range(3):
             Y[q] = R[a, 0, q] * v[0] + R[a, 1, q] * v[1] + R[a, 2, q] * v[2]
         W[:], A[:], b[:] = 0.0, 0.0, 0.0
+        slope, curvature = 0.0, 0.0
         for k in range(V):
             if not seen[k, i]:
                 continue
@@ -347,9 +352,12 @@ def accumulate(
             idx[n] = focal
             Jg[0, n] = (pixel[0] - camera[3]) / sigma_px[k, i]
             Jg[1, n] = (pixel[1] - camera[4]) / sigma_px[k, i]
+            slope += left * left * (Jl[0, 2] * e[1] - Jl[1, 2] * e[0])
+            curvature += left * left * (Jl[0, 2] * Jl[0, 2] + Jl[1, 2] * Jl[1, 2])
             _add_observation(left * left, e, Jl, Jg, idx, n + 1, A, b, W, shares[i], normal)
         total += costs[i]
         if fill:
+            across[i] = slope * slope / curvature if curvature > 0.0 else 0.0
             _invert(A, 2 if (on_plane[i] or not free[i]) else 3)
             back[i, :, 0], back[i, :, 1:4], back[i, :, 4:] = b, A, W
     for p in range(G if fill else 0):

@@ -212,7 +212,7 @@ def equations(
         np.zeros(3) if state.plane is None else state.plane, state.on_plane, state.field, field_size,
         tracks.pixels, tracks.sigma_px, tracks.places, tracks.seen, tracks.anchor, state.rays,
         state.inverse_distances, np.ones(count, bool) if free is None else free, gate**2, normal, shares, back,
-        costs, squares, True,
+        costs, squares, np.zeros(count), True,
     )  # fmt: skip
     gradient = eliminate(normal, shares, back)
     return Equations(cost, costs, squares, normal, gradient, back)
