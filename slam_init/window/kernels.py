@@ -373,7 +373,11 @@ def eliminate(normal: Floats, shares: Floats, back: Floats) -> Floats:
 
     Parameters
     ----------
-    normal, shares, back
+    normal : (G, G) float
+        Of :func:`accumulate`.
+    shares : (T, G) float
+        Of :func:`accumulate`.
+    back : (T, 3, 4 + G) float
         Of :func:`accumulate`.
 
     Returns
