@@ -1,9 +1,11 @@
 """The joint estimate of a window: hypotheses, one robust fit of all views for each, and the risk of the best one.
 
 * :mod:`slam_init.window.tracks` chooses the tracks;
-* :mod:`slam_init.window.hypotheses` carries each motion of a pair to all views, beside a rotation-only camera;
-* :mod:`slam_init.window.joint_fit` fits poses, points or plane, and focal length (compiled in
+* :mod:`slam_init.window.live` carries the hypotheses from frame to frame;
+* :mod:`slam_init.window.hypotheses` carries each motion to all views, beside a rotation-only camera;
+* :mod:`slam_init.window.joint_fit` fits poses, points, plane and focal length (compiled in
   :mod:`slam_init.window.kernels` and :mod:`slam_init.window.projection`);
+* :mod:`slam_init.window.marginal` integrates out the smooth errors that the tracks of a view share;
 * :mod:`slam_init.window.risk` composes the probability that a map of the best hypothesis is wrong.
 
 :mod:`slam_init.decision.window_rule` decides by this number where ``acceptance.rule`` is "window".
