@@ -370,6 +370,8 @@ class _Fitter:
                     break
                 damping *= _RAISE
             else:
+                # The costs of the tracks are those of the last try, which was rejected.
+                self._equations(state)
                 break
             steps += 1
             settled = cost - lower < tolerance
@@ -377,8 +379,6 @@ class _Fitter:
             self._equations(state)
             if settled:
                 break
-        # The last try may have been rejected: the costs of the tracks are those of the state.
-        self._equations(state)
         return JointFit(
             state,
             cost,
@@ -422,13 +422,16 @@ class _Fitter:
         everywhere = np.ones(len(state.rays), bool)
         self._cost(replace(state, on_plane=everywhere))
         on = self._costs.copy()
-        off = self.off_plane(state) + OFF_PLANE_COST
-        inverse = start_at(self._tracks, state.R, state.t, log_scale=state.log_scale).inverse_distances
-        return replace(state, on_plane=on <= off, inverse_distances=inverse)
+        measured = start_at(self._tracks, state.R, state.t, log_scale=state.log_scale)
+        off = self._off_plane(state, measured) + OFF_PLANE_COST
+        return replace(state, on_plane=on <= off, inverse_distances=measured.inverse_distances)
 
     def off_plane(self, state: WindowState) -> Floats:
+        """The cost of each track with a distance of its own."""
+        return self._off_plane(state, start_at(self._tracks, state.R, state.t, log_scale=state.log_scale))
+
+    def _off_plane(self, state: WindowState, measured: WindowState) -> Floats:
         nowhere = np.zeros(len(state.rays), bool)
-        measured = start_at(self._tracks, state.R, state.t, log_scale=state.log_scale)
         inverse = measured.inverse_distances
         # Rays as measured and as fitted with the plane; each track takes the better one.
         starts = [
