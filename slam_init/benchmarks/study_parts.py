@@ -23,6 +23,11 @@ __all__ = ["GENERAL", "NOISES_PX", "PARTS", "PLANAR", "Cell", "Part", "grid_name
 
 GENERAL = ("room", "corridor", "rotate-then-move")
 PLANAR = ("wall", "nadir-turn", "desk", "nadir")
+TILTED = ("tilted-15", "tilted-30", "tilted-45")
+#: Baselines over the median depth at which the parallax is near the noise.
+SHORT_BASELINES = (0.03, 0.05, 0.1)
+#: Root mean square of a smooth error that the tracks of a view share, as measured on film.
+FIELD_PX = 0.15
 #: Rows of the table of noise against baseline. Real tracks have less noise than the last value.
 NOISES_PX = (0.3, 0.7, 1.0, 2.0)
 
@@ -97,6 +102,35 @@ def _hard(trials: int, seed: int) -> list[Cell]:
     ]
 
 
+def _slow_planes(trials: int, seed: int) -> list[Cell]:
+    return [
+        Cell(f"planes, {baseline:g}", _worlds(PLANAR, trials, seed, baseline=baseline)) for baseline in SHORT_BASELINES
+    ]
+
+
+def _tilted(trials: int, seed: int) -> list[Cell]:
+    return [
+        Cell(f"{scene}, {baseline:g}", _worlds((scene,), trials, seed, baseline=baseline))
+        for scene, baseline in product(TILTED, (0.05, 0.1, 0.3))
+    ]
+
+
+def _wrong_focal(trials: int, seed: int) -> list[Cell]:
+    return [
+        Cell(f"rotation, {100 * error:+g} %", _worlds(("rotation",), trials, seed, focal_error=error))
+        for error in (-0.1, -0.05, -0.02, 0.02, 0.05, 0.1)
+    ]
+
+
+def _error_field(trials: int, seed: int) -> list[Cell]:
+    moving = (("general", GENERAL), ("planar", PLANAR), ("tilted", TILTED))
+    return [Cell(name, _worlds(scenes, trials, seed, field_px=FIELD_PX)) for name, scenes in moving]
+
+
+def _error_field_still(trials: int, seed: int) -> list[Cell]:
+    return [Cell(scene, _worlds((scene,), trials, seed, field_px=FIELD_PX)) for scene in ("rotation", "static")]
+
+
 def grid_name(scene: str, noise_px: float, baseline: float) -> str:
     """Return the name of a cell of noise against baseline."""
     return f"{scene}, {noise_px:g} px, {baseline:g}"
@@ -133,6 +167,33 @@ PARTS: dict[str, Part] = {
         "Every map is false. *Focal error suspected*: an attempt suspects that the stated focal length is wrong; "
         "*focal error reported*: the result reports it. With the true focal length both are false alarms.",
         _static,
+        no_translation=True,
+    ),
+    "slow-planes": Part(
+        "Planes at short baselines",
+        "A wall, a desk, level flight, level flight with a turn.",
+        _slow_planes,
+    ),
+    "tilted": Part(
+        "Level flight with a tilted camera",
+        "Straight and level over flat ground; the camera is tilted by 15, 30 or 45 degrees from straight down.",
+        _tilted,
+    ),
+    "wrong-focal": Part(
+        "Turning cameras with a wrong focal length",
+        "Every map is false. The stated focal length is too short or too long.",
+        _wrong_focal,
+        no_translation=True,
+    ),
+    "field": Part(
+        "Errors that the tracks of a view share",
+        f"A smooth error field of {FIELD_PX:g} px in each view, drawn anew for each view.",
+        _error_field,
+    ),
+    "field-still": Part(
+        "The same errors without translation",
+        f"A smooth error field of {FIELD_PX:g} px in each view. Every map is false.",
+        _error_field_still,
         no_translation=True,
     ),
     "hard": Part(

@@ -15,7 +15,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -201,7 +201,7 @@ def step_table() -> str:
         raise ValueError("the world of the step table has a map")
     best = hypotheses.motions[0]
     part = tracks.of_views(best.rows)
-    works = {
+    works: dict[str, Callable[[], object]] = {
         "a Gauss-Newton step": lambda: fit_window(part, best.fit.state, WINDOW_PRIORS, max_steps=1, tolerance=0.0),
         "the error fields integrated out": lambda: marginalize_fields(
             linearize_with_fields(part, best.fit, WINDOW_PRIORS)

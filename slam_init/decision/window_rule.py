@@ -51,6 +51,9 @@ __all__ = ["WINDOW_PRIORS", "WindowRule"]
 
 #: What is known of the camera before the fit: calibrations are better than two per cent, data sheets are worse.
 WINDOW_PRIORS = Priors(focal_sigma=0.02)
+#: A gain over the rotation-only camera that chance exceeds more often than this is no evidence of a translation. A
+#: direction without a translation is uncertain too, so that its term would hide the cause.
+_INSIGNIFICANT = 0.05
 #: Bundle adjustment on all tracks may turn the fitted motion by as much as a third of what makes a map wrong.
 _ADJUSTED_ROTATION_DEG, _ADJUSTED_DIRECTION_DEG = 1.5, 5.0
 
@@ -187,12 +190,13 @@ class WindowRule:
             inliers=_inliers(pair, hypotheses.motions[0].cam2_from_cam1, self._threshold_rad),
         )
         self._last = _Judged(pair, hypotheses, risk, attempt)
-        gate = at_most(GateName.RISK, risk.total, self._config.acceptance.max_risk, *_reason(hypotheses, risk))
+        max_risk = self._config.acceptance.max_risk
+        gate = at_most(GateName.RISK, risk.total, max_risk, *_reason(hypotheses, risk, max_risk))
         attempt = with_gates(attempt, (gate,))
         if not gate.passes():
             refused = refused_by(attempt, Stage.MAP, (gate,))
             return Outcome(refused, hypotheses=self._undecided(refused, pair, hypotheses), margin=risk.margin)
-        certain = _certain_frames(hypotheses, risk, self._config.acceptance.max_risk)
+        certain = _certain_frames(hypotheses, risk, max_risk)
         bundle, table = self._map(pair, hypotheses.motions[0], certain)
         attempt = replace(attempt, frames=table.frames)
         return replace(self._usable(attempt, bundle, hypotheses), margin=risk.margin)
@@ -295,9 +299,11 @@ def _certain_frames(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: fl
     return (reference, *(frame for k, (frame, one) in enumerate(risks) if k == 0 or one <= max_risk))
 
 
-def _reason(hypotheses: WindowHypotheses, risk: WindowRisk) -> tuple[Verdict, str | None]:
-    """The verdict and the advice for the largest term of the risk."""
-    if risk.rotation >= max(risk.rival, risk.direction):
+def _reason(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> tuple[Verdict, str | None]:
+    """The verdict and the advice: no translation if it is not significant, else the largest term of the risk."""
+    # A rotation with a wrong focal length looks like a plane with two motions: then neither motion may be right.
+    unlikely = max_risk if hypotheses.planar and risk.rival >= risk.direction else _INSIGNIFICANT
+    if risk.rotation > unlikely or risk.rotation >= max(risk.rival, risk.direction):
         return Verdict.PURE_ROTATION, None
     if risk.rival >= risk.direction:
         if hypotheses.planar:

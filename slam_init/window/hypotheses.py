@@ -27,6 +27,7 @@ from slam_init.mapping.triangulation import resect, triangulate
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.pose import Pose
 from slam_init.window.joint_fit import (
+    OFF_PLANE_COST,
     JointFit,
     Priors,
     costs_off_plane,
@@ -49,6 +50,9 @@ _ALIGNMENT_SCALES_RAD = (0.4, 0.1, 0.03, 0.01)
 #: Points lie on a plane if distances of their own lower the cost by as much as noise does: by chi-square with one
 #: degree of freedom a track, so by one on average. Their sum may exceed that by this number of standard deviations.
 _PLANE_SIGMAS = 2.5
+#: The same where the poses follow. A relief of unknown size explains an excess of z standard deviations better than
+#: chance does by exp(z^2 / 2), and it has one unknown more, which costs a factor of about three: even odds.
+_RELIEF_SIGMAS = 1.5
 #: Least share of the tracks that a plane holds, and their least number.
 _LEAST_ON_PLANE, _LEAST_TRACKS_ON_PLANE = 0.5, 20
 #: Largest probability of the parallax of a pair without translation, for which its motions are tried: quest speaks of a
@@ -311,7 +315,7 @@ def _fitted(
     if any(motion.plane is not None for motion in motions):
         with_plane = [_with_plane(motion, tracks, bearings) for motion in motions]
         fits = _different([_fit(tracks, motion, priors) for motion in with_plane])
-        if _is_plane(tracks, fits[0], priors):
+        if _is_plane(tracks, fits[0], priors) and not _has_relief(tracks, fits[0], priors):
             return True, fits
     return False, _different([_fit(tracks, replace(motion, plane=None), priors) for motion in motions])
 
@@ -387,7 +391,26 @@ def _is_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> boo
         return False
     part = tracks.of_views(fitted.rows)
     gain = fitted.fit.track_costs - costs_off_plane(part, fitted.fit, priors)
-    return float(gain[on_plane].sum()) <= count + _PLANE_SIGMAS * float(np.sqrt(2 * count))
+    return _is_chance(float(gain[on_plane].sum()), count, _PLANE_SIGMAS)
+
+
+def _has_relief(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:
+    """Whether distances of their own lower the cost beyond chance where the poses may follow.
+
+    Where the parallax is small, a wrong motion can bring the points of any scene near a plane. At these poses distances
+    of their own gain little, so the fit without a plane has to be made. The noise is that of this fit: with the plane,
+    relief would count as noise.
+    """
+    count = int((fitted.fit.state.on_plane & (tracks.anchor >= 0)).sum())
+    left = int((tracks.anchor >= 0).sum()) - count
+    free = _fit(tracks, replace(fitted.motion, plane=None), priors)
+    gain = fitted.fit.cost - OFF_PLANE_COST * left - free.fit.cost
+    return not _is_chance(gain / free.fit.noise_factor**2, count, _RELIEF_SIGMAS)
+
+
+def _is_chance(gain: float, count: int, sigmas: float) -> bool:
+    """Whether chance lowers the cost by as much where this number of tracks gets a distance each."""
+    return gain <= count + sigmas * math.sqrt(2 * count)
 
 
 def _located(tracks: WindowTracks, motion: Motion, bearings: Floats, rotations: Floats) -> Motion | None:

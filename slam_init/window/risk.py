@@ -24,13 +24,13 @@ import numpy as np
 
 from quest.robust.spatial_blocks import regions_of
 from quest.uncertainty.tails import gaussian_tail
-from slam_init.mapping.rivals import explained_at_most, margin_of
+from slam_init.mapping.rivals import explained_at_most
 from slam_init.types.arrays import Floats
 from slam_init.types.comparison import Margin
 from slam_init.window.hypotheses import FittedMotion, WindowHypotheses
-from slam_init.window.joint_fit import JointFit, Linearization, linearize_with_fields
+from slam_init.window.joint_fit import JointFit, Linearization, fit_window, linearize_with_fields
 from slam_init.window.linear_algebra import single_threaded
-from slam_init.window.marginal import FIELD_PRIOR, FieldMarginal, marginalize_fields
+from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, FieldMarginal, marginalize_fields
 
 __all__ = ["WindowRisk", "risk_of"]
 
@@ -54,6 +54,11 @@ _LOOKS = 10.0
 #: rendered images of such a camera with a wrong focal length, errors of the tracker that neighbours share had gains of
 #: 10 to 20 nats beyond chance.
 _GAIN_DISPERSION = 4.0
+#: A rival with a larger probability is undecided, however precisely it is known; a scale of the fields with a smaller
+#: one changes nothing.
+_UNDECIDED, _UNLIKELY = 0.05, 0.01
+#: Largest number of Gauss-Newton steps from a fit without fields to one with fields: they converge quadratically.
+_STEPS_WITH_FIELDS = 5
 #: A rival that is further behind than this is not looked at with error fields: they explain less.
 _FAR_BEHIND_NATS = 300.0
 #: Share of wrong maps that no term explains, a tenth of the largest risk that is accepted. It is an assumption: of 2962
@@ -112,9 +117,12 @@ class _Expanded:
 
     @property
     def scale_weights(self) -> Floats:
-        log = self.marginal.log_evidence + np.log(FIELD_PRIOR)
-        weights = np.exp(log - log.max())
-        return np.asarray(weights / weights.sum())
+        return np.asarray(np.exp(self.marginal.log_evidence + np.log(FIELD_PRIOR) - self.log_evidence))
+
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the probability of the tracks with fields of unknown scale, over that without fields."""
+        return float(np.logaddexp.reduce(self.marginal.log_evidence + np.log(FIELD_PRIOR)))
 
 
 def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
@@ -253,8 +261,12 @@ def _margin(hypotheses: WindowHypotheses, best: FittedMotion, rival: FittedMotio
     votes = np.clip(costs[1] - costs[0], -_LARGEST_VOTE, _LARGEST_VOTE)
     where = _places(best)
     largest = float(np.bincount(regions_of(where), weights=votes).max())
-    margin = margin_of(votes, where)
-    return replace(margin, log_likelihood=margin.log_likelihood - 0.5 * max(largest, 0.0))
+    ahead = 0.5 * (float(votes.sum()) - max(largest, 0.0))
+    # Two exact twins have the same likelihood, but each fit adapts to the noise by unknowns of its own. With the
+    # projections P1, P2 on these, the difference is e^T (P1 - P2) e / 2: its variance is half the sum of squared votes.
+    # Such votes are symmetric about zero, so those against the best motion tell their sum; real votes are left out.
+    against = 0.5 * np.minimum(votes, 0.0)
+    return Margin(ahead, ahead / max(float(np.linalg.norm(against)), 1e-9))
 
 
 def _costs_of_tracks(hypotheses: WindowHypotheses, motion: FittedMotion) -> Floats:
@@ -269,17 +281,53 @@ def _costs_of_tracks(hypotheses: WindowHypotheses, motion: FittedMotion) -> Floa
 
 
 def _rival_probability(hypotheses: WindowHypotheses, best: _Expanded, rival: FittedMotion, margin: Margin) -> float:
-    """Probability that the rival is right after all: the odds of the votes, the error fields integrated out."""
+    """Probability that the rival is right after all: the odds of the votes, less what error fields explain of them."""
     behind = margin.log_likelihood
     if behind <= 0.0 or behind > _FAR_BEHIND_NATS:
         return 0.5 if behind <= 0.0 else 0.0
-    # The fields explain a share of the difference of the costs, and the same share of the votes.
-    missing = int(hypotheses.tracks.seen[list(hypotheses.motions[0].rows)].sum())
-    missing -= int(hypotheses.tracks.seen[list(rival.rows)].sum())
-    ahead = 0.5 * (rival.fit.cost + hypotheses.priors.gate_sigmas**2 * missing - best.fit.cost)
-    explained = _expanded(hypotheses, rival).marginal.log_evidence - best.marginal.log_evidence
-    left = np.clip(1 - explained / max(ahead, 1e-9), 0.0, 1.0)
-    return float(best.scale_weights @ (1 / (1 + np.exp(behind * left))))
+    seen, motion = hypotheses.tracks.seen, hypotheses.motions[0]
+    missing = int(seen[list(motion.rows)].sum()) - int(seen[list(rival.rows)].sum())
+    outliers = hypotheses.priors.gate_sigmas**2 * missing
+    ahead = max(0.5 * (rival.fit.cost + outliers - best.fit.cost), 1e-9)
+    expanded = _expanded(hypotheses, rival)
+    # The fields explain a share of the difference of the costs, and the same share of the votes. A wrong motion absorbs
+    # a part of the fields, so that it seems to need smaller ones. The fields belong to the tracker and not to the
+    # motion: the motions are compared at each scale that is likely with both.
+    both = np.sqrt(best.scale_weights * expanded.scale_weights)
+    explained = expanded.marginal.log_evidence - best.marginal.log_evidence
+    probability = float(both @ _odds(margin, 1 - explained / ahead))
+    if _LOOKS * probability > _UNDECIDED:
+        return probability
+    # Fields may move a fit so far that its expansion does not hold: the fits are repeated with the likeliest fields.
+    scales = [(np.argmax(best.scale_weights), np.argmax(expanded.scale_weights), 1.0)]
+    if both.max() > _UNLIKELY:
+        scales.append((np.argmax(both), np.argmax(both), float(both.max())))
+    for of_best, of_rival, weight in scales:
+        cost = _cost_with_fields(hypotheses, motion, best, float(FIELD_SCALES_PX[of_best]))
+        rival_cost = _cost_with_fields(hypotheses, rival, expanded, float(FIELD_SCALES_PX[of_rival]))
+        left = 0.5 * (rival_cost + outliers - cost) / ahead
+        probability = max(probability, weight * float(_odds(margin, np.array([left]))[0]))
+    return probability
+
+
+def _odds(margin: Margin, left: Floats) -> Floats:
+    """Probability of a rival of which these shares of the margin are left: by its odds, and as an exact twin."""
+    left = np.clip(left, 0.0, 1.0)
+    twin = np.array([gaussian_tail(float(margin.z * share)) for share in left])
+    return np.asarray(np.maximum(1 / (1 + np.exp(margin.log_likelihood * left)), twin))
+
+
+def _cost_with_fields(
+    hypotheses: WindowHypotheses, motion: FittedMotion, expanded: _Expanded, scale_px: float
+) -> float:
+    """Cost of a motion that is fitted with fields of a scale, with the cost of that many unknowns and of the scale."""
+    unknowns = float(np.log1p(scale_px**2 * expanded.marginal.strength).sum())
+    unknowns -= 2 * math.log(float(FIELD_PRIOR[scale_px == FIELD_SCALES_PX][0]))
+    if scale_px == 0.0:
+        return motion.fit.cost + unknowns
+    priors = replace(hypotheses.priors, field_sigma_px=scale_px)
+    tracks = hypotheses.tracks.of_views(motion.rows)
+    return fit_window(tracks, motion.fit.state, priors, max_steps=_STEPS_WITH_FIELDS).cost + unknowns
 
 
 def _wrong_if_right(best: FittedMotion, rival: FittedMotion, sigma_deg: float) -> float:

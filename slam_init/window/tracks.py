@@ -43,7 +43,7 @@ class WindowTracks:
     sigma_px : (V, T) float
         Standard deviation of a coordinate of a pixel.
     places : (V, T, 6) float
-        1, u, v, u^2, uv, v^2 of the pixels, u and v from -1 to 1 over the longer side of the image; over sigma_px.
+        Six polynomials of degree two or less, orthonormal over the image, at the pixels; over sigma_px.
     """
 
     camera: Camera
@@ -79,9 +79,7 @@ class WindowTracks:
         anchor = np.where(seen.sum(axis=0) >= 2, np.argmax(seen, axis=0), -1).astype(np.int64)
         rays = camera.bearings(pixels[np.maximum(anchor, 0), np.arange(pixels.shape[1])])
         anchor[~np.isfinite(rays).all(axis=1)] = -1
-        side = 0.5 * max(camera.width, camera.height)
-        u, v = np.moveaxis((np.where(seen[..., None], pixels, 0.0) - (camera.cx, camera.cy)) / side, -1, 0)
-        places = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1) / noise_px
+        places = _orthonormal_polynomials(camera, np.where(seen[..., None], pixels, 0.0)) / noise_px
         sigma_px = np.full(seen.shape, float(noise_px))
         return WindowTracks(
             camera, frames, track_ids, np.nan_to_num(pixels), seen, np.nan_to_num(rays), anchor, sigma_px, places
@@ -201,3 +199,11 @@ def _spread(camera: Camera, pixels: Floats, seen: Bools, score: Ints) -> Ints:
     rank = np.empty(count, np.int64)
     rank[order] = run
     return np.sort(np.lexsort((np.arange(count), -score, rank))[:MAX_TRACKS])
+
+
+def _orthonormal_polynomials(camera: Camera, pixels: Floats) -> Floats:
+    """Products (..., 6) of Legendre polynomials. Each has a mean square of 1 over the image, so none is preferred."""
+    x, y = np.moveaxis(2 * pixels / (camera.width - 1, camera.height - 1) - 1, -1, 0)
+    linear_x, linear_y = np.sqrt(3) * x, np.sqrt(3) * y
+    quadratic_x, quadratic_y = (np.sqrt(5) / 2 * (3 * u * u - 1) for u in (x, y))
+    return np.stack([np.ones_like(x), linear_x, linear_y, quadratic_x, linear_x * linear_y, quadratic_y], axis=-1)

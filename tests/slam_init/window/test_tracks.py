@@ -5,7 +5,7 @@ import pytest
 from make_window import pair_and_further, point_source
 
 from slam_init.types.frame import Observations
-from slam_init.window.tracks import MAX_TRACKS, gather_tracks
+from slam_init.window.tracks import MAX_TRACKS, WindowTracks, gather_tracks
 
 
 def views_of(points, views=5, seed=1):
@@ -87,3 +87,14 @@ def test_the_noise_is_that_of_all_pixels_and_never_zero(noise_px, sigma_px):
     tracks = gather_tracks(camera, views, noise_px)
     np.testing.assert_array_equal(tracks.sigma_px, sigma_px)
     assert np.isfinite(tracks.places).all()
+
+
+def test_the_polynomials_of_the_fields_are_orthonormal_over_the_image():
+    camera, _ = views_of(60)
+    rows, columns = np.arange(float(camera.height)), np.arange(float(camera.width))
+    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(1, -1, 2)
+    pixels = np.concatenate([pixels, pixels])
+    count = pixels.shape[1]
+    tracks = WindowTracks.gather(camera, (0, 1), np.arange(count), pixels, np.ones((2, count), bool), 0.5)
+    values = 0.5 * tracks.places[0]
+    np.testing.assert_allclose(values.T @ values / count, np.eye(6), atol=0.01)
