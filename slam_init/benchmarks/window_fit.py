@@ -31,7 +31,8 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import FittedMotion
-from slam_init.window.joint_fit import fit_window, linearize_with_fields
+from slam_init.window.joint_fit import fit_window
+from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.marginal import marginalize_fields
 from slam_init.window.risk import WindowRisk, risk_of

@@ -42,9 +42,9 @@ from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.hypotheses import FittedMotion, WindowHypotheses
-from slam_init.window.joint_fit import Priors
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.risk import WindowRisk, risk_of
+from slam_init.window.state import Priors
 from slam_init.window.tracks import MAX_VIEWS
 
 __all__ = ["WINDOW_PRIORS", "WindowRule"]

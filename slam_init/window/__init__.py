@@ -3,8 +3,10 @@
 * :mod:`slam_init.window.tracks` chooses the tracks;
 * :mod:`slam_init.window.live` carries the hypotheses from frame to frame;
 * :mod:`slam_init.window.hypotheses` carries each motion to all views, beside a rotation-only camera;
-* :mod:`slam_init.window.joint_fit` fits poses, points, plane and focal length (compiled in
-  :mod:`slam_init.window.kernels` and :mod:`slam_init.window.projection`);
+* :mod:`slam_init.window.state` holds the unknowns of a fit, :mod:`slam_init.window.equations` their equations (compiled
+  in :mod:`slam_init.window.kernels` and :mod:`slam_init.window.projection`);
+* :mod:`slam_init.window.joint_fit` fits poses, points, plane and focal length;
+* :mod:`slam_init.window.linearization` expands the cost of a fit, with error fields in all views;
 * :mod:`slam_init.window.marginal` integrates out the smooth errors that the tracks of a view share;
 * :mod:`slam_init.window.risk` composes the probability that a map of the best hypothesis is wrong.
 

@@ -26,15 +26,9 @@ from slam_init.mapping.plane import plane_of_motion
 from slam_init.mapping.triangulation import resect, triangulate
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.pose import Pose
-from slam_init.window.joint_fit import (
-    OFF_PLANE_COST,
-    JointFit,
-    Priors,
-    costs_off_plane,
-    fit_window,
-    start_at,
-    start_noise_factor,
-)
+from slam_init.window.equations import OFF_PLANE_COST
+from slam_init.window.joint_fit import JointFit, costs_off_plane, fit_window, start_noise_factor
+from slam_init.window.state import Priors, start_at
 from slam_init.window.tracks import WindowTracks
 
 __all__ = ["FittedMotion", "Motion", "WindowHypotheses", "fit_hypotheses", "motions_of_pair"]

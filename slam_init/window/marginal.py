@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam_init.types.arrays import Floats
-from slam_init.window.joint_fit import Linearization
+from slam_init.window.linearization import Linearization
 
 __all__ = ["FIELD_PRIOR", "FIELD_SCALES_PX", "FieldMarginal", "marginalize_fields"]
 

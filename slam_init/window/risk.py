@@ -28,8 +28,9 @@ from slam_init.mapping.rivals import explained_at_most
 from slam_init.types.arrays import Floats
 from slam_init.types.comparison import Margin
 from slam_init.window.hypotheses import FittedMotion, WindowHypotheses
-from slam_init.window.joint_fit import JointFit, Linearization, fit_window, linearize_with_fields
+from slam_init.window.joint_fit import JointFit, fit_window
 from slam_init.window.linear_algebra import single_threaded
+from slam_init.window.linearization import Linearization, linearize_with_fields
 from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, FieldMarginal, marginalize_fields
 
 __all__ = ["WindowRisk", "risk_of"]

@@ -18,9 +18,10 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
-from slam_init.window.joint_fit import JointFit, Priors, WindowState, start_at
+from slam_init.window.joint_fit import JointFit
 from slam_init.window.kernels import FIELD_TERMS, accumulate, eliminate
 from slam_init.window.projection import camera_vector
+from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks, gather_tracks
 
 #: The rule that the tests of the window decide by.
@@ -166,13 +167,19 @@ def pose_errors_deg(found: Pose, true: Pose) -> tuple[float, float]:
     return float(np.degrees(rotation_angle(found.R.T @ true.R))), float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
+def pose_covariance(fit, view):
+    """Covariance (6, 6) of cam_from_world of a view (rotation vector from the left, translation), by Laplace."""
+    columns = 6 * (view - 1) + np.arange(6)
+    return np.linalg.inv(fit.information)[np.ix_(columns, columns)]
+
+
 def direction_covariance(fit: JointFit, view: int) -> tuple[np.ndarray, np.ndarray]:
     """Covariance (2, 2) of the direction R^T t of a view's baseline in radians, and its basis (2, 3)."""
     R, t = fit.state.R[view], fit.state.t[view]
     basis = np.linalg.svd((R.T @ t)[None])[2][1:]
     cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
     J = basis @ np.hstack([R.T @ cross, R.T]) / np.linalg.norm(t)
-    return J @ fit.pose_covariance(view) @ J.T, basis
+    return J @ pose_covariance(fit, view) @ J.T, basis
 
 
 def direction_sigma_deg(fit: JointFit, view: int = 1) -> float:

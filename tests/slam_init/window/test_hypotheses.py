@@ -12,7 +12,7 @@ from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
 from slam_init.window import hypotheses as hypotheses_module
 from slam_init.window.hypotheses import Motion, fit_hypotheses, motions_of_pair
-from slam_init.window.joint_fit import Priors
+from slam_init.window.state import Priors
 from slam_init.window.tracks import gather_tracks
 
 PRIORS = Priors(focal_sigma=0.03)

@@ -9,15 +9,10 @@ from make_window import PRIORS, camera_of, direction_covariance, direction_sigma
 
 from sequences_synth.points import make_points
 from slam_init.bundle.focal import camera_with_focal_factor
-from slam_init.window.joint_fit import (
-    OFF_PLANE_COST,
-    Priors,
-    costs_off_plane,
-    fit_window,
-    linearize_with_fields,
-    start_at,
-    start_noise_factor,
-)
+from slam_init.window.equations import OFF_PLANE_COST
+from slam_init.window.joint_fit import costs_off_plane, fit_window, start_noise_factor
+from slam_init.window.linearization import linearize_with_fields
+from slam_init.window.state import Priors, start_at
 from slam_init.window.tracks import WindowTracks
 
 SCENES = {"general": "room", "plane": "wall"}

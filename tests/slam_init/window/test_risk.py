@@ -10,8 +10,8 @@ from quest.robust.spatial_blocks import regions_of
 from sequences_synth.points import PointOptions, make_points
 from slam_init.config import AcceptanceConfig
 from slam_init.datasets.points import PointSource
-from slam_init.window.joint_fit import Priors
 from slam_init.window.risk import risk_of
+from slam_init.window.state import Priors
 
 PRIORS = Priors(focal_sigma=0.03)
 MAX_RISK = AcceptanceConfig().max_risk

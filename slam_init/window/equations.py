@@ -1,0 +1,249 @@
+"""The equations of a joint fit: cost, Gauss-Newton equations with the tracks eliminated, and the state after a step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.window.kernels import FIELD_TERMS, accumulate, eliminate
+from slam_init.window.projection import camera_vector
+from slam_init.window.state import Priors, WindowState
+from slam_init.window.tracks import WindowTracks
+
+__all__ = ["OFF_PLANE_COST", "WindowEquations"]
+
+#: Cost of a track that leaves the plane: three nats, as much as a track may vote for or against a hypothesis.
+OFF_PLANE_COST = 6.0
+#: Stiffness of the held baseline over that of its view.
+_GAUGE = 1e4
+
+
+class WindowEquations:
+    """The equations of one window and one kind of hypothesis; holds the arrays that all steps share.
+
+    Parameters
+    ----------
+    tracks : WindowTracks
+    start : WindowState
+        Its plane says whether points may lie on a plane. The length of its longest baseline is held.
+    priors : Priors
+    rotation_only : bool
+        Whether all points are at infinity.
+
+    Attributes
+    ----------
+    tracks : WindowTracks
+    priors : Priors
+    rotation_only : bool
+    costs : (T,) float
+        Cost of each track at the last state, with the cost of leaving the plane.
+    squares : (V, T) float
+        Squared residual of each observation in units of the noise, at the last state.
+    across : (T,) float
+        Chance across the epipolar lines, see :func:`slam_init.window.kernels.accumulate`.
+    gradient : (G,) float
+        Of the common unknowns, tracks eliminated.
+    shares : (T, G) float
+        The share of each track in it.
+    back : (T, 3, 4 + G) float
+        What the steps of the tracks need: gradient, inverse and coupling.
+    free : (T,) bool
+        Tracks whose inverse distance is an unknown.
+    focal : int
+        Place of the focal length among the common unknowns.
+    held_view : int
+        View whose baseline is held.
+    """
+
+    def __init__(self, tracks: WindowTracks, start: WindowState, priors: Priors, rotation_only: bool = False) -> None:
+        self.tracks, self.priors, self.rotation_only = tracks, priors, rotation_only
+        self._camera = camera_vector(tracks.camera)
+        self._has_plane = start.plane is not None
+        self._field_size = FIELD_TERMS if priors.field_sigma_px > 0 else 0
+        views, count = tracks.seen.shape
+        self._views = views
+        self._block = 6 + self._field_size
+        self.focal = self._block * (views - 1) + self._field_size
+        size = self.focal + 1 + (3 if self._has_plane else 0)
+        self._normal, self.gradient, self.shares = np.zeros((size, size)), np.zeros(size), np.zeros((count, size))
+        self.back, self.costs = np.zeros((count, 3, 4 + size)), np.zeros(count)
+        self.squares, self.across = np.zeros((views, count)), np.zeros(count)
+        firsts = self._field_size + self._block * np.arange(views - 1)
+        self._pose_columns = firsts[:, None] + np.arange(6)
+        self.held_view = int(np.argmax(np.linalg.norm(start.t, axis=1)))
+        self.free = np.ones(count, bool)
+
+    def cost(self, state: WindowState) -> float:
+        """Cost of a state: twice the negative logarithm of its posterior density, up to a constant.
+
+        Parameters
+        ----------
+        state : WindowState
+
+        Returns
+        -------
+        float
+        """
+        return self._accumulate(state, fill=False)
+
+    def build(self, state: WindowState, *, hold: bool = True) -> float:
+        """Build the equations at a state.
+
+        Parameters
+        ----------
+        state : WindowState
+        hold : bool
+            Whether tracks at infinity whose distance would become negative are held there.
+
+        Returns
+        -------
+        float
+            The cost.
+        """
+        self.free[:] = not self.rotation_only
+        cost = self._accumulate(state, fill=True)
+        held = self.stopped(state)
+        if hold and held.any():
+            self.free[held] = False
+            cost = self._accumulate(state, fill=True)
+        return cost
+
+    def stopped(self, state: WindowState) -> Bools:
+        """The tracks at infinity whose distance would become negative, by the last equations.
+
+        Parameters
+        ----------
+        state : WindowState
+
+        Returns
+        -------
+        (T,) bool
+        """
+        if self.rotation_only:
+            return np.zeros(len(state.rays), bool)
+        return np.asarray(~state.on_plane & (state.inverse_distances == 0) & (self.back[:, 2, 0] > 0))
+
+    def columns_of_fields(self) -> Bools:
+        """Which common unknowns are coefficients of error fields.
+
+        Returns
+        -------
+        (G,) bool
+        """
+        columns = np.zeros(len(self.gradient), bool)
+        for k in range(self._views):
+            columns[self._field_columns(k)] = True
+        return columns
+
+    def information(self, state: WindowState) -> Floats:
+        """The normal matrix of the last equations with the length of one baseline held.
+
+        Parameters
+        ----------
+        state : WindowState
+
+        Returns
+        -------
+        (G, G) float
+        """
+        normal = self._normal.copy()
+        first = self._field_size + self._block * (self.held_view - 1) + 3
+        own = slice(first, first + 3)
+        along = state.t[self.held_view] / max(float(np.linalg.norm(state.t[self.held_view])), 1e-300)
+        normal[own, own] += _GAUGE * max(1.0, float(np.trace(normal[own, own]))) * np.outer(along, along)
+        return normal
+
+    def moved(self, state: WindowState, step: Floats) -> WindowState:
+        """The state after a step of the common unknowns, which the tracks follow by the last equations.
+
+        Parameters
+        ----------
+        state : WindowState
+        step : (G,) float
+
+        Returns
+        -------
+        WindowState
+        """
+        R, t, field = state.R.copy(), state.t.copy(), state.field.copy()
+        poses = step[self._pose_columns]
+        R[1:] = _rotations(poses[:, :3]) @ R[1:]
+        t[1:] += poses[:, 3:]
+        if self._field_size:
+            for k in range(self._views):
+                field[k] += step[self._field_columns(k)]
+        local: Floats = self.back[:, :, 0] + self.back[:, :, 4:] @ step
+        local = -np.einsum("tpq,tq->tp", self.back[:, :, 1:4], local)
+        first_tangent, second_tangent = _tangents(state.rays)
+        rays = state.rays + first_tangent * local[:, :1] + second_tangent * local[:, 1:2]
+        rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-300)
+        free = self.free & ~state.on_plane
+        inverse = np.maximum(state.inverse_distances + np.where(free, local[:, 2], 0.0), 0.0)
+        plane = None if state.plane is None else state.plane + step[-3:]
+        return replace(
+            state,
+            R=R,
+            t=t,
+            rays=rays,
+            inverse_distances=inverse,
+            log_scale=state.log_scale + float(step[self.focal]),
+            field=field,
+            plane=plane,
+        )
+
+    def _accumulate(self, state: WindowState, *, fill: bool) -> float:
+        tracks, priors = self.tracks, self.priors
+        plane = np.zeros(3) if state.plane is None else state.plane
+        cost = accumulate(
+            self._camera, state.R, state.t, state.log_scale, plane, state.on_plane, state.field, self._field_size,
+            tracks.pixels, tracks.sigma_px, tracks.places, tracks.seen, tracks.anchor, state.rays,
+            state.inverse_distances, self.free, priors.gate_sigmas**2, self._normal, self.shares, self.back,
+            self.costs, self.squares, self.across, fill,
+        )  # fmt: skip
+        if self._has_plane:
+            off = ~state.on_plane & (tracks.anchor >= 0)
+            self.costs[off] += OFF_PLANE_COST
+            cost += OFF_PLANE_COST * float(off.sum())
+        cost += (state.log_scale / priors.focal_sigma) ** 2
+        if fill:
+            self.gradient[:] = eliminate(self._normal, self.shares, self.back)
+            self._normal[self.focal, self.focal] += 1 / priors.focal_sigma**2
+            self.gradient[self.focal] += state.log_scale / priors.focal_sigma**2
+        if self._field_size:
+            cost += float(np.sum(state.field**2)) / priors.field_sigma_px**2
+            for k in range(self._views if fill else 0):
+                own = self._field_columns(k)
+                self._normal[own, own] += 1 / priors.field_sigma_px**2
+                self.gradient[own] += state.field[k] / priors.field_sigma_px**2
+        return cost
+
+    def _field_columns(self, view: int) -> Ints:
+        first = self._field_size + self._block * (view - 1) + 6 if view else 0
+        return np.arange(first, first + self._field_size)
+
+
+def _rotations(vectors: Floats) -> Floats:
+    """Rotation matrices (V, 3, 3) of rotation vectors (V, 3): the formula of Rodrigues."""
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    x, y, z = vectors.T
+    cross = np.zeros((len(vectors), 3, 3))
+    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
+    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = z, -y, x
+    sine, versine = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    return np.asarray(np.eye(3) + sine * cross + versine * (cross @ cross))
+
+
+def _tangents(rays: Floats) -> tuple[Floats, Floats]:
+    """Two orthonormal vectors (T, 3) orthogonal to each ray, as :func:`quest.robust.kernels.small_algebra.tangents`."""
+    x, y, z = rays.T
+    none = np.zeros_like(x)
+    smallest = np.argmin(np.abs(rays), axis=1)
+    first = np.where(
+        (smallest == 0)[:, None],
+        np.stack([none, z, -y], axis=1),
+        np.where((smallest == 1)[:, None], np.stack([-z, none, x], axis=1), np.stack([y, -x, none], axis=1)),
+    )
+    first = first / np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-300)
+    return first, np.cross(rays, first)

@@ -1,0 +1,84 @@
+"""The quadratic expansion of the cost of a joint fit, with error fields in all views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slam_init.types.arrays import Bools, Floats
+from slam_init.window.equations import WindowEquations
+from slam_init.window.joint_fit import JointFit
+from slam_init.window.state import Priors
+from slam_init.window.tracks import WindowTracks
+
+__all__ = ["Linearization", "linearize_with_fields"]
+
+
+@dataclass(frozen=True, eq=False)
+class Linearization:
+    """The quadratic expansion of the cost about a fit, with an error field in each view that has no prior yet.
+
+    Attributes
+    ----------
+    information, gradient : (G, G), (G,) float
+        Half of the second and half of the first derivatives of the cost, tracks eliminated, baseline held.
+    shares : (T, G) float
+        The share of each track in the gradient.
+    is_field : (G,) bool
+        Which unknowns are coefficients of the fields. The others have the order of :attr:`JointFit.information`.
+    distance_variance : (T,) float
+        Variance of the inverse distance of each track off the plane, if all other unknowns were known.
+    distance_coupling : (T, G) float
+        How the inverse distance of each track follows the other unknowns.
+    """
+
+    information: Floats
+    gradient: Floats
+    shares: Floats
+    is_field: Bools
+    distance_variance: Floats
+    distance_coupling: Floats
+
+
+def linearize_with_fields(
+    tracks: WindowTracks, fit: JointFit, priors: Priors, *, rotation_only: bool = False
+) -> Linearization:
+    """Expand the cost of a fit in all its unknowns and in the error fields of the views.
+
+    The distances of tracks at infinity count as unknowns too: that a distance is not negative bounds it on one side
+    only. Their gradient, which the bound stops, is left out.
+
+    Parameters
+    ----------
+    tracks : WindowTracks
+        As fitted.
+    fit : JointFit
+        Without fields.
+    priors : Priors
+        The fields have no prior here.
+    rotation_only : bool
+        As fitted.
+
+    Returns
+    -------
+    Linearization
+    """
+    state = fit.state
+    equations = WindowEquations(tracks, state, replace(priors, field_sigma_px=np.inf), rotation_only)
+    equations.build(state, hold=False)
+    back, shares, held = equations.back, equations.shares.copy(), equations.stopped(state)
+    # The equations are linear in the gradients of the tracks.
+    shares[held] += np.einsum("tpg,tp->tg", back[held, :, 4:], back[held, :, 3] * back[held, 2, :1])
+    gradient = shares.sum(axis=0)
+    gradient[equations.focal] += state.log_scale / priors.focal_sigma**2
+    variance = back[:, 2, 3].copy()
+    coupling = -np.einsum("tq,tqg->tg", back[:, 2, 1:4], back[:, :, 4:])
+    if state.plane is not None:
+        # In the reference, the inverse distance along a ray is the product of the plane and the ray.
+        on_plane = np.flatnonzero(state.on_plane & (tracks.anchor == 0))
+        variance[on_plane] = 0.0
+        coupling[on_plane] = 0.0
+        coupling[on_plane, -3:] = state.rays[on_plane]
+    information = equations.information(state)
+    return Linearization(information, gradient, shares, equations.columns_of_fields(), variance, coupling)

@@ -1,0 +1,111 @@
+"""The unknowns of a joint fit, what is known of them before, and where a fit starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slam_init.types.arrays import Bools, Floats
+from slam_init.window.kernels import FIELD_TERMS
+from slam_init.window.tracks import WindowTracks
+
+__all__ = ["Priors", "WindowState", "start_at"]
+
+
+@dataclass(frozen=True)
+class Priors:
+    """What is known before the fit.
+
+    Attributes
+    ----------
+    focal_sigma : float
+        Relative standard deviation of the stated focal length.
+    field_sigma_px : float
+        Standard deviation of each coefficient of the error field of a view, in pixels; 0 for no field.
+    gate_sigmas : float
+        An observation counts as an outlier around this number of standard deviations.
+    """
+
+    focal_sigma: float = 0.02
+    field_sigma_px: float = 0.0
+    gate_sigmas: float = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class WindowState:
+    """The unknowns of a fit.
+
+    Attributes
+    ----------
+    R, t : (V, 3, 3), (V, 3) float
+        cam_from_world; the world is the frame of view 0.
+    rays : (T, 3) float
+        True unit rays in the anchor views.
+    inverse_distances : (T,) float
+        Along the rays, not negative; not used on the plane.
+    log_scale : float
+        Logarithm of the true focal length over the stated one.
+    field : (V, 12) float
+        Coefficients of the error fields.
+    plane : (3,) float or None
+        ``plane . X = 1`` in the world; None without one.
+    on_plane : (T,) bool
+        Tracks whose point lies on the plane.
+    """
+
+    R: Floats
+    t: Floats
+    rays: Floats
+    inverse_distances: Floats
+    log_scale: float
+    field: Floats
+    plane: Floats | None
+    on_plane: Bools
+
+
+def start_at(
+    tracks: WindowTracks,
+    R: Floats,
+    t: Floats,
+    plane: Floats | None = None,
+    *,
+    log_scale: float = 0.0,
+    at_infinity: bool = False,
+) -> WindowState:
+    """A state at given poses: measured rays, and inverse distances by linear least squares.
+
+    Parameters
+    ----------
+    tracks : WindowTracks
+    R, t : (V, 3, 3), (V, 3) float
+        cam_from_world.
+    plane : (3,) float, optional
+        All points start on it.
+    log_scale : float
+        Logarithm of the true focal length over the stated one.
+    at_infinity : bool
+        Whether all points start at infinity.
+
+    Returns
+    -------
+    WindowState
+    """
+    anchor = np.maximum(tracks.anchor, 0)
+    bearings = tracks.bearings(log_scale)
+    rays = bearings[anchor, np.arange(len(anchor))]
+    rays = np.where(np.isfinite(rays), rays, tracks.rays)
+    world = np.einsum("tji,tj->ti", R[anchor], rays)
+    centre = np.einsum("tji,tj->ti", R[anchor], t[anchor])
+    numerator, denominator = np.zeros(len(anchor)), np.full(len(anchor), 1e-12)
+    for k in range(len(R)):
+        measured = bearings[k]
+        along, by_depth = world @ R[k].T, t[k] - centre @ R[k].T
+        # n x (along + rho by_depth) = 0
+        a, b = np.cross(measured, along), np.cross(measured, by_depth)
+        used = tracks.seen[k] & (anchor != k) & np.isfinite(measured).all(axis=1)
+        numerator -= np.where(used, np.einsum("ij,ij->i", a, b), 0.0)
+        denominator += np.where(used, np.einsum("ij,ij->i", b, b), 0.0)
+    inverse = np.maximum(np.nan_to_num(numerator / denominator), 0.0) * (not at_infinity)
+    field, on_plane = np.zeros((len(R), FIELD_TERMS)), np.full(len(anchor), plane is not None)
+    return WindowState(R.copy(), t.copy(), rays, inverse, log_scale, field, plane, on_plane)
