@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from slam_init.mapping.rivals import explained_at_most
 from slam_init.types.arrays import Floats
 from slam_init.window.equations import OFF_PLANE_COST, WindowEquations
 from slam_init.window.state import Priors, WindowState, start_at
@@ -29,6 +30,9 @@ _PLANE_ROUNDS = 2
 #: The noise is measured again this often, each time with the outliers of the last value. Within three deviations a 2-D
 #: Gaussian has this share of its variance.
 _NOISE_ROUNDS, _INSIDE_THREE_SIGMAS = 5, 0.949
+#: An observation is near its projection within this number of standard deviations: some pixels. Wrong matches lie
+#: anywhere in the image; tracks on bodies that move slowly stay near.
+_NEAR_SIGMAS = 30.0
 #: Median of the squared length of a 2-D Gaussian of variance 1, and the largest noise at a start over the assumed one.
 _MEDIAN_SQUARE, _LARGEST_START_FACTOR = 1.386, 30.0
 
@@ -57,6 +61,8 @@ class JointFit:
         How much the cost of a track falls by chance where its point may move in one direction, at least 1: 1 for errors
         that are independent from view to view, more for a tracker that keeps its errors. It is measured across the
         epipolar lines, where a rigid scene does not move.
+    explained, near_misses : int
+        Number of tracks that the fit explains, and of those that it does not although they stay near their projections.
     """
 
     state: WindowState
@@ -67,6 +73,8 @@ class JointFit:
     held_view: int
     noise_factor: float
     dispersion: float
+    explained: int
+    near_misses: int
 
 
 def fit_window(
@@ -191,6 +199,7 @@ def _optimized(equations: WindowEquations, state: WindowState, max_steps: int, t
         equations.held_view,
         _noise_factor(equations, state),
         _dispersion(equations, state),
+        *_explained_and_near(equations, state),
     )
 
 
@@ -213,6 +222,14 @@ def _noise_factor(equations: WindowEquations, state: WindowState) -> float:
             return 1.0
         factor2 = float(equations.squares[inside].sum()) / (freedom * _INSIDE_THREE_SIGMAS)
     return float(np.sqrt(factor2))
+
+
+def _explained_and_near(equations: WindowEquations, state: WindowState) -> tuple[int, int]:
+    seen, used = equations.tracks.seen, equations.tracks.anchor >= 0
+    bound = explained_at_most(np.maximum(2 * seen.sum(axis=0) - 3, 0)) + OFF_PLANE_COST * (state.plane is not None)
+    explained = used & (equations.costs <= bound)
+    near = (seen & (equations.squares < _NEAR_SIGMAS**2)).sum(axis=0) > 0.5 * seen.sum(axis=0)
+    return int(explained.sum()), int((used & ~explained & near).sum())
 
 
 def _reassigned(equations: WindowEquations, state: WindowState) -> WindowState:

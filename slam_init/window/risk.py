@@ -186,7 +186,10 @@ def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
     few_views = 1 + _FEW_VIEWS / math.sqrt(len(best.rows) - 1)
     # A focal length that is pulled beyond its prior compensates errors that the model does not have.
     pull = best.fit.state.log_scale / hypotheses.priors.focal_sigma
-    return few_views * math.sqrt(1 + pull**2 / _PULL_FREEDOM)
+    # Tracks that stay near without being explained may lie on moving bodies. As many again may be explained by chance,
+    # and each of these pulls by about half a standard deviation of a track, all in the same direction.
+    bodies = best.fit.near_misses / math.sqrt(max(best.fit.explained, 1))
+    return few_views * math.sqrt((1 + pull**2 / _PULL_FREEDOM) * (1 + (bodies / 2) ** 2))
 
 
 def _wrong_direction(sigmas_deg: Floats) -> Floats:
