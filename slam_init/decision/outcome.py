@@ -22,8 +22,6 @@ class Outcome:
         The verdict and its evidence.
     accepted : MapWithViews or None
         A map that passed all gates.
-    unconfirmed : MapWithViews or None
-        A map of two views without a rival, which passed all gates except those that ask for a third view.
     hypotheses : tuple of InitialMap
         The maps that the vote could not decide between, the better one first.
     margin : Margin or None
@@ -32,6 +30,5 @@ class Outcome:
 
     attempt: Attempt
     accepted: MapWithViews | None = None
-    unconfirmed: MapWithViews | None = None
     hypotheses: tuple[InitialMap, ...] = ()
     margin: Margin | None = None
