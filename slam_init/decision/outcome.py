@@ -23,9 +23,9 @@ class Outcome:
     accepted : MapWithViews or None
         A map that passed all gates.
     hypotheses : tuple of InitialMap
-        The maps that the vote could not decide between, the better one first.
+        The maps of two motions that the tracks do not decide between, the better one first.
     margin : Margin or None
-        The deciding vote, where there were two maps.
+        The vote between the best motion and its nearest rival; None without a rival.
     """
 
     attempt: Attempt

@@ -114,10 +114,12 @@ class WindowRule:
         Returns
         -------
         Outcome or None
-            None where no motion is known and no pair was chosen.
+            None where no pair was chosen, and no motion is known or the window holds the pair alone.
         """
         preview = chosen or next((pair for pair in pairs if pair.reference == self._reference), None)
-        if preview is None or not (chosen or self._live):
+        # Without further views, an earlier motion has only the reference in common with the window.
+        lives_on = bool(self._live) and self._third_view
+        if preview is None or not (chosen or lives_on):
             return None
         pair = match_pair(self._history, preview, current)
         attempt = Attempt(
@@ -203,7 +205,7 @@ class WindowRule:
         return replace(self._usable(attempt, bundle, hypotheses), margin=risk.margin)
 
     def _further_views(self, pair: MatchedPair) -> list[Observations]:
-        """The views of the window besides the pair; none without a third view."""
+        """The views of the window besides the pair."""
         if not self._third_view:
             return []
         return voting_views(self._history, pair.reference, pair.current, self._config.map, MAX_VIEWS - 2)

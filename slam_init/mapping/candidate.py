@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from slam_init.bundle.adjustment import adjust
@@ -52,44 +50,25 @@ def map_of_poses(
         local /= np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-300)
         usable &= np.linalg.norm(local - np.nan_to_num(table.bearings[row]), axis=1) < threshold_rad
     usable &= _parallax_rad(points, poses) > min_parallax_rad(camera, config.map.min_noise_px, config.map)
-    problem = _bundle_problem(table, _Pair(poses, points, usable), poses)
+    problem = _bundle_problem(table, points, usable, poses)
     if len(problem.points) < _MIN_POINTS:
         return BundleFailure(f"only {len(problem.points)} points can be triangulated")
     return adjust(camera, problem, config.map)
 
 
-@dataclass(frozen=True, eq=False)
-class _Pair:
-    """The two-view map of a pair.
-
-    Attributes
-    ----------
-    poses : dict of int to Pose
-        Row of the table -> ``world_from_cam``; the world is the first view of the pair.
-    points : (T, 3) float
-        Point of each track of the table, in the world frame; NaN where it cannot be triangulated.
-    usable : (T,) bool
-        Inliers of the hypothesis whose point lies in front of both cameras and has enough parallax.
-    """
-
-    poses: dict[int, Pose]
-    points: Floats
-    usable: Bools
-
-
-def _bundle_problem(table: TrackTable, pair: _Pair, poses: dict[int, Pose]) -> BundleProblem:
+def _bundle_problem(table: TrackTable, points: Floats, usable: Bools, poses: dict[int, Pose]) -> BundleProblem:
     """Gather the views in time order, with the first of them as the world frame, and the usable points they observe."""
     views = sorted(poses, key=lambda k: table.frames[k])
     first_from_world = poses[views[0]].inverse()
-    observed = np.isfinite(table.bearings[views, :, 0]) & pair.usable
+    observed = np.isfinite(table.bearings[views, :, 0]) & usable
     view_index, track_index = np.nonzero(observed)
-    tracks = np.flatnonzero(pair.usable)
-    position = np.full(len(pair.usable), -1)
+    tracks = np.flatnonzero(usable)
+    position = np.full(len(usable), -1)
     position[tracks] = np.arange(len(tracks))
     return BundleProblem(
         frames=tuple(table.frames[k] for k in views),
         world_from_cam=tuple(first_from_world @ poses[k] for k in views),
-        points=first_from_world.apply(pair.points[tracks]),
+        points=first_from_world.apply(points[tracks]),
         track_ids=table.track_ids[tracks],
         views=view_index.astype(np.int64),
         landmarks=position[track_index].astype(np.int64),

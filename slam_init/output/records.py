@@ -241,7 +241,7 @@ class AttemptRecord:
     Attributes
     ----------
     frames : tuple of int
-        Absolute indices of the pair (reference, current), then of further views that voted.
+        Absolute indices of the pair (reference, current), then of the further keyframes of its map.
     verdict : Verdict
         ``accepted`` or the reason of the refusal.
     advice : str

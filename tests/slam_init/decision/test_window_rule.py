@@ -123,6 +123,7 @@ def test_each_attempt_with_a_motion_has_its_window_and_one_gate_on_the_risk(scen
     last = result.attempts[-1]
     assert (last.verdict, last.stage, last.progress) == (Verdict.ACCEPTED, None, 1.0)
     assert last.window.planar == (scene == "wall")
+    assert result.map.scene == ("planar" if scene == "wall" else "general")
     assert {gate.name for gate in last.gates if gate.name != GateName.MATCHES} >= {GateName.RISK, GateName.LANDMARKS}
 
 
@@ -355,7 +356,9 @@ def test_without_a_third_view_the_window_holds_the_pair_alone():
     source = point_source("room", 2)
     result = finished(source, initializer=make_initializer("quest-two-view", source.camera, Config()))
     assert result, result.reason
-    assert {attempt.window.views for attempt in result.attempts if attempt.window is not None} == {2}
+    judged = [attempt for attempt in result.attempts if attempt.stage is not Stage.MOTION]
+    assert {attempt.window.views for attempt in judged} == {2}
+    assert all(attempt.two_view is not None for attempt in judged)  # no motion of an earlier pair is judged
     assert len(result.map.keyframes) == 2
     rotation, direction = errors_deg(source, result.map)
     assert rotation < 5
