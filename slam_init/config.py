@@ -1,8 +1,7 @@
 """Every number that a user may want to change, with the reason for its default.
 
 The configuration is written as ``config.toml`` beside the results and read back with ``--config``; unknown keys are
-refused. Names that end in ``_px`` are pixels of the original image; ``min_distance`` is a share of the image width. The
-noise of the tracks is measured, and most gates are multiples of the noise.
+refused. Names that end in ``_px`` are pixels of the original image; ``min_distance`` is a share of the image width.
 """
 
 from __future__ import annotations
@@ -10,11 +9,10 @@ from __future__ import annotations
 import dataclasses
 import os
 import tomllib
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar, get_type_hints
+from typing import Self, TypeVar, get_type_hints
 
 from slam_init.errors import ConfigError
 from slam_init.types.display import Described
@@ -30,7 +28,7 @@ __all__ = [
     "load_config",
 ]
 
-_Section = TypeVar("_Section")
+_Options = TypeVar("_Options")
 
 #: Ranges outside of which a number crashes a library, or a run never ends.
 _RANGES: dict[str, tuple[float, float]] = {
@@ -41,20 +39,41 @@ _RANGES: dict[str, tuple[float, float]] = {
     "tracking.sift_frames": (1, 100),
     "keyframes.window": (1, 1000),
     "keyframes.retry_gain": (1, 1000),
-    "keyframes.max_retry_gain": (1, 1000),
-    "map.max_further_views": (1, 100),
-    "map.min_motion_share": (0, 1),
-    "map.max_voting_views": (1, 100),
+    "acceptance.max_risk": (0, 1),
 }
-#: Old key -> new key; the old ones still work, with a warning, and are dropped in version 0.3.
-RENAMED_OPTIONS = {
-    "acceptance.min_shared_error_px": "min_correlated_error_px",
-    "acceptance.min_turning_residual": "min_rotation_only_residual",
+_RISK_DECIDES = "acceptance.max_risk decides ({max_risk:g} by default)"
+_WINDOW_CHOOSES = "the window chooses its views itself"
+#: Removed key -> what holds now.
+_GONE: dict[str, str] = {
+    "acceptance.rule": "the window decides",
+    "acceptance.max_direction_error_deg": _RISK_DECIDES,
+    "acceptance.min_correlated_error_px": _RISK_DECIDES,
+    "acceptance.min_shared_error_px": _RISK_DECIDES,
+    "acceptance.focal_error": _RISK_DECIDES,
+    "acceptance.max_median_depth_sigma": _RISK_DECIDES,
+    "acceptance.min_explained": _RISK_DECIDES,
+    "acceptance.min_rotation_only_residual": _RISK_DECIDES,
+    "acceptance.min_turning_residual": _RISK_DECIDES,
+    "acceptance.min_further_agreement": _RISK_DECIDES,
+    "two_view.min_inlier_share": _RISK_DECIDES,
+    "map.max_further_views": _WINDOW_CHOOSES,
+    "map.max_voting_views": _WINDOW_CHOOSES,
+    "map.min_motion_share": _WINDOW_CHOOSES,
+    "keyframes.max_retry_gain": "keyframes.retry_gain is the only gain ({retry_gain:g} by default)",
 }
+
+
+class _Section:
+    """A section of the options. It refuses the keywords that were removed."""
+
+    def __new__(cls, *_: object, **options: object) -> Self:
+        """Make a section, unless a keyword was removed."""
+        _refuse([name for name in _GONE if name.partition(".")[2] in options], cls.__name__)
+        return super().__new__(cls)
 
 
 @dataclass(frozen=True)
-class TrackingConfig:
+class TrackingConfig(_Section):
     """Features and tracks (:mod:`slam_init.frontend.tracks`)."""
 
     #: Number of corners that are followed at a time. The standard deviation of the baseline's direction falls with the
@@ -80,7 +99,7 @@ class TrackingConfig:
 
 
 @dataclass(frozen=True)
-class KeyframeConfig:
+class KeyframeConfig(_Section):
     """Keyframe manager (:mod:`slam_init.frontend.keyframes`)."""
 
     #: Number of candidate reference frames: each costs about a millisecond per frame, and eight of them reach back over
@@ -96,37 +115,23 @@ class KeyframeConfig:
     #: A pair is tried again when its direction score is higher by this factor than at its last failure, or after a
     #: wait: a try at every frame costs time and gives the same result.
     retry_gain: float = 1.15
-    #: A failure by a wide margin waits for a larger gain, but not for more than this: the scene may change.
-    max_retry_gain: float = 3.0
 
 
 @dataclass(frozen=True)
-class TwoViewConfig:
+class TwoViewConfig(_Section):
     """Relative pose of a pair (:mod:`quest.estimate`)."""
 
     #: Outlier threshold in pixels: three standard deviations of a feature with 0.7 px of noise. The estimator lowers
     #: the threshold where the tracks are better.
     threshold_px: float = 2.0
-    #: Least share of the common tracks that the motion must explain: if more than half of the scene moves by itself,
-    #: one rigid motion does not describe it.
-    min_inlier_share: float = 0.5
 
 
 @dataclass(frozen=True)
-class MapConfig:
+class MapConfig(_Section):
     """Triangulation, further views and bundle adjustment."""
 
-    #: Number of views in the map besides the pair: enough to distinguish a plane from its twin and to average the
-    #: noise; each view costs bundle adjustment time.
-    max_further_views: int = 4
-    #: Number of views that vote on the two explanations of a plane: their points need no adjustment, so there may be
-    #: more of them.
-    max_voting_views: int = 8
-    #: Further views have at least this share of the pair's baseline, if there are such views: the direction error of a
-    #: baseline grows with the inverse of its length, by a third here.
-    min_motion_share: float = 0.75
-    #: Least number of landmarks that a further view must see: 40 coordinates for six unknowns can contradict a wrong
-    #: map.
+    #: Least number of tracks that a further view must see: 40 coordinates for six unknowns can contradict a wrong
+    #: motion.
     min_resected: int = 20
     #: Landmarks with a larger relative standard deviation of the depth are dropped: beyond this value one in 160 would
     #: lie behind the camera by noise alone (2.5 standard deviations).
@@ -149,44 +154,17 @@ class MapConfig:
 
 
 @dataclass(frozen=True)
-class AcceptanceConfig:
-    """Gates that a map has to pass (:mod:`slam_init.decision`)."""
+class AcceptanceConfig(_Section):
+    """What a map has to reach (:mod:`slam_init.decision.window_rule`)."""
 
-    #: What decides: "gates" on the pair and on the map, or "window", the stated risk of the joint estimate of all
-    #: views.
-    rule: str = "gates"
-    #: Largest probability that a map is wrong, with the rule "window": one map in 200.
+    #: Largest probability that a map is wrong, stated by the joint estimate of all views: one map in 200.
     max_risk: float = 0.005
     #: Least number of landmarks, as in ORB-SLAM and stella_vslam: tracking needs them.
     min_landmarks: int = 50
-    #: Bound of the direction error of the baseline: three standard deviations and the correlated tracking error. A map
-    #: is wrong from 15 degrees on; a third of this is left for errors that the noise model does not know.
-    max_direction_error_deg: float = 10.0
-    #: Lower limit of the correlated tracking error, which does not average out. It is measured for each pair
-    #: (:mod:`slam_init.decision.correlated_error`). The part that the estimated motion absorbed does not show, so a
-    #: smaller value is not trusted: this is three times the 0.05 px by which interpolation between pixels misleads a
-    #: tracker.
-    min_correlated_error_px: float = 0.15
-    #: Assumed relative error of the focal length, as of data sheets and zooms: it must not turn the direction by more
-    #: than the bound.
-    focal_error: float = 0.05
-    #: Largest median of the landmarks' relative standard deviation of the depth. One degree of parallax, which ORB-SLAM
-    #: and stella_vslam require, is 0.18 at 1 px of noise and a focal length of 460 px.
-    max_median_depth_sigma: float = 0.18
-    #: Least share of the pair's tracks that become landmarks: if most tracks do not follow the motion, or have no
-    #: measurable depth, the motion may be that of a moving body.
-    min_explained: float = 0.5
-    #: Least residual of the explanation by a rotation-only camera with a focal length off by up to 10 %, as a multiple
-    #: of its expected residual: noise, three times the correlated tracking error, and four standard deviations of
-    #: chance. Below 1 there may be no translation at all.
-    min_rotation_only_residual: float = 1.0
-    #: Least share of the observations by further views that agree with the two-view map: a scene with 30 % of moving
-    #: objects has this share. Correct maps had 0.9 and more.
-    min_further_agreement: float = 0.7
 
     def __post_init__(self) -> None:
-        if self.rule not in ("gates", "window"):
-            raise ConfigError(f"acceptance.rule is {self.rule!r}: use gates or window")
+        if not 0 < self.max_risk <= 1:
+            raise ConfigError(f"acceptance.max_risk is {self.max_risk!r}: it must be above 0 and at most 1")
 
 
 @dataclass(frozen=True, repr=False)
@@ -208,7 +186,7 @@ class Config(Described):
     map : MapConfig
         Triangulation, further views and bundle adjustment.
     acceptance : AcceptanceConfig
-        Gates that a map has to pass.
+        What a map has to reach.
     """
 
     method: str = "quest"
@@ -254,8 +232,8 @@ def load_config(path: str | os.PathLike[str] | None, overrides: Mapping[str, obj
     Raises
     ------
     ConfigError
-        Where the file cannot be read or parsed, or holds an unknown key or a value of the wrong type. The name of the
-        method is checked when the method is made.
+        Where the file cannot be read or parsed, or holds an unknown key, a removed key or a value of the wrong type.
+        The name of the method is checked when the method is made.
     """
     table: dict[str, object] = {}
     if path is not None:
@@ -269,7 +247,9 @@ def load_config(path: str | os.PathLike[str] | None, overrides: Mapping[str, obj
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise ConfigError(f"{path} is not valid TOML: {error}") from None
     table |= {key: value for key, value in (overrides or {}).items() if value is not None}
-    return _build(Config, table, where=str(path) if path else "options", prefix="")
+    where = str(path) if path else "options"
+    _refuse([name for name in _GONE if _holds(table, name)], where)
+    return _build(Config, table, where=where, prefix="")
 
 
 def config_toml(config: Config) -> str:
@@ -300,13 +280,27 @@ def _flat(config: Config) -> dict[str, object]:
     return flat
 
 
-def _build(cls: type[_Section], table: Mapping[str, object], where: str, prefix: str) -> _Section:
+def _refuse(gone: list[str], where: str) -> None:
+    """Refuse removed keys in one line, which tells what holds now."""
+    if not gone:
+        return
+    first, *others = gone
+    now = _GONE[first].format(max_risk=AcceptanceConfig.max_risk, retry_gain=KeyframeConfig.retry_gain)
+    also = f"; also gone: {', '.join(others)}" if others else ""
+    raise ConfigError(f"{where}: {first} is gone: {now}{also}")
+
+
+def _holds(table: Mapping[str, object], name: str) -> bool:
+    """Whether a table holds ``section.option``."""
+    section, _, key = name.partition(".")
+    options = table.get(section)
+    return isinstance(options, dict) and key in options
+
+
+def _build(cls: type[_Options], table: Mapping[str, object], where: str, prefix: str) -> _Options:
     types = get_type_hints(cls)
     values: dict[str, object] = {}
-    for old_key, value in table.items():
-        key = RENAMED_OPTIONS.get(prefix + old_key, old_key)
-        if key != old_key:
-            warnings.warn(f"{where}: {prefix + old_key} is now {prefix + key}", DeprecationWarning, stacklevel=2)
+    for key, value in table.items():
         if key not in types:
             known = ", ".join(types)
             raise ConfigError(f"{where}: unknown key {prefix + key!r}; known here: {known}")

@@ -1,19 +1,27 @@
 """The pipeline, to be read from top to bottom.
 
 For each frame, the tracker follows the tracks, and the keyframe manager previews the pairs with earlier frames. If no
-pair shows enough tracks, motion or parallax, the frame is refused (:func:`~slam_init.decision.screening.screen`).
-Otherwise the best pair that need not wait is tried (:mod:`slam_init.attempt`): two-view geometry (:mod:`quest`), a
-bundle-adjusted map for each hypothesis, the vote of further views, gates. The first map that passes all gates ends the
-initialization. A refusal has a reason and its evidence. If the views cannot decide between two maps, both are kept.
+pair shows enough tracks or motion, the frame is refused (:func:`~slam_init.decision.screening.screen`). Otherwise the
+window judges the frame (:mod:`slam_init.decision.window_rule`), in these stages:
+
+==========================  =========================================================================================
+stage                       what it does
+==========================  =========================================================================================
+two views                   :mod:`quest` proposes motions from the best pair that need not wait
+window                      one joint fit of all views for each motion (:mod:`slam_init.window`)
+risk                        the probability that the best motion is wrong; the only decision
+map                         a bundle-adjusted map of an accepted motion, or of both motions of an undecided plane
+==========================  =========================================================================================
+
+The first map whose risk is small enough ends the initialization. A refusal has a reason and its evidence. If the views
+cannot decide between the two motions of a plane, both maps are kept.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from slam_init.attempt import try_pair
 from slam_init.attempt_log import AttemptLog, focal_notes
 from slam_init.config import Config
 from slam_init.decision.focal_check import FocalCheck
@@ -28,9 +36,7 @@ from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from slam_init.types.comparison import Margin
 from slam_init.types.frame import Frame, Observations
-from slam_init.types.gates import Stage
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, ProvisionalMap, Result
 from slam_init.types.stopwatch import Stopwatch
 
@@ -56,8 +62,8 @@ class Initializer:
     recorder : Recorder, optional
         Receives a report of each frame, attempt and map.
     third_view : bool
-        Whether further views decide between two motions and confirm the map. Without them, the better two-view map is
-        accepted if it passes the gates that need no third view; this is the method ``quest-two-view``.
+        Whether further views join the window. Without them the window holds the pair alone; this is the method
+        ``quest-two-view``.
 
     Attributes
     ----------
@@ -166,9 +172,7 @@ class Initializer:
             attempt = self._checked_and_logged(outcome.attempt, pairs, current)
             self._maps.take(outcome)
             if self.map is None and best is not None:
-                # The window keeps its motions from frame to frame, so it need not rest after a refused map.
-                rest = attempt.stage is Stage.MAP and self._window is None
-                self.keyframes.failed(best, attempt.parallax_shortfall, map_refused=rest)
+                self.keyframes.failed(best)
         self.keyframes.update(current, pairs)
         self.history.forget(keep=self.keyframes.candidates)
         progress = self._attempts.best_progress(self.keyframes.candidates)
@@ -184,8 +188,7 @@ class Initializer:
     def provisional(self) -> ProvisionalMap | None:
         """The best map up to now with its risk; the accepted map once there is one.
 
-        It is built when it is asked for, which takes as long as a bundle adjustment. None where no motion is known, and
-        always with the rule "gates", which states no risk.
+        It is built when it is asked for, which takes as long as a bundle adjustment. None where no motion is known.
         """
         if self._window is None:
             return None
@@ -212,51 +215,35 @@ class Initializer:
         )
 
     def finish(self) -> Result:
-        """End the sequence. A two-view map that passed all gates but those for a third view is accepted now.
+        """End the sequence. No map is accepted only because the sequence ends.
 
         Returns
         -------
         Result
         """
-        if self.map is None and self._maps.unconfirmed is not None:
-            attempt = replace(
-                self._maps.unconfirmed.attempt, verdict=Verdict.ACCEPTED, advice="", stage=None, progress=1.0
-            )
-            self._log(attempt)
-            self._maps.accept_unconfirmed()
-            self.status = Status.initialized(attempt)
         return self.result
 
     # -- parts of the step of a frame -------------------------------------------------------------
 
     def _judge(self, pair: PairPreview | None, pairs: Sequence[PairPreview], current: Observations) -> Outcome | None:
-        """Judge a frame by the rule of the configuration; None where there is nothing to judge."""
-        if self.config.acceptance.rule == "window":
-            if self._window is None:
-                # Imported here, since it loads the compiler (0.3 s), as quest does where an estimation starts.
-                from slam_init.decision.window_rule import WindowRule
+        """Judge a frame by its window; None where there is nothing to judge."""
+        if self._window is None:
+            # Imported here, since it loads the compiler (0.3 s), as quest does where an estimation starts.
+            from slam_init.decision.window_rule import WindowRule
 
-                self._window = WindowRule(self.camera, self.config, self.history)
-            return self._window.judge(pair, pairs, current, self.stopwatch)
-        if pair is None:
-            return None
-        return try_pair(
-            self.camera, self.config, self.history, pair, current, self.stopwatch, third_view=self._third_view
-        )
+            self._window = WindowRule(self.camera, self.config, self.history, third_view=self._third_view)
+        return self._window.judge(pair, pairs, current, self.stopwatch)
 
     def _checked_and_logged(self, attempt: Attempt, pairs: Sequence[PairPreview], current: Observations) -> Attempt:
         """Add a check of the focal length to an attempt if one is due, and log the attempt."""
         attempt = self._focal_check(attempt, pairs, self.history, current)
-        self._log(attempt)
-        return attempt
-
-    def _log(self, attempt: Attempt) -> None:
         self.recorder.attempt(attempt)
         self._attempts.add(attempt)
+        return attempt
 
 
 class _MapsSoFar:
-    """The maps of the attempts up to now: an accepted map, a map without a third view, or two undecided maps.
+    """The maps of the attempts up to now: an accepted map, or two undecided maps.
 
     Parameters
     ----------
@@ -266,52 +253,30 @@ class _MapsSoFar:
     Attributes
     ----------
     accepted : InitialMap or None
-    unconfirmed : Outcome or None
-        The outcome of the last pair that lacked only a third view; None after an attempt that contradicts it.
     hypotheses : tuple of InitialMap
         The accepted map, or the two undecided ones.
     margin : Margin or None
         The vote of the accepted map, if it had one. Before that, the last vote between two maps.
-        :meth:`accept_unconfirmed` does not change it.
     """
-
-    #: Verdicts of a later attempt that contradict an earlier map without a third view.
-    _AGAINST_TWO_VIEWS = (
-        Verdict.PURE_ROTATION,
-        Verdict.NO_CONSISTENT_MOTION,
-        Verdict.AMBIGUOUS_PLANE,
-        Verdict.BUNDLE_ADJUSTMENT_FAILED,
-    )
 
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder
         self.accepted: InitialMap | None = None
-        self.unconfirmed: Outcome | None = None
         self.hypotheses: tuple[InitialMap, ...] = ()
         self.margin: Margin | None = None
 
     def take(self, outcome: Outcome) -> None:
         """Keep the maps of an attempt, and drop the maps that it contradicts."""
-        if outcome.attempt.verdict in self._AGAINST_TWO_VIEWS:
-            self.unconfirmed = None
         if outcome.margin is not None or outcome.accepted is not None:
             self.margin = outcome.margin
         if outcome.accepted is not None:
             self._accept(outcome.accepted)
             return
-        if outcome.unconfirmed is not None:
-            self.unconfirmed = outcome
-        # Two undecided maps are kept until two other maps replace them, a vote decides, or a rotation-only camera is
-        # suspected.
+        # Two undecided maps are kept until two other maps replace them, or a vote decides.
         decided = outcome.margin is not None and outcome.margin.decides()
-        if outcome.hypotheses or decided or outcome.attempt.suspected_focal_factor is not None:
+        if outcome.hypotheses or decided:
             self.hypotheses = outcome.hypotheses
             self._recorder.undecided(self.hypotheses)
-
-    def accept_unconfirmed(self) -> None:
-        """Accept the map that lacked only a third view."""
-        if self.unconfirmed is not None and self.unconfirmed.unconfirmed is not None:
-            self._accept(self.unconfirmed.unconfirmed)
 
     def _accept(self, built: MapWithViews) -> None:
         self.accepted = built.map

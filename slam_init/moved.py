@@ -14,9 +14,8 @@ __all__ = ["MOVED_MODULES", "install"]
 
 #: Old module -> new modules, whose names it had; dropped in version 0.3.
 MOVED_MODULES: dict[str, str] = {
-    "slam_init.acceptance": "slam_init.decision.map_gates",
     "slam_init.benchmarks.tables": "slam_init.output.tables",
-    "slam_init.bootstrap": "slam_init.attempt slam_init.decision.screening",
+    "slam_init.bootstrap": "slam_init.decision.screening",
     "slam_init.bundle_graph": "slam_init.bundle.graph",
     "slam_init.bundle_noise": "slam_init.bundle.noise",
     "slam_init.bundle_problem": "slam_init.bundle.problem",
@@ -32,13 +31,12 @@ MOVED_MODULES: dict[str, str] = {
     "slam_init.focal_adjustment": "slam_init.bundle.focal",
     "slam_init.handover": "slam_init.attempt_log slam_init.decision.refusal slam_init.mapping.map_building",
     "slam_init.info": "slam_init.datasets.describe",
-    "slam_init.judging": "slam_init.decision.two_views slam_init.decision.rival_vote",
+    "slam_init.judging": "slam_init.decision.two_views",
     "slam_init.keyframes": "slam_init.frontend.keyframes",
     "slam_init.matching": "slam_init.frontend.sift",
     "slam_init.metrics": "slam_init.evaluation.metrics",
     "slam_init.online": "slam_init.status slam_init.types.gates",
     "slam_init.pipeline": "slam_init.initializer slam_init.runner",
-    "slam_init.plane_vote": "slam_init.decision.plane_vote",
     "slam_init.reasons": "slam_init.types.reasons slam_init.types.gates",
     "slam_init.recording_images": "slam_init.recording.images",
     "slam_init.recording_layout": "slam_init.recording.layout",
@@ -46,7 +44,6 @@ MOVED_MODULES: dict[str, str] = {
     "slam_init.recording_paths": "slam_init.recording.paths",
     "slam_init.recording_text": "slam_init.recording.text",
     "slam_init.report": "slam_init.output.report",
-    "slam_init.shared_error": "slam_init.decision.correlated_error",
     "slam_init.streams": "slam_init.process_io",
     "slam_init.timing": "slam_init.types.stopwatch",
     "slam_init.tracks": "slam_init.frontend.tracks",

@@ -60,12 +60,7 @@ FILES = (
 #: Keys of the summary that depend on the machine, or that name the version.
 _NOT_COMPARED = ("timing_ms", "schema", "provenance")
 #: Gates that had another name in schema 1 of the summary.
-_OLD_GATES = {
-    "rotation_px": "turned_px",
-    "direction_correlated_deg": "direction_shared_deg",
-    "direction_jackknife_deg": "direction_spread_deg",
-    "rotation_only_residual": "turning_residual",
-}
+_OLD_GATES = {"rotation_px": "turned_px"}
 
 
 class Attempt(TypedDict):
@@ -79,7 +74,7 @@ class Attempt(TypedDict):
     method_evidence: dict[str, object]
     two_view: TwoView | None
     rotation_only: dict[str, object] | None
-    vote: Vote | None
+    window: NotRequired[dict[str, object] | None]  # not in the first summaries of schema 2
     map: dict[str, object] | None
     gates: list[Gate]
 
@@ -88,28 +83,6 @@ class TwoView(TypedDict):
     """The relative pose of the pair. It has further keys, which become figures under their names."""
 
     statistics: dict[str, object]
-    correlated_error_px: float | None
-
-
-class Vote(TypedDict):
-    """The vote between rival maps."""
-
-    rivals: list[Rival]
-    plane: Comparison | None
-    near_rival_deg: float | None
-
-
-class Comparison(TypedDict):
-    """The comparison of two explanations."""
-
-    log_likelihood: float | None
-    z: float | None
-
-
-class Rival(Comparison):
-    """The comparison of a map with a rival map."""
-
-    rival: int
 
 
 class Gate(TypedDict):
@@ -195,17 +168,10 @@ def _evidence_of_schema_1(attempt: Attempt) -> dict[str, object]:
     if two_view := attempt["two_view"]:
         named = {f"two_view_{name}": value for name, value in two_view.items() if name != "statistics"}
         evidence |= named | {f"two_view_{name}": value for name, value in two_view["statistics"].items()}
-        evidence["shared_error_px"] = two_view["correlated_error_px"]
     if rotation_only := attempt["rotation_only"]:
         evidence["turning_focal_factor"] = rotation_only["focal_factor"]
         evidence["suspected_focal_factor"] = rotation_only["suspected_focal_factor"]
-    if vote := attempt["vote"]:
-        for rival in vote["rivals"]:
-            name = f"rival{rival['rival']}"
-            evidence |= {f"{name}_log_likelihood": rival["log_likelihood"], f"{name}_z": rival["z"]}
-        plane = vote["plane"] or {"log_likelihood": None, "z": None}
-        evidence |= {"plane_log_likelihood": plane["log_likelihood"], "plane_z": plane["z"]}
-        evidence["near_rival_deg"] = vote["near_rival_deg"]
+    evidence |= {f"window_{name}": value for name, value in (attempt.get("window") or {}).items()}
     if map_ := attempt["map"]:
         evidence |= {"reprojection_rmse_px": map_["reprojection_rmse_px"], "cause": map_["failure"]}
     for gate in attempt["gates"]:

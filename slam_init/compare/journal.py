@@ -10,7 +10,6 @@ from types import TracebackType
 from typing import IO
 
 from slam_init.compare.rows import Key, TrialRow, parse_row, row_text
-from slam_init.config import RENAMED_OPTIONS
 from slam_init.errors import OutputError
 from slam_init.output.plain_json import Json
 
@@ -140,13 +139,13 @@ class Journal:
         if found.get("schema") != _SCHEMA:
             raise OutputError(f"{self._path} was written by another version of slam-init: give another --out")
         for name, value in header.items():
+            if found.get(name) == value:
+                continue
             if isinstance(value, dict):
-                if _with_current_names(found.get(name), "") != value:
-                    raise OutputError(f"{self._path} holds trials with other {name}: give another --out")
-            elif found.get(name) != value:
-                raise OutputError(
-                    f"{self._path} holds trials with {name} {found.get(name)!r}, not {value!r}: give another --out"
-                )
+                raise OutputError(f"{self._path} holds trials with other {name}: give another --out")
+            raise OutputError(
+                f"{self._path} holds trials with {name} {found.get(name)!r}, not {value!r}: give another --out"
+            )
 
 
 def read_journal(path: str | os.PathLike[str]) -> Iterator[TrialRow]:
@@ -182,13 +181,3 @@ def _parse_settings(line: bytes) -> dict[str, Json]:
     if not isinstance(content, dict):
         raise ValueError("not a JSON object")
     return content
-
-
-def _with_current_names(options: Json, prefix: str) -> Json:
-    """Return options with their current names; a file of an older version can hold former names."""
-    if not isinstance(options, dict):
-        return options
-    return {
-        RENAMED_OPTIONS.get(prefix + name, name): _with_current_names(value, f"{name}.")
-        for name, value in options.items()
-    }

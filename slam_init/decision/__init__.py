@@ -1,1 +1,1 @@
-"""Decision rules: two views, planar ambiguity, map, rotation-only camera."""
+"""Decision rules: the previews of a frame, the window with its risk, the check of the stated focal length."""

@@ -87,7 +87,6 @@ def with_focal_check(
     # A two-view estimate, if there is one, has measured the noise.
     two_view_px = None if attempt.two_view is None else attempt.two_view.noise_px
     noise_rad = max(config.map.noise_px, two_view_px or 0.0) / camera.focal_px
-    correlated_rad = config.acceptance.min_correlated_error_px / camera.focal_px
     rotation_only = fit_rotation_only(reference.bearings[i], current.bearings[j], noise_rad)
-    evidence = rotation_only_evidence(camera, config, rotation_only, noise_rad, correlated_rad)
+    evidence = rotation_only_evidence(camera, config, rotation_only, noise_rad)
     return replace(attempt, rotation_only=evidence)

@@ -22,16 +22,13 @@ class Outcome:
         The verdict and its evidence.
     accepted : MapWithViews or None
         A map that passed all gates.
-    unconfirmed : MapWithViews or None
-        A map of two views without a rival, which passed all gates except those that ask for a third view.
     hypotheses : tuple of InitialMap
-        The maps that the vote could not decide between, the better one first.
+        The maps of two motions that the tracks do not decide between, the better one first.
     margin : Margin or None
-        The deciding vote, where there were two maps.
+        The vote between the best motion and its nearest rival; None without a rival.
     """
 
     attempt: Attempt
     accepted: MapWithViews | None = None
-    unconfirmed: MapWithViews | None = None
     hypotheses: tuple[InitialMap, ...] = ()
     margin: Margin | None = None

@@ -1,4 +1,4 @@
-"""Decision rules for the rival explanation of a pair: a rotation-only camera whose stated focal length is wrong.
+"""The explanation of a pair by a rotation-only camera whose stated focal length is wrong.
 
 If a camera rotates by R and its stated focal length is wrong by a factor s, its matches obey ``n ~ D R D^-1 m`` with
 ``D = diag(1, 1, s)``, in bearings under the stated calibration. The relation is exact for a pinhole camera; for a
@@ -9,28 +9,21 @@ not have this form, unless it is too small to be distinguished from it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from quest.estimate import RelativePose
 from quest.robust.rotation import refine_rotation_compiled
 from quest.robust.spatial_blocks import directions_of, scatter_of_sum
 from slam_init.config import Config
-from slam_init.decision.refusal import refused_by, with_gates
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import RotationOnlyEvidence
-from slam_init.types.gates import GateName, Stage, at_least
-from slam_init.types.reasons import Verdict
-from slam_init.types.result import Attempt
 
 __all__ = [
     "RotationOnlyCamera",
     "fit_rotation_only",
-    "judge_rotation_only",
     "rotation_only_evidence",
-    "suspect_calibration",
     "suspected_focal_factor",
 ]
 
@@ -48,6 +41,9 @@ _GATE2 = 18.0
 #: calibration grows with the displacement. A lens that is calibrated to half a pixel leaves three times the correlated
 #: error of a translation.
 _CORRELATED_FACTOR = 3.0
+#: Correlated tracking error of a translation, which does not average out: three times the 0.05 px by which
+#: interpolation between pixels misleads a tracker.
+_CORRELATED_PX = 0.15
 
 
 @dataclass(frozen=True)
@@ -61,8 +57,6 @@ class RotationOnlyCamera:
     residual_rad : float
         Standard deviation of a component of a bearing that the fit leaves, by the median over the matches. For a camera
         that really only rotates this is the noise.
-    stated_residual_rad : float
-        The same for the best rotation with the stated focal length.
     matches : int
         Number of matches of the medians.
     gain, gain_z : float
@@ -72,7 +66,6 @@ class RotationOnlyCamera:
 
     focal_factor: float
     residual_rad: float
-    stated_residual_rad: float
     matches: int
     gain: float
     gain_z: float
@@ -88,21 +81,6 @@ class RotationOnlyCamera:
         float
         """
         return 1 + 4 * 0.72 / float(np.sqrt(max(self.matches, 1)))
-
-    def off_rotation_rad(self, noise_rad: float) -> float:
-        """Compute the displacement that no rotation with the stated focal length explains, without the noise.
-
-        Parameters
-        ----------
-        noise_rad : float
-            Standard deviation of a component of a bearing.
-
-        Returns
-        -------
-        float
-            In radians; a translation causes it.
-        """
-        return float(np.sqrt(max(self.stated_residual_rad**2 - noise_rad**2, 1e-24)))
 
 
 def fit_rotation_only(rays1: Floats, rays2: Floats, noise_rad: float) -> RotationOnlyCamera:
@@ -139,7 +117,6 @@ def fit_rotation_only(rays1: Floats, rays2: Floats, noise_rad: float) -> Rotatio
     return RotationOnlyCamera(
         focal_factor=float(_FACTORS[best]),
         residual_rad=float(residuals[best]),
-        stated_residual_rad=float(residuals[stated]),
         matches=len(m),
         gain=gain,
         gain_z=gain / scatter if scatter > 0 else 0.0,
@@ -170,7 +147,7 @@ def suspected_focal_factor(rotation_only: RotationOnlyCamera, expected_rad: floa
 
 
 def rotation_only_evidence(
-    camera: Camera, config: Config, rotation_only: RotationOnlyCamera, noise_rad: float, correlated_rad: float
+    camera: Camera, config: Config, rotation_only: RotationOnlyCamera, noise_rad: float
 ) -> RotationOnlyEvidence:
     """Return the focal length of the rotation-only camera, and whether the stated one is suspected to be wrong.
 
@@ -181,103 +158,20 @@ def rotation_only_evidence(
     rotation_only : RotationOnlyCamera
     noise_rad : float
         Standard deviation of a component of a bearing.
-    correlated_rad : float
-        Correlated tracking error of a translation.
 
     Returns
     -------
     RotationOnlyEvidence
     """
-    expected_rad = _expected_rad(camera, config, rotation_only, noise_rad, correlated_rad)
-    most_rad = config.acceptance.min_rotation_only_residual * expected_rad
-    return RotationOnlyEvidence(rotation_only.focal_factor, suspected_focal_factor(rotation_only, most_rad))
+    expected_rad = _expected_rad(camera, config, rotation_only, noise_rad)
+    return RotationOnlyEvidence(rotation_only.focal_factor, suspected_focal_factor(rotation_only, expected_rad))
 
 
-def judge_rotation_only(
-    camera: Camera,
-    config: Config,
-    attempt: Attempt,
-    rotation_only: RotationOnlyCamera,
-    noise_rad: float,
-    correlated_rad: float,
-) -> Attempt:
-    """Refuse a map where a rotation-only camera with another focal length explains the matches as well.
-
-    Parameters
-    ----------
-    camera : Camera
-    config : Config
-    attempt : Attempt
-    rotation_only : RotationOnlyCamera
-    noise_rad : float
-        Standard deviation of a component of a bearing.
-    correlated_rad : float
-        Correlated tracking error of a translation.
-
-    Returns
-    -------
-    Attempt
-        With one more gate; refused as ``pure_rotation`` if this gate does not pass.
-    """
-    residual = rotation_only.residual_rad / _expected_rad(camera, config, rotation_only, noise_rad, correlated_rad)
-    needed = config.acceptance.min_rotation_only_residual
-    gate = at_least(GateName.ROTATION_ONLY_RESIDUAL, residual, needed, Verdict.PURE_ROTATION, _advice(rotation_only))
-    evidence = rotation_only_evidence(camera, config, rotation_only, noise_rad, correlated_rad)
-    attempt = replace(with_gates(attempt, (gate,)), rotation_only=evidence)
-    if gate.passes():
-        return attempt
-    return refused_by(replace(attempt, parallax_shortfall=needed / residual), Stage.MAP, (gate,))
-
-
-def suspect_calibration(
-    camera: Camera,
-    config: Config,
-    attempt: Attempt,
-    pose: RelativePose,
-    rotation_only: RotationOnlyCamera,
-    correlated_rad: float,
-) -> Attempt:
-    """Change the reason of a refused pair to ``pure_rotation`` if a rotation-only camera explains its matches.
-
-    Only a planar pair can be explained in this way, since the matches of such a camera obey a homography.
-
-    Parameters
-    ----------
-    camera : Camera
-    config : Config
-    attempt : Attempt
-        Refused.
-    pose : RelativePose
-    rotation_only : RotationOnlyCamera
-    correlated_rad : float
-        Correlated tracking error of a translation.
-
-    Returns
-    -------
-    Attempt
-    """
-    if pose.kind != "planar":
-        return attempt
-    evidence = rotation_only_evidence(camera, config, rotation_only, pose.noise_rad, correlated_rad)
-    attempt = replace(attempt, rotation_only=evidence)
-    if evidence.suspected_focal_factor is None:
-        return attempt
-    return replace(attempt, verdict=Verdict.PURE_ROTATION, advice=_advice(rotation_only))
-
-
-def _expected_rad(
-    camera: Camera, config: Config, rotation_only: RotationOnlyCamera, noise_rad: float, correlated_rad: float
-) -> float:
+def _expected_rad(camera: Camera, config: Config, rotation_only: RotationOnlyCamera, noise_rad: float) -> float:
     """Return the largest residual of a camera that really only rotates: noise, correlated error, and chance."""
     noise_rad = max(noise_rad, config.map.min_noise_px / camera.focal_px)
+    correlated_rad = _CORRELATED_PX / camera.focal_px
     return rotation_only.chance_factor * float(np.hypot(noise_rad, _CORRELATED_FACTOR * correlated_rad))
-
-
-def _advice(rotation_only: RotationOnlyCamera) -> str:
-    return (
-        f"a camera that only rotates, with {rotation_only.focal_factor:.2f} times the stated focal length, explains "
-        "the matches as well: translate sideways, or check the calibration"
-    )
 
 
 def _unit(rays: Floats) -> Floats:

@@ -18,7 +18,7 @@ from slam_init.types.result import Attempt
 
 __all__ = ["preview_evidence", "screen"]
 
-#: A tenth of the tracks may be outliers. If the rotation leaves more of the tracks displaced, the pair is tried.
+#: A tenth of the tracks may be outliers. If the rotation leaves more of the tracks displaced, the camera moved.
 _LEAST_PARALLAX_SHARE = 0.1
 
 
@@ -37,7 +37,8 @@ def screen(camera: Camera, config: Config, current: Observations, pairs: Sequenc
     Returns
     -------
     Attempt or None
-        A refusal for lack of tracks, motion or parallax. None where a pair is worth trying, or there is no pair.
+        A refusal for lack of tracks or motion. None where a pair is worth trying, or there is no pair. A rotation is
+        not refused here: the window tells a rotation-only camera by all its views.
     """
     if not pairs:
         return None
@@ -51,15 +52,12 @@ def screen(camera: Camera, config: Config, current: Observations, pairs: Sequenc
         at_least(GateName.FEATURES, len(current), needed, Verdict.TOO_FEW_FEATURES),
         at_least(GateName.MATCHES, pair.matches, needed, Verdict.TOO_FEW_MATCHES),
     )
-    # Without parallax the camera only rotated, or was static: a rotation that is fitted to noise is close to zero.
+    # Without parallax the camera only rotated, or was static. A rotation that is fitted to noise is close to zero.
     rotation_px = float(np.radians(max((p.rotation_deg for p in usable), default=0.0))) * camera.focal_px
     rotation = at_least(GateName.ROTATION_PX, rotation_px, noise_px, Verdict.STATIC_CAMERA)
-    parallax = at_least(GateName.PARALLAX_SHARE, share, _LEAST_PARALLAX_SHARE, Verdict.PURE_ROTATION)
     motion = (
         at_least(GateName.MOTION_PX, motion_px, noise_px, Verdict.STATIC_CAMERA),
         *([rotation] if share < _LEAST_PARALLAX_SHARE else []),
-        # The window tells a rotation-only camera by all its views, and earlier.
-        *([parallax] if config.acceptance.rule == "gates" else []),
     )
     attempt = Attempt((pair.reference, pair.current), Verdict.ACCEPTED, preview=preview_evidence(pair))
     for stage, gates in ((Stage.MATCHES, matches), (Stage.MOTION, motion)):

@@ -1,4 +1,4 @@
-"""The rule "window": one number decides, the risk that the map of the best hypothesis is wrong.
+"""The decision on a frame: one number decides, the risk that the map of the best hypothesis is wrong.
 
 quest proposes motions from the pairs that the keyframe manager chooses. From then on the motions live: each further
 frame joins their joint fit, and the risk is stated anew. A map is built for an accepted motion, for both motions of an
@@ -77,12 +77,15 @@ class WindowRule:
     config : Config
     history : History
         Holds the candidate references and the frames between them.
+    third_view : bool
+        Whether further views join the window. Without them the window holds reference and current alone.
     """
 
-    def __init__(self, camera: Camera, config: Config, history: History) -> None:
+    def __init__(self, camera: Camera, config: Config, history: History, *, third_view: bool = True) -> None:
         self._camera = camera
         self._config = config
         self._history = history
+        self._third_view = third_view
         self._live = LiveHypotheses(camera, WINDOW_PRIORS, config.map.min_noise_px)
         self._threshold_rad = config.two_view.threshold_px / camera.focal_px
         self._reference: int | None = None
@@ -111,10 +114,12 @@ class WindowRule:
         Returns
         -------
         Outcome or None
-            None where no motion is known and no pair was chosen.
+            None where no pair was chosen, and no motion is known or the window holds the pair alone.
         """
         preview = chosen or next((pair for pair in pairs if pair.reference == self._reference), None)
-        if preview is None or not (chosen or self._live):
+        # Without further views, an earlier motion has only the reference in common with the window.
+        lives_on = bool(self._live) and self._third_view
+        if preview is None or not (chosen or lives_on):
             return None
         pair = match_pair(self._history, preview, current)
         attempt = Attempt(
@@ -177,9 +182,7 @@ class WindowRule:
         return judge_rotation(self._camera, self._config, attempt, pose)
 
     def _judged(self, attempt: Attempt, pair: MatchedPair) -> Outcome:
-        settings = replace(self._config.map, max_voting_views=MAX_VIEWS - 2)
-        views = voting_views(self._history, pair.reference, pair.current, settings)
-        hypotheses = self._live.fitted([pair.reference, pair.current, *views])
+        hypotheses = self._live.fitted([pair.reference, pair.current, *self._further_views(pair)])
         if hypotheses is None:
             self._last = None
             return Outcome(refused_at(attempt, Verdict.NO_CONSISTENT_MOTION, Stage.MAP))
@@ -200,6 +203,12 @@ class WindowRule:
         bundle, table = self._map(pair, hypotheses.motions[0], certain)
         attempt = replace(attempt, frames=table.frames)
         return replace(self._usable(attempt, bundle, hypotheses), margin=risk.margin)
+
+    def _further_views(self, pair: MatchedPair) -> list[Observations]:
+        """The views of the window besides the pair."""
+        if not self._third_view:
+            return []
+        return voting_views(self._history, pair.reference, pair.current, self._config.map, MAX_VIEWS - 2)
 
     def _undecided(self, refused: Attempt, pair: MatchedPair, hypotheses: WindowHypotheses) -> tuple[InitialMap, ...]:
         """The maps of both motions of a plane that the tracks do not decide between."""

@@ -27,9 +27,6 @@ _GRID = (8, 6)
 #: Longest wait after repeated failures, in units of ``new_after_frames``: after some seconds of video the rest of the
 #: scene may have changed.
 _LONGEST_WAIT = 8
-#: Building a map takes as long as this many frames of video. After a refused map no pair is tried for this time,
-#: except for a pair with a clearly higher score.
-_PAUSE_FRAMES = 3
 #: Two frames that share half of their tracks see the same scene.
 _SAME_SCENE = 0.5
 #: A candidate is dropped after 300 frames, since tracks drift and drift looks like parallax. In 600 to 900 frames of
@@ -165,7 +162,6 @@ class KeyframeManager:
         self._config = config
         self.candidates: list[int] = []
         self._retry: dict[int, _RetryCondition] = {}  # of each reference whose last pair failed
-        self._retry_any = _RetryCondition(0.0, 0, 0)  # of all references, after a refused map
 
     def preview(self, history: History, current: Observations) -> list[PairPreview]:
         """Preview the pairs of all candidates with the current frame.
@@ -203,28 +199,19 @@ class KeyframeManager:
             if pair.matches < settings.min_matches:
                 continue
             retry = self._retry.get(pair.reference)
-            if not self._retry_any.is_met_by(pair):
-                continue
             if retry is None or retry.is_met_by(pair):
                 return pair
         return None
 
-    def failed(self, pair: PairPreview, parallax_shortfall: float = 1.0, *, map_refused: bool = False) -> None:
+    def failed(self, pair: PairPreview) -> None:
         """Record that the pair did not lead to a map.
 
         Parameters
         ----------
         pair : PairPreview
-        parallax_shortfall : float
-            Required baseline divided by the current one, from the worst gate that scales with parallax. The score of
-            the pair has to grow by about this factor.
-        map_refused : bool
-            Whether a map was built and refused. This takes the time of some frames, during which no pair is tried
-            unless its score is clearly higher.
         """
         settings = self._config.keyframes
-        # Score and gates are not exactly proportional: the pair is tried again at four fifths of the required score.
-        gain = min(max(settings.retry_gain, 0.8 * parallax_shortfall), settings.max_retry_gain)
+        gain = settings.retry_gain
         # Where the parallax is small compared with the noise, the score hardly grows. But in a steady motion the
         # baseline does: after this number of frames it has grown by ``gain``. After each further failure without a
         # higher score the wait is doubled; otherwise a window of hopeless references would be tried on every frame.
@@ -233,10 +220,6 @@ class KeyframeManager:
         if last is not None and pair.direction_score < last.min_score:
             wait = min(2 * last.wait_frames, _LONGEST_WAIT * settings.new_after_frames)
         self._retry[pair.reference] = _RetryCondition(gain * pair.direction_score, pair.current + wait, wait)
-        if map_refused:
-            self._retry_any = _RetryCondition(
-                settings.retry_gain * pair.direction_score, pair.current + _PAUSE_FRAMES, _PAUSE_FRAMES
-            )
 
     def update(self, current: Observations, pairs: list[PairPreview]) -> None:
         """Add the current frame to the candidates if a new one is due, and drop the least useful candidates.

@@ -1,94 +1,23 @@
-"""From a two-view hypothesis to a bundle-adjusted map with further views.
-
-Two views of a plane have two explanations that fit equally well. A map is built for each of them, and the further views
-decide which map predicts them better (:mod:`slam_init.mapping.rivals`).
-"""
+"""From the poses of views to a bundle-adjusted map."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from quest.estimate import Hypothesis, RelativePose
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.noise import min_parallax_rad
 from slam_init.bundle.problem import BundleFailure, BundleProblem, BundleSolution
 from slam_init.config import Config
-from slam_init.mapping.triangulation import resect, triangulate
+from slam_init.mapping.triangulation import triangulate
 from slam_init.mapping.views import TrackTable
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
-__all__ = ["MapCandidate", "build_candidate", "map_of_poses"]
+__all__ = ["map_of_poses"]
 
 #: Bundle adjustment needs at least this many points.
 _MIN_POINTS = 6
-
-
-@dataclass(frozen=True, eq=False)
-class MapCandidate:
-    """The map of a hypothesis, or the reason why it could not be built.
-
-    Attributes
-    ----------
-    hypothesis : Hypothesis or RelativePose
-        The motion of the pair.
-    bundle : BundleSolution or BundleFailure
-        The adjusted map.
-    table : TrackTable
-        The tracks of the pair in all views.
-    agreement : float
-        Share of the observations by further views that agree with the two-view map; NaN without observations.
-    placed : int
-        Number of views that could be located in the two-view map, the pair included. Views with a short baseline are
-        counted, but are not in the bundle.
-    """
-
-    hypothesis: Hypothesis | RelativePose
-    bundle: BundleSolution | BundleFailure
-    table: TrackTable
-    agreement: float
-    placed: int
-
-
-def build_candidate(
-    camera: Camera,
-    config: Config,
-    table: TrackTable,
-    hypothesis: Hypothesis | RelativePose,
-    threshold_rad: float | None = None,
-) -> MapCandidate:
-    """Build the map of a hypothesis: triangulate the pair, locate the further views, adjust the bundle.
-
-    Parameters
-    ----------
-    camera : Camera
-    config : Config
-    table : TrackTable
-        The tracks of the pair in all views.
-    hypothesis : Hypothesis or RelativePose
-        ``cam2_from_cam1`` of the pair and its inliers.
-    threshold_rad : float, optional
-        Outlier threshold of the further views; by default that of the configuration.
-
-    Returns
-    -------
-    MapCandidate
-        With a :class:`BundleFailure` if no map could be built.
-    """
-    if threshold_rad is None:
-        threshold_rad = config.two_view.threshold_px / camera.focal_px
-    pair = _triangulated_pair(camera, config, table, hypothesis)
-    poses, agreement = _located_views(config, table, pair, threshold_rad)
-    problem = _bundle_problem(table, pair, _without_short_baselines(config, poses))
-    if len(problem.points) < _MIN_POINTS:
-        cause = f"only {len(problem.points)} points can be triangulated"
-        bundle: BundleSolution | BundleFailure = BundleFailure(cause)
-    else:
-        bundle = adjust(camera, problem, config.map)
-    return MapCandidate(hypothesis, bundle, table, agreement, len(poses))
 
 
 def map_of_poses(
@@ -121,92 +50,25 @@ def map_of_poses(
         local /= np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-300)
         usable &= np.linalg.norm(local - np.nan_to_num(table.bearings[row]), axis=1) < threshold_rad
     usable &= _parallax_rad(points, poses) > min_parallax_rad(camera, config.map.min_noise_px, config.map)
-    problem = _bundle_problem(table, _Pair(poses, points, usable), poses)
+    problem = _bundle_problem(table, points, usable, poses)
     if len(problem.points) < _MIN_POINTS:
         return BundleFailure(f"only {len(problem.points)} points can be triangulated")
     return adjust(camera, problem, config.map)
 
 
-@dataclass(frozen=True, eq=False)
-class _Pair:
-    """The two-view map of a pair.
-
-    Attributes
-    ----------
-    poses : dict of int to Pose
-        Row of the table -> ``world_from_cam``; the world is the first view of the pair.
-    points : (T, 3) float
-        Point of each track of the table, in the world frame; NaN where it cannot be triangulated.
-    usable : (T,) bool
-        Inliers of the hypothesis whose point lies in front of both cameras and has enough parallax.
-    """
-
-    poses: dict[int, Pose]
-    points: Floats
-    usable: Bools
-
-
-def _triangulated_pair(
-    camera: Camera, config: Config, table: TrackTable, hypothesis: Hypothesis | RelativePose
-) -> _Pair:
-    """Triangulate the tracks of the pair, and choose those that can become landmarks."""
-    cam2_from_cam1 = Pose(hypothesis.R, hypothesis.t)
-    poses = {0: Pose.identity(), 1: cam2_from_cam1.inverse()}
-    points = triangulate([poses[0], poses[1]], table.bearings[:2])
-    usable = hypothesis.inliers & _before_all(points, poses, table)
-    usable &= _parallax_rad(points, poses) > min_parallax_rad(camera, config.map.min_noise_px, config.map)
-    return _Pair(poses, points, usable)
-
-
-def _located_views(
-    config: Config, table: TrackTable, pair: _Pair, threshold_rad: float
-) -> tuple[dict[int, Pose], float]:
-    """Locate the further views in the two-view map.
-
-    Returns the poses by row of the table, those of the pair included, and the share of the observations by further
-    views that agree with the two-view map (NaN without observations).
-    """
-    poses = dict(pair.poses)
-    seen, agreeing = 0, 0
-    for k in range(2, len(table.frames)):
-        visible = pair.usable & np.isfinite(table.bearings[k, :, 0])
-        if visible.sum() < config.map.min_resected:
-            continue
-        resected = resect(pair.points[visible], table.bearings[k, visible], threshold_rad)
-        seen += int(visible.sum())
-        if resected is None:
-            continue
-        cam_from_world, inliers = resected
-        agreeing += int(inliers.sum())
-        if inliers.sum() >= config.map.min_resected:
-            poses[k] = cam_from_world.inverse()
-    return poses, agreeing / seen if seen else float("nan")
-
-
-def _without_short_baselines(config: Config, poses: dict[int, Pose]) -> dict[int, Pose]:
-    """Leave out further views with a short baseline from the first view of the pair.
-
-    The views were chosen by the displacement of their tracks, which includes the rotation. Now the baselines are known.
-    If all further baselines are short, the bound is relative to the longest of them.
-    """
-    share = {k: float(np.linalg.norm(poses[k].t) / np.linalg.norm(poses[1].t)) for k in poses if k > 1}
-    least = config.map.min_motion_share * min(1.0, max(share.values(), default=0.0))
-    return {k: pose for k, pose in poses.items() if share.get(k, np.inf) >= least}
-
-
-def _bundle_problem(table: TrackTable, pair: _Pair, poses: dict[int, Pose]) -> BundleProblem:
+def _bundle_problem(table: TrackTable, points: Floats, usable: Bools, poses: dict[int, Pose]) -> BundleProblem:
     """Gather the views in time order, with the first of them as the world frame, and the usable points they observe."""
     views = sorted(poses, key=lambda k: table.frames[k])
     first_from_world = poses[views[0]].inverse()
-    observed = np.isfinite(table.bearings[views, :, 0]) & pair.usable
+    observed = np.isfinite(table.bearings[views, :, 0]) & usable
     view_index, track_index = np.nonzero(observed)
-    tracks = np.flatnonzero(pair.usable)
-    position = np.full(len(pair.usable), -1)
+    tracks = np.flatnonzero(usable)
+    position = np.full(len(usable), -1)
     position[tracks] = np.arange(len(tracks))
     return BundleProblem(
         frames=tuple(table.frames[k] for k in views),
         world_from_cam=tuple(first_from_world @ poses[k] for k in views),
-        points=first_from_world.apply(pair.points[tracks]),
+        points=first_from_world.apply(points[tracks]),
         track_ids=table.track_ids[tracks],
         views=view_index.astype(np.int64),
         landmarks=position[track_index].astype(np.int64),

@@ -1,4 +1,4 @@
-"""The tracks of a pair in several views, and the choice of further views."""
+"""The tracks of a pair in several views, and the choice of the views that vote."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.frame import Observations
 
-__all__ = ["TrackTable", "further_views", "table_of", "voting_views"]
+__all__ = ["TrackTable", "table_of", "voting_views"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,46 +61,12 @@ def table_of(reference: Observations, current: Observations, further: list[Obser
     return TrackTable(tuple(view.frame for view in views), track_ids, pixels, bearings)
 
 
-def further_views(
-    history: History, reference: Observations, current: Observations, config: MapConfig
-) -> list[Observations]:
-    """Choose the further views of a map.
-
-    If there are views between the pair, the chosen ones are evenly spaced over the later part of the motion. Else they
-    are the last views before the pair. A view close to the reference has a short baseline, so its direction is poorly
-    determined. A view where the tracks have moved by less than ``min_motion_share`` of their motion in the pair is only
-    taken if there is no better one.
-
-    Parameters
-    ----------
-    history : History
-        Holds the views.
-    reference, current : Observations
-        The pair.
-    config : MapConfig
-
-    Returns
-    -------
-    list of Observations
-        At most ``max_further_views``.
-    """
-    between = _sharing(history.between(reference.frame, current.frame), reference, current, config.min_resected)
-    if between:
-        moved = np.array([_motion_px(reference, view) for view in between])
-        far = config.min_motion_share * _motion_px(reference, current)
-        late = [view for view, motion in zip(between, moved, strict=True) if motion >= far]
-        views = late or [between[int(np.argmax(moved))]]
-        return _evenly_spaced(views, config.max_further_views)
-    earlier = _sharing(history.between(-1, reference.frame), reference, current, config.min_resected)
-    return earlier[-config.max_further_views :]
-
-
 def voting_views(
-    history: History, reference: Observations, current: Observations, config: MapConfig
+    history: History, reference: Observations, current: Observations, config: MapConfig, most: int
 ) -> list[Observations]:
-    """Choose the views of a vote between two maps: evenly spaced over all views between and before the pair.
+    """Choose the views that vote on the motions of a pair: evenly spaced over all views between and before the pair.
 
-    A short baseline does no harm here, because both maps predict nearly the same for such a view.
+    A short baseline does no harm here, because all motions predict nearly the same for such a view.
 
     Parameters
     ----------
@@ -109,20 +75,16 @@ def voting_views(
     reference, current : Observations
         The pair.
     config : MapConfig
+    most : int
+        Largest number of views.
 
     Returns
     -------
     list of Observations
-        At most ``max_voting_views``.
+        Each sees at least ``min_resected`` of the tracks that the pair has in common.
     """
     views = (*history.between(-1, reference.frame), *history.between(reference.frame, current.frame))
-    return _evenly_spaced(_sharing(views, reference, current, config.min_resected), config.max_voting_views)
-
-
-def _motion_px(reference: Observations, view: Observations) -> float:
-    """Return the median displacement of the tracks from the reference to a view."""
-    i, j = common_tracks(reference, view)
-    return float(np.median(np.linalg.norm(view.pixels[j] - reference.pixels[i], axis=1)))
+    return _evenly_spaced(_sharing(views, reference, current, config.min_resected), most)
 
 
 def _sharing(

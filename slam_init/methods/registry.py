@@ -7,7 +7,7 @@ The module imports no heavy library, because the command line reads it. A method
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Protocol
@@ -129,17 +129,12 @@ METHODS: dict[str, MethodInfo] = {
     for info in (
         MethodInfo(
             "quest",
-            "QuEst; a map for each rival hypothesis, further views decide between the maps",
+            "QuEst; the stated risk of the joint estimate of all views decides",
             "this project; Fathian et al. 2017, arXiv:1704.02672",
         ),
         MethodInfo(
             "quest-two-view",
-            "the same without a third view: the better of the two-view maps, if its gates pass",
-            "this project",
-        ),
-        MethodInfo(
-            "quest-window",
-            "QuEst; the stated risk of the joint estimate of all views decides",
+            "the same without a third view: the joint estimate holds the pair alone",
             "this project",
         ),
         MethodInfo(
@@ -297,8 +292,6 @@ def make_initializer(name: str, camera: Camera, config: Config, recorder: Record
     from slam_init.initializer import Initializer
 
     info = method_info(name)
-    if info.name == "quest-window":
-        config = replace(config, acceptance=replace(config.acceptance, rule="window"))
     if not info.home:
         return Initializer(camera, config, recorder, third_view=info.name != "quest-two-view")
     from slam_init.methods.pair_initializer import PairInitializer

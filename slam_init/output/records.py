@@ -13,7 +13,6 @@ from slam_init.types.evidence import (
     PreviewEvidence,
     RotationOnlyEvidence,
     TwoViewEvidence,
-    VoteEvidence,
     WindowEvidence,
 )
 from slam_init.types.gates import Direction, Gate, GateName, Stage
@@ -242,7 +241,7 @@ class AttemptRecord:
     Attributes
     ----------
     frames : tuple of int
-        Absolute indices of the pair (reference, current), then of further views that voted.
+        Absolute indices of the pair (reference, current), then of the further keyframes of its map.
     verdict : Verdict
         ``accepted`` or the reason of the refusal.
     advice : str
@@ -251,8 +250,6 @@ class AttemptRecord:
         The stage that refused the pair; None if it was accepted, or refused by the rules of another method.
     progress : float
         How far the pair advanced through the stages, 0 to 1.
-    parallax_shortfall : float
-        Required baseline divided by the current one, from the worst gate that scales with parallax; 1 if none does.
     gates : tuple of GateRecord
         The conditions that were evaluated.
     preview : PreviewEvidence or None
@@ -260,11 +257,9 @@ class AttemptRecord:
     two_view : TwoViewEvidence or None
         Figures of the relative pose.
     rotation_only : RotationOnlyEvidence or None
-        Figures of the rival explanation by a rotation-only camera.
-    vote : VoteEvidence or None
-        Figures of the vote between rival maps.
+        Figures of the explanation by a rotation-only camera.
     window : WindowEvidence or None
-        Of the joint estimate of all views.
+        Figures of the joint estimate of all views.
     map : MapEvidence or None
         Figures of bundle adjustment.
     method_evidence : mapping of str to bool, float, int, str or None
@@ -276,12 +271,10 @@ class AttemptRecord:
     advice: str
     stage: Stage | None
     progress: float
-    parallax_shortfall: float
     gates: tuple[GateRecord, ...]
     preview: PreviewEvidence | None
     two_view: TwoViewEvidence | None
     rotation_only: RotationOnlyEvidence | None
-    vote: VoteEvidence | None
     window: WindowEvidence | None
     map: MapEvidence | None
     method_evidence: Mapping[str, bool | float | int | str | None]

@@ -77,24 +77,20 @@ def _parallax_share(attempt: Attempt) -> float | None:
     return None if attempt.preview is None else attempt.preview.parallax_share
 
 
-#: The figures that show the progress of an initialization. First the parallax grows. Then the bounds of the direction
-#: error fall below their threshold: first the bounds of a pair, then the bound of a map. The panel of the verdict lists
-#: all other figures.
+def _direction_sigma_deg(attempt: Attempt) -> float | None:
+    return None if attempt.window is None else attempt.window.direction_sigma_deg
+
+
+#: The figures that show the progress of an initialization. First the parallax grows. Then the standard deviation of the
+#: direction falls, and the risk falls below its gate. The panel of the verdict lists all other figures.
 SERIES = (
     Series(TRACKS, "tracks", ESTIMATE_COLOR),
     Series("stats/counts/landmarks", "landmarks", _GREEN, _gate_value(GateName.LANDMARKS)),
     Series("stats/parallax/median", "median", ESTIMATE_COLOR, _parallax_px),
     Series("stats/shares/parallax", "with parallax", ESTIMATE_COLOR, _parallax_share),
-    Series("stats/shares/explained", "become landmarks", _GREEN, _gate_value(GateName.EXPLAINED_SHARE)),
-    Series("stats/direction/bound", "bound of the map", ESTIMATE_COLOR, _gate_value(GateName.DIRECTION_BOUND_DEG)),
-    Series(
-        "stats/direction/correlated",
-        "by correlated errors",
-        _PURPLE,
-        _gate_value(GateName.DIRECTION_CORRELATED_DEG),
-    ),
-    Series("stats/direction/jackknife", "by parts of the view", _GREEN, _gate_value(GateName.DIRECTION_JACKKNIFE_DEG)),
-    Series("stats/direction/gate", "gate", _GATE_COLOR, _gate_threshold(GateName.DIRECTION_CORRELATED_DEG)),
+    Series("stats/direction/sigma", "standard deviation", ESTIMATE_COLOR, _direction_sigma_deg),
+    Series("stats/risk/total", "risk", _PURPLE, _gate_value(GateName.RISK)),
+    Series("stats/risk/gate", "gate", _GATE_COLOR, _gate_threshold(GateName.RISK)),
     Series(ERROR, "rms residual", ESTIMATE_COLOR),
 )
 
@@ -112,12 +108,13 @@ def blueprint() -> Any:
     camera = rrb.Spatial2DView(origin="world/camera/image", name="frame and tracks")
     pair = rrb.Spatial2DView(origin="pairs/image", name="pair tried: inliers green, outliers red")
     verdict = rrb.TextDocumentView(origin="pairs/verdict", name="verdict")
-    parallax, shares, direction, counts = (
+    parallax, shares, direction, risk, counts = (
         rrb.TimeSeriesView(origin=f"stats/{plot}", name=name, plot_legend=corner)
         for plot, name, corner in (
             ("parallax", "parallax (px)", rrb.Corner2D.LeftTop),
             ("shares", "shares of matches", rrb.Corner2D.LeftTop),
             ("direction", "direction (deg)", rrb.Corner2D.RightTop),
+            ("risk", "risk", rrb.Corner2D.RightTop),
             ("counts", "counts", rrb.Corner2D.LeftBottom),
         )
     )
@@ -138,7 +135,7 @@ def blueprint() -> Any:
         rrb.Vertical(
             rrb.Horizontal(camera, verdict, column_shares=[3, 2]),
             pair,
-            rrb.Horizontal(rrb.Tabs(parallax, shares), direction, counts, bundle),
+            rrb.Horizontal(rrb.Tabs(parallax, shares), rrb.Tabs(risk, direction), counts, bundle),
             row_shares=[3, 3, 2],
         ),
         column_shares=[1, 1],

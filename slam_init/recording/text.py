@@ -7,7 +7,6 @@ from collections.abc import Mapping
 
 from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.summary import Summary
-from slam_init.types.evidence import VoteEvidence
 from slam_init.types.gates import Direction, Gate
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
@@ -117,24 +116,11 @@ def _evidence(attempt: Attempt) -> dict[str, Json]:
             rows |= {f"two_view_{name}": value for name, value in statistics.items()}
     if attempt.rotation_only is not None:
         rows |= {f"rotation_only_{name}": value for name, value in plain_fields(attempt.rotation_only).items()}
-    if attempt.vote is not None:
-        rows |= _vote(attempt.vote)
     if attempt.window is not None:
         rows |= plain_fields(attempt.window)
     if attempt.map is not None:
         rows |= plain_fields(attempt.map)
     return {name: value for name, value in rows.items() if value is not None}
-
-
-def _vote(vote: VoteEvidence) -> dict[str, Json]:
-    rows: dict[str, Json] = {}
-    for rival in vote.rivals:
-        rows |= {f"rival{rival.rival}_log_likelihood": rival.log_likelihood, f"rival{rival.rival}_z": rival.z}
-    if vote.plane is not None:
-        rows |= {"plane_log_likelihood": vote.plane.log_likelihood, "plane_z": vote.plane.z}
-    if vote.near_rival_deg:
-        rows["near_rival_deg"] = vote.near_rival_deg
-    return rows
 
 
 def _table(title: str, rows: Mapping[str, Json] | Mapping[str, int]) -> list[str]:

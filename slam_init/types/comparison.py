@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 __all__ = ["Margin"]
@@ -49,12 +49,3 @@ class Margin:
             The smaller one of the two ratios; the vote decides from 1 on.
         """
         return min(self.z / self.z_needed, self.log_likelihood / self.LOG_LIKELIHOOD_NEEDED)
-
-    def reversed(self) -> Margin:
-        """Return the same vote with the two maps exchanged.
-
-        Returns
-        -------
-        Margin
-        """
-        return replace(self, log_likelihood=-self.log_likelihood, z=-self.z)

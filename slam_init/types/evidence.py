@@ -1,6 +1,6 @@
 """Evidence: the figures behind a verdict, one type for each stage of an attempt.
 
-The stages of :mod:`slam_init.attempt` fill these types, :class:`slam_init.types.result.Attempt` holds them, and
+The stages of :mod:`slam_init.decision` fill these types, :class:`slam_init.types.result.Attempt` holds them, and
 ``summary.json`` and the recording are written from them. Figures that are compared with a threshold are gates
 (:mod:`slam_init.types.gates`); figures that are only reported are here.
 """
@@ -11,16 +11,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from quest.relative_pose import PoseEvidence
-from slam_init.types.comparison import Margin
 
 __all__ = [
     "FreeEvidence",
     "MapEvidence",
     "PreviewEvidence",
-    "RivalVote",
     "RotationOnlyEvidence",
     "TwoViewEvidence",
-    "VoteEvidence",
     "WindowEvidence",
 ]
 
@@ -74,9 +71,6 @@ class TwoViewEvidence:
         Median parallax of the inliers.
     direction_sigma_deg : float or None
         Standard deviation of the direction of the translation, from the noise of single matches.
-    correlated_error_px : float or None
-        Correlated tracking error of neighbouring tracks (:mod:`slam_init.decision.correlated_error`), not less than
-        ``acceptance.min_correlated_error_px``.
     """
 
     statistics: PoseEvidence
@@ -85,7 +79,6 @@ class TwoViewEvidence:
     noise_px: float | None = None
     parallax_deg: float | None = None
     direction_sigma_deg: float | None = None
-    correlated_error_px: float | None = None
 
 
 @dataclass(frozen=True)
@@ -106,52 +99,8 @@ class RotationOnlyEvidence:
 
 
 @dataclass(frozen=True)
-class RivalVote:
-    """The vote of the tracks, as free points, between the best map and one rival.
-
-    Attributes
-    ----------
-    rival : int
-        Rank of the rival among the candidate maps, from 1; the best map has rank 0.
-    log_likelihood : float
-        Difference of the log likelihoods in nats; negative where the rival is better.
-    z : float
-        The same difference, in units of its standard deviation.
-    """
-
-    rival: int
-    log_likelihood: float
-    z: float
-
-
-@dataclass(frozen=True)
-class VoteEvidence:
-    """The votes between the best map and its rivals.
-
-    Attributes
-    ----------
-    rivals : tuple of RivalVote
-        One vote for each rival; rivals that are the same map as the best one are left out.
-    plane : Margin or None
-        Vote on the first rival with the plane as a constraint (:mod:`slam_init.decision.plane_vote`); None where the
-        scene is not planar or no further view sees the plane.
-    deciding : Margin or None
-        The vote that the verdict depends on: the vote on the rival over which the best map has the smallest advantage,
-        negative if the rival is better. None if no rival had to be beaten.
-    near_rival_deg : float
-        Largest angle between the baselines of the best map and of a nearly equal rival that could not be ruled out. It
-        is added to the bound of the direction error.
-    """
-
-    rivals: tuple[RivalVote, ...] = ()
-    plane: Margin | None = None
-    deciding: Margin | None = None
-    near_rival_deg: float = 0.0
-
-
-@dataclass(frozen=True)
 class WindowEvidence:
-    """The joint estimate of all views of the window, with the rule "window" (:mod:`slam_init.window.risk`).
+    """The joint estimate of all views of the window (:mod:`slam_init.window.risk`).
 
     Attributes
     ----------
@@ -199,7 +148,7 @@ class WindowEvidence:
 
 @dataclass(frozen=True)
 class MapEvidence:
-    """Figures of the bundle adjustment of the best map.
+    """Figures of the bundle adjustment of the map.
 
     Attributes
     ----------

@@ -15,7 +15,7 @@ class Stage(StrEnum):
     """The stages that a pair has to pass, in this order.
 
     ``matches``: enough matches. ``motion``: more motion than a rotation. ``two_views``: two views that agree on a
-    motion and determine its direction. ``map``: a map that further views confirm.
+    motion. ``map``: a motion of all views with a small risk, and a map of it that can be used.
     """
 
     MATCHES = "matches"
@@ -58,36 +58,12 @@ class GateName(StrEnum):
     FEATURES = "features"
     MATCHES = "matches"
     # Stage MOTION: 90th percentile of the displacement of the tracks; angle of the best rotation, in pixels at the
-    # centre of the image; share of the tracks that are displaced by more than noise after the rotation is removed.
+    # centre of the image.
     MOTION_PX = "motion_px", "px"
     ROTATION_PX = "rotation_px", "px"
-    PARALLAX_SHARE = "parallax_share"
-    # Stage TWO_VIEWS: share of the matches that the motion explains; standard deviation of the direction of the
-    # translation from the noise of single tracks; bound of the direction error from correlated tracking errors; three
-    # standard deviations of the direction from leaving out parts of the image (jackknife).
-    INLIER_SHARE = "inlier_share"
-    TWO_VIEW_DIRECTION_SIGMA_DEG = "two_view_direction_sigma_deg", "deg"
-    DIRECTION_CORRELATED_DEG = "direction_correlated_deg", "deg"
-    DIRECTION_JACKKNIFE_DEG = "direction_jackknife_deg", "deg"
-    # Stage MAP, vote between rival maps. Each track votes by the difference of its log likelihoods in the two maps, and
-    # the vote is the sum over all tracks. VOTE_Z is this sum in units of its standard deviation; its threshold is
-    # Margin.z_needed (4, or 3 with the plane as a constraint). VOTE_LOG_LIKELIHOOD is the sum in nats; its threshold is
-    # Margin.LOG_LIKELIHOOD_NEEDED (20).
-    VOTE_Z = "vote_z"
-    VOTE_LOG_LIKELIHOOD = "vote_log_likelihood", "nat"
-    # Stage MAP, the adjusted map (see slam_init.decision.map_gates).
-    DIRECTION_BOUND_DEG = "direction_bound_deg", "deg"
-    DIRECTION_FOCAL_DEG = "direction_focal_deg", "deg"
-    DIRECTION_SHIFT_DEG = "direction_shift_deg", "deg"
-    DEPTH_SIGMA = "depth_sigma"
-    LANDMARKS = "landmarks"
-    EXPLAINED_SHARE = "explained_share"
-    FURTHER_VIEWS = "further_views"
-    FURTHER_AGREEMENT = "further_agreement"
-    # Stage MAP, rule "window": the probability that the map is wrong.
+    # Stage MAP: the probability that the best motion of the window is wrong; the number of landmarks of the map.
     RISK = "risk"
-    # Stage MAP, the rival hypothesis of a rotation-only camera: its residual divided by the expected one.
-    ROTATION_ONLY_RESIDUAL = "rotation_only_residual"
+    LANDMARKS = "landmarks"
 
 
 @dataclass(frozen=True)
@@ -144,16 +120,6 @@ class Gate:
         if self.direction is Direction.AT_LEAST:
             return self.value / self.threshold if self.value > 0 else 0.0
         return max(self.threshold, 0.0) / self.value if self.value > 0 else 0.0
-
-    def parallax_shortfall(self) -> float:
-        """Compute the required baseline divided by the current one, for a value that falls as the parallax grows.
-
-        Returns
-        -------
-        float
-            The value divided by the threshold. 1 for a gate whose value has to be large, and for NaN.
-        """
-        return 1.0 if self.direction is Direction.AT_LEAST or not self.value > 0 else self.value / self.threshold
 
     def __str__(self) -> str:
         sign, unit = {"at_least": ">=", "at_most": "<="}[self.direction], f" {self.unit}" if self.unit else ""

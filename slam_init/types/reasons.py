@@ -8,7 +8,7 @@ __all__ = ["REASONS", "Verdict"]
 
 
 # To add a reason, add a line here: the value goes to ``summary.json``, and the advice is shown to the person who moves
-# the camera. A gate (``slam_init.types.gates.Gate``) or a stage of ``slam_init.attempt`` then names the reason. Add the
+# the camera. A gate (``slam_init.types.gates.Gate``) or a rule of ``slam_init.decision`` then names the reason. Add the
 # reason to the list in README.md, and run ``python tests/support/make_schema.py``.
 class Verdict(StrEnum):
     """The verdict on a pair of frames: accepted, or the reason of the refusal.
@@ -49,7 +49,6 @@ class Verdict(StrEnum):
         "the scene is flat and two motions explain it: move in a curve, or show something off the plane",
     )
     TOO_FEW_LANDMARKS = "too_few_landmarks", "too few points can be triangulated well: keep translating"
-    NO_THIRD_VIEW = "no_third_view", "no further view confirms the pair: keep moving"
     BUNDLE_ADJUSTMENT_FAILED = "bundle_adjustment_failed", "bundle adjustment found no consistent map: keep moving"
     TOO_FEW_FRAMES = "too_few_frames", "fewer than two frames were read: give a longer sequence"
     ACCEPTED = "accepted", ""

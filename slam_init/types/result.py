@@ -19,7 +19,6 @@ from slam_init.types.evidence import (
     PreviewEvidence,
     RotationOnlyEvidence,
     TwoViewEvidence,
-    VoteEvidence,
     WindowEvidence,
 )
 from slam_init.types.gates import Gate, Stage
@@ -37,7 +36,7 @@ class Attempt(Described):
     Attributes
     ----------
     frames : tuple of int
-        Absolute indices of the pair (reference, current), then of further views that voted.
+        Absolute indices of the pair (reference, current), then of the further keyframes of its map.
     verdict : Verdict
         ``accepted`` or the reason of the refusal.
     advice : str
@@ -49,8 +48,6 @@ class Attempt(Described):
         The stage that refused the pair; None if it was accepted, or refused by the rules of another method.
     progress : float
         How far the pair advanced through the stages, 0 to 1: see :func:`slam_init.types.gates.progress`.
-    parallax_shortfall : float
-        Required baseline divided by the current one, from the worst gate that scales with parallax; 1 if none does.
     pixels1, pixels2 : (N, 2) float
         The matches of the pair, raw pixels.
     inliers : (N,) bool
@@ -60,11 +57,9 @@ class Attempt(Described):
     two_view : TwoViewEvidence or None
         Figures of the relative pose; None if the pair was refused before.
     rotation_only : RotationOnlyEvidence or None
-        Figures of the rival explanation by a rotation-only camera; None if it was not fitted.
-    vote : VoteEvidence or None
-        Figures of the vote between rival maps; None if no map was built.
+        Figures of the explanation by a rotation-only camera; None if it was not fitted.
     window : WindowEvidence or None
-        Of the joint estimate of all views; None unless ``acceptance.rule`` is "window".
+        Figures of the joint estimate of all views; None if no motion was known, and for the rules of another method.
     map : MapEvidence or None
         Figures of bundle adjustment; None if no map was built.
     method_evidence : mapping of str to float, int or str
@@ -77,14 +72,12 @@ class Attempt(Described):
     gates: tuple[Gate, ...] = ()
     stage: Stage | None = None
     progress: float = 0.0
-    parallax_shortfall: float = 1.0
     pixels1: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     pixels2: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     inliers: Bools = field(default_factory=lambda: np.zeros(0, bool))
     preview: PreviewEvidence | None = None
     two_view: TwoViewEvidence | None = None
     rotation_only: RotationOnlyEvidence | None = None
-    vote: VoteEvidence | None = None
     window: WindowEvidence | None = None
     map: MapEvidence | None = None
     method_evidence: FreeEvidence = field(default_factory=dict)
@@ -103,12 +96,12 @@ class Attempt(Described):
     def evidence(self) -> dict[str, float | int | str]:
         """Deprecated: all figures by name; use the typed fields and :attr:`gates`."""
         warnings.warn(
-            "Attempt.evidence is deprecated: use the fields preview, two_view, rotation_only, vote, map and gates",
+            "Attempt.evidence is deprecated: use the fields preview, two_view, rotation_only, window, map and gates",
             DeprecationWarning,
             stacklevel=2,
         )
         figures: dict[str, float | int | str] = dict(self.method_evidence)
-        for part in (self.preview, self.two_view, self.rotation_only, self.vote, self.window, self.map):
+        for part in (self.preview, self.two_view, self.rotation_only, self.window, self.map):
             for item in dataclasses.fields(part) if part is not None else ():
                 value = getattr(part, item.name)
                 if isinstance(value, float | int | str):

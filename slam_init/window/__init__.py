@@ -10,5 +10,5 @@
 * :mod:`slam_init.window.marginal` integrates out the smooth errors that the tracks of a view share;
 * :mod:`slam_init.window.risk` composes the probability that a map of the best hypothesis is wrong.
 
-:mod:`slam_init.decision.window_rule` decides by this number where ``acceptance.rule`` is "window".
+:mod:`slam_init.decision.window_rule` decides by this number.
 """

@@ -12,7 +12,7 @@ from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["OFF_PLANE_COST", "WindowEquations"]
+__all__ = ["OFF_PLANE_COST", "WindowEquations", "explained_at_most"]
 
 #: Cost of a track that leaves the plane: three nats, as much as a track may vote for or against a hypothesis.
 OFF_PLANE_COST = 6.0
@@ -222,6 +222,25 @@ class WindowEquations:
     def _field_columns(self, view: int) -> Ints:
         first = self._field_size + self._block * (view - 1) + 6 if view else 0
         return np.arange(first, first + self._field_size)
+
+
+def explained_at_most(freedom: Ints) -> Floats:
+    """The largest cost of a track that a motion explains.
+
+    A track that neither of two motions explains must have the same cost with both. Otherwise outliers would vote, each
+    one by chance but with a large weight. The bound is the mean of chi-square plus five of its standard deviations; one
+    correct track in a thousand exceeds it.
+
+    Parameters
+    ----------
+    freedom : (T,) int
+        Degrees of freedom of each track.
+
+    Returns
+    -------
+    (T,) float
+    """
+    return np.asarray(freedom + 5 * np.sqrt(2.0 * freedom))
 
 
 def _rotations(vectors: Floats) -> Floats:

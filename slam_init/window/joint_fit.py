@@ -15,9 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slam_init.mapping.rivals import explained_at_most
 from slam_init.types.arrays import Floats
-from slam_init.window.equations import OFF_PLANE_COST, WindowEquations
+from slam_init.window.equations import OFF_PLANE_COST, WindowEquations, explained_at_most
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 

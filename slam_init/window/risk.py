@@ -24,9 +24,9 @@ import numpy as np
 
 from quest.robust.spatial_blocks import regions_of
 from quest.uncertainty.tails import gaussian_tail
-from slam_init.mapping.rivals import explained_at_most
 from slam_init.types.arrays import Floats
 from slam_init.types.comparison import Margin
+from slam_init.window.equations import explained_at_most
 from slam_init.window.hypotheses import FittedMotion, WindowHypotheses
 from slam_init.window.joint_fit import JointFit, fit_window
 from slam_init.window.linear_algebra import single_threaded

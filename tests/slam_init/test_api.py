@@ -4,7 +4,6 @@ import importlib
 import logging
 import subprocess
 import sys
-import warnings
 from pathlib import PurePath
 
 import numpy as np
@@ -131,15 +130,4 @@ def test_the_evidence_of_an_attempt_can_still_be_read_by_name_with_a_warning(roo
     with pytest.warns(DeprecationWarning, match="evidence"):
         evidence = room_run.result.attempts[-1].evidence
     assert evidence["landmarks"] == len(room_run.result.map.points)
-    assert np.isfinite(evidence["direction_bound_deg"]) and evidence["landmarks_gate"] == 50
-
-
-def test_old_configuration_keys_are_read_with_a_warning(tmp_path):
-    path = tmp_path / "old.toml"
-    path.write_text("[acceptance]\nmin_shared_error_px = 0.2\nmin_turning_residual = 1.5\n")
-    with pytest.warns(DeprecationWarning, match="min_correlated_error_px"):
-        config = load_config(path)
-    assert config.acceptance.min_correlated_error_px == 0.2 and config.acceptance.min_rotation_only_residual == 1.5
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        load_config(None)
+    assert np.isfinite(evidence["direction_sigma_deg"]) and evidence["landmarks_gate"] == 50

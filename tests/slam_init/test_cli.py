@@ -350,13 +350,25 @@ def test_the_seed_makes_the_synthetic_world_too(pipeline, capsys):
 
 
 def test_the_focal_length_is_adjusted_where_the_command_line_or_the_configuration_says_so(world, pipeline):
-    Path("c.toml").write_text("[map]\nmax_further_views = 3\n")
+    Path("c.toml").write_text("[map]\nmin_resected = 30\n")
     Path("on.toml").write_text("[map]\nrefine_focal = true\n")
     for options in ([], ["--refine-focal"], ["--config", "c.toml", "--refine-focal"], ["--config", "on.toml"]):
         assert main(["run", IMAGES, *WITH, *options]) == 0
     maps = [config.map for _, _, config, _ in pipeline.calls]
     assert [map_.refine_focal for map_ in maps] == [False, True, True, True]
-    assert maps[2].max_further_views == 3
+    assert maps[2].min_resected == 30
+
+
+def test_a_removed_option_and_a_removed_method_end_in_one_line(world, pipeline, capsys):
+    (world / "old.toml").write_text("[acceptance]\nmax_direction_error_deg = 10\n")
+    assert main(["run", IMAGES, *WITH, "--config", "old.toml"]) == 2
+    told = "old.toml: acceptance.max_direction_error_deg is gone: acceptance.max_risk decides (0.005 by default)\n"
+    assert capsys.readouterr().err.endswith(told)
+    assert main(["run", IMAGES, *WITH, "--method", "quest-window"]) == 2
+    error = capsys.readouterr().err
+    assert "unknown method 'quest-window'" in error
+    assert error.count("\n") == 1
+    assert pipeline.calls == []
 
 
 def test_a_seed_of_the_configuration_counts_where_none_is_given(world, pipeline):

@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from slam_init.config import Config, config_toml, load_config
+from slam_init.config import AcceptanceConfig, Config, MapConfig, config_toml, load_config
 from slam_init.errors import ConfigError
 
 
@@ -50,7 +50,7 @@ def test_the_defaults_come_back(tmp_path):
 
 @pytest.mark.parametrize("path", NUMBERS, ids=name)
 def test_every_option_can_be_set_and_comes_back(tmp_path, path):
-    value = 0.5 * NUMBERS[path] if name(path) == "map.min_motion_share" else 2 * NUMBERS[path] + 1
+    value = 0.5 * NUMBERS[path] if name(path) == "acceptance.max_risk" else 2 * NUMBERS[path] + 1
     changed = load_config(written(tmp_path, as_toml(path, value)))
     assert dict(leaves(changed)) == OPTIONS | {path: value}
     assert load_config(written(tmp_path, config_toml(changed))) == changed
@@ -111,6 +111,74 @@ def test_what_is_not_understood_is_refused_in_one_line(tmp_path, text, told):
     with pytest.raises(ConfigError, match=told) as refusal:
         load_config(written(tmp_path, text))
     assert "\n" not in str(refusal.value)
+
+
+GONE = {
+    "acceptance.rule": ('"gates"', "the window decides"),
+    "acceptance.max_direction_error_deg": ("10", "acceptance.max_risk decides (0.005 by default)"),
+    "acceptance.min_correlated_error_px": ("0.15", "acceptance.max_risk decides (0.005 by default)"),
+    "acceptance.min_shared_error_px": ("0.15", "acceptance.max_risk decides (0.005 by default)"),
+    "acceptance.focal_error": ("0.05", "acceptance.max_risk decides (0.005 by default)"),
+    "acceptance.max_median_depth_sigma": ("0.18", "acceptance.max_risk decides (0.005 by default)"),
+    "acceptance.min_explained": ("0.5", "acceptance.max_risk decides (0.005 by default)"),
+    "acceptance.min_rotation_only_residual": ("1.0", "acceptance.max_risk decides (0.005 by default)"),
+    "acceptance.min_turning_residual": ("1.0", "acceptance.max_risk decides (0.005 by default)"),
+    "acceptance.min_further_agreement": ("0.7", "acceptance.max_risk decides (0.005 by default)"),
+    "two_view.min_inlier_share": ("0.5", "acceptance.max_risk decides (0.005 by default)"),
+    "map.max_further_views": ("4", "the window chooses its views itself"),
+    "map.max_voting_views": ("8", "the window chooses its views itself"),
+    "map.min_motion_share": ("0.75", "the window chooses its views itself"),
+    "keyframes.max_retry_gain": ("3.0", "keyframes.retry_gain is the only gain (1.15 by default)"),
+}
+
+
+@pytest.mark.parametrize("gone", GONE)
+def test_a_removed_key_is_refused_in_one_line_that_names_what_holds_now(tmp_path, gone):
+    value, now = GONE[gone]
+    path = written(tmp_path, as_toml(gone.split("."), value))
+    with pytest.raises(ConfigError) as refusal:
+        load_config(path)
+    assert str(refusal.value) == f"{path}: {gone} is gone: {now}"
+
+
+def test_the_rule_window_is_refused_like_any_other_rule(tmp_path):
+    with pytest.raises(ConfigError, match=r"acceptance\.rule is gone: the window decides$"):
+        load_config(written(tmp_path, '[acceptance]\nrule = "window"\n'))
+
+
+def test_a_file_with_several_removed_keys_is_refused_once_for_all(tmp_path):
+    path = written(tmp_path, "[map]\nmax_voting_views = 8\n[acceptance]\nmin_explained = 0.5\nfocal_error = 0.05\n")
+    with pytest.raises(ConfigError, match=r"focal_error is gone: .*; also gone: acceptance.min_explained, map.max_vot"):
+        load_config(path)
+
+
+@pytest.mark.parametrize(
+    ("section", "keyword", "told"),
+    [
+        (AcceptanceConfig, "rule", "acceptance.rule is gone: the window decides"),
+        (AcceptanceConfig, "focal_error", "acceptance.focal_error is gone: acceptance.max_risk decides"),
+        (MapConfig, "max_further_views", "map.max_further_views is gone: the window chooses its views itself"),
+    ],
+)
+def test_a_removed_keyword_is_refused_in_one_line(section, keyword, told):
+    with pytest.raises(ConfigError, match=told) as refusal:
+        section(**{keyword: 1})
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("risk", [0.0, -0.1, 1.0001, 5, float("nan"), float("inf")])
+def test_a_risk_that_is_no_probability_is_refused_in_one_line(tmp_path, risk):
+    with pytest.raises(ConfigError, match=r"acceptance\.max_risk is") as refusal:
+        AcceptanceConfig(max_risk=risk)
+    assert "\n" not in str(refusal.value)
+    with pytest.raises(ConfigError, match=r"acceptance\.max_risk is") as refusal:
+        load_config(written(tmp_path, f"[acceptance]\nmax_risk = {risk}\n"))
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("risk", [1e-9, 0.5, 1.0])
+def test_a_risk_is_a_probability_above_zero(tmp_path, risk):
+    assert load_config(written(tmp_path, f"[acceptance]\nmax_risk = {risk}\n")).acceptance.max_risk == risk
 
 
 def test_files_that_cannot_be_read(tmp_path):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from make_map import make_poses
 from make_scene import CAMERA, CONFIG, cloud, observe, plane, texture, window
-from make_source import picked
 from make_summary import summarize
 
 from quest.geometry.quaternion import rotation_from_vector
@@ -260,12 +259,12 @@ def test_inconsistent_tracks_are_refused_and_change_nothing(change, message):
 def test_a_revision_of_a_frame_that_is_not_in_the_history_is_ignored():
     observations = seen_from(make_poses(8), count=120)
     initializer = Initializer(CAMERA)
-    for current in observations[2:5]:
+    for current in observations[2:4]:
         initializer.process_tracks(current, revised=(observations[0], observations[2]))
-    assert len(initializer.history) == 3
+    assert len(initializer.history) == 2
 
 
-# -- undecided and unconfirmed maps ---------------------------------------------------------------
+# -- undecided maps -------------------------------------------------------------------------------
 
 
 def test_both_maps_of_a_plane_are_kept_until_the_views_decide():
@@ -278,7 +277,6 @@ def test_both_maps_of_a_plane_are_kept_until_the_views_decide():
     assert (result.reason, result.map, len(result.hypotheses)) == ("ambiguous_plane", None, 2)
     assert "curve" in result.advice
     assert not result.margin.decides()
-    assert not result.margin.reversed().decides()
     errors_deg = sorted(pose_errors(kept, truth).rotation_deg for kept in result.hypotheses)
     assert errors_deg[0] < 1 < errors_deg[1]
     assert diary.of("undecided")[-1] == 2
@@ -295,19 +293,6 @@ def test_both_maps_of_a_plane_are_kept_until_the_views_decide():
     assert result.margin is None or result.margin.decides()
     assert pose_errors(result.map, truth).rotation_deg < 1
     assert summarize(result).hypotheses == ()
-
-
-def test_a_pair_without_a_third_view_becomes_the_map_at_the_end_also_after_its_frames_are_dropped(room):
-    first, second = picked(room, (0, 30))
-    dark = np.zeros_like(first.image)
-    initializer = Initializer(room.camera)
-    for frame in (first, second):
-        initializer.process(frame)
-    for k in range(2, 172):
-        initializer.process(replace(second, index=k, timestamp_s=k / 30, image=dark))
-    result = initializer.finish()
-    assert result
-    assert [keyframe.frame for keyframe in result.map.keyframes] == [0, 1]
 
 
 def test_a_focal_length_that_the_views_cannot_determine_gets_a_note():

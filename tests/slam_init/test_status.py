@@ -38,7 +38,7 @@ def test_the_text_of_a_status_names_progress_reason_advice_and_failed_gates():
     lines = str(Status().after(refused, 0.9)).split("\n")
     assert lines[0] == "waiting, 90%: low_parallax"
     assert refused.advice in lines[1]
-    assert "direction_correlated_deg" in lines[2]
+    assert "risk" in lines[2]
     assert len(lines) <= 6
     assert str(Status.initialized(accepted)).split("\n") == ["initialized", "  attempt     frames 10, 31: accepted"]
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.types.camera import Camera
-from slam_init.types.evidence import PreviewEvidence
+from slam_init.types.evidence import PreviewEvidence, WindowEvidence
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.gates import GateName, Stage, at_least, at_most
 from slam_init.types.initial_map import InitialMap, Keyframe
@@ -126,7 +126,7 @@ def make_attempts(map_: InitialMap) -> tuple[Attempt, ...]:
     for n, other in enumerate(others):
         ids, a, b = np.intersect1d(first.track_ids, other.track_ids, return_indices=True)
         accepted = n == len(others) - 1
-        bound_deg = 4.0 if accepted else 7.0
+        risk = 0.004 if accepted else 0.07
         attempts.append(
             Attempt(
                 frames=(first.frame, other.frame),
@@ -134,8 +134,7 @@ def make_attempts(map_: InitialMap) -> tuple[Attempt, ...]:
                 advice="" if accepted else Verdict.LOW_PARALLAX.advice,
                 gates=(
                     at_least(GateName.MATCHES, 60, 30, Verdict.TOO_FEW_MATCHES),
-                    at_most(GateName.DIRECTION_CORRELATED_DEG, 0.8 * bound_deg, 5.0, Verdict.LOW_PARALLAX),
-                    at_most(GateName.DIRECTION_BOUND_DEG, bound_deg, 5.0, Verdict.LOW_PARALLAX),
+                    at_most(GateName.RISK, risk, 0.005, Verdict.LOW_PARALLAX),
                 ),
                 stage=None if accepted else Stage.MAP,
                 progress=1.0 if accepted else 0.9,
@@ -143,6 +142,7 @@ def make_attempts(map_: InitialMap) -> tuple[Attempt, ...]:
                 pixels2=other.pixels[b],
                 inliers=np.arange(len(ids)) % 5 > 0,
                 preview=make_preview(parallax_px=2.5 + n),
+                window=make_window_evidence(risk),
             )
         )
     return tuple(attempts)
@@ -152,6 +152,27 @@ def make_preview(parallax_px: float = 2.5) -> PreviewEvidence:
     """The preview of a pair with a little parallax."""
     return PreviewEvidence(
         matches=60, motion_px=9.0, rotation_deg=0.5, parallax_px=parallax_px, parallax_share=0.6, spread=0.5
+    )
+
+
+def make_window_evidence(risk: float) -> WindowEvidence:
+    """The joint estimate of three views, whose risk is that of its direction."""
+    return WindowEvidence(
+        views=3,
+        hypotheses=1,
+        planar=False,
+        risk=risk,
+        risk_direction=risk,
+        risk_rival=0.0,
+        risk_rotation=0.0,
+        risk_floor=0.0,
+        direction_sigma_deg=4.0,
+        rotation_sigma_deg=0.1,
+        depth_sigma=0.05,
+        noise_px=0.5,
+        field_px=0.1,
+        rotation_log_likelihood=200.0,
+        focal_factor=1.0,
     )
 
 

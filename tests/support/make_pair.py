@@ -1,4 +1,4 @@
-"""Pairs of frames for the stages of an attempt: the first and the last of some observations."""
+"""Pairs of frames: the first and the last of some observations."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from make_scene import CAMERA, CONFIG, history_of
 
-from slam_init.attempt import estimate_two_views
-from slam_init.decision.two_views import MatchedPair, TwoViewEstimate, match_pair
+from quest.estimate import RelativePose
+from slam_init.decision.two_views import MatchedPair, match_pair, pose_at_fitting_threshold
 from slam_init.frontend.keyframes import PairPreview, preview_pair
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
@@ -23,8 +23,8 @@ def matched(observations: Sequence[Observations], camera: Camera = CAMERA) -> Ma
     return match_pair(history_of(observations), preview_of(observations, camera), observations[-1])
 
 
-def estimated(observations: Sequence[Observations], camera: Camera = CAMERA) -> TwoViewEstimate:
-    """The two-view estimate of the first and the last frame, which has a pose."""
-    estimate = estimate_two_views(camera, CONFIG, matched(observations, camera))
-    assert isinstance(estimate, TwoViewEstimate)
-    return estimate
+def estimated(observations: Sequence[Observations], camera: Camera = CAMERA) -> RelativePose:
+    """The relative pose of the first and the last frame, which exists."""
+    pose, _ = pose_at_fitting_threshold(camera, CONFIG, matched(observations, camera))
+    assert isinstance(pose, RelativePose)
+    return pose

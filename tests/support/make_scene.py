@@ -1,4 +1,4 @@
-"""Exact geometry seen by a camera: observations, tables of tracks and bundle problems, with a chosen noise."""
+"""Exact geometry seen by a camera: observations and bundle problems, with a chosen noise."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import cv2
 import numpy as np
 from make_map import make_poses
 
-from quest import Hypothesis
 from slam_init.bundle.problem import BundleProblem
 from slam_init.config import Config
 from slam_init.frontend.tracks import History
-from slam_init.mapping.views import TrackTable, table_of
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.pose import Pose
@@ -52,11 +50,6 @@ def history_of(observations) -> History:
     return history
 
 
-def table(observations) -> TrackTable:
-    """The table of the first and the last frame as the pair, and of the frames between as further views."""
-    return table_of(observations[0], observations[-1], list(observations[1:-1]))
-
-
 def problem(camera, points, poses=None, noise_px=0.0, rng=None) -> BundleProblem:
     """A bundle problem that starts from the truth, with noise on the pixels only."""
     poses = poses if poses is not None else make_poses(4)
@@ -71,12 +64,6 @@ def problem(camera, points, poses=None, noise_px=0.0, rng=None) -> BundleProblem
         landmarks=np.tile(np.arange(n), len(poses)),
         pixels=pixels,
     )
-
-
-def hypothesis(cam2_from_cam1: Pose, inliers: np.ndarray) -> Hypothesis:
-    """A two-view hypothesis, with a baseline of length one."""
-    t = cam2_from_cam1.t / np.linalg.norm(cam2_from_cam1.t)
-    return Hypothesis(q_wxyz=cam2_from_cam1.q_wxyz, R=cam2_from_cam1.R, t=t, inliers=inliers)
 
 
 def between(a: Pose, b: Pose) -> Pose:

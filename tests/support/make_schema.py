@@ -30,10 +30,8 @@ _FIGURES = (
     "MapEvidence",
     "PoseEvidence",
     "PreviewEvidence",
-    "RivalVote",
     "RotationOnlyEvidence",
     "TwoViewEvidence",
-    "VoteEvidence",
     "WindowEvidence",
 )
 

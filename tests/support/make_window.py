@@ -11,7 +11,7 @@ from quest import NoPose, RelativePose, estimate_relative_pose
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from quest.robust.kernels import small_algebra
 from sequences_synth.points import PointOptions, PointSequence, make_points
-from slam_init.config import AcceptanceConfig, Config
+from slam_init.config import Config
 from slam_init.datasets.points import PointSource
 from slam_init.frontend.tracks import common_tracks
 from slam_init.types.camera import Camera
@@ -24,8 +24,8 @@ from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks, gather_tracks
 
-#: The rule that the tests of the window decide by.
-WINDOW_CONFIG = Config(acceptance=AcceptanceConfig(rule="window"))
+#: The options of the tests of the window.
+WINDOW_CONFIG = Config()
 #: A focal length that is nearly known, and no error fields.
 PRIORS = Priors(focal_sigma=0.02)
 

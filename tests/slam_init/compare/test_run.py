@@ -11,7 +11,7 @@ from path_types import PATH_TYPES
 from slam_init.compare.rows import COLUMNS
 from slam_init.compare.run import compare
 from slam_init.compare.trials import Settings
-from slam_init.config import RENAMED_OPTIONS, Config, KeyframeConfig
+from slam_init.config import Config, KeyframeConfig
 from slam_init.errors import OutputError
 
 
@@ -97,13 +97,13 @@ def test_rows_of_other_options_are_not_mixed_in(plan, copied):
         compare(replace(plan, settings=Settings(config=other)), copied, backend="sequential")
 
 
-def test_a_folder_with_former_names_of_options_is_resumed(plan, finished, tmp_path):
+def test_a_folder_of_a_version_with_other_options_is_not_resumed(plan, finished, tmp_path):
     header, *rows = (finished[0] / "trials.jsonl").read_text().splitlines(keepends=True)
-    for name, new in RENAMED_OPTIONS.items():
-        header = header.replace(f'"{new}"', f'"{name.partition(".")[2]}"')
-    (tmp_path / "trials.jsonl").write_text("".join([header, *rows]))
-    compare(plan, tmp_path, backend="sequential")
-    assert rows_of(tmp_path) == rows_of(finished[0])
+    stored = json.loads(header)
+    stored["options"]["acceptance"]["max_direction_error_deg"] = 10.0
+    (tmp_path / "trials.jsonl").write_text("".join([json.dumps(stored) + "\n", *rows]))
+    with pytest.raises(OutputError, match="other options"):
+        compare(plan, tmp_path, backend="sequential")
 
 
 def test_rows_without_their_criteria_are_kept_and_rows_of_other_criteria_are_run_again(plan, finished, tmp_path):

@@ -7,7 +7,7 @@ from slam_init.types.result import Attempt
 
 ATTEMPT = Attempt((0, 1), Verdict.ACCEPTED)
 PASSED = at_least(GateName.MATCHES, 60, 30, Verdict.TOO_FEW_MATCHES)
-FAILED = at_most(GateName.DEPTH_SIGMA, 0.2, 0.1, Verdict.LOW_PARALLAX, "come nearer")
+FAILED = at_most(GateName.RISK, 0.2, 0.1, Verdict.LOW_PARALLAX, "come nearer")
 WORSE = at_least(GateName.LANDMARKS, 5, 50, Verdict.TOO_FEW_LANDMARKS)
 
 

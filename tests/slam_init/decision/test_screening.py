@@ -33,7 +33,6 @@ def test_a_pair_with_matches_motion_and_parallax_is_not_refused():
     [
         ({"matches": NEEDED - 1}, Verdict.TOO_FEW_MATCHES, Stage.MATCHES, GateName.MATCHES),
         ({"motion_px": 0.1}, Verdict.STATIC_CAMERA, Stage.MOTION, GateName.MOTION_PX),
-        ({"parallax_share": 0.05}, Verdict.PURE_ROTATION, Stage.MOTION, GateName.PARALLAX_SHARE),
         ({"parallax_share": 0.05, "rotation_deg": 0.01}, Verdict.STATIC_CAMERA, Stage.MOTION, GateName.ROTATION_PX),
     ],
 )
@@ -43,6 +42,10 @@ def test_each_lack_refuses_for_its_own_reason(changed, reason, stage, gate):
     assert attempt.failed_gates[0].name is gate
     assert attempt.advice == attempt.failed_gates[0].advice
     assert attempt.preview == preview_evidence(pair(**changed))
+
+
+def test_a_rotation_without_parallax_is_left_to_the_window():
+    assert screened(pair(parallax_share=0.0)) is None
 
 
 def test_a_frame_with_too_few_features_is_refused_for_its_features_first():

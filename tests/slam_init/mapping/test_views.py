@@ -1,13 +1,15 @@
-"""Laws of the table of tracks and of the choice of further views."""
+"""Laws of the table of tracks and of the choice of the views that vote."""
 
 from dataclasses import replace
 
 import numpy as np
-from make_candidates import POSES
 from make_map import make_poses
 from make_scene import CAMERA, CONFIG, cloud, history_of, observe
 
-from slam_init.mapping.views import further_views, table_of, voting_views
+from slam_init.mapping.views import table_of, voting_views
+
+POSES = make_poses(5)
+MOST = 8
 
 
 def fewer(seen, count):
@@ -29,37 +31,15 @@ def test_the_table_holds_the_common_tracks_with_gaps_where_a_view_sees_none():
     assert np.isnan(joined.bearings[2, 1::2]).all()
 
 
-def test_further_views_lie_between_the_pair_and_their_number_is_bounded():
-    seen = observe(CAMERA, make_poses(12), np.array([[0.1, 0.0, 2.0]]) + cloud(np.random.default_rng(6)))
-    frames = [view.frame for view in further_views(history_of(seen), seen[0], seen[11], CONFIG.map)]
-    assert 0 < len(frames) <= CONFIG.map.max_further_views
-    assert frames == sorted(set(frames))
-    assert frames[0] > 0
-    assert frames[-1] < 11
-
-
-def test_further_views_come_from_before_the_pair_if_there_are_none_between():
-    seen = observe(CAMERA, POSES, cloud(np.random.default_rng(7)))
-    views = further_views(history_of(seen), seen[3], seen[4], CONFIG.map)
-    assert [view.frame for view in views] == [0, 1, 2]
-    assert further_views(history_of(seen[3:]), seen[3], seen[4], CONFIG.map) == []
-
-
-def test_a_view_with_too_few_common_tracks_is_no_further_view():
-    seen = observe(CAMERA, POSES[:3], cloud(np.random.default_rng(8)))
-    blind = fewer(seen[1], CONFIG.map.min_resected - 1)
-    assert further_views(history_of([seen[0], blind, seen[2]]), seen[0], seen[2], CONFIG.map) == []
-
-
 def test_voting_views_are_spread_over_all_frames_up_to_the_pair_and_their_number_is_bounded():
     seen = observe(CAMERA, make_poses(20), np.array([[0.1, 0.0, 2.0]]) + cloud(np.random.default_rng(6)))
-    frames = [view.frame for view in voting_views(history_of(seen), seen[5], seen[19], CONFIG.map)]
-    assert len(frames) == CONFIG.map.max_voting_views
+    frames = [view.frame for view in voting_views(history_of(seen), seen[5], seen[19], CONFIG.map, MOST)]
+    assert len(frames) == MOST
     assert frames == sorted(set(frames) - {5, 19})
     assert (frames[0], frames[-1]) == (0, 18)
     assert np.ptp(np.diff(frames)) <= 2
     # A short baseline does no harm in a vote: the frame after the reference takes part too.
-    near = [view.frame for view in voting_views(history_of(seen[:6]), seen[0], seen[5], CONFIG.map)]
+    near = [view.frame for view in voting_views(history_of(seen[:6]), seen[0], seen[5], CONFIG.map, MOST)]
     assert near == [1, 2, 3, 4]
 
 
@@ -67,5 +47,5 @@ def test_a_view_with_too_few_common_tracks_does_not_vote():
     seen = observe(CAMERA, POSES, cloud(np.random.default_rng(8)))
     needed = CONFIG.map.min_resected
     some = [seen[0], fewer(seen[1], needed - 1), fewer(seen[2], needed), seen[4]]
-    assert [view.frame for view in voting_views(history_of(some), seen[0], seen[4], CONFIG.map)] == [2]
-    assert voting_views(history_of([seen[0], seen[4]]), seen[0], seen[4], CONFIG.map) == []
+    assert [view.frame for view in voting_views(history_of(some), seen[0], seen[4], CONFIG.map, MOST)] == [2]
+    assert voting_views(history_of([seen[0], seen[4]]), seen[0], seen[4], CONFIG.map, MOST) == []

@@ -12,7 +12,6 @@ from slam_init.methods.pair_initializer import PairInitializer
 from slam_init.methods.two_view import PairRule, TwoViewOutcome
 from slam_init.types.gates import GateName
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
 
 
 def tracks_of(points, noise_px=0.3, count=8):
@@ -50,17 +49,6 @@ def test_each_method_makes_a_correct_map_of_tracks(name):
     assert result.map.graph.size() > 0
     assert len(result.map.colors) == len(result.map.points)
     assert (result.map.colors == 128).all()  # tracks without colors are grey
-
-
-def test_quest_waits_for_a_third_view_until_the_end_and_quest_two_view_does_not():
-    first, *_, last = general_tracks()
-    waiting, taking = (make_initializer(name, CAMERA, CONFIG) for name in ("quest", "quest-two-view"))
-    for initializer in (waiting, taking):
-        initializer.process_tracks(first)
-        initializer.process_tracks(last)
-    assert waiting.map is None
-    assert taking.map is not None
-    assert taking.finish().attempts[-1].verdict == Verdict.ACCEPTED
 
 
 class Refusing:

@@ -69,12 +69,13 @@ def test_the_summary_of_an_attempt_has_its_evidence_and_gates():
     assert attempts[0]["stage"] == "map"
     assert attempts[0]["preview"]["parallax_px"] == 2.5
     assert attempts[0]["two_view"] is None
-    assert attempts[0]["gates"][2] == {
-        "name": "direction_bound_deg",
-        "value": 7.0,
-        "threshold": 5.0,
+    assert attempts[0]["window"]["direction_sigma_deg"] == 4.0
+    assert attempts[0]["gates"][1] == {
+        "name": "risk",
+        "value": 0.07,
+        "threshold": 0.005,
         "direction": "at_most",
-        "unit": "deg",
+        "unit": "",
         "passes": False,
         "reason": "low_parallax",
         "advice": Verdict.LOW_PARALLAX.advice,
@@ -105,7 +106,7 @@ def test_the_two_maps_of_an_undecided_plane_are_hypotheses():
 def test_numbers_that_are_not_finite_are_null(bad):
     result = make_result(make_map())
     evidence = {"noise_px": bad, "count": np.int64(3), "planar": np.bool_(True)}
-    gate = at_least(GateName.PARALLAX_SHARE, bad, 0.1, Verdict.PURE_ROTATION)
+    gate = at_least(GateName.MOTION_PX, bad, 0.1, Verdict.PURE_ROTATION)
     attempt = replace(result.attempts[0], method_evidence=evidence, gates=(gate,))
     summary = summarize(replace(result, attempts=(attempt,)))
     (content,) = read(summary)["attempts"]

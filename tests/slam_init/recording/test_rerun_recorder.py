@@ -25,7 +25,7 @@ from slam_init.errors import OutputError, SourceError
 from slam_init.recording import rerun_recorder
 from slam_init.recording.layout import SERIES
 from slam_init.recording.rerun_recorder import RerunRecorder
-from slam_init.types.gates import GateName, at_least
+from slam_init.types.gates import GateName, at_least, at_most
 from slam_init.types.reasons import Verdict
 
 
@@ -60,7 +60,7 @@ def test_a_recording_holds_the_whole_run_and_passes_verification(tmp_path, model
         "/pairs/verdict",
         "/stats/counts/tracks",
         "/stats/parallax/median",
-        "/stats/direction/gate",
+        "/stats/risk/gate",
         "/stats/bundle/error",
         "/log",
         "/summary",
@@ -177,11 +177,12 @@ def test_a_pair_is_drawn_also_without_its_images_and_without_matches(tmp_path):
 def test_figures_that_an_attempt_lacks_or_that_are_not_finite_are_not_plotted(tmp_path):
     attempt = make_attempts(make_map())[0]
     landmarks = at_least(GateName.LANDMARKS, 80, 50, Verdict.TOO_FEW_LANDMARKS)
-    share = at_least(GateName.EXPLAINED_SHARE, float("nan"), 0.5, Verdict.NO_CONSISTENT_MOTION)
+    risk = replace(at_most(GateName.RISK, float("nan"), 0.005, Verdict.LOW_PARALLAX), threshold=float("nan"))
     with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "gaps") as recorder:
-        recorder.attempt(replace(attempt, preview=None, gates=()))
+        recorder.attempt(replace(attempt, preview=None, window=None, gates=()))
         nan = replace(make_preview(parallax_px=float("nan")), parallax_share=float("nan"))
-        recorder.attempt(replace(attempt, preview=nan, gates=(landmarks, share)))
+        window = replace(attempt.window, direction_sigma_deg=float("nan"))
+        recorder.attempt(replace(attempt, preview=nan, window=window, gates=(landmarks, risk)))
     shown = [series.entity for series in SERIES if f"/{series.entity}" in entities(tmp_path / "a.rrd")]
     scalars = {entity: column(tmp_path / "a.rrd", f"/{entity}", "Scalars:scalars") for entity in shown}
     assert {entity: values for entity, values in scalars.items() if values} == {"stats/counts/landmarks": [[80.0]]}

@@ -6,8 +6,7 @@ from make_map import make_attempts, make_map, make_preview, make_result
 from make_summary import summarize
 
 from slam_init.recording.text import attempt_line, attempt_markdown, summary_markdown
-from slam_init.types.comparison import Margin
-from slam_init.types.evidence import MapEvidence, RivalVote, RotationOnlyEvidence, VoteEvidence
+from slam_init.types.evidence import MapEvidence, RotationOnlyEvidence
 from slam_init.types.reasons import Verdict
 
 
@@ -22,7 +21,7 @@ def test_the_text_of_an_attempt_has_verdict_advice_and_gates():
     assert "refused: low_parallax" in refused
     assert Verdict.LOW_PARALLAX.advice in refused
     assert "| matches | 60 | ≥ 30 |  |" in refused
-    assert "| direction_bound_deg | 7 | ≤ 5 | **fails** |" in refused
+    assert "| risk | 0.07 | ≤ 0.005 | **fails** |" in refused
     assert "### accepted" in accepted
     assert "fails" not in accepted
 
@@ -32,7 +31,6 @@ def test_the_text_of_an_attempt_has_all_evidence_that_is_known():
         make_attempts(make_map())[0],
         preview=make_preview(parallax_px=3.5),
         rotation_only=RotationOnlyEvidence(1.02),
-        vote=VoteEvidence((RivalVote(1, 12.0, 2.5),), plane=Margin(30.0, 4.5), near_rival_deg=1.5),
         map=MapEvidence(failure="too few points"),
         method_evidence={"parallax_min_deg": 1.0},
     )
@@ -40,10 +38,8 @@ def test_the_text_of_an_attempt_has_all_evidence_that_is_known():
     for row in (
         "| parallax_px | 3.5 |",
         "| rotation_only_focal_factor | 1.02 |",
-        "| rival1_log_likelihood | 12 |",
-        "| rival1_z | 2.5 |",
-        "| plane_z | 4.5 |",
-        "| near_rival_deg | 1.5 |",
+        "| risk_direction | 0.07 |",
+        "| direction_sigma_deg | 4 |",
         "| failure | too few points |",
         "| parallax_min_deg | 1 |",
     ):

@@ -11,12 +11,12 @@ from slam_init.types.gates import Direction, Gate, GateName, Stage, at_least, at
 from slam_init.types.reasons import Verdict
 
 #: A figure that has to be small, and one that has to be large.
-SIGMA, COUNT = GateName.DEPTH_SIGMA, GateName.LANDMARKS
+RISK, COUNT = GateName.RISK, GateName.LANDMARKS
 numbers = st.floats(-1e6, 1e6, allow_nan=False)
 
 
 def small(value: float, threshold: float) -> Gate:
-    return at_most(SIGMA, value, threshold, Verdict.LOW_PARALLAX)
+    return at_most(RISK, value, threshold, Verdict.LOW_PARALLAX)
 
 
 def large(value: float, threshold: float) -> Gate:
@@ -33,20 +33,13 @@ def test_a_value_at_the_threshold_passes_and_nan_never_passes():
 
 
 def test_a_gate_takes_its_unit_from_its_name_and_its_advice_from_its_reason():
-    gate = at_most(GateName.DIRECTION_BOUND_DEG, 7.0, 5.0, Verdict.LOW_PARALLAX)
-    assert (gate.unit, gate.direction, gate.reason) == ("deg", Direction.AT_MOST, Verdict.LOW_PARALLAX)
+    gate = at_most(GateName.MOTION_PX, 7.0, 5.0, Verdict.LOW_PARALLAX)
+    assert (gate.unit, gate.direction, gate.reason) == ("px", Direction.AT_MOST, Verdict.LOW_PARALLAX)
     assert gate.advice == Verdict.LOW_PARALLAX.advice
-    other = at_most(GateName.DIRECTION_BOUND_DEG, 7.0, 5.0, Verdict.LOW_PARALLAX, "come nearer")
+    other = at_most(GateName.MOTION_PX, 7.0, 5.0, Verdict.LOW_PARALLAX, "come nearer")
     assert other == replace(gate, advice="come nearer")
     assert large(1.0, 1.0).unit == ""
     assert large(1.0, 1.0).direction is Direction.AT_LEAST
-
-
-def test_the_parallax_shortfall_is_value_over_threshold_of_a_gate_that_has_to_be_small():
-    assert small(6.0, 3.0).parallax_shortfall() == 2.0
-    assert small(3.0, 3.0).parallax_shortfall() == 1.0
-    assert large(1.0, 3.0).parallax_shortfall() == 1.0
-    assert small(float("nan"), 3.0).parallax_shortfall() == 1.0
 
 
 @given(numbers, st.floats(1e-3, 1e6), st.sampled_from([small, large]))
@@ -76,11 +69,11 @@ def test_the_progress_grows_with_the_stage_and_with_the_gate_farthest_from_its_t
 @pytest.mark.parametrize(
     ("gate", "text"),
     [
-        (small(0.2, 0.1), "depth_sigma 0.2, needs <= 0.1: fails (low_parallax)"),
+        (small(0.2, 0.1), "risk 0.2, needs <= 0.1: fails (low_parallax)"),
         (large(80, 50), "landmarks 80, needs >= 50: passes"),
         (
-            at_most(GateName.DIRECTION_BOUND_DEG, 7.0, 5.0, Verdict.LOW_PARALLAX),
-            "direction_bound_deg 7 deg, needs <= 5 deg: fails (low_parallax)",
+            at_most(GateName.MOTION_PX, 7.0, 5.0, Verdict.LOW_PARALLAX),
+            "motion_px 7 px, needs <= 5 px: fails (low_parallax)",
         ),
     ],
 )

@@ -24,10 +24,10 @@ def test_an_attempt_names_its_verdict_its_advice_and_the_gates_that_failed():
     lines = lines_of(refused)
     assert lines[0] == "frames 10, 17: low_parallax"
     assert refused.advice in lines[1]
-    assert "1 of 3 pass" in lines[2]
-    assert [gate.name for gate in refused.failed_gates] == ["direction_correlated_deg", "direction_bound_deg"]
-    assert "direction_correlated_deg" in lines[3]
-    assert lines_of(accepted)[1:] == ["  gates       3 of 3 pass"]
+    assert "1 of 2 pass" in lines[2]
+    assert [gate.name for gate in refused.failed_gates] == ["risk"]
+    assert "risk 0.07" in lines[3]
+    assert lines_of(accepted)[1:] == ["  gates       2 of 2 pass"]
 
 
 def test_a_result_is_truthy_with_a_map_and_names_the_reason_without_one():
@@ -58,14 +58,14 @@ def test_an_attempt_knows_the_suspected_focal_factor_of_its_evidence():
 def test_the_deprecated_evidence_holds_all_figures_and_gates_by_name():
     attempt = replace(
         make_attempts(make_map())[0],
-        rotation_only=RotationOnlyEvidence(1.02),
+        rotation_only=RotationOnlyEvidence(1.02, 1.04),
         map=MapEvidence(failure="no points"),
         method_evidence={"score": 0.5},
     )
     with pytest.warns(DeprecationWarning, match="use the fields preview, two_view"):
         evidence = attempt.evidence
     assert evidence["parallax_px"] == 2.5
-    assert evidence["focal_factor"] == 1.02
+    assert evidence["suspected_focal_factor"] == 1.04
     assert evidence["failure"] == "no points"
     assert evidence["score"] == 0.5
-    assert (evidence["direction_bound_deg"], evidence["direction_bound_deg_gate"]) == (7.0, 5.0)
+    assert (evidence["risk"], evidence["risk_gate"], evidence["direction_sigma_deg"]) == (0.07, 0.005, 4.0)
