@@ -393,13 +393,13 @@ def _has_relief(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> b
 
     Where the parallax is small, a wrong motion can bring the points of any scene near a plane. At these poses distances
     of their own gain little, so the fit without a plane has to be made. The noise is that of this fit: with the plane,
-    relief would count as noise.
+    relief would count as noise. A noise below its lower limit is not trusted.
     """
     count = int((fitted.fit.state.on_plane & (tracks.anchor >= 0)).sum())
     left = int((tracks.anchor >= 0).sum()) - count
     free = _fit(tracks, replace(fitted.motion, plane=None), priors)
     gain = fitted.fit.cost - OFF_PLANE_COST * left - free.fit.cost
-    return not _is_chance(gain / free.fit.noise_factor**2, count, _RELIEF_SIGMAS)
+    return not _is_chance(gain / max(free.fit.noise_factor, 1.0) ** 2, count, _RELIEF_SIGMAS)
 
 
 def _is_chance(gain: float, count: int, sigmas: float) -> bool:
