@@ -41,6 +41,7 @@ from slam_init.types.result import Attempt, ProvisionalMap, Result
 from slam_init.types.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
+    from slam_init.decision.two_views import Proposer
     from slam_init.decision.window_rule import WindowRule
 
 __all__ = ["Initializer"]
@@ -64,6 +65,8 @@ class Initializer:
     third_view : bool
         Whether further views join the window. Without them the window holds the pair alone; this is the method
         ``quest-two-view``.
+    propose : callable, optional
+        Estimates the relative pose of a pair (:data:`slam_init.decision.two_views.Proposer`); by default quest does.
 
     Attributes
     ----------
@@ -86,6 +89,7 @@ class Initializer:
         recorder: Recorder | None = None,
         *,
         third_view: bool = True,
+        propose: Proposer | None = None,
     ) -> None:
         self.camera = camera
         self.config = config or Config()
@@ -97,6 +101,7 @@ class Initializer:
         self.status = Status()
         self.frames_read = 0
         self._third_view = third_view
+        self._propose = propose
         self._next_index = 0
         self._focal_check = FocalCheck(camera, self.config)
         self._attempts = AttemptLog()
@@ -231,7 +236,9 @@ class Initializer:
             # Imported here, since it loads the compiler (0.3 s), as quest does where an estimation starts.
             from slam_init.decision.window_rule import WindowRule
 
-            self._window = WindowRule(self.camera, self.config, self.history, third_view=self._third_view)
+            self._window = WindowRule(
+                self.camera, self.config, self.history, third_view=self._third_view, propose=self._propose
+            )
         return self._window.judge(pair, pairs, current, self.stopwatch)
 
     def _checked_and_logged(self, attempt: Attempt, pairs: Sequence[PairPreview], current: Observations) -> Attempt:

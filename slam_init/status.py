@@ -11,6 +11,7 @@ from slam_init.errors import SlamInitError
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from slam_init.types.display import Described
+from slam_init.types.evidence import WindowEvidence
 from slam_init.types.frame import Frame
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
@@ -43,6 +44,10 @@ class Status(Described):
     attempt : Attempt or None
         The attempt of this frame: each gate with its value, its threshold and its advice, and the matches. None if no
         pair was tried.
+    window : WindowEvidence or None
+        What the joint estimate of the last judged window says: the risk that its map is wrong with the terms of the
+        risk, and the standard deviations of rotation, direction and depth. It stays while no frame is judged; None
+        before the first, and for methods that state no risk.
     """
 
     state: State = State.WAITING
@@ -50,6 +55,18 @@ class Status(Described):
     reason: Verdict | None = Verdict.TOO_FEW_FRAMES
     advice: str = Verdict.TOO_FEW_FRAMES.advice
     attempt: Attempt | None = None
+    window: WindowEvidence | None = None
+
+    @property
+    def risk(self) -> float | None:
+        """Probability that a map of the last judged window is wrong.
+
+        Returns
+        -------
+        float or None
+            None where no window was judged.
+        """
+        return None if self.window is None else self.window.risk
 
     def __bool__(self) -> bool:
         return self.state == State.INITIALIZED
@@ -70,7 +87,8 @@ class Status(Described):
         """
         if attempt is None:
             return replace(self, progress=progress, attempt=None)
-        return Status(State.WAITING, progress, attempt.verdict, attempt.advice, attempt)
+        window = attempt.window or self.window
+        return Status(State.WAITING, progress, attempt.verdict, attempt.advice, attempt, window)
 
     @staticmethod
     def initialized(attempt: Attempt | None) -> Status:
@@ -85,7 +103,7 @@ class Status(Described):
         -------
         Status
         """
-        return Status(State.INITIALIZED, 1.0, None, "", attempt)
+        return Status(State.INITIALIZED, 1.0, None, "", attempt, None if attempt is None else attempt.window)
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         if self:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,7 @@ from slam_init.types.result import Attempt
 
 __all__ = [
     "MatchedPair",
+    "Proposer",
     "judge_rotation",
     "match_pair",
     "pose_at_fitting_threshold",
@@ -84,6 +86,10 @@ def match_pair(history: History, preview: PairPreview, current: Observations) ->
         rays1=reference.bearings[i],
         rays2=current.bearings[j],
     )
+
+
+#: ``propose(camera, config, pair)`` returns the relative pose of a pair and the outlier threshold in radians.
+Proposer = Callable[[Camera, Config, MatchedPair], tuple[RelativePose | NoPose, float]]
 
 
 def pose_at_fitting_threshold(camera: Camera, config: Config, pair: MatchedPair) -> tuple[RelativePose | NoPose, float]:

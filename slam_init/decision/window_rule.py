@@ -21,6 +21,7 @@ from slam_init.decision.refusal import refused_at, refused_by, with_gates
 from slam_init.decision.screening import preview_evidence
 from slam_init.decision.two_views import (
     MatchedPair,
+    Proposer,
     judge_rotation,
     match_pair,
     pose_at_fitting_threshold,
@@ -79,13 +80,24 @@ class WindowRule:
         Holds the candidate references and the frames between them.
     third_view : bool
         Whether further views join the window. Without them the window holds reference and current alone.
+    propose : callable, optional
+        Estimates the relative pose of a chosen pair; by default quest does.
     """
 
-    def __init__(self, camera: Camera, config: Config, history: History, *, third_view: bool = True) -> None:
+    def __init__(
+        self,
+        camera: Camera,
+        config: Config,
+        history: History,
+        *,
+        third_view: bool = True,
+        propose: Proposer | None = None,
+    ) -> None:
         self._camera = camera
         self._config = config
         self._history = history
         self._third_view = third_view
+        self._estimate = propose or pose_at_fitting_threshold
         self._live = LiveHypotheses(camera, WINDOW_PRIORS, config.map.min_noise_px)
         self._threshold_rad = config.two_view.threshold_px / camera.focal_px
         self._reference: int | None = None
@@ -133,7 +145,7 @@ class WindowRule:
         if chosen is not None:
             self._reference = chosen.reference
             with stopwatch("two_view"):
-                pose, self._threshold_rad = pose_at_fitting_threshold(self._camera, self._config, pair)
+                pose, self._threshold_rad = self._estimate(self._camera, self._config, pair)
             attempt = self._with_pose(attempt, pose)
             if isinstance(pose, RelativePose):
                 self._propose(pair, pose)

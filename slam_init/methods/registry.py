@@ -201,6 +201,12 @@ METHODS: dict[str, MethodInfo] = {
             alias_of="essential-5pt",
         ),
         MethodInfo(
+            "poselib-window",
+            "PoseLib's relative pose in place of QuEst, judged by the window of quest",
+            "this project, with PoseLib's estimate_relative_pose",
+            needs="poselib",
+        ),
+        MethodInfo(
             "superansac",
             "SupeRANSAC's five-point essential matrix with uniform samples, parallax gate; not deterministic",
             "pysuperansac, estimateEssentialMatrix; Barath 2025, arXiv:2506.04803",
@@ -292,6 +298,12 @@ def make_initializer(name: str, camera: Camera, config: Config, recorder: Record
     from slam_init.initializer import Initializer
 
     info = method_info(name)
+    if info.name == "poselib-window":
+        if find_spec("poselib") is None:
+            raise ConfigError(f"the method {name} needs the package poselib: pip install poselib")
+        from slam_init.methods.poselib import propose
+
+        return Initializer(camera, config, recorder, propose=propose)
     if not info.home:
         return Initializer(camera, config, recorder, third_view=info.name != "quest-two-view")
     from slam_init.methods.pair_initializer import PairInitializer

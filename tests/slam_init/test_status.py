@@ -1,6 +1,6 @@
 """Laws of the status and of the frames that are made from images."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -9,8 +9,11 @@ from make_scene import CAMERA
 
 from slam_init.errors import SlamInitError
 from slam_init.status import State, Status, frame_of
+from slam_init.types.evidence import WindowEvidence
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
+
+WINDOW = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
 
 
 def test_a_status_takes_reason_and_advice_from_the_attempt():
@@ -25,6 +28,16 @@ def test_reason_and_advice_stay_after_a_frame_without_an_attempt():
     status = Status().after(Attempt((0, 1), Verdict.LOW_PARALLAX, "keep translating"), 0.4)
     idle = status.after(None, 0.3)
     assert (idle.reason, idle.advice, idle.progress, idle.attempt) == ("low_parallax", "keep translating", 0.3, None)
+
+
+def test_the_window_and_its_risk_stay_until_another_window_is_judged():
+    windows = [replace(WINDOW, risk=risk) for risk in (0.4, 0.001)]
+    attempts = [Attempt((0, k), Verdict.LOW_PARALLAX, window=window) for k, window in enumerate(windows, 1)]
+    assert Status().risk is None
+    status = Status().after(attempts[0], 0.4)
+    assert status.risk == 0.4
+    assert status.after(None, 0.3).after(Attempt((0, 2), Verdict.TOO_FEW_MATCHES), 0.2).window == windows[0]
+    assert Status.initialized(attempts[1]).risk == 0.001
 
 
 def test_a_status_with_a_map_is_truthy_and_has_no_reason():

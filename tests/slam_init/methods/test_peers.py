@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from make_window import point_source
 
 from slam_init.benchmarks.heuristics_fidelity import ORIGINAL, ROWS, fisher_p, run_cell
 from slam_init.benchmarks.two_view_scenes import CAMERA, make_scene
-from slam_init.methods import METHODS, make_two_view
+from slam_init.compare.measures import pose_errors
+from slam_init.config import Config
+from slam_init.methods import METHODS, make_initializer, make_two_view
 from slam_init.methods.gates import GATED_PAIRS, GateRules
 
 PEERS = ("poselib", "poselib-100", "magsac", "superansac")
@@ -73,3 +76,19 @@ def test_two_calls_of_superansac_give_nearly_the_same_rotation():
 def test_magsac_is_another_name_of_the_five_point_method():
     assert METHODS["magsac"].alias_of == "essential-5pt"
     assert METHODS["magsac"].home == METHODS["essential-5pt"].home
+
+
+@pytest.mark.parametrize(("scene", "seed"), [("room", 1), ("wall", 2), ("rotation", 3), ("static", 4)])
+def test_the_window_judges_the_poses_of_poselib(scene, seed):
+    pytest.importorskip("poselib")
+    source = point_source(scene, seed, baseline=0.2)
+    initializer = make_initializer("poselib-window", source.camera, Config())
+    for observed in source.observations():
+        if initializer.process_tracks(observed):
+            break
+    if scene in ("rotation", "static"):
+        assert initializer.map is None
+        return
+    errors = pose_errors(initializer.map, source.groundtruth)
+    assert errors.rotation_deg < 5 and errors.direction_deg < 15
+    assert initializer.status.risk <= Config().acceptance.max_risk
