@@ -40,8 +40,21 @@ def _kept_facts(summary: Summary) -> list[tuple[str, str]]:
     if not summary.hypotheses or summary.margin is None:
         return []
     frames = ", ".join(str(keyframe.frame) for keyframe in summary.hypotheses[0].keyframes)
-    z, needed = summary.margin.z, summary.margin.z_needed
-    return [("kept", f"two maps of frames {frames}; the first is better by z = {z:.1f} ({needed:g} decide)")]
+    ahead = summary.margin.log_likelihood
+    return [
+        ("kept", f"two maps of frames {frames}; the tracks prefer the first by {ahead:.1f} nats"),
+        *_risk_facts(summary),
+    ]
+
+
+def _risk_facts(summary: Summary) -> list[tuple[str, str]]:
+    """Return the line about the risk of the best map, where a window was judged."""
+    window = next((attempt.window for attempt in reversed(summary.attempts) if attempt.window is not None), None)
+    if window is None:
+        return []
+    direction = "" if window.direction_sigma_deg is None else f", direction +- {window.direction_sigma_deg:.1f} deg"
+    depths = "" if window.depth_sigma is None else f", depths +- {window.depth_sigma:.0%}"
+    return [("risk", f"{window.risk:.2g} that the map is wrong{direction}{depths}")]
 
 
 def _map_facts(summary: Summary) -> list[tuple[str, str]]:
@@ -52,6 +65,7 @@ def _map_facts(summary: Summary) -> list[tuple[str, str]]:
         ("landmarks", f"{summary.landmarks}, {summary.scene} scene"),
         ("parallax", f"{summary.median_parallax_deg:.2f} deg (median)"),
         ("reprojection", f"{summary.reprojection_rmse_px:.2f} px (rms)"),
+        *_risk_facts(summary),
     ]
     if focal := summary.focal_length:
         facts.append(

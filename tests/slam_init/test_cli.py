@@ -454,7 +454,7 @@ def test_report_of_an_undecided_run_tells_the_two_maps(world, pipeline, capsys):
         REFUSED, reason=Verdict.AMBIGUOUS_PLANE, hypotheses=(kept, kept), margin=Margin(9.0, 1.25)
     )
     assert main(["run", IMAGES, *WITH]) == 3
-    assert "two maps of frames 3, 9; the first is better by z = 1.2 (4 decide)" in capsys.readouterr().out
+    assert "two maps of frames 3, 9; the tracks prefer the first by 9.0 nats" in capsys.readouterr().out
 
 
 def test_synth_writes_what_info_and_run_read(tmp_path, pipeline, capsys):

@@ -1,6 +1,6 @@
 """The report for the terminal: the verdict first, then the figures that there are."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 from make_map import make_map, make_result
@@ -9,6 +9,7 @@ from make_summary import summarize
 from slam_init.output.records import ContinuationRecord
 from slam_init.output.report import report_text
 from slam_init.types.comparison import Margin
+from slam_init.types.evidence import WindowEvidence
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import GroundTruthErrors
 
@@ -33,6 +34,15 @@ def test_a_map_is_reported_with_its_quality():
     assert lines["results"] == "out/ (recording: rerun out/recording.rrd)"
 
 
+def test_the_risk_of_the_last_window_is_reported():
+    summary = summarize(make_result(make_map()))
+    assert "risk" not in lines_of(summary)[1]
+    zeros = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
+    window = replace(zeros, risk=0.00321, direction_sigma_deg=3.14, depth_sigma=0.19)
+    summary = replace(summary, attempts=(*summary.attempts[:-1], replace(summary.attempts[-1], window=window)))
+    assert lines_of(summary)[1]["risk"] == "0.0032 that the map is wrong, direction +- 3.1 deg, depths +- 19%"
+
+
 def test_a_refusal_is_reported_with_its_advice():
     title, lines = lines_of(summarize(make_result(None, Verdict.STATIC_CAMERA)))
     assert title == "not initialized: static camera"
@@ -46,7 +56,7 @@ def test_two_undecided_maps_are_reported_with_their_margin():
         make_result(None, Verdict.AMBIGUOUS_PLANE), hypotheses=(make_map(), make_map()), margin=Margin(3.0, 1.5)
     )
     _, lines = lines_of(summarize(result))
-    assert lines["kept"] == "two maps of frames 10, 17, 24, 31; the first is better by z = 1.5 (4 decide)"
+    assert lines["kept"] == "two maps of frames 10, 17, 24, 31; the tracks prefer the first by 3.0 nats"
 
 
 def test_each_note_has_a_line():
