@@ -36,7 +36,6 @@ def test_a_map_is_reported_with_its_quality():
 
 def test_the_risk_of_the_last_window_is_reported():
     summary = summarize(make_result(make_map()))
-    assert "risk" not in lines_of(summary)[1]
     zeros = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
     window = replace(zeros, risk=0.00321, direction_sigma_deg=3.14, depth_sigma=0.19)
     summary = replace(summary, attempts=(*summary.attempts[:-1], replace(summary.attempts[-1], window=window)))
