@@ -52,7 +52,7 @@ VARIANTS: tuple[Variant, ...] = (
     Variant("no third view", "quest-two-view"),
     Variant("one reference frame", config=Config(keyframes=KeyframeConfig(window=1))),
     Variant("risk up to 0.05", config=Config(acceptance=AcceptanceConfig(max_risk=0.05))),
-    Variant("risk up to 0.0005", config=Config(acceptance=AcceptanceConfig(max_risk=0.0005))),
+    Variant("risk up to 0.001", config=Config(acceptance=AcceptanceConfig(max_risk=0.001))),
 )
 
 
