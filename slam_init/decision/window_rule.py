@@ -7,6 +7,7 @@ undecided plane, or on request.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -34,7 +35,7 @@ from slam_init.mapping.map_building import MapWithViews, map_with_views
 from slam_init.mapping.views import TrackTable, table_of, voting_views
 from slam_init.types.arrays import Bools
 from slam_init.types.camera import Camera
-from slam_init.types.evidence import MapEvidence, WindowEvidence
+from slam_init.types.evidence import MapEvidence, RotationOnlyEvidence, WindowEvidence
 from slam_init.types.frame import Observations
 from slam_init.types.gates import GateName, Stage, at_least, at_most
 from slam_init.types.initial_map import InitialMap
@@ -55,6 +56,9 @@ WINDOW_PRIORS = Priors(focal_sigma=0.02)
 #: A gain over the rotation-only camera that chance exceeds more often than this is no evidence of a translation. A
 #: direction without a translation is uncertain too, so that its term would hide the cause.
 _INSIGNIFICANT = 0.05
+#: A focal length is suspected only if it is off by a hundredth or more, the error of a careless calibration, and by
+#: five of its standard deviations: errors that the tracks share double them. Five hundredths have to be told.
+_LEAST_FOCAL_ERROR, _DOUBTFUL_SIGMAS, _TOLD_FOCAL_ERROR = 0.01, 5.0, 0.05
 #: Bundle adjustment on all tracks may turn the fitted motion by as much as a third of what makes a map wrong.
 _ADJUSTED_ROTATION_DEG, _ADJUSTED_DIRECTION_DEG = 1.5, 5.0
 
@@ -210,6 +214,8 @@ class WindowRule:
         attempt = with_gates(attempt, (gate,))
         if not gate.passes():
             refused = refused_by(attempt, Stage.MAP, (gate,))
+            if refused.verdict == Verdict.PURE_ROTATION:
+                refused = replace(refused, rotation_only=_rotation_evidence(hypotheses))
             return Outcome(refused, hypotheses=self._undecided(refused, pair, hypotheses), margin=risk.margin)
         certain = _certain_frames(hypotheses, risk, max_risk)
         bundle, table = self._map(pair, hypotheses.motions[0], certain)
@@ -311,6 +317,19 @@ def _evidence(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowEvidence:
         rotation_log_likelihood=risk.rotation_log_likelihood,
         focal_factor=float(np.exp(best.fit.state.log_scale)),
     )
+
+
+def _rotation_evidence(hypotheses: WindowHypotheses) -> RotationOnlyEvidence | None:
+    """The focal length of the rotation-only camera, and whether it casts doubt on the stated one.
+
+    None where the camera rotated too little to tell a focal length that is off by five hundredths.
+    """
+    log_scale, sigma = hypotheses.focal_of_rotation
+    doubtful = abs(log_scale) >= _LEAST_FOCAL_ERROR and abs(log_scale) > _DOUBTFUL_SIGMAS * sigma
+    if not doubtful and _DOUBTFUL_SIGMAS * sigma > _TOLD_FOCAL_ERROR:
+        return None
+    factor = math.exp(log_scale)
+    return RotationOnlyEvidence(factor, factor if doubtful else None)
 
 
 def _certain_frames(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> tuple[int, ...]:

@@ -222,6 +222,28 @@ class WindowHypotheses:
         points = 3.0 if self.planar else float((self.tracks.anchor >= 0).sum())
         return 0.5 * lowered, 3 * (len(best.rows) - 1) - 1 + points
 
+    @property
+    def focal_of_rotation(self) -> tuple[float, float]:
+        """The focal length of the rotation-only camera by the tracks alone, without the prior.
+
+        Returns
+        -------
+        log_scale : float
+            Logarithm of the focal length over the stated one; 0 where the tracks do not tell it.
+        sigma : float
+            Its standard deviation; infinite where the tracks do not tell it.
+        """
+        views = len(self.tracks.frames)
+        focal = 6 * (views - 1)
+        unknowns = [*(6 * k + axis for k in range(views - 1) for axis in range(3)), focal]
+        information = self.rotation_only.information[np.ix_(unknowns, unknowns)]
+        known = 1 / float(np.linalg.inv(information)[-1, -1])
+        by_tracks = known - 1 / self.priors.focal_sigma**2
+        if by_tracks <= 1e-6 * known:
+            return 0.0, math.inf
+        sigma = max(self.rotation_only.noise_factor, 1.0) / math.sqrt(by_tracks)
+        return self.rotation_only.state.log_scale * known / by_tracks, sigma
+
 
 def motions_of_pair(pose: RelativePose, frames: tuple[int, int], rays1: Floats, rays2: Floats) -> list[Motion]:
     """The motions that explain the matches of a pair.

@@ -302,9 +302,9 @@ def test_the_gain_over_a_rotation_is_half_of_the_difference_of_the_costs_where_a
     assert gain > 5 * freedom
 
 
-def of_rotation_only_camera(seed):
-    """The hypotheses of a sideways translation where the camera only rotates, with a known focal length."""
-    source, views = window_of("rotation", seed, 6)
+def of_rotation_only_camera(seed, **options):
+    """The hypotheses of a sideways translation where the camera only rotates."""
+    source, views = window_of("rotation", seed, 6, **options)
     frames = (views[0].frame, views[1].frame)
     sideways = Pose(true_motion(source, *frames).R, np.array([1.0, 0, 0]))
     motion = Motion({frames[0]: Pose.identity(), frames[1]: sideways})
@@ -325,3 +325,20 @@ def test_twice_the_gain_over_a_rotation_has_its_stated_freedom_where_the_camera_
         gain, freedom = of_rotation_only_camera(seed).gain_over_rotation
         z.append((2 * gain - freedom) / np.sqrt(2 * freedom))
     assert np.mean(z) < 2
+
+
+@pytest.mark.parametrize("focal_error", [-0.1, -0.02, 0.0, 0.05])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rotation_tells_the_focal_length_without_its_prior(seed, focal_error):
+    """The prior of two hundredths would pull the factor towards 1."""
+    log_scale, sigma = of_rotation_only_camera(seed, focal_error=focal_error).focal_of_rotation
+    assert sigma < 0.01
+    assert abs(log_scale + np.log1p(focal_error)) < 4 * sigma
+
+
+def test_a_camera_that_does_not_rotate_does_not_tell_its_focal_length():
+    source, views = window_of("static", 1, 4)
+    frames = (views[0].frame, views[1].frame)
+    motion = Motion({frames[0]: Pose.identity(), frames[1]: Pose(np.eye(3), np.array([1.0, 0, 0]))})
+    found = fit_hypotheses(gather_tracks(source.camera, views, 0.7), [motion], PRIORS)
+    assert found.focal_of_rotation[1] > 0.1
