@@ -16,10 +16,10 @@ from slam_init.types.gates import GateName, Stage, at_least
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
-__all__ = ["preview_evidence", "screen"]
+__all__ = ["LEAST_PARALLAX_SHARE", "preview_evidence", "screen"]
 
 #: A tenth of the tracks may be outliers. If the rotation leaves more of the tracks displaced, the camera moved.
-_LEAST_PARALLAX_SHARE = 0.1
+LEAST_PARALLAX_SHARE = 0.1
 
 
 def screen(camera: Camera, config: Config, current: Observations, pairs: Sequence[PairPreview]) -> Attempt | None:
@@ -57,7 +57,7 @@ def screen(camera: Camera, config: Config, current: Observations, pairs: Sequenc
     rotation = at_least(GateName.ROTATION_PX, rotation_px, noise_px, Verdict.STATIC_CAMERA)
     motion = (
         at_least(GateName.MOTION_PX, motion_px, noise_px, Verdict.STATIC_CAMERA),
-        *([rotation] if share < _LEAST_PARALLAX_SHARE else []),
+        *([rotation] if share < LEAST_PARALLAX_SHARE else []),
     )
     attempt = Attempt((pair.reference, pair.current), Verdict.ACCEPTED, preview=preview_evidence(pair))
     for stage, gates in ((Stage.MATCHES, matches), (Stage.MOTION, motion)):

@@ -19,7 +19,7 @@ from slam_init.bundle.problem import BundleFailure, BundleSolution
 from slam_init.config import Config
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
-from slam_init.decision.screening import preview_evidence
+from slam_init.decision.screening import LEAST_PARALLAX_SHARE, preview_evidence
 from slam_init.decision.two_views import (
     MatchedPair,
     Proposer,
@@ -56,6 +56,9 @@ WINDOW_PRIORS = Priors(focal_sigma=0.02)
 #: A gain over the rotation-only camera that chance exceeds more often than this is no evidence of a translation. A
 #: direction without a translation is uncertain too, so that its term would hide the cause.
 _INSIGNIFICANT = 0.05
+#: Where chance exceeds the gain over the rotation-only camera more often than not, the camera merely rotates. It is
+#: judged again once a pair shows parallax.
+_MERE_ROTATION = 0.5
 #: A focal length is suspected only if it is off by a hundredth or more, the error of a careless calibration, and by
 #: five of its standard deviations: errors that the tracks share double them. Five hundredths have to be told.
 _LEAST_FOCAL_ERROR, _DOUBTFUL_SIGMAS, _TOLD_FOCAL_ERROR = 0.01, 5.0, 0.05
@@ -106,6 +109,7 @@ class WindowRule:
         self._threshold_rad = config.two_view.threshold_px / camera.focal_px
         self._reference: int | None = None
         self._last: _Judged | None = None
+        self._rotating = False
 
     def judge(
         self,
@@ -146,6 +150,9 @@ class WindowRule:
             inliers=np.zeros(len(pair.rays1), bool),
             preview=preview_evidence(preview),
         )
+        if self._rotating and all(one.parallax_share < LEAST_PARALLAX_SHARE for one in pairs):
+            # The joint fit of a rotation-only camera takes the most steps, and no pair tells anything new.
+            return Outcome(refused_at(attempt, Verdict.PURE_ROTATION, Stage.MOTION))
         if chosen is not None:
             self._reference = chosen.reference
             with stopwatch("two_view"):
@@ -209,6 +216,7 @@ class WindowRule:
             inliers=_inliers(pair, hypotheses.motions[0].cam2_from_cam1, self._threshold_rad),
         )
         self._last = _Judged(pair, hypotheses, risk, attempt)
+        self._rotating = risk.rotation > _MERE_ROTATION
         max_risk = self._config.acceptance.max_risk
         gate = at_most(GateName.RISK, risk.total, max_risk, *_reason(hypotheses, risk, max_risk))
         attempt = with_gates(attempt, (gate,))

@@ -14,6 +14,7 @@ from make_window import WINDOW_CONFIG, point_source, pose_errors_deg, true_motio
 
 from slam_init.config import Config
 from slam_init.decision import window_rule
+from slam_init.decision.screening import LEAST_PARALLAX_SHARE
 from slam_init.decision.window_rule import WindowRule
 from slam_init.initializer import Initializer
 from slam_init.methods import make_initializer
@@ -221,6 +222,17 @@ def test_motions_live_on_in_frames_without_a_chosen_pair_and_can_be_accepted_the
     accepted = [outcome for outcome in outcomes if outcome.accepted is not None]
     assert accepted
     assert accepted[-1] is outcomes[-1]
+
+
+def test_after_a_mere_rotation_no_window_is_fitted_until_a_pair_shows_parallax():
+    frames = Frames(point_source("rotation", 3, focal_error=0.05, noise_px=0.3))
+    judged = [frames.judge(k, chosen=True).attempt for k in range(1, 12)]
+    assert {attempt.verdict for attempt in judged} == {Verdict.PURE_ROTATION}
+    first = next(k for k, attempt in enumerate(judged) if attempt.window is not None)
+    assert judged[first].window.risk_rotation > 0.5
+    still = [attempt for attempt in judged[first + 1 :] if attempt.preview.parallax_share < LEAST_PARALLAX_SHARE]
+    assert still
+    assert all(attempt.window is None and attempt.two_view is None for attempt in still)
 
 
 def test_a_frame_without_a_chosen_pair_is_judged_with_the_reference_of_the_last_chosen_pair():
