@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from quest.benchmarks.first_call import break_even, table
@@ -11,6 +11,8 @@ from quest.benchmarks.first_call import break_even, table
 
 @given(first=st.floats(1, 1e5), later=st.floats(1, 100), other=st.floats(1, 1000))
 def test_the_break_even_is_the_first_number_of_calls_that_saves_time(first, later, other):
+    # Times closer than the resolution of a clock break even after so many calls that rounding decides.
+    assume(later >= other or other - later > 1e-6)
     calls = break_even(first, later, other)
 
     def pays(k: float) -> bool:
