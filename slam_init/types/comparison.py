@@ -17,8 +17,9 @@ class Margin:
     log_likelihood : float
         Difference of the truncated Gaussian log likelihoods, in nats; positive where the first map is better.
     z : float
-        The same difference, in units of its standard deviation (Vuong 1989). It is a sum over the tracks. Each track
-        votes by the difference of its two log likelihoods, and the scatter of the votes gives the standard deviation.
+        The same difference, in units of the standard deviation that it has by chance if both explain the tracks equally
+        well (after Vuong 1989). Each track votes by the difference of its two log likelihoods; the votes against the
+        first map tell the standard deviation (:mod:`slam_init.window.risk`).
     z_needed : float
         Smallest z that decides the vote. The default is exceeded by chance once in 30 000 cases.
     """

@@ -1,0 +1,57 @@
+"""The command line as a process of its own: start-up, closed and full streams."""
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def test_help_loads_no_heavy_library():
+    code = (
+        "import sys; from slam_init.cli import main; main(['--help']);"
+        "print(sorted({m.split('.')[0] for m in sys.modules} & "
+        "{'numpy', 'cv2', 'gtsam', 'rerun', 'scipy', 'yaml', 'tqdm'}), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr == "[]\n"
+
+
+INFO = ["info", "synth:wall?frames=2&width=96&height=64"]
+STILL = ["run", "synth:static?frames=2&width=96&height=64", "--out", "out"]
+
+
+@pytest.mark.parametrize(("arguments", "code"), [(INFO, 0), (["--help"], 0), (["--version"], 0), (STILL, 3)])
+def test_a_closed_pipe_ends_quietly_with_the_code_of_the_run(arguments, code):
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "slam_init", *arguments]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (code, "")
+
+
+@pytest.mark.parametrize("closed", ["<&-", ">&-", "2>&-", "<&- >&- 2>&-"])
+def test_a_run_without_standard_streams_is_the_same_run(tmp_path, closed):
+    command = f"{shlex.quote(sys.executable)} -m slam_init {shlex.join(STILL)} {closed}"
+    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (3, "")
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["frames_read"] == 2
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_stdout_is_one_line():
+    command = [sys.executable, "-m", "slam_init", *INFO]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith("slam-init: error: cannot write to standard output")
+    assert len(done.stderr.splitlines()) == 1
