@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import TYPE_CHECKING
@@ -70,7 +70,9 @@ class DepthErrors:
     wrong_order: float | None = None
 
 
-def pose_errors(map_: InitialMap, truth: Trajectory | None, *, before: bool = False) -> PoseErrors:
+def pose_errors(
+    map_: InitialMap, truth: Trajectory | None, *, before: bool = False, frames: Collection[int] | None = None
+) -> PoseErrors:
     """Compare the keyframes of a map with the true trajectory.
 
     Parameters
@@ -79,6 +81,8 @@ def pose_errors(map_: InitialMap, truth: Trajectory | None, *, before: bool = Fa
     truth : Trajectory or None
     before : bool
         Use the poses before bundle adjustment instead of the adjusted ones.
+    frames : collection of int, optional
+        Frames of the keyframes that are compared; all keyframes by default.
 
     Returns
     -------
@@ -89,6 +93,8 @@ def pose_errors(map_: InitialMap, truth: Trajectory | None, *, before: bool = Fa
     if before:
         pairs = zip(keyframes, map_.keyframes_before, strict=True)
         keyframes = tuple(replace(keyframe, world_from_cam=pose) for keyframe, pose in pairs)
+    if frames is not None:
+        keyframes = tuple(keyframe for keyframe in keyframes if keyframe.frame in frames)
     figures = compare_with_groundtruth(keyframes, truth)
     if figures is None:
         return PoseErrors()

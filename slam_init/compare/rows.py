@@ -96,6 +96,14 @@ class TrialRow:
     judged_by : str or None
         The criteria of the outcome in words (:attr:`slam_init.compare.judging.Criteria.rule`); None in a row of a
         version without this column.
+    risk : float or None
+        Stated probability that the accepted map is wrong. None for a method that states no risk, and in a row of a
+        version without this column.
+    rotation_sigma_deg, direction_sigma_deg : float or None
+        Stated standard deviations of the rotation and of the direction of the baseline of the pair of the accepted map,
+        in degrees, each about its most uncertain axis. None as for the risk.
+    pair_rotation_error_deg, pair_direction_error_deg : float or None
+        Errors of this pair in degrees, as those of the map but without its further keyframes. None as for the risk.
     """
 
     source: str
@@ -133,6 +141,11 @@ class TrialRow:
     trial_ms: float | None = None
     peak_memory_mb: float | None = None
     judged_by: str | None = None
+    risk: float | None = None
+    rotation_sigma_deg: float | None = None
+    direction_sigma_deg: float | None = None
+    pair_rotation_error_deg: float | None = None
+    pair_direction_error_deg: float | None = None
 
     @property
     def key(self) -> Key:

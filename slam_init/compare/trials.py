@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Iterable
@@ -22,6 +23,7 @@ from slam_init.compare.sources import ComparedSource, calibration_of, open_compa
 from slam_init.config import Config
 from slam_init.recording.recorder import Recorder
 from slam_init.types.initial_map import InitialMap
+from slam_init.types.reasons import Verdict
 from slam_init.types.result import Result
 
 if TYPE_CHECKING:
@@ -279,6 +281,7 @@ def result_row(
     )
     if source.groundtruth is not None:
         row = _with_pose_errors(row, result.map, source.groundtruth, criteria)
+    row = _with_stated_risk(row, result, source.groundtruth, criteria)
     depths = depth_errors(result.map, source)
     return replace(row, depth_error=_rounded(depths.relative), depth_order_error=_rounded(depths.wrong_order))
 
@@ -296,6 +299,22 @@ def _with_pose_errors(row: TrialRow, map_: InitialMap, truth: Trajectory, criter
         rotation_error_before_deg=_rounded(before.rotation_deg),
         direction_error_before_deg=_rounded(before.direction_deg if criteria.direction_deg is not None else None),
         ate_before=_rounded(before.ate),
+    )
+
+
+def _with_stated_risk(row: TrialRow, result: Result, truth: Trajectory | None, criteria: Criteria) -> TrialRow:
+    """Return the row with the risk and the standard deviations that the accepted attempt states, if any."""
+    accepted = next((one for one in reversed(result.attempts) if one.verdict == Verdict.ACCEPTED), None)
+    if result.map is None or accepted is None or accepted.window is None:
+        return row
+    pair = pose_errors(result.map, truth, frames=accepted.frames[:2])
+    return replace(
+        row,
+        risk=_rounded(accepted.window.risk),
+        rotation_sigma_deg=_finite(accepted.window.rotation_sigma_deg),
+        direction_sigma_deg=_finite(accepted.window.direction_sigma_deg),
+        pair_rotation_error_deg=_rounded(pair.rotation_deg),
+        pair_direction_error_deg=_rounded(pair.direction_deg if criteria.direction_deg is not None else None),
     )
 
 
@@ -332,6 +351,11 @@ def _quantile(values: list[float], q: float) -> float | None:
 def _rounded(value: float | None) -> float | None:
     """Round to six significant digits, so that the files hold exactly the values that the figures are made of."""
     return None if value is None else float(f"{value:.6g}")
+
+
+def _finite(value: float) -> float | None:
+    """Round a stated figure. A row holds finite numbers only."""
+    return _rounded(value) if math.isfinite(value) else None
 
 
 # -- recordings ------------------------------------------------------------------------------------

@@ -4,7 +4,10 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
+from make_map import make_attempts, make_map, make_result, make_truth
 
+from quest.geometry.quaternion import rotation_from_vector
 from slam_init.compare.sources import describe_sources, open_compared
 from slam_init.compare.trials import Settings, Trial, result_row
 from slam_init.types.evidence import RotationOnlyEvidence
@@ -56,3 +59,32 @@ def test_one_suspicion_of_the_focal_length_is_recorded_and_several_that_agree_ar
     assert factors() == (None, None)
     assert factors(0.96) == (0.96, None)
     assert factors(0.95, 0.95, 0.96) == (0.95, 0.95)
+
+
+def test_the_row_of_a_map_holds_what_the_accepted_attempt_states_and_the_errors_of_its_pair():
+    """The truth of the last keyframe is rotated by 6 degrees, so that the map is false and its pair is exact."""
+    map_ = make_map()
+    truth = make_truth(map_)
+    *poses, last = truth.world_from_cam
+    turned = Pose(last.R @ rotation_from_vector(np.radians([0.0, 6.0, 0.0])), last.t)
+    source = SimpleNamespace(groundtruth=replace(truth, world_from_cam=(*poses, turned)), timestamps_s=np.arange(99.0))
+    (described,) = describe_sources(["points:room"])
+    trial = Trial(described, "quest", 0)
+    first, second, third, _ = (keyframe.frame for keyframe in map_.keyframes)
+
+    def row_of(attempt):
+        result = replace(make_result(map_), attempts=(*make_attempts(map_)[:-1], attempt))
+        return result_row(trial, Settings(), result, source, ())
+
+    accepted = replace(make_attempts(map_)[-1], frames=(first, third, second))
+    row = row_of(accepted)
+    assert row.outcome == "false"
+    assert (row.risk, row.rotation_sigma_deg, row.direction_sigma_deg) == (0.004, 0.1, 4.0)
+    assert row.rotation_error_deg == pytest.approx(6.0)
+    assert max(row.pair_rotation_error_deg, row.pair_direction_error_deg) < 1e-4
+    unbounded = replace(accepted.window, rotation_sigma_deg=np.inf)
+    assert row_of(replace(accepted, window=unbounded)).rotation_sigma_deg is None
+
+    without = row_of(replace(accepted, window=None))
+    assert without.outcome == "false"
+    assert without.risk is without.rotation_sigma_deg is without.pair_rotation_error_deg is None
