@@ -30,6 +30,7 @@ module               content
 ``journal``          finished trials on disk
 ``statistics``       intervals and tests
 ``wait``             the wait, and its differences between methods
+``reliability``      the stated risk compared with the share of false maps
 ``trial_table``      all rows as a table of columns
 ``aggregate``        figures from this table
 ``summary``          all figures of a comparison, as in ``summary.json``

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from slam_init.compare.aggregate import Figures, PairTest, figures_of, pair_tests
 from slam_init.compare.judging import Criteria
+from slam_init.compare.reliability import Reliability, reliabilities
 from slam_init.compare.statistics import Interval
 from slam_init.compare.trial_table import TrialTable
 from slam_init.compare.wait import WaitDifference, wait_differences
@@ -21,7 +22,7 @@ __all__ = ["ComparisonSummary", "six_digits", "summary_of"]
 
 #: Version 2 added the figures of ambiguous planes and of suspected focal lengths. Version 3 renamed the parts
 #: ``image_still`` and ``points_still`` to ``image_static`` and ``points_static``. Version 4 added ``min_left``,
-#: ``judging``, ``wait`` and ``waits``.
+#: ``judging``, ``wait``, ``waits`` and ``reliability``.
 _SCHEMA = 4
 
 
@@ -59,6 +60,9 @@ class ComparisonSummary:
         Comparisons of two methods on the same trials, by part.
     waits : mapping of str to (tuple of WaitDifference)
         Comparisons of the wait of the first method with that of each other one, by part with a moving camera.
+    reliability : mapping of str to (mapping of str to Reliability)
+        Reliability of the stated risk, by level (images, points) and by method that states one. A level without such a
+        method is left out.
     """
 
     schema: int
@@ -75,6 +79,7 @@ class ComparisonSummary:
     groups: Mapping[str, Mapping[str, Figures]]
     pairs: Mapping[str, tuple[PairTest, ...]]
     waits: Mapping[str, tuple[WaitDifference, ...]]
+    reliability: Mapping[str, Mapping[str, Reliability]]
 
     def as_dict(self) -> dict[str, Json]:
         """Convert to plain JSON types, as in the file.
@@ -101,6 +106,10 @@ class ComparisonSummary:
             "groups": {name: _plain_by_method(figures) for name, figures in self.groups.items()},
             "pairs": {name: [_plain(vars(test)) for test in tests] for name, tests in self.pairs.items()},
             "waits": {name: [_plain(vars(item)) for item in items] for name, items in self.waits.items()},
+            "reliability": {
+                name: {method: _plain_reliability(one) for method, one in by_method.items()}
+                for name, by_method in self.reliability.items()
+            },
         }
 
 
@@ -143,6 +152,7 @@ def summary_of(table: TrialTable, plan: Plan) -> ComparisonSummary:
             for name, mask in parts.items()
             if name.endswith("moving")
         },
+        reliability=reliabilities(table, plan.methods),
     )
 
 
@@ -168,6 +178,15 @@ def _plain_by_method(figures: Mapping[str, Figures]) -> dict[str, Json]:
 def _plain_figures(figures: Figures) -> dict[str, Json]:
     values = {name: _plain(value) for name, value in vars(figures).items() if name != "times"}
     return values | {name: _plain(value) for name, value in figures.times.items()}
+
+
+def _plain_reliability(reliability: Reliability) -> dict[str, Json]:
+    return {
+        "bins": [_plain(vars(one)) for one in reliability.bins],
+        "total": _plain(vars(reliability.total)),
+        "rotation": _plain(vars(reliability.rotation)),
+        "direction": _plain(vars(reliability.direction)),
+    }
 
 
 def _plain(value: object) -> Json:

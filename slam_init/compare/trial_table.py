@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from sys import intern
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slam_init.compare.judging import NOT_JUDGED, criteria_of
+from slam_init.compare.judging import NOT_JUDGED, Truth, criteria_of
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.sources import focal_error_of
 from slam_init.datasets.points import POINTS
 from slam_init.types.arrays import Bools, Floats
 
-__all__ = ["NUMBERS", "PARTS", "TrialTable"]
+__all__ = ["LEVELS", "NUMBERS", "PARTS", "TrialTable"]
 
 #: Numeric columns that are kept in memory, with eight bytes per trial and column.
 NUMBERS = (
     "start", "frames_to_accept", "frames_limit", "seconds_to_accept", "rotation_error_deg", "direction_error_deg",
     "ate", "rotation_error_before_deg", "direction_error_before_deg", "ate_before", "survival", "depth_error",
     "depth_order_error", "landmarks", "frame_median_ms", "frame_p95_ms", "attempt_median_ms", "trial_ms",
-    "peak_memory_mb", "suspected_focal_factor", "reported_focal_factor",
+    "peak_memory_mb", "suspected_focal_factor", "reported_focal_factor", "risk", "rotation_sigma_deg",
+    "direction_sigma_deg", "pair_rotation_error_deg", "pair_direction_error_deg",
 )  # fmt: skip
 #: Trials that are counted together, and the heading of each part. Images and tracks without images (points) are counted
 #: separately. So are the trials in which the camera does not translate (static or rotation-only), because no map can be
@@ -34,16 +35,25 @@ PARTS = {
     "points_moving": "points, moving camera",
     "points_static": "points, no translation",
 }
+#: The two levels of trials: parts whose names begin with the name of a level belong to it.
+LEVELS = {"image": "images", "points": "points"}
+
+
+def _level_of(group: str) -> str:
+    return "points" if group.startswith(POINTS) else "image"
 
 
 def _part_of(group: str) -> str:
-    level = "points" if group.startswith(POINTS) else "image"
-    return f"{level}_{'static' if criteria_of(group).no_translation else 'moving'}"
+    return f"{_level_of(group)}_{'static' if criteria_of(group).no_translation else 'moving'}"
 
 
 def _is_solvable(row: TrialRow) -> bool:
     judged = row.judged_by != NOT_JUDGED.rule and row.outcome != "accepted"
     return judged and not criteria_of(row.group).no_translation
+
+
+def _is_sound(row: TrialRow) -> bool:
+    return row.judged_by != NOT_JUDGED.rule and criteria_of(row.group).truth is Truth.SOUND
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +76,8 @@ class TrialTable:
         The stated focal length is wrong on purpose.
     solvable : (N,) bool
         A map can be correct: the source has a ground truth, and the camera translates.
+    sound : (N,) bool
+        The ground truth is sound (:mod:`slam_init.compare.judging`).
     """
 
     text: dict[str, NDArray[np.object_]]
@@ -77,6 +89,7 @@ class TrialTable:
     kept_truth: Bools
     wrong_focal: Bools
     solvable: Bools
+    sound: Bools
 
     @staticmethod
     def of(rows: Iterable[TrialRow]) -> TrialTable:
@@ -94,7 +107,9 @@ class TrialTable:
         names = ("source", "method", "group", "outcome", "reason", "keyframes")
         text: dict[str, list[str]] = {name: [] for name in names}
         numbers: dict[str, list[float]] = {name: [] for name in NUMBERS}
-        flag_names = ("strict", "reason_expected", "reason_right", "ambiguous", "kept_truth", "wrong_focal", "solvable")
+        flag_names = (
+            "strict", "reason_expected", "reason_right", "ambiguous", "kept_truth", "wrong_focal", "solvable", "sound",
+        )  # fmt: skip
         flags: dict[str, list[bool]] = {name: [] for name in flag_names}
         for row in rows:
             for name in names:
@@ -109,6 +124,7 @@ class TrialTable:
             flags["kept_truth"].append(bool(row.kept_truth))
             flags["wrong_focal"].append(focal_error_of(row.source) != 0)
             flags["solvable"].append(_is_solvable(row))
+            flags["sound"].append(_is_sound(row))
         return TrialTable(
             text={name: np.array(values, object) for name, values in text.items()},
             numbers={name: np.array(values, float) for name, values in numbers.items()},
@@ -156,5 +172,19 @@ class TrialTable:
             Mask of each of the :data:`PARTS` that has trials.
         """
         names = {group: _part_of(group) for group in set(self.text["group"])}
-        part = np.array([names[group] for group in self.text["group"]], object)
-        return {name: part == name for name in PARTS if np.any(part == name)}
+        return self._by_name(names, PARTS)
+
+    def levels(self) -> dict[str, Bools]:
+        """Select the trials of each level.
+
+        Returns
+        -------
+        dict of (N,) bool
+            Mask of each of the :data:`LEVELS` that has trials.
+        """
+        return self._by_name({group: _level_of(group) for group in set(self.text["group"])}, LEVELS)
+
+    def _by_name(self, names: Mapping[str, str], order: Iterable[str]) -> dict[str, Bools]:
+        """Return the mask of the trials of each name; a name without trials is left out."""
+        of_trial = np.array([names[group] for group in self.text["group"]], object)
+        return {name: of_trial == name for name in order if np.any(of_trial == name)}

@@ -1,0 +1,181 @@
+"""Reliability of the stated risk: the probability that a map is wrong, compared with the share of false maps.
+
+A method that states a risk of 0.002 is reliable if one in 500 of such maps is false. The maps are therefore counted in
+bins of their stated risk (:data:`RISK_EDGES`). The expected number of false maps of a bin is the sum of the stated
+risks of its maps.
+
+A method also states standard deviations of the pair of its map, for the rotation and for the direction of the baseline.
+The *coverage* is the share of the maps whose pair has an error within 2.80 standard deviations of the rotation, or
+within 2.45 of the direction. With exact standard deviations it is 95 % or more: 95 % if the error is equally uncertain
+about all axes, and more otherwise, because a stated deviation is that of the most uncertain axis.
+
+Only maps of sequences with a sound ground truth are counted. Maps of a camera that does not translate are counted in
+the bins, because a stated risk includes this cause. They have no true direction, so they have no coverage.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from slam_init.compare.statistics import Interval, wilson
+from slam_init.compare.trial_table import TrialTable
+from slam_init.types.arrays import Bools
+
+__all__ = [
+    "DIRECTION_SIGMAS",
+    "RISK_EDGES",
+    "ROTATION_SIGMAS",
+    "Coverage",
+    "Reliability",
+    "RiskBin",
+    "reliabilities",
+    "reliability_of",
+]
+
+#: Edges of the bins of the stated risk. A bin holds its upper edge, because a map is accepted up to and with a risk of
+#: 0.005. The first bin also holds 0.
+RISK_EDGES = (0.0, 0.001, 0.002, 0.005, 0.05, 1.0)
+#: A Gaussian error lies within this number of standard deviations with a probability of 95 %: square roots of the 95th
+#: percentiles of chi-square with two degrees of freedom (direction) and with three (rotation).
+DIRECTION_SIGMAS, ROTATION_SIGMAS = 2.45, 2.80
+
+
+@dataclass(frozen=True)
+class RiskBin:
+    """The maps with a stated risk in a range.
+
+    Attributes
+    ----------
+    low, high : float
+        The range: above ``low`` and at most ``high``. A ``low`` of 0 belongs to the range.
+    maps : int
+        Number of maps.
+    mean_risk : float
+        Mean of the stated risks; NaN without maps.
+    expected_false : float
+        Expected number of false maps: the sum of the stated risks.
+    false : int
+        Number of false maps.
+    false_rate : Interval
+        False maps as a share of the maps, with Wilson's interval.
+    """
+
+    low: float
+    high: float
+    maps: int
+    mean_risk: float
+    expected_false: float
+    false: int
+    false_rate: Interval
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """The maps whose error lies within the stated standard deviations.
+
+    Attributes
+    ----------
+    maps : int
+        Number of maps with a stated standard deviation and a known error.
+    within : int
+        Number of these maps whose error lies within the bound.
+    rate : Interval
+        Their share, with Wilson's interval.
+    """
+
+    maps: int
+    within: int
+    rate: Interval
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """Reliability of the risk and of the standard deviations that a method states.
+
+    Attributes
+    ----------
+    bins : tuple of RiskBin
+        One for each range of :data:`RISK_EDGES`.
+    total : RiskBin
+        All maps.
+    rotation, direction : Coverage
+        Coverage of 2.80 standard deviations of the rotation, and of 2.45 of the direction of the baseline.
+    """
+
+    bins: tuple[RiskBin, ...]
+    total: RiskBin
+    rotation: Coverage
+    direction: Coverage
+
+
+def reliability_of(table: TrialTable, mask: Bools) -> Reliability | None:
+    """Compare the stated risks of a set of trials with their outcomes.
+
+    Parameters
+    ----------
+    table : TrialTable
+    mask : (N,) bool
+        The trials that are counted. Of these, only maps with a stated risk and a sound ground truth enter.
+
+    Returns
+    -------
+    Reliability or None
+        None if there is no such map.
+    """
+    outcome, risk = table.text["outcome"], table.numbers["risk"]
+    judged = (outcome == "correct") | (outcome == "false")
+    mask = mask & judged & table.sound & np.isfinite(risk)
+    if not np.any(mask):
+        return None
+    position = np.digitize(risk, RISK_EDGES[1:-1], right=True)
+    bins = [_bin(table, mask & (position == k), low, high) for k, (low, high) in enumerate(pairwise(RISK_EDGES))]
+    return Reliability(
+        bins=tuple(bins),
+        total=_bin(table, mask, RISK_EDGES[0], RISK_EDGES[-1]),
+        rotation=_coverage(table, mask & table.solvable, "rotation", ROTATION_SIGMAS),
+        direction=_coverage(table, mask & table.solvable, "direction", DIRECTION_SIGMAS),
+    )
+
+
+def reliabilities(table: TrialTable, methods: Sequence[str]) -> dict[str, dict[str, Reliability]]:
+    """Compare the stated risks of each method with its outcomes, separately for images and for points.
+
+    Parameters
+    ----------
+    table : TrialTable
+    methods : sequence of str
+
+    Returns
+    -------
+    dict of str to (dict of str to Reliability)
+        By level (:meth:`TrialTable.levels`) and method. Trials with and without translation are counted together. A
+        method without a counted map is left out, and so is a level without a method.
+    """
+    found = {
+        name: {
+            method: reliability
+            for method in methods
+            if (reliability := reliability_of(table, mask & table.where(method=method))) is not None
+        }
+        for name, mask in table.levels().items()
+    }
+    return {name: by_method for name, by_method in found.items() if by_method}
+
+
+def _bin(table: TrialTable, mask: Bools, low: float, high: float) -> RiskBin:
+    risks = table.numbers["risk"][mask]
+    maps, false = int(mask.sum()), int(np.sum(table.text["outcome"][mask] == "false"))
+    expected = math.fsum(risks.tolist())
+    return RiskBin(low, high, maps, expected / maps if maps else math.nan, expected, false, wilson(false, maps))
+
+
+def _coverage(table: TrialTable, mask: Bools, name: str, sigmas: float) -> Coverage:
+    error, sigma = (table.numbers[column][mask] for column in (f"pair_{name}_error_deg", f"{name}_sigma_deg"))
+    known = np.isfinite(error) & np.isfinite(sigma)
+    maps, within = int(known.sum()), int(np.sum(error[known] <= sigmas * sigma[known]))
+    return Coverage(maps, within, wilson(within, maps))
