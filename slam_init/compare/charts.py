@@ -1,4 +1,4 @@
-"""Charts as inline SVG: curves, boxes, bars.
+"""Charts as inline SVG: curves, boxes, bars, points with intervals.
 
 Colours are CSS classes of the page, so that the charts follow its light and its dark theme. The charts are 460 units
 wide, and letters are 12 units high. A phone shows these letters at 9 pixels, and a column on a desktop at 15 pixels.
@@ -13,9 +13,10 @@ from html import escape
 
 import numpy as np
 
+from slam_init.compare.statistics import Interval
 from slam_init.types.arrays import Floats
 
-__all__ = ["Axis", "box_chart", "curve_chart", "share_bar", "stacked_chart"]
+__all__ = ["Axis", "box_chart", "curve_chart", "interval_chart", "share_bar", "stacked_chart"]
 
 _WIDTH, _HEIGHT = 460.0, 260.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52.0, 12.0, 10.0, 38.0
@@ -103,11 +104,7 @@ def curve_chart(
     def _place(a: float, b: float) -> tuple[float, float]:
         return _LEFT + width * x.at(a), _TOP + height * (1 - y.at(b))
 
-    parts = [_horizontal_axis(x, _LEFT, width, _TOP, height)]
-    for tick in y.ticks():
-        _, row = _place(x.low, tick)
-        parts.append(f'<line class="grid" x1="{_LEFT:g}" x2="{_LEFT + width:g}" y1="{row:.1f}" y2="{row:.1f}"/>')
-        parts.append(f'<text class="end" x="{_LEFT - 6:g}" y="{row + 4:.1f}">{_number(tick)}</text>')
+    parts = [_horizontal_axis(x, _LEFT, width, _TOP, height), _vertical_axis(y, _LEFT, width, _TOP, height)]
     for mark in marks:
         column, _ = _place(mark, y.low)
         parts.append(f'<line class="mark" x1="{column:.1f}" x2="{column:.1f}" y1="{_TOP:g}" y2="{_TOP + height:g}"/>')
@@ -122,9 +119,45 @@ def curve_chart(
         end, row = _place(x.high, before)
         path.append(f"{end:.1f},{row:.1f}")
         parts.append(f'<polyline class="curve {name}" points="{" ".join(path)}"/>')
-    parts.append(
-        f'<text class="rotated" transform="translate(11 {_TOP + height / 2:g}) rotate(-90)">{escape(y.label)}</text>'
-    )
+    return _svg(title, _HEIGHT, parts)
+
+
+def interval_chart(title: str, series: Mapping[str, Sequence[tuple[float, Interval]]], x: Axis, y: Axis) -> str:
+    """Draw points with their intervals, and a dashed line on which both axes have the same value.
+
+    Parameters
+    ----------
+    title : str
+    series : mapping of str to sequence of (float, Interval)
+        CSS class to the points: x, and y with its interval. Values outside an axis are drawn at its nearer end.
+    x, y : Axis
+        Two axes with the same unit.
+
+    Returns
+    -------
+    str
+        SVG element.
+    """
+    height = _HEIGHT - _BOTTOM - _TOP
+    width = _WIDTH - _LEFT - _RIGHT
+
+    def _place(a: float, b: float) -> tuple[float, float]:
+        return _LEFT + width * x.at(a), _TOP + height * (1 - y.at(b))
+
+    first, last = (_place(end, end) for end in (max(x.low, y.low), min(x.high, y.high)))
+    parts = [
+        _horizontal_axis(x, _LEFT, width, _TOP, height),
+        _vertical_axis(y, _LEFT, width, _TOP, height),
+        f'<line class="mark" x1="{first[0]:.1f}" y1="{first[1]:.1f}" x2="{last[0]:.1f}" y2="{last[1]:.1f}"/>',
+    ]
+    for name, points in reversed(list(series.items())):  # the first is drawn last, on top
+        for a, share in points:
+            column, row = _place(a, share.value)
+            ends = [_place(a, end)[1] for end in (share.low, share.high)]
+            parts.append(
+                f'<line class="whisker {name}" x1="{column:.1f}" x2="{column:.1f}" y1="{ends[0]:.1f}" '
+                f'y2="{ends[1]:.1f}"/><circle class="{name}" cx="{column:.1f}" cy="{row:.1f}" r="4"/>'
+            )
     return _svg(title, _HEIGHT, parts)
 
 
@@ -224,6 +257,19 @@ def _horizontal_axis(x: Axis, left: float, width: float, top: float, height: flo
             f'<text class="middle" x="{column:.1f}" y="{top + height + 15:g}">{_number(tick)}</text>'
         )
     parts.append(f'<text class="middle" x="{left + width / 2:g}" y="{top + height + 32:g}">{escape(x.label)}</text>')
+    return "".join(parts)
+
+
+def _vertical_axis(y: Axis, left: float, width: float, top: float, height: float) -> str:
+    parts = []
+    for tick in y.ticks():
+        row = top + height * (1 - y.at(tick))
+        parts.append(
+            f'<line class="grid" x1="{left:g}" x2="{left + width:g}" y1="{row:.1f}" y2="{row:.1f}"/>'
+            f'<text class="end" x="{left - 6:g}" y="{row + 4:.1f}">{_number(tick)}</text>'
+        )
+    middle = f"translate(11 {top + height / 2:g}) rotate(-90)"
+    parts.append(f'<text class="rotated" transform="{middle}">{escape(y.label)}</text>')
     return "".join(parts)
 
 

@@ -11,11 +11,12 @@ from pathlib import Path
 
 from slam_init.compare.aggregate import Figures
 from slam_init.compare.plan import Plan
+from slam_init.compare.reliability import Reliability
 from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources, grid_sources
 from slam_init.compare.statistics import Interval
 from slam_init.compare.summary import ComparisonSummary, six_digits
-from slam_init.compare.trial_table import PARTS
+from slam_init.compare.trial_table import LEVELS, PARTS
 from slam_init.compare.trials import Settings
 from slam_init.compare.wait import WaitDifference
 from slam_init.errors import ConfigError
@@ -118,7 +119,8 @@ def main_table(summary: ComparisonSummary) -> str:
     Returns
     -------
     str
-        Tables in markdown: for each part the methods, and for a moving camera the paired differences of the wait.
+        Tables in markdown: for each part the methods, and for a moving camera the paired differences of the wait. Then
+        the reliability of the stated risk, if a method states one.
     """
     tables = []
     for part, title in PARTS.items():
@@ -127,6 +129,7 @@ def main_table(summary: ComparisonSummary) -> str:
             tables.append(table(title, summary.parts[part]))
         if summary.waits.get(part):
             tables.append(_wait_table(summary.waits[part]))
+    tables += [_risk_table(LEVELS[level], by_method) for level, by_method in summary.reliability.items()]
     return "\n\n".join(tables)
 
 
@@ -186,6 +189,30 @@ def _static_table(title: str, figures: Mapping[str, Figures]) -> str:
 def _wait_table(differences: Sequence[WaitDifference]) -> str:
     header = [f"wait of {differences[0].first} minus that of", "trials", "sequences", "frames"]
     rows = [[d.second, str(d.trials), str(d.sequences), _interval(d.difference_frames)] for d in differences]
+    return markdown_table(header, rows)
+
+
+def _risk_table(title: str, by_method: Mapping[str, Reliability]) -> str:
+    header = [title, "stated risk", "maps", "mean stated risk %", "expected false", "false", "false %"]
+    header += ["direction covered %", "rotation covered %"]
+    rows = []
+    for method, reliability in by_method.items():
+        for one in (*reliability.bins, reliability.total):
+            if one.maps:
+                is_total = one is reliability.total
+                coverages = (reliability.direction, reliability.rotation)
+                rows.append(
+                    [
+                        method,
+                        "all" if is_total else f"{one.low:g} to {one.high:g}",
+                        str(one.maps),
+                        _number(100 * one.mean_risk, 3),
+                        _number(one.expected_false, 3),
+                        str(one.false),
+                        _percent(one.false_rate),
+                        *(_percent(coverage.rate) if is_total else "" for coverage in coverages),
+                    ]
+                )
     return markdown_table(header, rows)
 
 

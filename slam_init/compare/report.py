@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
@@ -12,18 +12,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam_init.compare.aggregate import Figures, figures_of
-from slam_init.compare.charts import Axis, box_chart, curve_chart, stacked_chart
+from slam_init.compare.charts import Axis, box_chart, curve_chart, interval_chart, stacked_chart
 from slam_init.compare.failure_gallery import failure_cases
+from slam_init.compare.reliability import Reliability, reliabilities
 from slam_init.compare.report_tables import (
+    coverage_table,
     group_table,
     judging_table,
     pair_table,
     quality_table,
     rates_table,
+    risk_table,
     static_table,
     wait_table,
 )
-from slam_init.compare.trial_table import PARTS, TrialTable
+from slam_init.compare.statistics import Interval
+from slam_init.compare.trial_table import LEVELS, PARTS, TrialTable
 from slam_init.compare.wait import wait_differences
 from slam_init.types.arrays import Bools, Floats
 
@@ -36,6 +40,8 @@ __all__ = ["report_html"]
 _COLORS = 10
 #: Ranges of the axes of errors, in degrees.
 _ROTATION_DEG, _DIRECTION_DEG = (0.01, 180.0), (0.1, 180.0)
+#: Range of the axes of risks.
+_RISK_PERCENT = (0.01, 100.0)
 _OUTCOMES = ("strict", "correct", "false", "none", "error")
 
 
@@ -77,9 +83,13 @@ def report_html(table: TrialTable, plan: Plan, command: str) -> str:
         )
         for name, mask in table.parts().items()
     ]
-    body = [_header(table, plan, command, parts)]
+    reliability = reliabilities(table, plan.methods)
+    colors = {method: f"c{i % _COLORS}" for i, method in enumerate(plan.methods)}
+    body = [_header(table, plan, command, parts, stated_risk=bool(reliability))]
     for part in parts:
-        body.append(_static_section(part) if part.no_translation else _moving_section(table, plan, part))
+        body.append(_static_section(part) if part.no_translation else _moving_section(table, plan, part, colors))
+    if reliability:
+        body.append(_reliability_section(reliability, colors))
     body += [_groups_section(table, plan), _judging_section(plan), _gallery_section(table, plan), _footer(plan)]
     css = files("slam_init.compare").joinpath("report.css").read_text(encoding="utf-8")
     return (
@@ -89,7 +99,7 @@ def report_html(table: TrialTable, plan: Plan, command: str) -> str:
     )
 
 
-def _header(table: TrialTable, plan: Plan, command: str, parts: Sequence[_Part]) -> str:
+def _header(table: TrialTable, plan: Plan, command: str, parts: Sequence[_Part], *, stated_risk: bool) -> str:
     false = int(np.sum(table.text["outcome"] == "false"))
     facts = [
         (f"{len(table):,}", "trials"),
@@ -99,6 +109,7 @@ def _header(table: TrialTable, plan: Plan, command: str, parts: Sequence[_Part])
         (str(plan.settings.seed), "seed"),
     ]
     links = [(part.name, part.title) for part in parts]
+    links += [("reliability", "stated risk")] if stated_risk else []
     links += [("scenes", "by scene"), ("judging", "how judged"), ("worst", "worst cases")]
     return (
         "<h1>Monocular initializers on the same tracks</h1>"
@@ -115,8 +126,7 @@ def _header(table: TrialTable, plan: Plan, command: str, parts: Sequence[_Part])
 # -- one part --------------------------------------------------------------------------------------
 
 
-def _moving_section(table: TrialTable, plan: Plan, part: _Part) -> str:
-    colors = {method: f"c{i % _COLORS}" for i, method in enumerate(plan.methods)}
+def _moving_section(table: TrialTable, plan: Plan, part: _Part, colors: dict[str, str]) -> str:
     return (
         f'<h2 id="{part.name}">{escape(part.title[0].upper() + part.title[1:])}</h2>'
         '<p class="soft">Shares have 95 % intervals (Wilson). Frames are restricted means: a trial without a map (or '
@@ -215,6 +225,40 @@ def _reasons(part: _Part) -> str:
     )
 
 
+def _reliability_section(reliability: Mapping[str, Mapping[str, Reliability]], colors: Mapping[str, str]) -> str:
+    body = [
+        '<h2 id="reliability">Reliability of the stated risk</h2>'
+        '<p class="soft">Some methods state a probability that their map is wrong. It is reliable if the share of '
+        "false maps agrees with it. The expected number of false maps is the sum of the stated risks. Shares have "
+        "95 % intervals (Wilson); a cell is coloured if its interval lies above the mean stated risk. Only maps with a "
+        "sound ground truth are counted, with and without translation of the camera.</p>"
+        '<p class="soft">Coverage: share of the maps of a moving camera whose pair has an error within the given '
+        "number of stated standard deviations. It is 95 % or more if the deviations are right, because each of them "
+        "is that of the most uncertain axis.</p>"
+    ]
+    for level, by_method in reliability.items():
+        series = {
+            colors[method]: [(100 * one.mean_risk, _percent(one.false_rate)) for one in of_method.bins if one.maps]
+            for method, of_method in by_method.items()
+        }
+        labels = ("mean stated risk (%)", "false maps (%)")
+        stated, observed = (Axis(label, *_RISK_PERCENT, log=True) for label in labels)
+        title = LEVELS[level][0].upper() + LEVELS[level][1:]
+        chart = _figure(
+            f"Reliability diagram: {LEVELS[level]}",
+            "One point for each bin of the stated risk, with the interval of its share of false maps. A share of 0 is "
+            "drawn at the lower end. Dashed line: the share is equal to the stated risk. If the risk is reliable, "
+            "about 19 of 20 intervals cross this line.",
+            interval_chart(f"reliability diagram, {LEVELS[level]}", series, stated, observed),
+        )
+        legend = _legend([(colors[method], method) for method in by_method])
+        body.append(
+            f"<h3>{title}</h3>{risk_table(by_method)}<h3>{title}: coverage of the stated standard deviations</h3>"
+            f'{coverage_table(by_method)}{legend}<div class="charts">{chart}</div>'
+        )
+    return "".join(body)
+
+
 def _groups_section(table: TrialTable, plan: Plan) -> str:
     return (
         '<h2 id="scenes">By scene</h2>'
@@ -286,6 +330,10 @@ def _figure(title: str, note: str, content: str) -> str:
 def _legend(entries: Sequence[tuple[str, str]]) -> str:
     items = "".join(f'<li><i class="{name}"></i>{escape(label)}</li>' for name, label in entries)
     return f'<ul class="legend">{items}</ul>'
+
+
+def _percent(share: Interval) -> Interval:
+    return Interval(100 * share.value, 100 * share.low, 100 * share.high)
 
 
 def _known(values: Floats) -> Floats:

@@ -10,12 +10,23 @@ import numpy as np
 from slam_init.compare.aggregate import Figures, PairTest, pair_tests
 from slam_init.compare.charts import share_bar
 from slam_init.compare.judging import Criteria
+from slam_init.compare.reliability import DIRECTION_SIGMAS, ROTATION_SIGMAS, Coverage, Reliability
 from slam_init.compare.statistics import Interval
 from slam_init.compare.trial_table import TrialTable
 from slam_init.compare.wait import WaitDifference, mean_wait
 from slam_init.types.arrays import Bools
 
-__all__ = ["group_table", "judging_table", "pair_table", "quality_table", "rates_table", "static_table", "wait_table"]
+__all__ = [
+    "coverage_table",
+    "group_table",
+    "judging_table",
+    "pair_table",
+    "quality_table",
+    "rates_table",
+    "risk_table",
+    "static_table",
+    "wait_table",
+]
 
 _SIGNIFICANT = 0.05
 _OUTCOMES = ("correct", "accepted", "false", "none", "error")
@@ -190,6 +201,64 @@ def _sign_class(difference: Interval) -> str:
     return ' class="win"' if difference.high < 0 else ' class="lose"' if difference.low > 0 else ""
 
 
+def risk_table(by_method: Mapping[str, Reliability]) -> str:
+    """Make the table of the stated risks: for each method a row for each bin with maps, and a row for all maps.
+
+    Parameters
+    ----------
+    by_method : mapping of str to Reliability
+
+    Returns
+    -------
+    str
+        HTML element.
+    """
+    rows = []
+    for method, reliability in by_method.items():
+        bins = [(f"{one.low:g} to {one.high:g}", one) for one in reliability.bins if one.maps]
+        for k, (name, one) in enumerate([*bins, ("all", reliability.total)]):
+            head = f'<th rowspan="{len(bins) + 1}">{escape(method)}</th>' if k == 0 else ""
+            understated = ' class="lose"' if one.false_rate.low > one.mean_risk else ""
+            rows.append(
+                f"<tr>{head}<td>{name}</td><td>{one.maps}</td><td>{_number(one.mean_risk, 3, 100.0)}</td>"
+                f"<td>{_number(one.expected_false, 3)}</td><td>{one.false}</td>"
+                f"<td{understated}>{_share(one.false_rate, 2)}</td></tr>"
+            )
+    return (
+        '<div class="scroll"><table><thead><tr><th>method</th><th>stated risk</th><th>maps</th>'
+        "<th>mean stated<br>risk %</th><th>expected<br>false maps</th><th>false maps</th><th>false %</th></tr></thead>"
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def coverage_table(by_method: Mapping[str, Reliability]) -> str:
+    """Make the table of the coverage of the stated standard deviations.
+
+    Parameters
+    ----------
+    by_method : mapping of str to Reliability
+
+    Returns
+    -------
+    str
+        HTML element.
+    """
+    rows = [
+        f"<tr><th>{escape(method)}</th>{_coverage_cells(one.direction)}{_coverage_cells(one.rotation)}</tr>"
+        for method, one in by_method.items()
+    ]
+    return (
+        '<div class="scroll"><table><thead><tr><th>method</th>'
+        f"<th>maps</th><th>direction within<br>{DIRECTION_SIGMAS:.2f} deviations %</th>"
+        f"<th>maps</th><th>rotation within<br>{ROTATION_SIGMAS:.2f} deviations %</th></tr></thead>"
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _coverage_cells(coverage: Coverage) -> str:
+    return f"<td>{coverage.maps}</td><td>{_share(coverage.rate)}</td>"
+
+
 def judging_table(judging: Mapping[str, Criteria]) -> str:
     """Make the table of how each sequence is judged.
 
@@ -303,11 +372,12 @@ def _kept_truth(f: Figures) -> str:
     return f"{_share(f.kept_truth_rate)} of {f.undecided}" if f.undecided else "-"
 
 
-def _share(interval: Interval) -> str:
+def _share(interval: Interval, digits: int = 1) -> str:
     if interval.value != interval.value:
         return "-"
     low, high = 100 * interval.low, 100 * interval.high
-    return f'{100 * interval.value:.1f}<span class="interval">{low:.1f} to {high:.1f}</span>'
+    ends = f'<span class="interval">{low:.{digits}f} to {high:.{digits}f}</span>'
+    return f"{100 * interval.value:.{digits}f}{ends}"
 
 
 def _mean(interval: Interval, digits: int = 1) -> str:
