@@ -66,6 +66,7 @@ def linearize_with_fields(
     """
     state = fit.state
     equations = WindowEquations(tracks, state, replace(priors, field_sigma_px=np.inf), rotation_only)
+    equations.held_view = fit.held_view
     equations.build(state, hold=False)
     back, shares, held = equations.back, equations.shares.copy(), equations.stopped(state)
     # The equations are linear in the gradients of the tracks.
