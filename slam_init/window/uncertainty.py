@@ -65,12 +65,22 @@ class ExpandedFit:
 
     @property
     def scale_weights(self) -> Floats:
-        """(S,) posterior probability of each scale of the fields."""
+        """Posterior probability of each scale of the fields.
+
+        Returns
+        -------
+        (S,) float
+        """
         return np.asarray(np.exp(self.marginal.log_evidence + np.log(FIELD_PRIOR) - self.log_evidence))
 
     @property
     def log_evidence(self) -> float:
-        """Logarithm of the probability of the tracks with fields of unknown scale, over that without fields."""
+        """Logarithm of the probability of the tracks with fields of unknown scale, over that without fields.
+
+        Returns
+        -------
+        float
+        """
         return float(np.logaddexp.reduce(self.marginal.log_evidence + np.log(FIELD_PRIOR)))
 
 
@@ -110,7 +120,12 @@ class InverseDistances:
 
     @property
     def relative_sigmas(self) -> Floats:
-        """(N,) the standard deviations over the values, of the known tracks in front of the camera."""
+        """The standard deviations over the values, of the known tracks in front of the camera.
+
+        Returns
+        -------
+        (N,) float
+        """
         used = self.known & (self.values > 0)
         return np.asarray(self.sigmas[used] / self.values[used])
 
