@@ -8,6 +8,7 @@
 * :mod:`slam_init.window.joint_fit` fits poses, points, plane and focal length;
 * :mod:`slam_init.window.linearization` expands the cost of a fit, with error fields in all views;
 * :mod:`slam_init.window.marginal` integrates out the smooth errors that the tracks of a view share;
+* :mod:`slam_init.window.uncertainty` states the covariance of rotation, direction and distances;
 * :mod:`slam_init.window.risk` composes the probability that a map of the best hypothesis is wrong.
 
 :mod:`slam_init.decision.window_rule` decides by this number.

@@ -12,7 +12,7 @@ from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["OFF_PLANE_COST", "WindowEquations", "explained_at_most"]
+__all__ = ["OFF_PLANE_COST", "WindowEquations", "explained_at_most", "tangent_bases"]
 
 #: Cost of a track that leaves the plane: three nats, as much as a track may vote for or against a hypothesis.
 OFF_PLANE_COST = 6.0
@@ -176,7 +176,7 @@ class WindowEquations:
                 field[k] += step[self._field_columns(k)]
         local: Floats = self.back[:, :, 0] + self.back[:, :, 4:] @ step
         local = -np.einsum("tpq,tq->tp", self.back[:, :, 1:4], local)
-        first_tangent, second_tangent = _tangents(state.rays)
+        first_tangent, second_tangent = tangent_bases(state.rays)
         rays = state.rays + first_tangent * local[:, :1] + second_tangent * local[:, 1:2]
         rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-300)
         free = self.free & ~state.on_plane
@@ -254,8 +254,18 @@ def _rotations(vectors: Floats) -> Floats:
     return np.asarray(np.eye(3) + sine * cross + versine * (cross @ cross))
 
 
-def _tangents(rays: Floats) -> tuple[Floats, Floats]:
-    """Two orthonormal vectors (T, 3) orthogonal to each ray, as :func:`quest.robust.kernels.small_algebra.tangents`."""
+def tangent_bases(rays: Floats) -> tuple[Floats, Floats]:
+    """Two orthonormal vectors orthogonal to each ray, as :func:`quest.robust.kernels.small_algebra.tangents`.
+
+    Parameters
+    ----------
+    rays : (T, 3) float
+        Unit vectors.
+
+    Returns
+    -------
+    first, second : (T, 3) float
+    """
     x, y, z = rays.T
     none = np.zeros_like(x)
     smallest = np.argmin(np.abs(rays), axis=1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats
-from slam_init.window.equations import WindowEquations
+from slam_init.window.equations import WindowEquations, tangent_bases
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.state import Priors
 from slam_init.window.tracks import WindowTracks
@@ -28,7 +28,7 @@ class Linearization:
     is_field : (G,) bool
         Which unknowns are coefficients of the fields. The others have the order of :attr:`JointFit.information`.
     distance_variance : (T,) float
-        Variance of the inverse distance of each track off the plane, if all other unknowns were known.
+        Variance of the inverse distance of each track, if the unknowns that the tracks share were known.
     distance_coupling : (T, G) float
         How the inverse distance of each track follows the other unknowns.
     """
@@ -66,6 +66,7 @@ def linearize_with_fields(
     """
     state = fit.state
     equations = WindowEquations(tracks, state, replace(priors, field_sigma_px=np.inf), rotation_only)
+    equations.held_view = fit.held_view
     equations.build(state, hold=False)
     back, shares, held = equations.back, equations.shares.copy(), equations.stopped(state)
     # The equations are linear in the gradients of the tracks.
@@ -75,10 +76,13 @@ def linearize_with_fields(
     variance = back[:, 2, 3].copy()
     coupling = -np.einsum("tq,tqg->tg", back[:, 2, 1:4], back[:, :, 4:])
     if state.plane is not None:
-        # In the reference, the inverse distance along a ray is the product of the plane and the ray.
+        # In the reference, the inverse distance along a ray is the product of the plane and the ray. The ray follows
+        # the other unknowns too, most of all the focal length.
         on_plane = np.flatnonzero(state.on_plane & (tracks.anchor == 0))
-        variance[on_plane] = 0.0
-        coupling[on_plane] = 0.0
-        coupling[on_plane, -3:] = state.rays[on_plane]
+        by_ray = np.stack([base[on_plane] @ state.plane for base in tangent_bases(state.rays)], axis=1)
+        inverse = back[on_plane, :2, 1:3]
+        variance[on_plane] = np.einsum("tp,tpq,tq->t", by_ray, inverse, by_ray)
+        coupling[on_plane] = -np.einsum("tp,tpq,tqg->tg", by_ray, inverse, back[on_plane, :2, 4:])
+        coupling[on_plane, -3:] += state.rays[on_plane]
     information = equations.information(state)
     return Linearization(information, gradient, shares, equations.columns_of_fields(), variance, coupling)

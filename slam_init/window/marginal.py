@@ -48,6 +48,8 @@ class FieldMarginal:
         Of the other unknowns without fields; 0 up to the tolerance of the fit.
     coupling : (X, F) float
         How the other unknowns follow the fields along the eigenvectors.
+    axes : (F, F) float
+        The eigenvectors, as columns.
     """
 
     log_evidence: Floats
@@ -56,6 +58,7 @@ class FieldMarginal:
     covariance: Floats
     shift: Floats
     coupling: Floats
+    axes: Floats
 
     @property
     def lowered_cost(self) -> Floats:
@@ -99,6 +102,29 @@ class FieldMarginal:
             covariances.append(J @ self.covariance @ J.T + (follow * spread) @ follow.T)
         return np.array(shifts), np.array(covariances)
 
+    def variances(self, J: Floats, J_fields: Floats, weights: Floats) -> Floats:
+        """Second moments about the fit of linear functions of the unknowns and of the fields, over all scales.
+
+        Parameters
+        ----------
+        J : (M, X) float
+            Derivatives of the functions by the other unknowns.
+        J_fields : (M, F) float
+            Derivatives of the functions by the coefficients of the fields.
+        weights : (S,) float
+            Probability of each scale.
+
+        Returns
+        -------
+        (M,) float
+        """
+        # The sign is that of the coupling: a function falls along an eigenvector by this.
+        follow = J @ self.coupling - J_fields @ self.axes
+        spread = np.array([_prior_variance(scale, self.strength) for scale in FIELD_SCALES_PX])
+        shifts = J @ self.shift + (spread * self.pull) @ follow.T
+        without = np.einsum("mx,xy,my->m", J, self.covariance, J, optimize=True)
+        return np.asarray(without + follow**2 @ (weights @ spread) + weights @ shifts**2)
+
 
 def marginalize_fields(linearization: Linearization) -> FieldMarginal:
     """Integrate the error fields out.
@@ -124,7 +150,9 @@ def marginalize_fields(linearization: Linearization) -> FieldMarginal:
         0.5 * float(np.sum(_prior_variance(s, strength) * pull**2) - np.sum(np.log1p(s**2 * strength)))
         for s in FIELD_SCALES_PX
     ]
-    return FieldMarginal(np.array(evidence), strength, pull, covariance, shift, np.asarray(follow @ vectors))
+    return FieldMarginal(
+        np.array(evidence), strength, pull, covariance, shift, np.asarray(follow @ vectors), np.asarray(vectors)
+    )
 
 
 def _prior_variance(scale: float, strength: Floats) -> Floats:

@@ -28,10 +28,18 @@ from slam_init.types.arrays import Floats
 from slam_init.types.comparison import Margin
 from slam_init.window.equations import explained_at_most
 from slam_init.window.hypotheses import FittedMotion, WindowHypotheses
-from slam_init.window.joint_fit import JointFit, fit_window
+from slam_init.window.joint_fit import fit_window
 from slam_init.window.linear_algebra import single_threaded
-from slam_init.window.linearization import Linearization, linearize_with_fields
-from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, FieldMarginal, marginalize_fields
+from slam_init.window.linearization import linearize_with_fields
+from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, marginalize_fields
+from slam_init.window.uncertainty import (
+    ExpandedFit,
+    direction_sigmas_deg,
+    expand,
+    inverse_distances,
+    places_of,
+    rotation_covariance,
+)
 
 __all__ = ["WindowRisk", "risk_of"]
 
@@ -43,9 +51,6 @@ _FEW_VIEWS = 0.7
 #: A focal length that is off by two of its standard deviations widens the direction by sqrt(2), one that is off by more
 #: in proportion, as Student's distribution with four degrees of freedom is wider than a Gaussian one far out.
 _PULL_FREEDOM = 4.0
-#: Regions across and down for the scatter of the scores: a dozen sums determine a standard deviation to a fifth, and
-#: errors of the lens and of the shutter extend over a quarter of the image.
-_SCORE_REGIONS = (4, 3)
 #: Largest vote of a track, as a difference of costs (twice the nats).
 _LARGEST_VOTE = 6.0
 #: A pair is judged again while frames arrive: with windows of 2 to 12 views about ten times. The looks share most of
@@ -82,7 +87,7 @@ class WindowRisk:
     rotation_sigma_deg : float
         Standard deviation of the pair's rotation where it is largest.
     depth_sigma : float
-        Median of the relative standard deviations of the depths.
+        Median of the relative standard deviations of the distances from the reference, in units of the pair's baseline.
     field_px : float
         Expected standard deviation of the coefficients of the error fields.
     margin : Margin or None
@@ -108,24 +113,6 @@ class WindowRisk:
     direction_of_views: tuple[float, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class _Expanded:
-    """A fit, its quadratic expansion, and the posterior of the scale of its error fields."""
-
-    fit: JointFit
-    linearization: Linearization
-    marginal: FieldMarginal
-
-    @property
-    def scale_weights(self) -> Floats:
-        return np.asarray(np.exp(self.marginal.log_evidence + np.log(FIELD_PRIOR) - self.log_evidence))
-
-    @property
-    def log_evidence(self) -> float:
-        """Logarithm of the probability of the tracks with fields of unknown scale, over that without fields."""
-        return float(np.logaddexp.reduce(self.marginal.log_evidence + np.log(FIELD_PRIOR)))
-
-
 def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     """Compose the risk of the best hypothesis.
 
@@ -143,12 +130,12 @@ def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
 
 def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     best, *rivals = hypotheses.motions
-    expanded = _expanded(hypotheses, best)
+    expanded = expand(hypotheses, best)
     factor, weights = _optimism(hypotheses, best), expanded.scale_weights
-    of_views = [_direction_sigmas_deg(hypotheses, best, expanded, view) for view in range(1, len(best.rows))]
+    of_views = [direction_sigmas_deg(expanded, view) for view in range(1, len(best.rows))]
     direction_risks = tuple(float(weights @ _wrong_direction(factor * sigmas_deg)) for sigmas_deg in of_views)
     direction, direction_deg = direction_risks[0], float(np.sqrt(weights @ of_views[0] ** 2))
-    rotation_deg = _rotation_sigma_deg(expanded)
+    rotation_deg = _largest_sigma_deg(rotation_covariance(expanded))
     margins = [_margin(hypotheses, best, rival) for rival in rivals]
     nearest = min(margins, key=Margin.decision_ratio, default=None)
     spread_deg = factor * direction_deg
@@ -159,6 +146,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     rival = min(1.0, _LOOKS * sum(odds))
     gain, rotation = _rotation_probability(hypotheses, expanded)
     total = min(1.0, direction + rival + rotation + _FLOOR)
+    depth_sigmas = inverse_distances(expanded).relative_sigmas
     field_px = expanded.marginal.expected_scale_px(expanded.scale_weights)
     return WindowRisk(
         total=total,
@@ -169,16 +157,11 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         floor=_FLOOR,
         direction_sigma_deg=direction_deg,
         rotation_sigma_deg=rotation_deg,
-        depth_sigma=_depth_sigma(hypotheses, expanded),
+        depth_sigma=float(np.median(depth_sigmas)) if len(depth_sigmas) else math.inf,
         field_px=field_px,
         margin=nearest,
         rotation_log_likelihood=gain,
     )
-
-
-def _expanded(hypotheses: WindowHypotheses, motion: FittedMotion) -> _Expanded:
-    linearization = linearize_with_fields(hypotheses.tracks.of_views(motion.rows), motion.fit, hypotheses.priors)
-    return _Expanded(motion.fit, linearization, marginalize_fields(linearization))
 
 
 def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
@@ -197,73 +180,16 @@ def _wrong_direction(sigmas_deg: Floats) -> Floats:
     return np.asarray(np.exp(-0.5 * (_WRONG_DIRECTION_DEG / np.maximum(sigmas_deg, 1e-9)) ** 2))
 
 
-def _direction_sigmas_deg(hypotheses: WindowHypotheses, best: FittedMotion, expanded: _Expanded, view: int) -> Floats:
-    """Largest standard deviation of the direction of a view's baseline, for each scale of the fields (S,)."""
-    J = np.zeros((2, len(expanded.marginal.shift)))
-    J[:, 6 * (view - 1) : 6 * view] = _direction_derivatives(best.fit, view)
-    shifts, covariances = expanded.marginal.of(J)
-    covariances = covariances + shifts[:, :, None] * shifts[:, None, :]
-    sigmas = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, -1], 0.0))
-    return np.asarray(np.degrees(np.maximum(sigmas, _scattered_sigma(hypotheses, best, expanded, J))))
-
-
-def _rotation_sigma_deg(expanded: _Expanded) -> float:
-    """Largest standard deviation of the rotation of the pair."""
-    J = np.eye(3, len(expanded.marginal.shift))
-    shifts, covariances = expanded.marginal.of(J)
-    covariance = np.einsum("s,sij->ij", expanded.scale_weights, covariances + shifts[:, :, None] * shifts[:, None, :])
+def _largest_sigma_deg(covariance: Floats) -> float:
+    """Standard deviation where it is largest, in degrees, of a covariance in rad^2."""
     return math.degrees(float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0))))
-
-
-def _direction_derivatives(fit: JointFit, view: int) -> Floats:
-    """Derivatives (2, 6) of the direction of a view's baseline, in radians, by its pose."""
-    R, t = fit.state.R[view], fit.state.t[view]
-    cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
-    # Centre -R^T t of the camera: its derivatives by the rotation vector (from the left) and by t.
-    J = np.hstack([R.T @ cross, R.T])
-    length = max(float(np.linalg.norm(t)), 1e-300)
-    across = np.linalg.svd((R.T @ t / length)[None])[2][1:]
-    return np.asarray(across @ J / length)
-
-
-def _scattered_sigma(hypotheses: WindowHypotheses, best: FittedMotion, expanded: _Expanded, J: Floats) -> float:
-    """Standard deviation of the direction by the scatter of the scores over regions (a sandwich estimate)."""
-    lin, marginal = expanded.linearization, expanded.marginal
-    influence = lin.shares[:, ~lin.is_field] @ marginal.covariance @ J.T
-    region = regions_of(_places(best), _SCORE_REGIONS)
-    used = hypotheses.tracks.anchor >= 0
-    sums = np.array([np.bincount(region[used], weights=column[used], minlength=12) for column in influence.T])
-    count = len(np.unique(region[used]))
-    # As many sums are used up as the direction has unknowns.
-    scatter = sums @ sums.T * count / max(count - 2, 1)
-    return float(np.sqrt(max(np.linalg.eigvalsh(scatter)[-1], 0.0)))
-
-
-def _depth_sigma(hypotheses: WindowHypotheses, expanded: _Expanded) -> float:
-    """Median of the relative standard deviations of the depths of the tracks that the reference sees."""
-    lin, covariance = expanded.linearization, expanded.marginal.covariance
-    coupling = lin.distance_coupling[:, ~lin.is_field]
-    variance = lin.distance_variance + np.einsum("tx,xy,ty->t", coupling, covariance, coupling)
-    state = expanded.fit.state
-    inverse = state.inverse_distances.copy()
-    if state.plane is not None:
-        inverse[state.on_plane] = state.rays[state.on_plane] @ state.plane
-    seen = (hypotheses.tracks.anchor == 0) & (inverse > 0)
-    if not seen.any():
-        return math.inf
-    return float(np.median(np.sqrt(np.maximum(variance[seen], 0.0)) / inverse[seen]))
-
-
-def _places(motion: FittedMotion) -> Floats:
-    rays = motion.fit.state.rays
-    return np.arctan2(rays[:, :2], rays[:, 2:])
 
 
 def _margin(hypotheses: WindowHypotheses, best: FittedMotion, rival: FittedMotion) -> Margin:
     """The vote of the tracks; a rival that locates fewer views explains the others as outliers."""
     costs = [_costs_of_tracks(hypotheses, motion) for motion in (best, rival)]
     votes = np.clip(costs[1] - costs[0], -_LARGEST_VOTE, _LARGEST_VOTE)
-    where = _places(best)
+    where = places_of(best.fit)
     largest = float(np.bincount(regions_of(where), weights=votes).max())
     ahead = 0.5 * (float(votes.sum()) - max(largest, 0.0))
     # Two exact twins have the same likelihood, but each fit adapts to the noise by unknowns of its own. With the
@@ -284,7 +210,7 @@ def _costs_of_tracks(hypotheses: WindowHypotheses, motion: FittedMotion) -> Floa
     return np.asarray(np.minimum(motion.fit.track_costs + gate2 * missing, bound))
 
 
-def _rival_probability(hypotheses: WindowHypotheses, best: _Expanded, rival: FittedMotion, margin: Margin) -> float:
+def _rival_probability(hypotheses: WindowHypotheses, best: ExpandedFit, rival: FittedMotion, margin: Margin) -> float:
     """Probability that the rival is right after all: the odds of the votes, less what error fields explain of them."""
     behind = margin.log_likelihood
     if behind <= 0.0 or behind > _FAR_BEHIND_NATS:
@@ -293,7 +219,7 @@ def _rival_probability(hypotheses: WindowHypotheses, best: _Expanded, rival: Fit
     missing = int(seen[list(motion.rows)].sum()) - int(seen[list(rival.rows)].sum())
     outliers = hypotheses.priors.gate_sigmas**2 * missing
     ahead = max(0.5 * (rival.fit.cost + outliers - best.fit.cost), 1e-9)
-    expanded = _expanded(hypotheses, rival)
+    expanded = expand(hypotheses, rival)
     # The fields explain a share of the difference of the costs, and the same share of the votes. A wrong motion absorbs
     # a part of the fields, so that it seems to need smaller ones. The fields belong to the tracker and not to the
     # motion: the motions are compared at each scale that is likely with both.
@@ -322,7 +248,7 @@ def _odds(margin: Margin, left: Floats) -> Floats:
 
 
 def _cost_with_fields(
-    hypotheses: WindowHypotheses, motion: FittedMotion, expanded: _Expanded, scale_px: float
+    hypotheses: WindowHypotheses, motion: FittedMotion, expanded: ExpandedFit, scale_px: float
 ) -> float:
     """Cost of a motion that is fitted with fields of a scale, with the cost of that many unknowns and of the scale."""
     unknowns = float(np.log1p(scale_px**2 * expanded.marginal.strength).sum())
@@ -343,7 +269,7 @@ def _wrong_if_right(best: FittedMotion, rival: FittedMotion, sigma_deg: float) -
     return math.exp(-0.5 * (left_deg / max(sigma_deg, 1e-9)) ** 2)
 
 
-def _rotation_probability(hypotheses: WindowHypotheses, expanded: _Expanded) -> tuple[float, float]:
+def _rotation_probability(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> tuple[float, float]:
     """Gain over the rotation-only camera (nats), and the probability of such a gain if the camera only rotates."""
     gain, freedom = hypotheses.gain_over_rotation
     rotation = linearize_with_fields(hypotheses.tracks, hypotheses.rotation_only, hypotheses.priors, rotation_only=True)

@@ -60,6 +60,23 @@ def test_shifts_and_covariances_are_those_of_the_full_normal_equations(lineariza
     np.testing.assert_allclose(covariances[index], full @ np.linalg.solve(information, full.T), rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.parametrize("index", range(1, len(FIELD_SCALES_PX)))
+def test_functions_of_the_fields_too_have_the_moments_of_the_full_normal_equations(linearization, index):
+    rng = np.random.default_rng(1)
+    J, fields = functions(linearization), rng.normal(size=(3, int(linearization.is_field.sum())))
+    information, gradient = dense(linearization, FIELD_SCALES_PX[index])
+    full = np.zeros((3, len(information)))
+    full[:, ~linearization.is_field], full[:, linearization.is_field] = J, fields
+    moments = (
+        np.diag(full @ np.linalg.solve(information, full.T)) + (full @ np.linalg.solve(information, gradient)) ** 2
+    )
+    weights = (np.arange(len(FIELD_SCALES_PX)) == index).astype(float)
+    found = marginalize_fields(linearization).variances(J, fields, weights)
+    np.testing.assert_allclose(found, moments, rtol=1e-5, atol=1e-6)
+    # The law is not empty: the fields matter.
+    assert not np.allclose(found, marginalize_fields(linearization).variances(J, 0 * fields, weights), rtol=1e-4)
+
+
 def log_integral(linearization, scale):
     """Logarithm of the integral of the likelihood and the prior of the fields over all unknowns, up to a constant."""
     information, gradient = dense(linearization, scale)

@@ -1,0 +1,274 @@
+"""The uncertainty of a fitted motion: of its rotations, of the directions of its baselines, and of its distances.
+
+The quadratic expansion of the cost (Laplace) gives the covariance of linear functions of the unknowns. The error fields
+are integrated out, for each of their scales and then over the scales. All covariances are second moments about the fit:
+the fit has no fields, so the mean of the posterior may differ from it.
+
+Images do not tell the scale of a map, and the fit holds the longest baseline. A function has a meaning only if a change
+of the scale does not change it. Rotations and directions are such functions. An inverse distance ``rho`` is none, but
+its product with the length of the pair's baseline is: it is the inverse distance in units of that baseline. With the
+unit vector ``u`` along the translation ``t`` of the pair ::
+
+    d(rho |t|) = |t| d(rho) + rho u . dt
+
+The covariance of such functions does not depend on which baseline is held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from quest.robust.spatial_blocks import regions_of
+from slam_init.types.arrays import Bools, Floats
+from slam_init.window.hypotheses import FittedMotion, WindowHypotheses
+from slam_init.window.joint_fit import JointFit
+from slam_init.window.linearization import Linearization, linearize_with_fields
+from slam_init.window.marginal import FIELD_PRIOR, FieldMarginal, marginalize_fields
+from slam_init.window.tracks import WindowTracks
+
+__all__ = [
+    "DirectionUncertainty",
+    "ExpandedFit",
+    "InverseDistances",
+    "direction_sigmas_deg",
+    "direction_uncertainty",
+    "expand",
+    "inverse_distances",
+    "places_of",
+    "rotation_covariance",
+]
+
+#: Regions across and down for the scatter of the scores: a dozen sums determine a standard deviation to a fifth, and
+#: errors of the lens and of the shutter extend over a quarter of the image.
+_SCORE_REGIONS = (4, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class ExpandedFit:
+    """A fit, its quadratic expansion, and the posterior of the scale of its error fields.
+
+    Attributes
+    ----------
+    tracks : WindowTracks
+        In the views of the fit.
+    fit : JointFit
+    linearization : Linearization
+    marginal : FieldMarginal
+    """
+
+    tracks: WindowTracks
+    fit: JointFit
+    linearization: Linearization
+    marginal: FieldMarginal
+
+    @property
+    def scale_weights(self) -> Floats:
+        """Posterior probability of each scale of the fields.
+
+        Returns
+        -------
+        (S,) float
+        """
+        return np.asarray(np.exp(self.marginal.log_evidence + np.log(FIELD_PRIOR) - self.log_evidence))
+
+    @property
+    def log_evidence(self) -> float:
+        """Logarithm of the probability of the tracks with fields of unknown scale, over that without fields.
+
+        Returns
+        -------
+        float
+        """
+        return float(np.logaddexp.reduce(self.marginal.log_evidence + np.log(FIELD_PRIOR)))
+
+
+@dataclass(frozen=True, eq=False)
+class DirectionUncertainty:
+    """The uncertainty of the direction ``R^T t`` of a baseline.
+
+    Attributes
+    ----------
+    basis : (2, 3) float
+        Orthonormal vectors orthogonal to the direction, in the reference.
+    covariance : (2, 2) float
+        Of the direction along these vectors, in rad^2.
+    """
+
+    basis: Floats
+    covariance: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class InverseDistances:
+    """The inverse distances of the tracks from the reference, in units of the inverse of the pair's baseline.
+
+    Attributes
+    ----------
+    known : (T,) bool
+        Tracks that the reference and another view of the fit see. The figures of the other tracks have no meaning.
+    values : (T,) float
+        0 for a track at infinity; negative for a track on the plane behind the camera.
+    sigmas : (T,) float
+        Standard deviations.
+    """
+
+    known: Bools
+    values: Floats
+    sigmas: Floats
+
+    @property
+    def relative_sigmas(self) -> Floats:
+        """The standard deviations over the values, of the known tracks in front of the camera.
+
+        Returns
+        -------
+        (N,) float
+        """
+        used = self.known & (self.values > 0)
+        return np.asarray(self.sigmas[used] / self.values[used])
+
+
+def expand(hypotheses: WindowHypotheses, motion: FittedMotion) -> ExpandedFit:
+    """Expand the cost of a fitted motion, and integrate the error fields out.
+
+    Parameters
+    ----------
+    hypotheses : WindowHypotheses
+    motion : FittedMotion
+        One of the hypotheses.
+
+    Returns
+    -------
+    ExpandedFit
+    """
+    tracks = hypotheses.tracks.of_views(motion.rows)
+    linearization = linearize_with_fields(tracks, motion.fit, hypotheses.priors)
+    return ExpandedFit(tracks, motion.fit, linearization, marginalize_fields(linearization))
+
+
+def rotation_covariance(expanded: ExpandedFit) -> Floats:
+    """Covariance of the pair's rotation.
+
+    Parameters
+    ----------
+    expanded : ExpandedFit
+
+    Returns
+    -------
+    (3, 3) float
+        Of the vector ``w``, in rad^2, where the true rotation is that of ``w`` after the fitted one.
+    """
+    return _second_moment(expanded, np.eye(3, len(expanded.marginal.shift)))
+
+
+def direction_uncertainty(expanded: ExpandedFit, view: int = 1) -> DirectionUncertainty:
+    """Uncertainty of the direction of a baseline by the expansion alone, without the scatter of the scores.
+
+    Parameters
+    ----------
+    expanded : ExpandedFit
+    view : int
+        The other end of the baseline; 1 is the pair's.
+
+    Returns
+    -------
+    DirectionUncertainty
+    """
+    basis, J = _direction_derivatives(expanded, view)
+    return DirectionUncertainty(basis, _second_moment(expanded, J))
+
+
+def direction_sigmas_deg(expanded: ExpandedFit, view: int = 1) -> Floats:
+    """Largest standard deviation of the direction of a baseline: by the expansion or by the scatter of the scores.
+
+    Parameters
+    ----------
+    expanded : ExpandedFit
+    view : int
+        The other end of the baseline; 1 is the pair's.
+
+    Returns
+    -------
+    (S,) float
+        For each scale of the fields, in degrees.
+    """
+    _, J = _direction_derivatives(expanded, view)
+    shifts, covariances = expanded.marginal.of(J)
+    covariances = covariances + shifts[:, :, None] * shifts[:, None, :]
+    sigmas = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, -1], 0.0))
+    return np.asarray(np.degrees(np.maximum(sigmas, _scattered_sigma(expanded, J))))
+
+
+def inverse_distances(expanded: ExpandedFit) -> InverseDistances:
+    """The inverse distances of the tracks that the reference sees, with their standard deviations.
+
+    Parameters
+    ----------
+    expanded : ExpandedFit
+
+    Returns
+    -------
+    InverseDistances
+    """
+    lin, state = expanded.linearization, expanded.fit.state
+    values = state.inverse_distances.copy()
+    if state.plane is not None:
+        values[state.on_plane] = state.rays[state.on_plane] @ state.plane
+    length = max(float(np.linalg.norm(state.t[1])), 1e-300)
+    J = length * lin.distance_coupling[:, ~lin.is_field]
+    J[:, 3:6] += values[:, None] * state.t[1] / length
+    shared = expanded.marginal.variances(J, length * lin.distance_coupling[:, lin.is_field], expanded.scale_weights)
+    variances = shared + length**2 * lin.distance_variance
+    return InverseDistances(
+        expanded.tracks.anchor == 0, length * values, np.asarray(np.sqrt(np.maximum(variances, 0.0)))
+    )
+
+
+def places_of(fit: JointFit) -> Floats:
+    """Where the tracks of a fit lie in their anchor views.
+
+    Parameters
+    ----------
+    fit : JointFit
+
+    Returns
+    -------
+    (T, 2) float
+        Angles in rad.
+    """
+    rays = fit.state.rays
+    return np.arctan2(rays[:, :2], rays[:, 2:])
+
+
+def _second_moment(expanded: ExpandedFit, J: Floats) -> Floats:
+    """Second moments (M, M) of linear functions (M, X) of the unknowns about the fit, over all scales of the fields."""
+    shifts, covariances = expanded.marginal.of(J)
+    moments = covariances + shifts[:, :, None] * shifts[:, None, :]
+    return np.asarray(np.einsum("s,sij->ij", expanded.scale_weights, moments))
+
+
+def _direction_derivatives(expanded: ExpandedFit, view: int) -> tuple[Floats, Floats]:
+    """Basis (2, 3) across the direction of a view's baseline, and its derivatives (2, X) in radians."""
+    R, t = expanded.fit.state.R[view], expanded.fit.state.t[view]
+    cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
+    length = max(float(np.linalg.norm(t)), 1e-300)
+    across = np.linalg.svd((R.T @ t / length)[None])[2][1:]
+    J = np.zeros((2, len(expanded.marginal.shift)))
+    # Derivatives of R^T t by the rotation vector (from the left) and by t.
+    J[:, 6 * (view - 1) : 6 * view] = across @ np.hstack([R.T @ cross, R.T]) / length
+    return np.asarray(across), J
+
+
+def _scattered_sigma(expanded: ExpandedFit, J: Floats) -> float:
+    """Standard deviation of the direction by the scatter of the scores over regions (a sandwich estimate)."""
+    lin, marginal = expanded.linearization, expanded.marginal
+    influence = lin.shares[:, ~lin.is_field] @ marginal.covariance @ J.T
+    region = regions_of(places_of(expanded.fit), _SCORE_REGIONS)
+    used = expanded.tracks.anchor >= 0
+    sums = np.array([np.bincount(region[used], weights=column[used], minlength=12) for column in influence.T])
+    count = len(np.unique(region[used]))
+    # As many sums are used up as the direction has unknowns.
+    scatter = sums @ sums.T * count / max(count - 2, 1)
+    return float(np.sqrt(max(np.linalg.eigvalsh(scatter)[-1], 0.0)))
