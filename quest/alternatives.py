@@ -42,6 +42,10 @@ Bools = NDArray[np.bool_]
 #: noise makes the ratio 1.4. For few matches the bound is four standard deviations of the ratio of two medians,
 #: 1.65 / sqrt(N) each.
 _FLAT = 1.5
+#: The relief of all matches together tells more than its median. It may exceed its mean by chance by this number of
+#: standard deviations, once in 160 planes. Its variance is 2 a match, and 5.4 more since the noise, by which it is
+#: divided, comes from a median of as many residuals. Two in a hundred matches may lie off the plane and add 9 each.
+_RELIEF_SIGMAS, _RELIEF_VARIANCE, _OFF_PLANE, _LARGEST_RELIEF = 2.5, 7.4, 0.02, 9.0
 #: How much larger the residuals of a motion must be: in noise variances, and in standard deviations of their sum. Five
 #: unknowns lower the cost by chi-square of five degrees of freedom: by 26 once in 10 000, by 15 once in a hundred. A
 #: rival is dropped for good, hence the higher level. A plane must be as good as the free motion, hence the lower one.
@@ -129,7 +133,8 @@ def explained_by_plane(
 
     The gate of the plane, 3 sqrt(2) deviations, rejects one match in 8000. Two in a hundred are allowed off the plane,
     for errors that are not Gaussian: 25 planes with 15 % outliers left 1.5 % at most. Points with little parallax pass
-    the gate as well, so the residuals along the epipolar lines must have the size of the noise.
+    the gate as well, so the residuals along the epipolar lines must have the size of the noise: in the median, and in
+    their sum, which tells a relief among few matches.
 
     Parameters
     ----------
@@ -149,9 +154,11 @@ def explained_by_plane(
     -------
     bool
     """
+    chance = inliers + _RELIEF_SIGMAS * np.sqrt(_RELIEF_VARIANCE * inliers)
     return bool(
         len(plane.poses) == 2
-        and not decides(plane.off, int(0.02 * inliers), inliers)
+        and plane.relief <= chance + _LARGEST_RELIEF * _OFF_PLANE * inliers
+        and not decides(plane.off, int(_OFF_PLANE * inliers), inliers)
         and plane.along_rad < max(_FLAT, 1 + 6.6 / np.sqrt(plane.on)) * noise_rad
         and not all(has_larger_residuals(problem, pose, best, gate_rad, noise_rad, PLANE_LEVEL) for pose in plane.poses)
     )

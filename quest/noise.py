@@ -16,6 +16,11 @@ Bools = NDArray[np.bool_]
 
 #: A Gaussian error exceeds three standard deviations in 0.3 % of the cases.
 GATE_SIGMAS = 3.0
+#: Number of shuffled matches, for an error of a fifth where one in 40 is explained by chance, and the least number of
+#: shuffles.
+_SHUFFLED_MATCHES, _LEAST_SHUFFLES = 1000, 3
+#: Number of unknowns of a motion.
+_UNKNOWNS = 5
 
 
 def refine_with_noise(problem: RelativePoseProblem, model: Floats) -> tuple[Floats, float]:
@@ -33,6 +38,11 @@ def refine_with_noise(problem: RelativePoseProblem, model: Floats) -> tuple[Floa
         The refined motion.
     noise_rad : float
         Standard deviation of a bearing, from the median absolute residual; at least a thousandth of the threshold.
+
+    References
+    ----------
+    P. J. Rousseeuw and A. M. Leroy, "Robust Regression and Outlier Detection", 1987, section 5.1: the factor for small
+    samples.
     """
     noise_rad = problem.threshold_rad / GATE_SIGMAS
     before = np.zeros(len(problem), bool)
@@ -44,9 +54,11 @@ def refine_with_noise(problem: RelativePoseProblem, model: Floats) -> tuple[Floa
         if inlying.sum() < 6 or (inlying ^ before).sum() <= 1e-3 * inlying.sum():
             break
         before = inlying
-        # 1.4826 times the median absolute deviation is the deviation of a Gaussian. The lower bound keeps the gates of
-        # exact data open.
-        noise_rad = max(1.4826 * float(np.sqrt(np.median(r2[0][inlying]))), 1e-3 * problem.threshold_rad)
+        # 1.4826 times the median absolute deviation is the deviation of a Gaussian. The motion has adapted to few
+        # matches, hence the factor of Rousseeuw and Leroy for small samples. The lower bound keeps the gates of exact
+        # data open, the upper one the gate of the caller.
+        few = 1 + _UNKNOWNS / max(int(inlying.sum()) - _UNKNOWNS, 1)
+        noise_rad = max(1.4826 * few * float(np.sqrt(np.median(r2[0][inlying]))), 1e-3 * problem.threshold_rad)
         model = problem.refine(model, inlying, GATE_SIGMAS * noise_rad)
     return model, noise_rad
 
@@ -88,7 +100,10 @@ def settle(problem: RelativePoseProblem, model: Floats, noise_rad: float) -> Flo
 
 
 def chance_inliers(problem: RelativePoseProblem, model: Floats, gate_rad: float, rng: np.random.Generator) -> float:
-    """Mean number of matches that a motion explains after the matches are shuffled, over three shuffles.
+    """Mean number of matches that a motion explains after the matches are shuffled.
+
+    This is what a wrong motion reaches on these very matches, so that a small share of inliers can be enough, and a
+    large one too little. In a shuffle no match keeps its partner: one that did would be no random match.
 
     Parameters
     ----------
@@ -102,9 +117,14 @@ def chance_inliers(problem: RelativePoseProblem, model: Floats, gate_rad: float,
     Returns
     -------
     float
+        The mean over at least three shuffles. Half a match counts where none is explained: a mean of zero would say
+        that chance explains nothing.
     """
-    counts = []
-    for _ in range(3):
-        shuffled = CompiledPoseProblem(problem.m, problem.n[rng.permutation(len(problem))], problem.threshold_rad)
-        counts.append(int(shuffled.explained(model, gate_rad).sum()))
-    return float(np.mean(counts))
+    total = len(problem)
+    shuffles = max(_LEAST_SHUFFLES, -(-_SHUFFLED_MATCHES // total))
+    explained = 0
+    for _ in range(shuffles):
+        order = rng.permutation(total)
+        m, n = problem.m[order], problem.n[np.roll(order, 1)]
+        explained += int(CompiledPoseProblem(m, n, problem.threshold_rad).explained(model, gate_rad).sum())
+    return max(explained, 0.5) / shuffles

@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 
 #: A Gaussian error exceeds three standard deviations in 0.3 % of the cases.
 _GATE_SIGMAS = 3.0
+#: Fewer matches determine no plane: three fix it, and five have to confirm it.
+_LEAST_ON_PLANE = 8
 
 
 class PlaneFit(NamedTuple):
@@ -29,6 +31,9 @@ class PlaneFit(NamedTuple):
     along_rad : float
         Residual of the matches on the plane along their epipolar lines, as a standard deviation by the median: the
         noise, where the points do lie on a plane. Infinite where there is no plane.
+    relief : float
+        Sum over all matches of their squared residuals along the epipolar lines, in units of the noise, each at most 9.
+        Without relief it has a chi-square distribution, with as many degrees of freedom as matches.
     poses : list of (7,) float
         The motions (q_wxyz, t) of the homography, |t| = 1, the one nearest to the given motion first. Empty where there
         is no plane.
@@ -37,6 +42,7 @@ class PlaneFit(NamedTuple):
     on: int
     off: int
     along_rad: float
+    relief: float
     poses: list[Floats]
 
 
@@ -65,14 +71,14 @@ def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit
     gain = np.einsum("ij,ij->i", n_cross_t, n_cross_t)
     k = _robust_plane(m, lhs, gain, noise_rad, np.random.default_rng(0))
     if k is None:
-        return PlaneFit(0, len(m), np.inf, [])
+        return PlaneFit(0, len(m), np.inf, np.inf, [])
     gate2 = 2 * (_GATE_SIGMAS * noise_rad) ** 2
     H = R + np.outer(t, k)
     on_plane = np.sum(homography_residuals(H, m, n) ** 2, axis=1) < 2 * gate2
     for _ in range(3):
         # Where most points lie off the plane, they refute its other motion.
-        if on_plane.sum() < max(8, 0.5 * len(m)):
-            return PlaneFit(int(on_plane.sum()), int((~on_plane).sum()), np.inf, [])
+        if on_plane.sum() < max(_LEAST_ON_PLANE, 0.5 * len(m)):
+            return PlaneFit(int(on_plane.sum()), int((~on_plane).sum()), np.inf, np.inf, [])
         H = fit_homography(m[on_plane], n[on_plane])
         on_plane = np.sum(homography_residuals(H, m, n) ** 2, axis=1) < gate2
     poses = [
@@ -86,8 +92,10 @@ def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit
     # A residual across the epipolar line measures the motion, a residual along it measures the plane.
     lines = np.cross(n_cross_t, n)
     lines /= np.maximum(np.linalg.norm(lines, axis=1, keepdims=True), 1e-300)
-    along = np.einsum("ij,ij->i", homography_residuals(H, m, n), lines)[on_plane]
-    return PlaneFit(on, len(m) - on, 1.4826 * float(np.median(np.abs(along))) if on else np.inf, poses)
+    along = np.einsum("ij,ij->i", homography_residuals(H, m, n), lines)
+    relief = float(np.minimum((along / noise_rad) ** 2, _GATE_SIGMAS**2).sum())
+    deviation = 1.4826 * float(np.median(np.abs(along[on_plane]))) if on else np.inf
+    return PlaneFit(on, len(m) - on, deviation, relief, poses)
 
 
 def off_line_rad(rays: Floats) -> float:
@@ -116,7 +124,7 @@ def off_line_rad(rays: Floats) -> float:
 
 def _robust_plane(m: Floats, lhs: Floats, gain: Floats, noise_rad: float, rng: np.random.Generator) -> Floats | None:
     """The plane k (3,) with ``gain (k . m) = lhs`` for most points: the best of samples of three."""
-    if len(m) < 8:
+    if len(m) < _LEAST_ON_PLANE:
         return None
     samples = draw_samples(rng, len(m), 3, 64)
     A = m[samples] * gain[samples][..., None]

@@ -140,6 +140,7 @@ def parallax_statement(
     chance_matches: float = 0.0,
     wrong_matches: int = 450,
     rotation: ArrayLike | None = None,
+    stated_noise_rad: float | None = None,
 ) -> ParallaxStatement:
     """Test whether the translation of a motion is observable, and estimate its length compared with the depths.
 
@@ -163,6 +164,10 @@ def parallax_statement(
     rotation : (3, 3) float, optional
         A rotation that explains the matches about as well as a rotation can: the start of the fit of R0. By default the
         fit starts at R.
+    stated_noise_rad : float, optional
+        Standard deviation of a bearing as the caller expects it, in radians. The upper confidence limit of the noise is
+        not larger than this, nor smaller than the estimate. By default the residuals alone tell the limit; a dozen of
+        them hardly bound the noise.
 
     Returns
     -------
@@ -192,7 +197,10 @@ def parallax_statement(
     residuals, J = sampson_jacobian(R, t, m, n)
     squares = float(residuals @ residuals)
     noise = noise_rad if noise_rad is not None else max(sqrt(squares / (len(m) - 5)), _LEAST_NOISE_RAD)
-    largest_noise = noise_rad if noise_rad is not None else max(noise, _upper_noise(squares, len(m)))
+    limit = _upper_noise(squares, len(m))
+    if stated_noise_rad is not None:
+        limit = min(limit, as_positive(stated_noise_rad, "stated_noise_rad", "a positive angle in radians, or None"))
+    largest_noise = noise_rad if noise_rad is not None else max(noise, limit)
 
     a, d = _displacements(R if rotation is None else _as_rotation(rotation), m, n, noise)
     length2 = np.einsum("ij,ij->i", d, d)

@@ -52,6 +52,9 @@ _LEAST_ON_PLANE, _LEAST_TRACKS_ON_PLANE = 0.5, 20
 #: Largest probability of the parallax of a pair without translation, for which its motions are tried: quest speaks of a
 #: translation from 1e-4 on, but further views may turn a twentieth into a certainty.
 _WORTH_TRYING = 0.05
+#: Where this share of the inliers of a pair lies on a plane, the window decides whether all of them do: many views know
+#: the noise better than the pair. The other tenth is relief beside the plane, or outliers.
+_MAY_BE_PLANE = 0.9
 #: The window is fitted again where the noise was off by more than this factor (as a logarithm): the standard deviations
 #: are off by as much. With another noise other observations are outliers, hence the rounds.
 _NOISE_TOLERANCE, _NOISE_ROUNDS = 0.07, 2
@@ -253,7 +256,7 @@ def motions_of_pair(pose: RelativePose, frames: tuple[int, int], rays1: Floats, 
     pose : RelativePose
         ``cam2_from_cam1`` with its alternatives. If its kind is "rotation", only the alternatives have a translation.
         They are worth trying where a rotation-only camera would show as much parallax once in twenty pairs. So little
-        parallax shows no relief either: the points start on a plane then.
+        parallax shows no relief either: the points start on a plane then, as they do where most of them lie on one.
     frames : (int, int)
         Absolute indices of reference and current.
     rays1, rays2 : (N, 3) float
@@ -272,10 +275,17 @@ def motions_of_pair(pose: RelativePose, frames: tuple[int, int], rays1: Floats, 
         if not np.any(one.t):
             continue
         plane = None
-        if pose.kind != "general" and one.inliers.sum() >= _MIN_RESECTED:
+        if _may_be_plane(pose) and one.inliers.sum() >= _MIN_RESECTED:
             plane = plane_of_motion(one.R, one.t, rays1[one.inliers], rays2[one.inliers])
         motions.append(Motion({frames[0]: Pose.identity(), frames[1]: Pose(one.R, one.t)}, plane))
     return motions
+
+
+def _may_be_plane(pose: RelativePose) -> bool:
+    on, off = pose.evidence.on_plane, pose.evidence.off_plane
+    if pose.kind != "general" or on is None or off is None:
+        return pose.kind != "general"
+    return on >= _MAY_BE_PLANE * (on + off)
 
 
 def fit_hypotheses(

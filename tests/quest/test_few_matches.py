@@ -1,0 +1,126 @@
+"""Few matches and little parallax: what is refused, the kind, the depths, the stated covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from make_two_views import NO_TRANSLATION, NOISE_RAD, box, is_true, plane, views
+
+from quest import RelativePose, estimate_relative_pose
+from quest.geometry.epipolar import depths_along_epipolar_lines, depths_from_pose
+from quest.geometry.quaternion import rotation_from_vector
+from quest.geometry.refine import tangent_basis
+from quest.noise import chance_inliers
+from quest.robust.pose_problem import CompiledPoseProblem
+
+SEEDS = range(20)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A drawn pair: its matches and its true motion."""
+
+    m: np.ndarray
+    n: np.ndarray
+    R: np.ndarray
+    t: np.ndarray
+    distances: np.ndarray
+
+
+def drawn(seed: int, *, count: int, ratio: float, noise_rad: float, points=None) -> Drawn:
+    """Points in a box or as given, seen by a camera that moves sideways by a share of the mean depth."""
+    rng = np.random.default_rng(seed)
+    X = box(seed)[:count] if points is None else points[:count]
+    R = rotation_from_vector(np.array([0.02, -0.05, 0.03]))
+    length = ratio * float(X[:, 2].mean())
+    t = length * np.array([0.95, 0.25, 0.18]) / np.linalg.norm([0.95, 0.25, 0.18])
+    m, n = (Y / np.linalg.norm(Y, axis=1, keepdims=True) for Y in (X, X @ R.T + t))
+    m, n = (Y + noise_rad * rng.normal(size=Y.shape) for Y in (m, n))
+    unit = [Y / np.linalg.norm(Y, axis=1, keepdims=True) for Y in (m, n)]
+    return Drawn(unit[0], unit[1], R, t / length, np.linalg.norm(X, axis=1) / length)
+
+
+def nees(pose: RelativePose, truth: Drawn) -> float:
+    """Normalized squared error of a pose over its five unknowns; 1 in the mean where the covariance is right."""
+    turned = truth.R @ pose.R.T
+    w = 0.5 * np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]])
+    b = tangent_basis(pose.t).T @ truth.t / float(pose.t @ truth.t)
+    error = np.concatenate([w, b])
+    return float(error @ np.linalg.solve(pose.covariance, error)) / 5
+
+
+def test_twenty_right_matches_are_enough():
+    poses = [estimate_relative_pose(*views(box(seed)[:20], noise_rad=NOISE_RAD, seed=seed)) for seed in SEEDS]
+    assert all(pose and is_true(pose, rotation_deg=5, direction_deg=15) for pose in poses)
+
+
+@pytest.mark.parametrize("count", [10, 16, 30])
+def test_a_camera_that_only_rotates_shows_no_translation_by_few_matches(count):
+    for seed in SEEDS:
+        pose = estimate_relative_pose(*views(box(seed)[:count], t=NO_TRANSLATION, noise_rad=NOISE_RAD, seed=seed))
+        assert not pose or pose.kind == "rotation"
+
+
+def test_chance_explains_a_few_shuffled_matches_although_all_matches_are_right():
+    """A match that kept its partner in a shuffle would count as explained by chance."""
+    pair = drawn(0, count=20, ratio=0.15, noise_rad=0.0)
+    problem = CompiledPoseProblem(pair.m, pair.n, 1e-5)
+    model = np.concatenate([estimate_relative_pose(pair.m, pair.n).q_wxyz, pair.t])
+    assert problem.explained(model, 1e-5).all()
+    assert 0 < chance_inliers(problem, model, 1e-5, np.random.default_rng(0)) < 0.1
+
+
+def test_thirty_matches_of_a_general_scene_are_no_plane():
+    kinds = [
+        estimate_relative_pose(pair.m, pair.n).kind
+        for pair in (drawn(seed, count=30, ratio=0.05, noise_rad=5e-4) for seed in SEEDS)
+    ]
+    assert kinds.count("general") >= 19
+
+
+def test_thirty_matches_of_a_plane_are_a_plane():
+    kinds = [
+        estimate_relative_pose(pair.m, pair.n).kind
+        for pair in (drawn(seed, count=30, ratio=0.15, noise_rad=5e-4, points=plane(seed)) for seed in SEEDS)
+    ]
+    assert kinds.count("planar") >= 17
+
+
+def test_depths_at_low_parallax_are_not_biased_although_those_of_the_midpoint_are():
+    """Parallax of twice the noise: the noise across the epipolar lines widens the angle between the rays."""
+    ratios, midpoints = [], []
+    for seed in SEEDS:
+        pair = drawn(seed, count=200, ratio=0.01, noise_rad=3e-3)
+        ratios.extend(depths_along_epipolar_lines(pair.R, pair.t, pair.m, pair.n)[0] / pair.distances)
+        midpoints.extend(depths_from_pose(pair.R, pair.t, pair.m, pair.n)[0] / pair.distances)
+    # In the median over all points, with those behind the camera beyond infinity.
+    inverse, inverse_midpoint = (np.median(1 / np.array(values)) for values in (ratios, midpoints))
+    assert inverse == pytest.approx(1, abs=0.05)
+    assert inverse_midpoint > 1.15
+
+
+def test_exact_matches_have_the_depths_of_the_midpoint():
+    pair = drawn(1, count=50, ratio=0.1, noise_rad=0.0)
+    for along, midpoint in zip(
+        depths_along_epipolar_lines(pair.R, pair.t, pair.m, pair.n),
+        depths_from_pose(pair.R, pair.t, pair.m, pair.n),
+        strict=True,
+    ):
+        assert along == pytest.approx(midpoint, rel=1e-9)
+
+
+@pytest.mark.parametrize("points", [box, plane], ids=["general", "planar"])
+@pytest.mark.parametrize("count", [30, 200])
+def test_the_covariance_states_the_error(points, count):
+    """The median of chi-square with five degrees of freedom is 0.87 of its mean."""
+    errors = []
+    for seed in range(40):
+        pair = drawn(seed, count=count, ratio=0.15, noise_rad=5e-4, points=points(seed))
+        pose = estimate_relative_pose(pair.m, pair.n)
+        # On a plane the better one of the two motions may be the twin.
+        if pose and np.degrees(np.arccos(min(1.0, pose.t @ pair.t))) < 5:
+            errors.append(nees(pose, pair))
+    assert len(errors) >= 20
+    assert 0.5 < np.median(errors) < 1.6
