@@ -26,6 +26,9 @@ FIELD_SCALES_PX: Floats = np.array([0.0, 0.03, 0.06, 0.125, 0.25, 0.5, 1.0, 2.0]
 #: Probability of each scale before the tracks are seen: rectified lenses and good trackers leave a tenth of a pixel;
 #: more than half a pixel is a camera model that does not hold.
 FIELD_PRIOR: Floats = np.array([0.2, 0.2, 0.2, 0.2, 0.12, 0.05, 0.02, 0.01])
+#: Fields of the largest scale pull by chance farther than this number of their standard deviations twice in a million
+#: times. Tracks that are held at infinity pull although they tell nothing about a field.
+_LARGEST_PULL_SIGMAS = 5.0
 FIELD_SCALES_PX.setflags(write=False)
 FIELD_PRIOR.setflags(write=False)
 
@@ -41,7 +44,7 @@ class FieldMarginal:
     strength : (F,) float
         Eigenvalues of the information about the fields that the other unknowns leave.
     pull : (F,) float
-        The gradient along their eigenvectors.
+        The gradient along their eigenvectors, at most what fields of the largest scale explain.
     covariance : (X, X) float
         Of the other unknowns without fields.
     shift : (X,) float
@@ -144,7 +147,8 @@ def marginalize_fields(linearization: Linearization) -> FieldMarginal:
     left = H[np.ix_(field, field)] - H[np.ix_(field, other)] @ follow
     eigenvalues, vectors = np.linalg.eigh(0.5 * (left + left.T))
     strength = np.asarray(np.maximum(eigenvalues, 0.0), np.float64)
-    pull = np.asarray(vectors.T @ (g[field] - follow.T @ g[other]), np.float64)
+    largest = _LARGEST_PULL_SIGMAS * np.sqrt(strength * (1 + FIELD_SCALES_PX.max() ** 2 * strength))
+    pull = np.asarray(np.clip(vectors.T @ (g[field] - follow.T @ g[other]), -largest, largest), np.float64)
     shift = np.asarray(-covariance @ g[other], np.float64)
     evidence = [
         0.5 * float(np.sum(_prior_variance(s, strength) * pull**2) - np.sum(np.log1p(s**2 * strength)))

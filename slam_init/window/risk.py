@@ -3,8 +3,8 @@
 Wrong means: a rotation off by more than 5 degrees, or a direction of the baseline off by more than 15 degrees. Four
 causes add their probabilities:
 
-* **direction**: the right hypothesis with a large error. The covariance of the joint fit (Laplace) gives the standard
-  deviation of the direction, the error fields integrated out. It knows noise, focal length and errors that the tracks
+* **direction**: the right hypothesis with a large error of the direction, or of the rotation. The covariance of the joint
+  fit (Laplace) gives their standard deviations, the error fields integrated out. It knows noise, focal length and errors that the tracks
   of a view share. Errors that a track keeps over many views show in the scatter of the scores of the tracks over
   regions of the image; the larger one of both deviations counts.
 * **rival**: another motion is right. Each track votes by the difference of its two log likelihoods, by three nats at
@@ -133,9 +133,13 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     expanded = expand(hypotheses, best)
     factor, weights = _optimism(hypotheses, best), expanded.scale_weights
     of_views = [direction_sigmas_deg(expanded, view) for view in range(1, len(best.rows))]
-    direction_risks = tuple(float(weights @ _wrong_direction(factor * sigmas_deg)) for sigmas_deg in of_views)
-    direction, direction_deg = direction_risks[0], float(np.sqrt(weights @ of_views[0] ** 2))
     rotation_deg = _largest_sigma_deg(rotation_covariance(expanded))
+    rotated = float(_exceeds(_WRONG_ROTATION_DEG, np.array(factor * rotation_deg)))
+    direction_risks = tuple(
+        min(1.0, float(weights @ _exceeds(_WRONG_DIRECTION_DEG, factor * sigmas_deg)) + rotated)
+        for sigmas_deg in of_views
+    )
+    direction, direction_deg = direction_risks[0], float(np.sqrt(weights @ of_views[0] ** 2))
     margins = [_margin(hypotheses, best, rival) for rival in rivals]
     nearest = min(margins, key=Margin.decision_ratio, default=None)
     spread_deg = factor * direction_deg
@@ -175,9 +179,9 @@ def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
     return few_views * math.sqrt((1 + pull**2 / _PULL_FREEDOM) * (1 + (bodies / 2) ** 2))
 
 
-def _wrong_direction(sigmas_deg: Floats) -> Floats:
-    """Probability that a direction with this largest standard deviation is off by 15 degrees."""
-    return np.asarray(np.exp(-0.5 * (_WRONG_DIRECTION_DEG / np.maximum(sigmas_deg, 1e-9)) ** 2))
+def _exceeds(limit_deg: float, sigmas_deg: Floats) -> Floats:
+    """Probability that an error in two directions with this largest standard deviation exceeds a limit."""
+    return np.asarray(np.exp(-0.5 * (limit_deg / np.maximum(sigmas_deg, 1e-9)) ** 2))
 
 
 def _largest_sigma_deg(covariance: Floats) -> float:
