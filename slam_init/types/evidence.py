@@ -113,8 +113,8 @@ class WindowEvidence:
     risk : float
         Probability that the map is wrong; the sum of the four terms below.
     risk_direction, risk_rival, risk_rotation, risk_floor : float
-        By the uncertainty of direction and rotation, by another motion, by a camera that only rotates, and by what is not
-        modelled.
+        By the uncertainty of direction and rotation, by another motion, by a camera that only rotates, and by what is
+        not modelled.
     direction_sigma_deg, rotation_sigma_deg : float
         Largest standard deviations of the direction of the baseline and of the rotation of the pair.
     depth_sigma : float

@@ -3,10 +3,10 @@
 Wrong means: a rotation off by more than 5 degrees, or a direction of the baseline off by more than 15 degrees. Four
 causes add their probabilities:
 
-* **direction**: the right hypothesis with a large error of the direction, or of the rotation. The covariance of the joint
-  fit (Laplace) gives their standard deviations, the error fields integrated out. It knows noise, focal length and errors that the tracks
-  of a view share. Errors that a track keeps over many views show in the scatter of the scores of the tracks over
-  regions of the image; the larger one of both deviations counts.
+* **direction**: the right hypothesis with a large error of the direction, or of the rotation. The covariance of the
+  joint fit (Laplace) gives their standard deviations, the error fields integrated out. It knows noise, focal length and
+  errors that the tracks of a view share. Errors that a track keeps over many views show in the scatter of the scores of
+  the tracks over regions of the image; for the direction the larger one of both deviations counts.
 * **rival**: another motion is right. Each track votes by the difference of its two log likelihoods, by three nats at
   the most: so much it costs to say that the track is an outlier. The image region with the largest vote is left out,
   since a moving body or a step in the scene fills a region. What the error fields explain of the rival counts for it.
