@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from slam_init.bundle.problem import BundleProblem, FocalPrior
+from slam_init.bundle.problem import BundleProblem, FocalPrior, PosePrior
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
@@ -189,7 +189,7 @@ def projection(camera: Camera, noise: gtsam.noiseModel.Base, *, adjusted: bool) 
 def build_graph(
     camera: Camera, problem: BundleProblem, noise_px: float, *, robust: bool, prior: FocalPrior | None = None
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-    """Build the factor graph of a problem: reprojection factors, pose prior, baseline range.
+    """Build the factor graph of a problem: reprojection factors, gauge, baseline range, and the priors that there are.
 
     Parameters
     ----------
@@ -230,10 +230,22 @@ def build_graph(
     far = int(np.argmax(baselines))
     range_noise = gtsam.noiseModel.Isotropic.Sigma(1, _SCALE_SIGMA * baselines[far])
     graph.add(gtsam.RangeFactorPose3(pose_keys[0], pose_keys[far], baselines[far], range_noise))
+    if problem.prior is not None:
+        for key, pose in zip(pose_keys[1:], problem.expected[1:], strict=True):
+            graph.add(_pose_prior(problem.prior, key, pose, float(np.linalg.norm(pose.t - first.t))))
     if prior is not None:
         values.insert(calibration_key(), gtsam_calibration(camera))
         graph.add(_calibration_prior(prior))
     return graph, values
+
+
+def _pose_prior(prior: PosePrior, key: int, mean: Pose, baseline: float) -> gtsam.NonlinearFactor:
+    import gtsam
+
+    sigmas = np.repeat([prior.rotation_sigma_rad, prior.direction_sigma_rad * baseline], 3)
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.maximum(sigmas, _GAUGE_SIGMA))
+    factor: gtsam.NonlinearFactor = gtsam.PriorFactorPose3(key, gtsam.Pose3(gtsam.Rot3(mean.R), mean.t), noise)
+    return factor
 
 
 def _calibration_prior(prior: FocalPrior) -> gtsam.NonlinearFactor:

@@ -14,7 +14,23 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
-__all__ = ["BundleFailure", "BundleFit", "BundleProblem", "BundleSolution", "FocalPrior"]
+__all__ = ["BundleFailure", "BundleFit", "BundleProblem", "BundleSolution", "FocalPrior", "PosePrior"]
+
+
+@dataclass(frozen=True)
+class PosePrior:
+    """What is known of the poses besides the landmarks: by tracks that are no landmarks, or by a plane.
+
+    Attributes
+    ----------
+    rotation_sigma_rad : float
+        Standard deviation of the rotation from the reference to a view.
+    direction_sigma_rad : float
+        Standard deviation of the direction of the baseline of a view.
+    """
+
+    rotation_sigma_rad: float
+    direction_sigma_rad: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +50,10 @@ class BundleProblem:
         The view and the landmark of each observation, as positions in ``frames`` and in ``points``.
     pixels : (M, 2) float
         Raw pixels of the observations.
+    prior : PosePrior or None
+        Of the poses that the adjustment starts from.
+    expected : tuple of K Pose
+        The mean of the prior, world_from_cam; empty without one.
     """
 
     frames: tuple[int, ...]
@@ -43,6 +63,21 @@ class BundleProblem:
     views: Ints
     landmarks: Ints
     pixels: Floats
+    prior: PosePrior | None = None
+    expected: tuple[Pose, ...] = ()
+
+    def with_prior(self, prior: PosePrior) -> BundleProblem:
+        """Take the poses as the mean of a prior.
+
+        Parameters
+        ----------
+        prior : PosePrior
+
+        Returns
+        -------
+        BundleProblem
+        """
+        return replace(self, prior=prior, expected=self.world_from_cam)
 
     def residuals(self, camera: Camera) -> Floats:
         """Compute the reprojection residuals.
@@ -115,8 +150,10 @@ class BundleProblem:
         -------
         BundleProblem
         """
-        poses = tuple(Pose(pose.R, factor * pose.t) for pose in self.world_from_cam)
-        return replace(self, world_from_cam=poses, points=factor * self.points)
+        poses, expected = (
+            tuple(Pose(pose.R, factor * pose.t) for pose in some) for some in (self.world_from_cam, self.expected)
+        )
+        return replace(self, world_from_cam=poses, points=factor * self.points, expected=expected)
 
 
 class FocalPrior(NamedTuple):

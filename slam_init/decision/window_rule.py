@@ -15,7 +15,7 @@ import numpy as np
 
 from quest.estimate import NoPose, RelativePose
 from quest.geometry.epipolar import depths_from_pose
-from slam_init.bundle.problem import BundleFailure, BundleSolution
+from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.config import Config
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
@@ -43,7 +43,7 @@ from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
-from slam_init.window.hypotheses import FittedMotion, WindowHypotheses
+from slam_init.window.hypotheses import FittedMotion, WindowHypotheses, difference_deg
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.state import Priors
@@ -178,13 +178,13 @@ class WindowRule:
         last = self._last
         if last is None or any(frame not in self._history for frame in last.hypotheses.motions[0].frames):
             return None
-        certain = max(self._config.acceptance.max_risk, last.risk.direction)
-        frames = _certain_frames(last.hypotheses, last.risk, certain)
-        bundle, _ = self._map(last.pair, last.hypotheses.motions[0], frames)
+        # The further keyframes may add as much risk again as the map has.
+        frames = _certain_frames(last.hypotheses, last.risk, max(self._config.acceptance.max_risk, 2 * last.risk.total))
+        bundle, _ = self._agreeing_map(last, frames)
         built = self._built(bundle, last.hypotheses)
         if built is None or not isinstance(bundle, BundleSolution):
             return None
-        moved = not _same_motion(bundle, last.hypotheses.motions[0])
+        moved = _moved_frames(bundle, last.hypotheses.motions[0])
         return ProvisionalMap(built.map, 1.0 if moved else last.risk.total)
 
     # -- parts of the judgement -------------------------------------------------------------------
@@ -226,7 +226,7 @@ class WindowRule:
                 refused = replace(refused, rotation_only=_rotation_evidence(hypotheses))
             return Outcome(refused, hypotheses=self._undecided(refused, pair, hypotheses), margin=risk.margin)
         certain = _certain_frames(hypotheses, risk, max_risk)
-        bundle, table = self._map(pair, hypotheses.motions[0], certain)
+        bundle, table = self._agreeing_map(self._last, certain)
         attempt = replace(attempt, frames=table.frames)
         return replace(self._usable(attempt, bundle, hypotheses), margin=risk.margin)
 
@@ -244,8 +244,29 @@ class WindowRule:
         maps = tuple(one.map for one in both if one is not None)
         return maps if len(maps) == 2 else ()
 
+    def _agreeing_map(self, last: _Judged, frames: Sequence[int]) -> tuple[BundleSolution | BundleFailure, TrackTable]:
+        """The map of the best motion, which bundle adjustment has not moved away from the motion.
+
+        A further view that moves away is left out. Where the pair moves, the joint estimate gives priors of the poses.
+        It knows more than the landmarks: tracks with uncertain depths, and that the points lie on a plane.
+        """
+        motion = last.hypotheses.motions[0]
+        bundle, table = self._map(last.pair, motion, frames)
+        moved = _moved_frames(bundle, motion)
+        if moved and frames[1] not in moved:
+            bundle, table = self._map(last.pair, motion, [frame for frame in frames if frame not in moved])
+            moved = _moved_frames(bundle, motion)
+        if moved:
+            sigmas = np.radians([last.risk.rotation_sigma_deg, last.risk.direction_sigma_deg])
+            bundle, table = self._map(last.pair, motion, frames, PosePrior(*sigmas.tolist()))
+        return bundle, table
+
     def _map(
-        self, pair: MatchedPair, motion: FittedMotion, frames: Sequence[int] | None = None
+        self,
+        pair: MatchedPair,
+        motion: FittedMotion,
+        frames: Sequence[int] | None = None,
+        prior: PosePrior | None = None,
     ) -> tuple[BundleSolution | BundleFailure, TrackTable]:
         """The bundle-adjusted map of a fitted motion, on all tracks of the pair and in the given frames."""
         views = [self._history[frame] for frame in (motion.frames if frames is None else frames)[2:]]
@@ -256,7 +277,7 @@ class WindowRule:
         if abs(motion.fit.state.log_scale) > WINDOW_PRIORS.focal_sigma:
             options = replace(options, refine_focal=True, focal_sigma=WINDOW_PRIORS.focal_sigma)
         config = replace(self._config, map=options)
-        return map_of_poses(self._camera, config, table, poses, self._threshold_rad), table
+        return map_of_poses(self._camera, config, table, poses, self._threshold_rad, prior), table
 
     def _built(self, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses) -> MapWithViews | None:
         if not isinstance(bundle, BundleSolution):
@@ -270,7 +291,8 @@ class WindowRule:
         if not isinstance(bundle, BundleSolution):
             attempt = replace(attempt, map=MapEvidence(failure=bundle.cause))
             return Outcome(refused_at(attempt, Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP))
-        attempt = replace(attempt, map=MapEvidence(reprojection_rmse_px=bundle.rmse_px))
+        evidence = MapEvidence(bundle.rmse_px, pose_prior=bundle.problem.prior is not None)
+        attempt = replace(attempt, map=evidence)
         landmarks = at_least(
             GateName.LANDMARKS,
             len(bundle.problem.points),
@@ -280,7 +302,7 @@ class WindowRule:
         attempt = with_gates(attempt, (landmarks,))
         if not landmarks.passes():
             return Outcome(refused_by(attempt, Stage.MAP, (landmarks,)))
-        if not _same_motion(bundle, hypotheses.motions[0]):
+        if _moved_frames(bundle, hypotheses.motions[0]):
             attempt = replace(attempt, map=MapEvidence(failure="the adjusted motion differs from that of the window"))
             return Outcome(refused_at(attempt, Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP))
         return Outcome(replace(attempt, progress=1.0), accepted=self._built(bundle, hypotheses))
@@ -296,14 +318,23 @@ def _inliers(pair: MatchedPair, pose: Pose, threshold_rad: float) -> Bools:
     return np.asarray(near & (depths1 > 0) & (depths2 > 0))
 
 
-def _same_motion(bundle: BundleSolution, motion: FittedMotion) -> bool:
-    """Whether bundle adjustment on all tracks kept the motion of the window."""
-    at = dict(zip(bundle.problem.frames, bundle.problem.world_from_cam, strict=True))
-    reference, current = motion.frames[:2]
-    if reference not in at or current not in at:
-        return False
-    rotation_deg, direction_deg = motion.difference_from_deg(at[current].inverse() @ at[reference])
-    return rotation_deg <= _ADJUSTED_ROTATION_DEG and direction_deg <= _ADJUSTED_DIRECTION_DEG
+def _moved_frames(bundle: BundleSolution | BundleFailure, motion: FittedMotion) -> tuple[int, ...]:
+    """The keyframes whose motion from the reference is not that of the window any more, after bundle adjustment.
+
+    Bundle adjustment does not know that points lie on a plane, nor the error fields: views with short baselines may
+    move far. A failure moved none.
+    """
+    if not isinstance(bundle, BundleSolution):
+        return ()
+    world_from_cam = dict(zip(bundle.problem.frames, bundle.problem.world_from_cam, strict=True))
+    fitted, reference = motion.motion.cam_from_world, motion.frames[0]
+    moved = []
+    for frame in set(world_from_cam) - {reference}:
+        adjusted = world_from_cam[frame].inverse() @ world_from_cam[reference]
+        rotation_deg, direction_deg = difference_deg(fitted[frame], adjusted)
+        if rotation_deg > _ADJUSTED_ROTATION_DEG or direction_deg > _ADJUSTED_DIRECTION_DEG:
+            moved.append(frame)
+    return tuple(moved)
 
 
 def _evidence(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowEvidence:
@@ -341,10 +372,14 @@ def _rotation_evidence(hypotheses: WindowHypotheses) -> RotationOnlyEvidence | N
 
 
 def _certain_frames(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> tuple[int, ...]:
-    """Reference, current, and the views whose own baseline is certain: the keyframes of the map."""
-    reference, *others = hypotheses.motions[0].frames
-    risks = zip(others, risk.direction_of_views, strict=True)
-    return (reference, *(frame for k, (frame, one) in enumerate(risks) if k == 0 or one <= max_risk))
+    """Reference, current, and the views whose own baselines are certain: the keyframes of the map.
+
+    Together their directions add at most as much to the risk as is left of the largest risk.
+    """
+    frames, risks = hypotheses.motions[0].frames, np.array(risk.direction_of_views[1:])
+    order = np.argsort(risks, kind="stable")
+    certain = order[risk.total + np.cumsum(risks[order]) <= max_risk]
+    return (*frames[:2], *(frames[2 + k] for k in sorted(certain)))
 
 
 def _reason(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> tuple[Verdict, str | None]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.noise import min_parallax_rad
-from slam_init.bundle.problem import BundleFailure, BundleProblem, BundleSolution
+from slam_init.bundle.problem import BundleFailure, BundleProblem, BundleSolution, PosePrior
 from slam_init.config import Config
 from slam_init.mapping.triangulation import triangulate
 from slam_init.mapping.views import TrackTable
@@ -21,7 +21,12 @@ _MIN_POINTS = 6
 
 
 def map_of_poses(
-    camera: Camera, config: Config, table: TrackTable, cam_from_world: dict[int, Pose], threshold_rad: float
+    camera: Camera,
+    config: Config,
+    table: TrackTable,
+    cam_from_world: dict[int, Pose],
+    threshold_rad: float,
+    prior: PosePrior | None = None,
 ) -> BundleSolution | BundleFailure:
     """Build the bundle-adjusted map of views whose poses are known.
 
@@ -36,6 +41,8 @@ def map_of_poses(
         By absolute frame index; reference and current are among them. Other views of the table are left out.
     threshold_rad : float
         An observation farther from its point does not make the point a landmark.
+    prior : PosePrior, optional
+        By default the landmarks alone determine the poses.
 
     Returns
     -------
@@ -53,7 +60,7 @@ def map_of_poses(
     problem = _bundle_problem(table, points, usable, poses)
     if len(problem.points) < _MIN_POINTS:
         return BundleFailure(f"only {len(problem.points)} points can be triangulated")
-    return adjust(camera, problem, config.map)
+    return adjust(camera, problem if prior is None else problem.with_prior(prior), config.map)
 
 
 def _bundle_problem(table: TrackTable, points: Floats, usable: Bools, poses: dict[int, Pose]) -> BundleProblem:

@@ -156,7 +156,11 @@ class MapEvidence:
         Root mean square of the reprojection errors; None if the adjustment failed.
     failure : str or None
         Why bundle adjustment failed; None if it did not fail.
+    pose_prior : bool
+        Whether the graph has priors on the poses, by the joint estimate of all views. They are added where the
+        landmarks alone would move the motion away from that estimate.
     """
 
     reprojection_rmse_px: float | None = None
     failure: str | None = None
+    pose_prior: bool = False

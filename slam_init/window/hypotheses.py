@@ -31,7 +31,7 @@ from slam_init.window.joint_fit import JointFit, costs_off_plane, fit_window, st
 from slam_init.window.state import Priors, start_at
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["FittedMotion", "Motion", "WindowHypotheses", "fit_hypotheses", "motions_of_pair"]
+__all__ = ["FittedMotion", "Motion", "WindowHypotheses", "difference_deg", "fit_hypotheses", "motions_of_pair"]
 
 #: A further view needs this many points of the motion: twice the six unknowns of its pose in coordinates, and as many
 #: again to contradict the motion.
@@ -52,9 +52,6 @@ _LEAST_ON_PLANE, _LEAST_TRACKS_ON_PLANE = 0.5, 20
 #: Largest probability of the parallax of a pair without translation, for which its motions are tried: quest speaks of a
 #: translation from 1e-4 on, but further views may turn a twentieth into a certainty.
 _WORTH_TRYING = 0.05
-#: Where this share of the inliers of a pair lies on a plane, the window decides whether all of them do: many views know
-#: the noise better than the pair. The other tenth is relief beside the plane, or outliers.
-_MAY_BE_PLANE = 0.9
 #: The window is fitted again where the noise was off by more than this factor (as a logarithm): the standard deviations
 #: are off by as much. With another noise other observations are outliers, hence the rounds.
 _NOISE_TOLERANCE, _NOISE_ROUNDS = 0.07, 2
@@ -100,7 +97,7 @@ class Motion:
         if first not in other.cam_from_world or second not in other.cam_from_world:
             return False
         a, b = (one.cam_from_world[second] @ one.cam_from_world[first].inverse() for one in (self, other))
-        rotation_deg, direction_deg = _difference_deg(a, b)
+        rotation_deg, direction_deg = difference_deg(a, b)
         return rotation_deg <= _NEAR_ROTATION_DEG and direction_deg <= _NEAR_DIRECTION_DEG
 
 
@@ -164,23 +161,21 @@ class FittedMotion:
         -------
         rotation_deg, direction_deg : float
         """
-        return self.difference_from_deg(other.cam2_from_cam1)
-
-    def difference_from_deg(self, cam2_from_cam1: Pose) -> tuple[float, float]:
-        """Angles between the rotations and between the directions of the pair.
-
-        Parameters
-        ----------
-        cam2_from_cam1 : Pose
-
-        Returns
-        -------
-        rotation_deg, direction_deg : float
-        """
-        return _difference_deg(self.cam2_from_cam1, cam2_from_cam1)
+        return difference_deg(self.cam2_from_cam1, other.cam2_from_cam1)
 
 
-def _difference_deg(a: Pose, b: Pose) -> tuple[float, float]:
+def difference_deg(a: Pose, b: Pose) -> tuple[float, float]:
+    """Angles between two rotations, and between the directions of two baselines.
+
+    Parameters
+    ----------
+    a, b : Pose
+        cam2_from_cam1 of the same two views.
+
+    Returns
+    -------
+    rotation_deg, direction_deg : float
+    """
     centre_a, centre_b = a.R.T @ a.t, b.R.T @ b.t
     lengths = max(float(np.linalg.norm(centre_a) * np.linalg.norm(centre_b)), 1e-300)
     direction = math.acos(min(max(float(centre_a @ centre_b) / lengths, -1.0), 1.0))
@@ -256,7 +251,7 @@ def motions_of_pair(pose: RelativePose, frames: tuple[int, int], rays1: Floats, 
     pose : RelativePose
         ``cam2_from_cam1`` with its alternatives. If its kind is "rotation", only the alternatives have a translation.
         They are worth trying where a rotation-only camera would show as much parallax once in twenty pairs. So little
-        parallax shows no relief either: the points start on a plane then, as they do where most of them lie on one.
+        parallax shows no relief either: the points start on a plane then.
     frames : (int, int)
         Absolute indices of reference and current.
     rays1, rays2 : (N, 3) float
@@ -275,17 +270,10 @@ def motions_of_pair(pose: RelativePose, frames: tuple[int, int], rays1: Floats, 
         if not np.any(one.t):
             continue
         plane = None
-        if _may_be_plane(pose) and one.inliers.sum() >= _MIN_RESECTED:
+        if pose.kind != "general" and one.inliers.sum() >= _MIN_RESECTED:
             plane = plane_of_motion(one.R, one.t, rays1[one.inliers], rays2[one.inliers])
         motions.append(Motion({frames[0]: Pose.identity(), frames[1]: Pose(one.R, one.t)}, plane))
     return motions
-
-
-def _may_be_plane(pose: RelativePose) -> bool:
-    on, off = pose.evidence.on_plane, pose.evidence.off_plane
-    if pose.kind != "general" or on is None or off is None:
-        return pose.kind != "general"
-    return on >= _MAY_BE_PLANE * (on + off)
 
 
 def fit_hypotheses(

@@ -18,7 +18,7 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.window.linearization import Linearization
 
-__all__ = ["FIELD_PRIOR", "FIELD_SCALES_PX", "FieldMarginal", "marginalize_fields"]
+__all__ = ["FIELD_PRIOR", "FIELD_SCALES_PX", "LARGEST_PULL_SIGMAS", "FieldMarginal", "marginalize_fields"]
 
 #: Standard deviation of a coefficient of a field, in pixels: from none to a lens without its distortion, in steps of a
 #: factor of two. The root mean square of a coordinate over the image is 2.4 times as large.
@@ -28,7 +28,7 @@ FIELD_SCALES_PX: Floats = np.array([0.0, 0.03, 0.06, 0.125, 0.25, 0.5, 1.0, 2.0]
 FIELD_PRIOR: Floats = np.array([0.2, 0.2, 0.2, 0.2, 0.12, 0.05, 0.02, 0.01])
 #: Fields of the largest scale pull by chance farther than this number of their standard deviations twice in a million
 #: times. Tracks that are held at infinity pull although they tell nothing about a field.
-_LARGEST_PULL_SIGMAS = 5.0
+LARGEST_PULL_SIGMAS = 5.0
 FIELD_SCALES_PX.setflags(write=False)
 FIELD_PRIOR.setflags(write=False)
 
@@ -129,12 +129,16 @@ class FieldMarginal:
         return np.asarray(without + follow**2 @ (weights @ spread) + weights @ shifts**2)
 
 
-def marginalize_fields(linearization: Linearization) -> FieldMarginal:
+def marginalize_fields(
+    linearization: Linearization, *, largest_pull_sigmas: float = LARGEST_PULL_SIGMAS
+) -> FieldMarginal:
     """Integrate the error fields out.
 
     Parameters
     ----------
     linearization : Linearization
+    largest_pull_sigmas : float
+        A larger pull of the fields counts as this number of its standard deviations; infinity for exact integrals.
 
     Returns
     -------
@@ -147,7 +151,7 @@ def marginalize_fields(linearization: Linearization) -> FieldMarginal:
     left = H[np.ix_(field, field)] - H[np.ix_(field, other)] @ follow
     eigenvalues, vectors = np.linalg.eigh(0.5 * (left + left.T))
     strength = np.asarray(np.maximum(eigenvalues, 0.0), np.float64)
-    largest = _LARGEST_PULL_SIGMAS * np.sqrt(strength * (1 + FIELD_SCALES_PX.max() ** 2 * strength))
+    largest = largest_pull_sigmas * np.sqrt(strength * (1 + FIELD_SCALES_PX.max() ** 2 * strength))
     pull = np.asarray(np.clip(vectors.T @ (g[field] - follow.T @ g[other]), -largest, largest), np.float64)
     shift = np.asarray(-covariance @ g[other], np.float64)
     evidence = [

@@ -11,7 +11,7 @@ from make_scene import CAMERA, between, cloud, problem
 
 from quest.geometry.quaternion import rotation_angle
 from slam_init.bundle.adjustment import adjust
-from slam_init.bundle.problem import BundleFailure, BundleSolution
+from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.types.pose import Pose
 
 
@@ -91,6 +91,30 @@ def test_the_graph_is_at_its_optimum_and_has_a_factor_for_each_observation():
     again = gtsam.LevenbergMarquardtOptimizer(solution.graph, solution.values).optimize()
     assert solution.graph.error(again) == pytest.approx(solution.graph.error(solution.values), rel=1e-3)
     assert solution.errors[-1] <= solution.errors[0]
+
+
+def test_a_tight_prior_keeps_the_poses_and_a_loose_one_has_no_effect():
+    """The poses start some pixels off, so that the landmarks and the prior contradict each other."""
+    rng = np.random.default_rng(7)
+    start = disturbed(problem(CAMERA, cloud(rng), noise_px=0.5, rng=rng), rng, 0.003, 0.001)
+    free, tight, loose = (
+        adjust(CAMERA, one, MAP)
+        for one in (start, start.with_prior(PosePrior(1e-5, 1e-5)), start.with_prior(PosePrior(1.0, 1.0)))
+    )
+    assert tight.graph.size() == len(tight.problem.pixels) + 2 + len(start.frames) - 1
+    for k in range(1, len(start.frames)):
+        mean = start.world_from_cam[k].R
+        assert rotation_angle(tight.problem.world_from_cam[k].R.T @ mean) < 1e-4
+        assert rotation_angle(free.problem.world_from_cam[k].R.T @ mean) > 1e-3
+        assert rotation_angle(free.problem.world_from_cam[k].R.T @ loose.problem.world_from_cam[k].R) < 1e-4
+    assert np.trace(tight.pose_covariances[-1]) < np.trace(free.pose_covariances[-1])
+
+
+def test_the_prior_has_the_unit_of_length_of_the_problem():
+    rng = np.random.default_rng(8)
+    start = disturbed(problem(CAMERA, cloud(rng), noise_px=0.5, rng=rng), rng).with_prior(PosePrior(1e-3, 1e-2))
+    a, b = adjust(CAMERA, start, MAP), adjust(CAMERA, start.scaled(1e3), MAP)
+    np.testing.assert_allclose(a.problem.points, b.problem.points, rtol=1e-5)
 
 
 def test_covariances_agree_with_the_scatter_of_many_runs():

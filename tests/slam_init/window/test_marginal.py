@@ -1,5 +1,7 @@
 """Laws of the integral over the error fields: it is that of the full normal equations, and tracks tell the scale."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from make_window import PRIORS, make_window, point_source
@@ -22,6 +24,11 @@ def linearization(request):
     return linearize_with_fields(window.tracks, fit, PRIORS)
 
 
+def exact(linearization):
+    """The integrals without a bound on the pull."""
+    return marginalize_fields(linearization, largest_pull_sigmas=np.inf)
+
+
 def dense(linearization, scale):
     """Information and gradient with the prior of the fields; for a scale of 0 without the fields."""
     H, g, field = linearization.information, linearization.gradient, linearization.is_field
@@ -39,7 +46,7 @@ def functions(linearization):
 
 
 def test_without_fields_the_covariance_is_the_inverse_of_the_information_of_the_other_unknowns(linearization):
-    found = marginalize_fields(linearization)
+    found = exact(linearization)
     assert FIELD_SCALES_PX[0] == 0
     information, gradient = dense(linearization, 0.0)
     np.testing.assert_allclose(found.covariance @ information, np.eye(len(information)), atol=1e-6)
@@ -55,7 +62,7 @@ def test_shifts_and_covariances_are_those_of_the_full_normal_equations(lineariza
     information, gradient = dense(linearization, FIELD_SCALES_PX[index])
     full = np.zeros((3, len(information)))
     full[:, ~linearization.is_field] = J
-    shifts, covariances = marginalize_fields(linearization).of(J)
+    shifts, covariances = exact(linearization).of(J)
     np.testing.assert_allclose(shifts[index], -full @ np.linalg.solve(information, gradient), rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(covariances[index], full @ np.linalg.solve(information, full.T), rtol=1e-5, atol=1e-6)
 
@@ -71,10 +78,10 @@ def test_functions_of_the_fields_too_have_the_moments_of_the_full_normal_equatio
         np.diag(full @ np.linalg.solve(information, full.T)) + (full @ np.linalg.solve(information, gradient)) ** 2
     )
     weights = (np.arange(len(FIELD_SCALES_PX)) == index).astype(float)
-    found = marginalize_fields(linearization).variances(J, fields, weights)
+    found = exact(linearization).variances(J, fields, weights)
     np.testing.assert_allclose(found, moments, rtol=1e-5, atol=1e-6)
     # The law is not empty: the fields matter.
-    assert not np.allclose(found, marginalize_fields(linearization).variances(J, 0 * fields, weights), rtol=1e-4)
+    assert not np.allclose(found, exact(linearization).variances(J, 0 * fields, weights), rtol=1e-4)
 
 
 def log_integral(linearization, scale):
@@ -87,7 +94,7 @@ def log_integral(linearization, scale):
 
 
 def test_the_evidence_is_the_gaussian_integral_over_all_unknowns(linearization):
-    found = marginalize_fields(linearization).log_evidence
+    found = exact(linearization).log_evidence
     assert found[0] == 0
     expected = [log_integral(linearization, s) - log_integral(linearization, 0.0) for s in FIELD_SCALES_PX]
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-4)
@@ -98,12 +105,12 @@ def test_the_fields_lower_the_cost_by_what_the_minimum_of_the_full_equations_is_
         information, gradient = dense(linearization, scale)
         return -gradient @ np.linalg.solve(information, gradient)
 
-    found = marginalize_fields(linearization).lowered_cost
+    found = exact(linearization).lowered_cost
     np.testing.assert_allclose(found, [lowest(0.0) - lowest(s) for s in FIELD_SCALES_PX], rtol=1e-5, atol=1e-4)
 
 
 def test_larger_fields_never_raise_the_certainty_or_the_cost(linearization):
-    found = marginalize_fields(linearization)
+    found = exact(linearization)
     _, covariances = found.of(functions(linearization))
     variances = np.einsum("smm->sm", covariances)
     assert (np.diff(variances, axis=0) >= 0).all()
@@ -151,6 +158,21 @@ def test_tracks_without_fields_prefer_none(seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_tracks_that_share_smooth_fields_prefer_a_scale_of_about_the_true_one(seed, field_px):
     linearization, true_px = small_fit("room", seed, field_px)
-    found = marginalize_fields(linearization)
+    found = exact(linearization)
     assert found.log_evidence.max() > (20 if field_px >= 0.5 else 2)
     assert 0.4 < FIELD_SCALES_PX[np.argmax(found.log_evidence)] / true_px < 2.5
+
+
+def test_a_pull_beyond_chance_in_a_direction_that_the_tracks_do_not_tell_is_no_evidence(linearization):
+    """Tracks that are held at infinity pull at fields along their epipolar lines, where they have no information."""
+    found = marginalize_fields(linearization)
+    field, other = np.flatnonzero(linearization.is_field), ~linearization.is_field
+    H = linearization.information
+    left = H[np.ix_(field, field)] - H[np.ix_(field, other)] @ np.linalg.solve(
+        H[np.ix_(other, other)], H[np.ix_(other, field)]
+    )
+    gradient = linearization.gradient.copy()
+    gradient[field] += 10.0 * np.linalg.eigh(left)[1][:, 0]
+    pulled = replace(linearization, gradient=gradient)
+    np.testing.assert_allclose(marginalize_fields(pulled).log_evidence, found.log_evidence, atol=0.5)
+    assert exact(pulled).log_evidence[-1] > found.log_evidence[-1] + 50
