@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.geometry.homography import homography_residuals
-from quest.geometry.quaternion import rotation_from_vector
 from quest.geometry.refine import sampson_jacobian, tangent_basis
 from quest.noise import GATE_SIGMAS
 from quest.relative_pose import Hypothesis
@@ -14,9 +13,6 @@ from quest.relative_pose import Hypothesis
 __all__ = ["planar_pose_covariance", "pose_covariance"]
 
 Floats = NDArray[np.float64]
-
-#: Step of the numerical derivatives, in radians and in units of |t| over the distance.
-_STEP = 1e-5
 
 
 def pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: float) -> Floats:
@@ -68,21 +64,23 @@ def planar_pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_r
     # n x (R m + t (k . m)) = 0 is linear in k.
     n_cross_t, n_cross_a = np.cross(n, t), np.cross(n, m @ R.T)
     k = np.linalg.lstsq((n_cross_t[:, :, None] * m[:, None, :]).reshape(-1, 3), -n_cross_a.reshape(-1), rcond=None)[0]
-    B = tangent_basis(t)
-
-    def residuals(x: Floats) -> Floats:
-        direction = t + B @ x[3:5]
-        H = rotation_from_vector(x[:3]) @ R + np.outer(direction / np.linalg.norm(direction), k + x[5:])
-        return homography_residuals(H, m, n)
-
-    # Central differences: the residuals are smooth, and errors of 1e-8 do not matter for a covariance.
-    steps = _STEP * np.eye(8)
-    J = np.stack([(residuals(step) - residuals(-step)) / (2 * _STEP) for step in steps], axis=-1)
-    information = np.einsum("ijx,ijy->xy", J, J)
-    r = residuals(np.zeros(8))
-    # Two components of each residual vector: its tangents.
-    components = np.concatenate([np.einsum("ij,ij->i", r, B_n) for B_n in np.moveaxis(tangent_basis(n), 2, 0)])
-    covariance = _spread(components, noise_rad, 8) * np.linalg.pinv(information, hermitian=True)
+    rotated = m @ R.T
+    y = rotated + np.outer(m @ k, t)
+    # Derivatives of y = R m + t (k . m) by w, b and k: columns e_i x R m, (k . m) B_j and m_l t.
+    dy = np.concatenate(
+        [
+            np.cross(np.eye(3)[None], rotated[:, None, :]).swapaxes(1, 2),
+            (m @ k)[:, None, None] * tangent_basis(t)[None],
+            t[None, :, None] * m[:, None, :],
+        ],
+        axis=2,
+    )
+    # The residual is the part of y / |y| that is tangent to n; on its line y is n up to the noise.
+    basis = tangent_basis(n)
+    J = np.einsum("nia,nix->nax", basis, dy) / (np.sqrt(2.0) * np.linalg.norm(y, axis=1))[:, None, None]
+    r = np.einsum("nia,ni->na", basis, homography_residuals(R + np.outer(t, k), m, n))
+    information = np.einsum("nax,nay->xy", J, J)
+    covariance = _spread(r.reshape(-1), noise_rad, J.shape[2]) * np.linalg.pinv(information, hermitian=True)
     return np.asarray(covariance[:5, :5])
 
 

@@ -10,6 +10,7 @@ from make_two_views import NO_TRANSLATION, NOISE_RAD, box, is_true, plane, views
 
 from quest import RelativePose, estimate_relative_pose
 from quest.geometry.epipolar import depths_along_epipolar_lines, depths_from_pose
+from quest.geometry.homography import homography_residuals
 from quest.geometry.quaternion import rotation_from_vector
 from quest.geometry.refine import tangent_basis
 from quest.noise import chance_inliers
@@ -124,3 +125,25 @@ def test_the_covariance_states_the_error(points, count):
             errors.append(nees(pose, pair))
     assert len(errors) >= 20
     assert 0.5 < np.median(errors) < 1.6
+
+
+def test_the_covariance_of_a_planar_pose_is_that_of_numerical_derivatives():
+    pair = drawn(3, count=120, ratio=0.15, noise_rad=2e-4, points=plane(3))
+    pose = estimate_relative_pose(pair.m, pair.n)
+    assert pose.kind == "planar"
+    m, n, basis = pair.m[pose.inliers], pair.n[pose.inliers], tangent_basis(pose.t)
+    a, across = m @ pose.R.T, np.cross(n, pose.t)
+    k = np.linalg.lstsq((across[:, :, None] * m[:, None, :]).reshape(-1, 3), -np.cross(n, a).reshape(-1), rcond=None)[0]
+
+    def residuals(x):
+        t = pose.t + basis @ x[3:5]
+        H = rotation_from_vector(x[:3]) @ pose.R + np.outer(t / np.linalg.norm(t), k + x[5:])
+        return homography_residuals(H, m, n).reshape(-1)
+
+    steps = 1e-5 * np.eye(8)
+    J = np.stack([(residuals(step) - residuals(-step)) / 2e-5 for step in steps], axis=1)
+    shape = np.linalg.inv(J.T @ J)[:5, :5]
+    # The factor is the variance of a residual, the same for all entries.
+    factor = np.trace(pose.covariance) / np.trace(shape)
+    assert np.sqrt(factor) == pytest.approx(pose.noise_rad, rel=0.2)
+    np.testing.assert_allclose(pose.covariance, factor * shape, atol=0.02 * np.abs(pose.covariance).max())
