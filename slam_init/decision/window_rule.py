@@ -178,8 +178,7 @@ class WindowRule:
         last = self._last
         if last is None or any(frame not in self._history for frame in last.hypotheses.motions[0].frames):
             return None
-        # The further keyframes may add as much risk again as the map has.
-        frames = _certain_frames(last.hypotheses, last.risk, max(self._config.acceptance.max_risk, 2 * last.risk.total))
+        frames = _certain_frames(last.hypotheses, last.risk, last.risk.total)
         bundle, _ = self._agreeing_map(last, frames)
         built = self._built(bundle, last.hypotheses)
         if built is None or not isinstance(bundle, BundleSolution):
@@ -225,7 +224,9 @@ class WindowRule:
             if refused.verdict == Verdict.PURE_ROTATION:
                 refused = replace(refused, rotation_only=_rotation_evidence(hypotheses))
             return Outcome(refused, hypotheses=self._undecided(refused, pair, hypotheses), margin=risk.margin)
-        certain = _certain_frames(hypotheses, risk, max_risk)
+        # The stated risk is that of the pair. Each further view adds no more than what is not modelled; a view that is
+        # left out costs some landmarks only.
+        certain = _certain_frames(hypotheses, risk, risk.floor)
         bundle, table = self._agreeing_map(self._last, certain)
         attempt = replace(attempt, frames=table.frames)
         return replace(self._usable(attempt, bundle, hypotheses), margin=risk.margin)
@@ -371,15 +372,11 @@ def _rotation_evidence(hypotheses: WindowHypotheses) -> RotationOnlyEvidence | N
     return RotationOnlyEvidence(factor, factor if doubtful else None)
 
 
-def _certain_frames(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> tuple[int, ...]:
-    """Reference, current, and the views whose own baselines are certain: the keyframes of the map.
-
-    Together their directions add at most as much to the risk as is left of the largest risk.
-    """
-    frames, risks = hypotheses.motions[0].frames, np.array(risk.direction_of_views[1:])
-    order = np.argsort(risks, kind="stable")
-    certain = order[risk.total + np.cumsum(risks[order]) <= max_risk]
-    return (*frames[:2], *(frames[2 + k] for k in sorted(certain)))
+def _certain_frames(hypotheses: WindowHypotheses, risk: WindowRisk, most: float) -> tuple[int, ...]:
+    """Reference, current, and the views whose own directions are at most as risky: the keyframes of the map."""
+    reference, current, *others = hypotheses.motions[0].frames
+    risks = zip(others, risk.direction_of_views[1:], strict=True)
+    return (reference, current, *(frame for frame, one in risks if one <= most))
 
 
 def _reason(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> tuple[Verdict, str | None]:

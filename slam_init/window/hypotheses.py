@@ -27,7 +27,13 @@ from slam_init.mapping.triangulation import resect, triangulate
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.pose import Pose
 from slam_init.window.equations import OFF_PLANE_COST
-from slam_init.window.joint_fit import JointFit, costs_off_plane, fit_window, start_noise_factor
+from slam_init.window.joint_fit import (
+    JointFit,
+    costs_off_plane,
+    fit_window,
+    information_of_relief,
+    start_noise_factor,
+)
 from slam_init.window.state import Priors, start_at
 from slam_init.window.tracks import WindowTracks
 
@@ -47,6 +53,10 @@ _PLANE_SIGMAS = 2.5
 #: The same where the poses follow. A relief of unknown size explains an excess of z standard deviations better than
 #: chance does by exp(z^2 / 2), and it has one unknown more, which costs a factor of about three: even odds.
 _RELIEF_SIGMAS = 1.5
+#: A relief of a fifth of the distances would show by this number of standard deviations, else nothing is known of a
+#: plane. The poses follow a smooth relief and hide most of it: of 24 drawn corridors at baselines of .03 and .05 of the
+#: depth all looked like planes below 19, and 24 walls and level flights were known to be planes from 25 on only.
+_TOLD_RELIEF, _TOLD_SIGMAS, _LARGEST_GAIN = 0.2, 20.0, 9.0
 #: Least share of the tracks that a plane holds, and their least number.
 _LEAST_ON_PLANE, _LEAST_TRACKS_ON_PLANE = 0.5, 20
 #: Largest probability of the parallax of a pair without translation, for which its motions are tried: quest speaks of a
@@ -398,14 +408,23 @@ def _with_plane(motion: Motion, tracks: WindowTracks, bearings: Floats) -> Motio
 
 
 def _is_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:
-    """Whether the points of a fit lie on its plane: distances of their own do not lower the cost beyond chance."""
+    """Whether the points of a fit lie on its plane: a relief would show, and distances of their own gain nothing."""
     on_plane = fitted.fit.state.on_plane & (tracks.anchor >= 0)
     count = int(on_plane.sum())
     if count < max(_LEAST_TRACKS_ON_PLANE, _LEAST_ON_PLANE * float((tracks.anchor >= 0).sum())):
         return False
     part = tracks.of_views(fitted.rows)
+    if not _tells_relief(part, fitted, priors):
+        return False
     gain = fitted.fit.track_costs - costs_off_plane(part, fitted.fit, priors)
     return _is_chance(float(gain[on_plane].sum()), count, _PLANE_SIGMAS)
+
+
+def _tells_relief(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:
+    """Whether a relief of a fifth of the distances would lower the cost far beyond chance."""
+    information = information_of_relief(tracks, fitted.fit, priors)
+    gains = np.minimum(_TOLD_RELIEF**2 * information, _LARGEST_GAIN)
+    return float(gains.sum()) >= _TOLD_SIGMAS * math.sqrt(2 * max(int((information > 0).sum()), 1))
 
 
 def _has_relief(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:

@@ -20,7 +20,7 @@ from slam_init.window.equations import OFF_PLANE_COST, WindowEquations, explaine
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["JointFit", "costs_off_plane", "fit_window", "start_noise_factor"]
+__all__ = ["JointFit", "costs_off_plane", "fit_window", "information_of_relief", "start_noise_factor"]
 
 #: Levenberg-Marquardt: first damping, the factor of a rejected step, and how often a step is tried.
 _DAMPING, _RAISE, _TRIES = 1e-4, 10.0, 6
@@ -163,6 +163,39 @@ def costs_off_plane(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floa
     state = fit.state
     equations = WindowEquations(tracks, state, priors)
     return _costs_off_plane(equations, state, start_at(tracks, state.R, state.t, log_scale=state.log_scale))
+
+
+def information_of_relief(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:
+    """How well the distances of the tracks of a plane would be known with a distance for each, at the same poses.
+
+    Parameters
+    ----------
+    tracks : WindowTracks
+        As fitted.
+    fit : JointFit
+        With a plane.
+    priors : Priors
+        As fitted.
+
+    Returns
+    -------
+    (T,) float
+        Squared ratio of the distance to its standard deviation; 0 for a track off the plane or behind a camera.
+    """
+    state = fit.state
+    if state.plane is None:
+        return np.zeros(len(state.rays))
+    anchor = np.maximum(tracks.anchor, 0)
+    world = np.einsum("tji,tj->ti", state.R[anchor], state.rays)
+    centre = -np.einsum("tji,tj->ti", state.R[anchor], state.t[anchor])
+    inverse = (world @ state.plane) / (1 - centre @ state.plane)
+    on_plane = state.on_plane & (tracks.anchor >= 0) & (inverse > 0)
+    equations = WindowEquations(tracks, state, priors)
+    nowhere = np.zeros(len(inverse), bool)
+    free = replace(state, on_plane=nowhere, inverse_distances=np.where(on_plane, inverse, 0.0))
+    equations.build(free, hold=False)
+    variance = np.maximum(equations.back[:, 2, 3], 1e-300)
+    return np.asarray(np.where(on_plane, inverse**2 / variance, 0.0))
 
 
 def _optimized(equations: WindowEquations, state: WindowState, max_steps: int, tolerance: float) -> JointFit:

@@ -193,7 +193,7 @@ def test_two_motions_of_a_room_leave_no_map():
 
 
 def test_a_pair_with_an_uncertain_direction_is_low_parallax():
-    outcome = tried(point_source("corridor", 1, baseline=0.05), (0, 3))
+    outcome = tried(point_source("desk", 0, baseline=0.1), (0, 2))
     window = outcome.attempt.window
     assert window.risk_direction > max(window.risk_rival, window.risk_rotation)
     assert outcome.attempt.verdict == Verdict.LOW_PARALLAX
@@ -281,7 +281,7 @@ def test_the_keyframes_are_the_pair_and_the_views_whose_own_baseline_is_certain(
     monkeypatch.setattr(window_rule, "risk_of", noting_risk_of)
     result = finished(point_source(scene, seed, baseline=baseline))
     (reference, current, *others), (_, *risks) = judged[-1]
-    limit = WINDOW_CONFIG.acceptance.max_risk
+    limit = 5e-4  # the floor of the risk
     certain = [frame for frame, risk in zip(others, risks, strict=True) if risk <= limit]
     assert [k.frame for k in result.map.keyframes] == sorted([reference, current, *certain])
     assert sorted(result.attempts[-1].frames) == sorted([reference, current, *certain])
