@@ -294,6 +294,25 @@ def test_a_room_that_is_proposed_with_a_plane_is_fitted_without_one(seed):
 # -- gain over the rotation-only camera -----------------------------------------------------------
 
 
+@pytest.mark.parametrize("scene", ["wall", "corridor"])
+def test_where_a_relief_would_not_show_nothing_is_held_on_a_plane(scene):
+    """With little parallax the points of any scene lie near a plane, within the noise."""
+    source, views = window_of(scene, 2, 3, baseline=0.01, noise_px=0.7)
+    pose, rays1, rays2 = pose_of_pair(source.camera, *views[:2])
+    frames = (views[0].frame, views[1].frame)
+    motions = [
+        replace(motion, plane=motion.plane if motion.plane is not None else np.array([0.0, 0.0, 0.1]))
+        for motion in motions_of_pair(replace(pose, kind="planar"), frames, rays1, rays2)
+    ]
+    found = fit_hypotheses(gather_tracks(source.camera, views, 0.7), motions, PRIORS)
+    assert not found.planar
+
+
+def test_a_wall_is_held_on_a_plane_where_a_relief_would_show():
+    source, views = window_of("wall", 2, 6, baseline=0.15, noise_px=0.7)
+    assert hypotheses_of(source.camera, views, PRIORS).planar
+
+
 def test_the_gain_over_a_rotation_is_half_of_the_difference_of_the_costs_where_all_views_are_located():
     source, views = window_of("room", 0, 5)
     found = hypotheses_of(source.camera, views, PRIORS)
