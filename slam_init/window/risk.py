@@ -12,6 +12,7 @@ causes add their probabilities:
   since a moving body or a step in the scene fills a region. What the error fields explain of the rival counts for it.
 * **rotation**: the camera only rotates, with a wrong focal length. Translation and points add unknowns, so they lower
   the cost by chance: twice the gain has a chi-square distribution then, with a noise that may be larger than measured.
+  Or the camera only rotates, and up to 45 % of the tracks lie on bodies that move.
 * **floor**: what is not modelled.
 """
 
@@ -60,6 +61,12 @@ _LOOKS = 10.0
 #: rendered images of such a camera with a wrong focal length, errors of the tracker that neighbours share had gains of
 #: 10 to 20 nats beyond chance.
 _GAIN_DISPERSION = 4.0
+#: Before a camera that only rotates, a moving body looks like a near object before points at infinity. So the rest of
+#: the tracks has to show a translation without the tracks that gain most: bodies that hold this share of them.
+_ON_BODIES = 0.45
+#: Mean gain of a track, in chi-square, where there is no translation: its direction is chosen to suit the tracks, and
+#: outliers gain more than noise (32 drawn windows).
+_CHANCE_GAIN = 0.9
 #: A rival with a larger probability is undecided, however precisely it is known; a scale of the fields with a smaller
 #: one changes nothing.
 _UNDECIDED, _UNLIKELY = 0.05, 0.01
@@ -149,6 +156,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     ]
     rival = min(1.0, _LOOKS * sum(odds))
     gain, rotation = _rotation_probability(hypotheses, expanded)
+    rotation = max(rotation, _bodies_probability(hypotheses))
     total = min(1.0, direction + rival + rotation + _FLOOR)
     depth_sigmas = inverse_distances(expanded).relative_sigmas
     field_px = expanded.marginal.expected_scale_px(expanded.scale_weights)
@@ -284,3 +292,22 @@ def _rotation_probability(hypotheses: WindowHypotheses, expanded: ExpandedFit) -
     spread = 2 / (9 * freedom)
     z = ((2 * gains / freedom) ** (1 / 3) - (1 - spread)) / math.sqrt(spread)
     return gain, float(expanded.scale_weights @ [gaussian_tail(float(one)) for one in z])
+
+
+def _bodies_probability(hypotheses: WindowHypotheses) -> float:
+    """Probability of the gains over the rotation-only camera if the tracks that gain most lie on moving bodies.
+
+    Points at infinity lie on no plane, so that a plane needs no such test.
+    """
+    if hypotheses.planar:
+        return 0.0
+    best, seen = hypotheses.motions[0], hypotheses.tracks.seen
+    missing = seen.sum(axis=0) - seen[list(best.rows)].sum(axis=0)
+    costs = best.fit.track_costs + hypotheses.priors.gate_sigmas**2 * missing
+    explained = costs <= explained_at_most(np.maximum(2 * seen.sum(axis=0) - 3, 0))
+    explained &= hypotheses.tracks.anchor >= 0
+    gains = np.sort((hypotheses.rotation_only.track_costs - costs)[explained]) / best.fit.dispersion
+    rest = gains[: len(gains) - int(_ON_BODIES * len(gains))]
+    if not len(rest):
+        return 1.0
+    return gaussian_tail((float(rest.sum()) - _CHANCE_GAIN * len(rest)) / math.sqrt(2 * len(rest)))

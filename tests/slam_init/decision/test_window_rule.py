@@ -102,6 +102,14 @@ def test_a_camera_that_does_not_translate_is_never_initialized(scene, options, s
     assert result.map is None
 
 
+@pytest.mark.parametrize("scene", ["rotation", "static"])
+@pytest.mark.parametrize("seed", [71002, 71003, 71006])
+def test_moving_bodies_before_a_camera_that_does_not_translate_are_no_near_objects(scene, seed):
+    """The rest of the tracks are at infinity, so that the bodies look like near objects of a translating camera."""
+    source = point_source(scene, seed, moving=0.3, noise_px=1.0, outliers=(0.05, 0.15, 0.3)[seed % 3])
+    assert not finished(source)
+
+
 def test_two_photographs_of_a_rotation_only_camera_with_a_wrong_focal_length_make_no_map():
     """The errors of a real tracker gain more than independent noise does."""
     source = synth("rotation", focal_error=-0.08)
