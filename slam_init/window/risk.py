@@ -12,7 +12,7 @@ causes add their probabilities:
   since a moving body or a step in the scene fills a region. What the error fields explain of the rival counts for it.
 * **rotation**: the camera only rotates, with a wrong focal length. Translation and points add unknowns, so they lower
   the cost by chance: twice the gain has a chi-square distribution then, with a noise that may be larger than measured.
-  Or the camera only rotates, and up to 45 % of the tracks lie on bodies that move.
+  Or the camera only rotates, and up to half of the tracks lie on bodies that move.
 * **floor**: what is not modelled.
 """
 
@@ -63,7 +63,7 @@ _LOOKS = 10.0
 _GAIN_DISPERSION = 4.0
 #: Before a camera that only rotates, a moving body looks like a near object before points at infinity. So the rest of
 #: the tracks has to show a translation without the tracks that gain most: bodies that hold this share of them.
-_ON_BODIES = 0.45
+_ON_BODIES = 0.5
 #: Mean gain of a track, in chi-square, where there is no translation: its direction is chosen to suit the tracks, and
 #: outliers gain more than noise (32 drawn windows).
 _CHANCE_GAIN = 0.9
