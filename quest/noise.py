@@ -56,7 +56,7 @@ def refine_with_noise(problem: RelativePoseProblem, model: Floats) -> tuple[Floa
         before = inlying
         # 1.4826 times the median absolute deviation is the deviation of a Gaussian. The motion has adapted to few
         # matches, hence the factor of Rousseeuw and Leroy for small samples. The lower bound keeps the gates of exact
-        # data open, the upper one the gate of the caller.
+        # data open.
         few = 1 + _UNKNOWNS / max(int(inlying.sum()) - _UNKNOWNS, 1)
         noise_rad = max(1.4826 * few * float(np.sqrt(np.median(r2[0][inlying]))), 1e-3 * problem.threshold_rad)
         model = problem.refine(model, inlying, GATE_SIGMAS * noise_rad)

@@ -173,10 +173,10 @@ def depths_along_epipolar_lines(R: Floats, t: Floats, m: Floats, n: Floats) -> t
     """Depths of noisy matches for a given pose: each ray as measured, the other view by its place on the epipolar line.
 
     The midpoint (:func:`depths_from_pose`) divides by the squared sine of the angle between the two rays. The noise
-    across the epipolar line adds to this angle, so that at low parallax the midpoint is too near: by a tenth in the
-    median where the parallax is three times the noise. Here the displacement along the line alone counts. The inverse
-    depth is the least-squares solution of ``n x (R m + rho t) = 0``, linear in the noise of that displacement, so that
-    the median depth is not biased::
+    across the epipolar line adds to this angle, so that at low parallax the midpoint is too near: by more than a tenth
+    in the median where the parallax is twice the noise (tests/quest/test_few_matches.py). Here the displacement along
+    the line alone counts. The inverse depth is the least-squares solution of ``n x (R m + rho t) = 0``, linear in the
+    noise of that displacement, so that the median depth is not biased::
 
         1 / u = (c (n . t) - R m . t) / (1 - (n . t)^2)        1 / v = (n . t - c (R m . t)) / (1 - (R m . t)^2)
 

@@ -54,8 +54,9 @@ _PLANE_SIGMAS = 2.5
 #: chance does by exp(z^2 / 2), and it has one unknown more, which costs a factor of about three: even odds.
 _RELIEF_SIGMAS = 1.5
 #: A relief of a fifth of the distances would show by this number of standard deviations, else nothing is known of a
-#: plane. The poses follow a smooth relief and hide most of it: of 24 drawn corridors at baselines of .03 and .05 of the
-#: depth all looked like planes below 19, and 24 walls and level flights were known to be planes from 25 on only.
+#: plane. The poses follow a smooth relief and hide most of it: of 12 drawn corridors at baselines of .03 and .05 of the
+#: depth those that looked like planes had 19 at most; 12 walls and 12 level flights had 40 or more once they were
+#: accepted.
 _TOLD_RELIEF, _TOLD_SIGMAS, _LARGEST_GAIN = 0.2, 20.0, 9.0
 #: Least share of the tracks that a plane holds, and their least number.
 _LEAST_ON_PLANE, _LEAST_TRACKS_ON_PLANE = 0.5, 20
