@@ -43,8 +43,9 @@ from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
-from slam_init.window.hypotheses import FittedMotion, WindowHypotheses, difference_deg
+from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.live import LiveHypotheses
+from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.state import Priors
 from slam_init.window.tracks import MAX_VIEWS

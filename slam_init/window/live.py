@@ -8,8 +8,9 @@ from quest.estimate import RelativePose
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
-from slam_init.window.hypotheses import Motion, WindowHypotheses, fit_hypotheses, motions_of_pair
+from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.linear_algebra import single_threaded
+from slam_init.window.motion import Motion
 from slam_init.window.state import Priors
 from slam_init.window.tracks import gather_tracks
 

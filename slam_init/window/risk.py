@@ -28,11 +28,12 @@ from quest.uncertainty.tails import gaussian_tail
 from slam_init.types.arrays import Floats
 from slam_init.types.comparison import Margin
 from slam_init.window.equations import explained_at_most
-from slam_init.window.hypotheses import FittedMotion, WindowHypotheses
+from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.linear_algebra import single_threaded
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, marginalize_fields
+from slam_init.window.motion import FittedMotion
 from slam_init.window.uncertainty import (
     ExpandedFit,
     direction_sigmas_deg,

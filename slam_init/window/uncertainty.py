@@ -22,10 +22,11 @@ import numpy as np
 
 from quest.robust.spatial_blocks import regions_of
 from slam_init.types.arrays import Bools, Floats
-from slam_init.window.hypotheses import FittedMotion, WindowHypotheses
+from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.linearization import Linearization, linearize_with_fields
 from slam_init.window.marginal import FIELD_PRIOR, FieldMarginal, marginalize_fields
+from slam_init.window.motion import FittedMotion
 from slam_init.window.tracks import WindowTracks
 
 __all__ = [

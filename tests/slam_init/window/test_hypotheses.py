@@ -10,8 +10,9 @@ from quest import Hypothesis
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
 from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
-from slam_init.window import hypotheses as hypotheses_module
-from slam_init.window.hypotheses import Motion, fit_hypotheses, motions_of_pair
+from slam_init.window import motion as motion_module
+from slam_init.window.hypotheses import fit_hypotheses, motions_of_pair
+from slam_init.window.motion import Motion
 from slam_init.window.state import Priors
 from slam_init.window.tracks import gather_tracks
 
@@ -246,10 +247,8 @@ def test_a_motion_near_an_earlier_one_is_not_fitted(monkeypatch, by_deg, fitted)
     (motion, *_) = motions_of_pair(pose, frames, rays1, rays2)
     other = Motion({frames[0]: Pose.identity(), frames[1]: turned(motion.cam_from_world[frames[1]], by_deg=by_deg)})
     fits = []
-    fit = hypotheses_module.fit_window
-    monkeypatch.setattr(
-        hypotheses_module, "fit_window", lambda *args, **options: fits.append(1) or fit(*args, **options)
-    )
+    fit = motion_module.fit_window
+    monkeypatch.setattr(motion_module, "fit_window", lambda *args, **options: fits.append(1) or fit(*args, **options))
     counts = []
     for motions in ([motion], [motion, other]):
         fits.clear()

@@ -1,0 +1,133 @@
+"""The views that a motion does not know yet, located by the points of those that it knows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from quest.robust.rotation import refine_rotation_compiled
+from slam_init.mapping.triangulation import resect, triangulate
+from slam_init.types.arrays import Bools, Floats
+from slam_init.types.pose import Pose
+from slam_init.window.motion import Motion
+from slam_init.window.tracks import WindowTracks
+
+__all__ = ["MIN_RESECTED", "align_views", "locate_views"]
+
+#: A further view needs this many points of the motion: twice the six unknowns of its pose in coordinates, and as many
+#: again to contradict the motion.
+MIN_RESECTED = 12
+#: Outlier threshold of a further view before the joint fit, in standard deviations of the noise.
+_RESECTION_SIGMAS = 4.0
+#: Scales of the robust kernel that aligns two views by a rotation. The first one reaches 25 degrees, the angle between
+#: two photos of a panorama; the last one is a few pixels.
+_ALIGNMENT_SCALES_RAD = (0.4, 0.1, 0.03, 0.01)
+
+
+def align_views(bearings: Floats, motions: Sequence[Motion], pair: tuple[int, ...]) -> Floats:
+    """Align the first view with each view by a rotation.
+
+    Parameters
+    ----------
+    bearings : (V, T, 3) float
+        NaN where a view does not see a track.
+    motions : sequence of Motion
+        The rotation of the first one is a start for the second view.
+    pair : tuple of int
+        Absolute indices of the first two views.
+
+    Returns
+    -------
+    (V, 3, 3) float
+        cam_k_from_cam_0.
+    """
+    R = np.tile(np.eye(3), (len(bearings), 1, 1))
+    proposed = [np.eye(3)]
+    for motion in motions[:1]:
+        known = motion.cam_from_world
+        if pair[0] in known and pair[1] in known:
+            proposed.append(known[pair[1]].R @ known[pair[0]].R.T)
+    for k in range(1, len(bearings)):
+        both = np.isfinite(bearings[0, :, 0]) & np.isfinite(bearings[k, :, 0])
+        if both.sum() >= 3:
+            m, n = bearings[0, both], bearings[k, both]
+            starts = proposed if k == 1 else [np.eye(3), R[1]]
+            aligned = [_aligned(start, m, n) for start in starts]
+            R[k] = min(aligned, key=lambda found: float(np.median(np.linalg.norm(n - m @ found.T, axis=1))))
+    return R
+
+
+def _aligned(R: Floats, m: Floats, n: Floats) -> Floats:
+    for scale_rad in _ALIGNMENT_SCALES_RAD:
+        R = refine_rotation_compiled(R, m, n, scale_rad, iterations=4)
+    return R
+
+
+def locate_views(tracks: WindowTracks, motion: Motion, bearings: Floats, rotations: Floats) -> Motion | None:
+    """Extend a motion to all views that its points locate; the reference becomes the world.
+
+    Parameters
+    ----------
+    tracks : WindowTracks
+    motion : Motion
+    bearings : (V, T, 3) float
+        NaN where a view does not see a track.
+    rotations : (V, 3, 3) float
+        Of :func:`align_views`.
+
+    Returns
+    -------
+    Motion or None
+        None where reference or current is not among the views that it knows then.
+    """
+    known = _resected(tracks, motion, bearings, rotations)
+    if 0 not in known or 1 not in known:
+        return None
+    to_reference = known[0].inverse()
+    plane = None if motion.plane is None else _moved_plane(motion.plane, known[0])
+    return Motion({tracks.frames[row]: known[row] @ to_reference for row in sorted(known)}, plane, motion.log_scale)
+
+
+def _resected(tracks: WindowTracks, motion: Motion, bearings: Floats, rotations: Floats) -> dict[int, Pose]:
+    """The poses of the views that a motion knows or that its points locate, by row."""
+    frames = enumerate(tracks.frames)
+    known = {row: motion.cam_from_world[frame] for row, frame in frames if frame in motion.cam_from_world}
+    if len(known) < 2 or len(known) == len(tracks.frames):
+        return known
+    threshold_rad = _RESECTION_SIGMAS * tracks.noise_px / tracks.camera.focal_px
+    rows = list(known)
+    points = triangulate([pose.inverse() for pose in known.values()], bearings[rows])
+    usable = _explained(points, list(known.values()), bearings[rows], threshold_rad)
+    for row in range(len(bearings)):
+        visible = usable & np.isfinite(bearings[row, :, 0])
+        if row in known or visible.sum() < MIN_RESECTED:
+            continue
+        nearest = min(rows, key=lambda one: abs(tracks.frames[one] - tracks.frames[row]))
+        turned = Pose(rotations[row] @ rotations[nearest].T, np.zeros(3)) @ known[nearest]
+        resected = resect(points[visible], bearings[row, visible], threshold_rad, turned)
+        if resected is not None and resected[1].sum() >= MIN_RESECTED:
+            known[row] = resected[0]
+    return known
+
+
+def _explained(points: Floats, poses: list[Pose], bearings: Floats, threshold_rad: float) -> Bools:
+    """The points that lie in front of the known cameras and project to their tracks in at least two of them."""
+    finite = np.isfinite(points).all(axis=1)
+    filled = np.nan_to_num(points)
+    agreeing = np.zeros(len(points), int)
+    against = np.zeros(len(points), int)
+    for pose, rays in zip(poses, bearings, strict=True):
+        local = pose.apply(filled)
+        local /= np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-300)
+        seen = np.isfinite(rays[:, 0])
+        near = np.linalg.norm(local - np.nan_to_num(rays), axis=1) < threshold_rad
+        agreeing += seen & near
+        against += seen & ~near
+    return np.asarray(finite & (agreeing >= 2) & (against <= agreeing // 2))
+
+
+def _moved_plane(plane: Floats, new_from_old: Pose) -> Floats:
+    """A plane ``k . X = 1`` in another frame of reference."""
+    turned = new_from_old.R @ plane
+    return np.asarray(turned / (1 + float(turned @ new_from_old.t)))

@@ -1,0 +1,187 @@
+"""A motion of the camera through the views of a window, and its joint fit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from quest.geometry.quaternion import rotation_angle
+from slam_init.types.arrays import Floats
+from slam_init.types.pose import Pose
+from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
+from slam_init.window.state import Priors, start_at
+from slam_init.window.tracks import WindowTracks
+
+__all__ = ["FittedMotion", "Motion", "difference_deg", "fit_motion", "noise_factor_at"]
+
+#: Motions nearer than this lead to the same optimum: a third of what makes an initialization wrong.
+_NEAR_ROTATION_DEG, _NEAR_DIRECTION_DEG = 1.5, 5.0
+#: Two fits nearer than this are one: an order below what makes an initialization wrong.
+_SAME_ROTATION_DEG, _SAME_DIRECTION_DEG = 0.3, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A motion of the camera through some frames.
+
+    Attributes
+    ----------
+    cam_from_world : dict of int to Pose
+        By absolute frame index; the world is any frame of reference.
+    plane : (3,) float or None
+        ``plane . X = 1`` in the world, where most points lie on one plane.
+    log_scale : float
+        Logarithm of the true focal length over the stated one.
+    """
+
+    cam_from_world: dict[int, Pose]
+    plane: Floats | None = None
+    log_scale: float = 0.0
+
+    def is_near(self, other: Motion) -> bool:
+        """Whether another motion moves the first two frames alike, so that a fit ends in the same optimum.
+
+        Parameters
+        ----------
+        other : Motion
+
+        Returns
+        -------
+        bool
+            False where the other motion does not know these frames.
+        """
+        first, second = list(self.cam_from_world)[:2]
+        if first not in other.cam_from_world or second not in other.cam_from_world:
+            return False
+        a, b = (one.cam_from_world[second] @ one.cam_from_world[first].inverse() for one in (self, other))
+        rotation_deg, direction_deg = difference_deg(a, b)
+        return rotation_deg <= _NEAR_ROTATION_DEG and direction_deg <= _NEAR_DIRECTION_DEG
+
+
+@dataclass(frozen=True, eq=False)
+class FittedMotion:
+    """A motion with the joint fit of the views that it could locate.
+
+    Attributes
+    ----------
+    fit : JointFit
+    rows : tuple of int
+        Views of the window in the fit, reference and current first.
+    frames : tuple of int
+        Absolute indices of these views.
+    """
+
+    fit: JointFit
+    rows: tuple[int, ...]
+    frames: tuple[int, ...]
+
+    @property
+    def cam2_from_cam1(self) -> Pose:
+        """The adjusted motion of the pair, with |t| = 1."""
+        R, t = self.fit.state.R[1], self.fit.state.t[1]
+        return Pose(R, t / max(float(np.linalg.norm(t)), 1e-300))
+
+    @property
+    def planar(self) -> bool:
+        """Whether most points were held on a plane."""
+        return self.fit.state.plane is not None
+
+    @property
+    def motion(self) -> Motion:
+        """The adjusted motion, as the start of the next fit."""
+        state = self.fit.state
+        poses = {frame: Pose(state.R[k], state.t[k]) for k, frame in enumerate(self.frames)}
+        return Motion(poses, state.plane, state.log_scale)
+
+    def same_as(self, other: FittedMotion) -> bool:
+        """Whether two fits ended in the same optimum.
+
+        Parameters
+        ----------
+        other : FittedMotion
+
+        Returns
+        -------
+        bool
+        """
+        rotation_deg, direction_deg = self.difference_deg(other)
+        return rotation_deg <= _SAME_ROTATION_DEG and direction_deg <= _SAME_DIRECTION_DEG
+
+    def difference_deg(self, other: FittedMotion) -> tuple[float, float]:
+        """Angles between the rotations and between the directions of the pair.
+
+        Parameters
+        ----------
+        other : FittedMotion
+
+        Returns
+        -------
+        rotation_deg, direction_deg : float
+        """
+        return difference_deg(self.cam2_from_cam1, other.cam2_from_cam1)
+
+
+def difference_deg(a: Pose, b: Pose) -> tuple[float, float]:
+    """Angles between two rotations, and between the directions of two baselines.
+
+    Parameters
+    ----------
+    a, b : Pose
+        cam2_from_cam1 of the same two views.
+
+    Returns
+    -------
+    rotation_deg, direction_deg : float
+    """
+    centre_a, centre_b = a.R.T @ a.t, b.R.T @ b.t
+    lengths = max(float(np.linalg.norm(centre_a) * np.linalg.norm(centre_b)), 1e-300)
+    direction = math.acos(min(max(float(centre_a @ centre_b) / lengths, -1.0), 1.0))
+    return math.degrees(float(rotation_angle(a.R.T @ b.R))), math.degrees(direction)
+
+
+def fit_motion(tracks: WindowTracks, motion: Motion, priors: Priors) -> FittedMotion:
+    """Fit a motion to the views that it knows.
+
+    Parameters
+    ----------
+    tracks : WindowTracks
+        Of all views.
+    motion : Motion
+    priors : Priors
+
+    Returns
+    -------
+    FittedMotion
+    """
+    part, R, t, rows = _part_of(tracks, motion)
+    frames = tuple(tracks.frames[row] for row in rows)
+    return FittedMotion(
+        fit_window(part, start_at(part, R, t, motion.plane, log_scale=motion.log_scale), priors), rows, frames
+    )
+
+
+def noise_factor_at(tracks: WindowTracks, motion: Motion, priors: Priors) -> float:
+    """The noise of a motion as a start over the noise of the tracks; see :func:`.joint_fit.start_noise_factor`.
+
+    Parameters
+    ----------
+    tracks : WindowTracks
+        Of all views.
+    motion : Motion
+    priors : Priors
+
+    Returns
+    -------
+    float
+    """
+    part, R, t, _ = _part_of(tracks, motion)
+    return start_noise_factor(part, start_at(part, R, t, log_scale=motion.log_scale), priors)
+
+
+def _part_of(tracks: WindowTracks, motion: Motion) -> tuple[WindowTracks, Floats, Floats, tuple[int, ...]]:
+    """The tracks in the views of a located motion, its rotations and translations, and the rows of the views."""
+    rows = tuple(row for row, frame in enumerate(tracks.frames) if frame in motion.cam_from_world)
+    poses = [motion.cam_from_world[tracks.frames[row]] for row in rows]
+    return tracks.of_views(rows), np.array([pose.R for pose in poses]), np.array([pose.t for pose in poses]), rows
