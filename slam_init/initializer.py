@@ -28,6 +28,7 @@ from slam_init.decision.focal_check import FocalCheck
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.screening import screen
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
+from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.frontend.tracks import Tracker
 from slam_init.mapping.map_building import MapWithViews
 from slam_init.recording.recorder import Recorder
@@ -80,6 +81,8 @@ class Initializer:
         Follows the tracks; it can be used after the initialization.
     history : History
         The observations of the last frames; :attr:`tracker` adds to it.
+    shutter : RollingShutter
+        Corrects the rays of a rolling shutter.
     """
 
     def __init__(
@@ -96,6 +99,7 @@ class Initializer:
         self.recorder = recorder or Recorder()
         self.tracker = Tracker(camera, self.config.tracking)
         self.history = self.tracker.history
+        self.shutter = RollingShutter(camera)
         self.keyframes = KeyframeManager(camera, self.config)
         self.stopwatch = Stopwatch()
         self.status = Status()
@@ -165,6 +169,7 @@ class Initializer:
         if self.map is not None:
             return self.status
         self.history.take(current, revised)
+        current = self.shutter.take(self.history, current.frame)
         self.frames_read += 1
         self._next_index = current.frame + 1
         with self.stopwatch("pairs"):
@@ -237,7 +242,7 @@ class Initializer:
             from slam_init.decision.window_rule import WindowRule
 
             self._window = WindowRule(
-                self.camera, self.config, self.history, third_view=self._third_view, propose=self._propose
+                self.camera, self.config, self.history, self.shutter, third_view=self._third_view, propose=self._propose
             )
         return self._window.judge(pair, pairs, current, self.stopwatch)
 

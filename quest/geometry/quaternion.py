@@ -20,6 +20,7 @@ __all__ = [
     "quaternion_from_vector",
     "rotation_angle",
     "rotation_from_vector",
+    "vector_from_rotation",
 ]
 
 Floats = NDArray[np.float64]
@@ -180,6 +181,24 @@ def quaternion_from_vector(w: ArrayLike) -> Floats:
     # With sinc the half-angle formula is exact at zero too.
     vector = 0.5 * np.sinc(angle / (2 * np.pi)) * w
     return np.concatenate([np.cos(angle / 2), vector], axis=-1)
+
+
+def vector_from_rotation(R: ArrayLike) -> Floats:
+    """Rotation vectors of rotation matrices (the logarithm), of angles up to pi.
+
+    Parameters
+    ----------
+    R : (..., 3, 3) array_like
+
+    Returns
+    -------
+    (..., 3) float
+        Radians.
+    """
+    q = canonical(quaternion_from_matrix(R))
+    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(sine, q[..., :1])
+    return np.asarray(q[..., 1:] * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 2.0))
 
 
 def rotation_from_vector(w: ArrayLike) -> Floats:

@@ -29,6 +29,7 @@ from slam_init.decision.two_views import (
     pose_evidence,
 )
 from slam_init.frontend.keyframes import PairPreview
+from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.frontend.tracks import History
 from slam_init.mapping.candidate import map_of_poses
 from slam_init.mapping.map_building import MapWithViews, map_with_views
@@ -44,7 +45,7 @@ from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.live import LiveHypotheses
+from slam_init.window.live import LiveHypotheses, readout_of
 from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.state import Priors
@@ -54,6 +55,9 @@ __all__ = ["WINDOW_PRIORS", "WindowRule"]
 
 #: What is known of the camera before the fit: calibrations are better than two per cent, data sheets are worse.
 WINDOW_PRIORS = Priors(focal_sigma=0.02)
+#: Standard deviation of an unknown readout about none: global shutters have none, and rolling ones take up to the time
+#: between two frames of a video.
+_READOUT_SIGMA_S = 0.02
 #: A gain over the rotation-only camera that chance exceeds more often than this is no evidence of a translation. A
 #: direction without a translation is uncertain too, so that its term would hide the cause.
 _INSIGNIFICANT = 0.05
@@ -86,6 +90,8 @@ class WindowRule:
     config : Config
     history : History
         Holds the candidate references and the frames between them.
+    shutter : RollingShutter, optional
+        Corrects the rays of the history; the window estimates an unknown readout. By default one that knows no turning.
     third_view : bool
         Whether further views join the window. Without them the window holds reference and current alone.
     propose : callable, optional
@@ -97,6 +103,7 @@ class WindowRule:
         camera: Camera,
         config: Config,
         history: History,
+        shutter: RollingShutter | None = None,
         *,
         third_view: bool = True,
         propose: Proposer | None = None,
@@ -104,9 +111,12 @@ class WindowRule:
         self._camera = camera
         self._config = config
         self._history = history
+        self._shutter = shutter or RollingShutter(camera)
         self._third_view = third_view
         self._estimate = propose or pose_at_fitting_threshold
-        self._live = LiveHypotheses(camera, WINDOW_PRIORS, config.map.min_noise_px)
+        readout_sigma_s = _READOUT_SIGMA_S if camera.readout_s is None else 0.0
+        self._priors = replace(WINDOW_PRIORS, readout_sigma_s=readout_sigma_s)
+        self._live = LiveHypotheses(camera, self._priors, config.map.min_noise_px)
         self._threshold_rad = config.two_view.threshold_px / camera.focal_px
         self._reference: int | None = None
         self._last: _Judged | None = None
@@ -197,7 +207,7 @@ class WindowRule:
     def _propose(self, pair: MatchedPair, pose: RelativePose) -> None:
         noise_px = max(self._config.map.min_noise_px, pose.noise_rad * self._camera.focal_px)
         frames = (pair.preview.reference, pair.preview.current)
-        self._live.propose(pose, frames, pair.rays1, pair.rays2, noise_px)
+        self._live.propose(pose, frames, pair.rays1, pair.rays2, noise_px, self._shutter.readout_s)
 
     def _without_motion(self, attempt: Attempt, pose: RelativePose | NoPose) -> Attempt:
         if isinstance(pose, NoPose):
@@ -210,6 +220,7 @@ class WindowRule:
             self._last = None
             return Outcome(refused_at(attempt, Verdict.NO_CONSISTENT_MOTION, Stage.MAP))
         risk = risk_of(hypotheses)
+        pair = self._with_readout(pair, hypotheses, risk)
         attempt = replace(
             attempt,
             window=_evidence(hypotheses, risk),
@@ -231,6 +242,14 @@ class WindowRule:
         bundle, table = self._agreeing_map(self._last, certain)
         attempt = replace(attempt, frames=table.frames)
         return replace(self._usable(attempt, bundle, hypotheses), margin=risk.margin)
+
+    def _with_readout(self, pair: MatchedPair, hypotheses: WindowHypotheses, risk: WindowRisk) -> MatchedPair:
+        """Correct the rays of the history for the readout that the window found; return the pair with these rays."""
+        rotating = risk.rotation > _MERE_ROTATION
+        readout_s = readout_of(hypotheses.rotation_only if rotating else hypotheses.motions[0].fit)
+        if readout_s is None or not self._shutter.adopt(self._history, readout_s):
+            return pair
+        return match_pair(self._history, pair.preview, self._history[pair.current.frame])
 
     def _further_views(self, pair: MatchedPair) -> list[Observations]:
         """The views of the window besides the pair."""
@@ -273,6 +292,9 @@ class WindowRule:
         """The bundle-adjusted map of a fitted motion, on all tracks of the pair and in the given frames."""
         views = [self._history[frame] for frame in (motion.frames if frames is None else frames)[2:]]
         table = table_of(pair.reference, pair.current, views)
+        if self._shutter.readout_s.any():
+            pixels = np.array([self._camera.project(bearings) for bearings in table.bearings])
+            table = replace(table, pixels=pixels)
         poses = motion.motion.cam_from_world
         options = self._config.map
         # A focal length that the window found to be off would bend the map.

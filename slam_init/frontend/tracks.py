@@ -9,7 +9,7 @@ modules that use the tracks do not know their origin.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,6 +62,9 @@ class History:
     def __contains__(self, frame: int) -> bool:
         return frame in self._frames
 
+    def __iter__(self) -> Iterator[Observations]:
+        return iter([observations for _, observations in sorted(self._frames.items())])
+
     def put(self, observations: Observations) -> None:
         """Add a frame, or replace its observations.
 
@@ -95,7 +98,9 @@ class History:
             raise SlamInitError(
                 f"frame {observations.frame} comes after frame {newest}: feed frames in ascending order"
             )
-        self._frames |= {one.frame: one for one in revised if one.frame in self._frames}
+        for one in revised:
+            if one.frame in self._frames:
+                self._frames[one.frame] = one
         self.put(observations)
 
     def forget(self, keep: Iterable[int]) -> None:

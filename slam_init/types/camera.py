@@ -38,6 +38,11 @@ _MAX_OFFSET = 10.0
 # Largest ratio of fx and fy. Anamorphic lenses have 2; a larger ratio is a wrong decimal point.
 _MAX_ASPECT = 5.0
 
+# Longest readout of a rolling shutter: no frame takes longer than its interval, and no video is slower than this.
+_MAX_READOUT_MS = 1000.0
+# Unit vectors of the directions in which an image is read out.
+_READOUT_DIRECTIONS = {"down": (0.0, 1.0), "up": (0.0, -1.0), "right": (1.0, 0.0), "left": (-1.0, 0.0)}
+
 # Allowed numbers of distortion coefficients.
 _DISTORTION_SIZES = {"pinhole": (0,), "radtan": (4, 5), "fisheye": (4,)}
 
@@ -58,12 +63,17 @@ class Camera(Described):
         ``()``, ``(k1, k2, p1, p2[, k3])`` or ``(k1, k2, k3, k4)``.
     guessed : bool
         True if the focal length is a guess, not a calibration.
+    readout_ms : float or None
+        Time from the first to the last row of a rolling shutter; 0 for a global shutter, None if unknown. Poses and
+        time stamps are those of the middle row.
+    readout_direction : str
+        ``down``, ``up``, ``right`` or ``left``: in which direction of the image rows, or columns, are read.
 
     Raises
     ------
     CalibrationError
-        If the model is unknown, if a focal length or a size is not positive, or if a number is not finite or outside of
-        the range of real lenses.
+        If the model or the direction is unknown, if a focal length or a size is not positive, or if a number is not
+        finite or outside of the range of real cameras.
     """
 
     model: str
@@ -75,6 +85,8 @@ class Camera(Described):
     cy: float
     distortion: tuple[float, ...] = ()
     guessed: bool = False
+    readout_ms: float | None = None
+    readout_direction: str = "down"
 
     def __post_init__(self) -> None:
         if self.model not in _DISTORTION_SIZES:
@@ -97,6 +109,15 @@ class Camera(Described):
             )
         if not all(math.isfinite(k) for k in self.distortion):
             raise CalibrationError(f"distortion {list(self.distortion)} holds a number that is not finite")
+        if self.readout_ms is not None and not 0 <= self.readout_ms <= _MAX_READOUT_MS:
+            raise CalibrationError(
+                f"readout is {self.readout_ms!r} ms: give milliseconds from 0 to {_MAX_READOUT_MS:g}, and for rows "
+                "that are read upwards the direction 'up'"
+            )
+        if self.readout_direction not in _READOUT_DIRECTIONS:
+            raise CalibrationError(
+                f"unknown readout direction {self.readout_direction!r}: use one of {', '.join(_READOUT_DIRECTIONS)}"
+            )
 
     def _check_plausible(self) -> None:
         side = max(self.width, self.height)
@@ -123,6 +144,19 @@ class Camera(Described):
     def focal_px(self) -> float:
         """Geometric mean of fx and fy: the number of pixels per radian near the centre."""
         return math.sqrt(self.fx * self.fy)
+
+    @property
+    def readout_s(self) -> tuple[float, float] | None:
+        """Readouts of all columns and of all rows in seconds, positive to the right and down; None if unknown.
+
+        Returns
+        -------
+        (float, float) or None
+        """
+        if self.readout_ms is None:
+            return None
+        right, down = _READOUT_DIRECTIONS[self.readout_direction]
+        return 1e-3 * self.readout_ms * right, 1e-3 * self.readout_ms * down
 
     @property
     def is_distorted(self) -> bool:
@@ -235,6 +269,8 @@ class Camera(Described):
         ]
         if self.distortion:
             facts.append(("distortion", ", ".join(f"{k:.4g}" for k in self.distortion)))
+        if self.readout_ms is not None:
+            facts.append(("readout", f"{self.readout_ms:.4g} ms, {self.readout_direction}"))
         return f"{self.model} camera, {self.width}x{self.height}{guessed}", facts
 
 

@@ -109,9 +109,14 @@ class Observations:
     pixels : (N, 2) float
         Measured positions in the raw image.
     bearings : (N, 3) float
-        Unit rays of the pixels in the camera frame, without distortion.
+        Unit rays of the pixels in the camera frame, without distortion, at the middle of the readout.
     colors : (N, 3) uint8
         RGB of the image at the pixels; (0, 3) if unknown.
+    turn_rad_s : (3,) float or None
+        How the rays of points at rest turn in the camera frame: a rotation vector per second, which is the negative
+        angular velocity of the camera. None where it is not known, or where no rolling shutter is assumed.
+    readout_s : (2,) float
+        Readouts of all columns and of all rows that the bearings are corrected for; zero where they are not.
     """
 
     frame: int
@@ -121,6 +126,8 @@ class Observations:
     pixels: Floats
     bearings: Floats
     colors: Image = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
+    turn_rad_s: Floats | None = None
+    readout_s: Floats = field(default_factory=lambda: np.zeros(2))
 
     def __len__(self) -> int:
         return len(self.track_ids)

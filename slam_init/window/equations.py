@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Ints
-from slam_init.window.kernels import FIELD_TERMS, accumulate, eliminate
+from slam_init.window.kernels import FIELD_TERMS, READOUT_TERMS, accumulate, eliminate
 from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState
 from slam_init.window.tracks import WindowTracks
@@ -52,7 +52,7 @@ class WindowEquations:
     free : (T,) bool
         Tracks whose inverse distance is an unknown.
     focal : int
-        Place of the focal length among the common unknowns.
+        Place of the focal length among the common unknowns. The readout follows it, where it is unknown.
     held_view : int
         View whose baseline is held.
     """
@@ -66,7 +66,9 @@ class WindowEquations:
         self._views = views
         self._block = 6 + self._field_size
         self.focal = self._block * (views - 1) + self._field_size
-        size = self.focal + 1 + (3 if self._has_plane else 0)
+        self._readout_size = READOUT_TERMS if priors.readout_sigma_s > 0 else 0
+        self._readout = slice(self.focal + 1, self.focal + 1 + self._readout_size)
+        size = self._readout.stop + (3 if self._has_plane else 0)
         self._normal, self.gradient, self.shares = np.zeros((size, size)), np.zeros(size), np.zeros((count, size))
         self.back, self.costs = np.zeros((count, 3, 4 + size)), np.zeros(count)
         self.squares, self.across = np.zeros((views, count)), np.zeros(count)
@@ -182,6 +184,7 @@ class WindowEquations:
         free = self.free & ~state.on_plane
         inverse = np.maximum(state.inverse_distances + np.where(free, local[:, 2], 0.0), 0.0)
         plane = None if state.plane is None else state.plane + step[-3:]
+        readout = state.readout_s + step[self._readout] if self._readout_size else state.readout_s
         return replace(
             state,
             R=R,
@@ -189,6 +192,7 @@ class WindowEquations:
             rays=rays,
             inverse_distances=inverse,
             log_scale=state.log_scale + float(step[self.focal]),
+            readout_s=readout,
             field=field,
             plane=plane,
         )
@@ -196,11 +200,12 @@ class WindowEquations:
     def _accumulate(self, state: WindowState, *, fill: bool) -> float:
         tracks, priors = self.tracks, self.priors
         plane = np.zeros(3) if state.plane is None else state.plane
+        readout_s = state.readout_s - tracks.readout_s
         cost = accumulate(
             self._camera, state.R, state.t, state.log_scale, plane, state.on_plane, state.field, self._field_size,
-            tracks.pixels, tracks.sigma_px, tracks.places, tracks.seen, tracks.anchor, state.rays,
-            state.inverse_distances, self.free, priors.gate_sigmas**2, self._normal, self.shares, self.back,
-            self.costs, self.squares, self.across, fill,
+            readout_s, self._readout_size, tracks.sweep_px_s, tracks.pixels, tracks.sigma_px, tracks.places,
+            tracks.seen, tracks.anchor, state.rays, state.inverse_distances, self.free, priors.gate_sigmas**2,
+            self._normal, self.shares, self.back, self.costs, self.squares, self.across, fill,
         )  # fmt: skip
         if self._has_plane:
             off = ~state.on_plane & (tracks.anchor >= 0)
@@ -211,6 +216,12 @@ class WindowEquations:
             self.gradient[:] = eliminate(self._normal, self.shares, self.back)
             self._normal[self.focal, self.focal] += 1 / priors.focal_sigma**2
             self.gradient[self.focal] += state.log_scale / priors.focal_sigma**2
+        if self._readout_size:
+            cost += float(state.readout_s @ state.readout_s) / priors.readout_sigma_s**2
+            if fill:
+                own = np.arange(self._readout.start, self._readout.stop)
+                self._normal[own, own] += 1 / priors.readout_sigma_s**2
+                self.gradient[own] += state.readout_s / priors.readout_sigma_s**2
         if self._field_size:
             cost += float(np.sum(state.field**2)) / priors.field_sigma_px**2
             for k in range(self._views if fill else 0):

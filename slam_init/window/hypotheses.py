@@ -95,9 +95,10 @@ class WindowHypotheses:
         """
         views = len(self.tracks.frames)
         focal = 6 * (views - 1)
-        unknowns = [*(6 * k + axis for k in range(views - 1) for axis in range(3)), focal]
+        after = range(focal, len(self.rotation_only.information))
+        unknowns = [*(6 * k + axis for k in range(views - 1) for axis in range(3)), *after]
         information = self.rotation_only.information[np.ix_(unknowns, unknowns)]
-        known = 1 / float(np.linalg.inv(information)[-1, -1])
+        known = 1 / float(np.linalg.inv(information)[-len(after), -len(after)])
         by_tracks = known - 1 / self.priors.focal_sigma**2
         if by_tracks <= 1e-6 * known:
             return 0.0, math.inf
@@ -105,7 +106,13 @@ class WindowHypotheses:
         return self.rotation_only.state.log_scale * known / by_tracks, sigma
 
 
-def motions_of_pair(pose: RelativePose, frames: tuple[int, int], rays1: Floats, rays2: Floats) -> list[Motion]:
+def motions_of_pair(
+    pose: RelativePose,
+    frames: tuple[int, int],
+    rays1: Floats,
+    rays2: Floats,
+    readout_s: Floats | None = None,
+) -> list[Motion]:
     """The motions that explain the matches of a pair.
 
     Parameters
@@ -118,6 +125,8 @@ def motions_of_pair(pose: RelativePose, frames: tuple[int, int], rays1: Floats, 
         Absolute indices of reference and current.
     rays1, rays2 : (N, 3) float
         The matches that the pose was estimated from.
+    readout_s : (2,) float, optional
+        That the rays are corrected for; by default zero.
 
     Returns
     -------
@@ -134,7 +143,8 @@ def motions_of_pair(pose: RelativePose, frames: tuple[int, int], rays1: Floats, 
         plane = None
         if pose.kind != "general" and one.inliers.sum() >= MIN_RESECTED:
             plane = plane_of_motion(one.R, one.t, rays1[one.inliers], rays2[one.inliers])
-        motions.append(Motion({frames[0]: Pose.identity(), frames[1]: Pose(one.R, one.t)}, plane))
+        poses = {frames[0]: Pose.identity(), frames[1]: Pose(one.R, one.t)}
+        motions.append(Motion(poses, plane, readout_s=np.zeros(2) if readout_s is None else readout_s))
     return motions
 
 
@@ -158,7 +168,7 @@ def fit_hypotheses(
     WindowHypotheses or None
         None where no motion locates reference and current.
     """
-    bearings = np.array([tracks.camera.bearings(pixels) for pixels in tracks.pixels])
+    bearings = tracks.bearings(0.0, motions[0].readout_s if motions else tracks.readout_s)
     bearings[~tracks.seen] = np.nan
     rotations = align_views(bearings, motions, tracks.frames[:2])
     poses: list[Motion] = []
@@ -217,7 +227,7 @@ def _with_plane(motion: Motion, tracks: WindowTracks, bearings: Floats) -> Motio
 def _fit_rotation(tracks: WindowTracks, rotations: Floats, priors: Priors) -> JointFit:
     # The translation has no effect on points at infinity; its length only has to differ from zero.
     t = np.outer(np.arange(len(rotations)), [1e-9, 0.0, 0.0])
-    start = start_at(tracks, rotations, t, at_infinity=True)
+    start = start_at(tracks, rotations, t, readout_s=tracks.readout_s, at_infinity=True)
     # A wrong focal length moves the tracks by many times their noise, so the fit starts with a noise that allows it.
     factor = start_noise_factor(tracks, start, priors, rotation_only=True)
     for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():

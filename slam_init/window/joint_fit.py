@@ -162,7 +162,9 @@ def costs_off_plane(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floa
     """
     state = fit.state
     equations = WindowEquations(tracks, state, priors)
-    return _costs_off_plane(equations, state, start_at(tracks, state.R, state.t, log_scale=state.log_scale))
+    return _costs_off_plane(
+        equations, state, start_at(tracks, state.R, state.t, log_scale=state.log_scale, readout_s=state.readout_s)
+    )
 
 
 def information_of_relief(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:
@@ -268,7 +270,7 @@ def _reassigned(equations: WindowEquations, state: WindowState) -> WindowState:
     """The tracks on the plane and those off it, by their costs at the poses of a state."""
     equations.cost(replace(state, on_plane=np.ones(len(state.rays), bool)))
     on = equations.costs.copy()
-    measured = start_at(equations.tracks, state.R, state.t, log_scale=state.log_scale)
+    measured = start_at(equations.tracks, state.R, state.t, log_scale=state.log_scale, readout_s=state.readout_s)
     off = _costs_off_plane(equations, state, measured) + OFF_PLANE_COST
     return replace(state, on_plane=on <= off, inverse_distances=measured.inverse_distances)
 

@@ -8,10 +8,14 @@ k ::
 
 and the residual in units of the noise is, with the projection pi of the lens and a measured pixel x ::
 
-    e = (pi(P; focal scale) - x) / sigma + F(x) c_k
+    e = (pi(P; focal scale) + S r - x) / sigma + F(x) c_k
 
 ``F(x) c_k`` is the smooth error field of view k: six polynomials of the image coordinates for each component, with
 coefficients c_k. View 0 is a measurement like any other, so its rays have residuals too.
+
+``r`` is the readout of a rolling shutter, in seconds for all columns and for all rows of the image, and ``S`` how far
+the pixel moves for each second of it (:mod:`slam_init.frontend.rolling_shutter`). The poses are those of the middle of
+the readout.
 
 On a plane ``k . X = 1`` the inverse distance of a track is no unknown: ``rho = (k . u) / (1 - k . c)`` with ``u =
 R_a^T d`` and the centre ``c = -R_a^T t_a`` of the anchor. A point with ``rho <= 0`` lies behind its camera: all its
@@ -21,8 +25,9 @@ Each observation has the robust cost ``g (1 - (1 - e^2 / 3g)^3)`` up to ``e^2 = 
 the squared outlier gate. Near 0 it is e^2, and 95 % of the information of Gaussian noise is kept at a gate of three
 standard deviations; the kernel of Geman and McClure with the same cost of an outlier keeps 57 %. Each track
 adds two or three unknowns of its own: two of its ray, and rho. :func:`eliminate` takes them out (Schur complement), so
-that a step solves for the views, the focal length and the plane only. The order of the unknowns is: field of
-view 0; pose (rotation vector, translation) and field of views 1, 2, ...; logarithm of the focal scale; plane.
+that a step solves for the views, the camera and the plane only. The order of the unknowns is: field of view 0; pose
+(rotation vector, translation) and field of views 1, 2, ...; logarithm of the focal scale; readout, where it is unknown;
+plane.
 """
 
 from __future__ import annotations
@@ -34,10 +39,12 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.compiler import compiled
 from slam_init.window.projection import project_point
 
-__all__ = ["FIELD_TERMS", "accumulate", "eliminate"]
+__all__ = ["FIELD_TERMS", "READOUT_TERMS", "accumulate", "eliminate"]
 
 #: Coefficients of the error field of a view: 1, u, v, u^2, uv, v^2 for each component of the pixel.
 FIELD_TERMS = 12
+#: Unknowns of the readout: of all columns, and of all rows.
+READOUT_TERMS = 2
 
 
 @compiled
@@ -211,6 +218,9 @@ def accumulate(
     on_plane: Bools,
     field: Floats,
     field_size: int,
+    readout_s: Floats,
+    readout_size: int,
+    sweep_px_s: Floats,
     pixels: Floats,
     sigma_px: Floats,
     places: Floats,
@@ -246,6 +256,12 @@ def accumulate(
         Coefficients of the error fields.
     field_size : int
         12, or 0 for no field.
+    readout_s : (2,) float
+        Readout of all columns and of all rows, in seconds, beyond the one that the pixels are corrected for.
+    readout_size : int
+        2, or 0 where it is known.
+    sweep_px_s : (V, T, 2, 2) float
+        Derivatives of the pixels (rows) by the readouts (columns).
     pixels : (V, T, 2) float
         Measured pixels.
     sigma_px : (V, T) float
@@ -290,6 +306,7 @@ def accumulate(
     half = field_size // 2
     block = 6 + field_size
     focal = block * (V - 1) + field_size  # view 0 has a field and no pose
+    plane_first = focal + 1 + readout_size
     G = shares.shape[1]
     if fill:
         normal[:], shares[:] = 0.0, 0.0
@@ -325,7 +342,8 @@ def accumulate(
                 squares[k, i] = np.inf
                 continue
             for j in range(2):
-                e[j] = (pixel[j] - pixels[k, i, j]) / sigma_px[k, i]
+                swept = sweep_px_s[k, i, j, 0] * readout_s[0] + sweep_px_s[k, i, j, 1] * readout_s[1]
+                e[j] = (pixel[j] + swept - pixels[k, i, j]) / sigma_px[k, i]
                 for q in range(half):
                     e[j] += places[k, i, q] * field[k, j * half + q]
             r2 = e[0] * e[0] + e[1] * e[1]
@@ -346,15 +364,21 @@ def accumulate(
                     n = _pose_columns(field_size + block * (k - 1), x, r, D, 1.0, idx, Jg, n)
                 if a > 0:
                     n = _pose_columns(field_size + block * (a - 1), v, r, DM, -1.0, idx, Jg, n)
-                n = _depth_columns(t, k, a, D, DM, on_plane[i], free[i], by, d[i], focal + 1, Jl, idx, Jg, n)
+                n = _depth_columns(t, k, a, D, DM, on_plane[i], free[i], by, d[i], plane_first, Jl, idx, Jg, n)
             if field_size:
                 n = _field_columns(field_size + block * (k - 1) + 6 if k else 0, half, places[k, i], idx, Jg, n)
             idx[n] = focal
             Jg[0, n] = (pixel[0] - camera[3]) / sigma_px[k, i]
             Jg[1, n] = (pixel[1] - camera[4]) / sigma_px[k, i]
+            n += 1
+            for q in range(readout_size):
+                idx[n] = focal + 1 + q
+                Jg[0, n] = sweep_px_s[k, i, 0, q] / sigma_px[k, i]
+                Jg[1, n] = sweep_px_s[k, i, 1, q] / sigma_px[k, i]
+                n += 1
             slope += left * left * (Jl[0, 2] * e[1] - Jl[1, 2] * e[0])
             curvature += left * left * (Jl[0, 2] * Jl[0, 2] + Jl[1, 2] * Jl[1, 2])
-            _add_observation(left * left, e, Jl, Jg, idx, n + 1, A, b, W, shares[i], normal)
+            _add_observation(left * left, e, Jl, Jg, idx, n, A, b, W, shares[i], normal)
         total += costs[i]
         if fill:
             across[i] = slope * slope / curvature if curvature > 0.0 else 0.0

@@ -73,6 +73,8 @@ def linearize_with_fields(
     shares[held] += np.einsum("tpg,tp->tg", back[held, :, 4:], back[held, :, 3] * back[held, 2, :1])
     gradient = shares.sum(axis=0)
     gradient[equations.focal] += state.log_scale / priors.focal_sigma**2
+    if priors.readout_sigma_s > 0:
+        gradient[equations.focal + 1 : equations.focal + 3] += state.readout_s / priors.readout_sigma_s**2
     variance = back[:, 2, 3].copy()
     coupling = -np.einsum("tq,tqg->tg", back[:, 2, 1:4], back[:, :, 4:])
     if state.plane is not None:

@@ -86,7 +86,12 @@ def locate_views(tracks: WindowTracks, motion: Motion, bearings: Floats, rotatio
         return None
     to_reference = known[0].inverse()
     plane = None if motion.plane is None else _moved_plane(motion.plane, known[0])
-    return Motion({tracks.frames[row]: known[row] @ to_reference for row in sorted(known)}, plane, motion.log_scale)
+    return Motion(
+        {tracks.frames[row]: known[row] @ to_reference for row in sorted(known)},
+        plane,
+        motion.log_scale,
+        motion.readout_s,
+    )
 
 
 def _resected(tracks: WindowTracks, motion: Motion, bearings: Floats, rotations: Floats) -> dict[int, Pose]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -34,11 +34,14 @@ class Motion:
         ``plane . X = 1`` in the world, where most points lie on one plane.
     log_scale : float
         Logarithm of the true focal length over the stated one.
+    readout_s : (2,) float
+        Readout of all columns and of all rows of the image.
     """
 
     cam_from_world: dict[int, Pose]
     plane: Floats | None = None
     log_scale: float = 0.0
+    readout_s: Floats = field(default_factory=lambda: np.zeros(2))
 
     def is_near(self, other: Motion) -> bool:
         """Whether another motion moves the first two frames alike, so that a fit ends in the same optimum.
@@ -93,7 +96,7 @@ class FittedMotion:
         """The adjusted motion, as the start of the next fit."""
         state = self.fit.state
         poses = {frame: Pose(state.R[k], state.t[k]) for k, frame in enumerate(self.frames)}
-        return Motion(poses, state.plane, state.log_scale)
+        return Motion(poses, state.plane, state.log_scale, state.readout_s)
 
     def same_as(self, other: FittedMotion) -> bool:
         """Whether two fits ended in the same optimum.
@@ -158,7 +161,11 @@ def fit_motion(tracks: WindowTracks, motion: Motion, priors: Priors) -> FittedMo
     part, R, t, rows = _part_of(tracks, motion)
     frames = tuple(tracks.frames[row] for row in rows)
     return FittedMotion(
-        fit_window(part, start_at(part, R, t, motion.plane, log_scale=motion.log_scale), priors), rows, frames
+        fit_window(
+            part, start_at(part, R, t, motion.plane, log_scale=motion.log_scale, readout_s=motion.readout_s), priors
+        ),
+        rows,
+        frames,
     )
 
 
@@ -177,7 +184,9 @@ def noise_factor_at(tracks: WindowTracks, motion: Motion, priors: Priors) -> flo
     float
     """
     part, R, t, _ = _part_of(tracks, motion)
-    return start_noise_factor(part, start_at(part, R, t, log_scale=motion.log_scale), priors)
+    return start_noise_factor(
+        part, start_at(part, R, t, log_scale=motion.log_scale, readout_s=motion.readout_s), priors
+    )
 
 
 def _part_of(tracks: WindowTracks, motion: Motion) -> tuple[WindowTracks, Floats, Floats, tuple[int, ...]]:

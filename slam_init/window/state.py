@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,9 @@ class Priors:
     ----------
     focal_sigma : float
         Relative standard deviation of the stated focal length.
+    readout_sigma_s : float
+        Standard deviation of the readout of a rolling shutter about none, in seconds, along columns and along rows; 0
+        where it is known, so that the rays are corrected already.
     field_sigma_px : float
         Standard deviation of each coefficient of the error field of a view, in pixels; 0 for no field.
     gate_sigmas : float
@@ -28,6 +32,7 @@ class Priors:
     """
 
     focal_sigma: float = 0.02
+    readout_sigma_s: float = 0.0
     field_sigma_px: float = 0.0
     gate_sigmas: float = 3.0
 
@@ -52,6 +57,8 @@ class WindowState:
         ``plane . X = 1`` in the world; None without one.
     on_plane : (T,) bool
         Tracks whose point lies on the plane.
+    readout_s : (2,) float
+        Readout of all columns and of all rows of the image; positive to the right and down.
     """
 
     R: Floats
@@ -62,6 +69,7 @@ class WindowState:
     field: Floats
     plane: Floats | None
     on_plane: Bools
+    readout_s: Floats = dataclasses.field(default_factory=lambda: np.zeros(2))
 
 
 def start_at(
@@ -71,6 +79,7 @@ def start_at(
     plane: Floats | None = None,
     *,
     log_scale: float = 0.0,
+    readout_s: Floats | None = None,
     at_infinity: bool = False,
 ) -> WindowState:
     """A state at given poses: measured rays, and inverse distances by linear least squares.
@@ -84,6 +93,8 @@ def start_at(
         All points start on it.
     log_scale : float
         Logarithm of the true focal length over the stated one.
+    readout_s : (2,) float, optional
+        By default none.
     at_infinity : bool
         Whether all points start at infinity.
 
@@ -92,7 +103,8 @@ def start_at(
     WindowState
     """
     anchor = np.maximum(tracks.anchor, 0)
-    bearings = tracks.bearings(log_scale)
+    readout = np.zeros(2) if readout_s is None else readout_s
+    bearings = tracks.bearings(log_scale, readout)
     rays = bearings[anchor, np.arange(len(anchor))]
     rays = np.where(np.isfinite(rays), rays, tracks.rays)
     world = np.einsum("tji,tj->ti", R[anchor], rays)
@@ -107,5 +119,5 @@ def start_at(
         numerator -= np.where(used, np.einsum("ij,ij->i", a, b), 0.0)
         denominator += np.where(used, np.einsum("ij,ij->i", b, b), 0.0)
     inverse = np.maximum(np.nan_to_num(numerator / denominator), 0.0) * (not at_infinity)
-    field, on_plane = np.zeros((len(R), FIELD_TERMS)), np.full(len(anchor), plane is not None)
-    return WindowState(R.copy(), t.copy(), rays, inverse, log_scale, field, plane, on_plane)
+    fields, on_plane = np.zeros((len(R), FIELD_TERMS)), np.full(len(anchor), plane is not None)
+    return WindowState(R.copy(), t.copy(), rays, inverse, log_scale, fields, plane, on_plane, readout.copy())

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from slam_init.frontend.rolling_shutter import corrected_pixels, sweep_of
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
@@ -34,7 +35,7 @@ class WindowTracks:
         Absolute indices, in any order; the frame of the first view is the world.
     track_ids : (T,) int
     pixels : (V, T, 2) float
-        Raw pixels; any number where a view does not see a track.
+        Raw pixels, corrected for the readout; any number where a view does not see a track.
     seen : (V, T) bool
     rays : (T, 3) float
         Unit bearings in the anchor views, by the stated camera.
@@ -44,6 +45,10 @@ class WindowTracks:
         Standard deviation of a coordinate of a pixel.
     places : (V, T, 6) float
         Six polynomials of degree two or less, orthonormal over the image, at the pixels; over sigma_px.
+    sweep_px_s : (V, T, 2, 2) float
+        Derivatives of the raw pixels (rows) by the readouts of all columns and of all rows of the image (columns).
+    readout_s : (2,) float
+        Readouts of all columns and of all rows that the pixels are corrected for.
     """
 
     camera: Camera
@@ -55,10 +60,19 @@ class WindowTracks:
     anchor: Ints
     sigma_px: Floats
     places: Floats
+    sweep_px_s: Floats
+    readout_s: Floats
 
     @staticmethod
     def gather(
-        camera: Camera, frames: tuple[int, ...], track_ids: Ints, pixels: Floats, seen: Bools, noise_px: float
+        camera: Camera,
+        frames: tuple[int, ...],
+        track_ids: Ints,
+        pixels: Floats,
+        seen: Bools,
+        noise_px: float,
+        sweep_px_s: Floats | None = None,
+        readout_s: Floats | None = None,
     ) -> WindowTracks:
         """Prepare tracks for the fit.
 
@@ -71,18 +85,34 @@ class WindowTracks:
         seen : (V, T) bool
         noise_px : float
             Standard deviation of a coordinate of a pixel.
+        sweep_px_s : (V, T, 2, 2) float, optional
+            By default zero: all rows are taken at one time.
+        readout_s : (2,) float, optional
+            That the pixels are corrected for; by default zero.
 
         Returns
         -------
         WindowTracks
         """
+        if sweep_px_s is None:
+            sweep_px_s = np.zeros((*seen.shape, 2, 2))
         anchor = np.where(seen.sum(axis=0) >= 2, np.argmax(seen, axis=0), -1).astype(np.int64)
         rays = camera.bearings(pixels[np.maximum(anchor, 0), np.arange(pixels.shape[1])])
         anchor[~np.isfinite(rays).all(axis=1)] = -1
         places = _orthonormal_polynomials(camera, np.where(seen[..., None], pixels, 0.0)) / noise_px
         sigma_px = np.full(seen.shape, float(noise_px))
         return WindowTracks(
-            camera, frames, track_ids, np.nan_to_num(pixels), seen, np.nan_to_num(rays), anchor, sigma_px, places
+            camera,
+            frames,
+            track_ids,
+            np.nan_to_num(pixels),
+            seen,
+            np.nan_to_num(rays),
+            anchor,
+            sigma_px,
+            places,
+            np.nan_to_num(sweep_px_s),
+            np.zeros(2) if readout_s is None else readout_s,
         )
 
     @property
@@ -90,13 +120,15 @@ class WindowTracks:
         """Standard deviation of a coordinate of a pixel: the median."""
         return float(np.median(self.sigma_px))
 
-    def bearings(self, log_scale: float = 0.0) -> Floats:
+    def bearings(self, log_scale: float, readout_s: Floats) -> Floats:
         """The measured rays.
 
         Parameters
         ----------
         log_scale : float
             Logarithm of the true focal length over the stated one.
+        readout_s : (2,) float
+            Readout of all columns and of all rows of the image.
 
         Returns
         -------
@@ -104,7 +136,7 @@ class WindowTracks:
             Unit rays in the cameras; any rays where a view does not see a track.
         """
         centre = np.array([self.camera.cx, self.camera.cy])
-        pixels = centre + (self.pixels - centre) / np.exp(log_scale)
+        pixels = centre + (self.pixels - self.sweep_px_s @ (readout_s - self.readout_s) - centre) / np.exp(log_scale)
         return np.array([self.camera.bearings(one) for one in pixels])
 
     def with_noise(self, noise_px: float) -> WindowTracks:
@@ -144,6 +176,8 @@ class WindowTracks:
             self.pixels[chosen],
             self.seen[chosen],
             self.noise_px,
+            self.sweep_px_s[chosen],
+            self.readout_s,
         )
 
 
@@ -163,26 +197,40 @@ def gather_tracks(camera: Camera, views: Sequence[Observations], noise_px: float
     WindowTracks
         Its first view is the reference, whose frame is the world.
     """
-    track_ids, pixels, seen = _table(views)
+    track_ids, pixels, seen, sweep_px_s = _table(camera, views)
     # A track of both views of the pair binds all views to the pair.
     score = seen.sum(axis=0) + len(views) * (seen[0] & seen[1])
     chosen = _spread(camera, pixels, seen, score)
     frames = tuple(view.frame for view in views)
     return WindowTracks.gather(
-        camera, frames, track_ids[chosen], pixels[:, chosen], seen[:, chosen], max(noise_px, 1e-3)
+        camera,
+        frames,
+        track_ids[chosen],
+        pixels[:, chosen],
+        seen[:, chosen],
+        max(noise_px, 1e-3),
+        sweep_px_s[:, chosen],
+        _common_readout(views),
     )
 
 
-def _table(views: Sequence[Observations]) -> tuple[Ints, Floats, Bools]:
-    """Track ids (T,), pixels (V, T, 2) and visibility (V, T) of the tracks that two views or more see."""
+def _common_readout(views: Sequence[Observations]) -> Floats:
+    """The readout that the views are corrected for; views whose turning is not known are not."""
+    return next((view.readout_s for view in views if view.turn_rad_s is not None), np.zeros(2))
+
+
+def _table(camera: Camera, views: Sequence[Observations]) -> tuple[Ints, Floats, Bools, Floats]:
+    """Ids (T,), pixels (V, T, 2), visibility (V, T) and sweeps (V, T, 2, 2) of tracks that two views or more see."""
     track_ids, counts = np.unique(np.concatenate([view.track_ids for view in views]), return_counts=True)
     track_ids = track_ids[counts >= 2]
     pixels = np.zeros((len(views), len(track_ids), 2))
     seen = np.zeros((len(views), len(track_ids)), bool)
+    sweep_px_s = np.zeros((len(views), len(track_ids), 2, 2))
     for k, view in enumerate(views):
         _, at, of = np.intersect1d(track_ids, view.track_ids, assume_unique=True, return_indices=True)
-        pixels[k, at], seen[k, at] = view.pixels[of], True
-    return track_ids, pixels, seen
+        pixels[k, at], seen[k, at] = corrected_pixels(camera, view)[of], True
+        sweep_px_s[k, at] = sweep_of(camera, view)[of]
+    return track_ids, pixels, seen, sweep_px_s
 
 
 def _spread(camera: Camera, pixels: Floats, seen: Bools, score: Ints) -> Ints:
