@@ -14,6 +14,7 @@ forward or sideways by 15, 30 or 45 degrees from straight down. :func:`make_poin
 scenes of the same kind.
 """
 
+from sequences_synth.camera import PinholeCamera
 from sequences_synth.points import (
     POINT_SCENES,
     SCENES_WITHOUT_TRANSLATION,
@@ -22,7 +23,7 @@ from sequences_synth.points import (
     make_points,
 )
 from sequences_synth.scene import SCENES, STANDARD_SCENES
-from sequences_synth.sequence import PinholeCamera, SynthOptions, SynthSequence, make_sequence
+from sequences_synth.sequence import SynthOptions, SynthSequence, make_sequence
 from sequences_synth.tracking_error import TrackingError
 from sequences_synth.writer import write_tum
 

@@ -8,11 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sequences_synth.hand_motion import Arc, Handling, HandTurning
 from sequences_synth.trajectory import rotation_from_vector
 
-__all__ = ["LAYOUTS", "Layout"]
+__all__ = ["HAND_LAYOUTS", "LAYOUTS", "Layout"]
 
 Floats = NDArray[np.float64]
+# Progress (...) -> vector (..., 3).
+PathFunction = Callable[[Floats], Floats]
+
+# Distances of the points or of the wall in a hand-held scene, metres.
+_NEAR_M, _FAR_M = 1.0, 4.0
+# Normal of the wall of `handheld-wall` to the axis about which the camera oscillates, and largest tilt of the optical
+# axis from it. The corners of the image are 41 degrees off the optical axis; with both angles they still meet the wall
+# within three times its distance, the bound of `_plane`.
+_WALL_DEG, _WALL_TILT_DEG = 12.0, 15.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,22 +35,27 @@ class Layout:
         Origins (N, 3) and rays (N, 3) in world axes -> depth (N,) along the rays, which have z = 1 in the frame of
         their camera. A depth of 0 or less means that the ray meets no surface.
     position : callable
-        Progress s in [0, 1] -> camera centre (3,), for a path whose ends are about 1 apart.
+        Progress s (...) -> camera centre (..., 3). The frames have s in [0, 1]; rows of the first and last frame lie a
+        little outside. The ends of the path are about 1 apart; with ``in_depths`` the unit is the median depth.
     rotation : callable
-        Progress s in [0, 1] -> rotation vector (3,) of world_from_cam, radians.
+        Progress s (...) -> rotation vector (..., 3) of world_from_cam, radians.
     tremor : bool
         Whether the tremor of a hand is added.
+    in_depths : bool
+        Whether the unit of the path is the median depth of the scene, and not the baseline of the options. The points
+        of such a scene are spread over all that the camera sees.
     """
 
     depth: Callable[[Floats, Floats], Floats]
-    position: Callable[[float], Floats]
-    rotation: Callable[[float], Floats]
+    position: PathFunction
+    rotation: PathFunction
     tremor: bool = True
+    in_depths: bool = False
 
 
 def _cloud(rng: np.random.Generator) -> Callable[[Floats, Floats], Floats]:
-    """Random depths from 1 to 4, independent of the ray."""
-    return lambda origins, rays: rng.uniform(1.0, 4.0, len(rays))
+    """Random depths from 1 to 4 m, independent of the ray."""
+    return lambda origins, rays: rng.uniform(_NEAR_M, _FAR_M, len(rays))
 
 
 def _plane(normal: Floats, distance: float) -> Callable[[Floats, Floats], Floats]:
@@ -83,32 +98,36 @@ def _unit(vector: Floats) -> Floats:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _straight(direction: Floats, bend: Floats | float = 0.0) -> Callable[[float], Floats]:
+def _times(s: Floats, vector: Floats) -> Floats:
+    return np.asarray(np.asarray(s)[..., None] * vector)
+
+
+def _straight(direction: Floats, bend: Floats | float = 0.0) -> PathFunction:
     """Path of unit length along a direction; ``bend`` is the largest departure from the straight line."""
-    return lambda s: s * direction + 4 * s * (1 - s) * bend
+    return lambda s: _times(s, direction) + _times(4 * s * (1 - s), np.asarray(bend))
 
 
-def _no_motion(_: float) -> Floats:
-    return np.zeros(3)
+def _no_motion(s: Floats) -> Floats:
+    return np.zeros((*np.shape(s), 3))
 
 
-def _hand_position(rng: np.random.Generator) -> Callable[[float], Floats]:
+def _hand_position(rng: np.random.Generator) -> PathFunction:
     """A curved path, mostly sideways, as of a hand-held camera."""
     direction = _unit(rng.normal(size=3) * [1.0, 0.6, 0.5])
     bend = np.cross(direction, _unit(rng.normal(size=3)))
     return _straight(direction, rng.uniform(0.05, 0.2) * bend)
 
 
-def _hand_rotation(rng: np.random.Generator) -> Callable[[float], Floats]:
+def _hand_rotation(rng: np.random.Generator) -> PathFunction:
     """2 to 6 degrees about any axis."""
     total = np.radians(rng.uniform(2, 6)) * _unit(rng.normal(size=3))
-    return lambda s: s * total
+    return lambda s: _times(s, total)
 
 
-def _pan(rng: np.random.Generator) -> Callable[[float], Floats]:
+def _pan(rng: np.random.Generator) -> PathFunction:
     """10 to 20 degrees, mostly about the vertical axis."""
     total = np.radians(rng.uniform(10, 20)) * _unit(rng.normal(size=3) * 0.2 + [0, rng.choice([-1.0, 1.0]), 0])
-    return lambda s: s * total
+    return lambda s: _times(s, total)
 
 
 def _room(rng: np.random.Generator) -> Layout:
@@ -131,11 +150,12 @@ def _nadir_turn(rng: np.random.Generator) -> Layout:
     """A level flight over flat ground in a turn of 30 to 60 degrees; the camera turns with the direction of flight."""
     heading, turn = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(30, 60)) * rng.choice([-1.0, 1.0])
 
-    def position(s: float) -> Floats:
-        ahead = np.array([np.sin(turn * s), 1 - np.cos(turn * s), 0.0]) / turn
-        return np.asarray(rotation_from_vector(np.array([0, 0, heading])) @ ahead)
+    def position(s: Floats) -> Floats:
+        ahead = np.stack([np.sin(turn * s), 1 - np.cos(turn * s), np.zeros(np.shape(s))], axis=-1) / turn
+        return np.asarray((rotation_from_vector(np.array([0, 0, heading])) @ ahead[..., None])[..., 0])
 
-    return Layout(_plane(np.array([0.0, 0.0, 1.0]), 2.0), position, lambda s: np.array([0.0, 0.0, turn * s]))
+    rotation = _straight(np.array([0.0, 0.0, turn]))
+    return Layout(_plane(np.array([0.0, 0.0, 1.0]), 2.0), position, rotation)
 
 
 def _tilted(tilt_deg: float) -> Callable[[np.random.Generator], Layout]:
@@ -174,11 +194,45 @@ def _rotation_only(rng: np.random.Generator) -> Layout:
 def _rotate_then_move(rng: np.random.Generator) -> Layout:
     """The translation starts after 30 to 40 % of the views."""
     position, rotation, start = _hand_position(rng), _pan(rng), rng.uniform(0.3, 0.4)
-    return Layout(_cloud(rng), lambda s: position(max(0.0, (s - start) / (1 - start))), rotation)
+    return Layout(_cloud(rng), lambda s: position(np.maximum(0.0, (s - start) / (1 - start))), rotation)
 
 
 def _static(rng: np.random.Generator) -> Layout:
     return Layout(_cloud(rng), _no_motion, _no_motion, tremor=False)
+
+
+def _of_time(path: PathFunction, handling: Handling) -> PathFunction:
+    """Turn a path in seconds into one in progress."""
+    return lambda s: path(handling.duration_s * np.asarray(s))
+
+
+def _handheld(rng: np.random.Generator, handling: Handling) -> Layout:
+    """Points at 1 to 4 m around a camera that is turned by hand."""
+    turning = HandTurning.draw(rng, handling)
+    along = _unit(rng.normal(size=3) * [1.0, 0.6, 0.5])
+    path = Arc.draw(rng, handling, along, _unit(np.cross(along, rng.normal(size=3))))
+    position, rotation = _of_time(path.position, handling), _of_time(turning.rotation_vector, handling)
+    return Layout(_cloud(rng), position, rotation, tremor=False, in_depths=True)
+
+
+def _handheld_wall(rng: np.random.Generator, handling: Handling) -> Layout:
+    """One wall at 1 to 4 m; the camera oscillates about an axis that points to the wall, and moves along the wall."""
+    turning = HandTurning.draw(rng, handling, _WALL_TILT_DEG)
+    leaning = np.radians(rng.uniform(3.0, _WALL_DEG)) * _unit(np.array([*rng.normal(size=2), 0.0]))
+    right, down, normal = rotation_from_vector(leaning).T
+    heading = rng.uniform(0, 2 * np.pi)
+    along = np.cos(heading) * right + np.sin(heading) * down
+    across = np.cos(heading) * down - np.sin(heading) * right
+    path = Arc.draw(rng, handling, along, across)
+    position, rotation = _of_time(path.position, handling), _of_time(turning.rotation_vector, handling)
+    wall = _plane(normal, rng.uniform(_NEAR_M, _FAR_M))
+    return Layout(wall, position, rotation, tremor=False, in_depths=True)
+
+
+def _steady_pan(rng: np.random.Generator, handling: Handling) -> Layout:
+    """Points at 1 to 4 m around a camera that turns steadily about the vertical axis and never translates."""
+    turn = np.radians(handling.turning_deg_s * handling.duration_s) * rng.choice([-1.0, 1.0])
+    return Layout(_cloud(rng), _no_motion, _straight(np.array([0.0, turn, 0.0])), tremor=False, in_depths=True)
 
 
 #: Scene name -> function that draws the scene from a random generator.
@@ -195,4 +249,11 @@ LAYOUTS: dict[str, Callable[[np.random.Generator], Layout]] = {
     "tilted-15": _tilted(15.0),
     "tilted-30": _tilted(30.0),
     "tilted-45": _tilted(45.0),
+}
+
+#: The same for the scenes whose camera moves as the options of the handling say.
+HAND_LAYOUTS: dict[str, Callable[[np.random.Generator, Handling], Layout]] = {
+    "handheld": _handheld,
+    "handheld-wall": _handheld_wall,
+    "pan": _steady_pan,
 }

@@ -9,11 +9,12 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sequences_synth.camera import PinholeCamera
 from sequences_synth.noise import blur_along, expose
 from sequences_synth.render import View, render
 from sequences_synth.scene import SCENES, World, build_world
 
-__all__ = ["PinholeCamera", "SynthOptions", "SynthSequence", "make_sequence"]
+__all__ = ["SynthOptions", "SynthSequence", "make_sequence"]
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
@@ -80,31 +81,6 @@ class SynthOptions:
             value, (low, high) = getattr(self, name), limits[name]
             if not (math.isfinite(value) and low <= value <= high):
                 raise ValueError(f"{name} is {value!r}: it must lie between {low} and {high}")
-
-
-@dataclass(frozen=True)
-class PinholeCamera:
-    """A camera without distortion; all values in pixels, pixel centres at integer coordinates.
-
-    Attributes
-    ----------
-    width, height : int
-        Image size.
-    fx, fy, cx, cy : float
-        Focal lengths and principal point.
-    """
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-
-    @property
-    def K(self) -> Floats:
-        """(3, 3) calibration matrix."""
-        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
 
 
 @dataclass(frozen=True, eq=False)

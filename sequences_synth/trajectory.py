@@ -12,7 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PROGRESS_RANGE", "Jitter", "Path", "orientation", "progress", "rotation_from_vector"]
+__all__ = [
+    "PROGRESS_RANGE",
+    "Jitter",
+    "Path",
+    "orientation",
+    "progress",
+    "rotation_from_vector",
+    "rotations_from_vectors",
+    "vector_from_rotation",
+]
 
 Floats = NDArray[np.float64]
 
@@ -225,3 +234,46 @@ def rotation_from_vector(vector_rad: Floats) -> Floats:
     x, y, z = vector_rad / angle
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+
+
+def rotations_from_vectors(vectors_rad: Floats) -> Floats:
+    """Compute the rotation matrices of many rotation vectors, as :func:`rotation_from_vector` does for one.
+
+    Parameters
+    ----------
+    vectors_rad : (N, 3) float
+        Axis times angle.
+
+    Returns
+    -------
+    (N, 3, 3) float
+        Rotation matrices.
+    """
+    angle = np.linalg.norm(vectors_rad, axis=1)
+    axis = vectors_rad / np.where(angle > 0, angle, 1.0)[:, None]
+    cross = np.zeros((len(vectors_rad), 3, 3))
+    cross[:, 2, 1], cross[:, 0, 2], cross[:, 1, 0] = axis.T
+    cross -= cross.transpose(0, 2, 1)
+    sine, versine = np.sin(angle)[:, None, None], (1 - np.cos(angle))[:, None, None]
+    return np.asarray(np.eye(3) + sine * cross + versine * (cross @ cross))
+
+
+def vector_from_rotation(rotation: Floats) -> Floats:
+    """Compute the rotation vector of a rotation matrix by less than half a turn.
+
+    Parameters
+    ----------
+    rotation : (3, 3) float
+        Rotation matrix.
+
+    Returns
+    -------
+    (3,) float
+        Axis times angle, radians.
+    """
+    (_, b, c), (d, _, f), (g, h, _) = rotation.tolist()
+    # The axis times twice the sine of the angle.
+    doubled = np.array([h - f, c - g, d - b])
+    size = float(np.linalg.norm(doubled))
+    angle = np.arctan2(size, np.trace(rotation) - 1)
+    return np.asarray(doubled * (angle / size) if size > 0 else doubled)

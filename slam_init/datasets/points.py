@@ -1,6 +1,9 @@
 """Tracks without images as a source: ``points:NAME``, or with options ``points:NAME?noise_px=1&baseline=0.05``.
 
-The names are those of :data:`sequences_synth.POINT_SCENES`, the options those of :class:`sequences_synth.PointOptions`.
+A hand-held rolling-shutter camera that only turns is
+``points:handheld?turning_deg_s=60&readout_ms=30&fps=30&views=60``. An option that is on or off is 1 or 0, as in
+``stabilized=1``. The names are those of :data:`sequences_synth.POINT_SCENES`, the options those of
+:class:`sequences_synth.PointOptions`.
 """
 
 from __future__ import annotations
@@ -53,7 +56,7 @@ class PointSource:
 
     @property
     def camera(self) -> Camera:
-        """The stated camera; its focal length is wrong by the option ``focal_error``."""
+        """The stated camera, which is wrong by the options ``focal_error``, ``principal_error`` and ``k1``."""
         c = self.sequence.camera
         return Camera("pinhole", c.width, c.height, c.fx, c.fy, c.cx, c.cy)
 

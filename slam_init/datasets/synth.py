@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 __all__ = ["PREFIX", "SynthSource", "make_synth", "open_synth", "option_values"]
 
 PREFIX = "synth:"
+# Values of options that are on or off.
+_SWITCH = {"0": False, "1": True}
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,19 +129,24 @@ def option_values(text: str, query: str, defaults: Any) -> dict[str, Any]:
 
     Returns
     -------
-    dict of str to float or int
+    dict of str to float, int, bool or str
         The given options only.
 
     Raises
     ------
     SourceError
-        If an option is unknown, or if a value is not a number.
+        If an option is unknown, if a value is not a number, or if that of a switch is neither 0 nor 1.
     """
     known = {field.name: type(getattr(defaults, field.name)) for field in fields(defaults)}
     values: dict[str, Any] = {}
     for key, value in parse_qsl(query, keep_blank_values=True):
         if key not in known:
             raise SourceError(f"{text}: unknown option {key!r}: use one of {', '.join(known)}")
+        if known[key] is bool:
+            if value not in _SWITCH:
+                raise SourceError(f"{text}: {key} is {value!r}: give 0 or 1")
+            values[key] = _SWITCH[value]
+            continue
         try:
             values[key] = known[key](value)
         except ValueError:

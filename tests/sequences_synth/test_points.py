@@ -15,6 +15,8 @@ from sequences_synth import (
 )
 
 TILTED = {"tilted-15": 15, "tilted-30": 30, "tilted-45": 45}
+# Scenes whose camera moves in seconds and does not translate by default.
+TIMED = ("handheld", "handheld-wall", "pan")
 # Largest rotation by the tremor of the hand, degrees: 0.3 about each of three axes.
 TREMOR_DEG = 0.52
 
@@ -49,7 +51,7 @@ def test_noise_and_shares_are_the_requested_ones():
 def test_the_path_of_the_camera_has_the_requested_length_or_is_zero(scene):
     sequence = make_points(scene, 3, PointOptions(baseline=0.2))
     steps = np.linalg.norm(np.diff(sequence.poses[:, :3, 3], axis=0), axis=1)
-    if scene in SCENES_WITHOUT_TRANSLATION:
+    if scene in SCENES_WITHOUT_TRANSLATION or scene in TIMED:
         assert steps.sum() == 0
     else:
         # Bend and tremor make the path longer. The median depth in view differs from that of the whole scene.
@@ -125,7 +127,7 @@ def test_a_tilted_scene_is_a_level_flight_with_the_camera_tilted_forward_or_side
 def test_the_standard_scenes_are_fixed_and_exist_as_images_and_as_points():
     names = "room wall nadir nadir-turn corridor desk rotation rotate-then-move static"
     assert tuple(names.split()) == STANDARD_SCENES
-    assert set(STANDARD_SCENES) < set(SCENES) == set(POINT_SCENES)
+    assert set(STANDARD_SCENES) < set(SCENES) <= set(POINT_SCENES)
 
 
 ERRORS = [{"field_px": 1.0}, {"drift_px": 2.0}, {"field_px": 0.5, "drift_px": 1.0}]

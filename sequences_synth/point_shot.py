@@ -1,0 +1,192 @@
+"""One uninterrupted shot of a point world: what its camera sees in each frame, with a rolling shutter if there is one.
+
+A pixel is seen at the time of its own row, and the row is that in which the pixel lies. The projection of a point is
+therefore a fixed point: of the row, to the time, to the pose, and to the projected row. The iteration contracts by the
+rows that the image moves in the time in which one row is read, at most a few tenths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sequences_synth.camera import PinholeCamera
+from sequences_synth.point_path import Bodies, PointPath
+from sequences_synth.shutter import Shutter
+from sequences_synth.stabilizer import virtual_from_cam
+
+__all__ = ["Shot", "Views"]
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+# A point nearer than this share of the median depth is not visible: it would be out of focus.
+_NEAREST = 0.05
+# The iteration ends where no pixel moves by more than this. A point that does not converge is not visible: it would be
+# seen several times, or not at all.
+_CONVERGED_PX = 1e-9
+_ITERATIONS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """What one view sees without noise.
+
+    Attributes
+    ----------
+    pixels : (M, 2) float
+        Where the points are seen; meaningless for points that are not visible.
+    visible : (M,) bool
+    smear_px : (M, 2) float
+        Motion of the pixels during the exposure.
+    """
+
+    pixels: Floats
+    visible: Bools
+    smear_px: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """A camera on its path through a world of points.
+
+    Attributes
+    ----------
+    camera : PinholeCamera
+        The true camera.
+    shutter : Shutter
+    path : PointPath
+    bodies : Bodies
+    points : (M, 3) float
+        In the world frame at the first frame, metres.
+    interval_s : float
+        Time from one tick to the next.
+    exposure_s : float
+    stabilized : bool
+        Whether frames are warped to a smoothed path.
+    """
+
+    camera: PinholeCamera
+    shutter: Shutter
+    path: PointPath
+    bodies: Bodies
+    points: Floats
+    interval_s: float
+    exposure_s: float
+    stabilized: bool
+
+    def pose(self, tick: int) -> Floats:
+        """Compute the true pose of a frame: of the camera, or of the virtual camera of a stabilized frame.
+
+        Parameters
+        ----------
+        tick : int
+
+        Returns
+        -------
+        (4, 4) float
+            Pose world_from_cam at the middle row.
+        """
+        pose = self.path.at_frame(tick)
+        if self.stabilized:
+            pose[:3, :3] = pose[:3, :3] @ self._warp(tick).T
+        return pose
+
+    def pixel_poses(self, tick: int, pixels: Floats) -> Floats:
+        """Compute the poses that the camera had when it exposed pixels.
+
+        A stabilized frame is warped by one rotation. The pose is then that of the virtual camera: the projection by
+        this pose is the pixel in the warped frame.
+
+        Parameters
+        ----------
+        tick : int
+            Tick of the frame.
+        pixels : (N, 2) float
+
+        Returns
+        -------
+        (N, 4, 4) float
+            Poses world_from_cam.
+        """
+        warp = self._warp(tick) if self.stabilized else np.eye(3)
+        exposed = self.camera.project(self.camera.rays(pixels) @ warp) if self.stabilized else pixels
+        poses = self.path.at(tick + self.shutter.delay_s(exposed) / self.interval_s)
+        poses[:, :3, :3] = poses[:, :3, :3] @ warp.T
+        return poses
+
+    def see(self, tick: int) -> Views:
+        """Project the points.
+
+        Parameters
+        ----------
+        tick : int
+            Tick of the frame.
+
+        Returns
+        -------
+        Views
+        """
+        pose = self.path.at_frame(tick)
+        X = (self.bodies.displaced(self.points, tick / self.path.last_tick) - pose[:3, 3]) @ pose[:3, :3]
+        exposed, ahead = self._project(X)
+        ticks = np.full(len(X), float(tick))
+        if self.shutter.readout_s > 0:
+            exposed, ahead, ticks = self._roll(tick, exposed, ahead)
+        pixels, visible = exposed, ahead & self._inside(exposed)
+        warp = self._warp(tick) if self.stabilized else np.eye(3)
+        if self.stabilized:
+            pixels = self._warped(exposed, warp)
+            visible = visible & self._inside(pixels)
+        smear = np.zeros_like(pixels)
+        if self.exposure_s > 0:
+            half = 0.5 * self.exposure_s / self.interval_s
+            first, last = (self._project(self._cam_points(ticks + side * half))[0] for side in (-1, 1))
+            if self.stabilized:
+                first, last = self._warped(first, warp), self._warped(last, warp)
+            smear = last - first
+        return Views(pixels, visible, smear)
+
+    def _roll(self, tick: int, exposed: Floats, ahead: Bools) -> tuple[Floats, Bools, Floats]:
+        """Pixels with the shutter, from those without it; which are seen, and when."""
+        size = np.array([self.camera.width, self.camera.height], float)
+        change = np.full(len(exposed), np.inf)
+        for _ in range(_ITERATIONS):
+            # A row outside of the image has no time of its own. The bound keeps the iteration finite there.
+            ticks = tick + self.shutter.delay_s(np.clip(exposed, -size, 2 * size)) / self.interval_s
+            before = exposed
+            exposed, ahead = self._project(self._cam_points(ticks))
+            change = np.abs(exposed - before).max(axis=1)
+            if not (change[ahead & self._inside(exposed)] > _CONVERGED_PX).any():
+                break
+        return exposed, ahead & (change <= _CONVERGED_PX), ticks
+
+    def _cam_points(self, ticks: Floats) -> Floats:
+        """Points in the frame of the camera, each at its own time."""
+        poses = self.path.at(ticks)
+        X = self.bodies.displaced(self.points, ticks / self.path.last_tick) - poses[:, :3, 3]
+        return np.asarray(np.einsum("ni,nij->nj", X, poses[:, :3, :3]))
+
+    def _project(self, X: Floats) -> tuple[Floats, Bools]:
+        """Pixels of camera points, and which of these lie before the camera and within its lens."""
+        ahead = X[:, 2] > _NEAREST * np.median(np.abs(X[:, 2]))
+        X = np.column_stack([X[:, :2], np.where(ahead, X[:, 2], 1.0)])
+        if self.camera.k1 < 0:
+            ahead &= np.linalg.norm(X[:, :2], axis=1) < self.camera.largest_radius * X[:, 2]
+        return self.camera.project(X), ahead
+
+    def _inside(self, pixels: Floats) -> Bools:
+        size = np.array([self.camera.width, self.camera.height], float)
+        return np.asarray((pixels >= 0).all(axis=1) & (pixels <= size - 1).all(axis=1))
+
+    def _warp(self, tick: int) -> Floats:
+        return virtual_from_cam(lambda time_s: self.path.rotation_at(time_s / self.interval_s), tick * self.interval_s)
+
+    def _warped(self, pixels: Floats, warp: Floats) -> Floats:
+        """Pixels of the stabilized frame. Those of rays that the virtual camera cannot see are NaN."""
+        rays = self.camera.rays(pixels) @ warp.T
+        seen = rays[:, 2] > 0
+        rays[~seen] = np.nan
+        return self.camera.project(rays)

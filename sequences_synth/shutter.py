@@ -1,0 +1,85 @@
+"""Rolling shutters: the rows or columns of an image are exposed one after the other.
+
+A pixel (x, y) is exposed at ::
+
+    t_frame + readout * (y / height - 1/2)      direction "down"
+    t_frame - readout * (y / height - 1/2)      direction "up"
+    t_frame + readout * (x / width  - 1/2)      direction "right"
+    t_frame - readout * (x / width  - 1/2)      direction "left"
+
+The time stamp and the true pose of a frame are those of its middle row or column. A readout of 0 is a global shutter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["READOUT_DIRECTIONS", "Shutter"]
+
+Floats = NDArray[np.float64]
+
+#: The directions in which the rows or columns are read.
+READOUT_DIRECTIONS: tuple[str, ...] = ("down", "up", "right", "left")
+
+
+@dataclass(frozen=True)
+class Shutter:
+    """A rolling shutter.
+
+    Attributes
+    ----------
+    readout_s : float
+        Time from the first to the last row or column; 0 for a global shutter.
+    direction : str
+        One of :data:`READOUT_DIRECTIONS`.
+    width, height : int
+        Image size in pixels.
+    """
+
+    readout_s: float
+    direction: str
+    width: int
+    height: int
+
+    @property
+    def by_columns(self) -> bool:
+        """Whether columns are read one after the other, and not rows."""
+        return self.direction in ("right", "left")
+
+    @property
+    def lines(self) -> int:
+        """Number of rows, or of columns where these are read."""
+        return self.width if self.by_columns else self.height
+
+    def line_delay_s(self, line: Floats) -> Floats:
+        """Compute the exposure times of rows or columns.
+
+        Parameters
+        ----------
+        line : (...) float
+            Row y; column x where columns are read.
+
+        Returns
+        -------
+        (...) float
+            Time after that of the frame, seconds.
+        """
+        sign = -1.0 if self.direction in ("up", "left") else 1.0
+        return np.asarray(sign * self.readout_s * (line / self.lines - 0.5))
+
+    def delay_s(self, pixels: Floats) -> Floats:
+        """Compute the exposure times of pixels.
+
+        Parameters
+        ----------
+        pixels : (..., 2) float
+
+        Returns
+        -------
+        (...) float
+            Time after that of the frame, seconds.
+        """
+        return self.line_delay_s(pixels[..., 0 if self.by_columns else 1])
