@@ -201,6 +201,12 @@ def _add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
         + (f" (default: {default})" if default else ""),
     )
     parser.add_argument("--camera", metavar="FILE", help="calibration; 'guess' guesses the focal length")
+    parser.add_argument(
+        "--readout",
+        metavar="MS",
+        help="readout of a rolling shutter in milliseconds, 0 for a global shutter; 25,up or 25,left where rows or "
+        "columns are read in another direction than down; 'auto' estimates it (default: that of the calibration)",
+    )
 
 
 # -- commands ------------------------------------------------------------------------------------------
@@ -339,10 +345,23 @@ def _camera(arguments: argparse.Namespace, source: Source, start: int) -> Camera
     """The calibration that was asked for, else that of the source; checked against the first image used."""
     frame = next(source.frames(start, 1))
     if arguments.camera is None:
-        return source.camera
-    from slam_init.calibration.files import load_camera
+        camera = source.camera
+    else:
+        from slam_init.calibration.files import load_camera
 
-    return load_camera(arguments.camera, (frame.image.shape[1], frame.image.shape[0]))
+        camera = load_camera(arguments.camera, (frame.image.shape[1], frame.image.shape[0]))
+    return camera if arguments.readout is None or camera is None else _with_readout(camera, arguments.readout)
+
+
+def _with_readout(camera: Camera, text: str) -> Camera:
+    """The camera with the readout of the command line."""
+    if text == "auto":
+        return replace(camera, readout_ms=None)
+    milliseconds, _, direction = text.partition(",")
+    try:
+        return replace(camera, readout_ms=float(milliseconds), readout_direction=direction or "down")
+    except ValueError:
+        raise _UsageError(f"--readout is {text!r}: give milliseconds, as in 25 or 25,up, or auto") from None
 
 
 def _at_least(option: str, value: float | None, least: int) -> None:

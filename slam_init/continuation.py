@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam_init.errors import SourceError
+from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
 from slam_init.frontend.tracks import Tracker
 from slam_init.mapping.triangulation import resect
 from slam_init.output.records import ContinuationRecord
@@ -87,6 +88,7 @@ def follow(
     located: list[Keyframe] = []
     survival: list[float] = []
     guess: Pose | None = None
+    shutter = RollingShutter(camera)
     ended_by: str | None = None
     while len(survival) < count:
         try:
@@ -97,6 +99,7 @@ def follow(
         if frame is None:
             break
         observed = tracker.track(frame)
+        observed = shutter.take(tracker.history, observed.frame)
         tracker.history.forget(keep=())
         recorder.frame(frame, observed)
         i, j, bearings = map_.seen_in(observed)
@@ -105,7 +108,8 @@ def follow(
             survival.append(0.0)
             continue
         guess, _ = resected
-        error_px = np.linalg.norm(camera.project(guess.apply(map_.points[i])) - observed.pixels[j], axis=1)
+        seen_px = corrected_pixels(camera, observed)[j]
+        error_px = np.linalg.norm(camera.project(guess.apply(map_.points[i])) - seen_px, axis=1)
         survival.append(float(np.sum(error_px < _SURVIVAL_PX)) / len(map_.points))
         keyframe = Keyframe(frame.index, frame.timestamp_s, frame.name, guess.inverse())
         located.append(keyframe)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
@@ -54,7 +55,7 @@ def parse_mapping(content: Content, image_size: Size) -> Camera:
     """
     for keys, parse in _FORMATS:
         if any(key in content for key in keys):
-            return parse(content, image_size)
+            return _with_readout(content, parse(content, image_size))
     raise CalibrationError(
         "no known calibration format: expected fx, fy, cx, cy; camera_matrix or K; Camera.fx; "
         "cam0 or intrinsics (Kalibr, EuRoC)"
@@ -156,7 +157,7 @@ def _kalibr(content: Content, image_size: Size) -> Camera:
     camera = content["cam0"]
     if not isinstance(camera, dict):
         raise CalibrationError("cam0 is not a camera: expected intrinsics, resolution and so on in it")
-    return _sensor(camera, image_size, "cam0: ")
+    return _with_readout(camera, _sensor(camera, image_size, "cam0: "))
 
 
 def _sensor(content: Content, image_size: Size, where: str = "") -> Camera:
@@ -178,6 +179,20 @@ def _sensor(content: Content, image_size: Size, where: str = "") -> Camera:
     if size is None:
         raise CalibrationError(f"{where}resolution is missing")
     return _camera(model, size, tuple(focal), _numbers(content, key, default=[]))
+
+
+def _with_readout(content: Content, camera: Camera) -> Camera:
+    """The camera with the readout of its rolling shutter, where the file states it.
+
+    It is ``readout_ms`` for all rows, with ``readout_direction``, or ``line_delay`` of Kalibr: seconds for each row.
+    """
+    direction = str(content.get("readout_direction", camera.readout_direction))
+    if "readout_ms" in content:
+        return replace(camera, readout_ms=_number(content, "readout_ms"), readout_direction=direction)
+    if "line_delay" in content:
+        readout_ms = 1e3 * _number(content, "line_delay") * camera.height
+        return replace(camera, readout_ms=abs(readout_ms), readout_direction="up" if readout_ms < 0 else "down")
+    return camera
 
 
 # The keys of each format, any of which identifies it, and its parser. The first format that fits is taken.

@@ -45,7 +45,7 @@ from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.live import LiveHypotheses, readout_of
+from slam_init.window.live import LiveHypotheses
 from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.state import Priors
@@ -220,10 +220,10 @@ class WindowRule:
             self._last = None
             return Outcome(refused_at(attempt, Verdict.NO_CONSISTENT_MOTION, Stage.MAP))
         risk = risk_of(hypotheses)
-        pair = self._with_readout(pair, hypotheses, risk)
+        pair = self._with_readout(pair, risk)
         attempt = replace(
             attempt,
-            window=_evidence(hypotheses, risk),
+            window=_evidence(hypotheses, risk, self._camera),
             inliers=_inliers(pair, hypotheses.motions[0].cam2_from_cam1, self._threshold_rad),
         )
         self._last = _Judged(pair, hypotheses, risk, attempt)
@@ -243,11 +243,9 @@ class WindowRule:
         attempt = replace(attempt, frames=table.frames)
         return replace(self._usable(attempt, bundle, hypotheses), margin=risk.margin)
 
-    def _with_readout(self, pair: MatchedPair, hypotheses: WindowHypotheses, risk: WindowRisk) -> MatchedPair:
+    def _with_readout(self, pair: MatchedPair, risk: WindowRisk) -> MatchedPair:
         """Correct the rays of the history for the readout that the window found; return the pair with these rays."""
-        rotating = risk.rotation > _MERE_ROTATION
-        readout_s = readout_of(hypotheses.rotation_only if rotating else hypotheses.motions[0].fit)
-        if readout_s is None or not self._shutter.adopt(self._history, readout_s):
+        if risk.readout is None or not self._shutter.adopt(self._history, risk.readout.told_seconds):
             return pair
         return match_pair(self._history, pair.preview, self._history[pair.current.frame])
 
@@ -306,7 +304,11 @@ class WindowRule:
     def _built(self, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses) -> MapWithViews | None:
         if not isinstance(bundle, BundleSolution):
             return None
-        return map_with_views(self._history, bundle, "planar" if hypotheses.planar else "general")
+        built = map_with_views(self._history, bundle, "planar" if hypotheses.planar else "general")
+        if self._camera.readout_s is not None or not self._shutter.readout_s.any():
+            return built
+        camera = built.map.camera.with_readout(self._shutter.readout_s)
+        return replace(built, map=replace(built.map, camera=camera))
 
     def _usable(
         self, attempt: Attempt, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses
@@ -361,8 +363,9 @@ def _moved_frames(bundle: BundleSolution | BundleFailure, motion: FittedMotion) 
     return tuple(moved)
 
 
-def _evidence(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowEvidence:
+def _evidence(hypotheses: WindowHypotheses, risk: WindowRisk, camera: Camera) -> WindowEvidence:
     best = hypotheses.motions[0]
+    rolling = None if risk.readout is None else camera.with_readout(risk.readout.seconds)
     return WindowEvidence(
         views=len(best.rows),
         hypotheses=len(hypotheses.motions),
@@ -379,6 +382,9 @@ def _evidence(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowEvidence:
         field_px=risk.field_px,
         rotation_log_likelihood=risk.rotation_log_likelihood,
         focal_factor=float(np.exp(best.fit.state.log_scale)),
+        readout_ms=None if rolling is None else rolling.readout_ms,
+        readout_direction=None if rolling is None else rolling.readout_direction,
+        readout_sigma_ms=None if risk.readout is None else 1e3 * risk.readout.sigma_s,
     )
 
 

@@ -23,7 +23,7 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 
-__all__ = ["RollingShutter", "corrected_pixels", "sweep_of"]
+__all__ = ["RollingShutter", "corrected_pixels", "readout_places", "sweep_of"]
 
 #: A hand changes its turning several times in a second. With frames farther apart than this, the turning between two
 #: frames tells nothing about the turning in the time of a readout.
@@ -60,7 +60,7 @@ def sweep_of(camera: Camera, observations: Observations) -> Floats:
     velocity = (camera.project(observations.bearings + moved) - camera.project(observations.bearings - moved)) / (
         2 * _STEP_S
     )
-    return np.asarray(velocity[:, :, None] * _places(camera, observations.pixels)[:, None, :])
+    return np.asarray(velocity[:, :, None] * readout_places(camera, observations.pixels)[:, None, :])
 
 
 def corrected_pixels(camera: Camera, observations: Observations) -> Floats:
@@ -98,9 +98,7 @@ class RollingShutter:
         self._camera = camera
         self.readout_s = np.zeros(2) if camera.readout_s is None else np.array(camera.readout_s)
         self._off = camera.readout_s == (0.0, 0.0)
-        self._last: _Step | None = None
-        self._before: _Step | None = None
-        self._raw: Observations | None = None
+        self._steps: list[_Step] = []
 
     def take(self, history: History, frame: int) -> Observations:
         """Find how the camera turns in the newest frame of a history and in the frame before, and correct their rays.
@@ -120,23 +118,43 @@ class RollingShutter:
         current = history[frame]
         if self._off:
             return current
-        previous, self._raw = self._raw, current
-        step = None if previous is None else _step(previous, current)
-        if step is not None:
-            if self._last is not None:
-                before = (self._last.turn_rad_s * step.length_s + step.turn_rad_s * self._last.length_s) / (
-                    step.length_s + self._last.length_s
-                )
-                change = step.turn_rad_s - self._last.turn_rad_s
-                now = step.turn_rad_s + change * step.length_s / (step.length_s + self._last.length_s)
-            else:
-                before = now = step.turn_rad_s
-            if previous is not None and previous.frame in history:
-                history.put(self._corrected(replace(history[previous.frame]), before))
-            current = self._corrected(current, now)
-            history.put(current)
-        self._last = step
-        return current
+        previous = self._previous(history, frame)
+        step = None if previous is None else self._step(previous, current)
+        self._steps = [] if step is None else [*self._steps[-1:], step]
+        if step is None or previous is None:
+            return current
+        if len(self._steps) == 1:
+            turns = {previous.frame: step.turn_rad_s, frame: step.turn_rad_s}
+        else:
+            first, last = self._steps
+            # The turning of a step is that at its middle. It changes linearly from there to the middle of the next.
+            change = (last.turn_rad_s - first.turn_rad_s) / (first.length_s + last.length_s)
+            between = first.turn_rad_s + change * first.length_s
+            turns = {previous.frame: between, frame: last.turn_rad_s + change * last.length_s}
+            if first.is_first:
+                turns[first.frame] = first.turn_rad_s - change * first.length_s
+        for one, turn_rad_s in turns.items():
+            if one in history:
+                history.put(self._corrected(history[one], turn_rad_s))
+        return history[frame]
+
+    def _previous(self, history: History, frame: int) -> Observations | None:
+        return max((one for one in history if one.frame < frame), key=lambda one: one.frame, default=None)
+
+    def _step(self, previous: Observations, current: Observations) -> _Step | None:
+        """The turning between two frames; None where they are far apart in time, or share too few tracks."""
+        length_s = current.timestamp_s - previous.timestamp_s
+        if not 0 < length_s <= _LONGEST_STEP_S:
+            return None
+        i, j = common_tracks(previous, current)
+        if len(i) < _LEAST_TRACKS:
+            return None
+        if self._steps:
+            current = self._corrected(current, self._steps[-1].turn_rad_s)
+        R = np.eye(3)
+        for scale_rad in _SCALES_RAD:
+            R = refine_rotation_compiled(R, previous.bearings[i], current.bearings[j], scale_rad, iterations=4)
+        return _Step(vector_from_rotation(R) / length_s, length_s, previous.frame, not self._steps)
 
     def adopt(self, history: History, readout_s: Floats) -> bool:
         """Correct all frames of a history for another readout.
@@ -171,28 +189,27 @@ class RollingShutter:
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """The turning between two frames."""
+    """The turning between two frames: the first of them, and whether its turning before this is not known."""
 
     turn_rad_s: Floats
     length_s: float
+    frame: int
+    is_first: bool
 
 
-def _step(previous: Observations, current: Observations) -> _Step | None:
-    """None where the frames are too far apart in time, or share too few tracks."""
-    length_s = current.timestamp_s - previous.timestamp_s
-    if not 0 < length_s <= _LONGEST_STEP_S:
-        return None
-    i, j = common_tracks(previous, current)
-    if len(i) < _LEAST_TRACKS:
-        return None
-    R = np.eye(3)
-    for scale_rad in _SCALES_RAD:
-        R = refine_rotation_compiled(R, previous.bearings[i], current.bearings[j], scale_rad, iterations=4)
-    return _Step(vector_from_rotation(R) / length_s, length_s)
+def readout_places(camera: Camera, pixels: Floats) -> Floats:
+    """Places of pixels in the order of the readout of all columns, and of all rows.
 
+    Parameters
+    ----------
+    camera : Camera
+    pixels : (..., 2) float
 
-def _places(camera: Camera, pixels: Floats) -> Floats:
-    """Places (N, 2) of pixels across and down the image, from -1/2 to 1/2."""
+    Returns
+    -------
+    (..., 2) float
+        From -1/2 to 1/2; 0 for the middle.
+    """
     return (pixels + 0.5) / (camera.width, camera.height) - 0.5
 
 
@@ -200,5 +217,5 @@ def _turned(
     camera: Camera, observations: Observations, bearings: Floats, turn_rad_s: Floats, readout_s: Floats
 ) -> Floats:
     """Rays (N, 3) that turn with the camera for the time between the middle and their own place."""
-    times_s = _places(camera, observations.pixels) @ readout_s
+    times_s = readout_places(camera, observations.pixels) @ readout_s
     return np.asarray(np.einsum("nij,nj->ni", rotation_from_vector(times_s[:, None] * turn_rad_s), bearings))

@@ -70,6 +70,10 @@ class CameraRecord:
         Coefficients of the model.
     guessed : bool
         Whether the focal length is a guess.
+    readout_ms : float or None
+        Time from the first to the last row of a rolling shutter; null where it is unknown.
+    readout_direction : str
+        ``down``, ``up``, ``right`` or ``left``.
     """
 
     model: str
@@ -81,6 +85,8 @@ class CameraRecord:
     cy: float = field(metadata=_EXACT)
     distortion: tuple[float, ...] = field(metadata=_EXACT)
     guessed: bool
+    readout_ms: float | None
+    readout_direction: str
 
     @staticmethod
     def of(camera: Camera) -> CameraRecord:
@@ -104,6 +110,8 @@ class CameraRecord:
             camera.cy,
             tuple(camera.distortion),
             camera.guessed,
+            camera.readout_ms,
+            camera.readout_direction,
         )
 
 

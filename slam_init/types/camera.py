@@ -158,6 +158,22 @@ class Camera(Described):
         right, down = _READOUT_DIRECTIONS[self.readout_direction]
         return 1e-3 * self.readout_ms * right, 1e-3 * self.readout_ms * down
 
+    def with_readout(self, seconds: Floats) -> Camera:
+        """The same camera with a readout along the axis where it is longer.
+
+        Parameters
+        ----------
+        seconds : (2,) float
+            Readouts of all columns and of all rows, positive to the right and down.
+
+        Returns
+        -------
+        Camera
+        """
+        axis = int(np.argmax(np.abs(seconds)))
+        direction = (("right", "left"), ("down", "up"))[axis][int(seconds[axis] < 0)]
+        return replace(self, readout_ms=1e3 * abs(float(seconds[axis])), readout_direction=direction)
+
     @property
     def is_distorted(self) -> bool:
         """True if raw pixels differ from those of a pinhole camera."""

@@ -127,6 +127,13 @@ class WindowEvidence:
         Log likelihood of the best motion over a rotation-only camera, in nats.
     focal_factor : float
         Fitted focal length over the stated one.
+    readout_ms : float or None
+        Estimated time from the first to the last row of a rolling shutter. None where it is known or where the turning
+        of the camera is not, as in photographs; then the two fields below are None too.
+    readout_direction : str or None
+        ``down``, ``up``, ``right`` or ``left``.
+    readout_sigma_ms : float or None
+        Standard deviation of the estimate.
     """
 
     views: int
@@ -144,6 +151,9 @@ class WindowEvidence:
     field_px: float
     rotation_log_likelihood: float
     focal_factor: float
+    readout_ms: float | None = None
+    readout_direction: str | None = None
+    readout_sigma_ms: float | None = None
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slam_init.types.arrays import Bools, Floats
+from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.equations import WindowEquations, tangent_bases
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.state import Priors
@@ -31,6 +31,8 @@ class Linearization:
         Variance of the inverse distance of each track, if the unknowns that the tracks share were known.
     distance_coupling : (T, G) float
         How the inverse distance of each track follows the other unknowns.
+    readout_columns : (2,) int or None
+        The readouts among the unknowns that are not coefficients of fields; None where they are known.
     """
 
     information: Floats
@@ -39,6 +41,7 @@ class Linearization:
     is_field: Bools
     distance_variance: Floats
     distance_coupling: Floats
+    readout_columns: Ints | None
 
 
 def linearize_with_fields(
@@ -87,4 +90,8 @@ def linearize_with_fields(
         coupling[on_plane] = -np.einsum("tp,tpq,tqg->tg", by_ray, inverse, back[on_plane, :2, 4:])
         coupling[on_plane, -3:] += state.rays[on_plane]
     information = equations.information(state)
-    return Linearization(information, gradient, shares, equations.columns_of_fields(), variance, coupling)
+    is_field = equations.columns_of_fields()
+    readout = None
+    if priors.readout_sigma_s > 0:
+        readout = np.cumsum(~is_field)[equations.focal + 1 : equations.focal + 3] - 1
+    return Linearization(information, gradient, shares, is_field, variance, coupling, readout)

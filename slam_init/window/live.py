@@ -5,30 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from quest.estimate import RelativePose
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
-from slam_init.window.joint_fit import JointFit
-from slam_init.window.kernels import READOUT_TERMS
 from slam_init.window.linear_algebra import single_threaded
 from slam_init.window.motion import Motion
 from slam_init.window.state import Priors
 from slam_init.window.tracks import gather_tracks
 
-__all__ = ["LiveHypotheses", "readout_of"]
+__all__ = ["LiveHypotheses"]
 
 #: Number of motions that are carried from frame to frame: both motions of a plane, and two that other pairs found.
 _MAX_MOTIONS = 4
 #: A motion whose cost is higher by this is dropped: a hundred nats. More frames hardly turn that.
 _HOPELESS = 200.0
-
-
-#: An estimated readout is used from this number of its standard deviations on.
-_KNOWN_SIGMAS = 3.0
 
 
 class LiveHypotheses:
@@ -116,26 +108,3 @@ class LiveHypotheses:
         kept = [m for m in hypotheses.motions if len(m.rows) < len(best.rows) or m.fit.cost < best.fit.cost + _HOPELESS]
         self._motions = [fitted.motion for fitted in kept[:_MAX_MOTIONS]]
         return hypotheses
-
-
-def readout_of(fit: JointFit) -> Floats | None:
-    """The readout that a fit found.
-
-    Parameters
-    ----------
-    fit : JointFit
-
-    Returns
-    -------
-    (2,) float or None
-        Readouts of all columns and of all rows, zero where the tracks do not tell them from none; None where they are
-        no unknowns of the fit.
-    """
-    views, size = len(fit.state.R), len(fit.information)
-    first = 6 * (views - 1) + 1
-    if size - first - (0 if fit.state.plane is None else 3) < READOUT_TERMS:
-        return None
-    # Tracks at infinity tell nothing about translations, which are unknowns all the same.
-    covariance = np.linalg.inv(fit.information + 1e-9 * np.eye(size))
-    sigmas = np.sqrt(np.diag(covariance)[first : first + READOUT_TERMS])
-    return np.where(np.abs(fit.state.readout_s) > _KNOWN_SIGMAS * sigmas, fit.state.readout_s, 0.0)

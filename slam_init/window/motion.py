@@ -11,6 +11,7 @@ from quest.geometry.quaternion import rotation_angle
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
+from slam_init.window.row_motion import with_translation
 from slam_init.window.state import Priors, start_at
 from slam_init.window.tracks import WindowTracks
 
@@ -70,6 +71,8 @@ class FittedMotion:
     Attributes
     ----------
     fit : JointFit
+    tracks : WindowTracks
+        In the views of the fit, as they were fitted.
     rows : tuple of int
         Views of the window in the fit, reference and current first.
     frames : tuple of int
@@ -77,6 +80,7 @@ class FittedMotion:
     """
 
     fit: JointFit
+    tracks: WindowTracks
     rows: tuple[int, ...]
     frames: tuple[int, ...]
 
@@ -160,13 +164,9 @@ def fit_motion(tracks: WindowTracks, motion: Motion, priors: Priors) -> FittedMo
     """
     part, R, t, rows = _part_of(tracks, motion)
     frames = tuple(tracks.frames[row] for row in rows)
-    return FittedMotion(
-        fit_window(
-            part, start_at(part, R, t, motion.plane, log_scale=motion.log_scale, readout_s=motion.readout_s), priors
-        ),
-        rows,
-        frames,
-    )
+    start = start_at(part, R, t, motion.plane, log_scale=motion.log_scale, readout_s=motion.readout_s)
+    part = with_translation(part, start)
+    return FittedMotion(fit_window(part, start, priors), part, rows, frames)
 
 
 def noise_factor_at(tracks: WindowTracks, motion: Motion, priors: Priors) -> float:

@@ -60,7 +60,7 @@ def _fits_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> b
     count = int(on_plane.sum())
     if count < max(_LEAST_TRACKS_ON_PLANE, _LEAST_ON_PLANE * float((tracks.anchor >= 0).sum())):
         return False
-    part = tracks.of_views(fitted.rows)
+    part = fitted.tracks
     if not _tells_relief(part, fitted, priors):
         return False
     gain = fitted.fit.track_costs - costs_off_plane(part, fitted.fit, priors)

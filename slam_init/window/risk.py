@@ -36,10 +36,12 @@ from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, marginalize_
 from slam_init.window.motion import FittedMotion
 from slam_init.window.uncertainty import (
     ExpandedFit,
+    ReadoutEstimate,
     direction_sigmas_deg,
     expand,
     inverse_distances,
     places_of,
+    readout_estimate,
     rotation_covariance,
 )
 
@@ -65,6 +67,8 @@ _GAIN_DISPERSION = 4.0
 #: Before a camera that only rotates, a moving body looks like a near object before points at infinity. So the rest of
 #: the tracks has to show a translation without the tracks that gain most: bodies that hold this share of them.
 _ON_BODIES = 0.5
+#: The camera merely rotates where chance exceeds the gain more often than not.
+_MERE_ROTATION = 0.5
 #: Mean gain of a track, in chi-square, where there is no translation: its direction is chosen to suit the tracks, and
 #: outliers gain more than noise (32 drawn windows).
 _CHANCE_GAIN = 0.9
@@ -102,6 +106,9 @@ class WindowRisk:
         The vote against the nearest rival; None without a rival.
     rotation_log_likelihood : float
         Log likelihood of the best motion over the rotation-only camera, in nats.
+    readout : ReadoutEstimate or None
+        The readout of a rolling shutter by the best motion, or by the camera that only rotates where that is likely;
+        None where it is no unknown.
     direction_of_views : tuple of float
         The term of the direction for each view of the best motion but the first: the pair's own first. A view near the
         reference has an uncertain direction although its position is certain.
@@ -118,6 +125,7 @@ class WindowRisk:
     field_px: float
     margin: Margin | None
     rotation_log_likelihood: float
+    readout: ReadoutEstimate | None
     direction_of_views: tuple[float, ...]
 
 
@@ -156,7 +164,9 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         for rival, margin in zip(rivals, margins, strict=True)
     ]
     rival = min(1.0, _LOOKS * sum(odds))
-    gain, rotation = _rotation_probability(hypotheses, expanded)
+    gain, rotation, readout = _rotation_probability(hypotheses, expanded)
+    if rotation <= _MERE_ROTATION:
+        readout = readout_estimate(best.fit, expanded.linearization, expanded.marginal)
     rotation = max(rotation, _bodies_probability(hypotheses))
     total = min(1.0, direction + rival + rotation + _FLOOR)
     depth_sigmas = inverse_distances(expanded).relative_sigmas
@@ -174,6 +184,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         field_px=field_px,
         margin=nearest,
         rotation_log_likelihood=gain,
+        readout=readout,
     )
 
 
@@ -269,8 +280,7 @@ def _cost_with_fields(
     if scale_px == 0.0:
         return motion.fit.cost + unknowns
     priors = replace(hypotheses.priors, field_sigma_px=scale_px)
-    tracks = hypotheses.tracks.of_views(motion.rows)
-    return fit_window(tracks, motion.fit.state, priors, max_steps=_STEPS_WITH_FIELDS).cost + unknowns
+    return fit_window(motion.tracks, motion.fit.state, priors, max_steps=_STEPS_WITH_FIELDS).cost + unknowns
 
 
 def _wrong_if_right(best: FittedMotion, rival: FittedMotion, sigma_deg: float) -> float:
@@ -282,17 +292,21 @@ def _wrong_if_right(best: FittedMotion, rival: FittedMotion, sigma_deg: float) -
     return math.exp(-0.5 * (left_deg / max(sigma_deg, 1e-9)) ** 2)
 
 
-def _rotation_probability(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> tuple[float, float]:
-    """Gain over the rotation-only camera (nats), and the probability of such a gain if the camera only rotates."""
+def _rotation_probability(
+    hypotheses: WindowHypotheses, expanded: ExpandedFit
+) -> tuple[float, float, ReadoutEstimate | None]:
+    """Gain over the rotation-only camera (nats), the probability of it if the camera only rotates, and its readout."""
     gain, freedom = hypotheses.gain_over_rotation
     rotation = linearize_with_fields(hypotheses.tracks, hypotheses.rotation_only, hypotheses.priors, rotation_only=True)
-    explained = marginalize_fields(rotation).lowered_cost - expanded.marginal.lowered_cost
+    marginal = marginalize_fields(rotation)
+    explained = marginal.lowered_cost - expanded.marginal.lowered_cost
     dispersion = _GAIN_DISPERSION * hypotheses.motions[0].fit.dispersion
     gains = np.maximum(gain - 0.5 * np.maximum(explained, 0.0), 0.0) / dispersion
     # Wilson and Hilferty: the cube root of chi-square over its freedom is nearly Gaussian.
     spread = 2 / (9 * freedom)
     z = ((2 * gains / freedom) ** (1 / 3) - (1 - spread)) / math.sqrt(spread)
-    return gain, float(expanded.scale_weights @ [gaussian_tail(float(one)) for one in z])
+    probability = float(expanded.scale_weights @ [gaussian_tail(float(one)) for one in z])
+    return gain, probability, readout_estimate(hypotheses.rotation_only, rotation, marginal)
 
 
 def _bodies_probability(hypotheses: WindowHypotheses) -> float:

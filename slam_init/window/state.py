@@ -22,19 +22,19 @@ class Priors:
     ----------
     focal_sigma : float
         Relative standard deviation of the stated focal length.
-    readout_sigma_s : float
-        Standard deviation of the readout of a rolling shutter about none, in seconds, along columns and along rows; 0
-        where it is known, so that the rays are corrected already.
     field_sigma_px : float
         Standard deviation of each coefficient of the error field of a view, in pixels; 0 for no field.
     gate_sigmas : float
         An observation counts as an outlier around this number of standard deviations.
+    readout_sigma_s : float
+        Standard deviation of the readout of a rolling shutter about none, in seconds, along columns and along rows; 0
+        where it is known, so that the rays are corrected already.
     """
 
     focal_sigma: float = 0.02
-    readout_sigma_s: float = 0.0
     field_sigma_px: float = 0.0
     gate_sigmas: float = 3.0
+    readout_sigma_s: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

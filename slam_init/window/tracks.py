@@ -49,6 +49,8 @@ class WindowTracks:
         Derivatives of the raw pixels (rows) by the readouts of all columns and of all rows of the image (columns).
     readout_s : (2,) float
         Readouts of all columns and of all rows that the pixels are corrected for.
+    times_s : (V,) float
+        Time stamps of the views.
     """
 
     camera: Camera
@@ -62,6 +64,7 @@ class WindowTracks:
     places: Floats
     sweep_px_s: Floats
     readout_s: Floats
+    times_s: Floats
 
     @staticmethod
     def gather(
@@ -73,6 +76,7 @@ class WindowTracks:
         noise_px: float,
         sweep_px_s: Floats | None = None,
         readout_s: Floats | None = None,
+        times_s: Floats | None = None,
     ) -> WindowTracks:
         """Prepare tracks for the fit.
 
@@ -89,6 +93,8 @@ class WindowTracks:
             By default zero: all rows are taken at one time.
         readout_s : (2,) float, optional
             That the pixels are corrected for; by default zero.
+        times_s : (V,) float, optional
+            Time stamps of the views; by default zero. Only a rolling shutter needs them.
 
         Returns
         -------
@@ -113,6 +119,7 @@ class WindowTracks:
             places,
             np.nan_to_num(sweep_px_s),
             np.zeros(2) if readout_s is None else readout_s,
+            np.zeros(len(frames)) if times_s is None else times_s,
         )
 
     @property
@@ -178,6 +185,7 @@ class WindowTracks:
             self.noise_px,
             self.sweep_px_s[chosen],
             self.readout_s,
+            self.times_s[chosen],
         )
 
 
@@ -211,6 +219,7 @@ def gather_tracks(camera: Camera, views: Sequence[Observations], noise_px: float
         max(noise_px, 1e-3),
         sweep_px_s[:, chosen],
         _common_readout(views),
+        np.array([view.timestamp_s for view in views]),
     )
 
 

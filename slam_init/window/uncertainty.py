@@ -33,17 +33,23 @@ __all__ = [
     "DirectionUncertainty",
     "ExpandedFit",
     "InverseDistances",
+    "ReadoutEstimate",
     "direction_sigmas_deg",
     "direction_uncertainty",
     "expand",
     "inverse_distances",
     "places_of",
+    "readout_estimate",
     "rotation_covariance",
 ]
 
 #: Regions across and down for the scatter of the scores: a dozen sums determine a standard deviation to a fifth, and
 #: errors of the lens and of the shutter extend over a quarter of the image.
 _SCORE_REGIONS = (4, 3)
+#: An estimated readout is told from none at this number of its standard deviations.
+_TOLD_READOUT_SIGMAS = 3.0
+#: Columns are read one after the other where a phone is held upright, else rows are: odds of one to ten, as a cost.
+_ROWS_BY_COST = 4.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +137,58 @@ class InverseDistances:
         return np.asarray(self.sigmas[used] / self.values[used])
 
 
+@dataclass(frozen=True, eq=False)
+class ReadoutEstimate:
+    """The readout of a rolling shutter by a fit: of the rows or of the columns.
+
+    A sensor is read in one direction. The fit has a readout of the columns and one of the rows, and the one that the
+    tracks contradict less is taken for zero.
+
+    Attributes
+    ----------
+    seconds : (2,) float
+        Readouts of all columns and of all rows of the image, positive to the right and down; one of them is zero.
+    sigma_s : float
+        Standard deviation of the other one.
+    """
+
+    seconds: Floats
+    sigma_s: float
+
+    @staticmethod
+    def along_one_axis(seconds: Floats, covariance: Floats) -> ReadoutEstimate:
+        """Take one of two readouts for zero.
+
+        Parameters
+        ----------
+        seconds : (2,) float
+            Readouts of all columns and of all rows.
+        covariance : (2, 2) float
+
+        Returns
+        -------
+        ReadoutEstimate
+        """
+        # How much the cost rises where one of them is zero.
+        rises = seconds**2 / np.maximum(np.diag(covariance), 1e-300)
+        axis = 0 if rises[1] < rises[0] - _ROWS_BY_COST else 1
+        other = 1 - axis
+        left = np.zeros(2)
+        left[axis] = seconds[axis] - covariance[axis, other] / max(covariance[other, other], 1e-300) * seconds[other]
+        return ReadoutEstimate(left, float(np.sqrt(max(1 / np.linalg.inv(covariance)[axis, axis], 0.0))))
+
+    @property
+    def told_seconds(self) -> Floats:
+        """The readouts, zero where the tracks do not tell them from none.
+
+        Returns
+        -------
+        (2,) float
+        """
+        told = float(np.abs(self.seconds).max()) > _TOLD_READOUT_SIGMAS * self.sigma_s
+        return self.seconds if told else np.zeros(2)
+
+
 def expand(hypotheses: WindowHypotheses, motion: FittedMotion) -> ExpandedFit:
     """Expand the cost of a fitted motion, and integrate the error fields out.
 
@@ -144,9 +202,35 @@ def expand(hypotheses: WindowHypotheses, motion: FittedMotion) -> ExpandedFit:
     -------
     ExpandedFit
     """
-    tracks = hypotheses.tracks.of_views(motion.rows)
-    linearization = linearize_with_fields(tracks, motion.fit, hypotheses.priors)
-    return ExpandedFit(tracks, motion.fit, linearization, marginalize_fields(linearization))
+    linearization = linearize_with_fields(motion.tracks, motion.fit, hypotheses.priors)
+    return ExpandedFit(motion.tracks, motion.fit, linearization, marginalize_fields(linearization))
+
+
+def readout_estimate(fit: JointFit, linearization: Linearization, marginal: FieldMarginal) -> ReadoutEstimate | None:
+    """The readout that a fit found, with the error fields integrated out.
+
+    Parameters
+    ----------
+    fit : JointFit
+    linearization : Linearization
+        Of the fit.
+    marginal : FieldMarginal
+        Of the linearization.
+
+    Returns
+    -------
+    ReadoutEstimate or None
+        None where the readout is no unknown of the fit.
+    """
+    columns = linearization.readout_columns
+    if columns is None:
+        return None
+    J = np.zeros((len(columns), len(marginal.shift)))
+    J[np.arange(len(columns)), columns] = 1.0
+    weights = np.exp(marginal.log_evidence + np.log(FIELD_PRIOR))
+    shifts, covariances = marginal.of(J)
+    moments = covariances + shifts[:, :, None] * shifts[:, None, :]
+    return ReadoutEstimate.along_one_axis(fit.state.readout_s, np.einsum("s,sij->ij", weights / weights.sum(), moments))
 
 
 def rotation_covariance(expanded: ExpandedFit) -> Floats:

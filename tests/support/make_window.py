@@ -19,7 +19,7 @@ from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.joint_fit import JointFit
-from slam_init.window.kernels import FIELD_TERMS, accumulate, eliminate
+from slam_init.window.kernels import FIELD_TERMS, READOUT_TERMS, accumulate, eliminate
 from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks, gather_tracks
@@ -206,31 +206,42 @@ class Equations:
 
 
 def equations(
-    tracks: WindowTracks, state: WindowState, gate: float, *, with_field: bool = False, free: np.ndarray | None = None
+    tracks: WindowTracks,
+    state: WindowState,
+    gate: float,
+    *,
+    with_field: bool = False,
+    with_readout: bool = False,
+    free: np.ndarray | None = None,
 ) -> Equations:
     """The equations at a state, by the compiled loop, without any prior."""
     views, count = tracks.seen.shape
-    field_size = FIELD_TERMS if with_field else 0
-    size = (6 + field_size) * (views - 1) + field_size + 1 + (0 if state.plane is None else 3)
+    field_size, readout_size = FIELD_TERMS * with_field, READOUT_TERMS * with_readout
+    size = (6 + field_size) * (views - 1) + field_size + 1 + readout_size + (0 if state.plane is None else 3)
     normal, shares = np.full((size, size), np.nan), np.full((count, size), np.nan)
     back, costs, squares = np.zeros((count, 3, 4 + size)), np.full(count, np.nan), np.full((views, count), np.nan)
     cost = accumulate(
         camera_vector(tracks.camera), state.R, state.t, state.log_scale,
         np.zeros(3) if state.plane is None else state.plane, state.on_plane, state.field, field_size,
-        tracks.pixels, tracks.sigma_px, tracks.places, tracks.seen, tracks.anchor, state.rays,
-        state.inverse_distances, np.ones(count, bool) if free is None else free, gate**2, normal, shares, back,
-        costs, squares, np.zeros(count), True,
+        state.readout_s - tracks.readout_s, readout_size, tracks.sweep_px_s, tracks.pixels, tracks.sigma_px,
+        tracks.places, tracks.seen, tracks.anchor, state.rays, state.inverse_distances,
+        np.ones(count, bool) if free is None else free, gate**2, normal, shares, back, costs, squares,
+        np.zeros(count), True,
     )  # fmt: skip
     gradient = eliminate(normal, shares, back)
     return Equations(cost, costs, squares, normal, gradient, back)
 
 
-def cost_at(tracks: WindowTracks, state: WindowState, gate: float, *, with_field: bool = False) -> float:
+def cost_at(
+    tracks: WindowTracks, state: WindowState, gate: float, *, with_field: bool = False, with_readout: bool = False
+) -> float:
     """The cost at a state."""
-    return equations(tracks, state, gate, with_field=with_field).cost
+    return equations(tracks, state, gate, with_field=with_field, with_readout=with_readout).cost
 
 
-def moved(state: WindowState, step: np.ndarray, back: np.ndarray, *, with_field: bool) -> WindowState:
+def moved(
+    state: WindowState, step: np.ndarray, back: np.ndarray, *, with_field: bool, with_readout: bool = False
+) -> WindowState:
     """The state after a step of the shared unknowns, with the tracks following to first order.
 
     The unknowns have the order of :mod:`slam_init.window.kernels`. A track moves by ``-A^-1 W step``. The gradient
@@ -252,9 +263,11 @@ def moved(state: WindowState, step: np.ndarray, back: np.ndarray, *, with_field:
         if with_field:
             field[k] += take(field_size)
     log_scale = state.log_scale + float(take(1)[0])
+    readout_s = state.readout_s + (take(READOUT_TERMS) if with_readout else 0.0)
     plane = None if state.plane is None else state.plane + take(3)
     local = -np.einsum("tpq,tqg,g->tp", back[:, :, 1:4], back[:, :, 4:], step)
     tangents = np.array([np.reshape(small_algebra.tangents(ray), (2, 3)) for ray in state.rays])
     rays = state.rays + np.einsum("tq,tqj->tj", local[:, :2], tangents)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    return WindowState(R, t, rays, state.inverse_distances + local[:, 2], log_scale, field, plane, state.on_plane)
+    inverse = state.inverse_distances + local[:, 2]
+    return WindowState(R, t, rays, inverse, log_scale, field, plane, state.on_plane, readout_s)

@@ -21,7 +21,10 @@ def world(kind, seed=1, views=3, camera=None):
     seen = window.tracks.seen.copy()
     seen[0, ::4] = False
     tracks = window.tracks
-    tracks = type(tracks).gather(tracks.camera, tracks.frames, tracks.track_ids, tracks.pixels, seen, 1.0)
+    sweep_px_s = 300.0 * np.random.default_rng((seed, 5)).normal(size=(*seen.shape, 2, 2))
+    tracks = type(tracks).gather(
+        tracks.camera, tracks.frames, tracks.track_ids, tracks.pixels, seen, 1.0, sweep_px_s, np.array([0.001, 0.002])
+    )
     window = replace(window, tracks=tracks)
     state = window.true_state(window.plane if kind == "plane" else None)
     rng = np.random.default_rng((seed, 3))
@@ -30,7 +33,8 @@ def world(kind, seed=1, views=3, camera=None):
     # Of the tracks of a plane, a fifth leaves it.
     on_plane = state.on_plane & (np.arange(len(state.on_plane)) % 5 > 0)
     field = 0.2 * rng.normal(size=state.field.shape)
-    return tracks, replace(state, t=t, log_scale=2e-3, field=field, on_plane=on_plane)
+    readout_s = np.array([0.0, 0.003])
+    return tracks, replace(state, t=t, log_scale=2e-3, field=field, on_plane=on_plane, readout_s=readout_s)
 
 
 def free_of(state, **changes):
@@ -51,7 +55,8 @@ def test_the_cost_of_a_track_is_the_robust_sum_over_its_observations(with_field)
         point = state.R[a].T @ (state.rays[i] / state.inverse_distances[i] - state.t[a]) if a >= 0 else None
         for k in np.flatnonzero(tracks.seen[:, i]) if a >= 0 else ():
             x = tracks.pixels[k, i]
-            e = (camera.project((state.R[k] @ point + state.t[k])[None])[0] - x) / tracks.sigma_px[k, i]
+            swept = tracks.sweep_px_s[k, i] @ (state.readout_s - tracks.readout_s)
+            e = (camera.project((state.R[k] @ point + state.t[k])[None])[0] + swept - x) / tracks.sigma_px[k, i]
             if with_field:
                 u, v = 2 * x / (camera.width - 1, camera.height - 1) - 1
                 terms = [1, 3**0.5 * u, 3**0.5 * v, 1.25**0.5 * (3 * u * u - 1), 3 * u * v, 1.25**0.5 * (3 * v * v - 1)]
@@ -135,19 +140,21 @@ def test_a_track_that_is_left_out_has_no_cost_and_no_equations():
 
 
 @pytest.mark.parametrize("camera", ["pinhole", "fisheye"])
-@pytest.mark.parametrize("with_field", [False, True])
+@pytest.mark.parametrize(("with_field", "with_readout"), [(False, False), (True, False), (False, True), (True, True)])
 @pytest.mark.parametrize("kind", ["free", "plane"])
-def test_the_gradient_is_the_slope_of_the_cost_along_a_step_that_the_tracks_follow(kind, with_field, camera):
+def test_the_gradient_is_the_slope_of_the_cost_along_a_step_that_the_tracks_follow(
+    kind, with_field, with_readout, camera
+):
     tracks, state = world(kind, camera=CAMERAS[camera])
-    found = equations(tracks, state, GATE, with_field=with_field)
+    options = {"with_field": with_field, "with_readout": with_readout}
+    found = equations(tracks, state, GATE, **options)
     scale = np.sqrt(np.diag(found.normal))
     size, step = len(found.gradient), 1e-4
     for unknown in range(size):
         along = np.zeros(size)
         along[unknown] = step / max(scale[unknown], 1.0)
         ahead, behind = (
-            cost_at(tracks, moved(state, s * along, found.back, with_field=with_field), GATE, with_field=with_field)
-            for s in (1, -1)
+            cost_at(tracks, moved(state, s * along, found.back, **options), GATE, **options) for s in (1, -1)
         )
         slope = (ahead - behind) / (2 * along[unknown])
         # The equations are those of half of the cost.

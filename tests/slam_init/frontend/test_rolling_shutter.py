@@ -1,0 +1,178 @@
+"""Laws of the rolling shutter: rays are turned back to the middle of the readout, and the window finds the readout."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from make_map import CAMERAS
+
+from quest.geometry.quaternion import rotation_from_vector
+from sequences_synth.points import PointOptions, make_points
+from slam_init.datasets.points import PointSource
+from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels, sweep_of
+from slam_init.frontend.tracks import History
+from slam_init.initializer import Initializer
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Observations
+from slam_init.types.reasons import Verdict
+
+#: The camera turns about a fixed axis, in rad/s.
+TURN = np.array([0.6, -0.9, 0.3])
+
+
+def turning(camera, readout_s, count=3, step_s=1 / 30, turn=TURN, seed=0):
+    """Frames of points at infinity before a camera that turns steadily; their raw rays, and those of the middle."""
+    rng = np.random.default_rng(seed)
+    size = np.array([camera.width, camera.height], float)
+    points = camera.bearings(rng.uniform(0.2 * size, 0.8 * size, (60, 2)))
+    frames, middle = [], []
+    for k in range(count):
+        times = np.full(len(points), k * step_s)
+        for _ in range(20):
+            rays = np.einsum("nij,nj->ni", rotation_from_vector(times[:, None] * turn), points)
+            pixels = camera.project(rays)
+            times = k * step_s + ((pixels + 0.5) / size - 0.5) @ readout_s
+        middle.append(points @ rotation_from_vector(k * step_s * turn).T)
+        frames.append(Observations(k, k * step_s, str(k), np.arange(len(points)), pixels, camera.bearings(pixels)))
+    return frames, middle
+
+
+def taken(camera, frames):
+    history, shutter = History(100), RollingShutter(camera)
+    for one in frames:
+        history.take(one)
+        shutter.take(history, one.frame)
+    return history, shutter
+
+
+@pytest.mark.parametrize("direction", ["down", "up", "right", "left"])
+@pytest.mark.parametrize("model", ["pinhole", "radtan", "fisheye"])
+def test_rays_are_turned_back_to_the_middle_of_the_readout(model, direction):
+    camera = replace(CAMERAS[model], readout_ms=30.0, readout_direction=direction)
+    frames, middle = turning(camera, np.array(camera.readout_s))
+    history, _ = taken(camera, frames)
+    # The turning is that between raw rays, so it is off by a share of the readout over the step.
+    np.testing.assert_allclose(history[1].turn_rad_s, TURN, atol=0.05)
+    before = np.abs(frames[1].bearings - middle[1]).max()
+    assert np.abs(history[1].bearings - middle[1]).max() < 0.06 * before
+
+
+def test_the_pixels_are_corrected_as_the_rays_are():
+    camera = replace(CAMERAS["radtan"], readout_ms=30.0)
+    history, _ = taken(camera, turning(camera, np.array(camera.readout_s))[0])
+    pixels = corrected_pixels(camera, history[1])
+    np.testing.assert_allclose(camera.bearings(pixels), history[1].bearings, atol=1e-9)
+    assert np.abs(pixels - history[1].pixels).max() > 3
+
+
+@pytest.mark.parametrize("model", ["pinhole", "radtan", "fisheye"])
+def test_the_sweep_is_the_derivative_of_the_raw_pixels_by_the_readout(model):
+    camera = CAMERAS[model]
+    for axis in (0, 1):
+        readout_s = 1e-4 * np.eye(2)[axis]
+        plain, rolling = turning(camera, np.zeros(2))[0][1], turning(camera, readout_s)[0][1]
+        sweep = sweep_of(camera, replace(plain, turn_rad_s=TURN))
+        np.testing.assert_allclose(sweep[:, :, axis], (rolling.pixels - plain.pixels) / 1e-4, rtol=2e-3, atol=0.5)
+
+
+def test_a_global_shutter_leaves_the_frames_as_they_are():
+    camera = replace(CAMERAS["pinhole"], readout_ms=0.0)
+    frames, _ = turning(camera, np.zeros(2))
+    history, shutter = taken(camera, frames)
+    assert all(history[one.frame] is one for one in frames)
+    assert not sweep_of(camera, history[1]).any()
+    assert not shutter.readout_s.any()
+
+
+def test_an_adopted_readout_corrects_all_frames_as_if_it_had_been_known():
+    camera = CAMERAS["pinhole"]
+    frames, _ = turning(camera, np.array([0.0, 0.03]), count=5)
+    history, shutter = taken(camera, frames)
+    np.testing.assert_array_equal(history[2].bearings, frames[2].bearings)
+    assert shutter.adopt(history, np.array([0.0, 0.02]))
+    assert shutter.adopt(history, np.array([0.0, 0.03]))
+    assert not shutter.adopt(history, np.array([0.0, 0.03]))
+    known, _ = taken(replace(camera, readout_ms=30.0), frames)
+    for one in history:
+        np.testing.assert_allclose(one.bearings, known[one.frame].bearings, atol=1e-12)
+        np.testing.assert_array_equal(one.pixels, frames[one.frame].pixels)
+
+
+@pytest.mark.parametrize("case", ["photographs", "repeated time stamps", "few tracks", "a cut"])
+def test_nothing_is_corrected_where_the_turning_is_not_known(case):
+    camera = replace(CAMERAS["pinhole"], readout_ms=30.0)
+    frames, _ = turning(camera, np.zeros(2))
+    if case == "photographs":
+        frames = [replace(one, timestamp_s=float(one.frame)) for one in frames]
+    if case == "repeated time stamps":
+        frames = [replace(one, timestamp_s=0.0) for one in frames]
+    if case == "few tracks":
+        names = ("track_ids", "pixels", "bearings")
+        frames = [replace(one, **{name: getattr(one, name)[:7] for name in names}) for one in frames]
+    if case == "a cut":
+        frames = [replace(one, track_ids=one.track_ids + 1000 * one.frame) for one in frames]
+    history, _ = taken(camera, frames)
+    assert all(one.turn_rad_s is None for one in history)
+    assert all(not sweep_of(camera, one).any() for one in history)
+
+
+def run(seed, **options):
+    options = {"views": 45, "fps": 30.0, "turning_deg_s": 60.0, "noise_px": 0.5, "outliers": 0.1} | options
+    source = PointSource(make_points("handheld", seed, PointOptions(**options)))
+    initializer = Initializer(source.camera)
+    for one in source.observations():
+        if initializer.process_tracks(one):
+            break
+    return source, initializer
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("direction", ["down", "left"])
+def test_a_hand_held_rolling_shutter_is_found_together_with_the_map(direction):
+    source, initializer = run(40, readout_ms=30.0, readout_direction=direction, speed=0.1)
+    map_ = initializer.map
+    assert map_ is not None
+    assert map_.camera.readout_direction == direction
+    assert map_.camera.readout_ms == pytest.approx(30.0, abs=4.0)
+    evidence = initializer.status.attempt.window
+    assert evidence.readout_ms == pytest.approx(map_.camera.readout_ms)
+    assert 0 < evidence.readout_sigma_ms < 4
+    first, last = map_.keyframes[0], map_.keyframes[-1]
+    poses = source.groundtruth.world_from_cam
+    true = poses[last.frame].inverse() @ poses[first.frame]
+    found = last.world_from_cam.inverse() @ first.world_from_cam
+    turned_deg = np.degrees(np.arccos((np.trace(true.R.T @ found.R) - 1) / 2))
+    assert turned_deg < 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("readout_ms", [0.0, 15.0, 30.0])
+def test_a_camera_that_only_turns_is_told_from_one_that_translates(readout_ms):
+    _, initializer = run(41, readout_ms=readout_ms, views=25)
+    assert initializer.map is None
+    assert initializer.result.reason == Verdict.PURE_ROTATION
+    estimates = [a.window.readout_ms for a in initializer.result.attempts if a.window is not None]
+    assert all(one is not None for one in estimates)
+
+
+@pytest.mark.slow
+def test_a_readout_that_is_told_is_not_estimated():
+    source, initializer = run(42, readout_ms=20.0, speed=0.1)
+    told = Initializer(replace(source.camera, readout_ms=20.0))
+    for one in source.observations():
+        if told.process_tracks(one):
+            break
+    assert initializer.map is not None
+    assert told.map is not None
+    assert told.status.attempt.window.readout_ms is None
+    assert told.map.camera.readout_ms == 20.0
+
+
+def test_a_camera_states_its_readout():
+    camera = Camera("pinhole", 640, 480, 458.0, 458.0, 319.5, 239.5)
+    assert camera.readout_s is None
+    directions = {"down": (0.0, 0.02), "up": (0.0, -0.02), "right": (0.02, 0.0), "left": (-0.02, 0.0)}
+    for direction, seconds in directions.items():
+        stated = camera.with_readout(np.array(seconds))
+        assert stated.readout_direction == direction
+        assert stated.readout_s == pytest.approx(seconds)
