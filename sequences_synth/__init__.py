@@ -10,8 +10,12 @@ Scenes: ``room`` (general), ``wall`` (one tilted plane), ``nadir`` (straight fli
 (flight in a turn over flat ground), ``corridor`` (forward motion), ``desk`` (dominant plane with objects), ``rotation``
 (rotation-only camera), ``rotate-then-move`` and ``static``; these are the :data:`STANDARD_SCENES`. The scenes
 ``tilted-15``, ``tilted-30`` and ``tilted-45`` are level straight flights over flat ground. Their camera is tilted
-forward or sideways by 15, 30 or 45 degrees from straight down. :func:`make_points` makes tracks without images, in
-scenes of the same kind.
+forward or sideways by 15, 30 or 45 degrees from straight down. In ``handheld`` and ``handheld-wall`` (one wall) a hand
+turns the camera about an axis that changes, with little or no translation; in ``pan`` the camera turns steadily.
+:func:`make_points` makes tracks without images, in scenes of the same kind.
+
+A frame may have a rolling shutter: a pixel in row y is exposed at ``t_frame + readout (y / height - 1/2)``, and the
+pose and the time stamp of a frame are those of its middle row (:mod:`sequences_synth.shutter`).
 """
 
 from sequences_synth.camera import PinholeCamera

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sequences_synth.hand_motion import Handling
 from sequences_synth.textured_quad import Painter
 from sequences_synth.trajectory import Jitter
 
@@ -35,6 +36,10 @@ class Setup:
         Image size in pixels.
     slow_start : float
         Number of frames over which the motion rises to full speed, see :func:`sequences_synth.trajectory.progress`.
+    fps : float
+        Frames per second, for scenes whose motion is in seconds.
+    handling : Handling
+        How the camera of these scenes is handled.
     """
 
     rng: np.random.Generator
@@ -43,6 +48,8 @@ class Setup:
     width: int
     height: int
     slow_start: float
+    fps: float
+    handling: Handling
 
     def painter(self, viewpoint: Floats, nearest_m: float) -> Painter:
         """Make a painter whose textures suit this camera.

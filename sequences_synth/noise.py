@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 __all__ = ["blur_along", "expose"]
 
+Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
 
@@ -56,14 +57,14 @@ def blur_along(image: Image, half_flow: Floats32) -> Image:
     return cast(Image, cv2.convertScaleAbs(total, alpha=1 / samples))
 
 
-def expose(image: Image, gain: float, noise: float, rng: np.random.Generator) -> Image:
+def expose(image: Image, gain: float | Floats, noise: float, rng: np.random.Generator) -> Image:
     """Apply a gain and sensor noise.
 
     Parameters
     ----------
     image : (H, W, 3) uint8
-    gain : float
-        Factor on the light.
+    gain : float or (H, 1) or (1, W) float
+        Factor on the light, of the whole image or of each row or column.
     noise : float
         Standard deviation of the luminance at mid grey, grey levels. Shot noise grows with the square root of the
         light; read noise does not depend on the light.
@@ -76,6 +77,8 @@ def expose(image: Image, gain: float, noise: float, rng: np.random.Generator) ->
     """
     import cv2
 
+    if isinstance(gain, np.ndarray):
+        return _expose_lines(image, gain, noise, rng)
     if noise == 0.0:
         return image if gain == 1.0 else cast(Image, cv2.convertScaleAbs(image, alpha=gain))
     grey = np.arange(256) * gain
@@ -87,3 +90,12 @@ def expose(image: Image, gain: float, noise: float, rng: np.random.Generator) ->
     noisy = cv2.scaleAdd(image.astype(np.float32), gain, noisy)
     # This rounds and saturates.
     return cast(Image, np.clip(noisy + np.float32(0.5), 0, 255).astype(np.uint8))
+
+
+def _expose_lines(image: Image, gain: Floats, noise: float, rng: np.random.Generator) -> Image:
+    """As :func:`expose`, with a gain for each row or column."""
+    light = image.astype(np.float32) * gain.astype(np.float32)[..., None]
+    if noise > 0.0:
+        sigma = noise * np.sqrt(_READ_SHARE + (1 - _READ_SHARE) * light[..., 1] / _MID_GREY)
+        light += (rng.standard_normal(image.shape[:2], np.float32) * sigma.astype(np.float32))[..., None]
+    return cast(Image, np.clip(light + np.float32(0.5), 0, 255).astype(np.uint8))

@@ -10,25 +10,26 @@ samples, as in a real lens.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sequences_synth.textured_quad import Quad
 
-__all__ = ["View", "render"]
+__all__ = ["NEAR_M", "NOTHING", "SeenQuad", "View", "blend_levels", "clip_near", "detail_nodes", "render", "shade"]
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
 Ids = NDArray[np.int16]
 
-# The near plane in metres: a surface that is nearer would fill the view.
-_NEAR_M = 0.05
-_NOTHING = -1
+#: The near plane in metres: a surface that is nearer would fill the view.
+NEAR_M = 0.05
+#: The id of a pixel that shows no quad.
+NOTHING = -1
 # A camera nearer than this (metres) to the plane of a quad sees the quad edge-on, and the quad is not drawn.
 _EDGE_ON_M = 1e-6
 # The level of detail is smooth. It is computed on a coarse grid with this many nodes per side, then interpolated.
@@ -54,12 +55,70 @@ class View:
     ids: Ids
 
 
+class SeenQuad(Protocol):
+    """A quad in front of a camera, as :func:`shade` needs it."""
+
+    def inverse_depth_at(self, x: Floats, y: Floats) -> Floats:
+        """Compute the inverse depth of the plane of the quad.
+
+        Parameters
+        ----------
+        x, y : (N,) float
+            Pixels.
+
+        Returns
+        -------
+        (N,) float
+            Values of 1 / z.
+        """
+
+    def window(self, width: int, height: int) -> tuple[slice, slice]:
+        """Find the part of the image that may show the quad.
+
+        Parameters
+        ----------
+        width, height : int
+            Image size in pixels.
+
+        Returns
+        -------
+        rows, columns : slice
+            They hold every pixel that has a sample of the quad.
+        """
+
+    def sample(self, left: int, top: int, mask: Image) -> Image:
+        """Colour a window of the image.
+
+        Parameters
+        ----------
+        left, top : int
+            First column and row of the window.
+        mask : (H, W) uint8
+            1 at the pixels of the window that will be used.
+
+        Returns
+        -------
+        (H, W, 3) uint8
+            Texture as seen in the window.
+        """
+
+
 @dataclass(frozen=True, eq=False)
 class _Seen:
     """A quad in front of the camera: its homography, and its outline in pixels."""
 
+    quad: Quad
     texel_from_pixel: Floats  # applied to (x, y, 1): (s, t, 1) / z
     outline: list[tuple[float, float]]  # convex
+
+    def inverse_depth_at(self, x: Floats, y: Floats) -> Floats:
+        return np.asarray(np.sum(self.inverse_depth * np.column_stack([x, y, np.ones(len(x))]), axis=1))
+
+    def window(self, width: int, height: int) -> tuple[slice, slice]:
+        return _window(self.outline, width, height)
+
+    def sample(self, left: int, top: int, mask: Image) -> Image:
+        return _sample(self.quad, self.texel_from_pixel, left, top, mask)
 
     @property
     def inverse_depth(self) -> Floats:
@@ -88,10 +147,10 @@ def render(quads: Sequence[Quad], K: Floats, cam_from_world: Floats, frame: floa
     """
     seen = _project(quads, K, cam_from_world, frame)
     depth_samples = np.zeros((2 * height, 2 * width), np.float32)
-    id_samples = np.full((2 * height, 2 * width), _NOTHING, np.int16)
+    id_samples = np.full((2 * height, 2 * width), NOTHING, np.int16)
     for i, s in seen.items():
         _fill(s, i, depth_samples, id_samples)
-    return _shade(quads, seen, depth_samples, id_samples)
+    return shade(len(quads), seen, depth_samples, id_samples)
 
 
 def _project(quads: Sequence[Quad], K: Floats, cam_from_world: Floats, frame: float) -> dict[int, _Seen]:
@@ -108,24 +167,35 @@ def _project(quads: Sequence[Quad], K: Floats, cam_from_world: Floats, frame: fl
     for i in np.nonzero(visible)[0].tolist():
         w, h = quads[i].texture.width - 1, quads[i].texture.height - 1
         corners = np.array([[0, 0, 1], [w, 0, 1], [w, h, 1], [0, h, 1]], float) @ cam_from_texel[i].T
-        if corners[:, 2].min() < _NEAR_M:
-            corners = _clip_near(corners)
+        if corners[:, 2].min() < NEAR_M:
+            corners = clip_near(corners)
         if len(corners) < 3:
             continue
         projected = corners @ K.T
         outline = [(x / z, y / z) for x, y, z in projected.tolist()]
-        seen[i] = _Seen(np.asarray(np.linalg.inv(K @ cam_from_texel[i]), float), outline)
+        seen[i] = _Seen(quads[i], np.asarray(np.linalg.inv(K @ cam_from_texel[i]), float), outline)
     return seen
 
 
-def _clip_near(polygon: Floats) -> Floats:
-    """Cut (N, 3) camera points of a polygon at the near plane (Sutherland and Hodgman 1974)."""
+def clip_near(polygon: Floats) -> Floats:
+    """Cut a polygon at the near plane (Sutherland and Hodgman 1974).
+
+    Parameters
+    ----------
+    polygon : (N, 3) float
+        Corners in the frame of the camera, metres.
+
+    Returns
+    -------
+    (M, 3) float
+        Corners of the part beyond the near plane; none if there is no such part.
+    """
     kept = []
     for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
-        if a[2] >= _NEAR_M:
+        if a[2] >= NEAR_M:
             kept.append(a)
-        if (a[2] >= _NEAR_M) != (b[2] >= _NEAR_M):
-            kept.append(a + (b - a) * ((_NEAR_M - a[2]) / (b[2] - a[2])))
+        if (a[2] >= NEAR_M) != (b[2] >= NEAR_M):
+            kept.append(a + (b - a) * ((NEAR_M - a[2]) / (b[2] - a[2])))
     return np.array(kept).reshape(-1, 3)
 
 
@@ -170,8 +240,24 @@ def _spans(outline: list[tuple[float, float]], top: int, bottom: int) -> tuple[F
     return left, right
 
 
-def _shade(quads: Sequence[Quad], seen: dict[int, _Seen], depth_samples: Floats32, id_samples: Ids) -> View:
-    """Colour the visible parts of the quads."""
+def shade(count: int, seen: Mapping[int, SeenQuad], depth_samples: Floats32, id_samples: Ids) -> View:
+    """Colour the visible parts of the quads.
+
+    Parameters
+    ----------
+    count : int
+        Number of quads.
+    seen : mapping of int to SeenQuad
+        The quads that may be visible, by their position in the list.
+    depth_samples : (2 H, 2 W) float32
+        Inverse depth, 0 where there is nothing.
+    id_samples : (2 H, 2 W) int16
+        Position of the visible quad, -1 where there is none.
+
+    Returns
+    -------
+    View
+    """
     import cv2
 
     corners = [id_samples[i::2, j::2] for i in (0, 1) for j in (0, 1)]
@@ -181,11 +267,12 @@ def _shade(quads: Sequence[Quad], seen: dict[int, _Seen], depth_samples: Floats3
     # The mean of four samples of an affine function is its value at the pixel centre. On a silhouette the samples come
     # from several planes; there the plane of the first sample is evaluated at the pixel centre.
     inverse_depth = cast(Floats32, cv2.resize(depth_samples, (width, height), interpolation=cv2.INTER_AREA))
-    planes = np.zeros((len(quads) + 1, 3))  # the last row stands for nothing, id -1
-    for i, s in seen.items():
-        planes[i] = s.inverse_depth
     y, x = np.nonzero(mixed)
-    at_centre = np.sum(planes[ids[y, x]] * np.column_stack([x, y, np.ones(len(x))]), axis=1)
+    at_centre = np.zeros(len(x))
+    first_ids = ids[y, x]
+    for i in np.unique(first_ids[first_ids != NOTHING]).tolist():
+        chosen = first_ids == i
+        at_centre[chosen] = seen[i].inverse_depth_at(x[chosen], y[chosen])
     inverse_depth[y, x] = np.maximum(at_centre, 0)
 
     image: Image = np.zeros((height, width, 3), np.uint8)
@@ -193,9 +280,9 @@ def _shade(quads: Sequence[Quad], seen: dict[int, _Seen], depth_samples: Floats3
     side_ids = np.stack([corner[y, x] for corner in corners], axis=1).ravel()
     side_colors = np.zeros((len(side_ids), 3), np.float32)
     order = np.argsort(side_ids, kind="stable")
-    starts = np.searchsorted(side_ids[order], np.arange(len(quads) + 1))
+    starts = np.searchsorted(side_ids[order], np.arange(count + 1))
     for i, s in seen.items():
-        window = _window(s.outline, width, height)
+        window = s.window(width, height)
         own = (ids[window] == i).view(np.uint8)
         if own.size == 0:
             continue
@@ -207,7 +294,7 @@ def _shade(quads: Sequence[Quad], seen: dict[int, _Seen], depth_samples: Floats3
             continue
         own = own[top : top + h, left : left + w]
         left, top = left + window[1].start, top + window[0].start
-        patch = _sample(quads[i], s.texel_from_pixel, left, top, own)
+        patch = s.sample(left, top, own)
         cv2.copyTo(patch, own, image[top : top + h, left : left + w])
         side_colors[sides] = patch[side_y - top, side_x - left]
     image[y, x] = np.round(side_colors.reshape(-1, 4, 3).mean(axis=1))
@@ -233,12 +320,6 @@ def _sample(quad: Quad, texel_from_pixel: Floats, left: int, top: int, mask: Ima
 
     height, width = mask.shape
     levels = quad.texture.levels
-    detail = np.clip(_level_of_detail(texel_from_pixel, left, top, width, height), 0, len(levels) - 1)
-    # Outside the mask the plane may reach its horizon. The levels of detail there are not needed.
-    used = detail[cv2.resize(255 * mask, (_GRID, _GRID), interpolation=cv2.INTER_AREA) > 0]
-    if used.size:
-        detail = np.clip(detail, used.min(), used.max())
-    lowest, highest = int(np.floor(detail.min())), int(np.ceil(detail.max()))
     into_window = np.array([[1, 0, left], [0, 1, top], [0, 0, 1]], float)
 
     def warp(level: int) -> Image:
@@ -250,6 +331,36 @@ def _sample(quad: Quad, texel_from_pixel: Floats, left: int, top: int, mask: Ima
             cv2.warpPerspective(levels[level], matrix, (width, height), flags=flags, borderMode=cv2.BORDER_REPLICATE),
         )
 
+    return blend_levels(quad, _level_of_detail(texel_from_pixel, left, top, width, height), mask, warp)
+
+
+def blend_levels(quad: Quad, detail: Floats32, mask: Image, warp: Callable[[int], Image]) -> Image:
+    """Blend the two levels of the texture that are next to the level of detail.
+
+    Parameters
+    ----------
+    quad : Quad
+    detail : (16, 16) float32
+        Level of detail at the nodes of :func:`detail_nodes`.
+    mask : (H, W) uint8
+        1 at the pixels that will be used.
+    warp : callable
+        Number of a level -> that level as seen in the window, (H, W, 3) uint8.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        Colours with the light of the quad.
+    """
+    import cv2
+
+    height, width = mask.shape
+    detail = np.clip(detail, 0, len(quad.texture.levels) - 1)
+    # Outside the mask the plane may reach its horizon. The levels of detail there are not needed.
+    used = detail[cv2.resize(255 * mask, (_GRID, _GRID), interpolation=cv2.INTER_AREA) > 0]
+    if used.size:
+        detail = np.clip(detail, used.min(), used.max())
+    lowest, highest = int(np.floor(detail.min())), int(np.ceil(detail.max()))
     patch = warp(lowest)
     if highest > lowest:
         full_detail = cv2.resize(detail, (width, height), interpolation=cv2.INTER_LINEAR)
@@ -265,9 +376,7 @@ def _level_of_detail(texel_from_pixel: Floats, left: int, top: int, width: int, 
     The number is taken between the geometric mean and the longer side of the footprint of the pixel. The longer side
     alone blurs slanted surfaces more than a lens does; the geometric mean alone makes them flicker.
     """
-    # The nodes lie where cv2.resize assumes them when it enlarges the grid to the window.
-    nodes = (np.arange(_GRID) + 0.5) / _GRID
-    x, y = np.meshgrid(left + nodes * width - 0.5, top + nodes * height - 0.5)
+    x, y = detail_nodes(left, top, width, height)
     G = texel_from_pixel
     p = np.stack([x, y, np.ones_like(x)], axis=-1) @ G.T
     w = p[..., 2]
@@ -280,3 +389,21 @@ def _level_of_detail(texel_from_pixel: Floats, left: int, top: int, width: int, 
     with np.errstate(divide="ignore"):
         detail = 0.25 * np.log2(area) + 0.5 * np.log2(longest)
     return np.asarray(np.clip(detail, -10, 30), np.float32)
+
+
+def detail_nodes(left: int, top: int, width: int, height: int) -> tuple[Floats, Floats]:
+    """Compute the pixels of a window at which the level of detail is evaluated.
+
+    Parameters
+    ----------
+    left, top, width, height : int
+        The window.
+
+    Returns
+    -------
+    x, y : (16, 16) float
+        Pixels; they lie where cv2.resize assumes them when it enlarges the grid to the window.
+    """
+    nodes = (np.arange(_GRID) + 0.5) / _GRID
+    x, y = np.meshgrid(left + nodes * width - 0.5, top + nodes * height - 0.5)
+    return x, y

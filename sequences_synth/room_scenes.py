@@ -11,7 +11,7 @@ from sequences_synth.builder import HAND_DEG, Setup, curved_path, hand_jitter, l
 from sequences_synth.textured_quad import Painter, Quad, box
 from sequences_synth.trajectory import Jitter, Path, progress
 
-__all__ = ["room", "rotate_then_move", "rotation", "static"]
+__all__ = ["furnished_room", "room", "rotate_then_move", "rotation", "static"]
 
 Floats = NDArray[np.float64]
 
@@ -45,11 +45,22 @@ def room(setup: Setup) -> tuple[list[Quad], Path]:
         centre=curved_path(start, along, bend), angles=linear_angles(turn_from, turn_by), slow_start=setup.slow_start,
         jitter=hand_jitter(setup, 3.0),
     )  # fmt: skip
-    return _furnished_room(setup, start), path
+    return furnished_room(setup, start), path
 
 
-def _furnished_room(setup: Setup, viewpoint: Floats) -> list[Quad]:
-    """Walls, pictures and boxes around a viewpoint that looks along y. No object is near the camera."""
+def furnished_room(setup: Setup, viewpoint: Floats) -> list[Quad]:
+    """Build walls, pictures and boxes around a viewpoint that looks along y. No object is near the camera.
+
+    Parameters
+    ----------
+    setup : Setup
+    viewpoint : (3,) float
+        Position of the camera in the world, metres.
+
+    Returns
+    -------
+    list of Quad
+    """
     rng = setup.rng
     painter = setup.painter(viewpoint, 1.3)
     left, right = -rng.uniform(2.3, 3.4), rng.uniform(2.3, 3.4)
@@ -147,7 +158,7 @@ def rotation(setup: Setup) -> tuple[list[Quad], Path]:
     turn_by = np.radians([pan, rng.uniform(-8, 8), rng.uniform(-4, 4)])
     jitter = Jitter.draw(rng, HAND_DEG, 0.0)
     path = Path(lambda _: start, linear_angles(turn_from, turn_by), setup.slow_start, jitter=jitter)
-    return _furnished_room(setup, start), path
+    return furnished_room(setup, start), path
 
 
 def rotate_then_move(setup: Setup) -> tuple[list[Quad], Path]:

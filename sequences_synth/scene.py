@@ -11,14 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sequences_synth.boards import moving_boards, nearest_ahead
 from sequences_synth.builder import Setup
+from sequences_synth.hand_motion import Handling
+from sequences_synth.hand_scenes import HandPath, handheld, handheld_wall, pan
 from sequences_synth.indoors import corridor, desk
 from sequences_synth.planes import nadir, nadir_turn, tilted, wall
 from sequences_synth.room_scenes import room, rotate_then_move, rotation, static
 from sequences_synth.textured_quad import Quad
 from sequences_synth.trajectory import Path, progress
 
-__all__ = ["SCENES", "STANDARD_SCENES", "World", "build_world"]
+__all__ = ["SCENES", "STANDARD_SCENES", "Motions", "World", "build_world"]
 
 Floats = NDArray[np.float64]
 
@@ -31,47 +34,80 @@ class World:
     ----------
     quads : tuple of Quad
         All surfaces; those of moving objects come last.
-    path : Path
+    path : Path or HandPath
     exposure_phase : (float, float)
         The exposure changes slowly as a sine: its phase at frame 0 and its advance per frame, radians.
     """
 
     quads: tuple[Quad, ...]
-    path: Path
+    path: Path | HandPath
     exposure_phase: tuple[float, float]
 
 
-def build_world(
-    name: str, seed: int, K: Floats, width: int, height: int, slow_start: float, moving_share: float
-) -> World:
+@dataclass(frozen=True)
+class Motions:
+    """What moves in a world, and how.
+
+    Attributes
+    ----------
+    slow_start : float
+        Number of frames over which the motion of the camera rises to full speed, see
+        :func:`sequences_synth.trajectory.progress`.
+    fps : float
+        Frames per second, for scenes whose motion is in seconds.
+    handling : Handling
+        How the camera of these scenes is handled.
+    cards : float
+        Approximate share of the image area that swaying cards cover; 0 for none.
+    boards : float
+        Share of the image area that bodies cover; 0 for none.
+    bodies : int
+        Number of these bodies.
+    body_turn_deg_s : float
+        Root mean square of their angular speed.
+    """
+
+    slow_start: float
+    fps: float
+    handling: Handling
+    cards: float
+    boards: float
+    bodies: int
+    body_turn_deg_s: float
+
+
+def build_world(name: str, entropy: tuple[int, ...], K: Floats, width: int, height: int, motions: Motions) -> World:
     """Build a scene.
 
     Parameters
     ----------
     name : str
         One of :data:`SCENES`.
-    seed : int
+    entropy : tuple of int
         Changes geometry, textures and path.
     K : (3, 3) float
         True calibration matrix of the camera, pixels.
     width, height : int
         Image size in pixels.
-    slow_start : float
-        Number of frames over which the motion rises to full speed, see :func:`sequences_synth.trajectory.progress`.
-    moving_share : float
-        Approximate share of the image area that moving objects cover; 0 for none.
+    motions : Motions
 
     Returns
     -------
     World
     """
-    entropy = (seed, *name.encode())
     rng = np.random.default_rng(entropy)
-    setup = Setup(rng, entropy, K, width, height, slow_start)
+    setup = Setup(rng, entropy, K, width, height, motions.slow_start, motions.fps, motions.handling)
     quads, path = _BUILDERS[name](setup)
     phase = (float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.03, 0.09)))
-    if moving_share > 0:
-        quads = quads + _moving_cards(setup, path, quads, moving_share)
+    if motions.cards > 0:
+        if not isinstance(path, Path):
+            raise ValueError(f"moving_objects is {motions.cards}: scene {name} has bodies instead, option moving")
+        quads = quads + _moving_cards(setup, path, quads, motions.cards)
+    if motions.boards > 0:
+        body_rng = np.random.default_rng((*entropy, *b" bodies"))
+        quads = quads + moving_boards(
+            setup, body_rng, path.world_from_cam, quads, motions.boards, motions.bodies, motions.body_turn_deg_s
+        )
     return World(tuple(quads), path, phase)
 
 
@@ -84,7 +120,7 @@ def _moving_cards(setup: Setup, path: Path, quads: list[Quad], share: float) -> 
     pose = path.steady(0.0, 0.0)
     right, down, ahead = pose[:3, 0], pose[:3, 1], pose[:3, 2]
     # The boards are clearly nearer than the scene, so that they never intersect it.
-    distance = 0.6 * _nearest_ahead(setup, quads, pose)
+    distance = 0.6 * nearest_ahead(setup, quads, pose)
     view_w, view_h = distance * setup.width / setup.K[0, 0], distance * setup.height / setup.K[1, 1]
     count = 3
     painter = setup.painter(pose[:3, 3], distance)
@@ -108,21 +144,7 @@ def _moving_cards(setup: Setup, path: Path, quads: list[Quad], share: float) -> 
     return cards
 
 
-def _nearest_ahead(setup: Setup, quads: list[Quad], pose: Floats) -> float:
-    """Least depth of the scene along 7x7 rays spread over the view."""
-    x, y = np.meshgrid(np.linspace(0, setup.width - 1, 7), np.linspace(0, setup.height - 1, 7))
-    rays = pose[:3, :3] @ np.linalg.inv(setup.K) @ np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
-    depths = []
-    for quad in quads:
-        edges = np.column_stack([quad.edge_u, quad.edge_v])
-        normal = np.cross(*edges.T)
-        depth = (normal @ (quad.corner - pose[:3, 3])) / (normal @ rays)
-        a, b = np.linalg.pinv(edges) @ (pose[:3, 3:] + depth * rays - quad.corner[:, None])
-        depths.append(depth[(depth > 0) & (a >= 0) & (a <= 1) & (b >= 0) & (b <= 1)])
-    return float(np.concatenate(depths).min())
-
-
-_BUILDERS: dict[str, Callable[[Setup], tuple[list[Quad], Path]]] = {
+_BUILDERS: dict[str, Callable[[Setup], tuple[list[Quad], Path | HandPath]]] = {
     "room": room,
     "wall": wall,
     "nadir": nadir,
@@ -135,6 +157,9 @@ _BUILDERS: dict[str, Callable[[Setup], tuple[list[Quad], Path]]] = {
     "tilted-15": tilted(15.0),
     "tilted-30": tilted(30.0),
     "tilted-45": tilted(45.0),
+    "handheld": handheld,
+    "handheld-wall": handheld_wall,
+    "pan": pan,
 }
 
 #: Names of the rendered scenes.

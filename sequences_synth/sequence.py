@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sequences_synth.camera import PinholeCamera
-from sequences_synth.noise import blur_along, expose
-from sequences_synth.render import View, render
-from sequences_synth.scene import SCENES, World, build_world
+from sequences_synth.camera import PinholeCamera, stated_camera
+from sequences_synth.hand_motion import Handling
+from sequences_synth.noise import expose
+from sequences_synth.scene import SCENES, Motions, World, build_world
+from sequences_synth.schedule import Schedule
+from sequences_synth.sensor import Sensor
+from sequences_synth.shutter import READOUT_DIRECTIONS, Shutter
 
 __all__ = ["SynthOptions", "SynthSequence", "make_sequence"]
 
@@ -24,9 +27,11 @@ Bools = NDArray[np.bool_]
 # Focal length over image width: 525 px at 640, as of a usual hand-held RGB-D camera. The horizontal field of view is
 # 63 degrees.
 _FOCAL_BY_WIDTH = 525.0 / 640.0
-# The flow of the motion blur is smooth away from silhouettes. It is computed on every fourth pixel of each row and
-# column.
-_FLOW_STEP = 4
+# The angular speed of hand-held turning is a root mean square over this time. It does not depend on the number of
+# frames, so that a longer sequence continues the path of a shorter one.
+_HANDLING_S = 10.0
+# Lamps flicker at twice the frequency of the mains, 50 or 60 Hz.
+_LAMPS_HZ = (100.0, 120.0)
 
 
 @dataclass(frozen=True)
@@ -40,11 +45,13 @@ class SynthOptions:
     width, height : int
         Image size in pixels.
     fps : float
-        Frames per second. It changes the time stamps, not the motion from frame to frame.
+        Frames per second. It changes the time stamps, not the motion from frame to frame. Only in the scenes
+        ``handheld``, ``handheld-wall`` and ``pan`` it decides how far the camera turns from frame to frame.
     noise : float
         Standard deviation of the luminance at mid grey, grey levels (shot and read noise).
     motion_blur : float
-        Exposure as a fraction of the frame interval, 0 to 1.
+        Exposure as a fraction of the frame interval, 0 to 1: each image is blurred along its flow. Ignored if
+        ``exposure_ms`` is not 0.
     exposure_change : float
         Relative amplitude of a slow change of gain: 0.08 is 8 % up and down.
     focal_error : float
@@ -52,7 +59,50 @@ class SynthOptions:
     moving_objects : float
         Approximate share of the image area covered by objects that move on their own, 0 to 0.8.
     slow_start : int
-        Number of frames over which the motion rises from rest to full speed.
+        Number of frames over which the motion rises from rest to full speed. The scenes ``handheld``,
+        ``handheld-wall`` and ``pan`` move from the first frame on.
+    readout_ms : float
+        Readout time of the rolling shutter, at most a frame interval; 0 for a global shutter. See
+        :mod:`sequences_synth.shutter`.
+    readout_direction : str
+        Order in which rows or columns are read: ``down``, ``up``, ``right`` or ``left``.
+    exposure_ms : float
+        Exposure time, at most a frame interval: each image is the mean of renders along the true path, about one per
+        pixel of blur.
+    turning_deg_s : float
+        Root mean square of the angular speed in the scenes ``handheld`` and ``handheld-wall``, over 10 s, and speed of
+        the scene ``pan``. The other scenes ignore it.
+    speed : float
+        Speed of the translation in the scenes ``handheld`` and ``handheld-wall``, median depths per second. The median
+        depth of the room is taken as 3 m. The other scenes ignore it.
+    moving : float
+        Share of the view that bodies fill, 0 to 0.8. The bodies are boards that follow the gaze of the camera, sway and
+        turn.
+    bodies : int
+        Number of these bodies.
+    body_turn_deg_s : float
+        Root mean square of the angular speed of a body about its own vertical axis, with respect to the camera.
+    principal_error : float
+        Error of the stated principal point: horizontally over the width, vertically over the height. The signs are
+        drawn.
+    k1 : float
+        Coefficient of radial distortion of the true camera, which the stated camera lacks.
+    flicker : float
+        Relative amplitude of the flicker of lamps, at 100 or 120 Hz, whichever changes more from frame to frame. A
+        rolling shutter shows it as bands.
+    fade : int
+        Number of frames over which the sequence rises from black and, at its end and before a cut, falls to black.
+    stabilized : bool
+        Whether each frame is warped to a smoothed path, see :mod:`sequences_synth.stabilizer`. The true poses are then
+        those of the virtual camera.
+    dropped : float
+        Share of the frames that are missing. The frames that are left are ``frames``, and their time stamps jump.
+    repeated : float
+        Share of the frames that repeat the frame before, with a new time stamp. The true pose of such a frame is that
+        of the frame that it repeats.
+    cut : int
+        Position of the frame at which another scene of the same kind begins; 0 for none. The poses of the second scene
+        have the world frame of the second scene: they have no relation to those before.
 
     Raises
     ------
@@ -70,17 +120,45 @@ class SynthOptions:
     focal_error: float = 0.0
     moving_objects: float = 0.0
     slow_start: int = 12
+    readout_ms: float = 0.0
+    readout_direction: str = "down"
+    exposure_ms: float = 0.0
+    turning_deg_s: float = 60.0
+    speed: float = 0.0
+    moving: float = 0.0
+    bodies: int = 1
+    body_turn_deg_s: float = 30.0
+    principal_error: float = 0.0
+    k1: float = 0.0
+    flicker: float = 0.0
+    fade: int = 0
+    stabilized: bool = False
+    dropped: float = 0.0
+    repeated: float = 0.0
+    cut: int = 0
 
     def __post_init__(self) -> None:
+        # Beyond the limits of k1, the lens would not be invertible within the image.
         limits: dict[str, tuple[float, float]] = {
             "frames": (1, 100_000), "width": (64, 4096), "height": (64, 4096), "fps": (1e-3, 1e4), "noise":
             (0, 100), "motion_blur": (0, 1), "exposure_change": (0, 0.9), "focal_error": (-0.9, 10),
-            "moving_objects": (0, 0.8), "slow_start": (0, 100_000),
+            "moving_objects": (0, 0.8), "slow_start": (0, 100_000), "readout_ms": (0, 1e6), "exposure_ms": (0, 1e6),
+            "turning_deg_s": (0, 1000), "speed": (0, 100), "moving": (0, 0.8), "bodies": (1, 20), "body_turn_deg_s":
+            (0, 1000), "principal_error": (0, 0.5), "k1": (-0.2, 1), "flicker": (0, 0.9), "fade": (0, 100_000),
+            "stabilized": (0, 1), "dropped": (0, 0.9), "repeated": (0, 0.9), "cut": (0, 100_000),
         }  # fmt: skip
-        for name in (f.name for f in fields(self)):
+        for name in (f.name for f in fields(self) if f.name in limits):
             value, (low, high) = getattr(self, name), limits[name]
             if not (math.isfinite(value) and low <= value <= high):
                 raise ValueError(f"{name} is {value!r}: it must lie between {low} and {high}")
+        if self.readout_direction not in READOUT_DIRECTIONS:
+            known = ", ".join(READOUT_DIRECTIONS)
+            raise ValueError(f"readout_direction is {self.readout_direction!r}: use one of {known}")
+        for name, value in (("readout_ms", self.readout_ms), ("exposure_ms", self.exposure_ms)):
+            if value > 1000 / self.fps:
+                raise ValueError(f"{name} is {value}: it must not exceed the frame interval, {1000 / self.fps:g} ms")
+        if self.cut >= self.frames:
+            raise ValueError(f"cut is {self.cut}: it must be less than the number of frames, {self.frames}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,13 +171,19 @@ class SynthSequence:
     seed : int
     options : SynthOptions
     camera : PinholeCamera
-        The stated camera; its focal length is wrong where ``options.focal_error`` is not 0.
+        The stated camera, which has the errors of the options and no distortion.
     true_camera : PinholeCamera
         The camera by which the images are rendered.
     world : World
+        That of the first scene.
     poses : (N, 4, 4) float
-        world_from_cam at the middle of each exposure, metres.
+        world_from_cam at the middle row and the middle of each exposure, metres. After a cut the world is another one.
     timestamps_s : (N,) float
+        Time of the middle row.
+    schedule : Schedule
+        Dropped and repeated frames, and the cut.
+    sensors : tuple of Sensor
+        The true camera, path, shutter and world of each scene.
     """
 
     name: str
@@ -110,6 +194,8 @@ class SynthSequence:
     world: World
     poses: Floats
     timestamps_s: Floats
+    schedule: Schedule
+    sensors: tuple[Sensor, ...]
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -134,11 +220,13 @@ class SynthSequence:
         IndexError
             If the sequence has no such frame.
         """
-        view = self._view(index)
-        image = blur_along(view.image, self._half_flow(index, view)) if self.options.motion_blur else view.image
-        # The generator is seeded for this frame, so that the frame does not depend on those rendered before.
-        rng = np.random.default_rng([self.seed, index, 1])
-        image = expose(image, self._gain(index), self.options.noise, rng)
+        sensor, frame = self._sensor(index)
+        view = sensor.take(frame)
+        # A repeated frame is the same image. The generator is seeded for this frame, so that the frame does not depend
+        # on those rendered before.
+        shown = int(self.schedule.content[index])
+        rng = np.random.default_rng([self.seed, shown, 1])
+        image = expose(view.image, self._gain(shown), self.options.noise, rng)
         hit = view.inverse_depth > 0
         depth = np.divide(1, view.inverse_depth, out=np.zeros_like(view.inverse_depth), where=hit)
         return image, depth
@@ -184,46 +272,63 @@ class SynthSequence:
         IndexError
             If the sequence has no such frame.
         """
-        return self._moving(self._view(index))
+        sensor, frame = self._sensor(index)
+        moves = np.array([quad.moves for quad in sensor.quads] + [False])
+        return np.asarray(moves[sensor.view(frame).ids])
 
-    def _view(self, index: int) -> View:
+    def pixel_poses(self, index: int, pixels: Floats) -> Floats:
+        """Compute the poses that the camera had when it exposed pixels of one frame.
+
+        Parameters
+        ----------
+        index : int
+            Position of the frame, from 0.
+        pixels : (N, 2) float
+
+        Returns
+        -------
+        (N, 4, 4) float
+            Poses world_from_cam, of the virtual camera in a stabilized frame. With a global shutter all are the pose of
+            the frame.
+
+        Raises
+        ------
+        IndexError
+            If the sequence has no such frame.
+        """
+        sensor, frame = self._sensor(index)
+        return sensor.pixel_poses(frame, pixels)
+
+    def _sensor(self, index: int) -> tuple[Sensor, int]:
+        """The sensor of a frame, and the frame number on its path."""
         if not 0 <= index < len(self):
             raise IndexError(f"frame {index} of a sequence of {len(self)} frames")
-        camera = self.true_camera
-        cam_from_world = np.linalg.inv(self.poses[index])
-        return render(self.world.quads, camera.K, cam_from_world, index, camera.width, camera.height)
+        scene = int(0 < self.schedule.cut <= index)
+        shown, first = self.schedule.content[index], scene * self.schedule.cut
+        return self.sensors[scene], int(self.schedule.ticks[shown] - self.schedule.ticks[first])
 
-    def _moving(self, view: View) -> Bools:
-        moves = np.array([quad.displacement is not None for quad in self.world.quads] + [False])
-        return np.asarray(moves[view.ids])
-
-    def _gain(self, index: int) -> float:
+    def _gain(self, index: int) -> float | Floats:
+        """Factor on the light of one frame; of each of its lines where the flicker of lamps makes bands."""
         phase, rate = self.world.exposure_phase
-        return 1.0 + self.options.exposure_change * math.sin(phase + rate * index)
+        gain = 1.0 + self.options.exposure_change * math.sin(phase + rate * index)
+        if self.options.fade:
+            gain *= self._faded(index)
+        if not self.options.flicker:
+            return gain
+        shutter, fps = self.sensors[0].shutter, self.options.fps
 
-    def _half_flow(self, index: int, view: View) -> Floats32:
-        """(H, W, 2) float32: motion of each pixel from the middle of the exposure to its end."""
-        import cv2
+        def change(hertz: float) -> float:
+            return abs(hertz / fps - round(hertz / fps))
 
-        half = 0.5 * self.options.motion_blur
-        K = self.true_camera.K
-        later_from_now = np.linalg.inv(self.world.path.world_from_cam(index + half)) @ self.poses[index]
-        M, k = K @ later_from_now[:3, :3] @ np.linalg.inv(K), K @ later_from_now[:3, 3]
-        nodes = slice(_FLOW_STEP // 2, None, _FLOW_STEP)
-        rows, columns = (np.arange(size)[nodes] for size in view.ids.shape)
-        x, y = np.meshgrid(columns, rows)
-        inverse_depth = view.inverse_depth[nodes, nodes].astype(float)
-        pixels = np.stack([x, y, np.ones_like(x)], axis=-1).astype(float)
-        moved = pixels @ M.T + inverse_depth[..., None] * k
-        ids = view.ids[nodes, nodes]
-        for i in np.unique(ids[self._moving(view)[nodes, nodes]]).tolist():
-            own, quad = ids == i, self.world.quads[i]
-            step = quad.corner_at(index + half) - quad.corner_at(index)
-            R = np.linalg.inv(self.world.path.world_from_cam(index + half))[:3, :3]
-            moved[own] += inverse_depth[own][:, None] * (K @ R @ step)
-        flow = (moved[..., :2] / moved[..., 2:] - pixels[..., :2]).astype(np.float32)
-        size = (view.ids.shape[1], view.ids.shape[0])
-        return np.asarray(cv2.resize(flow, size, interpolation=cv2.INTER_LINEAR), np.float32)
+        lamp_hz = max(_LAMPS_HZ, key=change)
+        times_s = self.timestamps_s[index] + shutter.line_delay_s(np.arange(shutter.lines, dtype=float))
+        light = 1.0 + self.options.flicker * np.sin(phase + 2 * np.pi * lamp_hz * times_s)
+        return np.asarray(gain * (light[None, :] if shutter.by_columns else light[:, None]))
+
+    def _faded(self, index: int) -> float:
+        """Light of a frame between black, 0, and full, 1."""
+        frames = next(f for f in self.schedule.scenes if f.start <= index < f.stop)
+        return float(min(1.0, (min(index - frames.start, frames.stop - 1 - index) + 1) / (self.options.fade + 1)))
 
 
 def make_sequence(name: str, seed: int = 0, options: SynthOptions | None = None) -> SynthSequence:
@@ -253,16 +358,61 @@ def make_sequence(name: str, seed: int = 0, options: SynthOptions | None = None)
     options = options or SynthOptions()
     width, height = options.width, options.height
     focal = _FOCAL_BY_WIDTH * width
-    true_camera = PinholeCamera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
-    stated = focal * (1 + options.focal_error)
-    world = build_world(name, seed, true_camera.K, width, height, options.slow_start, options.moving_objects)
+    true_camera = PinholeCamera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2, options.k1)
+    schedule = Schedule.draw(
+        np.random.default_rng((seed, *b"schedule ", *name.encode())),
+        options.frames,
+        options.dropped,
+        options.repeated,
+        options.cut,
+    )
+    worlds = []
+    for number in range(len(schedule.scenes)):
+        entropy = (seed, *number * b"after the cut ", *name.encode())
+        worlds.append(build_world(name, entropy, true_camera.K, width, height, _motions(options)))
+    sensors = tuple(_sensor(true_camera, world, options) for world in worlds)
+    poses = []
+    for sensor, frames in zip(sensors, schedule.scenes, strict=True):
+        poses += [sensor.pose(int(tick - schedule.ticks[frames.start])) for tick in schedule.ticks[frames]]
     return SynthSequence(
         name=name,
         seed=seed,
         options=options,
-        camera=replace(true_camera, fx=stated, fy=stated),
+        camera=stated_camera(
+            true_camera,
+            options.focal_error,
+            options.principal_error,
+            np.random.default_rng((seed, *b"principal point ", *name.encode())),
+        ),
         true_camera=true_camera,
-        world=world,
-        poses=np.stack([world.path.world_from_cam(i) for i in range(options.frames)]),
-        timestamps_s=np.arange(options.frames) / options.fps,
+        world=worlds[0],
+        poses=np.stack(poses)[schedule.content],
+        timestamps_s=schedule.ticks / options.fps,
+        schedule=schedule,
+        sensors=sensors,
+    )
+
+
+def _motions(options: SynthOptions) -> Motions:
+    return Motions(
+        slow_start=options.slow_start,
+        fps=options.fps,
+        handling=Handling(_HANDLING_S, options.turning_deg_s, options.speed),
+        cards=options.moving_objects,
+        boards=options.moving,
+        bodies=options.bodies,
+        body_turn_deg_s=options.body_turn_deg_s,
+    )
+
+
+def _sensor(camera: PinholeCamera, world: World, options: SynthOptions) -> Sensor:
+    return Sensor(
+        camera=camera,
+        shutter=Shutter(options.readout_ms / 1000, options.readout_direction, camera.width, camera.height),
+        fps=options.fps,
+        motion_blur=options.motion_blur,
+        exposure_s=options.exposure_ms / 1000,
+        stabilized=options.stabilized,
+        quads=world.quads,
+        path=world.path,
     )

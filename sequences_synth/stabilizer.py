@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sequences_synth.trajectory import rotation_from_vector, vector_from_rotation
 
-__all__ = ["virtual_from_cam"]
+__all__ = ["LARGEST_WARP_RAD", "virtual_from_cam"]
 
 Floats = NDArray[np.float64]
 
@@ -22,9 +22,9 @@ Floats = NDArray[np.float64]
 _SMOOTHING_S = 0.3
 # Samples over six standard deviations: the weights of two neighbours differ by less than a third of the largest.
 _SAMPLES = 25
-# Largest rotation of the warp. Telephones crop about a tenth of the view on each side; with a field of view of 60 to
-# 70 degrees this is 6 degrees.
-_LARGEST_WARP_RAD = np.radians(6.0)
+#: Largest rotation of the warp. Telephones crop about a tenth of the view on each side; with a field of view of 60 to
+#: 70 degrees this is 6 degrees.
+LARGEST_WARP_RAD = np.radians(6.0)
 
 
 def virtual_from_cam(rotation: Callable[[float], Floats], time_s: float) -> Floats:
@@ -51,5 +51,5 @@ def virtual_from_cam(rotation: Callable[[float], Floats], time_s: float) -> Floa
     vector = vector_from_rotation(smoothed.T @ rotation(time_s))
     angle = float(np.linalg.norm(vector))
     # The bound is smooth, so that the virtual camera does not jerk where the crop ends.
-    bounded = _LARGEST_WARP_RAD * np.tanh(angle / _LARGEST_WARP_RAD)
+    bounded = LARGEST_WARP_RAD * np.tanh(angle / LARGEST_WARP_RAD)
     return rotation_from_vector(vector * (bounded / angle) if angle > 0 else vector)

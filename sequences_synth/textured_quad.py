@@ -36,7 +36,10 @@ class Quad:
         If true, the quad is visible only where ``edge_u x edge_v`` points away from the camera, that is from the side
         from which u runs right and v runs down. Used for the faces of closed boxes.
     displacement : callable or None
-        For moving objects: frame number -> displacement (3,) in metres.
+        For objects that move without turning: frame number -> displacement (3,) in metres.
+    body : callable or None
+        For bodies that move and turn: frame number -> world_from_body (4, 4). Corner and edges are then in the frame of
+        the body.
     """
 
     corner: Floats
@@ -46,6 +49,32 @@ class Quad:
     light: float = 1.0
     one_sided: bool = False
     displacement: Callable[[float], Floats] | None = None
+    body: Callable[[float], Floats] | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether the quad moves in the world."""
+        return self.displacement is not None or self.body is not None
+
+    def motion(self, frame: float, later: float) -> Floats:
+        """Compute the motion of the quad from one frame to another.
+
+        Parameters
+        ----------
+        frame, later : float
+            Frame numbers, not necessarily whole.
+
+        Returns
+        -------
+        (4, 4) float
+            Maps world points on the quad at ``frame`` to where they are at ``later``, metres.
+        """
+        moved = np.eye(4)
+        if self.body is not None:
+            moved = self.body(later) @ np.linalg.inv(self.body(frame))
+        elif self.displacement is not None:
+            moved[:3, 3] = self.displacement(later) - self.displacement(frame)
+        return np.asarray(moved)
 
     def corner_at(self, frame: float) -> Floats:
         """Compute the position of the corner at a frame.
@@ -75,6 +104,10 @@ class Quad:
         (3, 3) float
             Its product with (s, t, 1) is the world point of texel (s, t), metres.
         """
+        if self.body is not None:
+            world_from_body = self.body(frame)
+            columns = world_from_body[:3, :3] @ self._texel_frame
+            return np.asarray(columns + np.outer(world_from_body[:3, 3], [0.0, 0.0, 1.0]))
         if self.displacement is None:
             return self._texel_frame
         return np.column_stack([self._texel_frame[:, :2], self.corner_at(frame)])

@@ -104,6 +104,7 @@ NOT_JUDGED = Criteria(truth=Truth.NONE, direction_deg=None)
 _SCENES = {
     "static": Criteria(no_translation=True, expected_reason="static_camera"),
     "rotation": Criteria(no_translation=True, expected_reason="pure_rotation"),
+    "pan": Criteria(no_translation=True, expected_reason="pure_rotation"),
 }
 
 #: Public sequences whose ground truth has limits, by the name of their folder.

@@ -48,7 +48,7 @@ class SynthSource:
 
     @property
     def camera(self) -> Camera:
-        """The stated camera; its focal length is wrong by the option ``focal_error``."""
+        """The stated camera, which is wrong by the options ``focal_error``, ``principal_error`` and ``k1``."""
         c = self.sequence.camera
         return Camera("pinhole", c.width, c.height, c.fx, c.fy, c.cx, c.cy)
 

@@ -13,7 +13,9 @@ from sequences_synth import SCENES, SynthOptions, make_sequence
 
 CLEAN = SynthOptions(width=320, height=240, noise=0, motion_blur=0, exposure_change=0)
 TILTED = {"tilted-15": 15, "tilted-30": 30, "tilted-45": 45}
-MOVING = [name for name in SCENES if name not in ("static", "rotation")]
+# Scenes whose camera moves in seconds and does not translate by default.
+TIMED = ["handheld", "handheld-wall", "pan"]
+MOVING = [name for name in SCENES if name not in ("static", "rotation", *TIMED)]
 
 
 def transfer(sequence, i, j):

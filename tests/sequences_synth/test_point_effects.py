@@ -1,0 +1,328 @@
+"""Laws of point worlds with shutter, hand-held turning, bodies, blur, calibration errors, stabilization and cuts."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sequences_synth import POINT_SCENES, PointOptions, make_points
+from sequences_synth.point_scenes import LAYOUTS
+from sequences_synth.stabilizer import LARGEST_WARP_RAD
+from sequences_synth.trajectory import rotation_from_vector, vector_from_rotation
+
+EXACT = {"noise_px": 0.0, "outliers": 0.0}
+TURNING = ("handheld", "handheld-wall", "pan")
+# Figures of worlds with default options, of the version before the options of this file: mean and last measured pixel,
+# number of visible tracks, last x of the path.
+FIRST_WORLDS = {
+    "room": (315.41845033, 292.93682800, 3848, -0.30747859),
+    "wall": (331.97833679, 91.30778401, 3980, 0.12743689),
+    "nadir": (323.49644266, 108.91196655, 4000, -0.30122721),
+    "nadir-turn": (339.48243652, 276.85081117, 3731, -0.28545515),
+    "corridor": (324.78793534, 465.85869967, 3848, -0.01652127),
+    "desk": (320.79558085, 216.36735714, 3843, 0.05731055),
+    "rotation": (322.51953777, 212.50740808, 3671, 0.00000000),
+    "rotate-then-move": (327.08353318, 34.49115697, 3440, -0.36022352),
+    "static": (323.17891666, 63.37445170, 4109, 0.00000000),
+    "tilted-15": (322.30872757, 4.51928580, 3950, 0.30319767),
+    "tilted-30": (314.04095768, 304.59944198, 3829, 0.11714003),
+    "tilted-45": (324.91699181, 445.32745997, 3928, 0.39415139),
+}
+
+
+def static_reprojections(sequence, index):
+    """Measured pixels of the static tracks of one view, and their projections by the poses of these pixels."""
+    ids = np.flatnonzero(sequence.visible[index] & ~sequence.is_outlier & ~sequence.is_moving)
+    pixels = sequence.pixels[index, ids]
+    poses = sequence.pixel_poses(index, pixels)
+    X = np.einsum("ni,nij->nj", sequence.points[ids] - poses[:, :3, 3], poses[:, :3, :3])
+    return pixels, sequence.true_camera.project(X), X[:, 2]
+
+
+def turning_speed_deg_s(poses, timestamps_s):
+    """Root mean square of the angular speed from view to view."""
+    angles = [np.linalg.norm(vector_from_rotation(a.T @ b)) for a, b in pairwise(poses[:, :3, :3])]
+    return np.degrees(np.sqrt(np.mean((np.array(angles) / np.diff(timestamps_s)) ** 2)))
+
+
+@pytest.mark.parametrize("scene", POINT_SCENES)
+@pytest.mark.parametrize("direction", ["down", "up", "right", "left"])
+def test_the_pose_at_the_time_of_its_own_row_projects_each_point_to_its_pixel(scene, direction):
+    options = PointOptions(**EXACT, fps=30, readout_ms=30, readout_direction=direction, speed=0.3, turning_deg_s=120)
+    sequence = make_points(scene, 3, options)
+    for index in range(len(sequence)):
+        pixels, projected, depth = static_reprojections(sequence, index)
+        assert len(pixels) > 100
+        assert (depth > 0).all()
+        np.testing.assert_allclose(projected, pixels, atol=1e-6)
+
+
+@settings(deadline=None, max_examples=15)
+@given(
+    seed=st.integers(0, 10**6),
+    scene=st.sampled_from(TURNING),
+    readout_ms=st.floats(0, 33),
+    k1=st.floats(-0.15, 0.3),
+    stabilized=st.booleans(),
+    cut=st.sampled_from([0, 3]),
+    repeated=st.sampled_from([0.0, 0.3]),
+    dropped=st.sampled_from([0.0, 0.3]),
+)
+def test_the_truth_is_exact_whatever_the_options(seed, scene, readout_ms, k1, stabilized, cut, repeated, dropped):
+    options = PointOptions(
+        **EXACT, views=6, points=60, fps=30, readout_ms=readout_ms, k1=k1, stabilized=stabilized, cut=cut, speed=0.2,
+        repeated=repeated, dropped=dropped, turning_deg_s=90,
+    )  # fmt: skip
+    sequence = make_points(scene, seed, options)
+    for index in range(len(sequence)):
+        pixels, projected, _ = static_reprojections(sequence, index)
+        np.testing.assert_allclose(projected, pixels, atol=1e-6)
+
+
+def test_the_pose_of_a_frame_is_that_of_its_middle_row():
+    sequence = make_points("handheld", 1, PointOptions(fps=30, readout_ms=30, speed=0.2))
+    middle = sequence.pixel_poses(4, np.array([[0.0, 240.0], [639.0, 240.0], [320.0, 0.0]]))
+    np.testing.assert_allclose(middle[:2], np.stack(2 * [sequence.poses[4]]), atol=1e-12)
+    assert np.abs(middle[2] - sequence.poses[4]).max() > 1e-3
+
+
+def test_a_rolling_shutter_moves_the_pixels_of_a_turning_camera_but_not_those_of_a_static_one():
+    for scene, moves in (("pan", True), ("static", False)):
+        rolled, at_once = (make_points(scene, 2, PointOptions(**EXACT, fps=30, readout_ms=r)) for r in (30, 0))
+        shift = np.abs(rolled.pixels[3] - at_once.pixels[3])[rolled.visible[3] & at_once.visible[3]].max()
+        # At 60 deg/s the border of the image moves by at least 458 px/rad: 7 px in half a readout.
+        assert shift > 7 if moves else shift < 1e-9
+
+
+@pytest.mark.parametrize("scene", LAYOUTS)
+def test_default_options_still_draw_the_first_worlds(scene):
+    """A world of default options is the same as before these options existed."""
+    sequence = make_points(scene, 0)
+    expected = FIRST_WORLDS[scene]
+    seen = sequence.pixels[sequence.visible]
+    found = seen[:, 0].mean(), seen[-1, 1], int(sequence.visible.sum()), sequence.poses[-1, 0, 3]
+    assert found == pytest.approx(expected, abs=1e-6)
+    np.testing.assert_allclose(sequence.timestamps_s, 0.1 * np.arange(12), atol=1e-12)
+
+
+NEUTRAL = {
+    "turning_deg_s": 90.0, "speed": 1.0, "readout_direction": "left", "body_turn_deg_s": 0.0, "bodies": 2, "fps": 30.0,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("scene", ["room", "nadir-turn", "rotate-then-move", "static"])
+def test_options_that_do_not_apply_change_no_pixel(scene):
+    a, b = (make_points(scene, 4, PointOptions(moving=0.2, **options)) for options in ({}, NEUTRAL))
+    np.testing.assert_array_equal(a.pixels, b.pixels)
+    np.testing.assert_array_equal(a.poses, b.poses)
+
+
+@pytest.mark.parametrize("scene", TURNING)
+@pytest.mark.parametrize("speed", [20.0, 60.0, 150.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_turning_camera_has_the_requested_speed_no_translation_and_enough_tracks(scene, speed, seed):
+    sequence = make_points(scene, seed, PointOptions(views=60, fps=30, turning_deg_s=speed))
+    assert turning_speed_deg_s(sequence.poses, sequence.timestamps_s) == pytest.approx(speed, rel=0.03)
+    assert (sequence.poses[:, :3, 3] == sequence.poses[0, :3, 3]).all()
+    counts = sequence.visible.sum(axis=1)
+    assert counts.mean() == pytest.approx(300, rel=0.15)
+    assert counts.min() > 200
+    if speed > 20:
+        # Tracks leave the view and others come in.
+        assert (sequence.visible[0] & ~sequence.visible[-1]).sum() > 20
+        assert (sequence.visible[-1] & ~sequence.visible[0]).sum() > 20
+
+
+@pytest.mark.parametrize("scene", ["handheld", "handheld-wall"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_hand_held_camera_translates_by_the_requested_speed(scene, seed):
+    sequence = make_points(scene, seed, PointOptions(views=40, fps=30, speed=0.25, points=1000))
+    steps = np.linalg.norm(np.diff(sequence.poses[:, :3, 3], axis=0), axis=1)
+    np.testing.assert_allclose(steps, steps[0], rtol=1e-3)
+    depth = np.nanmedian(sequence.depths(0)[sequence.visible[0]])
+    assert steps.sum() * 30 / 39 / depth == pytest.approx(0.25, rel=0.25)
+
+
+def test_the_points_of_a_hand_held_wall_lie_on_a_plane_and_those_of_a_hand_held_room_do_not():
+    flat, deep = (
+        np.linalg.svd((p := make_points(scene, 4).points) - p.mean(axis=0), compute_uv=False)[2]
+        for scene in ("handheld-wall", "handheld")
+    )
+    assert flat < 1e-9 < 1 < deep
+
+
+def test_photographs_of_a_pan_are_as_far_apart_as_the_frame_rate_says():
+    sequence = make_points("pan", 5, PointOptions(fps=3, turning_deg_s=60))
+    for a, b in pairwise(sequence.poses[:, :3, :3]):
+        vector = vector_from_rotation(a.T @ b)
+        assert np.degrees(np.abs(vector)) == pytest.approx([0, 20, 0], abs=1e-9)
+
+
+@pytest.mark.parametrize(("moving", "bodies"), [(0.6, 1), (0.5, 2), (0.3, 3)])
+def test_the_bodies_have_their_share_of_the_tracks_and_move_rigidly(moving, bodies):
+    options = PointOptions(**EXACT, moving=moving, bodies=bodies, body_turn_deg_s=20, points=600, baseline=0.2)
+    sequence = make_points("room", 6, options)
+    assert sequence.is_moving.mean() == pytest.approx(moving, abs=0.002)
+    np.testing.assert_array_equal(sequence.is_moving, sequence.body_of_track >= 0)
+    (shot,) = sequence.shots
+    for body in range(bodies):
+        own = sequence.body_of_track == body
+        assert own.mean() == pytest.approx(moving / bodies, abs=0.002)
+        before = sequence.points[own]
+        after = shot.bodies.displaced(sequence.points, 1.0)[own]
+        # 1.1 s at 20 deg/s about the centre, which translates.
+        centred = [X - X.mean(axis=0) for X in (before, after)]
+        left, _, right = np.linalg.svd(centred[0].T @ centred[1])
+        R = (left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right).T
+        np.testing.assert_allclose(centred[0] @ R.T, centred[1], atol=1e-9)
+        assert np.degrees(np.linalg.norm(vector_from_rotation(R))) == pytest.approx(22)
+        moved = np.linalg.norm((after - before).mean(axis=0))
+        assert 0.4 < moved / (0.2 * np.nanmedian(sequence.depths(0))) < 2
+        # The measured pixels show the moved points.
+        pose, seen = sequence.poses[-1], sequence.visible[-1][own]
+        X = (after[seen] - pose[:3, 3]) @ pose[:3, :3]
+        np.testing.assert_allclose(sequence.true_camera.project(X), sequence.pixels[-1, own][seen], atol=1e-9)
+
+
+def test_a_body_is_compact_in_the_first_view():
+    sequence = make_points("room", 7, PointOptions(moving=0.3, bodies=1))
+    direction = sequence.points / np.linalg.norm(sequence.points, axis=1, keepdims=True)
+    centre = direction[sequence.is_moving].mean(axis=0)
+    cosine = direction @ centre / np.linalg.norm(centre)
+    assert np.median(cosine[sequence.is_moving]) > np.quantile(cosine[~sequence.is_moving], 0.9)
+
+
+def test_the_noise_of_a_long_exposure_grows_along_the_path_in_the_image_and_not_across():
+    options = {"fps": 30, "points": 4000, "outliers": 0.0, "turning_deg_s": 120.0}
+    blurred = make_points("pan", 8, PointOptions(**options, exposure_ms=30, noise_px=0.5))
+    exact = make_points("pan", 8, PointOptions(**options, exposure_ms=30, noise_px=0))
+    smear = blurred.shots[0].see(5).smear_px
+    seen = blurred.visible[5] & exact.visible[5]
+    truth = blurred.shots[0].see(5).pixels
+    error = (blurred.pixels[5] - truth)[seen]
+    along = smear[seen] / np.linalg.norm(smear[seen], axis=1, keepdims=True)
+    length = np.linalg.norm(smear[seen], axis=1)
+    # 120 deg/s for 30 ms: 29 px at the centre of the image, more towards its sides.
+    assert 25 < length.min() < 32
+    expected = np.hypot(0.5, 0.1 * length)
+    assert np.std(np.sum(error * along, axis=1) / expected) == pytest.approx(1, rel=0.05)
+    assert np.std(error[:, 1] * along[:, 0] - error[:, 0] * along[:, 1]) == pytest.approx(0.5, rel=0.05)
+
+
+def test_a_camera_that_does_not_move_has_no_blur():
+    a, b = (make_points("static", 8, PointOptions(exposure_ms=e)) for e in (0, 50))
+    np.testing.assert_allclose(a.pixels, b.pixels, atol=1e-9)
+
+
+def test_calibration_errors_change_only_the_stated_camera():
+    right, wrong = (make_points("room", 9, PointOptions(principal_error=e)) for e in (0.0, 0.03))
+    np.testing.assert_array_equal(right.pixels, wrong.pixels)
+    assert abs(wrong.camera.cx - right.camera.cx) == pytest.approx(0.03 * 640)
+    assert abs(wrong.camera.cy - right.camera.cy) == pytest.approx(0.03 * 480)
+    assert right.camera == right.true_camera == wrong.true_camera
+
+
+@pytest.mark.parametrize("k1", [-0.2, 0.2])
+def test_a_lens_moves_the_pixels_towards_or_away_from_the_centre_and_the_stated_camera_lacks_it(k1):
+    sequence = make_points("static", 1, PointOptions(**EXACT, k1=k1))
+    assert sequence.camera.k1 == 0 and sequence.true_camera.k1 == k1
+    X = sequence.points[sequence.visible[0]]
+    ideal = X[:, :2] / X[:, 2:]
+    seen = (sequence.pixels[0, sequence.visible[0]] - [319.5, 239.5]) / 458
+    np.testing.assert_allclose(seen, ideal * (1 + k1 * np.sum(ideal**2, axis=1, keepdims=True)), atol=1e-9)
+
+
+def test_a_stabilized_frame_is_the_view_of_the_virtual_camera():
+    options = {"fps": 30.0, "views": 40, "speed": 0.2, "turning_deg_s": 40.0}
+    shaken, steady = (make_points("handheld", 2, PointOptions(**EXACT, **options, stabilized=s)) for s in (0, 1))
+    np.testing.assert_array_equal(shaken.poses[:, :3, 3], steady.poses[:, :3, 3])
+    for index in range(40):
+        # With a global shutter, the poses of the pixels are that of the frame.
+        pixels, projected, _ = static_reprojections(steady, index)
+        np.testing.assert_allclose(projected, pixels, atol=1e-8)
+        np.testing.assert_allclose(steady.pixel_poses(index, pixels[:3])[0], steady.poses[index], atol=1e-12)
+        warp = vector_from_rotation(steady.poses[index, :3, :3].T @ shaken.poses[index, :3, :3])
+        assert np.linalg.norm(warp) < LARGEST_WARP_RAD
+    speeds = [turning_speed_deg_s(s.poses, s.timestamps_s) for s in (shaken, steady)]
+    assert speeds[1] < 0.9 * speeds[0]
+
+
+def test_stabilization_does_not_undo_a_rolling_shutter():
+    options = {"fps": 30.0, "turning_deg_s": 60.0, "stabilized": True}
+    rolled, at_once = (make_points("handheld", 2, PointOptions(**EXACT, **options, readout_ms=r)) for r in (30, 0))
+    np.testing.assert_allclose(rolled.poses, at_once.poses, atol=1e-12)
+    both = rolled.visible[5] & at_once.visible[5]
+    assert np.abs(rolled.pixels[5] - at_once.pixels[5])[both].max() > 2
+
+
+def test_dropped_frames_are_gaps_in_the_time_stamps_of_an_even_motion():
+    sequence = make_points("pan", 3, PointOptions(views=40, fps=30, dropped=0.25))
+    gaps = np.diff(sequence.timestamps_s) * 30
+    np.testing.assert_allclose(gaps, np.round(gaps), atol=1e-9)
+    assert len(sequence) == 40 and gaps.sum() == pytest.approx(52) and gaps.max() >= 2
+    # The speed is even in time, and the angle is that of the gap.
+    for a, b, gap in zip(sequence.poses[:-1, :3, :3], sequence.poses[1:, :3, :3], gaps, strict=True):
+        assert np.degrees(np.linalg.norm(vector_from_rotation(a.T @ b))) == pytest.approx(2 * gap)
+
+
+def test_a_repeated_frame_has_a_new_time_and_the_pixels_and_the_pose_of_the_frame_before():
+    sequence = make_points("room", 3, PointOptions(views=30, repeated=0.2, field_px=0.3))
+    copies = [k for k in range(1, 30) if np.array_equal(sequence.poses[k], sequence.poses[k - 1])]
+    assert len(copies) == 6
+    for k in copies:
+        np.testing.assert_array_equal(sequence.pixels[k], sequence.pixels[k - 1])
+        np.testing.assert_array_equal(sequence.visible[k], sequence.visible[k - 1])
+    np.testing.assert_allclose(np.diff(sequence.timestamps_s), 0.1)
+
+
+def test_after_a_cut_all_tracks_are_new_and_the_truth_is_that_of_the_second_scene():
+    sequence = make_points("wall", 3, PointOptions(**EXACT, views=10, cut=4))
+    before, after = sequence.visible[:4].any(axis=0), sequence.visible[4:].any(axis=0)
+    assert before.any() and after.any() and not (before & after).any()
+    np.testing.assert_array_equal(sequence.scene_of_track[after], 1)
+    for index in range(10):
+        pixels, projected, depth = static_reprojections(sequence, index)
+        assert len(pixels) > 100
+        np.testing.assert_allclose(projected, pixels, atol=1e-9)
+        own = sequence.depths(index)[sequence.visible[index]]
+        np.testing.assert_allclose(own, depth)
+        assert np.isnan(sequence.depths(index)[sequence.visible[(index + 5) % 10]]).all() == (
+            (index < 4) != ((index + 5) % 10 < 4)
+        )
+    assert np.abs(sequence.poses[4] - sequence.poses[3]).max() > 1e-3
+    np.testing.assert_allclose(np.diff(sequence.timestamps_s), 0.1)
+
+
+def test_the_first_scene_of_a_cut_is_a_scene_of_its_own_length():
+    whole, part = (
+        make_points("handheld", 3, PointOptions(views=10, cut=6)),
+        make_points("handheld", 3, PointOptions(views=6)),
+    )
+    np.testing.assert_array_equal(whole.poses[:6], part.poses)
+    count = len(part.points)
+    np.testing.assert_array_equal(whole.pixels[:6, :count], part.pixels)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"readout_ms": -1.0}, {"readout_ms": 40.0, "fps": 30.0}, {"exposure_ms": 101.0}, {"readout_direction": "in"},
+        {"k1": -0.5}, {"cut": 1}, {"cut": 11}, {"dropped": 1.0}, {"repeated": -0.1}, {"bodies": 0}, {"fps": 0.0},
+        {"turning_deg_s": float("nan")}, {"principal_error": 0.6},
+    ],
+)  # fmt: skip
+def test_options_out_of_range_are_refused_by_name(options):
+    with pytest.raises(ValueError, match=next(iter(options))):
+        PointOptions(**options)
+
+
+def test_a_turning_body_keeps_its_centre():
+    sequence = make_points(
+        "static", 2, PointOptions(**EXACT, moving=0.4, bodies=1, body_turn_deg_s=45, baseline=0.0001)
+    )
+    bodies = sequence.shots[0].bodies
+    half = bodies.displaced(sequence.points, 0.5)[sequence.is_moving]
+    expected = (sequence.points[sequence.is_moving] - bodies.centre) @ rotation_from_vector(0.5 * bodies.turn_rad[0]).T
+    np.testing.assert_allclose(half - bodies.centre - 0.5 * bodies.shift, expected, atol=1e-12)
