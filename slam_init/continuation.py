@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slam_init.errors import SourceError
 from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
-from slam_init.frontend.tracks import Tracker
+from slam_init.frontend.tracks import History, Tracker
 from slam_init.mapping.triangulation import resect
 from slam_init.output.records import ContinuationRecord
 from slam_init.recording.recorder import Recorder
-from slam_init.types.frame import Frame
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
 
@@ -88,7 +89,7 @@ def follow(
     located: list[Keyframe] = []
     survival: list[float] = []
     guess: Pose | None = None
-    shutter = RollingShutter(camera)
+    shutter, rays = RollingShutter(camera), History(2)
     ended_by: str | None = None
     while len(survival) < count:
         try:
@@ -99,19 +100,35 @@ def follow(
         if frame is None:
             break
         observed = tracker.track(frame)
-        observed = shutter.take(tracker.history, observed.frame)
         tracker.history.forget(keep=())
         recorder.frame(frame, observed)
-        i, j, bearings = map_.seen_in(observed)
-        resected = resect(map_.points[i], bearings, _SURVIVAL_PX / camera.focal_px, guess)
+        rays.put(_by_camera(camera, observed))
+        rays.forget(keep=())
+        seen = shutter.take(rays, observed.frame)
+        _, i, j = np.intersect1d(map_.track_ids, seen.track_ids, return_indices=True)
+        resected = resect(map_.points[i], seen.bearings[j], _SURVIVAL_PX / camera.focal_px, guess)
         if resected is None:
             survival.append(0.0)
             continue
         guess, _ = resected
-        seen_px = corrected_pixels(camera, observed)[j]
-        error_px = np.linalg.norm(camera.project(guess.apply(map_.points[i])) - seen_px, axis=1)
+        error_px = np.linalg.norm(
+            camera.project(guess.apply(map_.points[i])) - corrected_pixels(camera, seen)[j], axis=1
+        )
         survival.append(float(np.sum(error_px < _SURVIVAL_PX)) / len(map_.points))
         keyframe = Keyframe(frame.index, frame.timestamp_s, frame.name, guess.inverse())
         located.append(keyframe)
         recorder.continued(keyframe)
     return Continuation(tuple(located), len(survival), tuple(survival), ended_by)
+
+
+def _by_camera(camera: Camera, observed: Observations) -> Observations:
+    """The tracks of a frame with the rays of another camera, without those that it cannot have seen."""
+    bearings = camera.bearings(observed.pixels)
+    known = np.isfinite(bearings).all(axis=1)
+    return replace(
+        observed,
+        track_ids=observed.track_ids[known],
+        pixels=observed.pixels[known],
+        bearings=bearings[known],
+        colors=observed.colors[known] if len(observed.colors) else observed.colors,
+    )

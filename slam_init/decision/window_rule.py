@@ -56,8 +56,8 @@ __all__ = ["WINDOW_PRIORS", "WindowRule"]
 #: What is known of the camera before the fit: calibrations are better than two per cent, data sheets are worse.
 WINDOW_PRIORS = Priors(focal_sigma=0.02)
 #: Standard deviation of an unknown readout about none: global shutters have none, and rolling ones take up to the time
-#: between two frames of a video.
-_READOUT_SIGMA_S = 0.02
+#: between two frames of a video, which is two standard deviations.
+_READOUT_SIGMA_S = 1 / 60
 #: A gain over the rotation-only camera that chance exceeds more often than this is no evidence of a translation. A
 #: direction without a translation is uncertain too, so that its term would hide the cause.
 _INSIGNIFICANT = 0.05
@@ -290,7 +290,7 @@ class WindowRule:
         """The bundle-adjusted map of a fitted motion, on all tracks of the pair and in the given frames."""
         views = [self._history[frame] for frame in (motion.frames if frames is None else frames)[2:]]
         table = table_of(pair.reference, pair.current, views)
-        if self._shutter.readout_s.any():
+        if self._shutter.readout_s:
             pixels = np.array([self._camera.project(bearings) for bearings in table.bearings])
             table = replace(table, pixels=pixels)
         poses = motion.motion.cam_from_world
@@ -305,7 +305,7 @@ class WindowRule:
         if not isinstance(bundle, BundleSolution):
             return None
         built = map_with_views(self._history, bundle, "planar" if hypotheses.planar else "general")
-        if self._camera.readout_s is not None or not self._shutter.readout_s.any():
+        if self._camera.readout_s is not None or not self._shutter.readout_s:
             return built
         camera = built.map.camera.with_readout(self._shutter.readout_s)
         return replace(built, map=replace(built.map, camera=camera))

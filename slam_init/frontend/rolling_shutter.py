@@ -6,8 +6,8 @@ that is held upright). The pose of a frame, and its time stamp, are those of the
 
 Most of what an image moves in so short a time is the turning of the camera, and the tracks of neighbouring frames tell
 how it turns (a visual gyroscope). So a ray is turned back to the middle of the readout. The readout is one number of
-the camera. Where it is not known, the window estimates it (:mod:`slam_init.window`). A readout upwards or to the left
-is negative.
+the camera. Where it is not known, the window estimates it (:mod:`slam_init.window`). It is counted along the axis that
+the camera states (:attr:`slam_init.types.camera.Camera.readout_axis`): an estimate in the other direction is negative.
 """
 
 from __future__ import annotations
@@ -49,18 +49,17 @@ def sweep_of(camera: Camera, observations: Observations) -> Floats:
 
     Returns
     -------
-    (N, 2, 2) float
-        Derivatives of the pixels (rows) by the readouts of all columns and of all rows (columns), in px/s. Zero where
-        the turning of the frame is not known.
+    (N, 2) float
+        Derivatives of the pixels by the readout, in px/s. Zero where the turning of the frame is not known.
     """
     turn = observations.turn_rad_s
     if turn is None:
-        return np.zeros((len(observations), 2, 2))
+        return np.zeros((len(observations), 2))
     moved = np.cross(turn, observations.bearings) * _STEP_S
     velocity = (camera.project(observations.bearings + moved) - camera.project(observations.bearings - moved)) / (
         2 * _STEP_S
     )
-    return np.asarray(velocity[:, :, None] * readout_places(camera, observations.pixels)[:, None, :])
+    return np.asarray(velocity * readout_places(camera, observations.pixels)[:, None])
 
 
 def corrected_pixels(camera: Camera, observations: Observations) -> Floats:
@@ -75,7 +74,7 @@ def corrected_pixels(camera: Camera, observations: Observations) -> Floats:
     -------
     (N, 2) float
     """
-    if observations.turn_rad_s is None or not observations.readout_s.any():
+    if observations.turn_rad_s is None or observations.readout_s == 0.0:
         return observations.pixels
     return camera.project(observations.bearings)
 
@@ -90,14 +89,14 @@ class RollingShutter:
 
     Attributes
     ----------
-    readout_s : (2,) float
-        Readouts of all columns and of all rows that the rays are corrected for.
+    readout_s : float
+        Readout that the rays are corrected for.
     """
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
-        self.readout_s = np.zeros(2) if camera.readout_s is None else np.array(camera.readout_s)
-        self._off = camera.readout_s == (0.0, 0.0)
+        self.readout_s = camera.readout_s or 0.0
+        self._off = camera.readout_s == 0.0
         self._steps: list[_Step] = []
 
     def take(self, history: History, frame: int) -> Observations:
@@ -115,9 +114,11 @@ class RollingShutter:
         Observations
             Of the newest frame.
         """
-        current = history[frame]
         if self._off:
-            return current
+            return history[frame]
+        # Frames that got more tracks have raw rays again.
+        self._correct_all(history)
+        current = history[frame]
         previous = self._previous(history, frame)
         step = None if previous is None else self._step(previous, current)
         self._steps = [] if step is None else [*self._steps[-1:], step]
@@ -156,34 +157,35 @@ class RollingShutter:
             R = refine_rotation_compiled(R, previous.bearings[i], current.bearings[j], scale_rad, iterations=4)
         return _Step(vector_from_rotation(R) / length_s, length_s, previous.frame, not self._steps)
 
-    def adopt(self, history: History, readout_s: Floats) -> bool:
+    def adopt(self, history: History, readout_s: float) -> bool:
         """Correct all frames of a history for another readout.
 
         Parameters
         ----------
         history : History
-        readout_s : (2,) float
+        readout_s : float
 
         Returns
         -------
         bool
             Whether the frames were changed: not for nearly the same readout.
         """
-        if np.abs(readout_s - self.readout_s).max() <= _SAME_READOUT_S:
+        if abs(readout_s - self.readout_s) <= _SAME_READOUT_S:
             return False
-        self.readout_s = np.asarray(readout_s, np.float64).copy()
-        for one in history:
-            if one.turn_rad_s is not None:
-                history.put(self._corrected(one, one.turn_rad_s))
+        self.readout_s = readout_s
+        self._correct_all(history)
         return True
+
+    def _correct_all(self, history: History) -> None:
+        for one in history:
+            if one.turn_rad_s is not None and one.readout_s != self.readout_s:
+                history.put(self._corrected(one, one.turn_rad_s))
 
     def _corrected(self, observations: Observations, turn_rad_s: Floats) -> Observations:
         raw = observations.bearings
-        if observations.turn_rad_s is not None and observations.readout_s.any():
+        if observations.turn_rad_s is not None and observations.readout_s:
             raw = _turned(self._camera, observations, raw, observations.turn_rad_s, observations.readout_s)
-        bearings = (
-            _turned(self._camera, observations, raw, turn_rad_s, -self.readout_s) if self.readout_s.any() else raw
-        )
+        bearings = _turned(self._camera, observations, raw, turn_rad_s, -self.readout_s) if self.readout_s else raw
         return replace(observations, bearings=bearings, turn_rad_s=turn_rad_s, readout_s=self.readout_s)
 
 
@@ -198,7 +200,7 @@ class _Step:
 
 
 def readout_places(camera: Camera, pixels: Floats) -> Floats:
-    """Places of pixels in the order of the readout of all columns, and of all rows.
+    """Places of pixels in the order of the readout.
 
     Parameters
     ----------
@@ -207,15 +209,15 @@ def readout_places(camera: Camera, pixels: Floats) -> Floats:
 
     Returns
     -------
-    (..., 2) float
-        From -1/2 to 1/2; 0 for the middle.
+    (...) float
+        From -1/2 to 1/2; 0 for the middle of the image.
     """
-    return (pixels + 0.5) / (camera.width, camera.height) - 0.5
+    return np.asarray(((pixels + 0.5) / (camera.width, camera.height) - 0.5) @ camera.readout_axis)
 
 
 def _turned(
-    camera: Camera, observations: Observations, bearings: Floats, turn_rad_s: Floats, readout_s: Floats
+    camera: Camera, observations: Observations, bearings: Floats, turn_rad_s: Floats, readout_s: float
 ) -> Floats:
     """Rays (N, 3) that turn with the camera for the time between the middle and their own place."""
-    times_s = readout_places(camera, observations.pixels) @ readout_s
+    times_s = readout_places(camera, observations.pixels) * readout_s
     return np.asarray(np.einsum("nij,nj->ni", rotation_from_vector(times_s[:, None] * turn_rad_s), bearings))

@@ -100,7 +100,7 @@ class History:
             )
         for one in revised:
             if one.frame in self._frames:
-                self._frames[one.frame] = one
+                self._frames[one.frame] = replace(one, turn_rad_s=self._frames[one.frame].turn_rad_s)
         self.put(observations)
 
     def forget(self, keep: Iterable[int]) -> None:
@@ -312,18 +312,19 @@ class Tracker:
 
     def _add_to_history(self, frame: int, ids: Ints, pixels: Floats) -> None:
         known = self.history[frame]
-        bearings = self._camera.bearings(pixels)
-        seen = np.isfinite(bearings).all(axis=1)
-        ids, pixels, bearings = ids[seen], pixels[seen], bearings[seen]
+        seen = np.isfinite(self._camera.bearings(pixels)).all(axis=1)
+        ids, pixels = ids[seen], pixels[seen]
         all_ids = np.concatenate([known.track_ids, ids])
         order = np.argsort(all_ids)
         colors = np.concatenate([known.colors, np.full((len(ids), 3), 128, np.uint8)])
+        all_pixels = np.concatenate([known.pixels, pixels])[order]
         enriched = replace(
             known,
             track_ids=all_ids[order],
-            pixels=np.concatenate([known.pixels, pixels])[order],
-            bearings=np.concatenate([known.bearings, bearings])[order],
+            pixels=all_pixels,
+            bearings=self._camera.bearings(all_pixels),
             colors=colors[order],
+            readout_s=0.0,
         )
         self.history.put(enriched)
         self.revised = (*self.revised, enriched)

@@ -85,8 +85,8 @@ class CameraRecord:
     cy: float = field(metadata=_EXACT)
     distortion: tuple[float, ...] = field(metadata=_EXACT)
     guessed: bool
-    readout_ms: float | None
-    readout_direction: str
+    readout_ms: float | None = None
+    readout_direction: str = "down"
 
     @staticmethod
     def of(camera: Camera) -> CameraRecord:

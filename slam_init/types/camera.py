@@ -146,33 +146,46 @@ class Camera(Described):
         return math.sqrt(self.fx * self.fy)
 
     @property
-    def readout_s(self) -> tuple[float, float] | None:
-        """Readouts of all columns and of all rows in seconds, positive to the right and down; None if unknown.
+    def readout_s(self) -> float | None:
+        """Time from the first to the last row of a rolling shutter in seconds; None if unknown.
 
         Returns
         -------
-        (float, float) or None
+        float or None
         """
-        if self.readout_ms is None:
-            return None
-        right, down = _READOUT_DIRECTIONS[self.readout_direction]
-        return 1e-3 * self.readout_ms * right, 1e-3 * self.readout_ms * down
+        return None if self.readout_ms is None else 1e-3 * self.readout_ms
 
-    def with_readout(self, seconds: Floats) -> Camera:
-        """The same camera with a readout along the axis where it is longer.
+    @property
+    def readout_axis(self) -> tuple[float, float]:
+        """Unit vector of the direction in which the image is read out.
+
+        Where the readout is unknown, sensors are taken to be read along their shorter side. An upright image comes from
+        a phone that is held upright, whose columns are read one after the other.
+
+        Returns
+        -------
+        (float, float)
+        """
+        if self.readout_ms is None and self.height > self.width:
+            return _READOUT_DIRECTIONS["right"]
+        return _READOUT_DIRECTIONS[self.readout_direction]
+
+    def with_readout(self, seconds: float) -> Camera:
+        """The same camera with an estimated readout.
 
         Parameters
         ----------
-        seconds : (2,) float
-            Readouts of all columns and of all rows, positive to the right and down.
+        seconds : float
+            Along :attr:`readout_axis`; a negative readout has the opposite direction.
 
         Returns
         -------
         Camera
         """
-        axis = int(np.argmax(np.abs(seconds)))
-        direction = (("right", "left"), ("down", "up"))[axis][int(seconds[axis] < 0)]
-        return replace(self, readout_ms=1e3 * abs(float(seconds[axis])), readout_direction=direction)
+        sign = math.copysign(1.0, seconds)
+        axis = tuple(sign * component for component in self.readout_axis)
+        direction = next(name for name, vector in _READOUT_DIRECTIONS.items() if vector == axis)
+        return replace(self, readout_ms=1e3 * abs(seconds), readout_direction=direction)
 
     @property
     def is_distorted(self) -> bool:

@@ -115,8 +115,8 @@ class Observations:
     turn_rad_s : (3,) float or None
         How the rays of points at rest turn in the camera frame: a rotation vector per second, which is the negative
         angular velocity of the camera. None where it is not known, or where no rolling shutter is assumed.
-    readout_s : (2,) float
-        Readouts of all columns and of all rows that the bearings are corrected for; zero where they are not.
+    readout_s : float
+        Readout of the image that the bearings are corrected for; 0 where they are not.
     """
 
     frame: int
@@ -127,7 +127,7 @@ class Observations:
     bearings: Floats
     colors: Image = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
     turn_rad_s: Floats | None = None
-    readout_s: Floats = field(default_factory=lambda: np.zeros(2))
+    readout_s: float = 0.0
 
     def __len__(self) -> int:
         return len(self.track_ids)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Ints
-from slam_init.window.kernels import FIELD_TERMS, READOUT_TERMS, accumulate, eliminate
+from slam_init.window.kernels import FIELD_TERMS, accumulate, eliminate
 from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState
 from slam_init.window.tracks import WindowTracks
@@ -66,9 +66,8 @@ class WindowEquations:
         self._views = views
         self._block = 6 + self._field_size
         self.focal = self._block * (views - 1) + self._field_size
-        self._readout_size = READOUT_TERMS if priors.readout_sigma_s > 0 else 0
-        self._readout = slice(self.focal + 1, self.focal + 1 + self._readout_size)
-        size = self._readout.stop + (3 if self._has_plane else 0)
+        self._readout_size = 1 if priors.readout_sigma_s > 0 else 0
+        size = self.focal + 1 + self._readout_size + (3 if self._has_plane else 0)
         self._normal, self.gradient, self.shares = np.zeros((size, size)), np.zeros(size), np.zeros((count, size))
         self.back, self.costs = np.zeros((count, 3, 4 + size)), np.zeros(count)
         self.squares, self.across = np.zeros((views, count)), np.zeros(count)
@@ -184,7 +183,7 @@ class WindowEquations:
         free = self.free & ~state.on_plane
         inverse = np.maximum(state.inverse_distances + np.where(free, local[:, 2], 0.0), 0.0)
         plane = None if state.plane is None else state.plane + step[-3:]
-        readout = state.readout_s + step[self._readout] if self._readout_size else state.readout_s
+        readout_s = state.readout_s + (float(step[self.focal + 1]) if self._readout_size else 0.0)
         return replace(
             state,
             R=R,
@@ -192,7 +191,7 @@ class WindowEquations:
             rays=rays,
             inverse_distances=inverse,
             log_scale=state.log_scale + float(step[self.focal]),
-            readout_s=readout,
+            readout_s=readout_s,
             field=field,
             plane=plane,
         )
@@ -217,11 +216,10 @@ class WindowEquations:
             self._normal[self.focal, self.focal] += 1 / priors.focal_sigma**2
             self.gradient[self.focal] += state.log_scale / priors.focal_sigma**2
         if self._readout_size:
-            cost += float(state.readout_s @ state.readout_s) / priors.readout_sigma_s**2
+            cost += (state.readout_s / priors.readout_sigma_s) ** 2
             if fill:
-                own = np.arange(self._readout.start, self._readout.stop)
-                self._normal[own, own] += 1 / priors.readout_sigma_s**2
-                self.gradient[own] += state.readout_s / priors.readout_sigma_s**2
+                self._normal[self.focal + 1, self.focal + 1] += 1 / priors.readout_sigma_s**2
+                self.gradient[self.focal + 1] += state.readout_s / priors.readout_sigma_s**2
         if self._field_size:
             cost += float(np.sum(state.field**2)) / priors.field_sigma_px**2
             for k in range(self._views if fill else 0):

@@ -111,7 +111,7 @@ def motions_of_pair(
     frames: tuple[int, int],
     rays1: Floats,
     rays2: Floats,
-    readout_s: Floats | None = None,
+    readout_s: float = 0.0,
 ) -> list[Motion]:
     """The motions that explain the matches of a pair.
 
@@ -125,8 +125,8 @@ def motions_of_pair(
         Absolute indices of reference and current.
     rays1, rays2 : (N, 3) float
         The matches that the pose was estimated from.
-    readout_s : (2,) float, optional
-        That the rays are corrected for; by default zero.
+    readout_s : float
+        That the rays are corrected for.
 
     Returns
     -------
@@ -144,7 +144,7 @@ def motions_of_pair(
         if pose.kind != "general" and one.inliers.sum() >= MIN_RESECTED:
             plane = plane_of_motion(one.R, one.t, rays1[one.inliers], rays2[one.inliers])
         poses = {frames[0]: Pose.identity(), frames[1]: Pose(one.R, one.t)}
-        motions.append(Motion(poses, plane, readout_s=np.zeros(2) if readout_s is None else readout_s))
+        motions.append(Motion(poses, plane, readout_s=readout_s))
     return motions
 
 

@@ -13,9 +13,8 @@ and the residual in units of the noise is, with the projection pi of the lens an
 ``F(x) c_k`` is the smooth error field of view k: six polynomials of the image coordinates for each component, with
 coefficients c_k. View 0 is a measurement like any other, so its rays have residuals too.
 
-``r`` is the readout of a rolling shutter, in seconds for all columns and for all rows of the image, and ``S`` how far
-the pixel moves for each second of it (:mod:`slam_init.frontend.rolling_shutter`). The poses are those of the middle of
-the readout.
+``r`` is the readout of a rolling shutter in seconds, and ``S`` how far the pixel moves for each second of it
+(:mod:`slam_init.frontend.rolling_shutter`). The poses are those of the middle of the readout.
 
 On a plane ``k . X = 1`` the inverse distance of a track is no unknown: ``rho = (k . u) / (1 - k . c)`` with ``u =
 R_a^T d`` and the centre ``c = -R_a^T t_a`` of the anchor. A point with ``rho <= 0`` lies behind its camera: all its
@@ -39,12 +38,10 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.compiler import compiled
 from slam_init.window.projection import project_point
 
-__all__ = ["FIELD_TERMS", "READOUT_TERMS", "accumulate", "eliminate"]
+__all__ = ["FIELD_TERMS", "accumulate", "eliminate"]
 
 #: Coefficients of the error field of a view: 1, u, v, u^2, uv, v^2 for each component of the pixel.
 FIELD_TERMS = 12
-#: Unknowns of the readout: of all columns, and of all rows.
-READOUT_TERMS = 2
 
 
 @compiled
@@ -218,7 +215,7 @@ def accumulate(
     on_plane: Bools,
     field: Floats,
     field_size: int,
-    readout_s: Floats,
+    readout_s: float,
     readout_size: int,
     sweep_px_s: Floats,
     pixels: Floats,
@@ -256,12 +253,12 @@ def accumulate(
         Coefficients of the error fields.
     field_size : int
         12, or 0 for no field.
-    readout_s : (2,) float
-        Readout of all columns and of all rows, in seconds, beyond the one that the pixels are corrected for.
+    readout_s : float
+        Readout in seconds, beyond the one that the pixels are corrected for.
     readout_size : int
-        2, or 0 where it is known.
-    sweep_px_s : (V, T, 2, 2) float
-        Derivatives of the pixels (rows) by the readouts (columns).
+        1, or 0 where it is known.
+    sweep_px_s : (V, T, 2) float
+        Derivatives of the pixels by the readout.
     pixels : (V, T, 2) float
         Measured pixels.
     sigma_px : (V, T) float
@@ -342,8 +339,7 @@ def accumulate(
                 squares[k, i] = np.inf
                 continue
             for j in range(2):
-                swept = sweep_px_s[k, i, j, 0] * readout_s[0] + sweep_px_s[k, i, j, 1] * readout_s[1]
-                e[j] = (pixel[j] + swept - pixels[k, i, j]) / sigma_px[k, i]
+                e[j] = (pixel[j] + readout_s * sweep_px_s[k, i, j] - pixels[k, i, j]) / sigma_px[k, i]
                 for q in range(half):
                     e[j] += places[k, i, q] * field[k, j * half + q]
             r2 = e[0] * e[0] + e[1] * e[1]
@@ -371,10 +367,10 @@ def accumulate(
             Jg[0, n] = (pixel[0] - camera[3]) / sigma_px[k, i]
             Jg[1, n] = (pixel[1] - camera[4]) / sigma_px[k, i]
             n += 1
-            for q in range(readout_size):
-                idx[n] = focal + 1 + q
-                Jg[0, n] = sweep_px_s[k, i, 0, q] / sigma_px[k, i]
-                Jg[1, n] = sweep_px_s[k, i, 1, q] / sigma_px[k, i]
+            if readout_size:
+                idx[n] = focal + 1
+                Jg[0, n] = sweep_px_s[k, i, 0] / sigma_px[k, i]
+                Jg[1, n] = sweep_px_s[k, i, 1] / sigma_px[k, i]
                 n += 1
             slope += left * left * (Jl[0, 2] * e[1] - Jl[1, 2] * e[0])
             curvature += left * left * (Jl[0, 2] * Jl[0, 2] + Jl[1, 2] * Jl[1, 2])

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.types.arrays import Bools, Floats
 from slam_init.window.equations import WindowEquations, tangent_bases
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.state import Priors
@@ -31,8 +31,8 @@ class Linearization:
         Variance of the inverse distance of each track, if the unknowns that the tracks share were known.
     distance_coupling : (T, G) float
         How the inverse distance of each track follows the other unknowns.
-    readout_columns : (2,) int or None
-        The readouts among the unknowns that are not coefficients of fields; None where they are known.
+    readout_column : int or None
+        The readout among the unknowns that are not coefficients of fields; None where it is known.
     """
 
     information: Floats
@@ -41,7 +41,7 @@ class Linearization:
     is_field: Bools
     distance_variance: Floats
     distance_coupling: Floats
-    readout_columns: Ints | None
+    readout_column: int | None
 
 
 def linearize_with_fields(
@@ -77,7 +77,7 @@ def linearize_with_fields(
     gradient = shares.sum(axis=0)
     gradient[equations.focal] += state.log_scale / priors.focal_sigma**2
     if priors.readout_sigma_s > 0:
-        gradient[equations.focal + 1 : equations.focal + 3] += state.readout_s / priors.readout_sigma_s**2
+        gradient[equations.focal + 1] += state.readout_s / priors.readout_sigma_s**2
     variance = back[:, 2, 3].copy()
     coupling = -np.einsum("tq,tqg->tg", back[:, 2, 1:4], back[:, :, 4:])
     if state.plane is not None:
@@ -93,5 +93,5 @@ def linearize_with_fields(
     is_field = equations.columns_of_fields()
     readout = None
     if priors.readout_sigma_s > 0:
-        readout = np.cumsum(~is_field)[equations.focal + 1 : equations.focal + 3] - 1
+        readout = int((~is_field)[: equations.focal + 1].sum())
     return Linearization(information, gradient, shares, is_field, variance, coupling, readout)

@@ -52,7 +52,7 @@ class LiveHypotheses:
         rays1: Floats,
         rays2: Floats,
         noise_px: float,
-        readout_s: Floats | None = None,
+        readout_s: float = 0.0,
     ) -> None:
         """Add the motions of a pair.
 
@@ -66,8 +66,8 @@ class LiveHypotheses:
             The matches that the pose was estimated from.
         noise_px : float
             Standard deviation of a coordinate of a track.
-        readout_s : (2,) float, optional
-            Readouts of all columns and of all rows that the rays are corrected for; by default zero.
+        readout_s : float
+            Readout that the rays are corrected for.
         """
         self._proposed = motions_of_pair(pose, frames, rays1, rays2, readout_s)
         self._noise_px = self._noise_px or noise_px

@@ -40,7 +40,7 @@ def align_views(bearings: Floats, motions: Sequence[Motion], pair: tuple[int, ..
     Returns
     -------
     (V, 3, 3) float
-        cam_k_from_cam_0.
+        Rotations ``cam_k_from_cam_0``.
     """
     R = np.tile(np.eye(3), (len(bearings), 1, 1))
     proposed = [np.eye(3)]

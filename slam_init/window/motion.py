@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,14 +35,14 @@ class Motion:
         ``plane . X = 1`` in the world, where most points lie on one plane.
     log_scale : float
         Logarithm of the true focal length over the stated one.
-    readout_s : (2,) float
-        Readout of all columns and of all rows of the image.
+    readout_s : float
+        Readout of the image.
     """
 
     cam_from_world: dict[int, Pose]
     plane: Floats | None = None
     log_scale: float = 0.0
-    readout_s: Floats = field(default_factory=lambda: np.zeros(2))
+    readout_s: float = 0.0
 
     def is_near(self, other: Motion) -> bool:
         """Whether another motion moves the first two frames alike, so that a fit ends in the same optimum.

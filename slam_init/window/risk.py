@@ -106,12 +106,12 @@ class WindowRisk:
         The vote against the nearest rival; None without a rival.
     rotation_log_likelihood : float
         Log likelihood of the best motion over the rotation-only camera, in nats.
-    readout : ReadoutEstimate or None
-        The readout of a rolling shutter by the best motion, or by the camera that only rotates where that is likely;
-        None where it is no unknown.
     direction_of_views : tuple of float
         The term of the direction for each view of the best motion but the first: the pair's own first. A view near the
         reference has an uncertain direction although its position is certain.
+    readout : ReadoutEstimate or None
+        The readout of a rolling shutter by the best motion, or by the camera that only rotates where that is likely;
+        None where it is no unknown.
     """
 
     total: float
@@ -125,8 +125,8 @@ class WindowRisk:
     field_px: float
     margin: Margin | None
     rotation_log_likelihood: float
-    readout: ReadoutEstimate | None
     direction_of_views: tuple[float, ...]
+    readout: ReadoutEstimate | None = None
 
 
 def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:

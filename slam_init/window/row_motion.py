@@ -27,7 +27,7 @@ _STEP_S = 1e-4
 
 
 def with_translation(tracks: WindowTracks, state: WindowState) -> WindowTracks:
-    """Add what the translation of the camera moves to the sweeps of the tracks.
+    """Add what the translation of the camera moves to the sweeps of the tracks, and correct their pixels for it.
 
     Parameters
     ----------
@@ -48,9 +48,9 @@ def with_translation(tracks: WindowTracks, state: WindowState) -> WindowTracks:
     centres = -np.einsum("kji,kj->ki", state.R, state.t)
     velocity = np.empty_like(centres)
     velocity[order] = np.gradient(centres[order], times, axis=0)
-    sweep_px_s = tracks.sweep_px_s.copy()
+    added = np.zeros_like(tracks.sweep_px_s)
     for k in range(len(centres)):
-        known = tracks.sweep_px_s[k].any(axis=(1, 2)) & tracks.seen[k] & (tracks.anchor >= 0)
+        known = tracks.sweep_px_s[k].any(axis=1) & tracks.seen[k] & (tracks.anchor >= 0)
         rays, inverse = _rays_in_view(tracks, state, k)
         known &= np.isfinite(rays).all(axis=1)
         if known.sum() < 3:
@@ -61,8 +61,9 @@ def with_translation(tracks: WindowTracks, state: WindowState) -> WindowTracks:
         moved = (moved - np.cross(aligned, d)) * _STEP_S
         flow = (tracks.camera.project(d + moved) - tracks.camera.project(d - moved)) / (2 * _STEP_S)
         places = readout_places(tracks.camera, tracks.pixels[k, known])
-        sweep_px_s[k, known] += np.nan_to_num(flow)[:, :, None] * places[:, None, :]
-    return replace(tracks, sweep_px_s=sweep_px_s)
+        added[k, known] = np.nan_to_num(flow) * places[:, None]
+    # The pixels were corrected for the turning alone.
+    return replace(tracks, pixels=tracks.pixels - tracks.readout_s * added, sweep_px_s=tracks.sweep_px_s + added)
 
 
 def _rays_in_view(tracks: WindowTracks, state: WindowState, k: int) -> tuple[Floats, Floats]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,8 +26,8 @@ class Priors:
     gate_sigmas : float
         An observation counts as an outlier around this number of standard deviations.
     readout_sigma_s : float
-        Standard deviation of the readout of a rolling shutter about none, in seconds, along columns and along rows; 0
-        where it is known, so that the rays are corrected already.
+        Standard deviation of the readout of a rolling shutter about none, in seconds; 0 where it is known, so that the
+        rays are corrected already.
     """
 
     focal_sigma: float = 0.02
@@ -57,8 +56,8 @@ class WindowState:
         ``plane . X = 1`` in the world; None without one.
     on_plane : (T,) bool
         Tracks whose point lies on the plane.
-    readout_s : (2,) float
-        Readout of all columns and of all rows of the image; positive to the right and down.
+    readout_s : float
+        Readout of the image.
     """
 
     R: Floats
@@ -69,7 +68,7 @@ class WindowState:
     field: Floats
     plane: Floats | None
     on_plane: Bools
-    readout_s: Floats = dataclasses.field(default_factory=lambda: np.zeros(2))
+    readout_s: float = 0.0
 
 
 def start_at(
@@ -79,7 +78,7 @@ def start_at(
     plane: Floats | None = None,
     *,
     log_scale: float = 0.0,
-    readout_s: Floats | None = None,
+    readout_s: float = 0.0,
     at_infinity: bool = False,
 ) -> WindowState:
     """A state at given poses: measured rays, and inverse distances by linear least squares.
@@ -93,8 +92,8 @@ def start_at(
         All points start on it.
     log_scale : float
         Logarithm of the true focal length over the stated one.
-    readout_s : (2,) float, optional
-        By default none.
+    readout_s : float
+        Readout of the image.
     at_infinity : bool
         Whether all points start at infinity.
 
@@ -103,8 +102,7 @@ def start_at(
     WindowState
     """
     anchor = np.maximum(tracks.anchor, 0)
-    readout = np.zeros(2) if readout_s is None else readout_s
-    bearings = tracks.bearings(log_scale, readout)
+    bearings = tracks.bearings(log_scale, readout_s)
     rays = bearings[anchor, np.arange(len(anchor))]
     rays = np.where(np.isfinite(rays), rays, tracks.rays)
     world = np.einsum("tji,tj->ti", R[anchor], rays)
@@ -120,4 +118,4 @@ def start_at(
         denominator += np.where(used, np.einsum("ij,ij->i", b, b), 0.0)
     inverse = np.maximum(np.nan_to_num(numerator / denominator), 0.0) * (not at_infinity)
     fields, on_plane = np.zeros((len(R), FIELD_TERMS)), np.full(len(anchor), plane is not None)
-    return WindowState(R.copy(), t.copy(), rays, inverse, log_scale, fields, plane, on_plane, readout.copy())
+    return WindowState(R.copy(), t.copy(), rays, inverse, log_scale, fields, plane, on_plane, readout_s)

@@ -45,10 +45,10 @@ class WindowTracks:
         Standard deviation of a coordinate of a pixel.
     places : (V, T, 6) float
         Six polynomials of degree two or less, orthonormal over the image, at the pixels; over sigma_px.
-    sweep_px_s : (V, T, 2, 2) float
-        Derivatives of the raw pixels (rows) by the readouts of all columns and of all rows of the image (columns).
-    readout_s : (2,) float
-        Readouts of all columns and of all rows that the pixels are corrected for.
+    sweep_px_s : (V, T, 2) float
+        Derivatives of the raw pixels by the readout of a rolling shutter.
+    readout_s : float
+        Readout that the pixels are corrected for.
     times_s : (V,) float
         Time stamps of the views.
     """
@@ -63,7 +63,7 @@ class WindowTracks:
     sigma_px: Floats
     places: Floats
     sweep_px_s: Floats
-    readout_s: Floats
+    readout_s: float
     times_s: Floats
 
     @staticmethod
@@ -75,7 +75,7 @@ class WindowTracks:
         seen: Bools,
         noise_px: float,
         sweep_px_s: Floats | None = None,
-        readout_s: Floats | None = None,
+        readout_s: float = 0.0,
         times_s: Floats | None = None,
     ) -> WindowTracks:
         """Prepare tracks for the fit.
@@ -89,10 +89,10 @@ class WindowTracks:
         seen : (V, T) bool
         noise_px : float
             Standard deviation of a coordinate of a pixel.
-        sweep_px_s : (V, T, 2, 2) float, optional
+        sweep_px_s : (V, T, 2) float, optional
             By default zero: all rows are taken at one time.
-        readout_s : (2,) float, optional
-            That the pixels are corrected for; by default zero.
+        readout_s : float
+            That the pixels are corrected for.
         times_s : (V,) float, optional
             Time stamps of the views; by default zero. Only a rolling shutter needs them.
 
@@ -101,7 +101,7 @@ class WindowTracks:
         WindowTracks
         """
         if sweep_px_s is None:
-            sweep_px_s = np.zeros((*seen.shape, 2, 2))
+            sweep_px_s = np.zeros((*seen.shape, 2))
         anchor = np.where(seen.sum(axis=0) >= 2, np.argmax(seen, axis=0), -1).astype(np.int64)
         rays = camera.bearings(pixels[np.maximum(anchor, 0), np.arange(pixels.shape[1])])
         anchor[~np.isfinite(rays).all(axis=1)] = -1
@@ -118,7 +118,7 @@ class WindowTracks:
             sigma_px,
             places,
             np.nan_to_num(sweep_px_s),
-            np.zeros(2) if readout_s is None else readout_s,
+            readout_s,
             np.zeros(len(frames)) if times_s is None else times_s,
         )
 
@@ -127,15 +127,15 @@ class WindowTracks:
         """Standard deviation of a coordinate of a pixel: the median."""
         return float(np.median(self.sigma_px))
 
-    def bearings(self, log_scale: float, readout_s: Floats) -> Floats:
+    def bearings(self, log_scale: float, readout_s: float) -> Floats:
         """The measured rays.
 
         Parameters
         ----------
         log_scale : float
             Logarithm of the true focal length over the stated one.
-        readout_s : (2,) float
-            Readout of all columns and of all rows of the image.
+        readout_s : float
+            Readout of the image.
 
         Returns
         -------
@@ -143,7 +143,7 @@ class WindowTracks:
             Unit rays in the cameras; any rays where a view does not see a track.
         """
         centre = np.array([self.camera.cx, self.camera.cy])
-        pixels = centre + (self.pixels - self.sweep_px_s @ (readout_s - self.readout_s) - centre) / np.exp(log_scale)
+        pixels = centre + (self.pixels - (readout_s - self.readout_s) * self.sweep_px_s - centre) / np.exp(log_scale)
         return np.array([self.camera.bearings(one) for one in pixels])
 
     def with_noise(self, noise_px: float) -> WindowTracks:
@@ -223,18 +223,18 @@ def gather_tracks(camera: Camera, views: Sequence[Observations], noise_px: float
     )
 
 
-def _common_readout(views: Sequence[Observations]) -> Floats:
+def _common_readout(views: Sequence[Observations]) -> float:
     """The readout that the views are corrected for; views whose turning is not known are not."""
-    return next((view.readout_s for view in views if view.turn_rad_s is not None), np.zeros(2))
+    return next((view.readout_s for view in views if view.turn_rad_s is not None), 0.0)
 
 
 def _table(camera: Camera, views: Sequence[Observations]) -> tuple[Ints, Floats, Bools, Floats]:
-    """Ids (T,), pixels (V, T, 2), visibility (V, T) and sweeps (V, T, 2, 2) of tracks that two views or more see."""
+    """Ids (T,), pixels (V, T, 2), visibility (V, T) and sweeps (V, T, 2) of tracks that two views or more see."""
     track_ids, counts = np.unique(np.concatenate([view.track_ids for view in views]), return_counts=True)
     track_ids = track_ids[counts >= 2]
     pixels = np.zeros((len(views), len(track_ids), 2))
     seen = np.zeros((len(views), len(track_ids)), bool)
-    sweep_px_s = np.zeros((len(views), len(track_ids), 2, 2))
+    sweep_px_s = np.zeros_like(pixels)
     for k, view in enumerate(views):
         _, at, of = np.intersect1d(track_ids, view.track_ids, assume_unique=True, return_indices=True)
         pixels[k, at], seen[k, at] = corrected_pixels(camera, view)[of], True

@@ -19,7 +19,7 @@ from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.joint_fit import JointFit
-from slam_init.window.kernels import FIELD_TERMS, READOUT_TERMS, accumulate, eliminate
+from slam_init.window.kernels import FIELD_TERMS, accumulate, eliminate
 from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks, gather_tracks
@@ -216,7 +216,7 @@ def equations(
 ) -> Equations:
     """The equations at a state, by the compiled loop, without any prior."""
     views, count = tracks.seen.shape
-    field_size, readout_size = FIELD_TERMS * with_field, READOUT_TERMS * with_readout
+    field_size, readout_size = FIELD_TERMS * with_field, int(with_readout)
     size = (6 + field_size) * (views - 1) + field_size + 1 + readout_size + (0 if state.plane is None else 3)
     normal, shares = np.full((size, size), np.nan), np.full((count, size), np.nan)
     back, costs, squares = np.zeros((count, 3, 4 + size)), np.full(count, np.nan), np.full((views, count), np.nan)
@@ -263,7 +263,7 @@ def moved(
         if with_field:
             field[k] += take(field_size)
     log_scale = state.log_scale + float(take(1)[0])
-    readout_s = state.readout_s + (take(READOUT_TERMS) if with_readout else 0.0)
+    readout_s = state.readout_s + (float(take(1)[0]) if with_readout else 0.0)
     plane = None if state.plane is None else state.plane + take(3)
     local = -np.einsum("tpq,tqg,g->tp", back[:, :, 1:4], back[:, :, 4:], step)
     tangents = np.array([np.reshape(small_algebra.tangents(ray), (2, 3)) for ray in state.rays])

@@ -37,6 +37,11 @@ def turning(camera, readout_s, count=3, step_s=1 / 30, turn=TURN, seed=0):
     return frames, middle
 
 
+def vector(camera):
+    """Readouts of all columns and of all rows."""
+    return camera.readout_s * np.array(camera.readout_axis)
+
+
 def taken(camera, frames):
     history, shutter = History(100), RollingShutter(camera)
     for one in frames:
@@ -49,7 +54,7 @@ def taken(camera, frames):
 @pytest.mark.parametrize("model", ["pinhole", "radtan", "fisheye"])
 def test_rays_are_turned_back_to_the_middle_of_the_readout(model, direction):
     camera = replace(CAMERAS[model], readout_ms=30.0, readout_direction=direction)
-    frames, middle = turning(camera, np.array(camera.readout_s))
+    frames, middle = turning(camera, vector(camera))
     history, _ = taken(camera, frames)
     # The turning is that between raw rays, so it is off by a share of the readout over the step.
     np.testing.assert_allclose(history[1].turn_rad_s, TURN, atol=0.05)
@@ -59,7 +64,7 @@ def test_rays_are_turned_back_to_the_middle_of_the_readout(model, direction):
 
 def test_the_pixels_are_corrected_as_the_rays_are():
     camera = replace(CAMERAS["radtan"], readout_ms=30.0)
-    history, _ = taken(camera, turning(camera, np.array(camera.readout_s))[0])
+    history, _ = taken(camera, turning(camera, vector(camera))[0])
     pixels = corrected_pixels(camera, history[1])
     np.testing.assert_allclose(camera.bearings(pixels), history[1].bearings, atol=1e-9)
     assert np.abs(pixels - history[1].pixels).max() > 3
@@ -68,11 +73,11 @@ def test_the_pixels_are_corrected_as_the_rays_are():
 @pytest.mark.parametrize("model", ["pinhole", "radtan", "fisheye"])
 def test_the_sweep_is_the_derivative_of_the_raw_pixels_by_the_readout(model):
     camera = CAMERAS[model]
-    for axis in (0, 1):
-        readout_s = 1e-4 * np.eye(2)[axis]
-        plain, rolling = turning(camera, np.zeros(2))[0][1], turning(camera, readout_s)[0][1]
-        sweep = sweep_of(camera, replace(plain, turn_rad_s=TURN))
-        np.testing.assert_allclose(sweep[:, :, axis], (rolling.pixels - plain.pixels) / 1e-4, rtol=2e-3, atol=0.5)
+    for direction in ("down", "left"):
+        rolls = replace(camera, readout_ms=0.1, readout_direction=direction)
+        plain, rolling = turning(camera, np.zeros(2))[0][1], turning(camera, vector(rolls))[0][1]
+        sweep = sweep_of(rolls, replace(plain, turn_rad_s=TURN))
+        np.testing.assert_allclose(sweep, (rolling.pixels - plain.pixels) / 1e-4, rtol=2e-3, atol=0.5)
 
 
 def test_a_global_shutter_leaves_the_frames_as_they_are():
@@ -81,7 +86,7 @@ def test_a_global_shutter_leaves_the_frames_as_they_are():
     history, shutter = taken(camera, frames)
     assert all(history[one.frame] is one for one in frames)
     assert not sweep_of(camera, history[1]).any()
-    assert not shutter.readout_s.any()
+    assert shutter.readout_s == 0
 
 
 def test_an_adopted_readout_corrects_all_frames_as_if_it_had_been_known():
@@ -89,12 +94,13 @@ def test_an_adopted_readout_corrects_all_frames_as_if_it_had_been_known():
     frames, _ = turning(camera, np.array([0.0, 0.03]), count=5)
     history, shutter = taken(camera, frames)
     np.testing.assert_array_equal(history[2].bearings, frames[2].bearings)
-    assert shutter.adopt(history, np.array([0.0, 0.02]))
-    assert shutter.adopt(history, np.array([0.0, 0.03]))
-    assert not shutter.adopt(history, np.array([0.0, 0.03]))
+    assert shutter.adopt(history, 0.02)
+    assert shutter.adopt(history, 0.03)
+    assert not shutter.adopt(history, 0.03)
     known, _ = taken(replace(camera, readout_ms=30.0), frames)
     for one in history:
-        np.testing.assert_allclose(one.bearings, known[one.frame].bearings, atol=1e-12)
+        # A known readout also corrects the rays that the turning is found from.
+        np.testing.assert_allclose(one.bearings, known[one.frame].bearings, atol=2e-4)
         np.testing.assert_array_equal(one.pixels, frames[one.frame].pixels)
 
 
@@ -127,9 +133,9 @@ def run(seed, **options):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("direction", ["down", "left"])
+@pytest.mark.parametrize("direction", ["down", "up"])
 def test_a_hand_held_rolling_shutter_is_found_together_with_the_map(direction):
-    source, initializer = run(40, readout_ms=30.0, readout_direction=direction, speed=0.1)
+    source, initializer = run(40, readout_ms=30.0, readout_direction=direction, speed=0.03, noise_px=0.3)
     map_ = initializer.map
     assert map_ is not None
     assert map_.camera.readout_direction == direction
@@ -171,8 +177,10 @@ def test_a_readout_that_is_told_is_not_estimated():
 def test_a_camera_states_its_readout():
     camera = Camera("pinhole", 640, 480, 458.0, 458.0, 319.5, 239.5)
     assert camera.readout_s is None
-    directions = {"down": (0.0, 0.02), "up": (0.0, -0.02), "right": (0.02, 0.0), "left": (-0.02, 0.0)}
-    for direction, seconds in directions.items():
-        stated = camera.with_readout(np.array(seconds))
-        assert stated.readout_direction == direction
-        assert stated.readout_s == pytest.approx(seconds)
+    upright = replace(camera, width=480, height=640)
+    found = {(one.width, seconds): one.with_readout(seconds) for one in (camera, upright) for seconds in (0.02, -0.02)}
+    directions = {key: one.readout_direction for key, one in found.items()}
+    assert directions == {(640, 0.02): "down", (640, -0.02): "up", (480, 0.02): "right", (480, -0.02): "left"}
+    for one in found.values():
+        assert one.readout_s == pytest.approx(0.02)
+        assert one.with_readout(0.03).readout_direction == one.readout_direction

@@ -21,9 +21,9 @@ def world(kind, seed=1, views=3, camera=None):
     seen = window.tracks.seen.copy()
     seen[0, ::4] = False
     tracks = window.tracks
-    sweep_px_s = 300.0 * np.random.default_rng((seed, 5)).normal(size=(*seen.shape, 2, 2))
+    sweep_px_s = 300.0 * np.random.default_rng((seed, 5)).normal(size=(*seen.shape, 2))
     tracks = type(tracks).gather(
-        tracks.camera, tracks.frames, tracks.track_ids, tracks.pixels, seen, 1.0, sweep_px_s, np.array([0.001, 0.002])
+        tracks.camera, tracks.frames, tracks.track_ids, tracks.pixels, seen, 1.0, sweep_px_s, 0.002
     )
     window = replace(window, tracks=tracks)
     state = window.true_state(window.plane if kind == "plane" else None)
@@ -33,8 +33,7 @@ def world(kind, seed=1, views=3, camera=None):
     # Of the tracks of a plane, a fifth leaves it.
     on_plane = state.on_plane & (np.arange(len(state.on_plane)) % 5 > 0)
     field = 0.2 * rng.normal(size=state.field.shape)
-    readout_s = np.array([0.0, 0.003])
-    return tracks, replace(state, t=t, log_scale=2e-3, field=field, on_plane=on_plane, readout_s=readout_s)
+    return tracks, replace(state, t=t, log_scale=2e-3, field=field, on_plane=on_plane, readout_s=0.003)
 
 
 def free_of(state, **changes):
@@ -55,7 +54,7 @@ def test_the_cost_of_a_track_is_the_robust_sum_over_its_observations(with_field)
         point = state.R[a].T @ (state.rays[i] / state.inverse_distances[i] - state.t[a]) if a >= 0 else None
         for k in np.flatnonzero(tracks.seen[:, i]) if a >= 0 else ():
             x = tracks.pixels[k, i]
-            swept = tracks.sweep_px_s[k, i] @ (state.readout_s - tracks.readout_s)
+            swept = tracks.sweep_px_s[k, i] * (state.readout_s - tracks.readout_s)
             e = (camera.project((state.R[k] @ point + state.t[k])[None])[0] + swept - x) / tracks.sigma_px[k, i]
             if with_field:
                 u, v = 2 * x / (camera.width - 1, camera.height - 1) - 1
