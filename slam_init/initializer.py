@@ -28,7 +28,7 @@ from slam_init.decision.focal_check import FocalCheck
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.screening import screen
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
-from slam_init.frontend.rolling_shutter import RollingShutter
+from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
 from slam_init.frontend.tracks import Tracker
 from slam_init.mapping.map_building import MapWithViews
 from slam_init.recording.recorder import Recorder
@@ -180,6 +180,7 @@ class Initializer:
             attempt = self._checked_and_logged(attempt, pairs, current)
         elif (outcome := self._judge(best, pairs, current)) is not None:
             attempt = self._checked_and_logged(outcome.attempt, pairs, current)
+            self._report_shutter(current.frame)
             self._maps.take(outcome)
             if self.map is None and best is not None:
                 self.keyframes.failed(best)
@@ -245,6 +246,12 @@ class Initializer:
                 self.camera, self.config, self.history, self.shutter, third_view=self._third_view, propose=self._propose
             )
         return self._window.judge(pair, pairs, current, self.stopwatch)
+
+    def _report_shutter(self, frame: int) -> None:
+        """Report what the correction of a rolling shutter moves, where it is known."""
+        if self.shutter.readout_s and frame in self.history:
+            corrected = self.history[frame]
+            self.recorder.row_times(corrected, corrected_pixels(self.camera, corrected))
 
     def _checked_and_logged(self, attempt: Attempt, pairs: Sequence[PairPreview], current: Observations) -> Attempt:
         """Add a check of the focal length to an attempt if one is due, and log the attempt."""

@@ -11,9 +11,12 @@ from slam_init.types.gates import GateName
 from slam_init.types.result import Attempt
 
 __all__ = [
+    "ARROWS",
+    "ARROW_FACTOR",
     "ERROR",
     "ERROR_BARS",
     "ESTIMATE_COLOR",
+    "PURPLE",
     "SERIES",
     "TRACKS",
     "TRUTH_COLOR",
@@ -28,7 +31,7 @@ Color = tuple[int, int, int]
 ESTIMATE_COLOR: Color = (60, 160, 255)
 TRUTH_COLOR: Color = (255, 150, 40)
 _GREEN: Color = (60, 200, 90)
-_PURPLE: Color = (190, 120, 230)
+PURPLE: Color = (190, 120, 230)
 _GATE_COLOR: Color = (230, 70, 70)
 
 TRACKS = "stats/counts/tracks"
@@ -77,10 +80,16 @@ def _parallax_share(attempt: Attempt) -> float | None:
     return None if attempt.preview is None else attempt.preview.parallax_share
 
 
+def _readout_ms(attempt: Attempt) -> float | None:
+    return None if attempt.window is None else attempt.window.readout_ms
+
+
 def _direction_sigma_deg(attempt: Attempt) -> float | None:
     return None if attempt.window is None else attempt.window.direction_sigma_deg
 
 
+#: The arrows of a rolling shutter are drawn this many times as long: they are some pixels.
+ARROWS, ARROW_FACTOR = "world/camera/image/readout", 4
 #: The figures that show the progress of an initialization. First the parallax grows. Then the standard deviation of the
 #: direction falls, and the risk falls below its gate. The panel of the verdict lists all other figures.
 SERIES = (
@@ -89,7 +98,8 @@ SERIES = (
     Series("stats/parallax/median", "median", ESTIMATE_COLOR, _parallax_px),
     Series("stats/shares/parallax", "with parallax", ESTIMATE_COLOR, _parallax_share),
     Series("stats/direction/sigma", "standard deviation", ESTIMATE_COLOR, _direction_sigma_deg),
-    Series("stats/risk/total", "risk", _PURPLE, _gate_value(GateName.RISK)),
+    Series("stats/readout/estimate", "rolling shutter", ESTIMATE_COLOR, _readout_ms),
+    Series("stats/risk/total", "risk", PURPLE, _gate_value(GateName.RISK)),
     Series("stats/risk/gate", "gate", _GATE_COLOR, _gate_threshold(GateName.RISK)),
     Series(ERROR, "rms residual", ESTIMATE_COLOR),
 )
@@ -105,16 +115,19 @@ def blueprint() -> Any:
     import rerun.blueprint as rrb
 
     space, keyframes = _space_views()
-    camera = rrb.Spatial2DView(origin="world/camera/image", name="frame and tracks")
+    camera = rrb.Spatial2DView(
+        origin="world/camera/image", name=f"frame and tracks; purple: turned back by the shutter, x {ARROW_FACTOR}"
+    )
     pair = rrb.Spatial2DView(origin="pairs/image", name="pair tried: inliers green, outliers red")
     verdict = rrb.TextDocumentView(origin="pairs/verdict", name="verdict")
-    parallax, shares, direction, risk, counts = (
+    parallax, shares, direction, risk, readout, counts = (
         rrb.TimeSeriesView(origin=f"stats/{plot}", name=name, plot_legend=corner)
         for plot, name, corner in (
             ("parallax", "parallax (px)", rrb.Corner2D.LeftTop),
             ("shares", "shares of matches", rrb.Corner2D.LeftTop),
             ("direction", "direction (deg)", rrb.Corner2D.RightTop),
             ("risk", "risk", rrb.Corner2D.RightTop),
+            ("readout", "readout (ms)", rrb.Corner2D.RightTop),
             ("counts", "counts", rrb.Corner2D.LeftBottom),
         )
     )
@@ -135,7 +148,7 @@ def blueprint() -> Any:
         rrb.Vertical(
             rrb.Horizontal(camera, verdict, column_shares=[3, 2]),
             pair,
-            rrb.Horizontal(rrb.Tabs(parallax, shares), rrb.Tabs(risk, direction), counts, bundle),
+            rrb.Horizontal(rrb.Tabs(parallax, shares), rrb.Tabs(risk, direction, readout), counts, bundle),
             row_shares=[3, 3, 2],
         ),
         column_shares=[1, 1],
@@ -153,7 +166,7 @@ def _space_views() -> tuple[Any, Any]:
     space = rrb.Spatial3DView(
         origin="world",
         # Keypoints are shown on the flat image only; on the frustum they would hide the image.
-        contents=["$origin/**", "- /world/camera/image/keypoints", "- /world/camera/image/motion"],
+        contents=["$origin/**", "- /world/camera/image/keypoints", "- /world/camera/image/motion", f"- /{ARROWS}"],
         name="map: estimate blue, ground truth orange",
         defaults=no_axes,
         line_grid=False,

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from types import TracebackType
 
 from slam_init.output.summary import Summary
+from slam_init.types.arrays import Floats
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.result import Attempt
@@ -37,6 +38,17 @@ class Recorder:
         ----------
         attempt : Attempt
             With the matches of the pair.
+        """
+
+    def row_times(self, observations: Observations, corrected: Floats) -> None:
+        """Report what the correction of a rolling shutter moves in a frame.
+
+        Parameters
+        ----------
+        observations : Observations
+            The tracks of the frame.
+        corrected : (N, 2) float
+            Their pixels as if all rows were taken at the time of the middle one.
         """
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:

@@ -36,7 +36,19 @@ from slam_init.errors import OutputError, SlamInitError
 from slam_init.evaluation.metrics import Similarity, align_poses
 from slam_init.output.summary import Summary
 from slam_init.recording.images import bgr, jpeg, reduced, reduced_shape
-from slam_init.recording.layout import ERROR, ERROR_BARS, ESTIMATE_COLOR, SERIES, TRACKS, TRUTH_COLOR, Color, blueprint
+from slam_init.recording.layout import (
+    ARROW_FACTOR,
+    ARROWS,
+    ERROR,
+    ERROR_BARS,
+    ESTIMATE_COLOR,
+    PURPLE,
+    SERIES,
+    TRACKS,
+    TRUTH_COLOR,
+    Color,
+    blueprint,
+)
 from slam_init.recording.paths import dashes, log_hypotheses
 from slam_init.recording.recorder import Recorder
 from slam_init.recording.text import attempt_line, attempt_markdown, summary_markdown
@@ -206,6 +218,25 @@ class RerunRecorder(Recorder):
             if value is not None and np.isfinite(value):
                 rec.log(series.entity, rr.Scalars(float(value)))
         self._log_pair(attempt)
+
+    def row_times(self, observations: Observations, corrected: Floats) -> None:
+        """Log arrows from the raw pixels to the corrected ones.
+
+        Parameters
+        ----------
+        observations : Observations
+        corrected : (N, 2) float
+        """
+        moved = ARROW_FACTOR * (corrected - observations.pixels) * self._scale
+        self._rec.log(
+            ARROWS,
+            self._rr.Arrows2D(
+                origins=self._shown(observations.pixels),
+                vectors=moved,
+                colors=[PURPLE],
+                radii=self._rr.Radius.ui_points(0.7),
+            ),
+        )
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
         """Log the map before and after bundle adjustment, and the ground truth aligned to it.
