@@ -15,6 +15,7 @@ __all__ = [
     "CERTAIN_RISK",
     "RISK_BINS",
     "coverage_table",
+    "exchange_table",
     "nees_table",
     "reliability_table",
     "rule_table",
@@ -35,6 +36,8 @@ RISK_BINS = (
 #: Coverage and NEES are those of the windows with a risk up to this one: the expansion of the cost says nothing about
 #: windows of a wrong hypothesis.
 CERTAIN_RISK = 0.05
+#: Largest accepted risks, about the default of 0.005.
+_LIMITS = (0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 #: Chi-square: the value that 95 % do not exceed, and the median, by degrees of freedom.
 _CHI2_95 = {2: 5.991, 3: 7.815}
 _CHI2_MEDIAN = {1: 0.4549, 2: 1.3863, 3: 2.3660}
@@ -55,6 +58,7 @@ def window_report(windows: Sequence[Window], max_risk: float) -> str:
             f"## {title}",
             f"{counts}, {len(certain)} with a risk up to {CERTAIN_RISK:g}.",
             reliability_table(own),
+            exchange_table(own),
             rule_table(own, max_risk),
             f"Share of the errors within the 95 % interval, windows with a risk up to {CERTAIN_RISK:g}:",
             coverage_table(certain),
@@ -88,6 +92,33 @@ def reliability_table(windows: Sequence[Window]) -> str:
             ]
         )
     return markdown_table(["stated risk", "windows", "mean risk %", "wrong", "wrong %", "95 % interval"], rows)
+
+
+def exchange_table(windows: Sequence[Window]) -> str:
+    """Accepting the first window of a trial with a risk up to some limit: how much sooner, and how often wrong.
+
+    A trial without a correct map counts as its longest window.
+    """
+    trials = [own for _, own in _grouped(windows, lambda w: (w.scene, w.baseline, w.start))][:-1]
+    rows = []
+    for limit in _LIMITS:
+        correct = false = frames = 0
+        for own in trials:
+            first = next((w for w in own if w.risk is not None and w.risk.total <= limit), None)
+            right = first is not None and not first.wrong
+            correct, false = correct + right, false + (first is not None and not right)
+            frames += first.views - 1 if first is not None and right else max(w.views for w in own)
+        interval = wilson(false, len(trials))
+        counts = f"{correct}/{false}/{len(trials) - correct - false}"
+        rows.append(
+            [
+                f"{limit:g}",
+                counts,
+                f"{100 * interval.low:.2f} to {100 * interval.high:.2f}",
+                f"{frames / len(trials):.2f}",
+            ]
+        )
+    return markdown_table(["largest risk", "correct/false/none", "false %, 95 % interval", "wait (frames)"], rows)
 
 
 def rule_table(windows: Sequence[Window], max_risk: float) -> str:

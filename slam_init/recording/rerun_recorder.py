@@ -234,7 +234,8 @@ class RerunRecorder(Recorder):
                 origins=self._shown(observations.pixels),
                 vectors=moved,
                 colors=[PURPLE],
-                radii=self._rr.Radius.ui_points(0.7),
+                radii=self._rr.Radius.ui_points(1.2),
+                draw_order=50.0,  # above the tracks
             ),
         )
 

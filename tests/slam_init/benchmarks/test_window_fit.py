@@ -12,7 +12,14 @@ import pytest
 from slam_init.benchmarks import window_fit
 from slam_init.benchmarks.window_fit import Clip, World, clips_of, run, worlds_of
 from slam_init.benchmarks.window_log import Accuracy, Window, read_log, write_log
-from slam_init.benchmarks.window_tables import RISK_BINS, coverage_table, nees_table, reliability_table, rule_table
+from slam_init.benchmarks.window_tables import (
+    RISK_BINS,
+    coverage_table,
+    exchange_table,
+    nees_table,
+    reliability_table,
+    rule_table,
+)
 from slam_init.errors import SlamInitError
 from slam_init.types.comparison import Margin
 from slam_init.window.risk import WindowRisk
@@ -73,6 +80,17 @@ def test_the_reliability_counts_wrong_windows():
     assert found[4][1] == "3"
     assert found[4][3] == "2"
     assert found[4][4] == "66.67"
+
+
+def test_a_smaller_risk_waits_longer_and_is_less_often_wrong():
+    wrong = replace(GOOD, direction_deg=30.0)
+    first = [window(0.03, wrong, views=2, start="1"), window(0.003, views=4, start="1")]
+    second = [window(0.004, views=3, start="2"), window(0.0015, views=6, start="2")]
+    found = {row[0]: (row[1], row[3]) for row in rows(exchange_table([*first, *second]))}
+    assert found["0.05"] == ("1/1/0", "3.00")
+    assert found["0.02"] == found["0.005"] == ("2/0/0", "2.50")
+    assert found["0.002"] == ("1/0/1", "4.50")
+    assert found["0.001"] == ("0/0/2", "5.00")
 
 
 def test_coverage_is_that_of_chi_square_and_of_tracks():
