@@ -54,7 +54,7 @@ __all__ = [
 #: Excluded: a person holds the chessboard in front of a fixed camera, so no single motion explains the image.
 _SEVERAL_MOTIONS = ("planar/opencv_chessboard",)
 #: Sources whose camera never translates.
-NO_TRANSLATION = (STATIC_SEQUENCE, "synth:rotation", "synth:static")
+NO_TRANSLATION = (STATIC_SEQUENCE, "synth:rotation", "synth:static", "synth:pan")
 #: The camera first rotates and then translates.
 _MOVES_LATER = "synth:rotate-then-move"
 #: With ``--every``, a run starts only where this many frames are left: half a second of video.

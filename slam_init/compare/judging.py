@@ -21,8 +21,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from urllib.parse import parse_qsl
 
-__all__ = ["NOT_JUDGED", "SEQUENCES", "Criteria", "Truth", "criteria_of"]
+__all__ = ["EFFECTS", "NOT_JUDGED", "SEQUENCES", "TURNING", "Criteria", "Truth", "criteria_of", "group_of_scene"]
 
 
 class Truth(StrEnum):
@@ -107,6 +108,17 @@ _SCENES = {
     "pan": Criteria(no_translation=True, expected_reason="pure_rotation"),
 }
 
+#: What options of a synthetic scene make difficult, by a word in the name of its group.
+EFFECTS = {
+    "rolling": ("readout_ms",),
+    "moving": ("moving", "moving_objects"),
+    "blur": ("exposure_ms", "motion_blur", "flicker", "fade"),
+    "calibration": ("focal_error", "principal_error", "k1"),
+}
+#: The same word for a camera that only turns, in scenes whose camera translates by the option ``speed`` alone.
+TURNING, _TRANSLATES_BY_SPEED = "turning", ("handheld", "handheld-wall")
+_ONLY_TURNING = Criteria(no_translation=True, expected_reason="pure_rotation")
+
 #: Public sequences whose ground truth has limits, by the name of their folder.
 SEQUENCES: dict[str, Criteria] = {
     "V1_01_static": Criteria(
@@ -142,6 +154,27 @@ SEQUENCES: dict[str, Criteria] = {
 }
 
 
+def group_of_scene(label: str) -> str:
+    """Return the group of a synthetic source: its scene, and what its options make difficult.
+
+    Parameters
+    ----------
+    label : str
+        For example ``points:handheld?readout_ms=30``.
+
+    Returns
+    -------
+    str
+        For example ``points:handheld, turning, rolling``.
+    """
+    scene, _, query = label.partition("?")
+    given = {name for name, value in parse_qsl(query) if value.strip("0.-")}
+    effects = [effect for effect, options in EFFECTS.items() if given & set(options)]
+    if scene.partition(":")[2] in _TRANSLATES_BY_SPEED and "speed" not in given:
+        effects.insert(0, TURNING)
+    return ", ".join([scene, *effects])
+
+
 def criteria_of(group: str) -> Criteria:
     """Return the criteria by which the trials of a group are classified if there is a ground truth.
 
@@ -157,5 +190,6 @@ def criteria_of(group: str) -> Criteria:
     """
     prefix, colon, scene = group.partition(":")
     if colon and prefix in ("synth", "points"):
-        return _SCENES.get(scene, Criteria())
+        scene, *effects = scene.split(", ")
+        return _ONLY_TURNING if TURNING in effects else _SCENES.get(scene, Criteria())
     return SEQUENCES.get(Path(group).name, Criteria())

@@ -10,7 +10,7 @@ from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
 
-from slam_init.compare.judging import NOT_JUDGED, Criteria, criteria_of
+from slam_init.compare.judging import NOT_JUDGED, Criteria, criteria_of, group_of_scene
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.types.arrays import Floats
 
@@ -53,7 +53,8 @@ class ComparedSource:
     label : str
         Name in the results, unique.
     group : str
-        Trials of one group are counted together. The group is the scene of a synthetic world, and otherwise the label.
+        Trials of one group are counted together. The group of a synthetic world is its scene with what its options make
+        difficult, and otherwise the label.
     text : str
         Argument of :func:`open_compared`.
     frames : int
@@ -284,7 +285,7 @@ def _describe(label: str, text: str) -> ComparedSource:
     synthetic = source.kind in ("synth", "points")
     return ComparedSource(
         label=label,
-        group=label.partition("?")[0] if synthetic else label,
+        group=group_of_scene(label) if synthetic else label,
         text=text,
         frames=len(source),
         fps=_fps(source.timestamps_s),

@@ -2,7 +2,7 @@
 
 import pytest
 
-from slam_init.compare.judging import NOT_JUDGED, SEQUENCES, Criteria, Truth, criteria_of
+from slam_init.compare.judging import NOT_JUDGED, SEQUENCES, Criteria, Truth, criteria_of, group_of_scene
 from slam_init.compare.measures import PoseErrors, is_correct, is_strict
 
 
@@ -57,3 +57,19 @@ def test_a_row_is_judged_again_if_the_criteria_differ():
     assert NOT_JUDGED.judged(None)
     assert not coarse.judged(None)
     assert not criteria_of("parrington").judged(None)
+
+
+@pytest.mark.parametrize(
+    ("label", "group"),
+    [
+        ("points:room?noise_px=2", "points:room"),
+        ("points:room?readout_ms=30&focal_error=-0.1", "points:room, rolling, calibration"),
+        ("points:room?readout_ms=0&moving=0.0", "points:room"),
+        ("synth:handheld", "synth:handheld, turning"),
+        ("synth:handheld?speed=0.05&motion_blur=0.5", "synth:handheld, blur"),
+        ("points:handheld-wall?moving=0.3", "points:handheld-wall, turning, moving"),
+    ],
+)
+def test_the_group_of_a_scene_names_what_is_difficult(label, group):
+    assert group_of_scene(label) == group
+    assert criteria_of(group).no_translation == ("turning" in group)
