@@ -195,6 +195,10 @@ BAD = {
     "empty config": (["run", "--config", ""], "cannot read"),
     "broken config": (["run", "--config", "bad.toml"], "bad.toml"),
     "unknown key": (["run", "--config", "unknown.toml"], "magic"),
+    "readout text": (["run", IMAGES, *WITH, "--readout", "fast"], "--readout is 'fast'"),
+    "readout negative": (["run", IMAGES, *WITH, "--readout=-5"], "readout"),
+    "readout nan": (["run", IMAGES, *WITH, "--readout", "nan"], "readout"),
+    "readout sideways": (["run", IMAGES, *WITH, "--readout", "5,sideways"], "readout direction"),
     # other commands
     "synth unknown scene": (["synth", "nowhere", "--out", "out"], "rotate-then-move"),
     "synth without out": (["synth", "room"], "--out"),
@@ -338,6 +342,16 @@ def test_arguments_reach_the_pipeline(world, pipeline, capsys):
     assert str(options.pop("out")) == "results"
     assert options == {"start": 1, "max_frames": 2, "continue_frames": 4, "progress": False}
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("text", "readout"),
+    [("25", (25.0, "down")), ("25,up", (25.0, "up")), ("0", (0.0, "down")), ("auto", (None, "down"))],
+)
+def test_the_readout_of_the_command_line_reaches_the_pipeline(world, pipeline, text, readout):
+    assert main(["run", IMAGES, *WITH, "--readout", text, "--quiet"]) == 0
+    ((_, camera, _, _),) = pipeline.calls
+    assert (camera.readout_ms, camera.readout_direction) == readout
 
 
 def test_the_seed_makes_the_synthetic_world_too(pipeline, capsys):

@@ -47,7 +47,30 @@ def test_a_file_without_a_size_takes_that_of_the_images(tmp_path):
         load_camera(path)
 
 
+KALIBR = "cam0: {camera_model: pinhole, intrinsics: [500, 510, 320, 240], resolution: [640, 480], line_delay: %s}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "readout_ms", "direction"),
+    [
+        (own() + "readout_ms: 25\n", 25.0, "down"),
+        (own() + "readout_ms: 25\nreadout_direction: left\n", 25.0, "left"),
+        (own() + "readout_ms: 0\n", 0.0, "down"),
+        (own(), None, "down"),
+        (KALIBR % "5.0e-5", 24.0, "down"),  # 50 microseconds for each of 480 rows
+        (KALIBR % "-5.0e-5", 24.0, "up"),
+    ],
+)
+def test_the_readout_of_a_rolling_shutter_is_read(tmp_path, text, readout_ms, direction):
+    camera = load_camera(write(tmp_path / "c.yaml", text))
+    assert camera.readout_ms == (None if readout_ms is None else pytest.approx(readout_ms))
+    assert camera.readout_direction == direction
+
+
 BROKEN = {
+    "negative readout": (own() + "readout_ms: -5\n", "readout"),
+    "readout in seconds": (own() + "readout_ms: 30 ms\n", "readout_ms"),
+    "readout sideways": (own() + "readout_ms: 5\nreadout_direction: sideways\n", "readout direction"),
     "zero focal": (own(fx=0), "fx"),
     "negative focal": (own(fy=-480), "fy"),
     "nan focal": (own(fx=".nan"), "fx"),

@@ -1,0 +1,71 @@
+"""Law of the row motion: at the true state, turning and translation together undo a rolling shutter."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from make_window import point_source
+
+from slam_init.frontend.rolling_shutter import RollingShutter
+from slam_init.frontend.tracks import History
+from slam_init.window.row_motion import with_translation
+from slam_init.window.state import WindowState
+from slam_init.window.tracks import gather_tracks
+
+
+def window(scene, seed, **options):
+    """Tracks of five frames, reference and current first, the true state, and the pixels of a global shutter."""
+    source = point_source(scene, seed, views=12, fps=30.0, turning_deg_s=60.0, noise_px=0.0, outliers=0.0, **options)
+    sequence, camera = source.sequence, source.camera
+    history, shutter = History(20), RollingShutter(camera)
+    for observed in source.observations():
+        history.take(observed)
+        shutter.take(history, observed.frame)
+    frames = [3, 7, 4, 5, 6]
+    tracks = gather_tracks(camera, [history[frame] for frame in frames], 0.5)
+    cam_from_world = np.linalg.inv(sequence.poses[frames]) @ sequence.poses[frames[0]]
+    R, t = cam_from_world[:, :3, :3], cam_from_world[:, :3, 3]
+    first = sequence.poses[frames[0]]
+    points = (sequence.points[tracks.track_ids] - first[:3, 3]) @ first[:3, :3]
+    anchor = np.maximum(tracks.anchor, 0)
+    in_anchor = np.einsum("tij,tj->ti", R[anchor], points) + t[anchor]
+    distance = np.linalg.norm(in_anchor, axis=1)
+    nothing, nowhere = np.zeros((len(R), 12)), np.zeros(len(points), bool)
+    state = WindowState(R, t, in_anchor / distance[:, None], 1 / distance, 0.0, nothing, None, nowhere)
+    middle = np.array([camera.project(points @ R[k].T + t[k]) for k in range(len(R))])
+    return tracks, state, middle
+
+
+def error_px(tracks, readout_s, middle):
+    left = tracks.pixels - readout_s * tracks.sweep_px_s - middle
+    return float(np.sqrt(np.mean(left[tracks.seen] ** 2)))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_turning_and_translation_undo_a_rolling_shutter(seed):
+    tracks, state, middle = window("handheld", seed, readout_ms=30.0, speed=0.4)
+    raw, turned = error_px(tracks, 0.0, middle), error_px(tracks, 0.03, middle)
+    both = error_px(with_translation(tracks, state), 0.03, middle)
+    assert raw > 2
+    assert turned < 0.4 * raw
+    assert both < 0.7 * turned
+    assert both < 0.1 * raw
+
+
+def test_pixels_that_are_corrected_for_a_readout_are_corrected_for_its_translation_too():
+    tracks, state, _ = window("handheld", 1, readout_ms=30.0, speed=0.4)
+    raw = with_translation(tracks, state)
+    added = raw.sweep_px_s - tracks.sweep_px_s
+    np.testing.assert_array_equal(raw.pixels, tracks.pixels)
+    corrected = with_translation(replace(tracks, readout_s=0.02), state)
+    np.testing.assert_allclose(corrected.pixels, tracks.pixels - 0.02 * added, atol=1e-9)
+
+
+@pytest.mark.parametrize("case", ["no translation", "photographs", "repeated time stamps"])
+def test_nothing_is_added_where_nothing_is_known(case):
+    tracks, state, _ = window("handheld", 2, readout_ms=30.0, speed=0.0 if case == "no translation" else 0.2)
+    if case == "photographs":
+        tracks = replace(tracks, sweep_px_s=np.zeros_like(tracks.sweep_px_s))
+    if case == "repeated time stamps":
+        tracks = replace(tracks, times_s=np.zeros_like(tracks.times_s))
+    np.testing.assert_allclose(with_translation(tracks, state).sweep_px_s, tracks.sweep_px_s, atol=1e-6)
