@@ -219,7 +219,7 @@ class Initializer:
             frames_to_init=self.frames_read if self.map is not None else None,
             attempts=self._attempts.kept,
             timing_ms=self.stopwatch.summary(),
-            notes=(*self._attempts.notes(), *focal_notes(self.map, self.config.map)),
+            notes=(*self._attempts.notes(), *focal_notes(self.map, self.config.map), *self._shutter_notes()),
             advice="" if reason is None else self._attempts.advice(reason),
             hypotheses=self._maps.hypotheses,
             margin=self._maps.margin,
@@ -246,6 +246,13 @@ class Initializer:
                 self.camera, self.config, self.history, self.shutter, third_view=self._third_view, propose=self._propose
             )
         return self._window.judge(pair, pairs, current, self.stopwatch)
+
+    def _shutter_notes(self) -> tuple[str, ...]:
+        """A note about an estimated readout, for people who know their camera."""
+        if self.camera.readout_s is not None or not self.shutter.readout_s:
+            return ()
+        found = self.camera.with_readout(self.shutter.readout_s)
+        return (f"a rolling shutter was corrected: readout {found.readout_ms:.1f} ms, {found.readout_direction}",)
 
     def _report_shutter(self, frame: int) -> None:
         """Report what the correction of a rolling shutter moves, where it is known."""

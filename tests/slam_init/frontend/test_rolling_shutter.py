@@ -140,6 +140,7 @@ def test_a_hand_held_rolling_shutter_is_found_together_with_the_map(direction):
     assert map_ is not None
     assert map_.camera.readout_direction == direction
     assert map_.camera.readout_ms == pytest.approx(30.0, abs=4.0)
+    assert any(note.startswith("a rolling shutter was corrected") for note in initializer.result.notes)
     evidence = initializer.status.attempt.window
     assert evidence.readout_ms == pytest.approx(map_.camera.readout_ms)
     assert 0 < evidence.readout_sigma_ms < 4
@@ -171,6 +172,7 @@ def test_a_readout_that_is_told_is_not_estimated():
     assert initializer.map is not None
     assert told.map is not None
     assert told.status.attempt.window.readout_ms is None
+    assert not any("shutter" in note for note in told.result.notes)
     assert told.map.camera.readout_ms == 20.0
 
 
