@@ -297,7 +297,9 @@ def _rotation_probability(
 ) -> tuple[float, float, ReadoutEstimate | None]:
     """Gain over the rotation-only camera (nats), the probability of it if the camera only rotates, and its readout."""
     gain, freedom = hypotheses.gain_over_rotation
-    rotation = linearize_with_fields(hypotheses.tracks, hypotheses.rotation_only, hypotheses.priors, rotation_only=True)
+    rotation = linearize_with_fields(
+        hypotheses.tracks, hypotheses.rotation_only, hypotheses.rotation_priors, rotation_only=True
+    )
     marginal = marginalize_fields(rotation)
     explained = marginal.lowered_cost - expanded.marginal.lowered_cost
     dispersion = _GAIN_DISPERSION * hypotheses.motions[0].fit.dispersion
