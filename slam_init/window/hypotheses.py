@@ -41,9 +41,10 @@ _WORTH_TRYING = 0.05
 #: are off by as much. With another noise other observations are outliers, hence the rounds.
 _NOISE_TOLERANCE, _NOISE_ROUNDS = 0.07, 2
 #: Nearly all focal lengths are known to two per cent, but some are guessed, and off by a fifth. For the camera that
-#: only rotates the prior is Student's distribution with four degrees of freedom: a fifth costs 8 nats, where a Gaussian
-#: would charge 50, and a translation would be the cheaper explanation. Its fit starts from any focal length.
-_FOCAL_FREEDOM, _WRONG_FOCAL, _FOCAL_ROUNDS = 4.0, 0.2, 2
+#: only rotates the stated focal length is right, or wrong with this standard deviation of its logarithm at a price of
+#: 4.5 nats (odds of one to a hundred). So a fifth costs 8 nats, where the prior of right ones would charge 40, and a
+#: translation would be the cheaper explanation. Half as long again costs 21: level flight looks like such a rotation.
+_WRONG_FOCAL, _WRONG_FOCAL_COST = 0.07, 9.0
 #: A start whose residuals are this many times the noise is far from the answer.
 _FAR_FACTOR = 1.5
 
@@ -64,7 +65,7 @@ class WindowHypotheses:
     priors : Priors
         Of the fits.
     rotation_priors : Priors
-        Of the camera that only rotates, as a Gaussian about its fit: its focal length has a heavier tail.
+        Of the camera that only rotates: its focal length may be wrong.
     """
 
     tracks: WindowTracks
@@ -233,7 +234,7 @@ def _with_plane(motion: Motion, tracks: WindowTracks, bearings: Floats) -> Motio
 
 
 def _fit_rotation(tracks: WindowTracks, rotations: Floats, priors: Priors) -> tuple[JointFit, Priors]:
-    """Fit the camera that only rotates; the fit, and the Gaussian prior that has the same slope at its focal length."""
+    """Fit the camera that only rotates, with a right and with a wrong focal length; the better fit, and its prior."""
     # The translation has no effect on points at infinity; its length only has to differ from zero.
     t = np.outer(np.arange(len(rotations)), [1e-9, 0.0, 0.0])
     start = start_at(tracks, rotations, t, readout_s=tracks.readout_s, at_infinity=True)
@@ -243,12 +244,7 @@ def _fit_rotation(tracks: WindowTracks, rotations: Floats, priors: Priors) -> tu
     for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():
         wide = tracks.with_noise(wider * tracks.noise_px)
         start = fit_window(wide, start, any_focal, rotation_only=True).state
-    fit, own = fit_window(tracks, start, any_focal, rotation_only=True), any_focal
-    for _ in range(_FOCAL_ROUNDS):
-        pull2 = (fit.state.log_scale / priors.focal_sigma) ** 2
-        factor2 = (_FOCAL_FREEDOM + pull2) / (_FOCAL_FREEDOM + 1)
-        own = replace(priors, focal_sigma=priors.focal_sigma * math.sqrt(factor2))
-        fit = fit_window(tracks, fit.state, own, rotation_only=True)
-    pull2 = (fit.state.log_scale / priors.focal_sigma) ** 2
-    student = (_FOCAL_FREEDOM + 1) * math.log1p(pull2 / _FOCAL_FREEDOM)
-    return replace(fit, cost=fit.cost - (fit.state.log_scale / own.focal_sigma) ** 2 + student), own
+    wrong = fit_window(tracks, start, any_focal, rotation_only=True)
+    wrong = replace(wrong, cost=wrong.cost + _WRONG_FOCAL_COST)
+    right = fit_window(tracks, wrong.state, priors, rotation_only=True)
+    return (right, priors) if right.cost <= wrong.cost else (wrong, any_focal)
