@@ -47,7 +47,7 @@ from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.motion import FittedMotion, difference_deg
-from slam_init.window.risk import WindowRisk, risk_of
+from slam_init.window.risk import MERE_ROTATION, WindowRisk, risk_of
 from slam_init.window.state import Priors
 from slam_init.window.tracks import MAX_VIEWS
 
@@ -61,9 +61,6 @@ _READOUT_SIGMA_S = 1 / 60
 #: A gain over the rotation-only camera that chance exceeds more often than this is no evidence of a translation. A
 #: direction without a translation is uncertain too, so that its term would hide the cause.
 _INSIGNIFICANT = 0.05
-#: Where chance exceeds the gain over the rotation-only camera more often than not, the camera merely rotates. It is
-#: judged again once a pair shows parallax.
-_MERE_ROTATION = 0.5
 #: A focal length is suspected only if it is off by a hundredth or more, the error of a careless calibration, and by
 #: five of its standard deviations: errors that the tracks share double them. Five hundredths have to be told.
 _LEAST_FOCAL_ERROR, _DOUBTFUL_SIGMAS, _TOLD_FOCAL_ERROR = 0.01, 5.0, 0.05
@@ -227,7 +224,8 @@ class WindowRule:
             inliers=_inliers(pair, hypotheses.motions[0].cam2_from_cam1, self._threshold_rad),
         )
         self._last = _Judged(pair, hypotheses, risk, attempt)
-        self._rotating = risk.rotation > _MERE_ROTATION
+        # A camera that merely rotates is judged again once a pair shows parallax.
+        self._rotating = risk.rotation > MERE_ROTATION
         max_risk = self._config.acceptance.max_risk
         gate = at_most(GateName.RISK, risk.total, max_risk, *_reason(hypotheses, risk, max_risk))
         attempt = with_gates(attempt, (gate,))

@@ -23,7 +23,7 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 
-__all__ = ["RollingShutter", "corrected_pixels", "readout_places", "sweep_of"]
+__all__ = ["RollingShutter", "corrected_pixels", "image_flow", "readout_places", "sweep_of"]
 
 #: A hand changes its turning several times in a second. With frames farther apart than this, the turning between two
 #: frames tells nothing about the turning in the time of a readout.
@@ -55,11 +55,28 @@ def sweep_of(camera: Camera, observations: Observations) -> Floats:
     turn = observations.turn_rad_s
     if turn is None:
         return np.zeros((len(observations), 2))
-    moved = np.cross(turn, observations.bearings) * _STEP_S
-    velocity = (camera.project(observations.bearings + moved) - camera.project(observations.bearings - moved)) / (
-        2 * _STEP_S
-    )
-    return np.asarray(velocity * readout_places(camera, observations.pixels)[:, None])
+    flow = image_flow(camera, observations.bearings, np.cross(turn, observations.bearings))
+    return np.asarray(flow * readout_places(camera, observations.pixels)[:, None])
+
+
+def image_flow(camera: Camera, rays: Floats, rays_per_s: Floats) -> Floats:
+    """How pixels move where their rays move.
+
+    Parameters
+    ----------
+    camera : Camera
+    rays : (N, 3) float
+        Unit rays.
+    rays_per_s : (N, 3) float
+        Their derivatives by the time.
+
+    Returns
+    -------
+    (N, 2) float
+        In px/s; NaN where the lens does not see the ray.
+    """
+    step = rays_per_s * _STEP_S
+    return np.asarray((camera.project(rays + step) - camera.project(rays - step)) / (2 * _STEP_S))
 
 
 def corrected_pixels(camera: Camera, observations: Observations) -> Floats:
@@ -97,6 +114,7 @@ class RollingShutter:
         self._camera = camera
         self.readout_s = camera.readout_s or 0.0
         self._off = camera.readout_s == 0.0
+        self._newest: int | None = None
         self._steps: list[_Step] = []
 
     def take(self, history: History, frame: int) -> Observations:
@@ -119,7 +137,8 @@ class RollingShutter:
         # Frames that got more tracks have raw rays again.
         self._correct_all(history)
         current = history[frame]
-        previous = self._previous(history, frame)
+        previous = history[self._newest] if self._newest is not None and self._newest in history else None
+        self._newest = frame
         step = None if previous is None else self._step(previous, current)
         self._steps = [] if step is None else [*self._steps[-1:], step]
         if step is None or previous is None:
@@ -138,9 +157,6 @@ class RollingShutter:
             if one in history:
                 history.put(self._corrected(history[one], turn_rad_s))
         return history[frame]
-
-    def _previous(self, history: History, frame: int) -> Observations | None:
-        return max((one for one in history if one.frame < frame), key=lambda one: one.frame, default=None)
 
     def _step(self, previous: Observations, current: Observations) -> _Step | None:
         """The turning between two frames; None where they are far apart in time, or share too few tracks."""

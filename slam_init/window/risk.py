@@ -45,7 +45,7 @@ from slam_init.window.uncertainty import (
     rotation_covariance,
 )
 
-__all__ = ["WindowRisk", "risk_of"]
+__all__ = ["MERE_ROTATION", "WindowRisk", "risk_of"]
 
 #: A rotation and a direction are wrong from here on.
 _WRONG_ROTATION_DEG, _WRONG_DIRECTION_DEG = 5.0, 15.0
@@ -67,8 +67,8 @@ _GAIN_DISPERSION = 4.0
 #: Before a camera that only rotates, a moving body looks like a near object before points at infinity. So the rest of
 #: the tracks has to show a translation without the tracks that gain most: bodies that hold this share of them.
 _ON_BODIES = 0.5
-#: The camera merely rotates where chance exceeds the gain more often than not.
-_MERE_ROTATION = 0.5
+#: The camera merely rotates where chance exceeds the gain over the rotation-only camera more often than not.
+MERE_ROTATION = 0.5
 #: Mean gain of a track, in chi-square, where there is no translation: its direction is chosen to suit the tracks, and
 #: outliers gain more than noise (32 drawn windows).
 _CHANCE_GAIN = 0.9
@@ -165,7 +165,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     ]
     rival = min(1.0, _LOOKS * sum(odds))
     gain, rotation, readout = _rotation_probability(hypotheses, expanded)
-    if rotation <= _MERE_ROTATION:
+    if rotation <= MERE_ROTATION:
         readout = readout_estimate(best.fit, expanded.linearization, expanded.marginal)
     rotation = max(rotation, _bodies_probability(hypotheses))
     total = min(1.0, direction + rival + rotation + _FLOOR)

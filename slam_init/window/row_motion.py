@@ -15,15 +15,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam_init.frontend.rolling_shutter import readout_places
+from slam_init.frontend.rolling_shutter import image_flow, readout_places
 from slam_init.types.arrays import Floats
 from slam_init.window.state import WindowState
 from slam_init.window.tracks import WindowTracks
 
 __all__ = ["with_translation"]
-
-#: Half of the step of a numerical derivative, see :mod:`slam_init.frontend.rolling_shutter`.
-_STEP_S = 1e-4
 
 
 def with_translation(tracks: WindowTracks, state: WindowState) -> WindowTracks:
@@ -58,8 +55,7 @@ def with_translation(tracks: WindowTracks, state: WindowState) -> WindowTracks:
         d, rho = rays[known], inverse[known, None]
         moved = -rho * (state.R[k] @ velocity[k])
         aligned = np.linalg.solve(len(d) * np.eye(3) - d.T @ d, np.cross(d, moved).sum(axis=0))
-        moved = (moved - np.cross(aligned, d)) * _STEP_S
-        flow = (tracks.camera.project(d + moved) - tracks.camera.project(d - moved)) / (2 * _STEP_S)
+        flow = image_flow(tracks.camera, d, moved - np.cross(aligned, d))
         places = readout_places(tracks.camera, tracks.pixels[k, known])
         added[k, known] = np.nan_to_num(flow) * places[:, None]
     # The pixels were corrected for the turning alone.

@@ -48,8 +48,8 @@ __all__ = [
 #: errors of the lens and of the shutter extend over a quarter of the image.
 _SCORE_REGIONS = (4, 3)
 #: Factor on the standard deviation of a readout: the turning of the frames has errors too, most of all that of the
-#: newest one, and they do not average out over the tracks. In 16 drawn windows of a hand-held camera the errors were
-#: 2.7 times (root mean square) what the tracks alone say.
+#: newest one, and they do not average out over the tracks. It was chosen on seeds below 100. With it, two standard
+#: deviations hold the truth in 96 % of 72 drawn windows of a hand-held camera (seeds from 260 000).
 _TURNING_FACTOR = 2.5
 #: An estimated readout is told from none at this number of its standard deviations.
 _TOLD_READOUT_SIGMAS = 3.0
