@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sequences_synth.camera import PinholeCamera, stated_camera
 from sequences_synth.hand_motion import Handling
+from sequences_synth.limits import EFFECT_LIMITS, check_options
 from sequences_synth.noise import expose
 from sequences_synth.scene import SCENES, Motions, World, build_world
 from sequences_synth.schedule import Schedule
 from sequences_synth.sensor import Sensor
-from sequences_synth.shutter import READOUT_DIRECTIONS, Shutter
+from sequences_synth.shutter import Shutter
 
 __all__ = ["SynthOptions", "SynthSequence", "make_sequence"]
 
@@ -32,6 +33,13 @@ _FOCAL_BY_WIDTH = 525.0 / 640.0
 _HANDLING_S = 10.0
 # Lamps flicker at twice the frequency of the mains, 50 or 60 Hz.
 _LAMPS_HZ = (100.0, 120.0)
+
+
+_LIMITS = EFFECT_LIMITS | {
+    "frames": (1, 100_000), "width": (64, 4096), "height": (64, 4096), "noise": (0, 100), "motion_blur": (0, 1),
+    "exposure_change": (0, 0.9), "moving_objects": (0, 0.8), "slow_start": (0, 100_000), "moving": (0, 0.8),
+    "bodies": (1, 20), "flicker": (0, 0.9), "fade": (0, 100_000), "cut": (0, 100_000),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -138,25 +146,7 @@ class SynthOptions:
     cut: int = 0
 
     def __post_init__(self) -> None:
-        # Beyond the limits of k1, the lens would not be invertible within the image.
-        limits: dict[str, tuple[float, float]] = {
-            "frames": (1, 100_000), "width": (64, 4096), "height": (64, 4096), "fps": (1e-3, 1e4), "noise":
-            (0, 100), "motion_blur": (0, 1), "exposure_change": (0, 0.9), "focal_error": (-0.9, 10),
-            "moving_objects": (0, 0.8), "slow_start": (0, 100_000), "readout_ms": (0, 1e6), "exposure_ms": (0, 1e6),
-            "turning_deg_s": (0, 1000), "speed": (0, 100), "moving": (0, 0.8), "bodies": (1, 20), "body_turn_deg_s":
-            (0, 1000), "principal_error": (0, 0.5), "k1": (-0.2, 1), "flicker": (0, 0.9), "fade": (0, 100_000),
-            "stabilized": (0, 1), "dropped": (0, 0.9), "repeated": (0, 0.9), "cut": (0, 100_000),
-        }  # fmt: skip
-        for name in (f.name for f in fields(self) if f.name in limits):
-            value, (low, high) = getattr(self, name), limits[name]
-            if not (math.isfinite(value) and low <= value <= high):
-                raise ValueError(f"{name} is {value!r}: it must lie between {low} and {high}")
-        if self.readout_direction not in READOUT_DIRECTIONS:
-            known = ", ".join(READOUT_DIRECTIONS)
-            raise ValueError(f"readout_direction is {self.readout_direction!r}: use one of {known}")
-        for name, value in (("readout_ms", self.readout_ms), ("exposure_ms", self.exposure_ms)):
-            if value > 1000 / self.fps:
-                raise ValueError(f"{name} is {value}: it must not exceed the frame interval, {1000 / self.fps:g} ms")
+        check_options(self, _LIMITS)
         if self.cut >= self.frames:
             raise ValueError(f"cut is {self.cut}: it must be less than the number of frames, {self.frames}")
 
