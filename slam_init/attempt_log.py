@@ -15,7 +15,7 @@ from slam_init.types.initial_map import InitialMap
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
-__all__ = ["ATTEMPTS_KEPT", "AttemptLog", "focal_notes", "reported_focal_factor"]
+__all__ = ["ATTEMPTS_KEPT", "AttemptLog", "focal_notes", "reported_distortion", "reported_focal_factor"]
 
 _LOG = logging.getLogger("slam_init")
 _LOG.addHandler(logging.NullHandler())
@@ -139,6 +139,12 @@ class AttemptLog:
                 f"the matches look like those of a camera that only rotated, with a focal length {factor:.2f} times "
                 "the stated one: check the calibration"
             )
+        k1 = reported_distortion(self._kept)
+        if k1 is not None:
+            notes.append(
+                f"the lens bends the image by a radial distortion k1 of {k1:+.2f} beyond the stated one: calibrate the "
+                "camera, and give its distortion"
+            )
         if len(self) > len(self._kept):
             notes.append(f"{len(self)} attempts were made; the last {len(self._kept)} are listed")
         return tuple(notes)
@@ -168,6 +174,28 @@ def reported_focal_factor(attempts: Iterable[Attempt]) -> float | None:
     first, second = np.triu_indices(len(factors), 1)
     alike = np.median(np.abs(np.array(factors)[first] - np.array(factors)[second])) < _ALIKE
     return factor if alike else None
+
+
+def reported_distortion(attempts: Iterable[Attempt]) -> float | None:
+    """Return the radial distortion that the calibration lacks by most of the last windows.
+
+    Parameters
+    ----------
+    attempts : iterable of Attempt
+        The attempts of a run.
+
+    Returns
+    -------
+    float or None
+        To be added to the first coefficient; None if the stated distortion is not suspected. At least two windows, and
+        more than half of the later half of all windows, have to suspect it: early ones see too little motion.
+    """
+    windows = [a.window for a in attempts if a.window is not None]
+    later = windows[len(windows) // 2 :]
+    suspected = [window.suspected_distortion for window in later if window.suspected_distortion is not None]
+    if len(suspected) < min(_LEAST_SUSPICIONS, len(windows)) or 2 * len(suspected) <= len(later):
+        return None
+    return float(np.median(suspected))
 
 
 def focal_notes(map_: InitialMap | None, config: MapConfig) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from slam_init.errors import SlamInitError
 from slam_init.output.plain_json import plain
 from slam_init.types.comparison import Margin
 from slam_init.window.risk import WindowRisk
-from slam_init.window.uncertainty import ReadoutEstimate
+from slam_init.window.uncertainty import CameraEstimate, DistortionEstimate, ReadoutEstimate
 
 __all__ = ["DIRECTION_DEG", "ROTATION_DEG", "Accuracy", "Window", "read_log", "write_log"]
 
@@ -136,15 +136,17 @@ def _window(record: Mapping[str, Any]) -> Window:
     if risk is not None:
         margin = risk["margin"]
         of_views = tuple(math.nan if one is None else float(one) for one in risk["direction_of_views"])
-        no_numbers = ("margin", "direction_of_views", "readout")
+        no_numbers = ("margin", "direction_of_views", "camera")
         others = _numbers({key: value for key, value in risk.items() if key not in no_numbers})
         margin = None if margin is None else Margin(**_numbers(margin))
-        readout = None
-        if risk.get("readout") is not None:
-            readout = ReadoutEstimate(**risk["readout"])
-        risk = WindowRisk(**others, margin=margin, direction_of_views=of_views, readout=readout)
+        risk = WindowRisk(**others, margin=margin, direction_of_views=of_views, camera=_camera(risk["camera"]))
     known = {name: record[name] for name in (one.name for one in fields(Window)) if name not in ("risk", "accuracy")}
     return Window(**known, risk=risk, accuracy=Accuracy(**accuracy))
+
+
+def _camera(record: Mapping[str, Any]) -> CameraEstimate:
+    readout = None if record["readout"] is None else ReadoutEstimate(**record["readout"])
+    return CameraEstimate(DistortionEstimate(**record["distortion"]), readout)
 
 
 def _numbers(record: Mapping[str, Any]) -> dict[str, Any]:

@@ -83,6 +83,8 @@ class TrialRow:
     suspected_focal_factor : float or None
         Some attempts estimate that the focal length is wrong. The value is the median of their estimates, divided by
         the stated focal length.
+    reported_distortion : float or None
+        Radial distortion that the notes of the run say the calibration lacks.
     reported_focal_factor : float or None
         The same figure as the result reports it to the user, which takes several attempts that agree.
     frame_median_ms, frame_p95_ms : float or None
@@ -135,6 +137,7 @@ class TrialRow:
     kept_truth: bool | None = None
     suspected_focal_factor: float | None = None
     reported_focal_factor: float | None = None
+    reported_distortion: float | None = None
     frame_median_ms: float | None = None
     frame_p95_ms: float | None = None
     attempt_median_ms: float | None = None

@@ -23,8 +23,8 @@ NUMBERS = (
     "start", "frames_to_accept", "frames_limit", "seconds_to_accept", "rotation_error_deg", "direction_error_deg",
     "ate", "rotation_error_before_deg", "direction_error_before_deg", "ate_before", "survival", "depth_error",
     "depth_order_error", "landmarks", "frame_median_ms", "frame_p95_ms", "attempt_median_ms", "trial_ms",
-    "peak_memory_mb", "suspected_focal_factor", "reported_focal_factor", "risk", "rotation_sigma_deg",
-    "direction_sigma_deg", "pair_rotation_error_deg", "pair_direction_error_deg",
+    "peak_memory_mb", "suspected_focal_factor", "reported_focal_factor", "reported_distortion", "risk",
+    "rotation_sigma_deg", "direction_sigma_deg", "pair_rotation_error_deg", "pair_direction_error_deg",
 )  # fmt: skip
 #: Trials that are counted together, and the heading of each part. Images and tracks without images (points) are counted
 #: separately. So are the trials in which the camera does not translate (static or rotation-only), because no map can be

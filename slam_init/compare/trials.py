@@ -14,7 +14,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from slam_init.attempt_log import reported_focal_factor
+from slam_init.attempt_log import reported_distortion, reported_focal_factor
 from slam_init.compare.judging import Criteria, Truth
 from slam_init.compare.measures import depth_errors, is_correct, is_strict, pose_errors, survival
 from slam_init.compare.replay import Step, replay
@@ -259,6 +259,7 @@ def result_row(
         strict=False,
         suspected_focal_factor=_rounded(_suspected_focal_factor(result)),
         reported_focal_factor=_rounded(reported_focal_factor(result.attempts)),
+        reported_distortion=_rounded(reported_distortion(result.attempts)),
     )
     if result.map is None:
         return replace(

@@ -55,6 +55,9 @@ __all__ = ["WINDOW_PRIORS", "WindowRule"]
 
 #: What is known of the camera before the fit: calibrations are better than two per cent, data sheets are worse.
 WINDOW_PRIORS = Priors(focal_sigma=0.02)
+#: Standard deviation of the first coefficient of the radial distortion. A calibration that states a distortion knows it
+#: to a hundredth. Without one, most images are rectified or those of a good lens; phones and wide angles have up to 0.3.
+_STATED_K1_SIGMA, _UNSTATED_K1_SIGMA = 0.01, 0.05
 #: Standard deviation of an unknown readout about none: global shutters have none, and rolling ones take up to the time
 #: between two frames of a video, which is two standard deviations.
 _READOUT_SIGMA_S = 1 / 60
@@ -112,7 +115,8 @@ class WindowRule:
         self._third_view = third_view
         self._estimate = propose or pose_at_fitting_threshold
         readout_sigma_s = _READOUT_SIGMA_S if camera.readout_s is None else 0.0
-        self._priors = replace(WINDOW_PRIORS, readout_sigma_s=readout_sigma_s)
+        k1_sigma = _STATED_K1_SIGMA if camera.is_distorted else _UNSTATED_K1_SIGMA
+        self._priors = replace(WINDOW_PRIORS, readout_sigma_s=readout_sigma_s, k1_sigma=k1_sigma)
         self._live = LiveHypotheses(camera, self._priors, config.map.min_noise_px)
         self._threshold_rad = config.two_view.threshold_px / camera.focal_px
         self._reference: int | None = None
@@ -243,7 +247,8 @@ class WindowRule:
 
     def _with_readout(self, pair: MatchedPair, risk: WindowRisk) -> MatchedPair:
         """Correct the rays of the history for the readout that the window found; return the pair with these rays."""
-        if risk.readout is None or not self._shutter.adopt(self._history, risk.readout.told_seconds):
+        readout = risk.camera.readout
+        if readout is None or not self._shutter.adopt(self._history, readout.told_seconds):
             return pair
         return match_pair(self._history, pair.preview, self._history[pair.current.frame])
 
@@ -363,7 +368,8 @@ def _moved_frames(bundle: BundleSolution | BundleFailure, motion: FittedMotion) 
 
 def _evidence(hypotheses: WindowHypotheses, risk: WindowRisk, camera: Camera) -> WindowEvidence:
     best = hypotheses.motions[0]
-    rolling = None if risk.readout is None else camera.with_readout(risk.readout.seconds)
+    distortion, readout = risk.camera.distortion, risk.camera.readout
+    rolling = None if readout is None else camera.with_readout(readout.seconds)
     return WindowEvidence(
         views=len(best.rows),
         hypotheses=len(hypotheses.motions),
@@ -372,6 +378,7 @@ def _evidence(hypotheses: WindowHypotheses, risk: WindowRisk, camera: Camera) ->
         risk_direction=risk.direction,
         risk_rival=risk.rival,
         risk_rotation=risk.rotation,
+        risk_moving=risk.moving,
         risk_floor=risk.floor,
         direction_sigma_deg=risk.direction_sigma_deg,
         rotation_sigma_deg=risk.rotation_sigma_deg,
@@ -382,7 +389,10 @@ def _evidence(hypotheses: WindowHypotheses, risk: WindowRisk, camera: Camera) ->
         focal_factor=float(np.exp(best.fit.state.log_scale)),
         readout_ms=None if rolling is None else rolling.readout_ms,
         readout_direction=None if rolling is None else rolling.readout_direction,
-        readout_sigma_ms=None if risk.readout is None else 1e3 * risk.readout.sigma_s,
+        readout_sigma_ms=None if readout is None else 1e3 * readout.sigma_s,
+        distortion_k1=distortion.k1,
+        distortion_sigma=distortion.sigma,
+        suspected_distortion=distortion.suspected,
     )
 
 
@@ -412,8 +422,11 @@ def _reason(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> 
     unlikely = max_risk if hypotheses.planar and risk.rival >= risk.direction else _INSIGNIFICANT
     if risk.rotation > unlikely or risk.rotation >= max(risk.rival, risk.direction):
         return Verdict.PURE_ROTATION, None
+    if risk.moving >= max(risk.rival, risk.direction_if_rigid):
+        return Verdict.MOVING_BODIES, None
     if risk.rival >= risk.direction:
         if hypotheses.planar:
             return Verdict.AMBIGUOUS_PLANE, None
         return Verdict.LOW_PARALLAX, "two motions explain the tracks: translate further, best sideways"
-    return Verdict.LOW_PARALLAX, None
+    # A rigid scene with these tracks would be known well enough.
+    return (Verdict.LOW_PARALLAX if risk.direction_if_rigid > max_risk else Verdict.MOVING_BODIES), None

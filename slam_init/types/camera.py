@@ -187,6 +187,25 @@ class Camera(Described):
         direction = next(name for name, vector in _READOUT_DIRECTIONS.items() if vector == axis)
         return replace(self, readout_ms=1e3 * abs(seconds), readout_direction=direction)
 
+    def bent(self, k1: float) -> Camera:
+        """The same camera with more radial distortion.
+
+        Parameters
+        ----------
+        k1 : float
+            Added to the first coefficient of the radial distortion.
+
+        Returns
+        -------
+        Camera
+        """
+        if k1 == 0.0:
+            return self
+        if self.model == "pinhole":
+            return replace(self, model="radtan", distortion=(k1, 0.0, 0.0, 0.0))
+        first, *others = self.distortion or (0.0, 0.0, 0.0, 0.0)
+        return replace(self, distortion=(first + k1, *others))
+
     @property
     def is_distorted(self) -> bool:
         """True if raw pixels differ from those of a pinhole camera."""

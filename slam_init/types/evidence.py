@@ -111,10 +111,10 @@ class WindowEvidence:
     planar : bool
         Whether the points were held on a plane.
     risk : float
-        Probability that the map is wrong; the sum of the four terms below.
-    risk_direction, risk_rival, risk_rotation, risk_floor : float
-        By the uncertainty of direction and rotation, by another motion, by a camera that only rotates, and by what is
-        not modelled.
+        Probability that the map is wrong; the sum of the five terms below.
+    risk_direction, risk_rival, risk_rotation, risk_moving, risk_floor : float
+        By the uncertainty of direction and rotation, by another motion, by a camera that only rotates, by tracks with a
+        rigid motion of their own, and by what is not modelled.
     direction_sigma_deg, rotation_sigma_deg : float
         Largest standard deviations of the direction of the baseline and of the rotation of the pair.
     depth_sigma : float
@@ -134,6 +134,11 @@ class WindowEvidence:
         ``down``, ``up``, ``right`` or ``left``.
     readout_sigma_ms : float or None
         Standard deviation of the estimate.
+    distortion_k1, distortion_sigma : float
+        What the fit adds to the first coefficient of the radial distortion of the stated camera, and its standard
+        deviation.
+    suspected_distortion : float or None
+        ``distortion_k1`` where the stated distortion is suspected to be wrong, else None.
     """
 
     views: int
@@ -143,6 +148,7 @@ class WindowEvidence:
     risk_direction: float
     risk_rival: float
     risk_rotation: float
+    risk_moving: float
     risk_floor: float
     direction_sigma_deg: float
     rotation_sigma_deg: float
@@ -154,6 +160,9 @@ class WindowEvidence:
     readout_ms: float | None = None
     readout_direction: str | None = None
     readout_sigma_ms: float | None = None
+    distortion_k1: float = 0.0
+    distortion_sigma: float = 0.0
+    suspected_distortion: float | None = None
 
 
 @dataclass(frozen=True)

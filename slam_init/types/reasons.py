@@ -44,6 +44,10 @@ class Verdict(StrEnum):
         "no_consistent_motion",
         "no rigid motion explains enough matches: moving objects, or a wrong calibration",
     )
+    MOVING_BODIES = (
+        "moving_bodies",
+        "a part of the view moves on its own, or the camera model is wrong there: look at more of the scene at rest",
+    )
     AMBIGUOUS_PLANE = (
         "ambiguous_plane",
         "the scene is flat and two motions explain it: move in a curve, or show something off the plane",

@@ -39,8 +39,8 @@ class WindowEquations:
     rotation_only : bool
     costs : (T,) float
         Cost of each track at the last state, with the cost of leaving the plane.
-    squares : (V, T) float
-        Squared residual of each observation in units of the noise, at the last state.
+    residuals : (V, T, 2) float
+        Of each observation in units of the noise, at the last state; infinite behind a camera.
     across : (T,) float
         Chance across the epipolar lines, see :func:`slam_init.window.kernels.accumulate`.
     gradient : (G,) float
@@ -52,7 +52,8 @@ class WindowEquations:
     free : (T,) bool
         Tracks whose inverse distance is an unknown.
     focal : int
-        Place of the focal length among the common unknowns. The readout follows it, where it is unknown.
+        Place of the focal length among the common unknowns. The distortion follows it, then the readout where it is
+        unknown.
     held_view : int
         View whose baseline is held.
     """
@@ -67,14 +68,25 @@ class WindowEquations:
         self._block = 6 + self._field_size
         self.focal = self._block * (views - 1) + self._field_size
         self._readout_size = 1 if priors.readout_sigma_s > 0 else 0
-        size = self.focal + 1 + self._readout_size + (3 if self._has_plane else 0)
+        size = self.focal + 2 + self._readout_size + (3 if self._has_plane else 0)
         self._normal, self.gradient, self.shares = np.zeros((size, size)), np.zeros(size), np.zeros((count, size))
         self.back, self.costs = np.zeros((count, 3, 4 + size)), np.zeros(count)
-        self.squares, self.across = np.zeros((views, count)), np.zeros(count)
+        self.residuals, self.across = np.zeros((views, count, 2)), np.zeros(count)
         firsts = self._field_size + self._block * np.arange(views - 1)
         self._pose_columns = firsts[:, None] + np.arange(6)
         self.held_view = int(np.argmax(np.linalg.norm(start.t, axis=1)))
         self.free = np.ones(count, bool)
+
+    @property
+    def squares(self) -> Floats:
+        """Squared residual of each observation in units of the noise, at the last state.
+
+        Returns
+        -------
+        (V, T) float
+            Infinite behind a camera.
+        """
+        return np.asarray(np.einsum("vtq,vtq->vt", self.residuals, self.residuals))
 
     def cost(self, state: WindowState) -> float:
         """Cost of a state: twice the negative logarithm of its posterior density, up to a constant.
@@ -183,7 +195,7 @@ class WindowEquations:
         free = self.free & ~state.on_plane
         inverse = np.maximum(state.inverse_distances + np.where(free, local[:, 2], 0.0), 0.0)
         plane = None if state.plane is None else state.plane + step[-3:]
-        readout_s = state.readout_s + (float(step[self.focal + 1]) if self._readout_size else 0.0)
+        readout_s = state.readout_s + (float(step[self.focal + 2]) if self._readout_size else 0.0)
         return replace(
             state,
             R=R,
@@ -191,6 +203,7 @@ class WindowEquations:
             rays=rays,
             inverse_distances=inverse,
             log_scale=state.log_scale + float(step[self.focal]),
+            k1=state.k1 + float(step[self.focal + 1]),
             readout_s=readout_s,
             field=field,
             plane=plane,
@@ -201,25 +214,27 @@ class WindowEquations:
         plane = np.zeros(3) if state.plane is None else state.plane
         readout_s = state.readout_s - tracks.readout_s
         cost = accumulate(
-            self._camera, state.R, state.t, state.log_scale, plane, state.on_plane, state.field, self._field_size,
-            readout_s, self._readout_size, tracks.sweep_px_s, tracks.pixels, tracks.sigma_px, tracks.places,
-            tracks.seen, tracks.anchor, state.rays, state.inverse_distances, self.free, priors.gate_sigmas**2,
-            self._normal, self.shares, self.back, self.costs, self.squares, self.across, fill,
+            self._camera, state.R, state.t, state.log_scale, state.k1, plane, state.on_plane, state.field,
+            self._field_size, readout_s, self._readout_size, tracks.sweep_px_s, tracks.pixels, tracks.sigma_px,
+            tracks.places, tracks.seen, tracks.anchor, state.rays, state.inverse_distances, self.free,
+            priors.gate_sigmas**2, self._normal, self.shares, self.back, self.costs, self.residuals, self.across, fill,
         )  # fmt: skip
         if self._has_plane:
             off = ~state.on_plane & (tracks.anchor >= 0)
             self.costs[off] += OFF_PLANE_COST
             cost += OFF_PLANE_COST * float(off.sum())
-        cost += (state.log_scale / priors.focal_sigma) ** 2
+        cost += (state.log_scale / priors.focal_sigma) ** 2 + (state.k1 / priors.k1_sigma) ** 2
         if fill:
             self.gradient[:] = eliminate(self._normal, self.shares, self.back)
             self._normal[self.focal, self.focal] += 1 / priors.focal_sigma**2
             self.gradient[self.focal] += state.log_scale / priors.focal_sigma**2
+            self._normal[self.focal + 1, self.focal + 1] += 1 / priors.k1_sigma**2
+            self.gradient[self.focal + 1] += state.k1 / priors.k1_sigma**2
         if self._readout_size:
             cost += (state.readout_s / priors.readout_sigma_s) ** 2
             if fill:
-                self._normal[self.focal + 1, self.focal + 1] += 1 / priors.readout_sigma_s**2
-                self.gradient[self.focal + 1] += state.readout_s / priors.readout_sigma_s**2
+                self._normal[self.focal + 2, self.focal + 2] += 1 / priors.readout_sigma_s**2
+                self.gradient[self.focal + 2] += state.readout_s / priors.readout_sigma_s**2
         if self._field_size:
             cost += float(np.sum(state.field**2)) / priors.field_sigma_px**2
             for k in range(self._views if fill else 0):

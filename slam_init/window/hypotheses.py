@@ -45,6 +45,8 @@ _NOISE_TOLERANCE, _NOISE_ROUNDS = 0.07, 2
 #: 4.5 nats (odds of one to a hundred). So a fifth costs 8 nats, where the prior of right ones would charge 40, and a
 #: translation would be the cheaper explanation. Half as long again costs 21: level flight looks like such a rotation.
 _WRONG_FOCAL, _WRONG_FOCAL_COST = 0.07, 9.0
+#: The same for a distortion that the calibration lacks: lenses of phones and wide angles have a k1 of up to 0.3.
+_WRONG_K1 = 0.15
 #: A start whose residuals are this many times the noise is far from the answer.
 _FAR_FACTOR = 1.5
 
@@ -176,7 +178,8 @@ def fit_hypotheses(
     WindowHypotheses or None
         None where no motion locates reference and current.
     """
-    bearings = tracks.bearings(0.0, motions[0].readout_s if motions else tracks.readout_s)
+    first = motions[0] if motions else Motion({}, readout_s=tracks.readout_s)
+    bearings = tracks.bearings(0.0, first.readout_s, first.k1)
     bearings[~tracks.seen] = np.nan
     rotations = align_views(bearings, motions, tracks.frames[:2])
     poses: list[Motion] = []
@@ -238,7 +241,7 @@ def _fit_rotation(tracks: WindowTracks, rotations: Floats, priors: Priors) -> tu
     # The translation has no effect on points at infinity; its length only has to differ from zero.
     t = np.outer(np.arange(len(rotations)), [1e-9, 0.0, 0.0])
     start = start_at(tracks, rotations, t, readout_s=tracks.readout_s, at_infinity=True)
-    any_focal = replace(priors, focal_sigma=_WRONG_FOCAL)
+    any_focal = replace(priors, focal_sigma=_WRONG_FOCAL, k1_sigma=_WRONG_K1)
     # A wrong focal length moves the tracks by many times their noise, so the fit starts with a noise that allows it.
     factor = start_noise_factor(tracks, start, any_focal, rotation_only=True)
     for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():

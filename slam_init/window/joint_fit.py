@@ -60,6 +60,8 @@ class JointFit:
         How much the cost of a track falls by chance where its point may move in one direction, at least 1: 1 for errors
         that are independent from view to view, more for a tracker that keeps its errors. It is measured across the
         epipolar lines, where a rigid scene does not move.
+    residuals : (V, T, 2) float
+        Of each observation in units of the noise; infinite behind a camera.
     explained, near_misses : int
         Number of tracks that the fit explains, and of those that it does not although they stay near their projections.
     """
@@ -72,6 +74,7 @@ class JointFit:
     held_view: int
     noise_factor: float
     dispersion: float
+    residuals: Floats
     explained: int
     near_misses: int
 
@@ -162,9 +165,7 @@ def costs_off_plane(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floa
     """
     state = fit.state
     equations = WindowEquations(tracks, state, priors)
-    return _costs_off_plane(
-        equations, state, start_at(tracks, state.R, state.t, log_scale=state.log_scale, readout_s=state.readout_s)
-    )
+    return _costs_off_plane(equations, state, _measured(tracks, state))
 
 
 def information_of_relief(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:
@@ -233,6 +234,7 @@ def _optimized(equations: WindowEquations, state: WindowState, max_steps: int, t
         equations.held_view,
         _noise_factor(equations, state),
         _dispersion(equations, state),
+        equations.residuals.copy(),
         *_explained_and_near(equations, state),
     )
 
@@ -246,15 +248,15 @@ def _noise_factor(equations: WindowEquations, state: WindowState) -> float:
     """The noise by the residuals over the assumed noise; residuals beyond three deviations are outliers."""
     used = equations.tracks.seen & (equations.tracks.anchor >= 0)
     poses = 6 * (len(used) - 1)
-    factor2 = 1.0
+    squares, factor2 = equations.squares, 1.0
     for _ in range(_NOISE_ROUNDS):
-        inside = used & (equations.squares < 9.0 * factor2)
+        inside = used & (squares < 9.0 * factor2)
         observations, counts = float(inside.sum()), inside.sum(axis=0)
         free = (counts >= 2) & ~state.on_plane & equations.free
         freedom = 2 * observations - 2 * float((counts >= 1).sum()) - float(free.sum()) - poses
         if freedom < 0.1 * observations:
             return 1.0
-        factor2 = float(equations.squares[inside].sum()) / (freedom * _INSIDE_THREE_SIGMAS)
+        factor2 = float(squares[inside].sum()) / (freedom * _INSIDE_THREE_SIGMAS)
     return float(np.sqrt(factor2))
 
 
@@ -270,9 +272,14 @@ def _reassigned(equations: WindowEquations, state: WindowState) -> WindowState:
     """The tracks on the plane and those off it, by their costs at the poses of a state."""
     equations.cost(replace(state, on_plane=np.ones(len(state.rays), bool)))
     on = equations.costs.copy()
-    measured = start_at(equations.tracks, state.R, state.t, log_scale=state.log_scale, readout_s=state.readout_s)
+    measured = _measured(equations.tracks, state)
     off = _costs_off_plane(equations, state, measured) + OFF_PLANE_COST
     return replace(state, on_plane=on <= off, inverse_distances=measured.inverse_distances)
+
+
+def _measured(tracks: WindowTracks, state: WindowState) -> WindowState:
+    """The same poses and camera, with the rays as measured and a distance for each."""
+    return start_at(tracks, state.R, state.t, log_scale=state.log_scale, k1=state.k1, readout_s=state.readout_s)
 
 
 def _costs_off_plane(equations: WindowEquations, state: WindowState, measured: WindowState) -> Floats:

@@ -8,7 +8,7 @@ k ::
 
 and the residual in units of the noise is, with the projection pi of the lens and a measured pixel x ::
 
-    e = (pi(P; focal scale) + S r - x) / sigma + F(x) c_k
+    e = (pi(P; focal scale, k1) + S r - x) / sigma + F(x) c_k
 
 ``F(x) c_k`` is the smooth error field of view k: six polynomials of the image coordinates for each component, with
 coefficients c_k. View 0 is a measurement like any other, so its rays have residuals too.
@@ -25,8 +25,8 @@ the squared outlier gate. Near 0 it is e^2, and 95 % of the information of Gauss
 standard deviations; the kernel of Geman and McClure with the same cost of an outlier keeps 57 %. Each track
 adds two or three unknowns of its own: two of its ray, and rho. :func:`eliminate` takes them out (Schur complement), so
 that a step solves for the views, the camera and the plane only. The order of the unknowns is: field of view 0; pose
-(rotation vector, translation) and field of views 1, 2, ...; logarithm of the focal scale; readout, where it is unknown;
-plane.
+(rotation vector, translation) and field of views 1, 2, ...; logarithm of the focal scale; k1, which is added to the
+first coefficient of the radial distortion; readout, where it is unknown; plane.
 """
 
 from __future__ import annotations
@@ -38,10 +38,13 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.compiler import compiled
 from slam_init.window.projection import project_point
 
-__all__ = ["FIELD_TERMS", "accumulate", "eliminate"]
+__all__ = ["FIELD_TERMS", "TUKEY_GATES", "accumulate", "eliminate"]
 
 #: Coefficients of the error field of a view: 1, u, v, u^2, uv, v^2 for each component of the pixel.
 FIELD_TERMS = 12
+#: An observation whose square is this many squared gates has no influence. With 3 the cost of a small residual is its
+#: square.
+TUKEY_GATES = 3.0
 
 
 @compiled
@@ -211,6 +214,7 @@ def accumulate(
     R: Floats,
     t: Floats,
     log_scale: float,
+    k1: float,
     plane: Floats,
     on_plane: Bools,
     field: Floats,
@@ -231,7 +235,7 @@ def accumulate(
     shares: Floats,
     back: Floats,
     costs: Floats,
-    squares: Floats,
+    residuals: Floats,
     across: Floats,
     fill: bool,
 ) -> float:
@@ -245,6 +249,8 @@ def accumulate(
         cam_from_world; view 0 is held.
     log_scale : float
         Logarithm of the focal scale.
+    k1 : float
+        Added to the first coefficient of the radial distortion.
     plane : (3,) float
         ``plane . X = 1`` in the world.
     on_plane : (T,) bool
@@ -286,8 +292,8 @@ def accumulate(
         Receives what the steps of the tracks need: gradient, inverse and coupling.
     costs : (T,) float
         Receives the cost of each track.
-    squares : (V, T) float
-        Receives the squared residual of each observation in units of the noise; infinite behind a camera.
+    residuals : (V, T, 2) float
+        Receives the residual of each observation in units of the noise; infinite behind a camera.
     across : (T,) float
         Receives how much the cost of a track with a free distance would fall if its point moved across its epipolar
         lines, in proportion to what a distance moves it along them. A rigid scene does not move so: this is chance.
@@ -303,13 +309,14 @@ def accumulate(
     half = field_size // 2
     block = 6 + field_size
     focal = block * (V - 1) + field_size  # view 0 has a field and no pose
-    plane_first = focal + 1 + readout_size
+    plane_first = focal + 2 + readout_size
     G = shares.shape[1]
     if fill:
         normal[:], shares[:] = 0.0, 0.0
-    idx, Jg, Jl = np.empty(2 * block + 16, np.int64), np.zeros((2, 2 * block + 16)), np.zeros((2, 3))
+    idx, Jg, Jl = np.empty(2 * block + 17, np.int64), np.zeros((2, 2 * block + 17)), np.zeros((2, 3))
     A, b, W = np.zeros((3, 3)), np.zeros(3), np.zeros((3, G))
     D, DM, pixel, e = np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(2)
+    by_k1 = np.empty(2)
     by, v, Y, x = np.zeros(12), np.empty(3), np.empty(3), np.empty(3)
     total = 0.0
     for i in range(T):
@@ -334,17 +341,17 @@ def accumulate(
             for q in range(3):
                 x[q] = R[k, q, 0] * Y[0] + R[k, q, 1] * Y[1] + R[k, q, 2] * Y[2]
             P0, P1, P2 = x[0] + r * t[k, 0], x[1] + r * t[k, 1], x[2] + r * t[k, 2]
-            if behind or not project_point(camera, np.exp(log_scale), P0, P1, P2, pixel, D):
+            if behind or not project_point(camera, np.exp(log_scale), k1, P0, P1, P2, pixel, D, by_k1):
                 costs[i] += gate2
-                squares[k, i] = np.inf
+                residuals[k, i] = np.inf
                 continue
             for j in range(2):
                 e[j] = (pixel[j] + readout_s * sweep_px_s[k, i, j] - pixels[k, i, j]) / sigma_px[k, i]
                 for q in range(half):
                     e[j] += places[k, i, q] * field[k, j * half + q]
             r2 = e[0] * e[0] + e[1] * e[1]
-            squares[k, i] = r2
-            left = max(1.0 - r2 / (3.0 * gate2), 0.0)
+            residuals[k, i, 0], residuals[k, i, 1] = e[0], e[1]
+            left = max(1.0 - r2 / (TUKEY_GATES * gate2), 0.0)
             costs[i] += gate2 * (1.0 - left * left * left)
             if not fill:
                 continue
@@ -366,9 +373,11 @@ def accumulate(
             idx[n] = focal
             Jg[0, n] = (pixel[0] - camera[3]) / sigma_px[k, i]
             Jg[1, n] = (pixel[1] - camera[4]) / sigma_px[k, i]
-            n += 1
+            idx[n + 1] = focal + 1
+            Jg[0, n + 1], Jg[1, n + 1] = by_k1[0] / sigma_px[k, i], by_k1[1] / sigma_px[k, i]
+            n += 2
             if readout_size:
-                idx[n] = focal + 1
+                idx[n] = focal + 2
                 Jg[0, n] = sweep_px_s[k, i, 0] / sigma_px[k, i]
                 Jg[1, n] = sweep_px_s[k, i, 1] / sigma_px[k, i]
                 n += 1

@@ -31,8 +31,10 @@ class Linearization:
         Variance of the inverse distance of each track, if the unknowns that the tracks share were known.
     distance_coupling : (T, G) float
         How the inverse distance of each track follows the other unknowns.
+    k1_column : int
+        The radial distortion among the unknowns that are not coefficients of fields.
     readout_column : int or None
-        The readout among the unknowns that are not coefficients of fields; None where it is known.
+        The readout among them; None where it is known.
     """
 
     information: Floats
@@ -41,6 +43,7 @@ class Linearization:
     is_field: Bools
     distance_variance: Floats
     distance_coupling: Floats
+    k1_column: int
     readout_column: int | None
 
 
@@ -76,8 +79,9 @@ def linearize_with_fields(
     shares[held] += np.einsum("tpg,tp->tg", back[held, :, 4:], back[held, :, 3] * back[held, 2, :1])
     gradient = shares.sum(axis=0)
     gradient[equations.focal] += state.log_scale / priors.focal_sigma**2
+    gradient[equations.focal + 1] += state.k1 / priors.k1_sigma**2
     if priors.readout_sigma_s > 0:
-        gradient[equations.focal + 1] += state.readout_s / priors.readout_sigma_s**2
+        gradient[equations.focal + 2] += state.readout_s / priors.readout_sigma_s**2
     variance = back[:, 2, 3].copy()
     coupling = -np.einsum("tq,tqg->tg", back[:, 2, 1:4], back[:, :, 4:])
     if state.plane is not None:
@@ -91,7 +95,6 @@ def linearize_with_fields(
         coupling[on_plane, -3:] += state.rays[on_plane]
     information = equations.information(state)
     is_field = equations.columns_of_fields()
-    readout = None
-    if priors.readout_sigma_s > 0:
-        readout = int((~is_field)[: equations.focal + 1].sum())
-    return Linearization(information, gradient, shares, is_field, variance, coupling, readout)
+    k1 = int((~is_field)[: equations.focal + 1].sum())
+    readout = k1 + 1 if priors.readout_sigma_s > 0 else None
+    return Linearization(information, gradient, shares, is_field, variance, coupling, k1, readout)

@@ -91,6 +91,7 @@ def locate_views(tracks: WindowTracks, motion: Motion, bearings: Floats, rotatio
         plane,
         motion.log_scale,
         motion.readout_s,
+        motion.k1,
     )
 
 

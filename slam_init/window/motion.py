@@ -12,7 +12,7 @@ from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
 from slam_init.window.row_motion import with_translation
-from slam_init.window.state import Priors, start_at
+from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
 __all__ = ["FittedMotion", "Motion", "difference_deg", "fit_motion", "noise_factor_at"]
@@ -37,12 +37,15 @@ class Motion:
         Logarithm of the true focal length over the stated one.
     readout_s : float
         Readout of the image.
+    k1 : float
+        Added to the first coefficient of the radial distortion.
     """
 
     cam_from_world: dict[int, Pose]
     plane: Floats | None = None
     log_scale: float = 0.0
     readout_s: float = 0.0
+    k1: float = 0.0
 
     def is_near(self, other: Motion) -> bool:
         """Whether another motion moves the first two frames alike, so that a fit ends in the same optimum.
@@ -100,7 +103,7 @@ class FittedMotion:
         """The adjusted motion, as the start of the next fit."""
         state = self.fit.state
         poses = {frame: Pose(state.R[k], state.t[k]) for k, frame in enumerate(self.frames)}
-        return Motion(poses, state.plane, state.log_scale, state.readout_s)
+        return Motion(poses, state.plane, state.log_scale, state.readout_s, state.k1)
 
     def same_as(self, other: FittedMotion) -> bool:
         """Whether two fits ended in the same optimum.
@@ -164,7 +167,7 @@ def fit_motion(tracks: WindowTracks, motion: Motion, priors: Priors) -> FittedMo
     """
     part, R, t, rows = _part_of(tracks, motion)
     frames = tuple(tracks.frames[row] for row in rows)
-    start = start_at(part, R, t, motion.plane, log_scale=motion.log_scale, readout_s=motion.readout_s)
+    start = _start(part, R, t, motion, motion.plane)
     part = with_translation(part, start)
     return FittedMotion(fit_window(part, start, priors), part, rows, frames)
 
@@ -184,9 +187,11 @@ def noise_factor_at(tracks: WindowTracks, motion: Motion, priors: Priors) -> flo
     float
     """
     part, R, t, _ = _part_of(tracks, motion)
-    return start_noise_factor(
-        part, start_at(part, R, t, log_scale=motion.log_scale, readout_s=motion.readout_s), priors
-    )
+    return start_noise_factor(part, _start(part, R, t, motion), priors)
+
+
+def _start(part: WindowTracks, R: Floats, t: Floats, motion: Motion, plane: Floats | None = None) -> WindowState:
+    return start_at(part, R, t, plane, log_scale=motion.log_scale, k1=motion.k1, readout_s=motion.readout_s)
 
 
 def _part_of(tracks: WindowTracks, motion: Motion) -> tuple[WindowTracks, Floats, Floats, tuple[int, ...]]:

@@ -37,8 +37,18 @@ def camera_vector(camera: Camera) -> Floats:
 
 
 @compiled
-def project_point(camera: Floats, scale: float, X: float, Y: float, Z: float, pixel: Floats, by_point: Floats) -> bool:
-    """Project a point, and differentiate its pixel by the point.
+def project_point(
+    camera: Floats,
+    scale: float,
+    k1: float,
+    X: float,
+    Y: float,
+    Z: float,
+    pixel: Floats,
+    by_point: Floats,
+    by_k1: Floats,
+) -> bool:
+    """Project a point, and differentiate its pixel by the point and by the distortion.
 
     Parameters
     ----------
@@ -47,12 +57,16 @@ def project_point(camera: Floats, scale: float, X: float, Y: float, Z: float, pi
     scale : float
         Factor of the focal length. The derivative of the pixel by the logarithm of the scale is the pixel less the
         principal point.
+    k1 : float
+        Added to the first coefficient of the radial distortion.
     X, Y, Z : float
         The point in the camera frame, in any scale.
     pixel : (2,) float
         Receives the pixel.
     by_point : (2, 3) float
         Receives the derivatives by X, Y and Z.
+    by_k1 : (2,) float
+        Receives the derivatives by k1.
 
     Returns
     -------
@@ -65,9 +79,11 @@ def project_point(camera: Floats, scale: float, X: float, Y: float, Z: float, pi
     r2 = x * x + y * y
     if r2 >= camera[10] * camera[10]:
         return False
-    k1, k2, k3, k4, k5 = camera[5], camera[6], camera[7], camera[8], camera[9]
+    ratio_by_k1 = r2
+    k1 += camera[5]
+    k2, k3, k4, k5 = camera[6], camera[7], camera[8], camera[9]
     u, v, uu, uv, vu, vv = x, y, 1.0, 0.0, 0.0, 1.0
-    if camera[0] == 1.0:  # k3, k4 are p1, p2; k5 is k3
+    if camera[0] != 2.0:  # k3, k4 are p1, p2; k5 is k3
         radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k5))
         slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * r2 * k5))
         u = x * radial + 2.0 * k3 * x * y + k4 * (r2 + 2.0 * x * x)
@@ -76,7 +92,7 @@ def project_point(camera: Floats, scale: float, X: float, Y: float, Z: float, pi
         uv = x * y * slope + 2.0 * k3 * x + 2.0 * k4 * y
         vu = uv
         vv = radial + y * y * slope + 6.0 * k3 * y + 2.0 * k4 * x
-    elif camera[0] == 2.0 and r2 > 1e-16:
+    elif r2 > 1e-16:
         r = np.sqrt(r2)
         angle = np.arctan(r)
         a2 = angle * angle
@@ -84,11 +100,14 @@ def project_point(camera: Floats, scale: float, X: float, Y: float, Z: float, pi
         growth = 1.0 + a2 * (3.0 * k1 + a2 * (5.0 * k2 + a2 * (7.0 * k3 + a2 * 9.0 * k4)))
         ratio = distorted / r
         bend = (growth / (1.0 + r2) - ratio) / r2
+        ratio_by_k1 = a2 * angle / r
         u, v = x * ratio, y * ratio
         uu, uv, vu, vv = ratio + x * x * bend, x * y * bend, x * y * bend, ratio + y * y * bend
     fx, fy = scale * camera[1], scale * camera[2]
     pixel[0] = fx * u + camera[3]
     pixel[1] = fy * v + camera[4]
+    by_k1[0] = fx * x * ratio_by_k1
+    by_k1[1] = fy * y * ratio_by_k1
     by_point[0, 0] = fx * uu / Z
     by_point[0, 1] = fx * uv / Z
     by_point[0, 2] = -fx * (uu * x + uv * y) / Z

@@ -1,6 +1,6 @@
 """The risk that a map of the window's best hypothesis is wrong, and the terms that it is composed of.
 
-Wrong means: a rotation off by more than 5 degrees, or a direction of the baseline off by more than 15 degrees. Four
+Wrong means: a rotation off by more than 5 degrees, or a direction of the baseline off by more than 15 degrees. Five
 causes add their probabilities:
 
 * **direction**: the right hypothesis with a large error of the direction, or of the rotation. The covariance of the
@@ -13,6 +13,8 @@ causes add their probabilities:
 * **rotation**: the camera only rotates, with a wrong focal length. Translation and points add unknowns, so they lower
   the cost by chance: twice the gain has a chi-square distribution then, with a noise that may be larger than measured.
   Or the camera only rotates, and up to half of the tracks lie on bodies that move.
+* **moving**: the tracks that the best motion does not explain have a rigid motion of their own, and they may be the
+  scene at rest (:mod:`~slam_init.window.other_motion`).
 * **floor**: what is not modelled.
 """
 
@@ -34,14 +36,16 @@ from slam_init.window.linear_algebra import single_threaded
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, marginalize_fields
 from slam_init.window.motion import FittedMotion
+from slam_init.window.neighbours import variance_by_neighbours
+from slam_init.window.other_motion import explained_tracks, other_motion_probability
 from slam_init.window.uncertainty import (
+    CameraEstimate,
     ExpandedFit,
-    ReadoutEstimate,
+    camera_estimate,
     direction_sigmas_deg,
     expand,
     inverse_distances,
     places_of,
-    readout_estimate,
     rotation_covariance,
 )
 
@@ -92,12 +96,14 @@ class WindowRisk:
     ----------
     total : float
         Sum of the terms, at most 1.
-    direction, rival, rotation, floor : float
+    direction, rival, rotation, moving, floor : float
         Probabilities, see the module docstring.
     direction_sigma_deg : float
         Standard deviation of the direction of the pair's baseline where it is largest.
     rotation_sigma_deg : float
         Standard deviation of the pair's rotation where it is largest.
+    direction_if_rigid : float
+        The term of the direction if no track lies on a moving body, and neighbouring tracks share no errors.
     depth_sigma : float
         Median of the relative standard deviations of the distances from the reference, in units of the pair's baseline.
     field_px : float
@@ -109,24 +115,25 @@ class WindowRisk:
     direction_of_views : tuple of float
         The term of the direction for each view of the best motion but the first: the pair's own first. A view near the
         reference has an uncertain direction although its position is certain.
-    readout : ReadoutEstimate or None
-        The readout of a rolling shutter by the best motion, or by the camera that only rotates where that is likely;
-        None where it is no unknown.
+    camera : CameraEstimate
+        The distortion and the readout by the best motion, or by the camera that only rotates where that is likely.
     """
 
     total: float
     direction: float
     rival: float
     rotation: float
+    moving: float
     floor: float
     direction_sigma_deg: float
     rotation_sigma_deg: float
+    direction_if_rigid: float
     depth_sigma: float
     field_px: float
+    camera: CameraEstimate
     margin: Margin | None
     rotation_log_likelihood: float
     direction_of_views: tuple[float, ...]
-    readout: ReadoutEstimate | None = None
 
 
 def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
@@ -147,7 +154,8 @@ def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
 def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     best, *rivals = hypotheses.motions
     expanded = expand(hypotheses, best)
-    factor, weights = _optimism(hypotheses, best), expanded.scale_weights
+    rigid, bodies = _optimism(hypotheses, best), _bodies_factor(hypotheses, best)
+    factor, weights = rigid * bodies, expanded.scale_weights
     of_views = [direction_sigmas_deg(expanded, view) for view in range(1, len(best.rows))]
     rotation_deg = _largest_sigma_deg(rotation_covariance(expanded))
     rotated = float(_exceeds(_WRONG_ROTATION_DEG, np.array(factor * rotation_deg)))
@@ -156,6 +164,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         for sigmas_deg in of_views
     )
     direction, direction_deg = direction_risks[0], float(np.sqrt(weights @ of_views[0] ** 2))
+    if_rigid = float(weights @ _exceeds(_WRONG_DIRECTION_DEG, rigid * of_views[0]))
     margins = [_margin(hypotheses, best, rival) for rival in rivals]
     nearest = min(margins, key=Margin.decision_ratio, default=None)
     spread_deg = factor * direction_deg
@@ -164,19 +173,22 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         for rival, margin in zip(rivals, margins, strict=True)
     ]
     rival = min(1.0, _LOOKS * sum(odds))
-    gain, rotation, readout = _rotation_probability(hypotheses, expanded)
+    gain, rotation, camera = _rotation_probability(hypotheses, expanded)
     if rotation <= MERE_ROTATION:
-        readout = readout_estimate(best.fit, expanded.linearization, expanded.marginal)
+        camera = camera_estimate(best.fit, expanded.linearization, expanded.marginal)
     rotation = max(rotation, _bodies_probability(hypotheses))
-    total = min(1.0, direction + rival + rotation + _FLOOR)
+    moving = other_motion_probability(hypotheses)
+    total = min(1.0, direction + rival + rotation + moving + _FLOOR)
     depth_sigmas = inverse_distances(expanded).relative_sigmas
     field_px = expanded.marginal.expected_scale_px(expanded.scale_weights)
     return WindowRisk(
         total=total,
         direction=direction,
+        direction_if_rigid=if_rigid,
         direction_of_views=direction_risks,
         rival=rival,
         rotation=rotation,
+        moving=moving,
         floor=_FLOOR,
         direction_sigma_deg=direction_deg,
         rotation_sigma_deg=rotation_deg,
@@ -184,19 +196,27 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         field_px=field_px,
         margin=nearest,
         rotation_log_likelihood=gain,
-        readout=readout,
+        camera=camera,
     )
 
 
 def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
     """Factor on the standard deviation of the direction, for what the covariance does not know."""
     few_views = 1 + _FEW_VIEWS / math.sqrt(len(best.rows) - 1)
-    # A focal length that is pulled beyond its prior compensates errors that the model does not have.
-    pull = best.fit.state.log_scale / hypotheses.priors.focal_sigma
+    # A focal length or a distortion that is pulled beyond its prior compensates errors that the model does not have.
+    state, priors = best.fit.state, hypotheses.priors
+    pull2 = (state.log_scale / priors.focal_sigma) ** 2 + (state.k1 / priors.k1_sigma) ** 2
+    return few_views * math.sqrt(1 + pull2 / _PULL_FREEDOM)
+
+
+def _bodies_factor(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
+    """Factor on the standard deviation of the direction for tracks that a rigid scene does not explain."""
     # Tracks that stay near without being explained may lie on moving bodies. As many again may be explained by chance,
     # and each of these pulls by about half a standard deviation of a track, all in the same direction.
     bodies = best.fit.near_misses / math.sqrt(max(best.fit.explained, 1))
-    return few_views * math.sqrt((1 + pull**2 / _PULL_FREEDOM) * (1 + (bodies / 2) ** 2))
+    # What a fit explains in part leaves residuals that neighbours share.
+    shared = variance_by_neighbours(best.tracks, best.fit, hypotheses.priors, places_of(best.fit))
+    return math.sqrt((1 + (bodies / 2) ** 2) * shared)
 
 
 def _exceeds(limit_deg: float, sigmas_deg: Floats) -> Floats:
@@ -292,10 +312,8 @@ def _wrong_if_right(best: FittedMotion, rival: FittedMotion, sigma_deg: float) -
     return math.exp(-0.5 * (left_deg / max(sigma_deg, 1e-9)) ** 2)
 
 
-def _rotation_probability(
-    hypotheses: WindowHypotheses, expanded: ExpandedFit
-) -> tuple[float, float, ReadoutEstimate | None]:
-    """Gain over the rotation-only camera (nats), the probability of it if the camera only rotates, and its readout."""
+def _rotation_probability(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> tuple[float, float, CameraEstimate]:
+    """Gain over the rotation-only camera (nats), the probability of it if the camera only rotates, and that camera."""
     gain, freedom = hypotheses.gain_over_rotation
     rotation = linearize_with_fields(
         hypotheses.tracks, hypotheses.rotation_only, hypotheses.rotation_priors, rotation_only=True
@@ -308,7 +326,7 @@ def _rotation_probability(
     spread = 2 / (9 * freedom)
     z = ((2 * gains / freedom) ** (1 / 3) - (1 - spread)) / math.sqrt(spread)
     probability = float(expanded.scale_weights @ [gaussian_tail(float(one)) for one in z])
-    return gain, probability, readout_estimate(hypotheses.rotation_only, rotation, marginal)
+    return gain, probability, camera_estimate(hypotheses.rotation_only, rotation, marginal)
 
 
 def _bodies_probability(hypotheses: WindowHypotheses) -> float:
@@ -319,10 +337,9 @@ def _bodies_probability(hypotheses: WindowHypotheses) -> float:
     if hypotheses.planar:
         return 0.0
     best, seen = hypotheses.motions[0], hypotheses.tracks.seen
+    explained = explained_tracks(hypotheses)
     missing = seen.sum(axis=0) - seen[list(best.rows)].sum(axis=0)
     costs = best.fit.track_costs + hypotheses.priors.gate_sigmas**2 * missing
-    explained = costs <= explained_at_most(np.maximum(2 * seen.sum(axis=0) - 3, 0))
-    explained &= hypotheses.tracks.anchor >= 0
     gains = np.sort((hypotheses.rotation_only.track_costs - costs)[explained]) / best.fit.dispersion
     rest = gains[: len(gains) - int(_ON_BODIES * len(gains))]
     if not len(rest):

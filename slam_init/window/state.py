@@ -21,6 +21,8 @@ class Priors:
     ----------
     focal_sigma : float
         Relative standard deviation of the stated focal length.
+    k1_sigma : float
+        Standard deviation of the first coefficient of the radial distortion about the stated one.
     field_sigma_px : float
         Standard deviation of each coefficient of the error field of a view, in pixels; 0 for no field.
     gate_sigmas : float
@@ -31,6 +33,7 @@ class Priors:
     """
 
     focal_sigma: float = 0.02
+    k1_sigma: float = 0.05
     field_sigma_px: float = 0.0
     gate_sigmas: float = 3.0
     readout_sigma_s: float = 0.0
@@ -58,6 +61,8 @@ class WindowState:
         Tracks whose point lies on the plane.
     readout_s : float
         Readout of the image.
+    k1 : float
+        Added to the first coefficient of the radial distortion of the stated camera.
     """
 
     R: Floats
@@ -69,6 +74,7 @@ class WindowState:
     plane: Floats | None
     on_plane: Bools
     readout_s: float = 0.0
+    k1: float = 0.0
 
 
 def start_at(
@@ -78,6 +84,7 @@ def start_at(
     plane: Floats | None = None,
     *,
     log_scale: float = 0.0,
+    k1: float = 0.0,
     readout_s: float = 0.0,
     at_infinity: bool = False,
 ) -> WindowState:
@@ -92,6 +99,8 @@ def start_at(
         All points start on it.
     log_scale : float
         Logarithm of the true focal length over the stated one.
+    k1 : float
+        Added to the first coefficient of the radial distortion.
     readout_s : float
         Readout of the image.
     at_infinity : bool
@@ -102,7 +111,7 @@ def start_at(
     WindowState
     """
     anchor = np.maximum(tracks.anchor, 0)
-    bearings = tracks.bearings(log_scale, readout_s)
+    bearings = tracks.bearings(log_scale, readout_s, k1)
     rays = bearings[anchor, np.arange(len(anchor))]
     rays = np.where(np.isfinite(rays), rays, tracks.rays)
     world = np.einsum("tji,tj->ti", R[anchor], rays)
@@ -118,4 +127,4 @@ def start_at(
         denominator += np.where(used, np.einsum("ij,ij->i", b, b), 0.0)
     inverse = np.maximum(np.nan_to_num(numerator / denominator), 0.0) * (not at_infinity)
     fields, on_plane = np.zeros((len(R), FIELD_TERMS)), np.full(len(anchor), plane is not None)
-    return WindowState(R.copy(), t.copy(), rays, inverse, log_scale, fields, plane, on_plane, readout_s)
+    return WindowState(R.copy(), t.copy(), rays, inverse, log_scale, fields, plane, on_plane, readout_s, k1)

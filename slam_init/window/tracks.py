@@ -127,7 +127,7 @@ class WindowTracks:
         """Standard deviation of a coordinate of a pixel: the median."""
         return float(np.median(self.sigma_px))
 
-    def bearings(self, log_scale: float, readout_s: float) -> Floats:
+    def bearings(self, log_scale: float, readout_s: float, k1: float) -> Floats:
         """The measured rays.
 
         Parameters
@@ -136,6 +136,8 @@ class WindowTracks:
             Logarithm of the true focal length over the stated one.
         readout_s : float
             Readout of the image.
+        k1 : float
+            Added to the first coefficient of the radial distortion of the stated camera.
 
         Returns
         -------
@@ -144,7 +146,8 @@ class WindowTracks:
         """
         centre = np.array([self.camera.cx, self.camera.cy])
         pixels = centre + (self.pixels - (readout_s - self.readout_s) * self.sweep_px_s - centre) / np.exp(log_scale)
-        return np.array([self.camera.bearings(one) for one in pixels])
+        camera = self.camera.bent(k1)
+        return np.array([camera.bearings(one) for one in pixels])
 
     def with_noise(self, noise_px: float) -> WindowTracks:
         """The same tracks with another noise.

@@ -31,16 +31,18 @@ from slam_init.window.motion import FittedMotion
 from slam_init.window.tracks import WindowTracks
 
 __all__ = [
+    "CameraEstimate",
     "DirectionUncertainty",
+    "DistortionEstimate",
     "ExpandedFit",
     "InverseDistances",
     "ReadoutEstimate",
+    "camera_estimate",
     "direction_sigmas_deg",
     "direction_uncertainty",
     "expand",
     "inverse_distances",
     "places_of",
-    "readout_estimate",
     "rotation_covariance",
 ]
 
@@ -53,6 +55,9 @@ _SCORE_REGIONS = (4, 3)
 _TURNING_FACTOR = 2.5
 #: An estimated readout is told from none at this number of its standard deviations.
 _TOLD_READOUT_SIGMAS = 3.0
+#: The stated distortion is suspected at five standard deviations, as errors that tracks share double them, and from
+#: 0.02 on: in the corner of a view of 70 degrees that moves a pixel by a hundredth of its distance from the centre.
+_DOUBTFUL_SIGMAS, _LEAST_DISTORTION = 5.0, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +171,48 @@ class ReadoutEstimate:
         return self.seconds if abs(self.seconds) > _TOLD_READOUT_SIGMAS * self.sigma_s else 0.0
 
 
+@dataclass(frozen=True)
+class DistortionEstimate:
+    """The radial distortion that the calibration lacks, by a fit.
+
+    Attributes
+    ----------
+    k1 : float
+        Added to the first coefficient of the stated camera.
+    sigma : float
+        Standard deviation.
+    """
+
+    k1: float
+    sigma: float
+
+    @property
+    def suspected(self) -> float | None:
+        """``k1`` where the stated distortion is suspected to be wrong, else None.
+
+        Returns
+        -------
+        float or None
+        """
+        told = abs(self.k1) > max(_DOUBTFUL_SIGMAS * self.sigma, _LEAST_DISTORTION)
+        return self.k1 if told else None
+
+
+@dataclass(frozen=True)
+class CameraEstimate:
+    """The unknowns of the camera by a fit.
+
+    Attributes
+    ----------
+    distortion : DistortionEstimate
+    readout : ReadoutEstimate or None
+        None where the readout is no unknown of the fit.
+    """
+
+    distortion: DistortionEstimate
+    readout: ReadoutEstimate | None
+
+
 def expand(hypotheses: WindowHypotheses, motion: FittedMotion) -> ExpandedFit:
     """Expand the cost of a fitted motion, and integrate the error fields out.
 
@@ -183,8 +230,8 @@ def expand(hypotheses: WindowHypotheses, motion: FittedMotion) -> ExpandedFit:
     return ExpandedFit(motion.tracks, motion.fit, linearization, marginalize_fields(linearization))
 
 
-def readout_estimate(fit: JointFit, linearization: Linearization, marginal: FieldMarginal) -> ReadoutEstimate | None:
-    """The readout that a fit found, with the error fields integrated out.
+def camera_estimate(fit: JointFit, linearization: Linearization, marginal: FieldMarginal) -> CameraEstimate:
+    """The unknowns of the camera that a fit found, with the error fields integrated out.
 
     Parameters
     ----------
@@ -196,18 +243,24 @@ def readout_estimate(fit: JointFit, linearization: Linearization, marginal: Fiel
 
     Returns
     -------
-    ReadoutEstimate or None
-        None where the readout is no unknown of the fit.
+    CameraEstimate
     """
+    distortion = DistortionEstimate(fit.state.k1, _sigma_of(linearization.k1_column, marginal))
     if linearization.readout_column is None:
-        return None
+        return CameraEstimate(distortion, None)
+    sigma_s = _TURNING_FACTOR * _sigma_of(linearization.readout_column, marginal)
+    return CameraEstimate(distortion, ReadoutEstimate(fit.state.readout_s, sigma_s))
+
+
+def _sigma_of(column: int, marginal: FieldMarginal) -> float:
+    """Standard deviation of an unknown, over all scales of the error fields."""
     J = np.zeros((1, len(marginal.shift)))
-    J[0, linearization.readout_column] = 1.0
+    J[0, column] = 1.0
     log_weights = marginal.log_evidence + np.log(FIELD_PRIOR)
     weights = np.exp(log_weights - log_weights.max())
     shifts, covariances = marginal.of(J)
     variance = float(weights @ (covariances[:, 0, 0] + shifts[:, 0] ** 2) / weights.sum())
-    return ReadoutEstimate(fit.state.readout_s, _TURNING_FACTOR * math.sqrt(max(variance, 0.0)))
+    return math.sqrt(max(variance, 0.0))
 
 
 def rotation_covariance(expanded: ExpandedFit) -> Floats:

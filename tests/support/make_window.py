@@ -18,7 +18,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
-from slam_init.window.joint_fit import JointFit
+from slam_init.window.joint_fit import JointFit, fit_window
 from slam_init.window.kernels import FIELD_TERMS, accumulate, eliminate
 from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState, start_at
@@ -217,18 +217,20 @@ def equations(
     """The equations at a state, by the compiled loop, without any prior."""
     views, count = tracks.seen.shape
     field_size, readout_size = FIELD_TERMS * with_field, int(with_readout)
-    size = (6 + field_size) * (views - 1) + field_size + 1 + readout_size + (0 if state.plane is None else 3)
+    size = (6 + field_size) * (views - 1) + field_size + 2 + readout_size + (0 if state.plane is None else 3)
     normal, shares = np.full((size, size), np.nan), np.full((count, size), np.nan)
-    back, costs, squares = np.zeros((count, 3, 4 + size)), np.full(count, np.nan), np.full((views, count), np.nan)
+    back, costs = np.zeros((count, 3, 4 + size)), np.full(count, np.nan)
+    residuals = np.full((views, count, 2), np.nan)
     cost = accumulate(
-        camera_vector(tracks.camera), state.R, state.t, state.log_scale,
+        camera_vector(tracks.camera), state.R, state.t, state.log_scale, state.k1,
         np.zeros(3) if state.plane is None else state.plane, state.on_plane, state.field, field_size,
         state.readout_s - tracks.readout_s, readout_size, tracks.sweep_px_s, tracks.pixels, tracks.sigma_px,
         tracks.places, tracks.seen, tracks.anchor, state.rays, state.inverse_distances,
-        np.ones(count, bool) if free is None else free, gate**2, normal, shares, back, costs, squares,
+        np.ones(count, bool) if free is None else free, gate**2, normal, shares, back, costs, residuals,
         np.zeros(count), True,
     )  # fmt: skip
     gradient = eliminate(normal, shares, back)
+    squares = np.sum(residuals**2, axis=2)
     return Equations(cost, costs, squares, normal, gradient, back)
 
 
@@ -262,7 +264,7 @@ def moved(
             t[k] = t[k] + take(3)
         if with_field:
             field[k] += take(field_size)
-    log_scale = state.log_scale + float(take(1)[0])
+    log_scale, k1 = state.log_scale + float(take(1)[0]), state.k1 + float(take(1)[0])
     readout_s = state.readout_s + (float(take(1)[0]) if with_readout else 0.0)
     plane = None if state.plane is None else state.plane + take(3)
     local = -np.einsum("tpq,tqg,g->tp", back[:, :, 1:4], back[:, :, 4:], step)
@@ -270,4 +272,10 @@ def moved(
     rays = state.rays + np.einsum("tq,tqj->tj", local[:, :2], tangents)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     inverse = state.inverse_distances + local[:, 2]
-    return WindowState(R, t, rays, inverse, log_scale, field, plane, state.on_plane, readout_s)
+    return WindowState(R, t, rays, inverse, log_scale, field, plane, state.on_plane, readout_s, k1)
+
+
+def fitted_window(scene: str, seed: int, views: int) -> tuple[WindowTracks, JointFit]:
+    """A noisy window of a drawn world with its fit from the true poses."""
+    window = make_window(scene, seed, views, noise_px=0.7, baseline=0.3)
+    return window.tracks, fit_window(window.tracks, start_at(window.tracks, window.R, window.t), PRIORS)

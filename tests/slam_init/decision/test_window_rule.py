@@ -136,7 +136,9 @@ def test_each_attempt_with_a_motion_has_its_window_and_one_gate_on_the_risk(scen
         assert gate.value == attempt.window.risk
         assert gate.passes() == (attempt.window.risk <= WINDOW_CONFIG.acceptance.max_risk)
         window = attempt.window
-        terms = window.risk_direction + window.risk_rival + window.risk_rotation + window.risk_floor
+        terms = (
+            window.risk_direction + window.risk_rival + window.risk_rotation + window.risk_moving + window.risk_floor
+        )
         assert window.risk == pytest.approx(min(1.0, terms))
         assert 2 <= window.views <= 12
         assert window.hypotheses >= 1
@@ -201,7 +203,7 @@ def test_two_motions_of_a_room_leave_no_map():
 
 
 def test_a_pair_with_an_uncertain_direction_is_low_parallax():
-    outcome = tried(point_source("desk", 0, baseline=0.1), (0, 2))
+    outcome = tried(point_source("desk", 1, baseline=0.1), (0, 2))
     window = outcome.attempt.window
     assert window.risk_direction > max(window.risk_rival, window.risk_rotation)
     assert outcome.attempt.verdict == Verdict.LOW_PARALLAX

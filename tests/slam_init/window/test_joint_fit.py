@@ -276,21 +276,24 @@ def test_a_start_at_a_focal_scale_has_the_points_of_the_camera_with_that_focal_l
     assert fit_window(window.tracks, state, Priors(focal_sigma=1e6), max_steps=0).cost < 1e-6
 
 
+def cost_of_camera(fit):
+    return (fit.state.log_scale / PRIORS.focal_sigma) ** 2 + (fit.state.k1 / PRIORS.k1_sigma) ** 2
+
+
 @pytest.mark.parametrize("kind", SCENES)
 @pytest.mark.parametrize("seed", range(4))
-def test_the_cost_is_the_sum_of_the_costs_of_the_tracks_and_of_the_focal_length(seed, kind):
+def test_the_cost_is_the_sum_of_the_costs_of_the_tracks_and_of_the_camera(seed, kind):
     window = make_window(SCENES[kind], seed, 5, noise_px=0.7, baseline=0.05)
     for tolerance in (0.01, 0.0):
         fit = fitted(window, kind=kind, seed=seed, tolerance=tolerance)
-        focal = (fit.state.log_scale / PRIORS.focal_sigma) ** 2
-        assert fit.cost == pytest.approx(fit.track_costs.sum() + focal, rel=1e-9)
+        assert fit.cost == pytest.approx(fit.track_costs.sum() + cost_of_camera(fit), rel=1e-9)
 
 
 def test_the_cost_is_the_sum_of_those_of_the_tracks_also_where_no_step_lowers_it():
     window = make_window("rotation", 9, 5, noise_px=0.7)
     start = start_at(window.tracks, window.R, np.outer(np.arange(5), [1e-3, 0, 0]))
     fit = fit_window(window.tracks, start, PRIORS)
-    assert fit.cost == pytest.approx(fit.track_costs.sum() + (fit.state.log_scale / PRIORS.focal_sigma) ** 2, rel=1e-9)
+    assert fit.cost == pytest.approx(fit.track_costs.sum() + cost_of_camera(fit), rel=1e-9)
 
 
 # -- expansion with error fields ------------------------------------------------------------------
@@ -314,6 +317,7 @@ def test_the_gradient_of_the_expansion_is_the_sum_of_the_shares_and_vanishes_at_
     found = linearize_with_fields(window.tracks, fit, PRIORS)
     total, focal = found.shares.sum(axis=0), np.flatnonzero(~found.is_field)[6 * 3]
     total[focal] += fit.state.log_scale / PRIORS.focal_sigma**2
+    total[np.flatnonzero(~found.is_field)[6 * 3 + 1]] += fit.state.k1 / PRIORS.k1_sigma**2
     np.testing.assert_allclose(found.gradient, total, atol=1e-7)
     scale = np.sqrt(np.diag(found.information))
     assert np.abs(found.gradient / scale)[~found.is_field].max() < 1e-3
@@ -418,7 +422,10 @@ def test_a_smooth_error_of_a_view_is_found_as_its_field():
     pixels[2, :, 0] += 0.5 * tracks.places[2, :, 3] * 0.2  # half a pixel times the fourth polynomial, in x
     bent = WindowTracks.gather(tracks.camera, tracks.frames, tracks.track_ids, pixels, tracks.seen, 0.2)
     start = window.start(2, error=place * 0.01)
-    stiff, soft = (fit_window(bent, start, Priors(0.02, sigma), max_steps=50, tolerance=1e-9) for sigma in (0.0, 1.0))
+    stiff, soft = (
+        fit_window(bent, start, Priors(0.02, field_sigma_px=sigma), max_steps=50, tolerance=1e-9)
+        for sigma in (0.0, 1.0)
+    )
     # The residual is the projection less the pixel, so the field is the error itself.
     assert soft.state.field[2, 3] == pytest.approx(0.5, abs=0.15)
     assert soft.cost < 0.2 * stiff.cost

@@ -33,7 +33,7 @@ def world(kind, seed=1, views=3, camera=None):
     # Of the tracks of a plane, a fifth leaves it.
     on_plane = state.on_plane & (np.arange(len(state.on_plane)) % 5 > 0)
     field = 0.2 * rng.normal(size=state.field.shape)
-    return tracks, replace(state, t=t, log_scale=2e-3, field=field, on_plane=on_plane, readout_s=0.003)
+    return tracks, replace(state, t=t, log_scale=2e-3, k1=0.02, field=field, on_plane=on_plane, readout_s=0.003)
 
 
 def free_of(state, **changes):
@@ -46,7 +46,9 @@ def test_the_cost_of_a_track_is_the_robust_sum_over_its_observations(with_field)
     tracks, state = world("free")
     found = equations(tracks, state, GATE, with_field=with_field)
     camera = replace(
-        tracks.camera, fx=tracks.camera.fx * np.exp(state.log_scale), fy=tracks.camera.fy * np.exp(state.log_scale)
+        tracks.camera.bent(state.k1),
+        fx=tracks.camera.fx * np.exp(state.log_scale),
+        fy=tracks.camera.fy * np.exp(state.log_scale),
     )
     gate2 = GATE**2
     for i, a in enumerate(tracks.anchor):

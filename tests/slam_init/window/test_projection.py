@@ -11,11 +11,11 @@ from slam_init.window.projection import camera_vector, project_point
 MODELS = list(CAMERAS)
 
 
-def projected(camera, point, scale=1.0):
+def projected(camera, point, scale=1.0, k1=0.0):
     """Whether the lens sees the point, its pixel, and the derivatives; NaN where nothing was written."""
-    pixel, by_point = np.full(2, np.nan), np.full((2, 3), np.nan)
-    seen = project_point(camera_vector(camera), scale, *map(float, point), pixel, by_point)
-    return seen, pixel, by_point
+    pixel, by_point, by_k1 = np.full(2, np.nan), np.full((2, 3), np.nan), np.full(2, np.nan)
+    seen = project_point(camera_vector(camera), scale, k1, *map(float, point), pixel, by_point, by_k1)
+    return seen, pixel, np.column_stack([by_point, by_k1])
 
 
 def points_ahead(count=50, width=1.2):
@@ -53,6 +53,17 @@ def test_the_derivatives_are_central_differences(model):
             behind[axis] -= step
             difference = (projected(camera, ahead)[1] - projected(camera, behind)[1]) / (2 * step)
             np.testing.assert_allclose(by_point[:, axis], difference, atol=1e-4)
+        difference = (projected(camera, point, k1=step)[1] - projected(camera, point, k1=-step)[1]) / (2 * step)
+        np.testing.assert_allclose(by_point[:, 3], difference, atol=1e-4)
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("k1", [-0.1, 0.05])
+def test_a_coefficient_that_is_added_is_that_of_a_bent_camera(model, k1):
+    camera = CAMERAS[model]
+    for point in points_ahead(10, width=0.5):
+        expected = camera.bent(k1).project(point[None])[0]
+        np.testing.assert_allclose(projected(camera, point, k1=k1)[1], expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("model", MODELS)

@@ -43,7 +43,7 @@ def clear():
 def test_the_terms_add_up(scene, views):
     for seed in range(2):
         risk = risk_of(hypotheses(scene, seed, views, baseline=0.08, points=150))
-        terms = (risk.direction, risk.rival, risk.rotation, risk.floor)
+        terms = (risk.direction, risk.rival, risk.rotation, risk.moving, risk.floor)
         assert all(0 <= term <= 1 for term in terms)
         assert risk.total == pytest.approx(min(1.0, sum(terms)))
         assert risk.total >= risk.floor > 0

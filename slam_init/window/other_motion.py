@@ -1,0 +1,82 @@
+"""Whether the tracks that a motion does not explain have a rigid motion of their own.
+
+Where a body fills a large part of the view, its motion relative to the camera explains as many tracks as the motion of
+the scene at rest does. Images alone do not tell which of the two motions is that of the camera. Two cues remain. The
+scene at rest mostly holds more tracks than a body does. And a body is compact: a scene that extends around it is behind
+it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from quest.estimate import RelativePose, estimate_relative_pose
+from slam_init.types.arrays import Bools, Floats
+from slam_init.window.equations import explained_at_most
+from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.uncertainty import places_of
+
+__all__ = ["explained_tracks", "other_motion_probability"]
+
+#: A motion of other tracks is a rival from this share of the tracks that the best motion explains: half of them where
+#: the other tracks are compact, a quarter where they extend over half of the area or more. With a threshold of a half,
+#: two bodies that hold a fifth of the tracks each do not prevent a map of the rest; a body of half the view does.
+_SHARE_OF_COMPACT, _SHARE_OF_WIDE, _WIDE = 0.5, 0.25, 0.5
+#: With such a motion it is an even chance which of the two is the camera's.
+_EVEN = 0.5
+#: Outlier threshold of the other motion, in standard deviations of the noise; fewer tracks than this have none.
+_SIGMAS, _LEAST_TRACKS = 3.0, 20
+
+
+def explained_tracks(hypotheses: WindowHypotheses) -> Bools:
+    """The tracks that the best motion explains in all views that see them.
+
+    Parameters
+    ----------
+    hypotheses : WindowHypotheses
+
+    Returns
+    -------
+    (T,) bool
+    """
+    best, seen = hypotheses.motions[0], hypotheses.tracks.seen
+    missing = seen.sum(axis=0) - seen[list(best.rows)].sum(axis=0)
+    costs = best.fit.track_costs + hypotheses.priors.gate_sigmas**2 * missing
+    explained = costs <= explained_at_most(np.maximum(2 * seen.sum(axis=0) - 3, 0))
+    return np.asarray(explained & (hypotheses.tracks.anchor >= 0))
+
+
+def other_motion_probability(hypotheses: WindowHypotheses) -> float:
+    """Probability that the camera moves relative to tracks that the best motion does not explain.
+
+    Parameters
+    ----------
+    hypotheses : WindowHypotheses
+
+    Returns
+    -------
+    float
+        0 where these tracks are few, or have no rigid motion in the pair.
+    """
+    tracks, explained = hypotheses.tracks, explained_tracks(hypotheses)
+    rest = tracks.seen[0] & tracks.seen[1] & (tracks.anchor >= 0) & ~explained
+    count = int(explained.sum())
+    if rest.sum() < max(_LEAST_TRACKS, _SHARE_OF_WIDE * count):
+        return 0.0
+    state = hypotheses.motions[0].fit.state
+    rays = tracks.bearings(state.log_scale, state.readout_s, state.k1)[:2, rest]
+    threshold_rad = _SIGMAS * tracks.noise_px / tracks.camera.focal_px
+    pose = estimate_relative_pose(rays[0], rays[1], threshold_rad=threshold_rad)
+    if not isinstance(pose, RelativePose):
+        return 0.0
+    places = places_of(hypotheses.motions[0].fit)
+    others = places[np.flatnonzero(rest)[pose.inliers]]
+    share = _SHARE_OF_WIDE if _extent(others) > _WIDE * _extent(places[explained]) else _SHARE_OF_COMPACT
+    return _EVEN if len(others) >= max(_LEAST_TRACKS, share * count) else 0.0
+
+
+def _extent(places: Floats) -> float:
+    """Area of the ellipse of standard deviations of places (N, 2)."""
+    return math.sqrt(max(float(np.linalg.det(np.cov(places.T))), 0.0)) if len(places) > 2 else 0.0

@@ -1,0 +1,37 @@
+"""Laws of a rigid motion among the tracks that the best motion does not explain."""
+
+import numpy as np
+import pytest
+from make_window import PRIORS, hypotheses_of, pair_and_further, point_source
+
+from slam_init.window.other_motion import explained_tracks, other_motion_probability
+from slam_init.window.risk import risk_of
+
+
+def hypotheses(seed, views=6, **options):
+    source = point_source("room", seed, baseline=0.3, noise_px=0.3, points=150, **options)
+    return hypotheses_of(source.camera, pair_and_further(list(source.observations()), views), PRIORS)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_scene_at_rest_has_no_other_motion_however_many_outliers_there_are(seed):
+    found = hypotheses(seed, outliers=0.4)
+    assert other_motion_probability(found) == 0
+    assert 0.5 < explained_tracks(found).mean() < 0.7
+
+
+def test_a_body_that_holds_as_many_tracks_as_the_scene_at_rest_may_be_the_scene():
+    probabilities = []
+    for seed in range(4):
+        found = hypotheses(seed, views=10, moving=0.45, bodies=1, body_turn_deg_s=30, outliers=0.05)
+        probabilities.append(other_motion_probability(found))
+        if probabilities[-1]:
+            assert risk_of(found).moving == probabilities[-1] > 0.1
+    assert np.count_nonzero(probabilities) >= 2
+
+
+def test_a_small_body_is_no_rival():
+    for seed in range(3):
+        found = hypotheses(seed, moving=0.1, bodies=1, body_turn_deg_s=30, outliers=0.05)
+        assert other_motion_probability(found) == 0
+        assert explained_tracks(found).mean() > 0.75
