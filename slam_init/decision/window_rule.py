@@ -56,7 +56,8 @@ __all__ = ["WINDOW_PRIORS", "WindowRule"]
 #: What is known of the camera before the fit: calibrations are better than two per cent, data sheets are worse.
 WINDOW_PRIORS = Priors(focal_sigma=0.02)
 #: Standard deviation of the first coefficient of the radial distortion. A calibration that states a distortion knows it
-#: to a hundredth. Without one, most images are rectified or those of a good lens; phones and wide angles have up to 0.3.
+#: to a hundredth. Without one, most images are rectified or those of a good lens; those of phones and wide angles have
+#: up to 0.3.
 _STATED_K1_SIGMA, _UNSTATED_K1_SIGMA = 0.01, 0.05
 #: Standard deviation of an unknown readout about none: global shutters have none, and rolling ones take up to the time
 #: between two frames of a video, which is two standard deviations.

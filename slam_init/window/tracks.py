@@ -146,8 +146,8 @@ class WindowTracks:
         """
         centre = np.array([self.camera.cx, self.camera.cy])
         pixels = centre + (self.pixels - (readout_s - self.readout_s) * self.sweep_px_s - centre) / np.exp(log_scale)
-        camera = self.camera.bent(k1)
-        return np.array([camera.bearings(one) for one in pixels])
+        rays = self.camera.bent(k1).bearings(pixels.reshape(-1, 2))
+        return rays.reshape(*self.seen.shape, 3)
 
     def with_noise(self, noise_px: float) -> WindowTracks:
         """The same tracks with another noise.
