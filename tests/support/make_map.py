@@ -165,6 +165,7 @@ def make_window_evidence(risk: float) -> WindowEvidence:
         risk_direction=risk,
         risk_rival=0.0,
         risk_rotation=0.0,
+        risk_moving=0.0,
         risk_floor=0.0,
         direction_sigma_deg=4.0,
         rotation_sigma_deg=0.1,

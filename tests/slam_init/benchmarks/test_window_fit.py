@@ -23,8 +23,25 @@ from slam_init.benchmarks.window_tables import (
 from slam_init.errors import SlamInitError
 from slam_init.types.comparison import Margin
 from slam_init.window.risk import WindowRisk
+from slam_init.window.uncertainty import CameraEstimate, DistortionEstimate, ReadoutEstimate
 
-RISK = WindowRisk(0.003, 0.001, 0.001, 0.0005, 0.0005, 1.25, 0.1, 0.2, 1 / 3, Margin(30.0, 5.0), 200.0, (0.001, 0.02))
+RISK = WindowRisk(
+    total=0.003,
+    direction=0.001,
+    rival=0.001,
+    rotation=0.0005,
+    moving=0.0,
+    floor=0.0005,
+    direction_sigma_deg=1.25,
+    rotation_sigma_deg=0.1,
+    direction_if_rigid=0.0009,
+    depth_sigma=0.2,
+    field_px=1 / 3,
+    camera=CameraEstimate(DistortionEstimate(0.01, 0.02), None),
+    margin=Margin(30.0, 5.0),
+    rotation_log_likelihood=200.0,
+    direction_of_views=(0.001, 0.02),
+)
 GOOD = Accuracy(0.1, 2.0, 3.0, 1.0, 0.9, 100, 95, 1.1, 0.4549)
 
 
@@ -38,7 +55,9 @@ def rows(table):
 
 
 def test_a_log_is_read_as_it_was_written(tmp_path):
-    windows = [window(), window(1 / 7), replace(window(), risk=replace(RISK, margin=None, direction_of_views=()))]
+    rolling = replace(RISK.camera, readout=ReadoutEstimate(0.03, 0.001))
+    others = [replace(RISK, margin=None, direction_of_views=()), replace(RISK, camera=rolling)]
+    windows = [window(), window(1 / 7), *(replace(window(), risk=risk) for risk in others)]
     assert list(write_log(tmp_path / "log", windows)) == windows
     assert list(read_log(tmp_path / "log")) == windows
 
