@@ -111,6 +111,9 @@ def _read_projection(path: Path, root: Path, key: str) -> Floats:
             values = np.array(numbers(row, rest.split(), 12, f"{key}: and 12 numbers")).reshape(3, 4)
             if not (values[0, 0] > 0 and values[1, 1] > 0 and values[2, 2] > 0):
                 raise SourceError(f"{row[0]}: {key} has no positive focal length")
+            K = values[:, :3]
+            if K[1, 0] != 0 or K[2, 0] != 0 or K[2, 1] != 0 or np.abs(values).max() > 1e100 * K[2, 2]:
+                raise SourceError(f"{row[0]}: {key} is no projection matrix [fx 0 cx, 0 fy cy, 0 0 1 | K t]")
             return np.asarray(values / values[2, 2])
     raise SourceError(f"{path}: no line {key}:")
 

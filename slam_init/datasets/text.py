@@ -169,7 +169,8 @@ def pose_from_matrix(place: str, matrix: Floats) -> Pose:
         If the 3x3 part is not a rotation up to 0.01.
     """
     R = matrix[:3, :3]
-    if not (np.allclose(R @ R.T, np.eye(3), atol=0.01) and np.linalg.det(R) > 0):
+    # The first condition holds back numbers whose squares overflow.
+    if not ((np.abs(R) < 2).all() and np.allclose(R @ R.T, np.eye(3), atol=0.01) and np.linalg.det(R) > 0):
         raise SourceError(f"{place}: the 3x3 part of the pose is not a rotation")
     return Pose.from_quaternion(quaternion_from_matrix(R), matrix[:3, 3])
 

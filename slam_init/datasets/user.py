@@ -64,6 +64,9 @@ def _with_checked_times(text: str, source: TimedSource) -> TimedSource:
         raise SourceError(f"{text}: timestamps_s is not an array of numbers: give one time for each frame") from None
     if stamps.shape != (count,) or count == 0:
         raise SourceError(f"{text}: timestamps_s has the shape {stamps.shape} for {count} frames: give one for each")
+    for index, pose in enumerate(() if source.groundtruth is None else source.groundtruth.world_from_cam):
+        if problem := pose.problem():
+            raise SourceError(f"{text}: groundtruth: pose {index} {problem}")
     times_s, notes = image_times(stamps.tolist(), [f"{text}: frame {index}" for index in range(count)])
     if not notes:
         return source

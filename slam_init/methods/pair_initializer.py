@@ -12,6 +12,7 @@ from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.problem import BundleProblem, BundleSolution
 from slam_init.config import Config
 from slam_init.decision.refusal import refused, with_gates
+from slam_init.errors import SlamInitError
 from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.tracks import Tracker, common_tracks
 from slam_init.mapping.map_building import initial_map
@@ -203,6 +204,8 @@ class PairInitializer:
         )
         if outcome.cam2_from_cam1 is None:
             return refused(attempt, outcome.verdict)
+        if problem := outcome.cam2_from_cam1.problem():
+            raise SlamInitError(f"method {self.config.method}: the pose of frames {attempt.frames} {problem}")
         with self.stopwatch("map"):
             return self._adjusted(attempt, outcome, outcome.cam2_from_cam1, reference, current)
 

@@ -39,9 +39,7 @@ def test_images_without_times_have_their_index_as_their_time():
     assert not [note for note in initializer.finish().notes if "time stamps" in note]
 
 
-@pytest.mark.parametrize(
-    "stamp", [float("nan"), float("inf"), -1.0, 0.5, 0.4, 2.0**63, "0.7", [0.7], 10**400, None]
-)
+@pytest.mark.parametrize("stamp", [float("nan"), float("inf"), -1.0, 0.5, 0.4, 2.0**63, "0.7", [0.7], 10**400, None])
 def test_a_frame_whose_time_is_refused_leaves_no_trace(stamp):  # None stands for the index of the frame, which is 2
     initializer = Initializer(CAMERA)
     initializer.process(IMAGE, 0.4)
