@@ -16,6 +16,9 @@ __all__ = ["CalibrationError", "ConfigError", "OutputError", "SlamInitError", "S
 # name may hold any of them, and with them a message could look like another one.
 _NOT_PLAIN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 
+# Longest message. A path may have 4096 characters and stands at the start.
+_LONGEST = 10_000
+
 
 def plain_line(text: str) -> str:
     r"""Escape the characters of a text that are no plain text in one line.
@@ -40,10 +43,14 @@ class SlamInitError(Exception):
     Parameters
     ----------
     message : str
-        Characters that are no plain text, as in names of files, are escaped (:func:`plain_line`).
+        Characters that are no plain text, as in names of files, are escaped (:func:`plain_line`). A message of more
+        than 10,000 characters is shortened in its middle.
     """
 
     def __init__(self, message: str) -> None:
+        if len(message) > _LONGEST:
+            # A name in a file may have a million characters. The remedy stands at the end.
+            message = f"{message[: _LONGEST // 2]} ... {message[-_LONGEST // 2 :]}"
         super().__init__(plain_line(message))
 
 

@@ -70,3 +70,8 @@ def test_a_message_is_one_plain_line_whatever_a_name_holds():
 
 def test_a_home_of_nobody_stands_for_itself():
     assert str(user_path("~no-such-user-here/data")) == "~no-such-user-here/data"
+
+
+def test_a_long_message_keeps_its_start_and_its_remedy():
+    message = str(SourceError("start" + "x" * 10**6 + "remedy"))
+    assert message.startswith("start") and message.endswith("remedy") and len(message) < 10**5

@@ -62,6 +62,11 @@ def _sparse(path: Path) -> None:
         file.truncate(2 * 10**12)
 
 
+def _long_chunk(path: Path) -> None:
+    data = encoded(".png")
+    path.write_bytes(data[:33] + b"\xff" * 4 + data[37:])
+
+
 def _outside(path: Path) -> None:
     written(path.parent.parent / "outside" / "0.png", encoded(".png"))
     path.symlink_to(path.parent.parent / "outside" / "0.png")
@@ -93,9 +98,7 @@ _IMAGES = (
     _image_row("a sparse file of 2 TB", _sparse, "1073 MB"),
     _image_row("an empty image", Path.touch, "not a readable image"),
     _image_row("a text as an image", lambda path: path.write_text("no image\n" * 99), "not a readable image"),
-    _image_row(
-        "a PNG cut off after its header", lambda path: path.write_bytes(encoded(".png")[:60]), "not a readable image"
-    ),
+    _image_row("a PNG cut off after its header", lambda path: path.write_bytes(encoded(".png")[:60]), "cut off"),
     _image_row(
         "a JPEG cut off in the middle",
         lambda path: path.write_bytes(encoded(".jpg", picture(0, (480, 640)))[:9000]),
@@ -106,11 +109,7 @@ _IMAGES = (
         lambda path: path.write_bytes(encoded(".tiff", np.ones((48, 64), np.float32))),
         "float32",
     ),
-    _image_row(
-        "an image of another size than its calibration",
-        lambda path: path.write_bytes(encoded(".png", picture(0, (24, 32)))),
-        "32x24",
-    ),
+    _image_row("a PNG with a chunk of 4 GB", _long_chunk, "cut off"),
 )
 
 
@@ -171,6 +170,12 @@ def _hostile_folder_name(folder: Path) -> Seen:
     return _works(folder_of_images(folder / name), folder, r"seq\nslam-init: error: forged\x1b[2J\u202e")
 
 
+def _size_of_another(folder: Path) -> Seen:
+    data = folder_of_images(folder / "data")
+    written(data / "0.png", encoded(".png", picture(0, (24, 32))))
+    return _info(data, folder, "camera.yaml", "64x48", "32x24")
+
+
 def _changing_size(folder: Path) -> Seen:
     data = folder_of_images(folder / "data")
     written(data / "1.png", encoded(".png", picture(0, (24, 32))))
@@ -196,6 +201,7 @@ _NAMES = (
     Attack("readers", "an image name that is no Unicode", _LINE, _named("0\udcff.png", r"0\udcff.png")),
     Attack("readers", "an image name with terminal codes", _LINE, _named("0\x1b[31m.png", r"0\x1b[31m.png")),
     Attack("readers", "a folder whose name forges a message", "works, escaped", _hostile_folder_name),
+    Attack("readers", "images of another size than their calibration", _LINE, _size_of_another),
     Attack("readers", "images of changing size", _LINE, _changing_size),
     Attack("readers", "10^6 + 1 images in a folder", _LINE, _million_files, 300.0),
     Attack(

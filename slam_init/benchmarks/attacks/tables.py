@@ -47,6 +47,16 @@ def _table(name: str, content: str | bytes, *words: str) -> Callable[[Path], See
     return run
 
 
+def _long_name(folder: Path) -> Seen:
+    data = tum_folder(folder / "data")
+    written(data / "rgb.txt", "0 " + "x" * 5_000_000)
+    ended = command("info", data, folder=folder)
+    seen = one_line(ended, 2, "cannot be read")
+    return Seen(
+        seen.holds and len(ended.err) < 11_000, f"{len(ended.err)} characters: {seen.text[:60]} ... {ended.err[-60:]}"
+    )
+
+
 def _sparse_list(folder: Path) -> Seen:
     data = tum_folder(folder / "data")
     os.truncate(data / "rgb.txt", 10**12)
@@ -109,7 +119,7 @@ _FILES = (
 _TABLES = (
     ("a list of images that is binary", _table("rgb.txt", bytes(range(256)), "not a text file")),
     ("a list of images of 1 TB", _sparse_list),
-    ("a list with a line of 5 MB", _table("rgb.txt", "0 " + "x" * 5_000_000, "")),
+    ("a list with a name of 5 MB", _long_name),
     ("a true pose whose quaternion is zero", _table("groundtruth.txt", "0 0 0 0 0 0 0 0\n", "not of unit norm")),
     ("a true pose of 1e308", _table("groundtruth.txt", "0 0 0 0 1e308 1e308 1e308 1e308\n", "not of unit norm")),
     ("a KITTI pose of 1e308", _kitti("poses.txt", "1e308 0 0 0 0 1e308 0 0 0 0 1e308 0\n" * 3, "not a rotation")),
