@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 from slam_init.errors import CalibrationError, OutputError, SlamInitError
 from slam_init.process_io import InterruptsNoted, NativeStderrSilenced, complain, fill_closed_streams, tell
+from slam_init.regular_file import user_path
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
@@ -224,7 +225,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from slam_init.datasets import open_source
     from slam_init.methods.registry import method_info
 
-    config_path = Path(arguments.config).expanduser() if arguments.config is not None else None
+    config_path = user_path(arguments.config) if arguments.config is not None else None
     config = load_config(config_path, {"method": arguments.method, "seed": arguments.seed})
     method_info(config.method)
     if arguments.refine_focal:  # without it the file decides
@@ -373,7 +374,7 @@ def _out_folder(text: str) -> Path:
     """The folder of ``--out``; a place that cannot be written is refused before any work, nothing is created."""
     if not text:
         raise OutputError("--out is empty: give a folder")
-    out = Path(text).expanduser()
+    out = user_path(text)
     try:
         str(out).encode()
         if out.exists() and not out.is_dir():
@@ -390,7 +391,7 @@ def _out_folder(text: str) -> Path:
 
 def _not_inside_source(out: Path, source: str) -> None:
     """Results named like data (``trajectory.txt``, ``colmap/``) must not land on the data."""
-    folder = Path(source).expanduser()
+    folder = user_path(source)
     # os.path: False, not an error, for names that no file can have.
     if os.path.isdir(folder) and out.resolve() == folder.resolve():  # noqa: PTH112
         raise OutputError(f"--out {out} is the folder of the data: give another one")

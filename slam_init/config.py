@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Self, TypeVar, get_type_hints
 
 from slam_init.errors import ConfigError
+from slam_init.regular_file import read_regular
 from slam_init.types.display import Described
 
 __all__ = [
@@ -29,6 +30,9 @@ __all__ = [
 ]
 
 _Options = TypeVar("_Options")
+
+# All options take 4 kB.
+_MAX_BYTES = 200_000
 
 #: Ranges outside of which a number crashes a library, or a run never ends.
 _RANGES: dict[str, tuple[float, float]] = {
@@ -239,12 +243,8 @@ def load_config(path: str | os.PathLike[str] | None, overrides: Mapping[str, obj
     if path is not None:
         path = Path(path)
         try:
-            if path.exists() and not path.is_file():  # a pipe would block for ever
-                raise ConfigError(f"cannot read {path}: it is no regular file")
-            table = tomllib.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise ConfigError(f"cannot read {path}: {error.strerror or error}") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            table = tomllib.loads(read_regular(path, _MAX_BYTES, "a configuration", ConfigError).decode("utf-8"))
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
             raise ConfigError(f"{path} is not valid TOML: {error}") from None
     table |= {key: value for key, value in (overrides or {}).items() if value is not None}
     where = str(path) if path else "options"

@@ -8,11 +8,50 @@ and exits with code 2.
 
 from __future__ import annotations
 
-__all__ = ["CalibrationError", "ConfigError", "OutputError", "SlamInitError", "SourceError"]
+import re
+
+__all__ = ["CalibrationError", "ConfigError", "OutputError", "SlamInitError", "SourceError", "plain_line"]
+
+# Control characters, line separators, halves of surrogate pairs, and marks that turn the direction of the text. A file
+# name may hold any of them, and with them a message could look like another one.
+_NOT_PLAIN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+
+# Longest message. A path may have 4096 characters and stands at the start.
+_LONGEST = 10_000
+
+
+def plain_line(text: str) -> str:
+    r"""Escape the characters of a text that are no plain text in one line.
+
+    Parameters
+    ----------
+    text : str
+        For example with the name of a file.
+
+    Returns
+    -------
+    str
+        Line breaks, other control characters, surrogates and marks of the direction of writing are written as in
+        Python: ``\n``, ``\x1b``, ``\u202e``. All other characters stay.
+    """
+    return _NOT_PLAIN.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
 class SlamInitError(Exception):
-    """Base of all exceptions of this package. The message is one line for the user."""
+    """Base of all exceptions of this package. The message is one line for the user.
+
+    Parameters
+    ----------
+    message : str
+        Characters that are no plain text, as in names of files, are escaped (:func:`plain_line`). A message of more
+        than 10,000 characters is shortened in its middle.
+    """
+
+    def __init__(self, message: str) -> None:
+        if len(message) > _LONGEST:
+            # A name in a file may have a million characters. The remedy stands at the end.
+            message = f"{message[: _LONGEST // 2]} ... {message[-_LONGEST // 2 :]}"
+        super().__init__(plain_line(message))
 
 
 class SourceError(SlamInitError):

@@ -27,6 +27,7 @@ from slam_init.config import Config
 from slam_init.decision.focal_check import FocalCheck
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.screening import screen
+from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
 from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
 from slam_init.frontend.tracks import Tracker
@@ -99,6 +100,7 @@ class Initializer:
         self.recorder = recorder or Recorder()
         self.tracker = Tracker(camera, self.config.tracking)
         self.history = self.tracker.history
+        self._clock = FrameClock(self.history)
         self.shutter = RollingShutter(camera)
         self.keyframes = KeyframeManager(camera, self.config)
         self.stopwatch = Stopwatch()
@@ -121,7 +123,9 @@ class Initializer:
             Grey or BGR, of the size that the camera is calibrated for; or a frame of a source, which has its own index,
             name and time.
         timestamp_s : float, optional
-            In seconds, for the trajectory. Without it the time of an image is its index.
+            In seconds, for the trajectory and a rolling shutter. Without it the time of an image is its index. Stamps
+            in milliseconds, microseconds or nanoseconds are recognized by size and step, converted, and told in the
+            notes of the result (:mod:`slam_init.types.time_stamps`).
 
         Returns
         -------
@@ -131,15 +135,18 @@ class Initializer:
         Raises
         ------
         SlamInitError
-            If the array is not such an image, or the frame is earlier than the last one.
+            If the array is not such an image, or the frame is not later than the last one. The initializer has not
+            changed then, so that the frame can be left out.
         """
         if self.map is not None:
             return self.status
         frame = frame_of(image, timestamp_s, self._next_index, self.camera)
+        own_seconds = timestamp_s is None or isinstance(image, Frame)
+        frame = self._clock.stamped(frame, in_seconds_by_type=own_seconds)
         with self.stopwatch("track"):
             current = self.tracker.track(frame)
         self.recorder.frame(frame, current)
-        return self.process_tracks(current)
+        return self._step(current)
 
     def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
         """Process the tracks of the next frame from elsewhere: from a cache, or from features and matches of your own.
@@ -168,7 +175,13 @@ class Initializer:
         """
         if self.map is not None:
             return self.status
+        self._clock.check_tracks(current)
+        return self._step(current, revised)
+
+    def _step(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
+        """Process the tracks of the next frame, whose time is checked."""
         self.history.take(current, revised)
+        self._clock.took(current)
         current = self.shutter.take(self.history, current.frame)
         self.frames_read += 1
         self._next_index = current.frame + 1
@@ -219,7 +232,7 @@ class Initializer:
             frames_to_init=self.frames_read if self.map is not None else None,
             attempts=self._attempts.kept,
             timing_ms=self.stopwatch.summary(),
-            notes=(*self._attempts.notes(), *focal_notes(self.map, self.config.map), *self._shutter_notes()),
+            notes=self._notes(),
             advice="" if reason is None else self._attempts.advice(reason),
             hypotheses=self._maps.hypotheses,
             margin=self._maps.margin,
@@ -246,6 +259,11 @@ class Initializer:
                 self.camera, self.config, self.history, self.shutter, third_view=self._third_view, propose=self._propose
             )
         return self._window.judge(pair, pairs, current, self.stopwatch)
+
+    def _notes(self) -> tuple[str, ...]:
+        """All notes for the user."""
+        focal = focal_notes(self.map, self.config.map)
+        return (*self._clock.notes, *self._attempts.notes(), *focal, *self._shutter_notes())
 
     def _shutter_notes(self) -> tuple[str, ...]:
         """A note about an estimated readout, for people who know their camera."""

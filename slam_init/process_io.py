@@ -8,7 +8,7 @@ import sys
 import threading
 from types import FrameType
 
-from slam_init.errors import OutputError
+from slam_init.errors import OutputError, plain_line
 
 __all__ = ["InterruptsNoted", "NativeStderrSilenced", "complain", "fill_closed_streams", "tell"]
 
@@ -97,9 +97,9 @@ def complain(message: str) -> None:
     Parameters
     ----------
     message : str
-        Its line breaks are replaced by spaces.
+        Line breaks and other characters that are no plain text are escaped.
     """
-    print("slam-init:", " ".join(message.splitlines()), file=sys.stderr)
+    print("slam-init:", plain_line(message), file=sys.stderr)
 
 
 class NativeStderrSilenced:

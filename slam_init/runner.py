@@ -20,7 +20,7 @@ from slam_init.output.summary import Summary, summary_of
 from slam_init.recording.recorder import Recorder
 from slam_init.recording.rerun_recorder import RerunRecorder
 from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame, Source
+from slam_init.types.frame import Frame, Source, notes_of
 from slam_init.types.result import Result
 
 __all__ = ["run"]
@@ -78,7 +78,7 @@ def run(
         initializer = make_initializer(config.method, camera, config, recorder)
         frames = hashed.reading(source.frames(start=start, max_frames=None if continue_frames else max_frames))
         result = _initialize(initializer, frames, len(source) - start, max_frames, progress)
-        result = replace(result, notes=(*notes, *result.notes))
+        result = replace(result, notes=(*notes, *notes_of(source), *result.notes))
         result, continued = _continue(result, initializer, frames, continue_frames, recorder)
         options = {"start": start, "max_frames": max_frames, "continue_frames": continue_frames}
         summary = _summary(result, source, camera, config, continued, options, hashed)

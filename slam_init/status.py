@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from numbers import Real
 
 import numpy as np
 
@@ -115,7 +117,7 @@ class Status(Described):
 
 
 def frame_of(image: Image | Frame, timestamp_s: float | None, index: int, camera: Camera) -> Frame:
-    """Make a frame from an image. A frame is returned unchanged, except for a given time stamp.
+    """Make a frame from an image, which is checked. A frame is returned unchanged, except for a given time stamp.
 
     Parameters
     ----------
@@ -137,15 +139,16 @@ def frame_of(image: Image | Frame, timestamp_s: float | None, index: int, camera
     SlamInitError
         If the array is not such an image, or the time stamp is not finite.
     """
-    if timestamp_s is not None and not np.isfinite(timestamp_s):
-        raise SlamInitError(f"time stamp {timestamp_s}: give finite seconds, or None")
+    if timestamp_s is not None and not (isinstance(timestamp_s, Real) and abs(timestamp_s) <= sys.float_info.max):
+        raise SlamInitError(f"time stamp {timestamp_s!r:.60}: give finite seconds, or None")
+    pixels, size = image.image if isinstance(image, Frame) else image, (camera.height, camera.width)
+    shape, kind = getattr(pixels, "shape", None), getattr(pixels, "dtype", None)
+    if not isinstance(pixels, np.ndarray) or kind != np.uint8 or shape not in (size, (*size, 3)):
+        found = f"of the type {type(pixels).__name__}" if kind is None else f"of shape {shape} and type {kind}"
+        raise SlamInitError(
+            f"image {found}: give uint8, {size} grey or {(*size, 3)} BGR, the size that the camera is calibrated for"
+        )
     if isinstance(image, Frame):
         return image if timestamp_s is None else replace(image, timestamp_s=float(timestamp_s))
-    size = (camera.height, camera.width)
-    if image.dtype != np.uint8 or image.shape not in (size, (*size, 3)):
-        raise SlamInitError(
-            f"image of shape {image.shape} and type {image.dtype}: give uint8, {size} grey or {(*size, 3)} BGR, "
-            "the size that the camera is calibrated for"
-        )
     time_s = float(index) if timestamp_s is None else float(timestamp_s)
-    return Frame(index, time_s, f"frame-{index:06d}", image)
+    return Frame(index, time_s, f"frame-{index:06d}", pixels)

@@ -58,8 +58,10 @@ def _fit(m: Floats, n: Floats) -> Floats:
     rows = (cross[..., None] * m[:, :, None, None, :]).reshape(len(m), -1, 9)
     H = np.linalg.svd(np.linalg.qr(rows, mode="r"))[2][:, -1].reshape(-1, 3, 3)
     _, middle, smallest = np.linalg.svd(H, compute_uv=False).T
+    with np.errstate(divide="ignore"):  # a determinant below 1e-308 is zero
+        sign = np.sign(np.linalg.det(H))
     # Three rays in a plane give a homography without inverse, which belongs to no motion.
-    scale = np.sign(np.linalg.det(H)) / np.where(smallest > _SINGULAR * middle, middle, np.nan)
+    scale = sign / np.where((smallest > _SINGULAR * middle) & (sign != 0), middle, np.nan)
     return np.asarray(H * scale[:, None, None])
 
 

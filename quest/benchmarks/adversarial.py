@@ -22,24 +22,47 @@ import quest
 from quest.benchmarks.running import positive, run_on_one_thread, save
 from quest.benchmarks.tables import markdown_table
 
-__all__ = ["FUNCTIONS", "call", "defect_of", "draw_input", "main"]
+__all__ = ["FUNCTIONS", "call", "defect_of", "draw_input", "is_rotation", "main"]
 
 Floats = NDArray[np.float64]
 #: Two views in any form that a caller could pass: arrays, lists, numbers, texts.
 Views = tuple[object, object]
 
-#: Every function of the package that takes bearings. The function of pixels takes other arguments; it checks them and
-#: calls ``estimate_relative_pose``.
-FUNCTIONS = tuple(
-    name for name in quest.__all__ if inspect.isfunction(getattr(quest, name)) and name != "estimate_relative_pose_px"
-)
+_PIXELS = "estimate_relative_pose_px"
+
+#: Every function of the package by its name, with the classical solvers of :data:`quest.SOLVERS`.
+FUNCTIONS: dict[str, Callable[..., object]] = {
+    **{name: getattr(quest, name) for name in quest.__all__ if inspect.isfunction(getattr(quest, name))},
+    **{name: solver.function for name, solver in quest.SOLVERS.items()},
+}
+
+
+_KINDS = ("box", "plane", "line", "repeated", "one point", "two points", "far", "at the camera")
+#: Rays that belong to no scene: (N, 3) of the first view -> of the second.
+_RAYS: dict[str, Callable[[Floats, np.random.Generator], tuple[Floats, Floats]]] = {
+    "all equal": lambda X, rng: (0 * X + [0.1, 0.2, 1.0], 0 * X + rng.normal(size=3)),
+    "two clusters": lambda X, rng: (_clusters(X, rng), _clusters(X, rng)),
+    "nearly equal": lambda X, rng: (X[:1] + 1e-9 * rng.normal(size=X.shape), X[:1] + 1e-9 * rng.normal(size=X.shape)),
+    "antipodal": lambda X, rng: (X, -X),
+    "opposite pairs": lambda X, rng: (X[:1] * rng.choice([-1, 1], (len(X), 1)), X[:1] + 0 * X),
+    "on the epipoles": lambda X, rng: (
+        0 * X + [0.0, 0.0, 1.0],
+        np.where(rng.random((len(X), 1)) < 0.5, [0, 0, 1.0], X),
+    ),
+    "mirrored": lambda X, rng: (X, X * [1, 1, -1]),
+    "great circles": lambda X, rng: (X * [1, 0, 1], X @ rng.normal(size=(3, 2)) @ rng.normal(size=(2, 3))),
+}
+
+
+def _clusters(X: Floats, rng: np.random.Generator) -> Floats:
+    return np.asarray(rng.normal(size=(2, 3))[np.arange(len(X)) % 2])
 
 
 def _scene(rng: np.random.Generator) -> tuple[str, Floats, Floats]:
     """A scene and its two views (N, 3), points in each camera's frame."""
     count = int(rng.choice([0, 1, 2, 5, 6, 6, 6, 7, 8, 10, 12, 20, 40]))
     X = rng.uniform([-1, -1, 1], [1, 1, 4], (count, 3))
-    kind = str(rng.choice(["box", "plane", "line", "repeated", "one point", "two points", "far", "at the camera"]))
+    kind = str(rng.choice(_KINDS))
     if kind == "plane":
         X[:, 2] = 2 + X[:, :2] @ rng.uniform(-0.5, 0.5, 2)
     elif kind == "line":
@@ -52,6 +75,9 @@ def _scene(rng: np.random.Generator) -> tuple[str, Floats, Floats]:
         X *= 1e12
     elif kind == "at the camera":
         X *= 1e-12
+    if rng.random() < 0.3 and count:
+        kind = str(rng.choice(list(_RAYS)))
+        return kind, *_RAYS[kind](X, rng)
     angle = float(rng.choice([0, 1e-9, 0.1, np.pi / 2, np.pi]))
     axis = rng.normal(size=3) if rng.random() < 0.5 else rng.permutation([1.0, 0.0, 0.0])
     turn = _rotation(axis / np.linalg.norm(axis), angle)
@@ -128,12 +154,18 @@ _HARMFUL: dict[str, Callable[[Floats], object]] = {
 }
 
 
-def draw_input(rng: np.random.Generator) -> tuple[str, bool, Views]:
-    """Draw an input: its description, whether it is without meaning, and the matched bearings in some form."""
+#: Forms that are for rays alone, and do no harm to pixels or do not fit them.
+_FOR_RAYS = ("zero ray", "pixels", "one coordinate huge")
+
+
+def draw_input(rng: np.random.Generator, *, pixels: bool = False) -> tuple[str, bool, Views]:
+    """Draw an input: its description, whether it is without meaning, and the matched rays or pixels in some form."""
     scene, X, Y = _scene(rng)
     harmful = bool(rng.random() < 0.4) and len(X) > 0
     forms = _HARMFUL if harmful else _HARMLESS
-    form = str(rng.choice(list(forms)))
+    form = str(rng.choice([form for form in forms if not (pixels and form in _FOR_RAYS)]))
+    if pixels:
+        X, Y = 300 * X[:, :2], 300 * Y[:, :2]
     views = forms[form](X), forms[form](Y)
     if harmful and rng.random() < 0.5:  # one valid view does not make the input valid
         views = (X, views[1]) if rng.random() < 0.5 else (views[0], Y)
@@ -142,12 +174,17 @@ def draw_input(rng: np.random.Generator) -> tuple[str, bool, Views]:
 
 def call(name: str, views: Views, rng: np.random.Generator) -> object:
     """Call a function of the package on two views; the other arguments are ordinary or hostile."""
-    function = getattr(quest, name)
+    function = FUNCTIONS[name]
     hostile = [0, -1.0, np.nan, np.inf, "1", None, 1e300, 1e-300, True, [1.0], 10**400, np.array([1.0, 2.0])]
     odd = hostile[int(rng.integers(len(hostile)))] if rng.random() < 0.2 else ...
     if name == "estimate_relative_pose":
         options = {} if odd is ... else {str(rng.choice(["threshold_rad", "confidence", "max_samples", "seed"])): odd}
         return function(*views, **options)
+    if name == _PIXELS:
+        cameras: list[object] = [np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]])] * 2
+        if odd is not ...:
+            cameras[int(rng.integers(2))] = odd if rng.random() < 0.5 else np.full((3, 3), 1e300)
+        return function(*views, *cameras)
     if name == "translation_and_depths":
         return function(_quaternions(rng) if odd is ... else odd, *views)
     if name == "parallax_statement":
@@ -175,8 +212,10 @@ def defect_of(result: object) -> str | None:
         return None
     if isinstance(result, quest.RelativePose):
         poses: list[quest.RelativePose | quest.Hypothesis] = [result, *result.alternatives]
-        if not all(_unit(p.q_wxyz) and (_unit(p.t) or not p.t.any()) and np.isfinite(p.R).all() for p in poses):
+        if not all(_unit(p.q_wxyz) and (_unit(p.t) or not p.t.any()) for p in poses):
             return "an invalid pose"
+        if not all(is_rotation(p.R) for p in poses):
+            return "a matrix that is no rotation"
         if result.kind != "rotation" and not np.isfinite(result.covariance).all():
             return "a covariance that is not finite"
         return None if np.isfinite([result.noise_rad, result.parallax_rad]).all() else "a statistic that is not finite"
@@ -198,6 +237,12 @@ def defect_of(result: object) -> str | None:
     return None if all(_unit(q) for q in rows) else "an invalid quaternion"
 
 
+def is_rotation(R: Floats) -> bool:
+    """Whether ``R R^T = 1`` and ``det R = 1`` to 1e-9."""
+    orthonormal = np.isfinite(R).all() and np.abs(R @ R.T - np.eye(3)).max() < 1e-9
+    return bool(orthonormal and abs(np.linalg.det(R) - 1) < 1e-9)
+
+
 def _unit(a: Floats) -> bool:
     return bool(abs(np.linalg.norm(a) - 1) < 1e-9)
 
@@ -205,7 +250,7 @@ def _unit(a: Floats) -> bool:
 def judge(name: str, seed: int, index: int) -> tuple[str, str]:
     """Outcome of one call ("answer", "InputError" or "broken") and, of a broken one, what happened."""
     rng = np.random.default_rng([seed, index])
-    what, harmful, views = draw_input(rng)
+    what, harmful, views = draw_input(rng, pixels=name == _PIXELS)
     with warnings.catch_warnings(), np.errstate(divide="warn", over="warn", invalid="warn"):
         warnings.simplefilter("error")
         try:
@@ -231,8 +276,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     outcomes: Counter[tuple[str, str]] = Counter()
     broken: list[str] = []
+    names = tuple(FUNCTIONS)
     for index in _with_progress(range(options.inputs)):
-        name = FUNCTIONS[index % len(FUNCTIONS)]
+        name = names[index % len(names)]
         outcome, what = judge(name, options.seed, index)
         outcomes[name, outcome] += 1
         if what:

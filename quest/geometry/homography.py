@@ -20,6 +20,9 @@ __all__ = ["decompose_homography", "fit_homography", "homography_residuals"]
 
 Floats = NDArray[np.float64]
 
+# A matrix whose second singular value is this small relative to the first maps all rays to a line.
+_SINGULAR = 1e-12
+
 
 def fit_homography(m: Floats, n: Floats, weight: Floats | None = None) -> Floats:
     """Fit a homography by linear least squares, ``n x H m = 0``.
@@ -92,9 +95,13 @@ def decompose_homography(H: Floats, m: Floats) -> list[tuple[Floats, Floats, Flo
     -------
     list of (R, t, k)
         R (3, 3), t (3,) and k (3,) of each pose: t in units of the distance of the plane from camera 1, k of unit
-        norm. Empty where H is a rotation.
+        norm. Empty where H is a rotation, has a rank below two, or is not finite.
     """
+    if not np.isfinite(H).all():
+        return []
     _, S, Vt = np.linalg.svd(H)
+    if not S[1] > _SINGULAR * S[0]:
+        return []
     H = H / S[1]
     if np.linalg.det(H) < 0:
         H = -H

@@ -11,6 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from quest.errors import InputError
+
 __all__ = [
     "canonical",
     "conjugate",
@@ -32,20 +34,38 @@ def matrix_from_quaternion(q: ArrayLike) -> Floats:
     Parameters
     ----------
     q : (..., 4) array_like
-        Quaternions wxyz, of any norm but zero.
+        Quaternions wxyz, of any norm but zero. Rows of NaN, the padding of solvers, give NaN.
 
     Returns
     -------
     (..., 3, 3) float
+
+    Raises
+    ------
+    InputError
+        If a quaternion is zero or infinite: it is no rotation.
     """
     a = np.asarray(q, float)
-    w, x, y, z = np.moveaxis(a / np.linalg.norm(a, axis=-1, keepdims=True), -1, 0)
+    with np.errstate(over="ignore"):
+        norm = np.linalg.norm(a, axis=-1, keepdims=True)
+    if not ((norm > 1e-100) & (norm < 1e100)).all():  # squares of such numbers overflow or vanish
+        a, norm = _scaled(a)
+    w, x, y, z = np.moveaxis(a / norm, -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _scaled(q: Floats) -> tuple[Floats, Floats]:
+    """The same rotations with a largest component of 1, and the norms (..., 1); rows of NaN stay."""
+    largest = np.abs(q).max(axis=-1, keepdims=True)
+    if not ((largest > 0) & (largest < np.inf) | np.isnan(largest)).all():
+        raise InputError("a quaternion is zero or infinite: it is no rotation")
+    q = q / largest
+    return q, np.linalg.norm(q, axis=-1, keepdims=True)
 
 
 def quaternion_from_matrix(R: ArrayLike) -> Floats:
@@ -57,12 +77,12 @@ def quaternion_from_matrix(R: ArrayLike) -> Floats:
     Parameters
     ----------
     R : (..., 3, 3) array_like
-        Rotation matrices.
+        Rotation matrices; those of NaN give NaN.
 
     Returns
     -------
     (..., 4) float
-        Quaternions wxyz of canonical sign.
+        Quaternions wxyz of canonical sign and unit norm.
 
     References
     ----------
@@ -84,6 +104,7 @@ def quaternion_from_matrix(R: ArrayLike) -> Floats:
     )
     pivot = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(rows, pivot[..., None, None], axis=-2)[..., 0, :]
+    # The four pivots add up to 4, so that the norm is at least 1.
     return canonical(q / np.linalg.norm(q, axis=-1, keepdims=True))
 
 
@@ -212,5 +233,10 @@ def rotation_from_vector(w: ArrayLike) -> Floats:
     Returns
     -------
     (..., 3, 3) float
+
+    Raises
+    ------
+    InputError
+        If a number is infinite.
     """
     return matrix_from_quaternion(quaternion_from_vector(w))

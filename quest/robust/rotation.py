@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from quest.geometry.refine import refine_rotation
 from quest.robust.ransac import draw_samples
 
 __all__ = ["fit_rotation", "refine_rotation_compiled"]
@@ -13,6 +14,10 @@ Floats = NDArray[np.float64]
 
 #: From this number of matches the share of inliers of a hypothesis is known to 3 %.
 _TEST_MATCHES = 300
+
+#: Two rays that are nearer to each other, or to opposite directions, determine no rotation: the frame that they span is
+#: orthonormal to 1e-16 divided by this angle.
+_LEAST_ANGLE_RAD = 1e-6
 
 
 def fit_rotation(m: Floats, n: Floats, threshold_rad: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -35,18 +40,23 @@ def fit_rotation(m: Floats, n: Floats, threshold_rad: float, rng: np.random.Gene
     """
     # Where a fifth of the matches are inliers, 200 pairs hold a pair of two inliers with a probability of 99.97 %.
     pairs = draw_samples(rng, len(m), 2, 200)
-    frames = []
+    frames, determined = [], np.ones(len(pairs), bool)
     for rays in (m[pairs], n[pairs]):
         across = np.cross(rays[:, 0], rays[:, 1])
-        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+        width = np.linalg.norm(across, axis=1, keepdims=True)
+        across /= np.maximum(width, 1e-300)
         middle = rays[:, 0] + rays[:, 1]
-        middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-300)
+        length = np.linalg.norm(middle, axis=1, keepdims=True)
+        middle /= np.maximum(length, 1e-300)
+        determined &= np.minimum(width, length)[:, 0] > _LEAST_ANGLE_RAD
         frames.append(np.stack([across, middle, np.cross(across, middle)], axis=-1))
     R = frames[1] @ np.swapaxes(frames[0], 1, 2)
     # Some hundred matches decide which rotation is best. |n - R m|^2 / 2 = 1 - n . R m.
     some = rng.permutation(len(m))[:_TEST_MATCHES]
     r2 = 1 - R.reshape(-1, 9) @ (n[some, :, None] * m[some, None, :]).reshape(-1, 9).T
-    best = R[int(np.argmin(np.minimum(r2, 4 * threshold_rad**2).sum(axis=1)))]
+    costs = np.where(determined, np.minimum(r2, 4 * threshold_rad**2).sum(axis=1), np.inf)
+    # Where no pair determines a rotation, as where all rays are equal, the Kabsch fit gives one of those that fit best.
+    best = R[int(np.argmin(costs))] if determined.any() else refine_rotation(np.eye(3), m, n, 1.0, iterations=1)
     # The wide scale first, so that a scene with a little parallax is fitted as a whole.
     for scale_rad in (4 * threshold_rad, threshold_rad, 0.5 * threshold_rad):
         best = refine_rotation_compiled(best, m, n, scale_rad)

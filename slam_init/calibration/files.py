@@ -20,7 +20,8 @@ from pathlib import Path
 import numpy as np
 
 from slam_init.calibration.formats import parse_colmap, parse_mapping
-from slam_init.errors import CalibrationError
+from slam_init.errors import CalibrationError, plain_line
+from slam_init.regular_file import read_regular, user_path
 from slam_init.types.camera import Camera
 
 __all__ = ["GUESS", "guess_camera", "load_camera", "load_yaml"]
@@ -81,7 +82,7 @@ def load_camera(path: str | os.PathLike[str], image_size: tuple[int, int] | None
         if image_size is None:
             raise CalibrationError("a guessed camera needs the size of the images")
         return guess_camera(image_size)
-    path = Path(path).expanduser()
+    path = user_path(path)
     text = _read_text(path)
     try:
         camera = _parse(path, text, image_size)
@@ -130,22 +131,12 @@ def load_yaml(path: str | os.PathLike[str]) -> object:
         return _parse_yaml(_read_text(path))
     except CalibrationError as error:
         message = str(error)
-        raise CalibrationError(message if message.startswith(str(path)) else f"{path}: {message}") from None
+        raise CalibrationError(message if message.startswith(plain_line(str(path))) else f"{path}: {message}") from None
 
 
 def _read_text(path: Path) -> str:
-    try:
-        if path.is_dir():
-            raise CalibrationError(f"{path}: is a folder: give a calibration file")
-        if path.exists() and not path.is_file():  # reading a pipe without a writer would never end
-            raise CalibrationError(f"{path}: is not a regular file: give a calibration file")
-        with path.open("rb") as file:
-            data = file.read(_MAX_BYTES + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise CalibrationError(f"{path}: cannot read this calibration ({reason}): give a file or {GUESS!r}") from None
-    if len(data) > _MAX_BYTES:
-        raise CalibrationError(f"{path}: more than {_MAX_BYTES // 1000} kB: this is not a calibration")
+    what = f"a calibration: give a YAML, XML or COLMAP file, or {GUESS!r}"
+    data = read_regular(path, _MAX_BYTES, what, CalibrationError)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -12,6 +12,7 @@ import numpy as np
 
 from slam_init.compare.judging import NOT_JUDGED, Criteria, criteria_of, group_of_scene
 from slam_init.errors import CalibrationError, SourceError
+from slam_init.regular_file import user_path
 from slam_init.types.arrays import Floats
 
 if TYPE_CHECKING:
@@ -261,7 +262,7 @@ def _expand(text: str) -> list[tuple[str, str]]:
 
     if text.startswith(POINTS):
         return [(text, text)]
-    path = Path(text).expanduser()
+    path = user_path(text)
     try:
         kind = detect_kind(text)
     except SourceError:

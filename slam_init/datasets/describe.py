@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam_init.datasets import TimedSource
+from slam_init.errors import plain_line
 from slam_init.types.camera import Camera
+from slam_init.types.frame import notes_of
 
 __all__ = ["CameraDescription", "SourceDescription", "TruthDescription", "describe", "describe_text"]
 
@@ -79,6 +81,8 @@ class SourceDescription:
         None if the source has no calibration.
     ground_truth : TruthDescription or None
         None if the source has no ground truth.
+    notes : tuple of str
+        What the user should know about the source, for example the unit of its time stamps.
     """
 
     name: str
@@ -91,6 +95,7 @@ class SourceDescription:
     fps: float | None
     camera: CameraDescription | None
     ground_truth: TruthDescription | None
+    notes: tuple[str, ...] = ()
 
 
 def describe(source: TimedSource, camera: Camera | None) -> SourceDescription:
@@ -125,6 +130,7 @@ def describe(source: TimedSource, camera: Camera | None) -> SourceDescription:
         fps=round((len(source) - 1) / duration_s, 3) if duration_s > 0 else None,
         camera=None if camera is None else _describe_camera(camera),
         ground_truth=_describe_truth(source),
+        notes=notes_of(source),
     )
 
 
@@ -161,7 +167,8 @@ def describe_text(info: SourceDescription) -> str:
     else:
         matched = f"{truth.frames} of {info.frames} frames"
         lines.append(f"  ground truth  for {matched}, path of {truth.path_length:.3f}")
-    return "\n".join(lines) + "\n"
+    lines += [f"  note          {note}" for note in info.notes]
+    return "\n".join(plain_line(line) for line in lines) + "\n"
 
 
 def _describe_camera(camera: Camera) -> CameraDescription:

@@ -16,11 +16,16 @@ import numpy as np
 
 from slam_init.calibration.files import load_camera, load_yaml
 from slam_init.datasets.image_files import ImageFileSource, read_image
+from slam_init.datasets.stamps import image_times, stamp_of, truth_on_clock
 from slam_init.datasets.text import numbers, pose_from_matrix, pose_from_quaternion, read_rows, trajectory
 from slam_init.errors import SourceError
+from slam_init.regular_file import check_inside
 from slam_init.types.pose import Pose, Trajectory
+from slam_init.types.time_stamps import TimeUnit
 
 __all__ = ["find_euroc_camera", "open_euroc"]
+
+_STAMP = "a timestamp in nanoseconds"
 
 
 def find_euroc_camera(folder: str | os.PathLike[str]) -> Path | None:
@@ -64,37 +69,34 @@ def open_euroc(folder: str | os.PathLike[str]) -> ImageFileSource:
     if found is None:
         raise SourceError(f"{folder}: no cam0/data.csv in it")
     camera_folder = found.resolve()
+    # The camera of a sequence has its ground truth beside it, so that the folder of the camera alone names its parent.
+    root = camera_folder.parent if found == Path(folder) else Path(folder)
     paths: list[Path] = []
-    timestamps_s: list[float] = []
-    for row in read_rows(camera_folder / "data.csv"):
+    stamps: list[float] = []
+    places: list[str] = []
+    for row in read_rows(camera_folder / "data.csv", root):
         fields = [field.strip() for field in row[1].split(",")]
-        stamp_s = _seconds(row, fields)
+        stamps.append(stamp_of(row, fields, _STAMP))
         if len(fields) < 2 or not fields[1]:
             raise SourceError(f"{row[0]}: expected timestamp,filename, found {row[1][:60]!r}")
-        if timestamps_s and stamp_s <= timestamps_s[-1]:
-            raise SourceError(f"{row[0]}: timestamp {fields[0]} does not come after the one before")
         paths.append(camera_folder / "data" / fields[1])
-        timestamps_s.append(stamp_s)
+        places.append(row[0])
     if not paths:
         raise SourceError(f"{camera_folder / 'data.csv'}: lists no image")
+    timestamps_s, notes = image_times(stamps, places, TimeUnit.NANOSECONDS)
     sensor = camera_folder / "sensor.yaml"
     camera, body_from_cam = None, Pose.identity()
-    if sensor.is_file():
-        height, width = read_image(paths[0]).shape[:2]
+    if sensor.exists():
+        check_inside(sensor, root)
+        height, width = read_image(paths[0], root).shape[:2]
         camera = load_camera(sensor, (width, height))
         body_from_cam = _read_body_from_cam(sensor)
     mav = camera_folder.parent
     truth_file = mav / "state_groundtruth_estimate0" / "data.csv"
-    truth = _read_truth(truth_file, body_from_cam) if truth_file.is_file() else None
+    raw_truth = _read_truth(truth_file, root, body_from_cam) if truth_file.exists() else None
+    truth, truth_notes = truth_on_clock(raw_truth, timestamps_s, TimeUnit.NANOSECONDS)
     name = mav.parent.name if mav.name == "mav0" else mav.name
-    return ImageFileSource(name, "euroc", tuple(paths), np.array(timestamps_s), camera, truth)
-
-
-def _seconds(row: tuple[str, str], fields: list[str]) -> float:
-    """Time stamp of the first column in seconds: whole nanoseconds, divided once to keep all digits."""
-    if not fields[0].isdecimal():
-        raise SourceError(f"{row[0]}: expected a timestamp in nanoseconds, found {row[1][:60]!r}")
-    return int(fields[0]) / 1e9
+    return ImageFileSource(name, "euroc", tuple(paths), timestamps_s, camera, truth, (*notes, *truth_notes), root)
 
 
 def _read_body_from_cam(sensor: Path) -> Pose:
@@ -110,12 +112,13 @@ def _read_body_from_cam(sensor: Path) -> Pose:
     return pose_from_matrix(f"{sensor}: T_BS", matrix)
 
 
-def _read_truth(path: Path, body_from_cam: Pose) -> Trajectory | None:
+def _read_truth(path: Path, root: Path, body_from_cam: Pose) -> Trajectory | None:
+    """The true poses, with stamps as they stand in the file."""
     stamped = []
-    for row in read_rows(path):
+    for row in read_rows(path, root):
         fields = [field.strip() for field in row[1].split(",")]
-        stamp_s = _seconds(row, fields)
+        stamp = stamp_of(row, fields, _STAMP)
         tx, ty, tz, qw, qx, qy, qz = numbers(row, fields[1:], 7, "timestamp,px,py,pz,qw,qx,qy,qz")
         world_from_body = pose_from_quaternion(row, [tx, ty, tz], [qw, qx, qy, qz])
-        stamped.append((stamp_s, world_from_body @ body_from_cam))
+        stamped.append((stamp, world_from_body @ body_from_cam))
     return trajectory(stamped)

@@ -9,7 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from slam_init.datasets.image_files import ImageFileSource, list_images, stored_camera
+from slam_init.datasets.stamps import image_times
 from slam_init.errors import SourceError
+from slam_init.types.arrays import Floats
+from slam_init.types.time_stamps import TimeUnit
 
 __all__ = ["find_images", "open_folder"]
 
@@ -57,26 +60,34 @@ def open_folder(folder: str | os.PathLike[str]) -> ImageFileSource:
     paths = find_images(folder)
     if not paths:
         raise SourceError(f"{folder}: holds no image")
+    timestamps_s, notes = _times(paths)
     return ImageFileSource(
         folder.resolve().name,
         "images",
         tuple(paths),
-        np.array(_timestamps_s(paths)),
+        timestamps_s,
         stored_camera(folder, paths[0]),
+        notes=notes,
+        root=folder,
     )
 
 
-def _timestamps_s(paths: list[Path]) -> tuple[float, ...]:
-    """Time stamps from names in seconds (``1305031453.359684``) or whole nanoseconds; else at the nominal rate.
+def _times(paths: list[Path]) -> tuple[Floats, tuple[str, ...]]:
+    """Time stamps in seconds from the names of the images, and notes on their unit; else at the nominal rate.
 
-    A short whole number is a counter, not a time stamp.
+    A name is a time stamp if it is a number with a decimal point, or a whole number of at least 13 digits: a date in
+    milliseconds has 13. A shorter whole number is a counter. Names that are no possible time stamps (they do not
+    increase, or lie beyond 2^63) are no error, because nobody has said that they are time stamps.
     """
     stems = [path.stem for path in paths]
-    nominal = tuple(i / NOMINAL_RATE_HZ for i in range(len(paths)))
-    if all(re.fullmatch(r"\d+\.\d+", stem) for stem in stems):
-        stamps = tuple(float(stem) for stem in stems)
-    elif all(re.fullmatch(r"\d{16,19}", stem) for stem in stems):
-        stamps = tuple(int(stem) / 1e9 for stem in stems)
+    nominal = np.arange(len(paths)) / NOMINAL_RATE_HZ
+    if all(re.fullmatch(r"\d+\.\d+", stem, re.ASCII) for stem in stems):
+        stated = TimeUnit.SECONDS
+    elif all(re.fullmatch(r"[1-9]\d{12,18}", stem, re.ASCII) for stem in stems):
+        stated = TimeUnit.NANOSECONDS
     else:
-        return nominal
-    return stamps if bool(np.all(np.diff(stamps) > 0)) else nominal
+        return nominal, ()
+    try:
+        return image_times([float(stem) for stem in stems], stems, stated)
+    except SourceError:
+        return nominal, ()

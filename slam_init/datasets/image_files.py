@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import itertools
 import os
 import re
 from collections.abc import Iterator
@@ -12,6 +14,7 @@ from typing import cast
 import numpy as np
 
 from slam_init.errors import SourceError
+from slam_init.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
@@ -19,9 +22,12 @@ from slam_init.types.pose import Trajectory
 
 __all__ = [
     "IMAGE_SUFFIXES",
+    "MAX_FRAMES",
+    "MAX_PIXELS",
     "ImageFileSource",
     "check_size",
     "frame_range",
+    "holds_image",
     "list_images",
     "natural_key",
     "read_image",
@@ -30,6 +36,17 @@ __all__ = [
 
 #: Suffixes of image files, lower case.
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".pnm", ".tif", ".tiff", ".webp", ".jp2"})
+
+#: Most pixels of an image, for example 16384 x 8192. A coloured image of 16 bits has then 800 MB, decoded.
+MAX_PIXELS = 2**27
+
+#: Most frames of a sequence: nine hours at 30 Hz.
+MAX_FRAMES = 1_000_000
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+# Largest file of an image: that of an image of MAX_PIXELS without compression, with four channels of 16 bits.
+_MAX_BYTES = 8 * MAX_PIXELS
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
@@ -51,7 +68,7 @@ def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
 
 
 def list_images(folder: str | os.PathLike[str]) -> list[Path]:
-    """List the image files of a folder, without hidden files.
+    """List the image files of a folder, without hidden files. What an entry is (a file, a pipe) is not looked up.
 
     Parameters
     ----------
@@ -62,23 +79,53 @@ def list_images(folder: str | os.PathLike[str]) -> list[Path]:
     -------
     list of Path
         In natural order of the names.
+
+    Raises
+    ------
+    SourceError
+        If the folder holds more than :data:`MAX_FRAMES` of them.
     """
-    files = (entry for entry in Path(folder).iterdir() if entry.suffix.lower() in IMAGE_SUFFIXES)
-    return sorted(
-        (entry for entry in files if not entry.name.startswith(".")),
-        key=lambda entry: natural_key(entry.name),
-    )
+    names = list(itertools.islice(_image_names(folder), MAX_FRAMES + 1))
+    if len(names) > MAX_FRAMES:
+        raise SourceError(f"{folder}: holds more than {MAX_FRAMES} images: split it into several folders")
+    return [Path(folder, name) for name in sorted(names, key=natural_key)]
 
 
-def read_image(path: str | os.PathLike[str]) -> Image:
+def holds_image(folder: str | os.PathLike[str]) -> bool:
+    """Tell whether a folder holds an image; faster than to list all of them.
+
+    Parameters
+    ----------
+    folder : str or path-like
+        An existing folder.
+
+    Returns
+    -------
+    bool
+    """
+    return next(_image_names(folder), None) is not None
+
+
+def _image_names(folder: str | os.PathLike[str]) -> Iterator[str]:
+    with os.scandir(Path(folder)) as entries:
+        for entry in entries:
+            suffix = os.path.splitext(entry.name)[1]  # noqa: PTH122 (a Path for each of a million names takes seconds)
+            if suffix.lower() in IMAGE_SUFFIXES and not entry.name.startswith("."):
+                yield entry.name
+
+
+def read_image(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Image:
     """Read one image.
 
-    16-bit images keep their upper eight bits. A transparency channel is dropped. An EXIF orientation is not applied,
-    since calibrations refer to pixels as stored.
+    16-bit images keep their upper eight bits. A transparency channel is dropped, CMYK is converted to BGR. Of a file
+    with several images, or an animated one, the first image is read. An EXIF orientation is not applied, since
+    calibrations refer to pixels as stored. Nothing is decoded before the size in the header is known to be bounded.
 
     Parameters
     ----------
     path : str or path-like
+    root : str or path-like, optional
+        The folder of the source; see :func:`slam_init.regular_file.check_inside`.
 
     Returns
     -------
@@ -88,25 +135,24 @@ def read_image(path: str | os.PathLike[str]) -> Image:
     Raises
     ------
     SourceError
-        If the file is missing, cut off, or not an image of 8 or 16 bits.
+        If the file is missing, no regular file, cut off, larger than :data:`MAX_PIXELS`, or not an image of 8 or 16
+        bits, or if it lies outside of the folder of the source.
     """
     import cv2
 
     path = Path(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise SourceError(f"{path}: cannot be read ({error.strerror})") from None
+    if root is not None:
+        check_inside(path, root)
+    data = read_regular(path, _MAX_BYTES, "an image", SourceError)
+    _check_header(path, data)
     # Decoders fill the missing part of a JPEG with grey and only print a warning. The entropy-coded data of a JPEG
     # cannot hold a marker, so that an intact file has an end marker after its last scan marker.
     if data.startswith(b"\xff\xd8") and data.find(b"\xff\xd9", data.rfind(b"\xff\xda")) < 0:
         raise SourceError(f"{path}: the image is cut off")
+    if data.startswith(_PNG) and not _has_whole_chunks(data):
+        raise SourceError(f"{path}: the image is cut off")
     try:
-        image = (
-            cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
-            if data
-            else None
-        )
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:
         image = None
     if image is None:
@@ -118,6 +164,33 @@ def read_image(path: str | os.PathLike[str]) -> Image:
     if image.ndim == 3:
         image = image[..., :3] if image.shape[2] >= 3 else image[..., 0]
     return cast(Image, np.ascontiguousarray(image))
+
+
+def _has_whole_chunks(png: bytes) -> bool:
+    """Whether each chunk of a PNG up to its end lies in the file. For one that states 4 GB OpenCV takes 20 s."""
+    at = len(_PNG)
+    while at + 12 <= len(png):
+        if png[at + 4 : at + 8] == b"IEND":
+            return True
+        at += 12 + int.from_bytes(png[at : at + 4], "big")
+    return False
+
+
+def _check_header(path: Path, data: bytes) -> None:
+    """Refuse an image by the size that its header states: a few bytes may state one of 40 GB."""
+    import imagesize
+
+    try:
+        width, height = imagesize.get(io.BytesIO(data), exif_rotation=False)
+    except Exception:  # the library raises what its parsers raise, for headers that are broken
+        width, height = -1, -1
+    if width < 1 or height < 1:
+        raise SourceError(f"{path}: not a readable image")
+    if width * height > MAX_PIXELS:
+        raise SourceError(
+            f"{path}: the header states {width}x{height} pixels, more than {MAX_PIXELS / 1e6:.0f} million: "
+            "shrink the image and scale its calibration"
+        )
 
 
 def check_size(what: str, size: tuple[int, int], expected: tuple[int, int], of: str) -> None:
@@ -200,7 +273,8 @@ def stored_camera(folder: str | os.PathLike[str], first_image: str | os.PathLike
     path = Path(folder) / "camera.yaml"
     if not path.is_file():
         return None
-    height, width = read_image(first_image).shape[:2]
+    check_inside(path, folder)
+    height, width = read_image(first_image, folder).shape[:2]
     return load_camera(path, (width, height))
 
 
@@ -216,6 +290,10 @@ class ImageFileSource:
         One image per frame.
     timestamps_s : (N,) float
         Strictly increasing.
+    notes : tuple of str
+        What the user should know about the source, for example the unit of its time stamps.
+    root : Path or None
+        The folder that no image may lie outside of; None for any.
     """
 
     name: str
@@ -224,6 +302,8 @@ class ImageFileSource:
     timestamps_s: Floats
     camera: Camera | None = None
     groundtruth: Trajectory | None = None
+    notes: tuple[str, ...] = ()
+    root: Path | None = None
 
     def __len__(self) -> int:
         return len(self.paths)
@@ -248,12 +328,12 @@ class ImageFileSource:
             If an image cannot be read, or if its size differs from that of the camera or of the first image.
         """
         # Names are relative to the folder that holds all images, as COLMAP requires.
-        root = os.path.commonpath([path.parent for path in self.paths])
+        root = os.path.commonpath({path.parent for path in self.paths})
         expected = (self.camera.width, self.camera.height) if self.camera else None
         of = "the camera"
         for index in frame_range(len(self), start, max_frames, self.name):
             path = self.paths[index]
-            image = read_image(path)
+            image = read_image(path, self.root)
             size = (image.shape[1], image.shape[0])
             if expected is None:
                 expected, of = size, f"the first ({path.name})"

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from slam_init.datasets.euroc import find_euroc_camera, open_euroc
-from slam_init.datasets.folder import find_images, open_folder
-from slam_init.datasets.image_files import IMAGE_SUFFIXES
+from slam_init.datasets.folder import open_folder
+from slam_init.datasets.image_files import IMAGE_SUFFIXES, holds_image
 from slam_init.datasets.kitti import find_kitti_images, open_kitti
 from slam_init.datasets.synth import PREFIX, open_synth
 from slam_init.datasets.timed import TimedSource
@@ -16,6 +16,7 @@ from slam_init.datasets.tum import INDEX_FILES, open_tum
 from slam_init.datasets.user import PYTHON, open_python
 from slam_init.datasets.video import open_video
 from slam_init.errors import SourceError
+from slam_init.regular_file import kind_problem, user_path
 
 __all__ = ["detect_kind", "open_source"]
 
@@ -45,7 +46,7 @@ def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:
         return open_synth(text, seed)
     if kind == "python":
         return open_python(text)
-    path = Path(text).expanduser()
+    path = user_path(text)
     openers: dict[str, Callable[[Path], TimedSource]] = {
         "tum": open_tum,
         "euroc": open_euroc,
@@ -82,7 +83,7 @@ def detect_kind(text: str | os.PathLike[str]) -> str:
         return "synth"
     if text.startswith(PYTHON):
         return "python"
-    path = Path(text).expanduser()
+    path = user_path(text)
     try:
         if path.is_dir():
             return _detect_folder(path)
@@ -93,7 +94,7 @@ def detect_kind(text: str | os.PathLike[str]) -> str:
         raise SourceError(f"{text!r}: cannot be read ({error})") from None
     if missing:
         raise SourceError(f"{text!r}: no such file or folder; give one, or synth:NAME")
-    raise SourceError(f"{path}: neither a file nor a folder: give one of these")
+    raise SourceError(f"{path} {kind_problem(path)}")
 
 
 def _detect_folder(path: Path) -> str:
@@ -103,7 +104,7 @@ def _detect_folder(path: Path) -> str:
         return "euroc"
     if find_kitti_images(path):
         return "kitti"
-    if find_images(path):
+    if holds_image(path) or ((path / "images").is_dir() and holds_image(path / "images")):
         return "images"
     raise SourceError(
         f"{path}: no sequence in this folder; looked for {', '.join(INDEX_FILES)} (TUM), "

@@ -15,6 +15,7 @@ import numpy as np
 
 from quest.geometry.quaternion import quaternion_from_matrix
 from slam_init.errors import SourceError
+from slam_init.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose, Trajectory
 
@@ -31,13 +32,18 @@ __all__ = [
 #: The place of a line for error messages (``file:line``), and its text.
 Row = tuple[str, str]
 
+# A million poses, in as many digits as a double has.
+_MAX_BYTES = 200_000_000
 
-def read_rows(path: str | os.PathLike[str]) -> Iterator[Row]:
+
+def read_rows(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Iterator[Row]:
     """Read the lines of a file, without blank lines and comments.
 
     Parameters
     ----------
     path : str or path-like
+    root : str or path-like, optional
+        The folder of the source; see :func:`slam_init.regular_file.check_inside`.
 
     Yields
     ------
@@ -49,15 +55,15 @@ def read_rows(path: str | os.PathLike[str]) -> Iterator[Row]:
     Raises
     ------
     SourceError
-        If the file cannot be read as text.
+        If the file cannot be read as text, is larger than 200 MB, or lies outside of the folder of the source.
     """
     path = Path(path)
+    if root is not None:
+        check_inside(path, root)
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_regular(path, _MAX_BYTES, "a table of a sequence", SourceError).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise SourceError(f"{path}: not a text file") from None
-    except OSError as error:
-        raise SourceError(f"{path}: cannot be read ({error.strerror})") from None
     for number, line in enumerate(text.splitlines(), start=1):
         stripped = line.strip()
         if stripped and not stripped.startswith("#"):
@@ -163,22 +169,26 @@ def pose_from_matrix(place: str, matrix: Floats) -> Pose:
         If the 3x3 part is not a rotation up to 0.01.
     """
     R = matrix[:3, :3]
-    if not (np.allclose(R @ R.T, np.eye(3), atol=0.01) and np.linalg.det(R) > 0):
+    # The first condition holds back numbers whose squares overflow.
+    if not ((np.abs(R) < 2).all() and np.allclose(R @ R.T, np.eye(3), atol=0.01) and np.linalg.det(R) > 0):
         raise SourceError(f"{place}: the 3x3 part of the pose is not a rotation")
     return Pose.from_quaternion(quaternion_from_matrix(R), matrix[:3, 3])
 
 
-def read_tum_trajectory(path: str | os.PathLike[str]) -> Trajectory | None:
+def read_tum_trajectory(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Trajectory | None:
     """Read a trajectory in the format of TUM RGB-D: lines of ``timestamp tx ty tz qx qy qz qw``.
 
     Parameters
     ----------
     path : str or path-like
+    root : str or path-like, optional
+        The folder of the source; see :func:`slam_init.regular_file.check_inside`.
 
     Returns
     -------
     Trajectory or None
-        Time stamps in seconds and poses world_from_cam in the unit of the file; None if the file holds no pose.
+        Time stamps as they stand in the file and poses world_from_cam in the unit of the file; None if the file holds
+        no pose.
 
     Raises
     ------
@@ -186,7 +196,7 @@ def read_tum_trajectory(path: str | os.PathLike[str]) -> Trajectory | None:
         If the file cannot be read or a line is broken; the message names file and line.
     """
     stamped = []
-    for row in read_rows(path):
+    for row in read_rows(path, root):
         fields = row[1].replace(",", " ").split()
         stamp, tx, ty, tz, qx, qy, qz, qw = numbers(row, fields, 8, "timestamp tx ty tz qx qy qz qw")
         stamped.append((stamp, pose_from_quaternion(row, [tx, ty, tz], [qw, qx, qy, qz])))

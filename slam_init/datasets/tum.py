@@ -23,7 +23,8 @@ from pathlib import Path
 import numpy as np
 
 from slam_init.datasets.image_files import ImageFileSource, stored_camera
-from slam_init.datasets.text import numbers, read_rows, read_tum_trajectory
+from slam_init.datasets.stamps import image_times, stamp_of, truth_on_clock
+from slam_init.datasets.text import read_rows, read_tum_trajectory
 from slam_init.errors import SourceError
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose, Trajectory
@@ -84,28 +85,36 @@ def open_tum(folder: str | os.PathLike[str]) -> ImageFileSource:
     if len(icl_truths) > 1:
         raise SourceError(f"{folder}: several *.gt.freiburg: keep the one that belongs to the images")
     unit_s = 1 / _ICL_NUIM_RATE_HZ if icl_truths else 1.0
-    paths, timestamps_s = _read_index(folder, unit_s)
+    paths, stamps, places = _read_index(folder)
+    notes: tuple[str, ...] = ()
+    if icl_truths:  # frame numbers
+        timestamps_s, _ = image_times((np.array(stamps) * unit_s).tolist(), places)
+    else:
+        timestamps_s, notes = image_times(stamps, places)
     camera = stored_camera(folder, paths[0])
     truth: Trajectory | None = None
     if icl_truths:
         camera = camera or _ICL_NUIM
-        truth = _reflected(read_tum_trajectory(icl_truths[0]), unit_s)
+        truth = _reflected(read_tum_trajectory(icl_truths[0], folder), unit_s)
     else:
         named = re.search(r"freiburg([123])", folder.resolve().name)
         camera = camera or (_FREIBURG[named[1]] if named else None)
-        if (folder / "groundtruth.txt").is_file():
-            truth = read_tum_trajectory(folder / "groundtruth.txt")
-    return ImageFileSource(folder.resolve().name, "tum", paths, np.array(timestamps_s), camera, truth)
+        if (folder / "groundtruth.txt").exists():
+            raw_truth = read_tum_trajectory(folder / "groundtruth.txt", folder)
+            truth, truth_notes = truth_on_clock(raw_truth, timestamps_s)
+            notes = (*notes, *truth_notes)
+    return ImageFileSource(folder.resolve().name, "tum", paths, timestamps_s, camera, truth, notes, folder)
 
 
-def _read_index(folder: Path, unit_s: float) -> tuple[tuple[Path, ...], tuple[float, ...]]:
-    """Paths and time stamps of the images that the folder lists."""
+def _read_index(folder: Path) -> tuple[tuple[Path, ...], list[float], list[str]]:
+    """Paths and time stamps of the images that the folder lists, and for each the place of its line."""
     index = next((folder / name for name in INDEX_FILES if (folder / name).is_file()), None)
     if index is None:
         raise SourceError(f"{folder}: holds none of {', '.join(INDEX_FILES)}")
     paths: list[Path] = []
-    timestamps_s: list[float] = []
-    for row in read_rows(index):
+    stamps: list[float] = []
+    places: list[str] = []
+    for row in read_rows(index, folder):
         place, text = row
         if index.name == "rgb.txt":
             fields = text.split(maxsplit=1)  # a file name may hold spaces
@@ -113,16 +122,14 @@ def _read_index(folder: Path, unit_s: float) -> tuple[tuple[Path, ...], tuple[fl
             fields = text.split()
             if len(fields) >= 4 and fields[1].lower().startswith("depth"):
                 fields = fields[2:]
-        (stamp,) = numbers(row, fields, 1, "a timestamp and a file name")
+        stamps.append(stamp_of(row, fields, "a timestamp and a file name"))
         if len(fields) < 2:
             raise SourceError(f"{place}: expected a timestamp and a file name, found {text[:60]!r}")
-        if timestamps_s and stamp * unit_s <= timestamps_s[-1]:
-            raise SourceError(f"{place}: timestamp {fields[0]} does not come after the one before: sort the file")
         paths.append(folder / fields[1])
-        timestamps_s.append(stamp * unit_s)
+        places.append(place)
     if not paths:
         raise SourceError(f"{index}: lists no image")
-    return tuple(paths), tuple(timestamps_s)
+    return tuple(paths), stamps, places
 
 
 def _reflected(truth: Trajectory | None, unit_s: float) -> Trajectory | None:

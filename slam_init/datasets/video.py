@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +11,9 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from slam_init.datasets.image_files import check_size, frame_range
+from slam_init.datasets.image_files import MAX_FRAMES, MAX_PIXELS, check_size, frame_range
 from slam_init.errors import SourceError
+from slam_init.regular_file import open_regular
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
@@ -25,6 +27,10 @@ __all__ = ["VideoSource", "open_video"]
 # Frame rate where the header states none, or one that is impossible.
 _NOMINAL_RATE_HZ = 30.0
 
+# A file whose first bytes have no control character but white space is a text.
+_TEXT_BYTES = 4096
+_NOT_TEXT = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f]")
+
 
 @dataclass(frozen=True, eq=False)
 class VideoSource:
@@ -34,17 +40,20 @@ class VideoSource:
     ----------
     path : Path
     length : int
-        Number of frames as the header states, or as counted where the header states none.
+        Number of frames as the header states, or as counted where the header states none or one that is impossible.
     rate_hz : float
         Frames per second.
     size : (int, int)
         Width and height in pixels.
+    notes : tuple of str
+        Whether the frame rate is assumed, for the user.
     """
 
     path: Path
     length: int
     rate_hz: float
     size: tuple[int, int]
+    notes: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -99,7 +108,8 @@ class VideoSource:
         capture = _capture(self.path)
         try:
             for _ in range(wanted.start):
-                capture.grab()
+                if not capture.grab():
+                    break
             for index in wanted:
                 decoded, image = capture.read()
                 if not decoded:
@@ -126,26 +136,48 @@ def open_video(path: str | os.PathLike[str]) -> VideoSource:
     Raises
     ------
     SourceError
-        If OpenCV cannot read the file, or if the video has no frame.
+        If this is no regular file, a text (a playlist could name other files), a video that OpenCV cannot read or
+        without a frame, or if its images have more than :data:`~slam_init.datasets.image_files.MAX_PIXELS` pixels.
     """
     import cv2
 
     path = Path(path)
     capture = _capture(path)
     try:
+        width, height = (capture.get(what) for what in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        if width * height > MAX_PIXELS:
+            raise SourceError(
+                f"{path}: the header states {width:.0f}x{height:.0f} pixels, more than {MAX_PIXELS / 1e6:.0f} million: "
+                "shrink the video"
+            )
         decoded, image = capture.read()
         if not decoded:
             raise SourceError(f"{path}: not a readable video, or a video without frames")
         rate_hz = capture.get(cv2.CAP_PROP_FPS)
-        length = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        if length < 1:
-            length = 1
-            while capture.grab():
-                length += 1
+        length = _length(path, capture)
     finally:
         capture.release()
-    possible = np.isfinite(rate_hz) and 0 < rate_hz <= 1000
-    return VideoSource(path, length, rate_hz if possible else _NOMINAL_RATE_HZ, image.shape[1::-1])
+    size = image.shape[1::-1]
+    if np.isfinite(rate_hz) and 0 < rate_hz <= 1000:
+        return VideoSource(path, length, rate_hz, size)
+    note = f"the video states no possible frame rate: {_NOMINAL_RATE_HZ:g} frames a second are assumed"
+    return VideoSource(path, length, _NOMINAL_RATE_HZ, size, (note,))
+
+
+def _length(path: Path, capture: cv2.VideoCapture) -> int:
+    """Number of frames as the header states, or as counted after the first one where no such number is possible.
+
+    A frame takes at least a byte of the file.
+    """
+    import cv2
+
+    stated = capture.get(cv2.CAP_PROP_FRAME_COUNT)
+    if 1 <= stated <= min(path.stat().st_size, MAX_FRAMES):
+        return int(stated)
+    length = 1
+    while length < MAX_FRAMES and capture.grab():
+        length += 1
+    return length
 
 
 def _capture(path: Path) -> cv2.VideoCapture:
@@ -158,7 +190,13 @@ def _capture(path: Path) -> cv2.VideoCapture:
     # OpenCV takes a name with a % for a pattern of image names.
     if "%" in path.name:
         raise SourceError(f"{path}: rename the video: OpenCV cannot open names with a %")
-    capture = cv2.VideoCapture(str(path))
+    with open_regular(path, SourceError) as file:
+        start = file.read(_TEXT_BYTES)
+    # A playlist is a text with the names of other files, or of addresses, which OpenCV would read.
+    if start and not _NOT_TEXT.search(start):
+        raise SourceError(f"{path}: is a text, not a readable video; give a video file, or a folder of images")
+    # FFmpeg alone: the other readers of OpenCV take a name with digits for a pattern of image names.
+    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     # Calibrations refer to pixels as stored: the orientation that a phone writes into the file is not applied.
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
     if not capture.isOpened():

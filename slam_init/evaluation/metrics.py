@@ -92,11 +92,13 @@ def align_positions(source: Floats, target: Floats) -> Similarity:
     Raises
     ------
     ValueError
-        If the shapes differ, or there are no positions.
+        If the shapes differ, there are no positions, or a number is not finite.
     """
     source, target = np.asarray(source, float), np.asarray(target, float)
     if source.shape != target.shape or source.ndim != 2 or source.shape[1] != 3 or len(source) == 0:
         raise ValueError(f"positions of shapes {source.shape} and {target.shape}: both must be (N, 3), N >= 1")
+    if not (np.isfinite(source).all() and np.isfinite(target).all()):
+        raise ValueError("positions hold a number that is not finite: leave those poses out")
     source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
     a, b = source - source_mean, target - target_mean
     U, singular, Vt = np.linalg.svd(b.T @ a / len(a))

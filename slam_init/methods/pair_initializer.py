@@ -12,6 +12,8 @@ from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.problem import BundleProblem, BundleSolution
 from slam_init.config import Config
 from slam_init.decision.refusal import refused, with_gates
+from slam_init.errors import SlamInitError
+from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.tracks import Tracker, common_tracks
 from slam_init.mapping.map_building import initial_map
 from slam_init.methods.two_view import TwoViewMethod, TwoViewOutcome, undistorted_pixels
@@ -74,6 +76,7 @@ class PairInitializer:
         self.recorder = recorder or Recorder()
         self.tracker = Tracker(camera, self.config.tracking)
         self.history = self.tracker.history
+        self._clock = FrameClock(self.history)
         self.stopwatch = Stopwatch()
         self.map: InitialMap | None = None
         self.status = Status()
@@ -99,10 +102,12 @@ class PairInitializer:
         if self.map is not None:
             return self.status
         frame = frame_of(image, timestamp_s, self._next_index, self.camera)
+        own_seconds = timestamp_s is None or isinstance(image, Frame)
+        frame = self._clock.stamped(frame, in_seconds_by_type=own_seconds)
         with self.stopwatch("track"):
             current = self.tracker.track(frame)
         self.recorder.frame(frame, current)
-        return self.process_tracks(current)
+        return self._step(current)
 
     def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
         """Process the tracks of the next frame; see :meth:`slam_init.initializer.Initializer.process_tracks`.
@@ -120,7 +125,13 @@ class PairInitializer:
         """
         if self.map is not None:
             return self.status
+        self._clock.check_tracks(current)
+        return self._step(current, revised)
+
+    def _step(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
+        """Process the tracks of the next frame, whose time is checked."""
         self.history.take(current, revised)
+        self._clock.took(current)
         self.frames_read += 1
         self._next_index = current.frame + 1
         attempt = None
@@ -161,7 +172,7 @@ class PairInitializer:
             frames_to_init=self.frames_read if self.map is not None else None,
             attempts=self._attempts.kept,
             timing_ms=self.stopwatch.summary(),
-            notes=(*self._attempts.notes(), *focal_notes(self.map, self.config.map)),
+            notes=(*self._clock.notes, *self._attempts.notes(), *focal_notes(self.map, self.config.map)),
             advice="" if reason is None else self._attempts.advice(reason),
             hypotheses=() if self.map is None else (self.map,),
         )
@@ -193,6 +204,8 @@ class PairInitializer:
         )
         if outcome.cam2_from_cam1 is None:
             return refused(attempt, outcome.verdict)
+        if problem := outcome.cam2_from_cam1.problem():
+            raise SlamInitError(f"method {self.config.method}: the pose of frames {attempt.frames} {problem}")
         with self.stopwatch("map"):
             return self._adjusted(attempt, outcome, outcome.cam2_from_cam1, reference, current)
 

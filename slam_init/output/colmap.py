@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
 
+from slam_init.errors import plain_line
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.initial_map import InitialMap
@@ -54,7 +56,9 @@ def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
         errors_px[rows] = np.linalg.norm(projected - pixels, axis=1)
         positions[rows] = np.arange(len(rows))
         pose = numbers_text([*cam_from_world.q_wxyz, *cam_from_world.t])
-        images.append(f"{k + 1} {pose} 1 {keyframe.name}")
+        # A line break in the name of a file would be a line break of the table.
+        name = re.sub("[\r\n]", _escaped, keyframe.name)
+        images.append(f"{k + 1} {pose} 1 {name}")
         images.append(
             " ".join(f"{numbers_text(pixel)} {i + 1}" for pixel, i in zip(pixels + 0.5, landmarks, strict=True))
         )
@@ -68,6 +72,10 @@ def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
         error = numbers_text([float(np.mean(errors_px[rows]))])
         points.append(f"{i + 1} {numbers_text(xyz)} {' '.join(map(str, rgb))} {error} {track}")
     return cameras, "\n".join(images) + "\n", "\n".join(points) + "\n"
+
+
+def _escaped(found: re.Match[str]) -> str:
+    return plain_line(found[0])
 
 
 def _colmap_camera(camera: Camera) -> tuple[str, list[float]]:

@@ -6,6 +6,7 @@ import os
 from collections import Counter
 from pathlib import Path
 
+from slam_init.errors import plain_line
 from slam_init.output.summary import Summary
 
 __all__ = ["report_text"]
@@ -32,7 +33,7 @@ def report_text(summary: Summary, out: str | os.PathLike[str]) -> str:
         facts = [("advice", summary.advice), ("frames read", str(summary.frames_read)), *_kept_facts(summary)]
     facts += [("attempts", _attempts(summary)), *(("note", note) for note in summary.notes)]
     facts.append(("results", f"{out}/ (recording: rerun {out / 'recording.rrd'})"))
-    return f"{title}\n" + "".join(f"  {name:<14}{value}\n" for name, value in facts)
+    return f"{title}\n" + "".join(f"  {name:<14}{plain_line(value)}\n" for name, value in facts)
 
 
 def _kept_facts(summary: Summary) -> list[tuple[str, str]]:

@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.errors import OutputError, SlamInitError
+from slam_init.errors import OutputError, SlamInitError, plain_line
 from slam_init.evaluation.metrics import Similarity, align_poses
 from slam_init.output.summary import Summary
 from slam_init.recording.images import bgr, jpeg, reduced, reduced_shape
@@ -148,7 +148,7 @@ class RerunRecorder(Recorder):
 
         batching = rr.ChunkBatcherConfig.NEVER()
         batching.flush_num_bytes = _CHUNK_BYTES
-        source_name = _unicode(source_name)
+        source_name = plain_line(source_name)
         identity = uuid.uuid5(uuid.NAMESPACE_URL, f"slam-init/{source_name}/{seed}")
         self._rec = rr.RecordingStream(
             "slam_init", recording_id=identity, send_properties=False, batcher_config=batching
@@ -316,7 +316,7 @@ class RerunRecorder(Recorder):
         summary : Summary
         """
         rr = self._rr
-        document = rr.TextDocument(_unicode(summary_markdown(summary)), media_type=rr.MediaType.MARKDOWN)
+        document = rr.TextDocument(summary_markdown(summary), media_type=rr.MediaType.MARKDOWN)
         self._rec.log("summary", document, static=True)
 
     def close(self) -> None:
@@ -411,11 +411,6 @@ class RerunRecorder(Recorder):
                 f"pairs/image/{name}/points",
                 rr.Points2D(matches[chosen].reshape(-1, 2), colors=[color], radii=rr.Radius.ui_points(1.5)),
             )
-
-
-def _unicode(text: str) -> str:
-    """Return a text that Rerun can encode; file systems allow names that are not Unicode."""
-    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def _transform(pose: Pose) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 
+from slam_init.errors import plain_line
 from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.summary import Summary
 from slam_init.types.gates import Direction, Gate
@@ -94,7 +95,7 @@ def summary_markdown(summary: Summary) -> str:
     counts = Counter(str(attempt.verdict) for attempt in summary.attempts)
     if counts:
         lines += ["", *_table("attempts", counts)]
-    return "\n".join([*lines, "", *(f"- {note}" for note in summary.notes)])
+    return "\n".join([*lines, "", *(f"- {plain_line(note)}" for note in summary.notes)])
 
 
 def _gate_row(gate: Gate) -> str:
@@ -134,4 +135,4 @@ def _table(title: str, rows: Mapping[str, Json] | Mapping[str, int]) -> list[str
 def _shown(value: Json) -> str:
     if value is None:
         return "none"
-    return f"{value:.4g}" if isinstance(value, float) else str(value).replace("|", "/")
+    return f"{value:.4g}" if isinstance(value, float) else plain_line(str(value)).replace("|", "/")

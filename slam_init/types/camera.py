@@ -37,6 +37,10 @@ _FOCAL_RANGE = (0.01, 1000.0)
 _MAX_OFFSET = 10.0
 # Largest ratio of fx and fy. Anamorphic lenses have 2; a larger ratio is a wrong decimal point.
 _MAX_ASPECT = 5.0
+# Largest distortion coefficient. That of a telescope, whose rays have a tangent of 0.01, may reach thousands.
+_MAX_DISTORTION = 1e6
+# Longest side of an image in pixels: a million is more than any decoder takes.
+_MAX_SIDE = 1_000_000
 
 # Longest readout of a rolling shutter: no frame takes longer than its interval, and no video is slower than this.
 _MAX_READOUT_MS = 1000.0
@@ -101,14 +105,18 @@ class Camera(Described):
                 raise CalibrationError(f"principal point {name} is {value!r}: it must be a finite number of pixels")
         if self.width <= 0 or self.height <= 0:
             raise CalibrationError(f"image size {self.width}x{self.height}: both sides must be positive")
+        if max(self.width, self.height) > _MAX_SIDE:
+            raise CalibrationError(f"the image size has more than {_MAX_SIDE} pixels a side: give that of the images")
         self._check_plausible()
         if len(self.distortion) not in _DISTORTION_SIZES[self.model]:
             allowed = " or ".join(str(n) for n in _DISTORTION_SIZES[self.model])
             raise CalibrationError(
                 f"{len(self.distortion)} distortion coefficients for a {self.model} camera: give {allowed}"
             )
-        if not all(math.isfinite(k) for k in self.distortion):
-            raise CalibrationError(f"distortion {list(self.distortion)} holds a number that is not finite")
+        if not all(abs(k) <= _MAX_DISTORTION for k in self.distortion):
+            raise CalibrationError(
+                f"distortion {list(self.distortion)} holds a number that is not finite, or larger than that of any lens"
+            )
         if self.readout_ms is not None and not 0 <= self.readout_ms <= _MAX_READOUT_MS:
             raise CalibrationError(
                 f"readout is {self.readout_ms!r} ms: give milliseconds from 0 to {_MAX_READOUT_MS:g}, and for rows "
@@ -340,7 +348,8 @@ def _polynomial(k: tuple[float, ...], r: Floats) -> tuple[Floats, Floats]:
 def _turning_radius(k: tuple[float, ...], limit: float) -> float:
     """Radius at which ``r (1 + k1 r^2 + ...)`` stops growing, at most ``limit``."""
     # The slope is a polynomial in s = r^2. At its smallest positive root the distorted radius stops growing.
-    coefficients = [(2 * i + 1) * ki for i, ki in enumerate(k, start=1)]
+    # A coefficient below 1e-100 moves nothing, and a division by it overflows.
+    coefficients = [(2 * i + 1) * ki if abs(ki) > 1e-100 else 0.0 for i, ki in enumerate(k, start=1)]
     roots = np.roots([*reversed(coefficients), 1.0])
     real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
     return min(limit, float(np.sqrt(real.min()))) if len(real) else limit

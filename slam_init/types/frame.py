@@ -15,7 +15,7 @@ from slam_init.types.pose import Trajectory
 if TYPE_CHECKING:
     from slam_init.types.camera import Camera
 
-__all__ = ["Frame", "Observations", "Source"]
+__all__ = ["Frame", "Observations", "Source", "notes_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +91,22 @@ class Source(Protocol):
         Frame
         """
         ...
+
+
+def notes_of(source: Source) -> tuple[str, ...]:
+    """List what the user should know about a source.
+
+    Parameters
+    ----------
+    source : Source
+        The attribute ``notes`` is optional, because a data set of the user need not have any.
+
+    Returns
+    -------
+    tuple of str
+        One sentence each.
+    """
+    return tuple(getattr(source, "notes", ()))
 
 
 @dataclass(frozen=True, eq=False)

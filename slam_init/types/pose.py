@@ -7,9 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_matrix
+from slam_init.errors import SlamInitError
 from slam_init.types.arrays import Floats
 
 __all__ = ["Pose", "Trajectory"]
+
+# A thousandth of a pixel at a focal length of 1000 px. A matrix with larger errors was not meant as a rotation.
+_ROTATION_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +54,34 @@ class Pose:
         Returns
         -------
         Pose
+
+        Raises
+        ------
+        SlamInitError
+            If the quaternion is zero or not finite.
         """
-        return Pose(matrix_from_quaternion(np.asarray(q_wxyz, float)), np.asarray(t, float))
+        q = np.asarray(q_wxyz, float)
+        if not (np.isfinite(q).all() and q.any()):
+            raise SlamInitError(f"quaternion {q.tolist()} is zero or not finite: it is no rotation")
+        return Pose(matrix_from_quaternion(q), np.asarray(t, float))
+
+    def problem(self) -> str | None:
+        """Find why this is no rigid transformation, for poses that somebody else made.
+
+        Returns
+        -------
+        str or None
+            The rest of a sentence that starts with the pose; None where ``R R^T = 1`` and ``det R = 1`` up to 1e-6 and
+            t is finite.
+        """
+        R, t = (np.asarray(value) for value in (self.R, self.t))
+        if R.shape != (3, 3) or t.shape != (3,) or {R.dtype.kind, t.dtype.kind} - set("fiu"):
+            return f"has R of shape {R.shape} and t of shape {t.shape}: give numbers (3, 3) and (3,)"
+        if not (np.isfinite(t).all() and (np.abs(R) < 2).all()):
+            return "has a number that is not finite or too large: give a rotation and a finite translation"
+        if np.abs(R @ R.T - np.eye(3)).max() > _ROTATION_TOLERANCE or np.linalg.det(R) < 0:
+            return "has a matrix R that is no rotation: give an orthogonal one of determinant 1"
+        return None
 
     @property
     def q_wxyz(self) -> Floats:

@@ -192,7 +192,7 @@ BAD = {
     "video as camera": (["run", IMAGES, "--camera", "garbage.mp4"], "garbage.mp4"),
     # config
     "missing config": (["run", "--config", "nowhere.toml"], "nowhere.toml"),
-    "empty config": (["run", "--config", ""], "cannot read"),
+    "empty config": (["run", "--config", ""], "cannot be read"),
     "broken config": (["run", "--config", "bad.toml"], "bad.toml"),
     "unknown key": (["run", "--config", "unknown.toml"], "magic"),
     "readout text": (["run", IMAGES, *WITH, "--readout", "fast"], "--readout is 'fast'"),
@@ -261,7 +261,7 @@ def test_a_folder_without_permission_is_refused(world, pipeline, capfd, monkeypa
 @pytest.mark.parametrize("error", [SourceError("frame 7: cut off"), SourceError("two\nlines")])
 def test_an_error_met_on_the_way_is_one_line_too(world, pipeline, capfd, error):
     pipeline.raises = error
-    assert_refused(main(["run", IMAGES, *WITH]), capfd, "frame 7|two lines")
+    assert_refused(main(["run", IMAGES, *WITH]), capfd, r"frame 7|two\\nlines")
 
 
 def test_interruption_is_one_line_and_130(world, pipeline, capfd):

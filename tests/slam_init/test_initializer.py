@@ -115,7 +115,7 @@ def test_the_progress_is_that_of_the_best_reference_and_falls_with_it():
     # Another scene without common tracks: the references of the first scene are dropped one by one.
     elsewhere = seen_from([Pose.identity()] * 400, noise_px=0.1, count=60)
     for k, observed in enumerate(elsewhere[: 10 * (CONFIG.keyframes.window + 3)]):
-        other = replace(observed, frame=10 + k, track_ids=observed.track_ids + 100_000)
+        other = replace(observed, frame=10 + k, timestamp_s=10.0 + k, track_ids=observed.track_ids + 100_000)
         status = initializer.process_tracks(other)
     assert status.progress < 0.5
 
@@ -327,6 +327,6 @@ def test_the_history_does_not_grow_with_the_number_of_frames_whose_tracks_are_gi
     initializer = Initializer(CAMERA)
     frames = HISTORY + 20
     for k in range(frames):
-        initializer.process_tracks(replace(observed, frame=k))
+        initializer.process_tracks(replace(observed, frame=k, timestamp_s=k / 30))
     assert len(initializer.history) <= HISTORY < frames
     assert len(initializer.result.attempts) == frames - 1

@@ -9,10 +9,18 @@ import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from slam_init.benchmarks.attacks import api, outputs, processes, readers
+from slam_init.benchmarks.attacks import api, outputs, processes, readers, tables, times, videos
 from slam_init.benchmarks.attacks.attack import Attack, Seen
 
-_ALL = (*outputs.ATTACKS, *readers.ATTACKS, *api.ATTACKS, *processes.ATTACKS)
+_ALL = (
+    *outputs.ATTACKS,
+    *readers.ATTACKS,
+    *videos.ATTACKS,
+    *tables.ATTACKS,
+    *times.ATTACKS,
+    *api.ATTACKS,
+    *processes.ATTACKS,
+)
 
 
 def main() -> int:

@@ -73,7 +73,7 @@ IMPOSSIBLE = {
     "slip in the decimal point": ("fx: 520", "fx: 5200", "too different"),
     "a key given twice": ("fx: 520", "fx: 520\nfx: 500", "fx is given twice"),
     "distortion that reaches a spot": ("distortion: []", "distortion: [-50, 0, 0, 0]", "% of the image"),
-    "distortion that overflows": ("distortion: []", "distortion: [1.0e+200, 0, 0, 0]", "% of the image"),
+    "distortion that overflows": ("distortion: []", "distortion: [1.0e+200, 0, 0, 0]", "that of any lens"),
 }
 
 
@@ -94,7 +94,7 @@ def test_a_key_may_be_given_twice_with_the_same_value(tmp_path):
 
 def test_a_pipe_is_refused_without_waiting_for_its_writer(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(CalibrationError, match="not a regular file"):
+    with pytest.raises(CalibrationError, match="not a file"):
         load_camera(tmp_path / "pipe")
 
 

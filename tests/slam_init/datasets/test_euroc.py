@@ -59,6 +59,6 @@ def test_the_readers_of_euroc_take_every_type_of_path(euroc, path_type):
 
 
 def test_a_broken_line_of_euroc_is_refused_with_file_and_line(euroc):
-    write(euroc / "mav0" / "cam0" / "data.csv", "#t\n12.5,a.png\n")
+    write(euroc / "mav0" / "cam0" / "data.csv", "#t\n12x,a.png\n")
     with pytest.raises(SourceError, match=r"data\.csv:2"):
         open_source(str(euroc))

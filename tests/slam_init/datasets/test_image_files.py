@@ -1,5 +1,8 @@
 """Image files: pixels as stored, broken files refused by name, equal sizes."""
 
+import struct
+import zlib
+
 import cv2
 import numpy as np
 import pytest
@@ -7,7 +10,7 @@ from make_files import CAMERA_YAML, picture, write, write_image
 from path_types import PATH_TYPES
 
 from slam_init.datasets import open_source
-from slam_init.datasets.image_files import list_images, read_image, stored_camera
+from slam_init.datasets.image_files import IMAGE_SUFFIXES, list_images, read_image, stored_camera
 from slam_init.errors import SourceError
 
 
@@ -49,6 +52,40 @@ def test_the_exif_orientation_is_not_applied(tmp_path):
     assert read_image(tmp_path / "a.jpg").shape[:2] == (48, 64)
 
 
+def png_that_states(width, height):
+    """The bytes of a tiny PNG whose header, with a right checksum, states this size."""
+    data = bytearray(cv2.imencode(".png", picture())[1].tobytes())
+    data[16:24] = struct.pack(">II", width, height)
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    return bytes(data)
+
+
+def test_an_image_is_refused_by_the_size_that_its_header_states(tmp_path):
+    write(tmp_path / "a.png", png_that_states(100_000, 100_000))
+    with pytest.raises(SourceError, match=r"a.png.*100000x100000.*134 million"):
+        read_image(tmp_path / "a.png")
+    write(tmp_path / "a.png", png_that_states(64, 48))
+    np.testing.assert_array_equal(read_image(tmp_path / "a.png"), picture())
+
+
+@pytest.mark.parametrize("suffix", sorted(IMAGE_SUFFIXES - {".jpeg", ".tiff"}))
+def test_the_header_of_each_format_is_understood(tmp_path, suffix):
+    write_image(tmp_path / f"a{suffix}", picture(channels=1 if suffix == ".pgm" else 3))
+    assert read_image(tmp_path / f"a{suffix}").shape[:2] == (48, 64)
+
+
+def test_links_that_leave_the_folder_are_not_followed_and_others_are(tmp_path):
+    data, outside = tmp_path / "data", tmp_path / "outside"
+    write_image(data / "a.png", picture(1))
+    write_image(outside / "b.png", picture(2))
+    (data / "b.png").symlink_to(data / "a.png")
+    (tmp_path / "link").symlink_to(data)
+    assert len(list(open_source(str(tmp_path / "link")).frames())) == 2
+    (data / "c.png").symlink_to(outside / "b.png")
+    with pytest.raises(SourceError, match=r"c\.png: leads out of the folder"):
+        list(open_source(str(data)).frames())
+
+
 def unreadable_images():
     jpeg = cv2.imencode(".jpg", picture(size=(320, 240)))[1].tobytes()
     png = cv2.imencode(".png", picture(size=(320, 240)))[1].tobytes()
@@ -57,6 +94,7 @@ def unreadable_images():
         "garbage.png": b"no image at all",
         "cut.jpg": jpeg[: len(jpeg) // 2],
         "cut.png": png[:100],
+        "chunk of 4 GB.png": png[:33] + b"\xff" * 4 + png[37:],
         "float.tiff": cv2.imencode(".tiff", np.ones((8, 8), np.float32))[1].tobytes(),
     }
 

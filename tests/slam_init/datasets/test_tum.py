@@ -98,6 +98,15 @@ def test_icl_nuim_poses_are_reflected_to_fit_the_images(tmp_path):
     assert np.linalg.det(pose.R) == pytest.approx(1)
 
 
+@pytest.mark.parametrize("name", ["../outside.png", "/etc/hostname", "images/link.png"])
+def test_a_list_that_names_files_elsewhere_is_refused(tum, name):
+    write_image(tum.parent / "outside.png")
+    (tum / "images" / "link.png").symlink_to(tum.parent / "outside.png")
+    write(tum / "rgb.txt", f"0 {name}\n")
+    with pytest.raises(SourceError, match="leads out of the folder"):
+        list(open_source(str(tum)).frames())
+
+
 def test_a_missing_image_is_refused_by_name(tum):
     (tum / "images" / "1.png").unlink()
     with pytest.raises(SourceError, match=r"1\.png"):

@@ -361,7 +361,7 @@ def test_the_provisional_map_can_be_asked_for_after_its_frames_are_dropped():
     kept = {name: getattr(last, name)[:5] for name in ("track_ids", "pixels", "bearings", "colors")}
     few = replace(last, **kept)
     for k in range(3, 400):
-        initializer.process_tracks(replace(few, frame=k))
+        initializer.process_tracks(replace(few, frame=k, timestamp_s=k / 10))
     assert len(initializer.history) < 200
     provisional = initializer.provisional
     assert provisional is None or provisional.risk > WINDOW_CONFIG.acceptance.max_risk

@@ -59,6 +59,14 @@ def test_the_text_of_a_summary_has_its_figures_and_no_times():
     assert "not_initialized: static_camera" in summary_markdown(summarize(make_result(None, Verdict.STATIC_CAMERA)))
 
 
+def test_a_hostile_name_is_escaped():
+    summary = summarize(make_result(make_map()))
+    hostile = replace(summary, source=replace(summary.source, name="a\n# forged\u202e\udcff"), notes=("b\nc",))
+    text = summary_markdown(hostile)
+    assert r"a\n# forged\u202e\udcff" in text and r"- b\nc" in text
+    text.encode()
+
+
 def test_a_pipe_in_a_text_does_not_break_the_table():
     attempt = replace(make_attempts(make_map())[0], method_evidence={"rule": "a|b"})
     assert "| rule | a/b |" in attempt_markdown(attempt)

@@ -121,3 +121,20 @@ def test_an_impossible_parameter_is_refused_by_name(change, word):
     }
     with pytest.raises(CalibrationError, match=word):
         Camera(**(values | change))
+
+
+@pytest.mark.parametrize("k", [1e308, -1e308, float("nan"), 1e7])
+def test_a_distortion_of_no_lens_is_refused(k):
+    with pytest.raises(CalibrationError, match="distortion"):
+        Camera("radtan", 64, 48, 60, 60, 31.5, 23.5, (0.0, k, 0.0, 0.0))
+
+
+def test_a_coefficient_that_moves_nothing_changes_nothing():
+    pixels = np.array([[1.0, 2.0], [60.0, 40.0]])
+    with_tiny, without = (Camera("radtan", 64, 48, 60, 60, 31.5, 23.5, (0.1, k, 0.0, 0.0)) for k in (1e-320, 0.0))
+    np.testing.assert_array_equal(with_tiny.normalize(pixels), without.normalize(pixels))
+
+
+def test_an_image_size_beyond_any_decoder_is_refused():
+    with pytest.raises(CalibrationError, match="1000000 pixels a side"):
+        Camera("pinhole", 10**400, 48, 60, 60, 31.5, 23.5)

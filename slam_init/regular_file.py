@@ -1,0 +1,163 @@
+"""Reads files that somebody else made: regular files only, and no more bytes than a bound.
+
+A named pipe without a writer, a terminal or a device would keep a reader for ever, and a file may be larger than the
+memory. The type is looked up before the file is opened. It is looked up again in the open file, which is opened
+without waiting, because the file may have been replaced in between.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from slam_init.errors import SlamInitError, SourceError
+
+__all__ = ["check_inside", "kind_problem", "open_regular", "read_regular", "user_path"]
+
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a named pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+
+
+def user_path(text: str | os.PathLike[str]) -> Path:
+    """Make a path of what a user typed.
+
+    Parameters
+    ----------
+    text : str or path-like
+        ``~`` and ``~name`` at the start stand for a home folder. If there is no such user, they stand for themselves.
+
+    Returns
+    -------
+    Path
+    """
+    return Path(os.path.expanduser(text))  # noqa: PTH111 (Path.expanduser raises where there is no such user)
+
+
+def kind_problem(path: str | os.PathLike[str]) -> str | None:
+    """Find why a path is no regular file, without opening it. Links are followed.
+
+    Parameters
+    ----------
+    path : str or path-like
+
+    Returns
+    -------
+    str or None
+        The rest of a sentence that starts with the path; None for a regular file.
+    """
+    path = Path(path)
+    try:
+        mode = path.stat().st_mode
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            return "cannot be read: it is a link that leads back to itself"
+        if error.errno == errno.ENOENT and path.is_symlink():
+            return "cannot be read: it is a link to a file that does not exist"
+        return f"cannot be read ({error.strerror})"
+    except ValueError as error:  # a null byte in the name
+        return f"cannot be read ({error})"
+    return _mode_problem(mode)
+
+
+def _mode_problem(mode: int) -> str | None:
+    if stat.S_ISREG(mode):
+        return None
+    kind = next((name for is_kind, name in _KINDS if is_kind(mode)), "something else")
+    return f"cannot be read: it is {kind}, not a file"
+
+
+def open_regular(path: str | os.PathLike[str], error: type[SlamInitError]) -> BinaryIO:
+    """Open a regular file for reading. Nothing else is opened.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Links are followed.
+    error : type of SlamInitError
+        Raised where this is no regular file, or where it cannot be opened.
+
+    Returns
+    -------
+    binary file
+        To be closed by the caller.
+    """
+    path = Path(path)
+    if problem := kind_problem(path):
+        raise error(f"{path}: {problem}")
+    try:
+        # Opening a pipe that has come since must not wait for its writer.
+        file = os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb")
+    except OSError as problem_:
+        raise error(f"{path}: cannot be read ({problem_.strerror})") from None
+    if problem := _mode_problem(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise error(f"{path}: {problem}")
+    return file
+
+
+def read_regular(path: str | os.PathLike[str], limit_bytes: int, what: str, error: type[SlamInitError]) -> bytes:
+    """Read a regular file of limited size.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Links are followed.
+    limit_bytes : int
+        Largest size. The size is looked up before anything is read, and no more than this is read.
+    what : str
+        What the file should be, for the message.
+    error : type of SlamInitError
+        Raised where this is no regular file, or where it cannot be read or is larger.
+
+    Returns
+    -------
+    bytes
+    """
+    with open_regular(path, error) as file:
+        try:
+            data = b"" if os.fstat(file.fileno()).st_size > limit_bytes else file.read(limit_bytes + 1)
+            too_large = os.fstat(file.fileno()).st_size > limit_bytes or len(data) > limit_bytes
+        except OSError as problem:
+            raise error(f"{path}: cannot be read ({problem.strerror})") from None
+    if too_large:
+        limit = f"{limit_bytes // 10**6} MB" if limit_bytes >= 10**6 else f"{limit_bytes // 1000} kB"
+        raise error(f"{path}: has more than {limit}: this is not {what}")
+    return data
+
+
+def check_inside(path: str | os.PathLike[str], root: str | os.PathLike[str]) -> None:
+    """Check that a file that was found in the folder of a source does not lie elsewhere.
+
+    The user names a source, and allows that what is in it is read. A link in it, a path with ``..`` or an absolute path
+    in one of its lists may lead to any other file, which the user did not name. A link that stays in the folder is
+    followed, and so is a link that the user names as the source.
+
+    Parameters
+    ----------
+    path : str or path-like
+        A file or folder of the source; it need not exist.
+    root : str or path-like
+        The folder of the source.
+
+    Raises
+    ------
+    SourceError
+        If the path leads out of the folder, or if its links are circular.
+    """
+    try:
+        target = os.path.realpath(path, strict=False)
+        if Path(target).is_relative_to(os.path.realpath(root)):
+            return
+    except (OSError, ValueError) as error:
+        raise SourceError(f"{path}: cannot be read ({error})") from None
+    raise SourceError(
+        f"{path}: leads out of the folder {root}, to {target}: copy the file into the folder, or name its own folder"
+    )

@@ -1,0 +1,153 @@
+"""Each reader converts time stamps of any unit, tells it, and refuses what is no time."""
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from make_files import CAMERA_YAML, picture, write, write_image
+
+from slam_init.datasets import open_source
+from slam_init.errors import SourceError
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, notes_of
+from slam_init.types.pose import Pose, Trajectory
+
+UNITS = {"seconds": 1, "milliseconds": 10**3, "microseconds": 10**6, "nanoseconds": 10**9}
+TIMES_S = {"from zero": (0, 0.05, 0.1, 0.15), "a date": (1403636579.75, 1403636579.8, 1403636579.85, 1403636579.9)}
+
+
+def texts(times_s, unit):
+    """As files print them: seconds with digits, the others as whole numbers."""
+    return [f"{t:.6f}" if unit == "seconds" else str(round(t * 10**6) * UNITS[unit] // 10**6) for t in times_s]
+
+
+def tum(folder, stamps):
+    write(folder / "rgb.txt", "".join(f"{stamp} {i}.png\n" for i, stamp in enumerate(stamps)))
+    write(folder / "groundtruth.txt", "".join(f"{stamp} {i} 0 0 0 0 0 1\n" for i, stamp in enumerate(stamps)))
+    for i in range(len(stamps)):
+        write_image(folder / f"{i}.png", picture(i))
+    write(folder / "camera.yaml", CAMERA_YAML)
+    return str(folder)
+
+
+def euroc(folder, stamps):
+    cam0 = folder / "mav0" / "cam0"
+    write(cam0 / "data.csv", "#timestamp [ns],filename\n" + "".join(f"{s},{i}.png\n" for i, s in enumerate(stamps)))
+    truth = "".join(f"{stamp},{i},0,0,1,0,0,0\n" for i, stamp in enumerate(stamps))
+    write(folder / "mav0" / "state_groundtruth_estimate0" / "data.csv", truth)
+    for i in range(len(stamps)):
+        write_image(cam0 / "data" / f"{i}.png", picture(i))
+    return str(folder)
+
+
+def kitti(folder, stamps):
+    write(folder / "times.txt", "".join(f"{stamp}\n" for stamp in stamps))
+    for i in range(len(stamps)):
+        write_image(folder / "image_0" / f"{i}.png", picture(i, channels=1))
+    return str(folder)
+
+
+def user(folder, stamps):
+    module = folder.name.replace("-", "_").replace("[", "_").replace("]", "_") + "_source"
+    write(
+        folder / f"{module}.py",
+        f"from test_stamps import Given\nmake = lambda: Given([float(s) for s in {stamps!r}])\n",
+    )
+    sys.path.insert(0, str(folder))
+    sys.modules["test_stamps"] = sys.modules[__name__]
+    return f"python:{module}:make"
+
+
+@dataclass
+class Given:
+    """A data set of the user with these stamps."""
+
+    timestamps_s: list
+    name: str = "given"
+    kind: str = "given"
+
+    @property
+    def camera(self):
+        return Camera("pinhole", 64, 48, 60, 60, 31.5, 23.5)
+
+    @property
+    def groundtruth(self):
+        return Trajectory(np.array(self.timestamps_s), tuple(Pose(np.eye(3), np.array([i, 0, 0])) for i in range(4)))
+
+    def __len__(self):
+        return len(self.timestamps_s)
+
+    def frames(self, start=0, max_frames=None):
+        for i in range(start, len(self) if max_frames is None else start + max_frames):
+            yield Frame(i, self.timestamps_s[i], f"{i}.png", picture(i))
+
+
+READERS = {"tum": tum, "euroc": euroc, "kitti": kitti, "user": user}
+
+
+@pytest.fixture
+def opened(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(sys, "modules", dict(sys.modules))
+    return lambda reader, stamps: open_source(READERS[reader](tmp_path, stamps))
+
+
+@pytest.mark.parametrize("times_s", TIMES_S.values(), ids=TIMES_S)
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("reader", READERS)
+def test_each_reader_converts_each_unit_and_tells_it(opened, reader, unit, times_s):
+    source = opened(reader, texts(times_s, unit))
+    np.testing.assert_allclose(source.timestamps_s, times_s, atol=2e-3 if unit == "milliseconds" else 1e-6, rtol=0)
+    np.testing.assert_array_equal([frame.timestamp_s for frame in source.frames(1)], source.timestamps_s[1:])
+    stated = "nanoseconds" if reader == "euroc" else "seconds"
+    assert any(unit in note for note in notes_of(source)) == (unit != stated)
+    if source.groundtruth is not None:
+        assert source.groundtruth.at(float(source.timestamps_s[2])).t.tolist() == [2, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("stamps", "word"),
+    [
+        (["0", "nan", "2", "3"], "nan|finite"),
+        (["0", "inf", "2", "3"], "inf|finite"),
+        (["-2", "-1", "0", "1"], "negative"),
+        (["0", "1", "1", "2"], "after the one before"),
+        (["0", "2", "1", "3"], "after the one before"),
+        ([str(2**63 + k) for k in (0, 10**5, 2 * 10**5, 3 * 10**5)], "2\\^63"),
+        (["1", "1e400", "2", "3"], "1e400|finite"),
+        ([str(14 * 10**17 + k) for k in range(4)], "after the one before"),  # a double does not tell them apart
+    ],
+)
+@pytest.mark.parametrize("reader", READERS)
+def test_each_reader_refuses_what_is_no_time_in_one_line(opened, reader, stamps, word):
+    with pytest.raises(SourceError, match=word) as caught:
+        opened(reader, stamps)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("unit", ["milliseconds", "microseconds", "nanoseconds"])
+def test_names_of_images_that_are_dates_in_any_unit_are_times(tmp_path, unit):
+    for text in texts(TIMES_S["a date"], unit):
+        write_image(tmp_path / f"{text}.png")
+    source = open_source(str(tmp_path))
+    np.testing.assert_allclose(source.timestamps_s, TIMES_S["a date"], atol=1e-5)
+    assert bool(source.notes) == (unit != "nanoseconds")
+
+
+@pytest.mark.parametrize("names", [["9223372036854775808", "9223372036854775908"], ["0000000000000", "0000000000001"]])
+def test_names_that_are_no_possible_time_are_counters(tmp_path, names):
+    for name in names:
+        write_image(tmp_path / f"{name}.png")
+    assert open_source(str(tmp_path)).timestamps_s.tolist() == [0, 1 / 30]
+
+
+@pytest.mark.parametrize(("images", "truth"), [("seconds", "nanoseconds"), ("nanoseconds", "seconds")])
+def test_a_ground_truth_of_another_unit_is_put_on_the_clock_of_the_images(tmp_path, images, truth):
+    times_s = TIMES_S["a date"]
+    folder = tum(tmp_path, texts(times_s, images))
+    rows = [f"{stamp} {i} 0 0 0 0 0 1\n" for i, stamp in enumerate(texts(times_s, truth))]
+    write(tmp_path / "groundtruth.txt", "".join(rows))
+    source = open_source(folder)
+    assert [source.groundtruth.at(t).t[0] for t in source.timestamps_s.tolist()] == [0, 1, 2, 3]
+    assert any("ground truth" in note for note in source.notes) == (truth == "nanoseconds")

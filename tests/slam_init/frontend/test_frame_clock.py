@@ -1,0 +1,71 @@
+"""The times of a stream: converted as they come, and refused without any effect."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam_init.config import Config
+from slam_init.errors import SlamInitError
+from slam_init.initializer import Initializer
+from slam_init.methods import make_initializer
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame
+from slam_init.types.time_stamps import TimeUnit
+
+TIMES_S = (100.25, 100.3, 100.35, 100.4)
+DATES_S = (1403636579.75, 1403636579.8, 1403636579.85, 1403636579.9)
+IMAGE = np.zeros((48, 64), np.uint8)
+CAMERA = Camera("pinhole", 64, 48, 60, 60, 31.5, 23.5)
+
+
+@pytest.mark.parametrize("times_s", [TIMES_S, DATES_S], ids=["relative", "dates"])
+@pytest.mark.parametrize("unit", TimeUnit)
+@pytest.mark.parametrize("method", ["quest", "orb-slam3"])
+def test_the_online_api_converts_each_unit_and_tells_it(method, unit, times_s):
+    initializer = make_initializer(method, CAMERA, Config())
+    for time_s in times_s:
+        initializer.process(IMAGE, round(time_s * unit.per_second, 3))
+    np.testing.assert_allclose([seen.timestamp_s for seen in initializer.history], times_s, atol=2e-3, rtol=0)
+    notes = [note for note in initializer.finish().notes if "time stamps" in note]
+    assert bool(notes) == (unit != TimeUnit.SECONDS) and all(unit in note for note in notes)
+
+
+def test_images_without_times_have_their_index_as_their_time():
+    initializer = Initializer(CAMERA)
+    for _ in range(3):
+        initializer.process(IMAGE)
+    assert [seen.timestamp_s for seen in initializer.history] == [0, 1, 2]
+    assert not [note for note in initializer.finish().notes if "time stamps" in note]
+
+
+@pytest.mark.parametrize("stamp", [float("nan"), float("inf"), -1.0, 0.5, 0.4, 2.0**63, "0.7", [0.7], 10**400, None])
+def test_a_frame_whose_time_is_refused_leaves_no_trace(stamp):  # None stands for the index of the frame, which is 2
+    initializer = Initializer(CAMERA)
+    initializer.process(IMAGE, 0.4)
+    initializer.process(IMAGE, 2.5)
+    with pytest.raises(SlamInitError) as caught:
+        initializer.process(IMAGE, stamp)
+    assert len(str(caught.value).splitlines()) == 1
+    initializer.process(IMAGE, 2.6)
+    assert [seen.timestamp_s for seen in initializer.history] == [0.4, 2.5, 2.6]
+    assert initializer.frames_read == 3
+
+
+def test_frames_of_a_source_some_seconds_apart_stay_in_seconds():
+    initializer = Initializer(CAMERA)
+    for index, time_s in enumerate((0.0, 60.0, 61.0)):
+        initializer.process(Frame(index, time_s, f"{index}", IMAGE))
+    assert [seen.timestamp_s for seen in initializer.history] == [0, 60, 61]
+
+
+@pytest.mark.parametrize("time_s", [1.4e18, -1.0, float("nan"), 1.0])
+def test_tracks_whose_time_is_no_second_are_refused(time_s):
+    donor = Initializer(CAMERA)
+    donor.process(IMAGE, 1.0)
+    (seen,) = donor.history
+    initializer = Initializer(CAMERA)
+    initializer.process_tracks(seen)
+    with pytest.raises(SlamInitError, match="time stamp"):
+        initializer.process_tracks(replace(seen, frame=1, timestamp_s=time_s))
+    assert initializer.process_tracks(replace(seen, frame=1, timestamp_s=2.0)) is initializer.status

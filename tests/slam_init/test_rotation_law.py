@@ -1,0 +1,99 @@
+"""Poses, alignments and readers give rotations, or refuse with a reason."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from quest.benchmarks.adversarial import is_rotation
+from quest.geometry.quaternion import rotation_from_vector
+from slam_init.datasets.text import pose_from_matrix
+from slam_init.errors import SlamInitError, SourceError
+from slam_init.evaluation.metrics import align_poses, align_positions
+from slam_init.mapping.triangulation import resect
+from slam_init.methods.motions import motions_of_essential, motions_of_homography
+from slam_init.types.pose import Pose
+
+NUMBERS = st.lists(st.floats(-1e6, 1e6, allow_subnormal=False), min_size=4, max_size=4)
+
+
+@given(NUMBERS.filter(any))
+def test_a_pose_of_a_quaternion_has_a_rotation(q):
+    pose = Pose.from_quaternion(q, [1, 2, 3])
+    assert is_rotation(pose.R) and is_rotation((pose @ pose.inverse()).R)
+    assert pose.problem() is None
+
+
+@pytest.mark.parametrize("q", [[0, 0, 0, 0], [np.nan, 0, 0, 1], [np.inf, 0, 0, 0]])
+def test_a_quaternion_that_is_no_rotation_is_refused(q):
+    with pytest.raises(SlamInitError, match="no rotation"):
+        Pose.from_quaternion(q, [0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("R", "t"),
+    [
+        (np.zeros((3, 3)), np.zeros(3)),
+        (np.diag([1.0, 1, -1]), np.zeros(3)),
+        (2 * np.eye(3), np.zeros(3)),
+        (np.full((3, 3), np.nan), np.zeros(3)),
+        (np.eye(3), np.array([0, np.inf, 0])),
+        (np.eye(4), np.zeros(3)),
+        (np.eye(3).astype(object), np.zeros(3)),
+    ],
+)
+def test_a_pose_of_somebody_else_that_is_none_has_a_problem(R, t):
+    assert Pose(R, t).problem() is not None
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(["equal", "collinear", "planar", "general", "mirrored"]))
+def test_alignments_of_degenerate_positions_are_rotations(seed, kind):
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(1, 8))
+    source, target = rng.normal(size=(2, count, 3))
+    if kind == "mirrored":
+        target = source * [1, 1, -1]
+    rank = {"equal": 0, "collinear": 1, "planar": 2}.get(kind, 3)
+    source[:, rank:] = 0.0
+    assert is_rotation(align_positions(source, target).R)
+    assert is_rotation(align_positions(target, source).R)
+    poses = [Pose(rotation_from_vector(np.pi * w), t) for w, t in zip(source, target, strict=True)]
+    assert is_rotation(align_poses(poses, poses[::-1]).R)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_positions_that_are_not_finite_are_refused(bad):
+    with pytest.raises(ValueError, match="finite"):
+        align_positions(np.full((3, 3), bad), np.eye(3))
+
+
+@pytest.mark.parametrize("entry", [np.nan, np.inf, 1e308, 0.0, -1.0])
+def test_a_printed_matrix_is_a_rotation_or_refused(entry):
+    printed = np.hstack([rotation_from_vector([0.3, -0.2, 0.1]).round(4), np.zeros((3, 1))])
+    assert is_rotation(pose_from_matrix("a:1", printed).R)
+    printed[1, 1] = entry
+    with pytest.raises(SourceError, match="not a rotation"):
+        pose_from_matrix("a:1", printed)
+
+
+@pytest.mark.parametrize("rank", [0, 1, 2, 3])
+@pytest.mark.parametrize("seed", range(5))
+def test_motions_of_degenerate_matrices_are_rotations(rank, seed):
+    U, _, Vt = np.linalg.svd(np.random.default_rng(seed).normal(size=(3, 3)))
+    M = (U * (np.arange(3) < rank) * [3.0, 2.0, 1.0]) @ Vt
+    rotations = [*motions_of_essential(M)[0], *motions_of_homography(M, 1.0001)[0]]
+    assert all(is_rotation(R) for R in rotations)
+
+
+@pytest.mark.parametrize("kind", ["equal", "collinear", "behind"])
+def test_a_resected_pose_has_a_rotation_or_there_is_none(kind):
+    rng = np.random.default_rng(0)
+    points = rng.uniform([-1, -1, 2], [1, 1, 5], (30, 3))
+    if kind == "equal":
+        points[:] = points[0]
+    elif kind == "collinear":
+        points = np.outer(rng.uniform(1, 3, 30), points[0])
+    rays = points / np.linalg.norm(points, axis=1, keepdims=True)
+    found = resect(points, -rays if kind == "behind" else rays, 2e-3)
+    assert found is None or is_rotation(found[0].R)
