@@ -98,8 +98,11 @@ def _write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16]) -> Non
     import cv2
 
     # Compression level 1: noise cannot be compressed, and the default level takes three times as long.
-    if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
-        raise OSError(f"cannot write {path}")
+    # OpenCV's own writer does not tell a full disk from another failure.
+    encoded, png = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    if not encoded:
+        raise OSError(f"cannot encode {path}")
+    path.write_bytes(png.tobytes())
 
 
 def _depth_factor(sequence: SynthSequence) -> float:

@@ -1,21 +1,21 @@
 """The command line: ``slam-init run``, ``slam-init synth``, ``slam-init info``, ``slam-init compare``.
 
-Exit codes: 0 initialized (or done), 2 bad usage or input, 3 the data never allowed initialization, 130
-interrupted. Whatever is wrong is told in one line on stderr.
+Exit codes: 0 initialized (or done), 2 bad usage or input, 3 the data never allowed initialization. An interrupt gives
+128 and the number of the signal: 130 for SIGINT, 143 for SIGTERM, 129 for SIGHUP. Whatever is wrong is told in one line
+on stderr.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
+import signal
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
-from slam_init.errors import CalibrationError, OutputError, SlamInitError
+from slam_init.errors import CalibrationError, SlamInitError
 from slam_init.process_io import InterruptsNoted, NativeStderrSilenced, complain, fill_closed_streams, tell
 from slam_init.regular_file import user_path
 
@@ -29,10 +29,13 @@ if TYPE_CHECKING:
 
 __all__ = ["entry_point", "main"]
 
-_DONE, _BAD_INPUT, _NOT_INITIALIZED, _INTERRUPTED = 0, 2, 3, 130
+_DONE, _BAD_INPUT, _NOT_INITIALIZED = 0, 2, 3
+#: Added to the number of the signal.
+_INTERRUPTED = 128
 _DEFAULT_SOURCE = "synth:room"
 _DEFAULT_OUT = "slam-init-out"
 _DEFAULT_COMPARISON = "slam-init-compare"
+_OUT_HELP = "results: a new or empty folder, or one of an earlier run of this command (default: %(default)s)"
 
 
 class _UsageError(SlamInitError):
@@ -76,23 +79,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv : sequence of str, optional
         Arguments without the program's name; those of the process by default.
     """
+    interrupts = InterruptsNoted()
     try:
-        with InterruptsNoted() as interrupts:
+        with interrupts:
             try:
                 arguments = _parser().parse_args(argv)
                 with NativeStderrSilenced():
                     code: int = arguments.command(arguments)
             except Exception:
                 # An extension module that is interrupted while it is imported raises an ImportError instead.
-                if interrupts.seen:
+                if interrupts.seen is not None:
                     raise KeyboardInterrupt from None
                 raise
     except SlamInitError as error:
         complain(f"error: {error}")
         return _BAD_INPUT
-    except KeyboardInterrupt:
-        complain("interrupted")
-        return _INTERRUPTED
+    except KeyboardInterrupt as interrupt:
+        complain(str(interrupt) or "interrupted")
+        return _INTERRUPTED + (interrupts.seen or signal.SIGINT)
     except SystemExit as done:  # --help and --version
         return int(done.code or 0)
     return code
@@ -102,7 +106,7 @@ def _parser() -> _Parser:
     parser = _Parser(
         prog="slam-init",
         description="Monocular SLAM initialization: from a video to a bundle-adjusted map, or why not.",
-        epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized, 130 interrupted.",
+        epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized, 130 interrupted (128 + signal).",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
@@ -120,7 +124,12 @@ def _add_run(commands: _Commands) -> None:
     run.description = "Read frames until a map is found; write it, and a recording of how, to a folder."
     run.set_defaults(command=_run)
     _add_source(run, default=_DEFAULT_SOURCE)
-    run.add_argument("--out", metavar="DIR", default=_DEFAULT_OUT, help="results (default: %(default)s)")
+    run.add_argument(
+        "--out",
+        metavar="DIR",
+        default=_DEFAULT_OUT,
+        help="results: a new or empty folder, or one of an earlier run (default: %(default)s)",
+    )
     run.add_argument(
         "--method", metavar="NAME", help="way to initialize: quest (default), orb-slam3, ...; a wrong name lists all"
     )
@@ -146,7 +155,7 @@ def _add_synth(commands: _Commands) -> None:
     synth.description = "Render a synthetic sequence into a folder in the layout of TUM RGB-D."
     synth.set_defaults(command=_synth)
     synth.add_argument("scene", metavar="NAME", help="room, wall, desk, corridor, ...; a wrong name lists all")
-    synth.add_argument("--out", metavar="DIR", required=True, help="a new or empty folder")
+    synth.add_argument("--out", metavar="DIR", required=True, help="a new or empty folder, or one of an earlier synth")
     synth.add_argument("--seed", type=int, default=0, metavar="N", help="of the world (default: 0)")
     synth.add_argument("--frames", type=int, metavar="N", help="number of frames (default: 100)")
 
@@ -189,7 +198,7 @@ def _add_compare(commands: _Commands) -> None:
     compare.add_argument("--time-limit", type=float, default=300.0, metavar="S", help="of a trial (default: 300 s)")
     compare.add_argument("--memory-limit", type=int, default=6000, metavar="MB", help="of a trial (default: 6000 MB)")
     compare.add_argument("--recordings", action="store_true", help="write a recording of each trial")
-    compare.add_argument("--out", metavar="DIR", default=_DEFAULT_COMPARISON, help="results (default: %(default)s)")
+    compare.add_argument("--out", metavar="DIR", default=_DEFAULT_COMPARISON, help=_OUT_HELP)
 
 
 def _add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
@@ -219,18 +228,21 @@ def _run(arguments: argparse.Namespace) -> int:
     _at_least("--max-frames", arguments.max_frames, 1)
     _at_least("--continue", arguments.continue_frames, 0)
     _at_least("--seed", arguments.seed, 0)
-    out = _out_folder(arguments.out)
+    config_path = user_path(arguments.config) if arguments.config is not None else None
+    from slam_init.output.folder import chosen_folder
+    from slam_init.output.names import RUN_FILES
+
+    inputs = [arguments.source, *(file for file in (arguments.camera, config_path) if file is not None)]
+    out = chosen_folder(arguments.out, "run", RUN_FILES, inputs)
 
     from slam_init.config import load_config
     from slam_init.datasets import open_source
     from slam_init.methods.registry import method_info
 
-    config_path = user_path(arguments.config) if arguments.config is not None else None
     config = load_config(config_path, {"method": arguments.method, "seed": arguments.seed})
     method_info(config.method)
     if arguments.refine_focal:  # without it the file decides
         config = replace(config, map=replace(config.map, refine_focal=True))
-    _not_inside_source(out, arguments.source)
     source = open_source(arguments.source, config.seed)
     camera = _camera(arguments, source, arguments.start)
     if camera is None:
@@ -239,30 +251,20 @@ def _run(arguments: argparse.Namespace) -> int:
         ("the focal length is a guess (1.2 times the longer image side): expect a bent map",) if camera.guessed else ()
     )
 
-    from slam_init.output.results import remove_older_results
     from slam_init.output.summary import summary_text
     from slam_init.runner import run
 
-    new_folder = not out.exists()
-    try:
-        _, summary = run(
-            source,
-            camera,
-            config,
-            out=out,
-            start=arguments.start,
-            max_frames=arguments.max_frames,
-            continue_frames=arguments.continue_frames,
-            progress=not arguments.quiet and sys.stderr.isatty(),
-            notes=notes,
-        )
-    except BaseException as error:
-        if not isinstance(error, SlamInitError):  # an interrupt: only the recording is new
-            remove_older_results(out)
-        if new_folder:
-            with suppress(OSError):  # it is not there, or is not empty
-                out.rmdir()
-        raise
+    _, summary = run(
+        source,
+        camera,
+        config,
+        out=out,
+        start=arguments.start,
+        max_frames=arguments.max_frames,
+        continue_frames=arguments.continue_frames,
+        progress=not arguments.quiet and sys.stderr.isatty(),
+        notes=notes,
+    )
     if arguments.json:
         tell(summary_text(summary))
     elif not arguments.quiet:
@@ -276,12 +278,9 @@ def _synth(arguments: argparse.Namespace) -> int:
     """``slam-init synth``."""
     _at_least("--frames", arguments.frames, 1)
     _at_least("--seed", arguments.seed, 0)
-    out = _out_folder(arguments.out)
-    try:
-        if out.is_dir() and any(out.iterdir()):
-            raise OutputError(f"--out {out} is not empty: give a new or an empty folder")
-    except OSError as error:
-        raise OutputError(f"--out {out} cannot be read ({error.strerror})") from None
+    from slam_init.output.folder import OutputFolder, chosen_folder, output_error, staged_names
+
+    out = chosen_folder(arguments.out, "synth")
 
     from tqdm import tqdm
 
@@ -296,10 +295,12 @@ def _synth(arguments: argparse.Namespace) -> int:
         def advance(done: int) -> None:
             bar.update(done - bar.n)
 
-        try:
-            write_tum(sequence, out, progress=advance)
-        except OSError as error:
-            raise OutputError(f"--out {out} cannot be written ({error.strerror or error})") from None
+        with OutputFolder(out, "synth") as folder:
+            try:
+                write_tum(sequence, folder.staging, progress=advance)
+            except OSError as error:
+                raise output_error(out, error) from error
+            folder.publish(staged_names(folder), remove=folder.files)
     tell(f"wrote {len(sequence)} frames of {arguments.scene} to {out}\n")
     return _DONE
 
@@ -329,9 +330,10 @@ def _compare(arguments: argparse.Namespace) -> int:
     _at_least("--memory-limit", arguments.memory_limit, 100)
     if not arguments.sources and not arguments.grid:
         raise _UsageError("no SOURCE: give sequences, or --grid N (see slam-init compare --help)")
-    out = _out_folder(arguments.out)
-    for source in arguments.sources:
-        _not_inside_source(out, source)
+    from slam_init.output.folder import chosen_folder
+    from slam_init.output.names import COMPARE_FILES
+
+    out = chosen_folder(arguments.out, "compare", COMPARE_FILES, arguments.sources)
 
     from slam_init.compare.command import run_command
 
@@ -368,30 +370,3 @@ def _with_readout(camera: Camera, text: str) -> Camera:
 def _at_least(option: str, value: float | None, least: int) -> None:
     if value is not None and value < least:
         raise _UsageError(f"{option} is {value}: it must be at least {least}")
-
-
-def _out_folder(text: str) -> Path:
-    """The folder of ``--out``; a place that cannot be written is refused before any work, nothing is created."""
-    if not text:
-        raise OutputError("--out is empty: give a folder")
-    out = user_path(text)
-    try:
-        str(out).encode()
-        if out.exists() and not out.is_dir():
-            raise OutputError(f"--out {out} is a file: give a folder")
-        existing = next(parent for parent in (out, *out.resolve().parents) if parent.exists())
-    except (OSError, ValueError) as error:
-        raise OutputError(f"--out {str(out)!r} cannot be used ({error})") from None
-    if not existing.is_dir():
-        raise OutputError(f"--out {out}: {existing} is a file, not a folder")
-    if not os.access(existing, os.W_OK | os.X_OK):
-        raise OutputError(f"--out {out}: no permission to write in {existing}")
-    return out
-
-
-def _not_inside_source(out: Path, source: str) -> None:
-    """Results named like data (``trajectory.txt``, ``colmap/``) must not land on the data."""
-    folder = user_path(source)
-    # os.path: False, not an error, for names that no file can have.
-    if os.path.isdir(folder) and out.resolve() == folder.resolve():  # noqa: PTH112
-        raise OutputError(f"--out {out} is the folder of the data: give another one")

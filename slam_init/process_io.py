@@ -6,11 +6,13 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Callable, Sequence
 from types import FrameType
+from typing import TypeAlias
 
 from slam_init.errors import OutputError, plain_line
 
-__all__ = ["InterruptsNoted", "NativeStderrSilenced", "complain", "fill_closed_streams", "tell"]
+__all__ = ["InterruptsDeferred", "InterruptsNoted", "NativeStderrSilenced", "complain", "fill_closed_streams", "tell"]
 
 
 def fill_closed_streams() -> None:
@@ -64,31 +66,68 @@ def _drop_stdout() -> None:
 
 
 class InterruptsNoted:
-    """A context manager that records an interrupt in ``seen`` and raises it as usual.
+    """A context manager in which SIGTERM and SIGHUP interrupt the program as SIGINT does, by a KeyboardInterrupt.
 
     Attributes
     ----------
-    seen : bool
-        Whether an interrupt has come since the start of the context.
+    seen : int or None
+        The first signal that has come since the start of the context; None if none has come.
     """
 
     def __enter__(self) -> InterruptsNoted:
-        self.seen = False
-        self._before = None
-        # Only the main thread may handle signals. If interrupts are ignored (nohup, &), they stay ignored.
-        if threading.current_thread() is threading.main_thread():
-            self._before = signal.getsignal(signal.SIGINT)
-        if self._before is signal.default_int_handler:
-            signal.signal(signal.SIGINT, self._note)
+        self.seen: int | None = None
+        self._before = _replace_handlers(self._note, (signal.default_int_handler, signal.SIG_DFL))
         return self
 
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        self.seen = True
-        signal.default_int_handler(number, frame)
+    def _note(self, number: int, _: FrameType | None) -> None:
+        self.seen = self.seen or number
+        raise KeyboardInterrupt
 
     def __exit__(self, *_: object) -> None:
-        if self._before is signal.default_int_handler:
-            signal.signal(signal.SIGINT, self._before)
+        _restore_handlers(self._before)
+
+
+class InterruptsDeferred:
+    """A context manager for a short step that must not be interrupted: signals are raised at its end."""
+
+    def __enter__(self) -> None:
+        self._seen: list[int] = []
+        self._before = _replace_handlers(lambda number, _: self._seen.append(number))
+
+    def __exit__(self, *_: object) -> None:
+        _restore_handlers(self._before)
+        for number in self._seen:
+            signal.raise_signal(number)
+
+
+#: Handlers by the number of the signal.
+_Handlers: TypeAlias = "dict[int, Callable[[int, FrameType | None], object] | int | None]"
+
+
+def _replace_handlers(
+    handler: Callable[[int, FrameType | None], object], replaced: Sequence[object] | None = None
+) -> _Handlers:
+    """Set a handler of the signals that end a program; return the earlier ones.
+
+    Signals that are ignored (nohup, &) stay ignored. With ``replaced``, only these handlers are replaced: a program
+    with handlers of its own keeps them.
+    """
+    before: _Handlers = {}
+    # Only the main thread may handle signals.
+    if threading.current_thread() is threading.main_thread():
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # Windows has no SIGHUP
+            number = getattr(signal, name, None)
+            earlier = None if number is None else signal.getsignal(number)
+            if number is None or earlier in (None, signal.SIG_IGN) or (replaced and earlier not in replaced):
+                continue
+            before[number] = earlier
+            signal.signal(number, handler)
+    return before
+
+
+def _restore_handlers(before: _Handlers) -> None:
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 def complain(message: str) -> None:

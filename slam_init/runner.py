@@ -5,17 +5,19 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 from slam_init.config import Config, config_toml
 from slam_init.continuation import Continuation, follow
+from slam_init.errors import OutputError, SlamInitError
 from slam_init.evaluation.metrics import compare_with_groundtruth
 from slam_init.methods import make_initializer
 from slam_init.methods.registry import FrontEnd, method_info
+from slam_init.output.folder import OutputFolder
+from slam_init.output.names import INTERRUPTED, RECORDING, RUN_FILES
 from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.provenance import InputHash, provenance_of
-from slam_init.output.results import RECORDING, prepare_folder, write_results
+from slam_init.output.results import publish_results
 from slam_init.output.summary import Summary, summary_of
 from slam_init.recording.recorder import Recorder
 from slam_init.recording.rerun_recorder import RerunRecorder
@@ -48,7 +50,9 @@ def run(
         The calibration of the frames.
     config : Config
     out : str or path, optional
-        Folder of the results (see :mod:`slam_init.output.results`) and of the recording. Without it nothing is written.
+        Folder of the results and of the recording (see :mod:`slam_init.output.results`): a new or an empty one, or one
+        of an earlier run. Without it nothing is written. After an interrupt it holds the earlier results, and the
+        recording so far as ``interrupted.rrd``.
     start : int
         Absolute index of the first frame.
     max_frames : int, optional
@@ -69,31 +73,67 @@ def run(
     Raises
     ------
     SlamInitError
-        If the method is unknown, a frame cannot be read, or a result cannot be written.
+        If the method is unknown, a frame cannot be read, or a result cannot be written. The earlier results are then
+        unchanged.
     """
     method_info(config.method)  # an unknown method is an error before anything is written
-    folder = None if out is None else Path(out)
-    hashed = InputHash(camera)
-    with _recorder(folder, camera, source, config) as recorder:
-        initializer = make_initializer(config.method, camera, config, recorder)
-        frames = hashed.reading(source.frames(start=start, max_frames=None if continue_frames else max_frames))
-        result = _initialize(initializer, frames, len(source) - start, max_frames, progress)
-        result = replace(result, notes=(*notes, *notes_of(source), *result.notes))
-        result, continued = _continue(result, initializer, frames, continue_frames, recorder)
-        options = {"start": start, "max_frames": max_frames, "continue_frames": continue_frames}
-        summary = _summary(result, source, camera, config, continued, options, hashed)
-        recorder.summary(summary)
-    if folder is not None:
-        write_results(folder, result, summary, config_toml(config), continued.keyframes if continued else ())
+    job = _Job(source, camera, config, start, max_frames, continue_frames, progress, notes)
+    if out is None:
+        return job.run(Recorder())[:2]
+    with OutputFolder(out, "run", RUN_FILES) as folder:
+        recording = folder.staging / RECORDING
+        try:
+            with RerunRecorder(recording, camera, source.name, source.groundtruth, config.seed) as recorder:
+                result, summary, continued = job.run(recorder)
+            keyframes = continued.keyframes if continued else ()
+            publish_results(folder, result, summary, config_toml(config), keyframes)
+        except SlamInitError:
+            raise
+        except BaseException as error:  # an interrupt, or an error of the program
+            if _keep_recording(folder) and isinstance(error, KeyboardInterrupt):
+                raise KeyboardInterrupt(f"interrupted: {folder.path / INTERRUPTED} shows the run so far") from error
+            raise
     return result, summary
 
 
-def _recorder(folder: Path | None, camera: Camera, source: Source, config: Config) -> Recorder:
-    """Prepare the folder and return a recorder that writes to it; without a folder, one that does nothing."""
-    if folder is None:
-        return Recorder()
-    prepare_folder(folder)
-    return RerunRecorder(folder / RECORDING, camera, source.name, source.groundtruth, config.seed)
+def _keep_recording(folder: OutputFolder) -> bool:
+    """Put the recording of an interrupted run beside the earlier results; return whether there is one."""
+    try:
+        (folder.staging / RECORDING).replace(folder.staging / INTERRUPTED)
+        folder.publish([INTERRUPTED])
+    except (OSError, OutputError):  # it ended before the first frame, or the disk is full
+        return False
+    return True
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """The arguments of :func:`run`."""
+
+    source: Source
+    camera: Camera
+    config: Config
+    start: int
+    max_frames: int | None
+    continue_frames: int
+    progress: bool
+    notes: tuple[str, ...]
+
+    def run(self, recorder: Recorder) -> tuple[Result, Summary, Continuation | None]:
+        """Process the frames, and summarize the run."""
+        hashed = InputHash(self.camera)
+        initializer = make_initializer(self.config.method, self.camera, self.config, recorder)
+        max_frames = None if self.continue_frames else self.max_frames
+        frames = hashed.reading(self.source.frames(start=self.start, max_frames=max_frames))
+        result = _initialize(initializer, frames, len(self.source) - self.start, self.max_frames, self.progress)
+        result = replace(result, notes=(*self.notes, *notes_of(self.source), *result.notes))
+        result, continued = _continue(result, initializer, frames, self.continue_frames, recorder)
+        options: dict[str, Json] = {
+            "start": self.start, "max_frames": self.max_frames, "continue_frames": self.continue_frames,
+        }  # fmt: skip
+        summary = _summary(result, self.source, self.camera, self.config, continued, options, hashed)
+        recorder.summary(summary)
+        return result, summary, continued
 
 
 def _initialize(

@@ -25,6 +25,7 @@ import numpy as np
 from slam_init.compare.map_snapshot import MapSnapshot
 from slam_init.recording.images import jpeg, reduced
 from slam_init.recording.layout import ESTIMATE_COLOR, TRUTH_COLOR, name_parts
+from slam_init.recording.recording_file import RecordingFile
 from slam_init.types.frame import Frame, Observations
 
 if TYPE_CHECKING:
@@ -62,6 +63,11 @@ def record_side_by_side(
         By method, for example ``correct``; shown beside the map.
     frames : iterable of (Frame, Observations)
         In time order.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
     """
     os.environ.setdefault("RERUN_ANALYTICS", "false")
     import rerun as rr
@@ -73,13 +79,12 @@ def record_side_by_side(
     rec = rr.RecordingStream("slam_init_compare", recording_id=identity, send_properties=False, batcher_config=batching)
     rec.set_log_time_enabled(False)
     rec.set_log_tick_enabled(False)
-    path = Path(path)
-    partial = path.with_suffix(".partial.rrd")
-    rec.save(partial, default_blueprint=_blueprint(entities))
+    file = RecordingFile(Path(path), rec, _blueprint(entities))
     rec.send_recording_name(f"slam-init compare {name}")
     for entity in entities.values():
         rec.log(f"{entity}/map", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
     for frame, observations in frames:
+        file.check()
         rec.set_time("frame", sequence=frame.index)
         scale = min(1.0, _LONG_SIDE_PX / max(frame.image.shape[:2]))
         rec.log("frame/image", jpeg(reduced(frame.image, _LONG_SIDE_PX)))
@@ -87,8 +92,7 @@ def record_side_by_side(
         rec.log("frame/image/tracks", rr.Points2D(pixels, colors=[_GREEN], radii=rr.Radius.ui_points(2)))
         for method, snapshot in snapshots.items():
             _log_frame(rec, entities[method], snapshot, outcomes.get(method, ""), frame.index)
-    rec.disconnect()
-    partial.replace(path)
+    file.complete()
 
 
 def _log_frame(rec: rr.RecordingStream, entity: str, snapshot: MapSnapshot, outcome: str, frame: int) -> None:

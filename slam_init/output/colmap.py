@@ -12,10 +12,7 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.initial_map import InitialMap
 
-__all__ = ["COLMAP_FILES", "colmap_model", "numbers_text"]
-
-#: Paths of the three texts of :func:`colmap_model`, relative to the folder of the results.
-COLMAP_FILES = ("colmap/cameras.txt", "colmap/images.txt", "colmap/points3D.txt")
+__all__ = ["colmap_model", "numbers_text"]
 
 
 def colmap_model(map_: InitialMap) -> tuple[str, str, str]:

@@ -9,122 +9,50 @@ A folder holds exactly one run::
     graph.txt, values.txt       factor graph and estimate as gtsam's text archives
     continued.txt               TUM format: world_from_cam of the frames that were located after the initialization
     config.toml                 the resolved configuration
+    recording.rrd               the recording
+    interrupted.rrd             the recording of a later run that was interrupted, up to its end
 
-Each file is first written under a temporary name. Only when all files are complete, they replace those of an earlier
-run, the summary last. So a folder with a summary is complete, and a run that fails leaves the earlier results.
+:mod:`slam_init.output.folder` tells how the results replace those of an earlier run: all of them, or none. The summary
+is the last file that is put, so a folder with a summary is complete.
 """
 
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from slam_init.errors import OutputError, SourceError
-from slam_init.output.colmap import COLMAP_FILES, colmap_model, numbers_text
+from slam_init.errors import SourceError
+from slam_init.output.colmap import colmap_model, numbers_text
+from slam_init.output.folder import OutputFolder, output_error
+from slam_init.output.names import COLMAP_FILES, RECORDING, RUN_FILES
 from slam_init.output.summary import Summary, summary_text
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.result import Result
 
-__all__ = [
-    "RECORDING",
-    "load_graph",
-    "ply_bytes",
-    "prepare_folder",
-    "remove_older_results",
-    "tum_text",
-    "write_results",
-]
-
-#: Name of the recording in the folder. :mod:`slam_init.recording.rerun_recorder` writes it during the run.
-RECORDING = "recording.rrd"
+__all__ = ["load_graph", "ply_bytes", "publish_results", "tum_text", "write_results"]
 
 _SUMMARY, _GRAPH, _VALUES = "summary.json", "graph.txt", "values.txt"
-_FILES = (
-    _SUMMARY,
-    "trajectory.txt",
-    "map.ply",
-    *COLMAP_FILES,
-    _GRAPH,
-    _VALUES,
-    "continued.txt",
-    "config.toml",
-)
-
-
-def prepare_folder(out: Path) -> None:
-    """Check before a run that results can be written to a folder. Files in the folder are not changed.
-
-    Parameters
-    ----------
-    out : Path
-        The folder; it is created with its parents if it does not exist.
-
-    Raises
-    ------
-    OutputError
-        If the path is a file, if the folder cannot be created or written, or if a folder has the name of a result.
-    """
-    try:
-        if out.exists() and not out.is_dir():
-            raise OutputError(f"--out {out} is a file: give a folder")
-        out.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=out):
-            pass  # this only tests whether a file can be created
-        for name in (*_FILES, RECORDING):
-            path = out / name
-            if path.is_dir():
-                raise OutputError(f"{path} is a folder where a result belongs: give another --out")
-            if path.parent.exists() and not path.parent.is_dir():
-                raise OutputError(f"{path.parent} is a file where results belong: give another --out")
-    except OSError as error:
-        raise _output_error(out, error) from error
-
-
-def remove_older_results(out: Path) -> None:
-    """Remove results that are older than the recording beside them.
-
-    An interrupted run has replaced the recording only; the other results are those of an earlier run.
-
-    Parameters
-    ----------
-    out : Path
-        Folder of the results.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be removed.
-    """
-    try:
-        if (out / RECORDING).is_file():
-            recorded = (out / RECORDING).stat().st_mtime_ns
-            for path in (out / name for name in _FILES):
-                if path.is_file() and path.stat().st_mtime_ns < recorded:
-                    path.unlink()
-    except OSError as error:
-        raise _output_error(out, error) from error
 
 
 def write_results(
-    out: Path,
+    out: str | os.PathLike[str],
     result: Result,
     summary: Summary,
     config_toml: str | None = None,
     continued: Sequence[Keyframe] = (),
 ) -> None:
-    """Write all results but the recording: either all files are replaced, or none.
+    """Write all results but the recording to a folder: either all files are replaced, or none.
 
     Files of an earlier run that this run does not write are removed.
 
     Parameters
     ----------
-    out : Path
-        The folder; it is created if it does not exist.
+    out : str or path
+        A folder that is new, empty, or was written by an earlier run.
     result : Result
     summary : Summary
         From :func:`slam_init.output.summary.summary_of`.
@@ -136,26 +64,48 @@ def write_results(
     Raises
     ------
     OutputError
-        If the path is a file, or a file cannot be written.
+        If the folder holds other files, or a file cannot be written.
+    """
+    with OutputFolder(out, "run", RUN_FILES) as folder:
+        publish_results(folder, result, summary, config_toml, continued)
+
+
+def publish_results(
+    folder: OutputFolder,
+    result: Result,
+    summary: Summary,
+    config_toml: str | None = None,
+    continued: Sequence[Keyframe] = (),
+) -> None:
+    """Write all results, and replace those of the earlier run by them and by the staged recording.
+
+    Parameters
+    ----------
+    folder : OutputFolder
+        Its staging folder may hold the recording.
+    result : Result
+    summary : Summary
+        From :func:`slam_init.output.summary.summary_of`.
+    config_toml : str or None
+        The resolved configuration.
+    continued : sequence of Keyframe
+        The frames that were located after the initialization.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written; the earlier results are then unchanged.
     """
     files = _contents(result, summary, config_toml, continued)
-    if out.exists() and not out.is_dir():
-        raise OutputError(f"--out {out} is a file: give a folder")
-    temporaries: dict[str, Path] = {}
     try:
-        out.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
-            temporaries[name] = _write_beside(out / name, content)
-        for name in (_SUMMARY, *_FILES):  # the summary is removed first and written last
-            if name == _SUMMARY or name not in files:
-                (out / name).unlink(missing_ok=True)
-        for name, temporary in temporaries.items():
-            temporary.replace(out / name)
+            path = folder.staging / name
+            path.parent.mkdir(exist_ok=True)
+            path.write_bytes(content)
     except OSError as error:
-        raise _output_error(out, error) from error
-    finally:  # after an interrupt as well: no temporary files are left
-        for temporary in temporaries.values():
-            temporary.unlink(missing_ok=True)
+        raise output_error(folder.path, error) from error
+    recording = [RECORDING] if (folder.staging / RECORDING).exists() else []
+    folder.publish([*recording, *files], remove=folder.files)
 
 
 def _contents(
@@ -257,24 +207,3 @@ def ply_bytes(map_: InitialMap) -> bytes:
     vertices = np.zeros(len(map_.points), dtype=[("xyz", "<f4", 3), ("rgb", "u1", 3)])
     vertices["xyz"], vertices["rgb"] = map_.points, map_.colors
     return header.encode() + vertices.tobytes()
-
-
-def _write_beside(path: Path, content: bytes) -> Path:
-    """Write a hidden file in the folder of the file that it will replace."""
-    path.parent.mkdir(exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        # mkstemp makes private files; results get the usual permissions of the user's files.
-        umask = os.umask(0)
-        os.umask(umask)
-        Path(temporary).chmod(0o666 & ~umask)
-    except BaseException:  # an interrupt as well: no temporary file is left
-        Path(temporary).unlink(missing_ok=True)
-        raise
-    return Path(temporary)
-
-
-def _output_error(out: Path, error: OSError) -> OutputError:
-    return OutputError(f"cannot write to --out {out}: {error.strerror or error}: give a folder that you can write to")

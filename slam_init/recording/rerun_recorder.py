@@ -21,7 +21,6 @@ Timelines: ``frame`` (absolute index), ``sensor_time``, ``stage`` (0 for the map
 
 from __future__ import annotations
 
-import errno
 import os
 import uuid
 from collections import OrderedDict, deque
@@ -32,7 +31,7 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.errors import OutputError, SlamInitError, plain_line
+from slam_init.errors import SlamInitError, plain_line
 from slam_init.evaluation.metrics import Similarity, align_poses
 from slam_init.output.summary import Summary
 from slam_init.recording.images import bgr, jpeg, reduced, reduced_shape
@@ -51,6 +50,7 @@ from slam_init.recording.layout import (
 )
 from slam_init.recording.paths import dashes, log_hypotheses
 from slam_init.recording.recorder import Recorder
+from slam_init.recording.recording_file import RecordingFile
 from slam_init.recording.text import attempt_line, attempt_markdown, summary_markdown
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
@@ -125,16 +125,7 @@ class RerunRecorder(Recorder):
 
         # The first call takes half a second. It comes before the file is created, in case of an interrupt.
         layout = blueprint()
-        try:
-            # Rerun reports a path that it cannot write in another thread, or not at all, so the path is tested here.
-            if path.is_dir():
-                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-            partial = path.with_suffix(".partial.rrd")
-            partial.write_bytes(b"")
-        except OSError as error:
-            raise OutputError(f"cannot write the recording {path}: {error.strerror}: give another --out") from error
         self._rr = rr
-        self._path, self._partial = path, partial
         self._camera = camera
         self._groundtruth = groundtruth
         self._scale = min(1.0, _LONG_SIDE_PX / max(camera.width, camera.height))
@@ -155,7 +146,7 @@ class RerunRecorder(Recorder):
         )
         self._rec.set_log_time_enabled(False)
         self._rec.set_log_tick_enabled(False)
-        self._rec.save(partial, default_blueprint=layout)
+        self._file = RecordingFile(path, self._rec, layout)
         self._rec.send_recording_name(f"slam-init {source_name}")
         self._rec.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
         for series in SERIES:
@@ -170,8 +161,14 @@ class RerunRecorder(Recorder):
         ----------
         frame : Frame
         observations : Observations
+
+        Raises
+        ------
+        OutputError
+            If earlier data could not be written, for example to a full disk.
         """
         rr, rec = self._rr, self._rec
+        self._file.check()
         rec.set_time("frame", sequence=frame.index)
         rec.set_time("sensor_time", duration=frame.timestamp_s)
         self._recent[frame.index] = reduced(frame.image, _LONG_SIDE_PX // 2)
@@ -320,18 +317,21 @@ class RerunRecorder(Recorder):
         self._rec.log("summary", document, static=True)
 
     def close(self) -> None:
-        """Finish the file and rename it to its final name."""
-        self._rec.disconnect()
-        if self._partial.exists():
-            self._partial.replace(self._path)
+        """Finish the file and rename it to its final name.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written.
+        """
+        self._file.complete()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the file; after a :class:`SlamInitError` remove it. After an interrupt the file is kept."""
-        if isinstance(error, SlamInitError):
-            self._rec.disconnect()
-            self._partial.unlink(missing_ok=True)
+        """Close the file; after a :class:`SlamInitError`, or an interrupt before the first frame, remove it."""
+        if isinstance(error, SlamInitError) or (error is not None and not self._frames):
+            self._file.discard()
         else:
             self.close()
 

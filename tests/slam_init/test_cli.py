@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from written import contents
 
 import slam_init.runner
 from slam_init.cli import main
@@ -234,7 +235,9 @@ def test_bad_input_is_one_line_and_exit_code_2_and_writes_nothing(world, pipelin
     [
         (["run", "--out", "file"], "file"),
         (["run", "--out", "file/below"], "file"),
-        (["run", IMAGES, *WITH, "--out", IMAGES], "data"),
+        (["run", IMAGES, *WITH, "--out", IMAGES], "not empty"),
+        (["run", IMAGES, *WITH, "--out", "."], "not empty"),
+        (["compare", "points:room", "--out", "full"], "not empty"),
         (["run", "--out", "a\0b"], "out"),
         (["run", "--out", ""], "--out is empty"),
         (["run", "--out", "\udcff"], "out"),
@@ -288,14 +291,52 @@ def test_an_interrupt_that_an_extension_turns_into_its_own_error_is_130_too(worl
     assert capfd.readouterr() == ("", "slam-init: interrupted\n")
 
 
-def test_an_interrupt_before_the_first_frame_leaves_no_folder(world, monkeypatch, capfd):
-    def prepare(*_, out, **__):
-        out.mkdir()
-        raise KeyboardInterrupt
+def test_a_signal_that_ends_programs_gives_128_and_its_number(world, monkeypatch, capfd):
+    for name, code in (("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)):
+        number = getattr(signal, name)
+        monkeypatch.setattr(slam_init.runner, "run", lambda *_, number=number, **__: signal.raise_signal(number))
+        outside = signal.signal(number, signal.default_int_handler if name == "SIGINT" else signal.SIG_DFL)
+        try:
+            assert main(["run", IMAGES, *WITH]) == code
+        finally:
+            signal.signal(number, outside)
+        assert capfd.readouterr() == ("", "slam-init: interrupted\n")
 
-    monkeypatch.setattr(slam_init.runner, "run", prepare, raising=False)
-    assert main(["run", IMAGES, *WITH, "--out", "out"]) == 130
-    assert not (world / "out").exists()
+
+def interrupting(monkeypatch, at_frame):
+    """Interrupt a run when it reads a frame; -1: before the first one."""
+    from slam_init.frontend.tracks import Tracker
+
+    track = Tracker.track
+
+    def interrupted(self, frame):
+        if frame.index == at_frame or at_frame < 0:
+            raise KeyboardInterrupt
+        return track(self, frame)
+
+    monkeypatch.setattr(Tracker, "track", interrupted)
+
+
+def test_an_interrupt_before_the_first_frame_leaves_no_folder(world, monkeypatch, capfd):
+    interrupting(monkeypatch, -1)
+    assert main(["run", IMAGES, *WITH, "--out", "new/out"]) == 130
+    assert not (world / "new").exists()
+
+
+def test_an_interrupted_run_leaves_its_recording_beside_the_earlier_results(world, monkeypatch, capfd):
+    command = ["run", IMAGES, *WITH, "--out", "out", "--quiet"]
+    assert main(command) == 3
+    before = contents(world / "out")
+    with monkeypatch.context() as patch:
+        interrupting(patch, 2)
+        assert main(command) == 130
+    assert capfd.readouterr().err == "slam-init: interrupted: out/interrupted.rrd shows the run so far\n"
+    after = contents(world / "out")
+    interrupted = after.pop("interrupted.rrd")
+    assert after == before
+    assert len(interrupted) > 1000
+    assert main(command) == 3
+    assert set(contents(world / "out")) == set(before)
 
 
 def broken_later(world):
@@ -314,10 +355,21 @@ def test_an_error_on_the_way_leaves_no_folder(world, capfd):
 def test_an_error_on_the_way_leaves_the_results_of_an_earlier_run(world, capfd):
     broken_later(world)
     assert main(["run", IMAGES, *WITH, "--out", "out", "--quiet"]) == 3
-    before = {path.name: path.read_bytes() for path in (world / "out").iterdir()}
-    config = ["--config", "out/config.toml"]
-    assert_refused(main(["run", "broken later", *WITH, "--out", "out", *config]), capfd, "2.png")
-    assert {path.name: path.read_bytes() for path in (world / "out").iterdir()} == before
+    before = contents(world / "out", hidden=True)
+    assert_refused(main(["run", "broken later", *WITH, "--out", "out"]), capfd, "2.png")
+    after = contents(world / "out", hidden=True)
+    assert {**after, ".slam-init/lock": b""} == {**before, ".slam-init/lock": b""}
+
+
+@pytest.mark.parametrize("option", ["--config", "--camera"])
+def test_a_file_that_the_run_reads_is_never_a_target(world, capfd, option):
+    assert main(["run", IMAGES, *WITH, "--out", "out", "--quiet"]) == 3
+    before = contents(world / "out")
+    (world / "link.toml").symlink_to("out/config.toml")
+    for given in ("out/config.toml", "link.toml"):
+        arguments = ["run", IMAGES, *(WITH if option == "--config" else []), "--out", "out", option, given]
+        assert_refused(main(arguments), capfd, "results would replace")
+    assert contents(world / "out") == before
 
 
 def test_what_decoders_print_is_silenced_but_not_pythons_stderr(world, pipeline, capfd, monkeypatch):

@@ -7,7 +7,8 @@ import pycolmap
 import pytest
 from make_map import CAMERAS, make_map
 
-from slam_init.output.colmap import COLMAP_FILES, colmap_model, numbers_text
+from slam_init.output.colmap import colmap_model, numbers_text
+from slam_init.output.names import COLMAP_FILES
 
 
 def read_by_colmap(folder, map_):

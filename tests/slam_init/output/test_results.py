@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,13 +14,14 @@ from evo.tools import file_interface
 from make_map import CAMERAS, make_map, make_result
 from make_scene import CONFIG, cloud, observe, problem
 from make_summary import summarize
+from written import contents
 
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.focal import camera_with_focal_factor
 from slam_init.bundle.graph import calibration_key
 from slam_init.errors import OutputError, SourceError
 from slam_init.mapping.map_building import initial_map
-from slam_init.output.results import load_graph, prepare_folder, remove_older_results, write_results
+from slam_init.output.results import load_graph, write_results
 from slam_init.types.reasons import Verdict
 
 FILES_WITH_MAP = {
@@ -39,7 +38,7 @@ FILES_WITH_MAP = {
 
 def write(out, result, **keywords):
     write_results(out, result, summarize(result), **keywords)
-    return {str(path.relative_to(out)) for path in out.rglob("*") if path.is_file()}
+    return set(contents(out))
 
 
 def test_a_folder_holds_the_documented_files_and_no_temporary_files(tmp_path):
@@ -62,54 +61,32 @@ def test_a_run_without_a_map_removes_the_results_of_an_earlier_run_and_no_other_
     assert write(tmp_path, make_result(None, Verdict.STATIC_CAMERA)) == {"summary.json", "notes.md"}
 
 
-def contents(folder):
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
-def test_preparing_a_folder_changes_no_file(tmp_path):
-    write(tmp_path, make_result(make_map()))
-    (tmp_path / "recording.rrd").write_bytes(b"old")
-    before = contents(tmp_path)
-    prepare_folder(tmp_path)
-    assert contents(tmp_path) == before
-
-
-@pytest.mark.parametrize("recording_is_newer", [True, False])
-def test_results_that_are_older_than_the_recording_are_removed(tmp_path, recording_is_newer):
-    write(tmp_path, make_result(make_map()))
-    for name in ("recording.rrd", "notes.md"):
-        (tmp_path / name).write_bytes(b"")
-    for name in FILES_WITH_MAP | {"notes.md"}:
-        os.utime(tmp_path / name, (1000, 1000))
-    os.utime(tmp_path / "recording.rrd", (1001, 1001) if recording_is_newer else (999, 999))
-    remove_older_results(tmp_path)
-    kept = {"recording.rrd", "notes.md"}
-    assert set(contents(tmp_path)) == (kept if recording_is_newer else kept | FILES_WITH_MAP)
-
-
-@pytest.mark.parametrize("taken", ["summary.json/mine", "recording.rrd/mine", "colmap"])
-def test_a_folder_in_the_place_of_a_result_is_an_error_before_the_run(tmp_path, taken):
+@pytest.mark.parametrize("taken", ["map.ply", "map.ply/mine", "colmap"])
+def test_what_the_user_put_in_the_place_of_a_result_is_not_replaced(tmp_path, taken):
+    write(tmp_path, make_result(None, Verdict.STATIC_CAMERA))
     (tmp_path / taken).parent.mkdir(exist_ok=True)
     (tmp_path / taken).write_text("mine")
+    before = contents(tmp_path)
     with pytest.raises(OutputError, match="give another --out"):
-        prepare_folder(tmp_path)
-    assert contents(tmp_path) == {taken: b"mine"}
+        write(tmp_path, make_result(make_map()))
+    assert contents(tmp_path) == before
 
 
 def test_a_full_disk_leaves_the_results_of_the_earlier_run(tmp_path, monkeypatch):
     write(tmp_path, make_result(make_map()))
     before = contents(tmp_path)
-    mkstemp = tempfile.mkstemp
+    write_bytes = Path.write_bytes
 
-    def full(dir, prefix):
-        if "values" in prefix:
+    def full(self, content):
+        if "values" in self.name:
             raise OSError(28, "No space left on device")
-        return mkstemp(dir=dir, prefix=prefix)
+        return write_bytes(self, content)
 
-    monkeypatch.setattr(tempfile, "mkstemp", full)
-    with pytest.raises(OutputError, match="No space left on device"):
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OutputError, match="No space left on device: make room"):
         write(tmp_path, make_result(make_map(noise_px=0.1)))
     assert contents(tmp_path) == before
+    assert not (tmp_path / ".slam-init" / "new").exists()
 
 
 def test_evo_reads_the_keyframes_with_the_time_stamps_of_the_source(tmp_path):
@@ -203,20 +180,8 @@ def test_two_equal_runs_give_the_same_bytes(tmp_path):
 def test_a_path_that_is_a_file_is_an_error_and_the_file_is_not_changed(tmp_path, below):
     file = tmp_path / "taken"
     file.write_text("mine")
-    result = make_result(make_map())
-    for attempt in (lambda out: write(out, result), prepare_folder):
-        with pytest.raises(OutputError) as error:
-            attempt(file / below)
-        assert "\n" not in str(error.value)
-        assert "give a folder" in str(error.value)
+    with pytest.raises(OutputError) as error:
+        write(file / below, make_result(make_map()))
+    assert "\n" not in str(error.value)
+    assert "give a folder" in str(error.value)
     assert file.read_text() == "mine"
-
-
-def test_a_failing_disk_leaves_no_temporary_file(tmp_path, monkeypatch):
-    def refuse(self, target):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", refuse)
-    with pytest.raises(OutputError, match="No space left on device"):
-        write(tmp_path, make_result(make_map()))
-    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []

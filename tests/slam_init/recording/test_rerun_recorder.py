@@ -209,8 +209,9 @@ def test_a_path_that_cannot_be_written_is_an_error_at_once(tmp_path):
 def test_an_error_leaves_the_earlier_recording_and_an_interrupt_the_new_one(tmp_path, error):
     path = tmp_path / "a.rrd"
     path.write_bytes(b"old")
-    with pytest.raises(type(error)), RerunRecorder(path, CAMERAS["pinhole"], "arc"):
+    with pytest.raises(type(error)), RerunRecorder(path, CAMERAS["pinhole"], "arc") as recorder:
         assert path.read_bytes() == b"old"
+        recorder.frame(make_frame(0, 0.0, "a.png"), make_observations(make_map())[0])
         raise error
     assert [file.name for file in tmp_path.iterdir()] == ["a.rrd"]
     if isinstance(error, SourceError):

@@ -1,0 +1,115 @@
+"""The marker of an output folder: which command wrote it, and which files."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from slam_init.errors import OutputError
+from slam_init.output.folder.files import is_safe_name, replace_synced
+
+__all__ = ["HOME", "Marker", "read_marker", "write_marker"]
+
+#: The hidden folder of the program in an output folder.
+HOME = ".slam-init"
+_MARKER = "files.json"
+_SCHEMA = 1
+#: A marker of a comparison with 100,000 recordings has 10 MB.
+_MAX_BYTES = 1 << 26
+
+
+@dataclass(frozen=True)
+class Marker:
+    """What the program wrote to a folder.
+
+    Attributes
+    ----------
+    command : str
+        ``run``, ``compare`` or ``synth``.
+    version : str
+        Version of the program.
+    files : frozenset of str
+        Relative paths with slashes. A file on the list need not exist.
+    """
+
+    command: str
+    version: str
+    files: frozenset[str]
+
+    @classmethod
+    def of(cls, command: str, files: frozenset[str] = frozenset()) -> Marker:
+        """Make a marker of this version.
+
+        Parameters
+        ----------
+        command : str
+        files : frozenset of str
+
+        Returns
+        -------
+        Marker
+        """
+        try:
+            return cls(command, version("slam-init"), files)
+        except PackageNotFoundError:  # run from a checkout
+            return cls(command, "unknown", files)
+
+
+def read_marker(out: Path) -> Marker | None:
+    """Read the marker of a folder.
+
+    Parameters
+    ----------
+    out : Path
+        The folder of the results.
+
+    Returns
+    -------
+    Marker or None
+        None if there is none.
+
+    Raises
+    ------
+    OutputError
+        If the file is no marker, or lists a file outside the folder.
+    OSError
+        If the file cannot be read.
+    """
+    path = out / HOME / _MARKER
+    if (out / HOME).is_symlink() or not path.is_file():
+        return None
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise ValueError("too large")
+        content = json.loads(path.read_bytes())
+        files = content["files"]
+        if content["schema"] != _SCHEMA or not all(is_safe_name(name, HOME) for name in files):
+            raise ValueError("not of this program")
+        return Marker(str(content["command"]), str(content["version"]), frozenset(files))
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise OutputError(f"{path} is damaged: remove {out}, or give another --out") from None
+
+
+def write_marker(out: Path, marker: Marker) -> None:
+    """Write the marker of a folder.
+
+    Parameters
+    ----------
+    out : Path
+        The folder of the results.
+    marker : Marker
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; the earlier marker is then unchanged.
+    """
+    content = {
+        "schema": _SCHEMA,
+        "command": marker.command,
+        "version": marker.version,
+        "files": sorted(marker.files),
+    }
+    replace_synced(out / HOME / _MARKER, json.dumps(content, indent=1).encode() + b"\n")

@@ -1,0 +1,176 @@
+"""Whether a command may write to a folder. Nothing is written."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from slam_init.errors import OutputError
+from slam_init.output.folder.files import output_error, under
+from slam_init.output.folder.legacy import legacy_marker
+from slam_init.output.folder.marker import HOME, Marker, read_marker
+from slam_init.output.folder.renames import pending
+from slam_init.regular_file import user_path
+
+__all__ = ["check_folder", "chosen_folder", "refuse_foreign_files"]
+
+#: A folder that holds these only counts as empty: file systems and file managers create them.
+_NO_CONTENT = {HOME, "lost+found", ".DS_Store"}
+
+
+def chosen_folder(
+    text: str, command: str, targets: Collection[str] = (), inputs: Iterable[str | os.PathLike[str]] = ()
+) -> Path:
+    """Return the folder of the option ``--out``.
+
+    A place that the command cannot or must not write to is refused before any work. Nothing is created.
+
+    Parameters
+    ----------
+    text : str
+        What the user typed.
+    command : str
+        ``run``, ``compare`` or ``synth``.
+    targets : collection of str
+        Files that the command may write, as relative paths.
+    inputs : iterable of str or path
+        Files and folders that the command reads.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    OutputError
+        If there can be no such folder, it cannot be written, or :func:`check_folder` refuses it.
+    """
+    if not text:
+        raise OutputError("--out is empty: give a folder")
+    out = user_path(text)
+    try:
+        str(out).encode()
+        if out.exists() and not out.is_dir():
+            raise OutputError(f"--out {out} is a file: give a folder")
+        existing = next(parent for parent in (out, *out.resolve().parents) if parent.exists())
+    except (OSError, RuntimeError, ValueError) as error:  # RuntimeError: links in a circle
+        raise OutputError(f"--out {str(out)!r} cannot be used ({error})") from None
+    if not existing.is_dir():
+        raise OutputError(f"--out {out}: {existing} is a file, not a folder")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise OutputError(f"--out {out}: no permission to write in {existing}")
+    check_folder(out, command, targets, inputs)
+    return out
+
+
+def check_folder(
+    out: str | os.PathLike[str],
+    command: str,
+    targets: Collection[str] = (),
+    inputs: Iterable[str | os.PathLike[str]] = (),
+) -> Marker:
+    """Refuse a folder that a command must not write to.
+
+    Parameters
+    ----------
+    out : str or path
+        The folder; it need not exist.
+    command : str
+        ``run``, ``compare`` or ``synth``.
+    targets : collection of str
+        Files that the command may write, as relative paths.
+    inputs : iterable of str or path
+        Files and folders that the command reads. A name that is no path is ignored.
+
+    Returns
+    -------
+    Marker
+        What the program wrote to the folder so far.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds files that the program did not write, results of another command, or an input of this one.
+    """
+    out = Path(out)
+    try:
+        marker = _marker_of(out, command)
+        if marker.command != command:
+            raise OutputError(f"--out {out} holds results of slam-init {marker.command}: give another --out")
+        refuse_foreign_files(out, marker, targets)
+        _refuse_inputs(out, {*marker.files, *targets}, inputs)
+    except OSError as error:
+        raise output_error(out, error) from error
+    return marker
+
+
+def refuse_foreign_files(out: Path, marker: Marker, targets: Collection[str]) -> None:
+    """Refuse to write where a file lies that the program did not write.
+
+    Parameters
+    ----------
+    out : Path
+        The folder of the results.
+    marker : Marker
+    targets : collection of str
+        Files to write, as relative paths.
+
+    Raises
+    ------
+    OutputError
+        If a target exists and is not on the list, is a folder, or lies behind a link.
+    """
+    for name in sorted({*targets, *marker.files}):
+        path = under(out, name)
+        if path.is_dir() and not path.is_symlink():
+            raise OutputError(f"{path} is a folder where a result belongs: remove it, or give another --out")
+        if name not in marker.files and os.path.lexists(path):
+            raise OutputError(f"{path} is not a file that slam-init wrote: move it, or give another --out")
+
+
+def _marker_of(out: Path, command: str) -> Marker:
+    """Return the marker of the folder; an empty one for a new or empty folder."""
+    if not os.path.lexists(out):
+        return Marker.of(command)
+    if not out.is_dir():
+        raise OutputError(f"--out {out} is a file: give a folder")
+    home = out / HOME
+    if home.is_symlink() or (home.exists() and not home.is_dir()):
+        raise OutputError(f"{home} is not a folder of slam-init: remove it, or give another --out")
+    marker = read_marker(out) or legacy_marker(out)
+    if marker is not None:
+        # Some files of a step that a killed command began are in their places already.
+        step = pending(out)
+        return marker if step is None else replace(marker, files=marker.files | set(step.put))
+    with os.scandir(out) as entries:
+        found = next((entry.name for entry in entries if entry.name not in _NO_CONTENT), None)
+    if found is not None:
+        raise OutputError(
+            f"--out {out} is not empty, and slam-init did not write it (it holds {found!r}): "
+            "give a new or an empty folder"
+        )
+    return Marker.of(command)
+
+
+def _refuse_inputs(out: Path, names: Collection[str], inputs: Iterable[str | os.PathLike[str]]) -> None:
+    """Refuse to replace a file that the command reads, or to write into the folder of its data."""
+    places = {out, *((out / name).parent for name in names)}
+    for given in inputs:
+        path = user_path(given)
+        # os.path: False, not an error, for names that no file can have.
+        if os.path.isdir(path):  # noqa: PTH112
+            if any(_same(path, place) for place in places):
+                raise OutputError(f"--out {out} is the folder of the data: give another one")
+        elif os.path.isfile(path) and any(_same(path, out / name) for name in names):  # noqa: PTH113
+            raise OutputError(
+                f"--out {out}: results would replace {path}, which is read: copy it, or give another --out"
+            )
+
+
+def _same(path: Path, other: Path) -> bool:
+    try:
+        return path.samefile(other) or path.resolve() == other.resolve()
+    except (OSError, ValueError):  # one of them does not exist
+        return path.resolve() == other.resolve()

@@ -1,0 +1,201 @@
+"""Writes the results of one command to its folder."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+
+from slam_init.errors import OutputError
+from slam_init.output.folder.files import output_error, remove_tree
+from slam_init.output.folder.lock import FolderLock
+from slam_init.output.folder.marker import HOME, Marker, write_marker
+from slam_init.output.folder.ownership import check_folder, refuse_foreign_files
+from slam_init.output.folder.renames import NEW, OLD, Renames, pending
+from slam_init.process_io import InterruptsDeferred
+
+__all__ = ["OutputFolder", "staged_names"]
+
+_LOCK = "lock"
+
+
+class OutputFolder:
+    """A folder of results while a command writes to it: a context manager.
+
+    On entry the folder is created, checked and locked, renames of a command that was killed are completed, and its
+    unfinished files are removed. On exit unfinished files are removed; a folder that was new and received no file is
+    removed as well.
+
+    Parameters
+    ----------
+    path : str or path
+        The folder.
+    command : str
+        ``run``, ``compare`` or ``synth``.
+    targets : collection of str
+        Files that the command may write, as relative paths with slashes. An existing file of such a name that is not on
+        the list of the marker is refused on entry.
+
+    Attributes
+    ----------
+    path : Path
+        The folder.
+    staging : Path
+        Empty folder on the same file system, for new results.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], command: str, targets: Collection[str] = ()) -> None:
+        self.path = Path(path)
+        self.staging = self.path / HOME / NEW
+        self._command = command
+        self._targets = targets
+        self._marker = Marker.of(command)
+        self._lock = FolderLock(self.path / HOME / _LOCK)
+        self._created: list[Path] = []
+
+    @property
+    def files(self) -> frozenset[str]:
+        """Return the files that the program wrote to the folder so far.
+
+        Returns
+        -------
+        frozenset of str
+            Relative paths with slashes.
+        """
+        return self._marker.files
+
+    def __enter__(self) -> OutputFolder:
+        self._marker = check_folder(self.path, self._command, self._targets)
+        locked = False
+        try:
+            self._create()
+            self._lock.acquire(self.path)
+            locked = True
+            step = pending(self.path)
+            if step is not None:
+                step.complete(self.path)
+            # Before it got the lock, another command may have written to the folder.
+            self._marker = check_folder(self.path, self._command, self._targets)
+            self._clear()
+            self.staging.mkdir()
+            write_marker(self.path, self._marker)
+        except BaseException as error:
+            # Without the lock, the hidden folder belongs to the process that holds it.
+            self._leave(remove=locked)
+            if isinstance(error, OSError):
+                raise output_error(self.path, error) from error
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._leave(remove=True)
+
+    def claim(self, names: Iterable[str]) -> None:
+        """Put files on the list that the command writes to their places itself. Call it before they are written.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Relative paths with slashes.
+
+        Raises
+        ------
+        OutputError
+            If a file exists and is not on the list, or the list cannot be written.
+        """
+        names = frozenset(names)
+        refuse_foreign_files(self.path, self._marker, names)
+        marker = replace(Marker.of(self._command), files=self._marker.files | names)
+        try:
+            write_marker(self.path, marker)
+        except OSError as error:
+            raise output_error(self.path, error) from error
+        self._marker = marker
+
+    def publish(self, names: Sequence[str], remove: Collection[str] = ()) -> None:
+        """Move files from :attr:`staging` to their places: all of them, or none.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Relative paths with slashes. The last one is put last, so it says that the others are there.
+        remove : collection of str
+            Files of :attr:`files` that are removed; names that are published are ignored.
+
+        Raises
+        ------
+        OutputError
+            If a file cannot be moved, or would replace one that the program did not write. The earlier results are then
+            in their places.
+        """
+        refuse_foreign_files(self.path, self._marker, names)
+        removed = sorted((set(remove) & self.files) - set(names))
+        marker = Marker.of(self._command, (self.files - set(removed)) | set(names))
+        # Half of the renames must not stay because of a key that was pressed.
+        with InterruptsDeferred():
+            Renames(tuple(names), tuple(removed), marker).perform(self.path)
+            self._marker = marker
+
+    def _create(self) -> None:
+        """Create the folder with its parents, and remember which ones were new."""
+        missing = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
+        for folder in reversed(missing):
+            folder.mkdir(exist_ok=True)
+            self._created.append(folder)
+        (self.path / HOME).mkdir(exist_ok=True)
+
+    def _clear(self) -> None:
+        """Remove what a command that was killed has left."""
+        for entry in (self.path / HOME).iterdir():
+            if entry.name not in ("files.json", _LOCK):
+                remove_tree(entry)
+
+    def _leave(self, *, remove: bool) -> None:
+        """Remove unfinished files, and folders that received no file; release the lock."""
+        home = self.path / HOME
+        with suppress(OSError, OutputError):
+            if remove:
+                self._clear_home(home)
+            else:
+                home.rmdir()  # it was created just now, or is not empty
+        self._lock.release()
+        for folder in reversed(self._created):
+            with suppress(OSError):  # it holds files
+                folder.rmdir()
+
+    def _clear_home(self, home: Path) -> None:
+        """Remove unfinished files, unless the next command has to complete their renames."""
+        if pending(self.path) is None:
+            for name in (NEW, OLD):
+                remove_tree(home / name)
+            if not self._marker.files:
+                remove_tree(home)
+
+
+def staged_names(folder: OutputFolder) -> list[str]:
+    """Return the files in the staging folder.
+
+    Parameters
+    ----------
+    folder : OutputFolder
+
+    Returns
+    -------
+    list of str
+        Relative paths with slashes, sorted.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be read.
+    """
+    try:
+        found = [path for path in folder.staging.rglob("*") if not path.is_dir()]
+    except OSError as error:
+        raise output_error(folder.path, error) from error
+    return sorted(path.relative_to(folder.staging).as_posix() for path in found)

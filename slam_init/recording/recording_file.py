@@ -1,0 +1,133 @@
+"""The file of a recording. Rerun writes to a pipe, and a thread copies the pipe to the file.
+
+Rerun's own writer reports a full disk only in its log, and its thread ends there. A later flush has waited for this
+thread without end: at 64 kB of free space, in some runs. A pipe that is read to its end takes all data of Rerun. The
+thread of this module keeps the error of the disk for the caller.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from slam_init.errors import OutputError
+
+if TYPE_CHECKING:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+__all__ = ["RecordingFile"]
+
+_PIPES = Path("/dev/fd")
+_READ_BYTES = 1 << 18
+#: A disk that takes no data for this long has failed.
+_END_S = 60.0
+
+
+class RecordingFile:
+    """A file that receives a recording while it is made. It has another name until it is complete.
+
+    Parameters
+    ----------
+    path : Path
+        The file; an existing one is replaced when the recording is complete.
+    recording : rerun.RecordingStream
+        The stream. Its data up to now and all further data go to the file.
+    layout : rerun.blueprint.Blueprint
+        The layout in the viewer.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be created.
+    """
+
+    def __init__(self, path: Path, recording: rr.RecordingStream, layout: rrb.Blueprint) -> None:
+        self._path, self._partial = path, path.with_suffix(".partial.rrd")
+        self._recording = recording
+        self._error: BaseException | None = None
+        self._thread: threading.Thread | None = None
+        self._open = True
+        try:
+            if path.is_dir():
+                raise IsADirectoryError(f"{path} is a folder")
+            file = self._partial.open("wb", buffering=0)
+        except OSError as error:
+            raise self._failure(error) from error
+        if not _PIPES.is_dir():  # a system without names for open files: Rerun writes the file
+            file.close()
+            recording.save(self._partial, default_blueprint=layout)
+            return
+        read, write = os.pipe()
+        self._thread = threading.Thread(target=self._copy, args=(read, file.fileno()), daemon=True)
+        self._file = file  # open until the thread has ended
+        self._thread.start()
+        try:
+            recording.save(_PIPES / str(write), default_blueprint=layout)
+        finally:
+            os.close(write)  # Rerun has opened the pipe again
+
+    def check(self) -> None:
+        """Raise the error of the disk, if there was one.
+
+        Raises
+        ------
+        OutputError
+            If data could not be written.
+        """
+        if self._error is not None:
+            raise self._failure(self._error) from self._error
+
+    def complete(self) -> None:
+        """Write the rest, close the file, and give it its name. It may be called twice.
+
+        Raises
+        ------
+        OutputError
+            If data could not be written; the file is then removed.
+        """
+        if not self._open:
+            return
+        self._close()
+        try:
+            self.check()
+            self._partial.replace(self._path)
+        except OSError as error:
+            raise self._failure(error) from error
+        finally:
+            with suppress(OSError):
+                self._partial.unlink(missing_ok=True)
+
+    def discard(self) -> None:
+        """Close the file and remove it."""
+        if self._open:
+            self._close()
+            with suppress(OSError):
+                self._partial.unlink(missing_ok=True)
+
+    def _close(self) -> None:
+        self._open = False
+        self._recording.disconnect()
+        if self._thread is not None:
+            self._thread.join(_END_S)
+            if self._thread.is_alive():
+                self._error = TimeoutError(f"the disk took no data for {_END_S:g} s")
+            else:
+                self._file.close()
+
+    def _copy(self, read: int, file: int) -> None:
+        """Copy the pipe to the file. After an error the rest of the pipe is dropped, so that Rerun never waits."""
+        while data := os.read(read, _READ_BYTES):
+            try:
+                while self._error is None and data:
+                    data = data[os.write(file, data) :]
+            except BaseException as error:
+                self._error = error
+        os.close(read)
+
+    def _failure(self, error: BaseException) -> OutputError:
+        cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        return OutputError(f"cannot write the recording {self._path}: {cause}: make room, or give another --out")
