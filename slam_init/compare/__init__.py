@@ -25,7 +25,7 @@ module               content
 ``measures``         the quality of a map
 ``isolation``        starts a process for trials, with limits of time and memory
 ``messages``         the requests to this process, and its answers
-``worker``           the program that runs in this process
+``worker``           the program that runs in this process; ``answers`` and ``guard`` are its parts
 ``backends``         loky, sequential, Dask
 ``journal``          finished trials on disk
 ``statistics``       intervals and tests
@@ -34,7 +34,7 @@ module               content
 ``trial_table``      all rows as a table of columns
 ``aggregate``        figures from this table
 ``summary``          all figures of a comparison, as in ``summary.json``
-``results``          the output files
+``results``          the output files; ``recordings`` has the names of the recordings
 ``report``           the HTML page; ``report_tables``, ``charts`` and ``failure_gallery`` are its parts
 ``side_by_side``     the recording of all methods; ``map_snapshot`` and ``methods_recorder`` are its parts
 ===================  ===============================================================================

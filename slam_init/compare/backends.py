@@ -6,12 +6,14 @@ trials at a time, so memory does not grow with the number of trials.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager
 from importlib import import_module
 from typing import Any, TypeVar
 
+from slam_init.compare.guard import end_with_parent
 from slam_init.errors import ConfigError, SlamInitError
 
 __all__ = ["DASK", "Backend", "open_backend"]
@@ -115,7 +117,8 @@ def open_backend(name: str, jobs: int) -> Iterator[Backend]:
 def _loky(jobs: int) -> Iterator[Backend]:
     from loky import ProcessPoolExecutor
 
-    executor = ProcessPoolExecutor(max_workers=jobs)  # the package has no type annotations
+    # The package has no type annotations. A worker that computes does not notice that its parent is gone.
+    executor = ProcessPoolExecutor(max_workers=jobs, initializer=end_with_parent, initargs=(os.getpid(),))
     try:
         yield Backend(executor, jobs)
     except BaseException:

@@ -10,6 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from slam_init.compare.aggregate import Figures
+from slam_init.compare.isolation import check_method
 from slam_init.compare.plan import Plan
 from slam_init.compare.reliability import Reliability
 from slam_init.compare.run import compare
@@ -106,6 +107,9 @@ def chosen_methods(text: str | None) -> tuple[str, ...]:
             raise ConfigError(f"the method {name} needs the package {info.needs}: pip install {info.needs}")
         if names.count(name) > 1:
             raise ConfigError(f"the method {name} is given twice: give each method once")
+    for name in names:
+        if ":" in name:
+            check_method(name)
     return names
 
 

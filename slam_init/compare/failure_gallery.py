@@ -78,7 +78,9 @@ def failure_cases(table: TrialTable, texts: dict[str, str]) -> list[FailureCase]
         alike[kind] += 1
         if alike[kind] <= _MAX_ALIKE:
             frames = [int(frame) for frame in table.text["keyframes"][row].split()]
-            cases.append(FailureCase(row, _picture(texts[table.text["source"][row]], frames[0], frames[-1])))
+            text = texts[table.text["source"][row]]
+            # A row of a journal from elsewhere may have no keyframes.
+            cases.append(FailureCase(row, _picture(text, frames[0], frames[-1]) if frames else ""))
         if len(cases) == _MAX_CASES:
             break
     return cases

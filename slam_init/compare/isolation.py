@@ -1,37 +1,56 @@
 """Runs trials in a separate process, so that a method that hangs, crashes or exhausts memory spoils only its own trial.
 
 Each worker of a backend keeps one such process and sends it one trial after the other. A process that does not answer
-in time, or that dies, is replaced. The process sets the limit of memory on itself, so that allocations beyond the limit
-fail in that process. The program of the process is :mod:`slam_init.compare.worker`.
+in time, or that dies, is replaced. So is a process in which a method of somebody else (``package.module:attribute``)
+has run: the method may have changed the libraries, or left threads. The process sets the limit of memory on itself, so
+that allocations beyond the limit fail in that process. The program of the process is :mod:`slam_init.compare.worker`.
 """
 
 from __future__ import annotations
 
 import os
+import select
+import signal
 import subprocess
 import sys
 import threading
+import time
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import TypeVar
 
-from slam_init.compare.messages import Answer, Request, TracksAnswer, TracksRequest, TrialAnswer, TrialRequest
+from slam_init.compare.messages import (
+    READY,
+    MethodAnswer,
+    MethodRequest,
+    Request,
+    TracksAnswer,
+    TracksRequest,
+    TrialAnswer,
+    TrialRequest,
+    parse_answer,
+)
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.trials import Settings, Trial, error_row
-from slam_init.errors import SlamInitError
+from slam_init.errors import ConfigError, OutputError, SlamInitError
 
-__all__ = ["TrialProcess", "isolated_tracks", "isolated_trial"]
+__all__ = ["TrialProcess", "check_method", "end_process", "isolated_tracks", "isolated_trial"]
 
 #: Time for loading the libraries on a busy machine.
 _START_S = 120.0
 #: Time for tracking a sequence: enough for an hour of video at 30 frames per second.
 _TRACKING_S = 3 * 3600.0
 
+#: Time for importing and making a method.
+_METHOD_S = 60.0
+#: Longest answer: a row with its texts has less than 10 kB.
+_MAX_ANSWER_BYTES = 1 << 20
+
 _local = threading.local()
 
-_Answer = TypeVar("_Answer", TrialAnswer, TracksAnswer)
+_Answer = TypeVar("_Answer", TrialAnswer, TracksAnswer, MethodAnswer)
 
 
 def isolated_trial(trial: Trial, settings: Settings) -> TrialRow:
@@ -47,22 +66,36 @@ def isolated_trial(trial: Trial, settings: Settings) -> TrialRow:
     -------
     TrialRow
         Errors of any kind, missed limits and crashes give a row with the outcome ``error``.
+
+    Raises
+    ------
+    OutputError
+        If a recording cannot be written: this tells nothing about the method.
     """
     process = _process(settings)
     failed_row = error_row(trial, settings, "")
     try:
         answer = process.ask(TrialRequest(trial, settings), TrialAnswer, settings.time_limit_s)
     except TimeoutError:
-        _discard()
+        end_process()
         return replace(failed_row, reason=f"no answer within {settings.time_limit_s:g} s")
-    except EOFError:
+    except EOFError as error:
         code = process.exit_code()
-        _discard()
-        return replace(failed_row, reason=f"the process died ({_exit_text(code)})")
-    if answer.memory_exhausted:
-        # After a failed allocation the state of the libraries is unknown.
-        _discard()
+        end_process()
+        return replace(failed_row, reason=str(error) or f"the process died ({_exit_text(code)})")
+    if answer.memory_exhausted or ":" in trial.method:
+        # After a failed allocation, or a method of somebody else, the state of the libraries is unknown.
+        end_process()
+    if answer.output_error is not None and settings.recordings is not None:
+        raise OutputError(answer.output_error)
+    if _of_trial(answer.row) != _of_trial(failed_row):
+        return replace(failed_row, reason="the answer is that of another trial")
     return answer.row
+
+
+def _of_trial(row: TrialRow) -> tuple[str | int | None, ...]:
+    """Return the values of a row that are known before the trial."""
+    return (*row.key, row.group, row.frames_limit, row.injected_cause, row.judged_by)
 
 
 def isolated_tracks(text: str, settings: Settings) -> float:
@@ -89,23 +122,50 @@ def isolated_tracks(text: str, settings: Settings) -> float:
     try:
         answer = process.ask(TracksRequest(text, settings), TracksAnswer, _TRACKING_S)
     except (TimeoutError, EOFError):
-        _discard()
+        end_process()
         raise SlamInitError(f"{text}: the tracking process died: run slam-init run on this source to see why") from None
     if answer.error is not None:
         raise SlamInitError(answer.error)
     return answer.tracking_ms
 
 
+def check_method(name: str) -> None:
+    """Import and make a method in a process of its own.
+
+    Parameters
+    ----------
+    name : str
+        ``package.module:attribute``.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such method, or its module ends or blocks the process.
+    """
+    process = TrialProcess(0)
+    try:
+        error = process.ask(MethodRequest(name), MethodAnswer, _METHOD_S).error
+    except TimeoutError:
+        error = f"the method {name!r} cannot be made: no answer within {_METHOD_S:g} s"
+    except EOFError:
+        error = f"the method {name!r} cannot be made: the process died ({_exit_text(process.exit_code())})"
+    finally:
+        process.kill()
+    if error is not None:
+        raise ConfigError(error)
+
+
 def _process(settings: Settings) -> TrialProcess:
     """Return the process of this thread; start one if there is none with this limit of memory."""
     process: TrialProcess | None = getattr(_local, "process", None)
     if process is None or process.memory_limit_mb != settings.memory_limit_mb:
-        _discard()
+        end_process()
         process = _local.process = TrialProcess(settings.memory_limit_mb)
     return process
 
 
-def _discard() -> None:
+def end_process() -> None:
+    """End the process of this thread, if there is one."""
     process: TrialProcess | None = getattr(_local, "process", None)
     if process is not None:
         process.kill()
@@ -113,8 +173,6 @@ def _discard() -> None:
 
 
 def _exit_text(code: int | None) -> str:
-    import signal
-
     if code is not None and code < 0:
         with suppress(ValueError):
             return signal.Signals(-code).name
@@ -125,7 +183,8 @@ class TrialProcess:
     """A new interpreter that answers requests, one at a time.
 
     The process is started with :mod:`subprocess`. Daemon processes of :mod:`multiprocessing` cannot have children, and
-    some backends run in such processes. The process exits when the connection is closed, however its parent ends.
+    some backends run in such processes. The process leads a group of its own. The group is killed when the connection
+    is closed or the parent ends (:mod:`slam_init.compare.guard`).
 
     Parameters
     ----------
@@ -135,33 +194,35 @@ class TrialProcess:
 
     def __init__(self, memory_limit_mb: int) -> None:
         self.memory_limit_mb = memory_limit_mb
-        self._connection: Connection[Request, Answer | str]
+        self._connection: Connection[Request, bytes]
         self._connection, theirs = Pipe()
-        command = [sys.executable, "-m", "slam_init.compare.worker", str(theirs.fileno()), str(memory_limit_mb)]
+        command = [sys.executable, "-m", "slam_init.compare.worker"]
+        command += [str(number) for number in (theirs.fileno(), memory_limit_mb, os.getpid())]
         # One core for each trial. The process can import all modules that its parent can import.
         environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
         environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
         self._process = subprocess.Popen(
             command, pass_fds=[theirs.fileno()], env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL, start_new_session=True,
         )  # fmt: skip
         theirs.close()
         self._ready = False
+        self._rest = b""
 
     def ask(self, request: Request, kind: type[_Answer], limit_s: float) -> _Answer:
         """Send a request and wait for the answer.
 
         Parameters
         ----------
-        request : TrialRequest or TracksRequest
+        request : TrialRequest, TracksRequest or MethodRequest
         kind : type
-            Class of the answer to such a request: TrialAnswer or TracksAnswer.
+            Class of the answer to such a request: TrialAnswer, TracksAnswer or MethodAnswer.
         limit_s : float
             Longest time to wait for the answer; the time in which the process loads its libraries is not counted.
 
         Returns
         -------
-        TrialAnswer or TracksAnswer
+        TrialAnswer, TracksAnswer or MethodAnswer
             An object of the class ``kind``.
 
         Raises
@@ -169,20 +230,21 @@ class TrialProcess:
         TimeoutError
             If the answer does not arrive in time.
         EOFError
-            If the process is gone, or if its answer is of another class.
+            If the process is gone, without a message; if its answer is none of the class ``kind``, with a message.
         """
         try:
             if not self._ready:
-                _receive(self._connection, _START_S)
-                self._ready = True
+                self._ready = self._line(_START_S) == READY
             self._connection.send(request)
-            answer = _receive(self._connection, limit_s)
+            answer = parse_answer(self._line(limit_s))
         except TimeoutError:  # TimeoutError is a subclass of OSError
             raise
-        except OSError as error:
-            raise EOFError(str(error)) from error
+        except OSError:
+            raise EOFError from None
+        except ValueError as error:
+            raise EOFError(f"not an answer: {error}"[:200]) from None
         if not isinstance(answer, kind):
-            raise EOFError(f"unexpected answer {answer!r}")
+            raise EOFError(f"not an answer: {type(answer).__name__}")
         return answer
 
     def exit_code(self) -> int | None:
@@ -198,13 +260,26 @@ class TrialProcess:
         return None
 
     def kill(self) -> None:
-        """End the process at once."""
+        """End the process at once, and all processes of its group."""
         self._connection.close()
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
         self._process.kill()
         self._process.wait()
 
-
-def _receive(connection: Connection[Request, Answer | str], limit_s: float) -> Answer | str:
-    if not connection.poll(limit_s):
-        raise TimeoutError
-    return connection.recv()
+    def _line(self, limit_s: float) -> bytes:
+        """Read a line. Not :meth:`Connection.recv`: it unpickles, and waits without end for the rest of a message."""
+        end = time.monotonic() + limit_s
+        line, self._rest = self._rest, b""
+        while b"\n" not in line:
+            if len(line) > _MAX_ANSWER_BYTES:
+                raise ValueError("longer than 1 MB")
+            readable, _, _ = select.select([self._connection], [], [], max(0.0, end - time.monotonic()))
+            if not readable:
+                raise TimeoutError
+            received = os.read(self._connection.fileno(), 1 << 16)
+            if not received:
+                raise EOFError
+            line += received
+        line, _, self._rest = line.partition(b"\n")
+        return line + b"\n"

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import IO
@@ -17,6 +19,8 @@ __all__ = ["Journal", "read_journal"]
 
 #: Version 2 added ``kept_truth``, ``suspected_focal_factor`` and the options of the methods.
 _SCHEMA = 2
+#: Interval of the syncs to the disk.
+_SYNC_S = 1.0
 
 
 class Journal:
@@ -49,6 +53,7 @@ class Journal:
         self._path = path = Path(path)
         self._is_current = is_current
         self._offsets: dict[Key, int] = {}
+        self._synced_s = 0.0
         header: dict[str, Json] = {"schema": _SCHEMA, **settings}
         try:
             self._file: IO[bytes] = path.open("r+b" if path.exists() else "w+b")
@@ -67,7 +72,7 @@ class Journal:
         return len(self._offsets)
 
     def append(self, row: TrialRow) -> None:
-        """Write a row; after this call the row survives the end of the process.
+        """Write a row; after this call the row survives the end of the process, and a second later a power loss.
 
         Parameters
         ----------
@@ -100,7 +105,10 @@ class Journal:
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        # After a failed write, the rest of the buffer fails again; its error is raised already.
+        with suppress(OSError):
+            os.fsync(self._file.fileno())
+            self._file.close()
 
     def __enter__(self) -> Journal:
         return self
@@ -114,6 +122,10 @@ class Journal:
         try:
             self._file.write(line.encode() + b"\n")
             self._file.flush()
+            # A sync takes milliseconds, and many trials take no longer.
+            if time.monotonic() - self._synced_s > _SYNC_S:
+                os.fsync(self._file.fileno())
+                self._synced_s = time.monotonic()
         except OSError as error:
             raise OutputError(f"cannot write {self._path}: {error.strerror or error}: make room") from error
 
@@ -121,8 +133,9 @@ class Journal:
         """Find the rows; return the position of the end of the last complete line."""
         end = 0
         for number, line in enumerate(self._file):
-            if not line.endswith(b"\n"):
-                break  # incomplete: the process was killed while it wrote this line
+            # Incomplete: the process was killed while it wrote this line. After a power loss the line may be zeros.
+            if not line.endswith(b"\n") or line.startswith(b"\0"):
+                break
             try:
                 if number == 0:
                     self._check(_parse_settings(line), header)

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
+import re
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args, get_type_hints
+from typing import Any, Literal, TypeAlias, get_args, get_type_hints
 
-__all__ = ["COLUMNS", "Key", "Outcome", "TrialRow", "parse_row", "row_text"]
+from slam_init.output.plain_json import Json
+
+__all__ = ["COLUMNS", "Key", "Outcome", "TrialRow", "finite_json", "parse_row", "row_text"]
 
 #: ``accepted``: the method found a map, and there is no ground truth to compare the map with. For the other outcomes
 #: see :mod:`slam_init.compare`.
@@ -212,9 +216,7 @@ def parse_row(line: str | bytes) -> TrialRow:
     ValueError
         If the line is not a JSON object, a value that every row has is missing, or a value has the wrong type.
     """
-    content = json.loads(line)
-    if not isinstance(content, dict):
-        raise ValueError("not a JSON object")
+    content = finite_json(line)
     for name in COLUMNS:
         value = content.get(name)
         if name == "outcome":
@@ -222,7 +224,53 @@ def parse_row(line: str | bytes) -> TrialRow:
                 raise ValueError(f"{name} is {value!r}")
         elif type(value) not in _TYPES[name]:  # type() and not isinstance(): a bool is not a number here
             raise ValueError(f"{name} is {value!r}")
-    return TrialRow(**{name: content[name] for name in COLUMNS if name in content})
+    if content.get("keyframes") is not None and not _KEYFRAMES.fullmatch(str(content["keyframes"])):
+        raise ValueError(f"keyframes is {content['keyframes']!r}")
+    values: dict[str, Any] = {name: content[name] for name in COLUMNS if name in content}
+    return TrialRow(**values)
+
+
+def finite_json(line: str | bytes) -> dict[str, Json]:
+    """Read a JSON object of finite numbers.
+
+    Parameters
+    ----------
+    line : str or bytes
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    ValueError
+        If it is no JSON object, or a number in it is not finite or is an integer of more than 64 bits.
+    """
+    try:
+        content = json.loads(line, parse_constant=_finite, parse_float=_finite, parse_int=_small)
+    except RecursionError:
+        raise ValueError("too deep") from None
+    if not isinstance(content, dict):
+        raise ValueError("not a JSON object")
+    return content
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text} is not finite")
+    return number
+
+
+def _small(text: str) -> int:
+    number = int(text)
+    if abs(number) >= 1 << 63:
+        raise ValueError("a number has more than 64 bits")
+    return number
+
+
+#: Absolute indices of frames, separated by spaces.
+_KEYFRAMES = re.compile(r"\d{1,18}( \d{1,18})*")
 
 
 def _types_by_column() -> dict[str, frozenset[type]]:

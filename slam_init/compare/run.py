@@ -5,26 +5,28 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
-from slam_init.compare.backends import Backend, open_backend
-from slam_init.compare.isolation import isolated_tracks, isolated_trial
+from slam_init.compare.backends import DASK, Backend, open_backend
+from slam_init.compare.isolation import end_process, isolated_tracks, isolated_trial
 from slam_init.compare.journal import Journal
 from slam_init.compare.plan import Plan
-from slam_init.compare.results import remove_results, write_results
+from slam_init.compare.recordings import RECORDINGS, planned_recordings
+from slam_init.compare.results import publish_results
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.summary import ComparisonSummary
 from slam_init.compare.trials import Settings
 from slam_init.datasets.points import POINTS
 from slam_init.errors import OutputError
+from slam_init.output.folder import OutputFolder
+from slam_init.output.names import COMPARE_FILES, TRIALS
 from slam_init.output.plain_json import Json
 
 __all__ = ["compare"]
-
-_JOURNAL = "trials.jsonl"
-_RECORDINGS = "recordings"
 
 
 def compare(
@@ -43,8 +45,8 @@ def compare(
     ----------
     plan : Plan
     out : str or os.PathLike
-        Folder of ``trials.jsonl``, ``results.csv``, ``summary.json``, ``report.html`` and the recordings. It is created
-        if it does not exist.
+        Folder of ``trials.jsonl``, ``results.csv``, ``summary.json``, ``report.html`` and the recordings: a new or an
+        empty one, or one of an earlier comparison. Earlier results stay until all trials have ended.
     backend : str
         ``loky``, ``sequential`` or ``dask:ADDRESS``; see :func:`slam_init.compare.backends.open_backend`.
     jobs : int
@@ -66,22 +68,37 @@ def compare(
     SlamInitError
         If a source cannot be read, the backend is not available, or ``out`` cannot be written.
     """
-    out = Path(out)
+    path = Path(out)
+    with OutputFolder(path, "compare", COMPARE_FILES) as folder, _tracks_folder(folder, backend) as tracks:
+        recorded = str((path / RECORDINGS).resolve()) if recordings else None
+        settings = replace(plan.settings, tracks=tracks, recordings=recorded)
+        folder.claim([TRIALS, *(planned_recordings(plan) if recordings else ())])
+        with Journal(path / TRIALS, _shared_settings(settings), partial(_is_current, plan)) as journal:
+            try:
+                with open_backend(backend, jobs) as workers:
+                    _run_trials(plan, settings, journal, workers, progress)
+            finally:
+                end_process()  # that of the sequential backend
+            if recordings:
+                _side_by_side(plan, settings, journal)
+            return publish_results(folder, journal.rows(plan.holds), plan, command)
+
+
+@contextmanager
+def _tracks_folder(folder: OutputFolder, backend: str) -> Iterator[str]:
+    """Make the folder of the tracks: below that of the results, which the next command clears after a kill.
+
+    The workers of a cluster may be on other machines, where only the folder of temporary files is sure to be there.
+    """
+    if not backend.startswith(DASK):
+        yield str((folder.staging / "tracks").resolve())
+        return
     try:
-        out.mkdir(parents=True, exist_ok=True)
         tracks = tempfile.mkdtemp(prefix="slam-init-tracks-")
     except OSError as error:
-        raise OutputError(f"cannot write to --out {out}: {error.strerror or error}: give another folder") from error
-    folder = str((out / _RECORDINGS).resolve()) if recordings else None
-    settings = replace(plan.settings, tracks=tracks, recordings=folder)
+        raise OutputError(f"cannot write temporary files: {error.strerror or error}: make room") from error
     try:
-        with Journal(out / _JOURNAL, _shared_settings(settings), partial(_is_current, plan)) as journal:
-            remove_results(out)
-            with open_backend(backend, jobs) as workers:
-                _run_trials(plan, settings, journal, workers, progress)
-                if recordings:
-                    _side_by_side(plan, settings, journal)
-            return write_results(out, journal.rows(plan.holds), plan, command)
+        yield tracks
     finally:
         shutil.rmtree(tracks, ignore_errors=True)
 

@@ -6,9 +6,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from slam_init.compare.map_snapshot import load_snapshot
+from slam_init.compare.recordings import SIDE_BY_SIDE, recording_folder, snapshot_name
 from slam_init.compare.replay import replay
 from slam_init.compare.sources import ComparedSource, open_compared
-from slam_init.compare.trials import Settings, file_name, recording_folder
+from slam_init.compare.trials import Settings
 from slam_init.types.frame import Frame, Observations
 
 __all__ = ["write_side_by_side"]
@@ -37,12 +38,12 @@ def write_side_by_side(
     from slam_init.compare.methods_recorder import record_side_by_side
 
     folder = recording_folder(str(settings.recordings), source.label, start)
-    files = {method: folder / f"{file_name(method)}.npz" for method in outcomes}
+    files = {method: folder / snapshot_name(method) for method in outcomes}
     snapshots = {method: load_snapshot(path) for method, path in files.items() if path.is_file()}
     if not snapshots:
         return None
     last = max(snapshot.last_frame for snapshot in snapshots.values())
-    path = folder / "side-by-side.rrd"
+    path = folder / SIDE_BY_SIDE
     frames = _frames(source, start, last, settings)
     record_side_by_side(path, f"{source.label} {start}", snapshots, outcomes, frames)
     for file in files.values():

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import quote
 
 import numpy as np
 
 from slam_init.attempt_log import reported_distortion, reported_focal_factor
 from slam_init.compare.judging import Criteria, Truth
 from slam_init.compare.measures import depth_errors, is_correct, is_strict, pose_errors, survival
+from slam_init.compare.recordings import recording_folder, recording_name, snapshot_name
 from slam_init.compare.replay import Step, replay
 from slam_init.compare.rows import Key, Outcome, TrialRow
 from slam_init.compare.sources import ComparedSource, calibration_of, open_compared
 from slam_init.config import Config
+from slam_init.output.folder import output_error
 from slam_init.recording.recorder import Recorder
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.reasons import Verdict
@@ -32,14 +32,12 @@ if TYPE_CHECKING:
     from slam_init.types.camera import Camera
     from slam_init.types.pose import Trajectory
 
-__all__ = ["Settings", "Trial", "error_row", "file_name", "recording_folder", "result_row", "run_trial"]
+__all__ = ["Settings", "Trial", "error_row", "result_row", "run_trial"]
 
 #: A sequence with fewer frames per second is a set of photographs. The limit in seconds is not applied to it.
 _MIN_VIDEO_FPS = 5.0
 #: Largest length of an error message in characters.
 _MAX_CAUSE = 200
-#: Largest length of a folder name in characters; file systems allow 255 bytes.
-_MAX_NAME = 120
 
 
 @dataclass(frozen=True)
@@ -184,26 +182,6 @@ def error_row(trial: Trial, settings: Settings, cause: str) -> TrialRow:
         With the outcome ``error``.
     """
     return replace(_blank(trial, settings, "error"), reason=" ".join(cause.split())[:_MAX_CAUSE])
-
-
-def recording_folder(recordings: str | os.PathLike[str], source: str, start: int) -> Path:
-    """Return the folder of the recordings of one start.
-
-    Parameters
-    ----------
-    recordings : str or os.PathLike
-        Folder of all recordings.
-    source : str
-        Label of the source.
-    start : int
-        Start frame.
-
-    Returns
-    -------
-    Path
-        The folder; it is not created.
-    """
-    return Path(recordings) / f"{quote(source, safe='').replace('%', '_')[-_MAX_NAME:]}-{start:06d}"
 
 
 @lru_cache(maxsize=1)
@@ -368,26 +346,13 @@ def _recorder(trial: Trial, settings: Settings, source: TimedSource | PointSourc
     from slam_init.recording.rerun_recorder import RerunRecorder
 
     folder = recording_folder(settings.recordings, trial.source.label, trial.start)
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise output_error(folder, error) from error
     name = f"{trial.source.label} {trial.method} {trial.start}"
-    path = folder / f"{file_name(trial.method)}.rrd"
+    path = folder / recording_name(trial.method)
     return RerunRecorder(path, camera, name, source.groundtruth, settings.seed)
-
-
-def file_name(method: str) -> str:
-    """Return the name of a method in a form that is allowed in file names.
-
-    Parameters
-    ----------
-    method : str
-        Name, or ``package.module:attribute``.
-
-    Returns
-    -------
-    str
-        The colon becomes a hyphen; other special characters become percent codes.
-    """
-    return quote(method, safe="").replace("%3A", "-")
 
 
 def _record_end(
@@ -406,4 +371,7 @@ def _record_end(
     errors = compare_with_groundtruth(result.map.keyframes, source.groundtruth) if result.map is not None else None
     recorder.summary(summary_of(result, source, camera, trial.method, settings.seed, ground_truth=errors))
     folder = recording_folder(str(settings.recordings), trial.source.label, trial.start)
-    save_snapshot(folder / f"{file_name(trial.method)}.npz", result, trial.start, source.groundtruth)
+    try:
+        save_snapshot(folder / snapshot_name(trial.method), result, trial.start, source.groundtruth)
+    except OSError as error:
+        raise output_error(folder, error) from error

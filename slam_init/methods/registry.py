@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
+from types import BuiltinFunctionType
 from typing import TYPE_CHECKING, Any, Protocol
 
 from slam_init.errors import ConfigError
@@ -265,9 +266,15 @@ def make_two_view(name: str) -> Any:
         raise ConfigError(f"the method {name} needs the package {info.needs}: pip install {info.needs}")
     module, _, attribute = info.home.partition(":")
     try:
-        method = getattr(import_module(module), attribute)()
-    except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise ConfigError(f"the method {name!r} cannot be made: {error}") from error
+        make = getattr(import_module(module), attribute)
+        if isinstance(make, BuiltinFunctionType) or not callable(make):  # sys:exit
+            raise ConfigError(f"{name!r} is not a two-view method: give package.module:Class")
+        method = make()
+    except ConfigError:
+        raise
+    except (Exception, SystemExit) as error:  # the module of somebody else may raise anything
+        cause = " ".join(str(error).split()) or type(error).__name__
+        raise ConfigError(f"the method {name!r} cannot be made: {cause}") from error
     if not hasattr(method, "bootstrap") or not hasattr(method, "pair_rule"):
         raise ConfigError(f"{name!r} is not a two-view method: it has no bootstrap, or no pair_rule")
     return method

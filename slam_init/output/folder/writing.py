@@ -110,6 +110,10 @@ class OutputFolder:
         """
         names = frozenset(names)
         refuse_foreign_files(self.path, self._marker, names)
+        for name in names:
+            path = self.path / name
+            if path.is_symlink() or (path.exists() and not path.is_file()):  # a pipe would block
+                raise OutputError(f"{path} is not a file that slam-init wrote: move it, or give another --out")
         marker = replace(Marker.of(self._command), files=self._marker.files | names)
         try:
             write_marker(self.path, marker)

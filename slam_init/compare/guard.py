@@ -1,0 +1,100 @@
+"""Ends the processes of a comparison when their parent ends, whatever ends it.
+
+On Linux the kernel sends a signal to a process whose parent ends (``PR_SET_PDEATHSIG``), also where a method holds the
+interpreter in an endless loop. On other systems a process asks for its parent twice a second.
+
+A process in which trials run has a guard: a parent of its own that does nothing but wait. The guard is the leader of
+the process group. When the comparison ends, the guard kills the group, and with it the processes that a method has
+started.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import select
+import signal
+import sys
+import threading
+import time
+from types import FrameType
+
+__all__ = ["end_with_parent", "guarded"]
+
+#: Interval at which a process asks for its parent.
+_ASK_S = 0.5
+_PR_SET_PDEATHSIG = 1
+
+
+def end_with_parent(parent: int) -> None:
+    """Let this process be killed when its parent ends.
+
+    Parameters
+    ----------
+    parent : int
+        Process id of the parent. If it has ended already, this process ends at once.
+    """
+    _signal_at_end_of_parent(signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
+    if sys.platform != "linux":
+        threading.Thread(target=_ask, args=(parent,), daemon=True).start()
+
+
+def guarded(parent: int) -> None:
+    """Fork. The child returns; the parent stays here as its guard, and exits as the child does.
+
+    Parameters
+    ----------
+    parent : int
+        Process id of the process that started this one. The caller must be the leader of a process group.
+    """
+    read, write = os.pipe()
+    guard = os.getpid()
+    child = os.fork()
+    if child == 0:
+        os.close(read)  # the other end tells the guard that this process has ended
+        end_with_parent(guard)
+        return
+    os.close(write)
+    signal.signal(signal.SIGTERM, _kill_group)
+    _signal_at_end_of_parent(signal.SIGTERM)
+    # The connection and the standard streams are those of the child alone.
+    os.closerange(3, read)
+    os.closerange(read + 1, 1 << 10)
+    while True:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            _exit_as(os.waitstatus_to_exitcode(status))
+        if os.getppid() != parent:
+            _kill_group()
+        readable, _, _ = select.select([read], [], [], _ASK_S)
+        if readable:  # the child ends now, or has closed its files
+            time.sleep(0.01)
+
+
+def _signal_at_end_of_parent(number: int) -> None:
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, number, 0, 0, 0)
+
+
+def _ask(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_ASK_S)
+    os._exit(1)
+
+
+def _kill_group(*_: int | FrameType | None) -> None:
+    os.killpg(0, signal.SIGKILL)
+
+
+def _exit_as(code: int) -> None:
+    """Exit with the code of the child, or by its signal."""
+    if code >= 0:
+        os._exit(code)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    signal.signal(-code, signal.SIG_DFL) if -code not in (signal.SIGKILL, signal.SIGSTOP) else None
+    os.kill(os.getpid(), -code)
+    os._exit(1)  # the signal is blocked
