@@ -77,7 +77,7 @@ def _trial(request: TrialRequest) -> TrialAnswer:
         exhausted = True
         row = error_row(trial, settings, _memory_message(settings))
     except OutputError as error:
-        return TrialAnswer(error_row(trial, settings, ""), exhausted, str(error))
+        return TrialAnswer(error_row(trial, settings, str(error)), exhausted, str(error))
     except SlamInitError as error:
         row = error_row(trial, settings, str(error))
     except Exception as error:  # raised by the method: the trial counts as an error, and the row holds the message

@@ -82,7 +82,7 @@ def isolated_trial(trial: Trial, settings: Settings) -> TrialRow:
     except EOFError as error:
         code = process.exit_code()
         end_process()
-        return replace(failed_row, reason=str(error) or f"the process died ({_exit_text(code)})")
+        return replace(failed_row, reason=str(error) or f"the process {_end_text(code)}")
     if answer.memory_exhausted or ":" in trial.method:
         # After a failed allocation, or a method of somebody else, the state of the libraries is unknown.
         end_process()
@@ -148,7 +148,7 @@ def check_method(name: str) -> None:
     except TimeoutError:
         error = f"the method {name!r} cannot be made: no answer within {_METHOD_S:g} s"
     except EOFError:
-        error = f"the method {name!r} cannot be made: the process died ({_exit_text(process.exit_code())})"
+        error = f"the method {name!r} cannot be made: the process {_end_text(process.exit_code())}"
     finally:
         process.kill()
     if error is not None:
@@ -172,11 +172,13 @@ def end_process() -> None:
     _local.process = None
 
 
-def _exit_text(code: int | None) -> str:
-    if code is not None and code < 0:
+def _end_text(code: int | None) -> str:
+    if code is None:
+        return "closed its connection"
+    if code < 0:
         with suppress(ValueError):
-            return signal.Signals(-code).name
-    return f"exit code {code}"
+            return f"died ({signal.Signals(-code).name})"
+    return f"died (exit code {code})"
 
 
 class TrialProcess:

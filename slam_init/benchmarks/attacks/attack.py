@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-__all__ = ["Attack", "Ended", "Seen", "command", "one_line"]
+__all__ = ["Attack", "Ended", "Seen", "command", "one_line", "program"]
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def command(
     Ended
     """
     process = subprocess.Popen(
-        _program(arguments),
+        program(arguments),
         cwd=folder,
         env={**os.environ, **(environment or {})},
         stdin=subprocess.DEVNULL,
@@ -121,7 +121,18 @@ def command(
     return Ended(process.returncode, out, err)
 
 
-def _program(arguments: Sequence[str | os.PathLike[str]]) -> list[str]:
+def program(arguments: Sequence[str | os.PathLike[str]]) -> list[str]:
+    """Return the command line of ``slam-init``.
+
+    Parameters
+    ----------
+    arguments : sequence of str or path
+        Of ``slam-init``.
+
+    Returns
+    -------
+    list of str
+    """
     return [sys.executable, "-m", "slam_init", *(os.fspath(argument) for argument in arguments)]
 
 

@@ -1,8 +1,8 @@
 """Kills ``run`` and ``compare`` at random moments, over earlier results.
 
 Run it as ``python -m slam_init.benchmarks.attacks.kills``. Each round starts a command in a folder with the results of
-the round before, and ends it by SIGINT, SIGTERM or SIGKILL at a moment that is drawn over the length of a whole command.
-Then it looks whether
+the round before, and ends it by SIGINT, SIGTERM or SIGKILL at a moment that is drawn over the length of a command. Then
+it looks whether
 
 * the earlier results are there to the byte, or the new ones are complete; where the command was killed between its
   renames, after the next command has completed them;
