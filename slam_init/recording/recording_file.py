@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from slam_init.errors import OutputError
+from slam_init.output.folder import remedy
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -76,8 +77,10 @@ class RecordingFile:
         Raises
         ------
         OutputError
-            If data could not be written.
+            If data could not be written, or the file is gone: it was removed, or its disk was unmounted.
         """
+        if self._error is None and self._open and not self._partial.exists():
+            self._error = FileNotFoundError("the file is gone")
         if self._error is not None:
             raise self._failure(self._error) from self._error
 
@@ -130,4 +133,4 @@ class RecordingFile:
 
     def _failure(self, error: BaseException) -> OutputError:
         cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        return OutputError(f"cannot write the recording {self._path}: {cause}: make room, or give another --out")
+        return OutputError(f"cannot write the recording {self._path}: {cause}: {remedy(error)}, or give another --out")

@@ -9,11 +9,12 @@ import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from slam_init.benchmarks.attacks import api, outputs, processes, readers, tables, times, videos
+from slam_init.benchmarks.attacks import api, disks, outputs, processes, readers, tables, times, videos
 from slam_init.benchmarks.attacks.attack import Attack, Seen
 
 _ALL = (
     *outputs.ATTACKS,
+    *disks.ATTACKS,
     *readers.ATTACKS,
     *videos.ATTACKS,
     *tables.ATTACKS,

@@ -166,7 +166,7 @@ def _round(kind: _Kind, position: int, out: Path, number: signal.Signals, moment
     ended_first = _ended(process)
     if not ended_first:
         os.kill(process, number)
-        _finish(process)
+    _finish(process)
     left = left_over(mark)
     for each in left:
         os.kill(each, signal.SIGKILL)

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 
 from slam_init.errors import OutputError
 
-__all__ = ["is_safe_name", "output_error", "remove_tree", "replace_synced", "sync", "under"]
+__all__ = ["is_safe_name", "output_error", "remedy", "remove_tree", "replace_synced", "sync", "under"]
 
 #: Some file systems have no sync of a file or folder.
 _NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EBADF)
@@ -33,8 +33,24 @@ def output_error(out: Path, error: OSError) -> OutputError:
     OutputError
         One line with the remedy.
     """
-    remedy = "make room" if error.errno in _NO_SPACE else "give a folder that you can write to"
-    return OutputError(f"cannot write to --out {out}: {error.strerror or error}: {remedy}, or give another --out")
+    return OutputError(
+        f"cannot write to --out {out}: {error.strerror or error}: {remedy(error)}, or give another --out"
+    )
+
+
+def remedy(error: BaseException) -> str:
+    """Return what a user can do about a file that cannot be written.
+
+    Parameters
+    ----------
+    error : BaseException
+
+    Returns
+    -------
+    str
+    """
+    full = isinstance(error, OSError) and error.errno in _NO_SPACE
+    return "make room" if full else "give a folder that you can write to"
 
 
 def sync(path: Path) -> None:

@@ -1,0 +1,66 @@
+"""A recording is complete, or its failure is an error: no hang, no silent loss."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+import rerun as rr
+from read_recording import rerun_tool
+
+from slam_init.errors import OutputError
+from slam_init.recording.layout import blueprint
+from slam_init.recording.recording_file import RecordingFile
+
+
+@pytest.fixture
+def stream():
+    return rr.RecordingStream("test", recording_id="1", send_properties=False)
+
+
+def log(stream, megabytes):
+    for frame in range(megabytes):
+        stream.set_time("frame", sequence=frame)
+        stream.log("noise", rr.Tensor(np.random.default_rng(frame).integers(0, 255, 1 << 20, np.uint8)))
+
+
+def test_a_complete_recording_has_its_name_and_is_sound(tmp_path, stream):
+    path = tmp_path / "a.rrd"
+    file = RecordingFile(path, stream, blueprint())
+    log(stream, 3)
+    assert not path.exists()
+    file.complete()
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.rrd"]
+    assert path.stat().st_size > 3 << 20
+    assert rerun_tool("verify", path).returncode == 0
+
+
+@pytest.mark.parametrize("failing", ["write", "replace"])
+def test_a_disk_that_fails_is_an_error_and_leaves_no_file(tmp_path, stream, monkeypatch, failing):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    file = RecordingFile(tmp_path / "a.rrd", stream, blueprint())
+    monkeypatch.setattr(os if failing == "write" else type(tmp_path), failing, full)
+    log(stream, 3)
+    with pytest.raises(OutputError, match="No space left on device: make room"):
+        file.complete()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_is_gone_is_an_error_at_the_next_frame(tmp_path, stream):
+    file = RecordingFile(tmp_path / "a.rrd", stream, blueprint())
+    file.check()
+    (tmp_path / "a.partial.rrd").unlink()
+    with pytest.raises(OutputError, match="the file is gone"):
+        file.check()
+    file.discard()
+
+
+def test_a_discarded_recording_leaves_no_file(tmp_path, stream):
+    file = RecordingFile(tmp_path / "a.rrd", stream, blueprint())
+    log(stream, 1)
+    file.discard()
+    file.complete()
+    assert list(tmp_path.iterdir()) == []
