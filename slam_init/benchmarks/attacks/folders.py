@@ -10,12 +10,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from slam_init.benchmarks.attacks.attack import Ended, Seen, command, one_line
+from slam_init.output.folder.marker import HOME
 
-__all__ = ["STILL", "contents", "refused", "small_disk", "still", "tree", "verified"]
+__all__ = ["STILL", "contents", "first_run", "refused", "small_disk", "still", "tree", "verified"]
 
 #: A source that is read in no time, and never initializes.
 STILL = "synth:static?frames=2&width=96&height=64"
-_HIDDEN = ".slam-init/"
 _NO_MAP = 3
 
 
@@ -85,7 +85,7 @@ def contents(out: Path) -> dict[str, bytes]:
         By relative path.
     """
     found = ((path.relative_to(out).as_posix(), path) for path in out.rglob("*") if path.is_file())
-    return {name: path.read_bytes() for name, path in found if not name.startswith(_HIDDEN)}
+    return {name: path.read_bytes() for name, path in found if not name.startswith(f"{HOME}/")}
 
 
 def refused(folder: Path, arguments: Sequence[str], *words: str) -> Seen:

@@ -32,8 +32,10 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
+from slam_init.benchmarks.attacks.folders import contents, verified
 from slam_init.benchmarks.attacks.process_tree import MARK, left_over, new_mark
 from slam_init.benchmarks.options import show
+from slam_init.output.folder.marker import HOME
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 #: Every tenth command is a process of its own.
@@ -42,7 +44,6 @@ _OWN_PROCESS = 10
 _BEYOND = 1.25
 #: A command that takes longer hangs.
 _LIMIT_S = 120.0
-_HIDDEN = ".slam-init"
 _METHODS = (("stella,quest", "sequential"), ("quest,stella", "loky"))
 
 
@@ -159,7 +160,7 @@ def _rounds(kind: _Kind, count: int, out: Path, rng: random.Random) -> list[_Rou
 def _round(kind: _Kind, position: int, out: Path, number: signal.Signals, moment_s: float, *, own: bool) -> _Round:
     for name in kind.in_place:
         _forget_trials(out / name, position % 4)
-    before = _contents(out)
+    before = contents(out)
     mark = new_mark()
     process = _start(kind, position, out, mark, own=own)
     time.sleep(moment_s)
@@ -171,21 +172,21 @@ def _round(kind: _Kind, position: int, out: Path, number: signal.Signals, moment
     for each in left:
         os.kill(each, signal.SIGKILL)
     found = _judged(kind, out, before)
-    recordings = sorted(path for path in out.rglob("*.rrd") if _HIDDEN not in path.parts)
-    broken = sum(not _verified(path) for path in recordings)
+    recordings = sorted(path for path in out.rglob("*.rrd") if HOME not in path.parts)
+    broken = sum(not verified(path) for path in recordings)
     code = _finish(_start(kind, position + 1, out, new_mark(), own=False))
     return _Round(number.name, found, len(recordings), broken, len(left), code, ended_first)
 
 
 def _judged(kind: _Kind, out: Path, before: dict[str, bytes]) -> str:
     """Return which results are in the folder."""
-    pending = (out / _HIDDEN / "journal.json").exists()
+    pending = (out / HOME / "journal.json").exists()
     if pending:
         from slam_init.output.folder import OutputFolder
 
         with OutputFolder(out, kind.command):
             pass
-    after = _contents(out)
+    after = contents(out)
     if all(after.get(name) == content for name, content in before.items() if name not in kind.in_place) and all(
         after.get(name, b"").startswith(before.get(name, b"")) for name in kind.in_place
     ):
@@ -195,7 +196,7 @@ def _judged(kind: _Kind, out: Path, before: dict[str, bytes]) -> str:
         whole = {"run": "attempts", "compare": "parts"}[kind.command] in summary
     except (KeyError, ValueError):
         whole = False
-    listed = set(json.loads((out / _HIDDEN / "files.json").read_text())["files"])
+    listed = set(json.loads((out / HOME / "files.json").read_text())["files"])
     if not whole or listed != set(after) - {"interrupted.rrd"}:
         return f"neither the earlier results nor new ones: {sorted(listed ^ set(after))}"
     return "between" if pending else "new"
@@ -204,17 +205,6 @@ def _judged(kind: _Kind, out: Path, before: dict[str, bytes]) -> str:
 def _forget_trials(path: Path, kept: int) -> None:
     """Keep the settings and the first trials only, so that the next comparison has trials to run."""
     path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[: 1 + kept]))
-
-
-def _contents(out: Path) -> dict[str, bytes]:
-    found = {path.relative_to(out).as_posix(): path for path in out.rglob("*") if path.is_file()}
-    return {name: path.read_bytes() for name, path in found.items() if not name.startswith(_HIDDEN)}
-
-
-def _verified(recording: Path) -> bool:
-    environment = os.environ | {"RERUN_ANALYTICS": "false"}
-    command = [sys.executable, "-m", "rerun", "rrd", "verify", str(recording)]
-    return subprocess.run(command, env=environment, capture_output=True, check=False).returncode == 0
 
 
 # -- processes ---------------------------------------------------------------------------------------------------------

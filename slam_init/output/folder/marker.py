@@ -10,11 +10,12 @@ from pathlib import Path
 from slam_init.errors import OutputError
 from slam_init.output.folder.files import is_safe_name, replace_synced
 
-__all__ = ["HOME", "Marker", "read_marker", "write_marker"]
+__all__ = ["HOME", "MARKER", "Marker", "read_marker", "write_marker"]
 
 #: The hidden folder of the program in an output folder.
 HOME = ".slam-init"
-_MARKER = "files.json"
+#: The name of the marker in it.
+MARKER = "files.json"
 _SCHEMA = 1
 #: A marker of a comparison with 100,000 recordings has 10 MB.
 _MAX_BYTES = 1 << 26
@@ -77,7 +78,7 @@ def read_marker(out: Path) -> Marker | None:
     OSError
         If the file cannot be read.
     """
-    path = out / HOME / _MARKER
+    path = out / HOME / MARKER
     if (out / HOME).is_symlink() or not path.is_file():
         return None
     try:
@@ -112,4 +113,4 @@ def write_marker(out: Path, marker: Marker) -> None:
         "version": marker.version,
         "files": sorted(marker.files),
     }
-    replace_synced(out / HOME / _MARKER, json.dumps(content, indent=1).encode() + b"\n")
+    replace_synced(out / HOME / MARKER, json.dumps(content, indent=1).encode() + b"\n")

@@ -12,7 +12,7 @@ from types import TracebackType
 from slam_init.errors import OutputError
 from slam_init.output.folder.files import output_error, remove_tree
 from slam_init.output.folder.lock import FolderLock
-from slam_init.output.folder.marker import HOME, Marker, write_marker
+from slam_init.output.folder.marker import HOME, MARKER, Marker, write_marker
 from slam_init.output.folder.ownership import check_folder, refuse_foreign_files
 from slam_init.output.folder.renames import NEW, OLD, Renames, pending
 from slam_init.process_io import InterruptsDeferred
@@ -156,7 +156,7 @@ class OutputFolder:
     def _clear(self) -> None:
         """Remove what a command that was killed has left."""
         for entry in (self.path / HOME).iterdir():
-            if entry.name not in ("files.json", _LOCK):
+            if entry.name not in (MARKER, _LOCK):
                 remove_tree(entry)
 
     def _leave(self, *, remove: bool) -> None:
