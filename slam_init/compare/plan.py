@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from slam_init.compare.judging import Criteria
+from slam_init.compare.recordings import names_of_start
 from slam_init.compare.rows import Key
 from slam_init.compare.sources import ComparedSource
 from slam_init.compare.trials import Settings, Trial
@@ -50,6 +51,18 @@ class Plan:
             for start in self.starts(source):
                 for method in self.methods:
                     yield Trial(source, method, start)
+
+    def recordings(self) -> Iterator[str]:
+        """Return all files that the trials may write where recordings are asked for.
+
+        Yields
+        ------
+        str
+            Relative to the folder of the results, with slashes.
+        """
+        for source in self.sources:
+            for start in self.starts(source):
+                yield from names_of_start(source.label, start, self.methods)
 
     def holds(self, key: Key) -> bool:
         """Return whether a trial belongs to this comparison. A results folder can hold the trials of a wider one.

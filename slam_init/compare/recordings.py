@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-if TYPE_CHECKING:
-    from slam_init.compare.plan import Plan
-
-__all__ = ["RECORDINGS", "SIDE_BY_SIDE", "planned_recordings", "recording_folder", "recording_name", "snapshot_name"]
+__all__ = ["RECORDINGS", "SIDE_BY_SIDE", "names_of_start", "recording_folder", "recording_name", "snapshot_name"]
 
 #: The folder of the recordings in that of the results.
 RECORDINGS = "recordings"
@@ -73,26 +69,30 @@ def snapshot_name(method: str) -> str:
     return f"{_file_name(method)}.npz"
 
 
-def planned_recordings(plan: Plan) -> Iterator[str]:
-    """Return all files that the trials of a plan may write.
+def names_of_start(source: str, start: int, methods: Iterable[str]) -> Iterator[str]:
+    """Return all files that the trials of one start may write.
 
     Parameters
     ----------
-    plan : Plan
+    source : str
+        Label of the source.
+    start : int
+        Start frame.
+    methods : iterable of str
 
     Yields
     ------
     str
         Relative to the folder of the results, with slashes.
     """
-    for source in plan.sources:
-        for start in plan.starts(source):
-            folder = recording_folder(RECORDINGS, source.label, start)
-            names = [name for method in plan.methods for name in (recording_name(method), snapshot_name(method))]
-            for name in (*names, SIDE_BY_SIDE):
-                yield (folder / name).as_posix()
-                if name.endswith(".rrd"):  # its name until it is complete
-                    yield (folder / name).with_suffix(".partial.rrd").as_posix()
+    folder = recording_folder(RECORDINGS, source, start)
+    for name in (
+        SIDE_BY_SIDE,
+        *(name for method in methods for name in (recording_name(method), snapshot_name(method))),
+    ):
+        yield (folder / name).as_posix()
+        if name.endswith(".rrd"):  # its name until it is complete
+            yield (folder / name).with_suffix(".partial.rrd").as_posix()
 
 
 def _file_name(method: str) -> str:

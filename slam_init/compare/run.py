@@ -15,7 +15,7 @@ from slam_init.compare.backends import DASK, Backend, open_backend
 from slam_init.compare.isolation import end_process, isolated_tracks, isolated_trial
 from slam_init.compare.journal import Journal
 from slam_init.compare.plan import Plan
-from slam_init.compare.recordings import RECORDINGS, planned_recordings
+from slam_init.compare.recordings import RECORDINGS
 from slam_init.compare.results import publish_results
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.summary import ComparisonSummary
@@ -72,7 +72,7 @@ def compare(
     with OutputFolder(path, "compare", COMPARE_FILES) as folder, _tracks_folder(folder, backend) as tracks:
         recorded = str((path / RECORDINGS).resolve()) if recordings else None
         settings = replace(plan.settings, tracks=tracks, recordings=recorded)
-        folder.claim([TRIALS, *(planned_recordings(plan) if recordings else ())])
+        folder.claim([TRIALS, *(plan.recordings() if recordings else ())])
         with Journal(path / TRIALS, _shared_settings(settings), partial(_is_current, plan)) as journal:
             try:
                 with open_backend(backend, jobs) as workers:

@@ -209,7 +209,8 @@ def _killed_between_renames(folder: Path) -> Seen:
 
     out = folder / "out"
     first_run(folder)
-    (out / ".slam-init" / "new").mkdir()
+    for name in ("new", "old"):
+        (out / ".slam-init" / name).mkdir()
     names = ["map.ply", "config.toml", "summary.json"]
     for name in names[1:]:
         (out / ".slam-init" / "new" / name).write_text("new")
