@@ -7,6 +7,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from urllib.parse import quote
 
+from slam_init.output.names import UNFINISHED
+
 __all__ = ["RECORDINGS", "SIDE_BY_SIDE", "names_of_start", "recording_folder", "recording_name", "snapshot_name"]
 
 #: The folder of the recordings in that of the results.
@@ -92,7 +94,7 @@ def names_of_start(source: str, start: int, methods: Iterable[str]) -> Iterator[
     ):
         yield (folder / name).as_posix()
         if name.endswith(".rrd"):  # its name until it is complete
-            yield (folder / name).with_suffix(".partial.rrd").as_posix()
+            yield (folder / name).with_suffix(UNFINISHED).as_posix()
 
 
 def _file_name(method: str) -> str:

@@ -22,8 +22,8 @@ from slam_init.compare.summary import ComparisonSummary
 from slam_init.compare.trials import Settings
 from slam_init.datasets.points import POINTS
 from slam_init.errors import OutputError
-from slam_init.output.folder import OutputFolder
-from slam_init.output.names import COMPARE_FILES, TRIALS
+from slam_init.output.folder import OutputFolder, output_error
+from slam_init.output.names import COMPARE_FILES, TRIALS, UNFINISHED
 from slam_init.output.plain_json import Json
 
 __all__ = ["compare"]
@@ -73,6 +73,7 @@ def compare(
         recorded = str((path / RECORDINGS).resolve()) if recordings else None
         settings = replace(plan.settings, tracks=tracks, recordings=recorded)
         folder.claim([TRIALS, *(plan.recordings() if recordings else ())])
+        _remove_unfinished(folder)
         with Journal(path / TRIALS, _shared_settings(settings), partial(_is_current, plan)) as journal:
             try:
                 with open_backend(backend, jobs) as workers:
@@ -82,6 +83,16 @@ def compare(
             if recordings:
                 _side_by_side(plan, settings, journal)
             return publish_results(folder, journal.rows(plan.holds), plan, command)
+
+
+def _remove_unfinished(folder: OutputFolder) -> None:
+    """Remove recordings of trials that were killed."""
+    try:
+        for name in folder.files:
+            if name.endswith(UNFINISHED):
+                (folder.path / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise output_error(folder.path, error) from error
 
 
 @contextmanager

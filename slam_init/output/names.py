@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["COLMAP_FILES", "COMPARE_FILES", "INTERRUPTED", "RECORDING", "RUN_FILES", "TRIALS"]
+__all__ = ["COLMAP_FILES", "COMPARE_FILES", "INTERRUPTED", "RECORDING", "RUN_FILES", "TRIALS", "UNFINISHED"]
 
 #: The text model of COLMAP: cameras, images, points.
 COLMAP_FILES = ("colmap/cameras.txt", "colmap/images.txt", "colmap/points3D.txt")
@@ -10,6 +10,8 @@ COLMAP_FILES = ("colmap/cameras.txt", "colmap/images.txt", "colmap/points3D.txt"
 RECORDING = "recording.rrd"
 #: The recording of a run that was interrupted, beside the results of an earlier run.
 INTERRUPTED = "interrupted.rrd"
+#: End of the name of a recording until it is complete.
+UNFINISHED = ".partial.rrd"
 #: All files that a run can write.
 RUN_FILES = (
     "trajectory.txt",

@@ -1,8 +1,9 @@
-"""The file of a recording. Rerun writes to a pipe, and a thread copies the pipe to the file.
+"""The file of a recording. Rerun writes to a pipe, and two threads copy the pipe to the file.
 
 Rerun's own writer reports a full disk only in its log, and its thread ends there. A later flush has waited for this
-thread without end: at 64 kB of free space, in some runs. A pipe that is read to its end takes all data of Rerun. The
-thread of this module keeps the error of the disk for the caller.
+thread without end: at 64 kB of free space, in some runs. Here one thread reads the pipe, whatever the disk does, so
+that Rerun never waits. The other thread writes to the file, and keeps the error of the disk for the caller. A disk that
+takes no data is an error as well.
 """
 
 from __future__ import annotations
@@ -11,10 +12,12 @@ import os
 import threading
 from contextlib import suppress
 from pathlib import Path
+from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
 from slam_init.errors import OutputError
 from slam_init.output.folder import remedy
+from slam_init.output.names import UNFINISHED
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -24,8 +27,8 @@ __all__ = ["RecordingFile"]
 
 _PIPES = Path("/dev/fd")
 _READ_BYTES = 1 << 18
-#: A disk that takes no data for this long has failed.
-_END_S = 60.0
+#: Data that waits for the disk. It takes minutes to record so much.
+_MAX_WAITING_BYTES = 1 << 28
 
 
 class RecordingFile:
@@ -39,6 +42,8 @@ class RecordingFile:
         The stream. Its data up to now and all further data go to the file.
     layout : rerun.blueprint.Blueprint
         The layout in the viewer.
+    patience_s : float
+        At the end, a disk that takes no data for this long has failed.
 
     Raises
     ------
@@ -46,11 +51,16 @@ class RecordingFile:
         If the file cannot be created.
     """
 
-    def __init__(self, path: Path, recording: rr.RecordingStream, layout: rrb.Blueprint) -> None:
-        self._path, self._partial = path, path.with_suffix(".partial.rrd")
+    def __init__(
+        self, path: Path, recording: rr.RecordingStream, layout: rrb.Blueprint, patience_s: float = 60.0
+    ) -> None:
+        self._path, self._partial = path, path.with_suffix(UNFINISHED)
         self._recording = recording
+        self._patience_s = patience_s
         self._error: BaseException | None = None
         self._thread: threading.Thread | None = None
+        self._queue: SimpleQueue[bytes] = SimpleQueue()
+        self._read_bytes = self._written_bytes = 0  # each is changed by one thread
         self._open = True
         try:
             if path.is_dir():
@@ -63,7 +73,8 @@ class RecordingFile:
             recording.save(self._partial, default_blueprint=layout)
             return
         read, write = os.pipe()
-        self._thread = threading.Thread(target=self._copy, args=(read, file.fileno()), daemon=True)
+        threading.Thread(target=self._read, args=(read,), daemon=True).start()
+        self._thread = threading.Thread(target=self._write, args=(file.fileno(),), daemon=True)
         self._file = file  # open until the thread has ended
         self._thread.start()
         try:
@@ -114,22 +125,37 @@ class RecordingFile:
     def _close(self) -> None:
         self._open = False
         self._recording.disconnect()
-        if self._thread is not None:
-            self._thread.join(_END_S)
-            if self._thread.is_alive():
-                self._error = TimeoutError(f"the disk took no data for {_END_S:g} s")
-            else:
-                self._file.close()
+        if self._thread is None:
+            return
+        written = -1
+        while self._thread.is_alive() and written < self._written_bytes:
+            written = self._written_bytes
+            self._thread.join(self._patience_s)
+        if self._thread.is_alive():
+            self._error = TimeoutError(f"the disk took no data for {self._patience_s:g} s")
+        else:
+            self._file.close()
 
-    def _copy(self, read: int, file: int) -> None:
-        """Copy the pipe to the file. After an error the rest of the pipe is dropped, so that Rerun never waits."""
-        while data := os.read(read, _READ_BYTES):
+    def _read(self, pipe: int) -> None:
+        """Take all data of Rerun. After an error of the disk they are dropped."""
+        while data := os.read(pipe, _READ_BYTES):
+            self._read_bytes += len(data)
+            if self._error is None and self._read_bytes - self._written_bytes > _MAX_WAITING_BYTES:
+                self._error = TimeoutError("the disk is too slow")
+            if self._error is None:
+                self._queue.put(data)
+        os.close(pipe)
+        self._queue.put(b"")
+
+    def _write(self, file: int) -> None:
+        while data := self._queue.get():
             try:
                 while self._error is None and data:
-                    data = data[os.write(file, data) :]
+                    written = os.write(file, data)
+                    data = data[written:]
+                    self._written_bytes += written
             except BaseException as error:
                 self._error = error
-        os.close(read)
 
     def _failure(self, error: BaseException) -> OutputError:
         cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)

@@ -53,11 +53,10 @@ def _disk_with_results(free_kb: int, folder: Path) -> Seen:
         before = contents(disk / "out")
         ended = command("run", _ROOM, "--quiet", "--out", "disk/out", folder=folder, limit_s=_LIMIT_S)
         seen = _ends_well(ended, disk / "out")
-        same = ended.code == 0 or contents(disk / "out") == before
-        return Seen(
-            seen.holds and same,
-            f"{seen.text}; {'' if ended.code == 0 else 'earlier results the same' if same else 'CHANGED'}",
-        )
+        if ended.code == 0:
+            return seen
+        same = contents(disk / "out") == before
+        return Seen(seen.holds and same, f"{seen.text}; earlier results {'the same' if same else 'CHANGED'}")
 
 
 def _comparison_resumes(size_kb: int, folder: Path) -> Seen:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 from comparisons import METHODS, SOURCES, rows_of, without_times
 from path_types import PATH_TYPES
+from written import contents
 
 from slam_init.compare.rows import COLUMNS
 from slam_init.compare.run import compare
@@ -139,3 +140,24 @@ def test_rows_of_another_version_are_not_mixed_in(plan, finished, tmp_path):
     (tmp_path / "trials.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
     with pytest.raises(OutputError, match="another version"):
         compare(plan, tmp_path, backend="sequential")
+
+
+def test_a_comparison_that_fails_leaves_the_earlier_tables(plan, finished, tmp_path, monkeypatch):
+    for name in ("trials.jsonl", "results.csv", "summary.json", "report.html"):
+        (tmp_path / name).write_bytes((finished[0] / name).read_bytes())
+    before = contents(tmp_path)
+    monkeypatch.setattr("slam_init.compare.results.summary_of", full)
+    with pytest.raises(OutputError, match="No space left on device: make room"):
+        compare(replace(plan, methods=METHODS[:1]), tmp_path, backend="sequential")
+    assert contents(tmp_path) == before
+
+
+def full(*_, **__):
+    raise OSError(28, "No space left on device")
+
+
+def test_a_folder_of_another_program_is_refused(plan, tmp_path):
+    (tmp_path / "report.html").write_text("mine")
+    with pytest.raises(OutputError, match="not empty"):
+        compare(plan, tmp_path, backend="sequential")
+    assert contents(tmp_path, hidden=True) == {"report.html": b"mine"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 
 import numpy as np
 import pytest
@@ -47,6 +48,22 @@ def test_a_disk_that_fails_is_an_error_and_leaves_no_file(tmp_path, stream, monk
     with pytest.raises(OutputError, match="No space left on device: make room"):
         file.complete()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_takes_no_data_is_an_error_and_no_hang(tmp_path, stream, monkeypatch):
+    blocked, write = threading.Event(), os.write
+
+    def hanging(file, data):
+        blocked.wait(60)
+        return write(file, data)
+
+    file = RecordingFile(tmp_path / "a.rrd", stream, blueprint(), patience_s=0.2)
+    monkeypatch.setattr(os, "write", hanging)
+    log(stream, 3)
+    with pytest.raises(OutputError, match="the disk took no data"):
+        file.complete()
+    blocked.set()
+    assert not (tmp_path / "a.rrd").exists()
 
 
 def test_a_file_that_is_gone_is_an_error_at_the_next_frame(tmp_path, stream):
