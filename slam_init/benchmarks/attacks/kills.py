@@ -128,11 +128,12 @@ def main() -> int:
         options = (*sources, "--every", "2", "--jobs", "1", "--methods")
         methods = tuple((names, "--backend", name) for names, name in _METHODS)
         compare = _Kind("compare", options, methods, ("trials.jsonl",))
-        rounds = {
-            kind.command: _rounds(kind, count, folder / kind.command, rng)
-            for kind, count in ((run, arguments.runs), (compare, arguments.compares))
-            if count
-        }
+        rounds: dict[str, list[_Round]] = {}
+        for kind, count in ((run, arguments.runs), (compare, arguments.compares)):
+            if count:
+                rounds[kind.command] = _rounds(kind, count, folder / kind.command, rng)
+            if arguments.out is not None:  # what is known so far, should the rest be stopped
+                arguments.out.write_text("\n".join(_table(rounds)) + "\n")
     show("\n".join(_table(rounds)) + "\n", arguments.out)
     return 0 if all(one.holds for found in rounds.values() for one in found) else 1
 
