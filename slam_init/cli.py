@@ -8,6 +8,7 @@ on stderr.
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -68,7 +69,12 @@ class _Version(argparse.Action):
 def entry_point() -> NoReturn:
     """The console script."""
     fill_closed_streams()
-    sys.exit(main())
+    code = main()
+    if code > _INTERRUPTED:
+        # Where an interrupt comes inside ``exec``, Python ends by SIGINT later, whatever the exit code.
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

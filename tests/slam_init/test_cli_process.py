@@ -47,6 +47,17 @@ def test_a_run_without_standard_streams_is_the_same_run(tmp_path, closed):
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["frames_read"] == 2
 
 
+@pytest.mark.parametrize("raised", ["raise KeyboardInterrupt", "signal.raise_signal(signal.SIGTERM)"])
+def test_an_interrupt_in_code_from_a_text_has_the_documented_exit_code(raised):
+    code = (
+        "import signal, slam_init.runner, slam_init.cli\n"
+        f"slam_init.runner.run = lambda *_, **__: exec({raised!r}, {{'signal': signal}})\n"
+        "slam_init.cli.entry_point()"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *STILL], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (143 if "SIGTERM" in raised else 130, "slam-init: interrupted\n")
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_a_full_stdout_is_one_line():
     command = [sys.executable, "-m", "slam_init", *INFO]
