@@ -48,13 +48,14 @@ def test_a_run_without_standard_streams_is_the_same_run(tmp_path, closed):
 
 
 @pytest.mark.parametrize("raised", ["raise KeyboardInterrupt", "signal.raise_signal(signal.SIGTERM)"])
-def test_an_interrupt_in_code_from_a_text_has_the_documented_exit_code(raised):
+def test_an_interrupt_in_code_from_a_text_has_the_documented_exit_code(tmp_path, raised):
     code = (
         "import signal, slam_init.runner, slam_init.cli\n"
         f"slam_init.runner.run = lambda *_, **__: exec({raised!r}, {{'signal': signal}})\n"
         "slam_init.cli.entry_point()"
     )
-    done = subprocess.run([sys.executable, "-c", code, *STILL], capture_output=True, text=True)
+    (tmp_path / "patched.py").write_text(code)
+    done = subprocess.run([sys.executable, "-m", "patched", *STILL], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (143 if "SIGTERM" in raised else 130, "slam-init: interrupted\n")
 
 

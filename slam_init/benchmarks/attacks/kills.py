@@ -143,6 +143,8 @@ def _rounds(kind: _Kind, count: int, out: Path, rng: random.Random) -> list[_Rou
 
     durations = []
     for position in range(3):
+        for name in kind.in_place if position else ():
+            _forget_trials(out / name, 0)
         begin = time.monotonic()
         if _finish(_start(kind, position, out, new_mark(), own=False)) != 0:
             raise RuntimeError(f"{kind.command} fails without a kill")
