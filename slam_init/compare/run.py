@@ -76,13 +76,19 @@ def compare(
         _remove_unfinished(folder)
         with Journal(path / TRIALS, _shared_settings(settings), partial(_is_current, plan)) as journal:
             try:
-                with open_backend(backend, jobs) as workers:
+                with open_backend(backend, jobs, _paths(plan)) as workers:
                     _run_trials(plan, settings, journal, workers, progress)
             finally:
                 end_process()  # that of the sequential backend
             if recordings:
                 _side_by_side(plan, settings, journal)
             return publish_results(folder, journal.rows(plan.holds), plan, command)
+
+
+def _paths(plan: Plan) -> list[str]:
+    """The files and folders that the trials read."""
+    texts = {source.text for source in plan.sources}
+    return sorted(text for text in texts if Path(text).is_absolute())
 
 
 def _remove_unfinished(folder: OutputFolder) -> None:

@@ -1,0 +1,193 @@
+"""A Dask cluster that runs trials: it is checked before the first trial, and its loss is an error with a remedy."""
+
+from __future__ import annotations
+
+import logging
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module, metadata
+from typing import Any, TypeVar
+
+from slam_init.compare.backend import Backend
+from slam_init.errors import ConfigError, SlamInitError
+
+__all__ = ["WorkerFacts", "open_cluster", "worker_facts"]
+
+#: A scheduler has to answer within this time.
+_CONNECT = "10s"
+#: A cluster may replace its workers, but not for longer than this. It is looked at this often.
+_WITHOUT_WORKERS_S, _POLL_S = 60.0, 5.0
+#: The packages whose versions have to be equal: arguments and answers are pickled.
+_SAME_VERSIONS = ("distributed", "python")
+
+_Task = TypeVar("_Task")
+_Answer = TypeVar("_Answer")
+
+
+@dataclass(frozen=True)
+class WorkerFacts:
+    """What a worker has.
+
+    Attributes
+    ----------
+    version : str
+        Of slam-init.
+    missing : tuple of str
+        The sources that do not exist there.
+    """
+
+    version: str
+    missing: tuple[str, ...]
+
+
+def worker_facts(sources: Sequence[str]) -> WorkerFacts:
+    """Tell what this machine has.
+
+    Parameters
+    ----------
+    sources : sequence of str
+        Paths.
+
+    Returns
+    -------
+    WorkerFacts
+    """
+    return WorkerFacts(metadata.version("slam-init"), tuple(text for text in sources if not os.path.lexists(text)))
+
+
+@contextmanager
+def open_cluster(address: str, sources: Sequence[str] = ()) -> Iterator[Backend]:
+    """Connect to the scheduler of a cluster, and check its workers.
+
+    Parameters
+    ----------
+    address : str
+        ``HOST:PORT``, ``tcp://HOST:PORT``, or ``tls://HOST:PORT`` with the certificates in Dask's configuration
+        (``distributed.comm.tls``).
+    sources : sequence of str
+        Paths that each worker needs.
+
+    Yields
+    ------
+    Backend
+
+    Raises
+    ------
+    ConfigError
+        If the package distributed is not installed.
+    SlamInitError
+        If no scheduler answers, if it has no workers, if a version differs, or if a worker lacks the package or a
+        source. Later: if the scheduler is lost, or all workers.
+    """
+    try:
+        distributed: Any = import_module("distributed")  # the package has no type annotations
+    except ImportError:
+        raise ConfigError("the backend dask needs the package distributed: pip install 'slam-init[dask]'") from None
+    with _quiet():
+        try:
+            client = distributed.Client(address, timeout=_CONNECT, set_as_default=False)
+        except Exception as error:  # a server of another protocol or version may cause any
+            cause = " ".join(str(error).split()) or type(error).__name__
+            raise SlamInitError(f"no Dask scheduler answers at {address}: {cause}"[:300]) from None
+        try:
+            _check_cluster(client, address, sources)
+            # pure=False: Dask must not reuse the answer of an earlier call with equal arguments.
+            yield _Cluster(client, client.get_executor(pure=False), address)
+        finally:
+            client.close(timeout=_POLL_S)
+
+
+class _Cluster(Backend):
+    """The workers of a cluster; a lost cluster is an error."""
+
+    def __init__(self, client: Any, executor: Any, address: str) -> None:
+        super().__init__(executor, sum(client.nthreads().values()))
+        self._client = client
+        self._address = address
+
+    def run(self, function: Callable[[_Task], _Answer], tasks: Iterable[_Task]) -> Iterator[tuple[_Task, _Answer]]:
+        try:
+            yield from super().run(function, tasks)
+        except (CancelledError, OSError, TimeoutError) as error:
+            raise _lost(f"the Dask scheduler at {self._address} was lost", error) from None
+        except RuntimeError as error:  # KilledWorker; a closed client
+            raise _lost(f"the Dask cluster at {self._address} gave a trial up", error) from None
+
+    def _done(self, running: Iterable[Future[Any]]) -> set[Future[Any]]:
+        waiting = set(running)
+        last = time.monotonic()
+        while True:
+            done, _ = wait(waiting, timeout=_POLL_S, return_when=FIRST_COMPLETED)
+            if done:
+                return done
+            if self._client.nthreads():
+                last = time.monotonic()
+            elif time.monotonic() - last > _WITHOUT_WORKERS_S:
+                raise _lost(f"the Dask scheduler at {self._address} has lost its workers", None)
+
+
+def _lost(what: str, error: BaseException | None) -> SlamInitError:
+    cause = "" if error is None or not str(error) else f" ({' '.join(str(error).split())[:200]})"
+    return SlamInitError(f"{what}{cause}: completed trials are kept; start it again, and repeat the command")
+
+
+def _check_cluster(client: Any, address: str, sources: Sequence[str]) -> None:
+    """Raise an error if trials cannot run on the cluster."""
+    if not client.nthreads():
+        raise SlamInitError(f"the Dask scheduler at {address} has no workers: start at least one")
+    versions = client.get_versions()
+    ours = _versions(versions["client"])
+    others = {"the scheduler": versions["scheduler"]} | {f"the worker {k}": v for k, v in versions["workers"].items()}
+    for name, facts in others.items():
+        theirs = _versions(facts)
+        for package in _SAME_VERSIONS:
+            if theirs[package] != ours[package]:
+                raise SlamInitError(
+                    f"{name} at {address} has {package} {theirs[package]}, and this machine {ours[package]}: install "
+                    "the same version"
+                )
+    for worker, facts in client.run(worker_facts, list(sources), on_error="return").items():
+        if isinstance(facts, BaseException):
+            cause = " ".join(str(facts).split())[:200]
+            raise SlamInitError(f"the Dask worker {worker} cannot run slam-init ({cause}): install slam-init there")
+        _check_worker(worker, facts)
+
+
+def _check_worker(worker: str, facts: WorkerFacts) -> None:
+    ours = metadata.version("slam-init")
+    if facts.version != ours:
+        raise SlamInitError(
+            f"the Dask worker {worker} has slam-init {facts.version}, and this machine {ours}: install the same version"
+        )
+    if facts.missing:
+        raise SlamInitError(
+            f"the Dask worker {worker} lacks {facts.missing[0]}: workers need the data under the same path"
+        )
+
+
+def _versions(facts: Mapping[str, Any] | None) -> dict[str, str]:
+    """Versions of the packages that have to be equal; of Python without the patch level."""
+    packages = (facts or {}).get("packages", {})
+    found = {package: str(packages.get(package)) for package in _SAME_VERSIONS}
+    found["python"] = ".".join(found["python"].split(".")[:2])
+    return found
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Dask logs each failure with a traceback; the error that is raised tells it in one line."""
+    # Dask gives the loggers of its modules levels of their own.
+    known = list(logging.root.manager.loggerDict)
+    loggers = [logging.getLogger(name) for name in known if name.split(".")[0] in ("distributed", "asyncio", "tornado")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

@@ -1,0 +1,61 @@
+"""A cluster is checked before the first trial, and what is wrong with it is one line that says what to do."""
+
+import pytest
+
+from slam_init.compare import dask_cluster
+from slam_init.compare.backends import open_backend
+from slam_init.compare.dask_cluster import WorkerFacts, worker_facts
+from slam_init.errors import SlamInitError
+
+distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", protocol="tcp"
+    ) as one:
+        yield one
+
+
+def opened(cluster, sources=()):
+    return open_backend(f"dask:{cluster.scheduler_address}", 1, sources)
+
+
+def test_every_task_is_answered_once(cluster):
+    with opened(cluster) as backend:
+        assert sorted(backend.run(abs, iter([-3, -2, -1]))) == [(-3, 3), (-2, 2), (-1, 1)]
+
+
+def test_a_worker_without_the_data_is_refused(cluster, tmp_path):
+    with opened(cluster, [str(tmp_path)]):
+        pass
+    absent = str(tmp_path / "absent")
+    assert worker_facts([str(tmp_path), absent]).missing == (absent,)
+    with pytest.raises(SlamInitError, match=r"lacks .*absent: workers need the data"), opened(cluster, [absent]):
+        pass
+
+
+def test_a_worker_of_another_version_is_refused(cluster, monkeypatch):
+    monkeypatch.setattr(dask_cluster, "worker_facts", lambda _: WorkerFacts("0.0.1", ()))
+    with pytest.raises(SlamInitError, match=r"has slam-init 0\.0\.1, .*install the same version"), opened(cluster):
+        pass
+
+
+def test_a_worker_without_the_package_is_refused(cluster, monkeypatch):
+    def fails(_):
+        raise ModuleNotFoundError("No module named 'slam_init'")
+
+    monkeypatch.setattr(dask_cluster, "worker_facts", fails)
+    with pytest.raises(SlamInitError, match=r"cannot run slam-init .*install slam-init there"), opened(cluster):
+        pass
+
+
+def test_a_scheduler_without_workers_is_refused():
+    options = {"n_workers": 0, "processes": False, "dashboard_address": ":0", "protocol": "tcp"}
+    with (
+        distributed.LocalCluster(**options) as none,
+        pytest.raises(SlamInitError, match="has no workers"),
+        opened(none),
+    ):
+        pass
