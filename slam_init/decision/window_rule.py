@@ -217,11 +217,11 @@ class WindowRule:
         return judge_rotation(self._camera, self._config, attempt, pose)
 
     def _judged(self, attempt: Attempt, pair: MatchedPair) -> Outcome:
-        hypotheses = self._live.fitted([pair.reference, pair.current, *self._further_views(pair)])
-        if hypotheses is None:
+        fitted = self._fitted(pair)
+        if fitted is None:
             self._last = None
             return Outcome(refused_at(attempt, Verdict.NO_CONSISTENT_MOTION, Stage.MAP))
-        risk = risk_of(hypotheses)
+        hypotheses, risk = fitted
         pair = self._with_readout(pair, risk)
         attempt = replace(
             attempt,
@@ -245,6 +245,16 @@ class WindowRule:
         bundle, table = self._agreeing_map(self._last, certain)
         attempt = replace(attempt, frames=table.frames)
         return replace(self._usable(attempt, bundle, hypotheses), margin=risk.margin)
+
+    def _fitted(self, pair: MatchedPair) -> tuple[WindowHypotheses, WindowRisk] | None:
+        """The hypotheses of the window and their risk; None where no motion locates its pair."""
+        views = [pair.reference, pair.current, *self._further_views(pair)]
+        try:
+            hypotheses = self._live.fitted(views)
+            return None if hypotheses is None else (hypotheses, risk_of(hypotheses))
+        except np.linalg.LinAlgError:  # a degenerate window, whose equations have no solution
+            self._live.forget()
+            return None
 
     def _with_readout(self, pair: MatchedPair, risk: WindowRisk) -> MatchedPair:
         """Correct the rays of the history for the readout that the window found; return the pair with these rays."""

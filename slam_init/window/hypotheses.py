@@ -107,7 +107,8 @@ class WindowHypotheses:
         focal = 6 * (views - 1)
         after = range(focal, len(self.rotation_only.information))
         unknowns = [*(6 * k + axis for k in range(views - 1) for axis in range(3)), *after]
-        information = self.rotation_only.information[np.ix_(unknowns, unknowns)]
+        # Nothing is known of a view whose observations are all outliers.
+        information = self.rotation_only.information[np.ix_(unknowns, unknowns)] + 1e-9 * np.eye(len(unknowns))
         known = 1 / float(np.linalg.inv(information)[-len(after), -len(after)])
         by_tracks = known - 1 / self.rotation_priors.focal_sigma**2
         if by_tracks <= 1e-6 * known:
@@ -231,7 +232,10 @@ def _with_plane(motion: Motion, tracks: WindowTracks, bearings: Floats) -> Motio
     """A located motion with the plane that explains most of its matches, where it has none yet."""
     if motion.plane is not None:
         return motion
-    both = tracks.seen[0] & tracks.seen[1]
+    # A bent camera has no ray for a pixel beyond the radius at which its lens stops growing.
+    both = np.isfinite(bearings[:2]).all(axis=(0, 2))
+    if both.sum() < MIN_RESECTED:
+        return motion
     pose = motion.cam_from_world[tracks.frames[1]]
     return replace(motion, plane=plane_of_motion(pose.R, pose.t, bearings[0, both], bearings[1, both]))
 

@@ -72,6 +72,10 @@ class LiveHypotheses:
         self._proposed = motions_of_pair(pose, frames, rays1, rays2, readout_s)
         self._noise_px = self._noise_px or noise_px
 
+    def forget(self) -> None:
+        """Drop all motions."""
+        self._motions, self._proposed = [], []
+
     def fitted(self, views: Sequence[Observations]) -> WindowHypotheses | None:
         """Fit all motions to the views of a window, and keep those that are not hopeless.
 

@@ -61,14 +61,14 @@ def other_motion_probability(hypotheses: WindowHypotheses) -> float:
         0 where these tracks are few, or have no rigid motion in the pair.
     """
     tracks, explained = hypotheses.tracks, explained_tracks(hypotheses)
-    rest = tracks.seen[0] & tracks.seen[1] & (tracks.anchor >= 0) & ~explained
+    state = hypotheses.motions[0].fit.state
+    rays = tracks.bearings(state.log_scale, state.readout_s, state.k1)[:2]
+    rest = tracks.seen[0] & tracks.seen[1] & (tracks.anchor >= 0) & ~explained & np.isfinite(rays).all(axis=(0, 2))
     count = int(explained.sum())
     if rest.sum() < max(_LEAST_TRACKS, _SHARE_OF_WIDE * count):
         return 0.0
-    state = hypotheses.motions[0].fit.state
-    rays = tracks.bearings(state.log_scale, state.readout_s, state.k1)[:2, rest]
     threshold_rad = _SIGMAS * tracks.noise_px / tracks.camera.focal_px
-    pose = estimate_relative_pose(rays[0], rays[1], threshold_rad=threshold_rad)
+    pose = estimate_relative_pose(rays[0, rest], rays[1, rest], threshold_rad=threshold_rad)
     if not isinstance(pose, RelativePose):
         return 0.0
     places = places_of(hypotheses.motions[0].fit)

@@ -419,3 +419,16 @@ def test_the_summary_is_valid_and_holds_the_window_of_each_attempt(scene, baseli
         assert (window is None) == (attempt.window is None)
         if window is not None:
             assert window["risk"] == pytest.approx(attempt.window.risk, rel=1e-4)
+
+
+def test_a_window_whose_equations_have_no_solution_is_refused(monkeypatch):
+    def singular(_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    frames = Frames(point_source("room", 0, baseline=0.03))
+    with monkeypatch.context() as patched:
+        patched.setattr("slam_init.decision.window_rule.risk_of", singular)
+        refused = frames.judge(2, chosen=True)
+    assert refused.attempt.verdict == Verdict.NO_CONSISTENT_MOTION
+    assert frames.judge(3, chosen=False) is None  # its motions are forgotten
+    assert frames.judge(4, chosen=True).attempt.window is not None
