@@ -91,7 +91,8 @@ def detect_kind(text: str | os.PathLike[str]) -> str:
             return _detect_file(path)
         missing = not path.exists()
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
-        raise SourceError(f"{text!r}: cannot be read ({getattr(error, "strerror", None) or error})") from None
+        cause = getattr(error, "strerror", None) or error
+        raise SourceError(f"{text!r}: cannot be read ({cause})") from None
     if missing:
         raise SourceError(f"{text!r}: no such file or folder; give one, or synth:NAME")
     raise SourceError(f"{path} {kind_problem(path)}")
