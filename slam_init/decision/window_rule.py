@@ -55,9 +55,9 @@ __all__ = ["WINDOW_PRIORS", "WindowRule"]
 
 #: What is known of the camera before the fit: calibrations are better than two per cent, data sheets are worse.
 WINDOW_PRIORS = Priors(focal_sigma=0.02)
-#: Standard deviation of the first coefficient of the radial distortion. A calibration that states a distortion knows it
-#: to a hundredth. Without one, most images are rectified or those of a good lens; those of phones and wide angles have
-#: up to 0.3.
+#: Assumed standard deviation of the first coefficient of the radial distortion. A calibration that states a distortion
+#: knows it to a hundredth. Without one, most images are rectified or those of a good lens; those of phones and wide
+#: angles have up to 0.3.
 _STATED_K1_SIGMA, _UNSTATED_K1_SIGMA = 0.01, 0.05
 #: Standard deviation of an unknown readout about none: global shutters have none, and rolling ones take up to the time
 #: between two frames of a video, which is two standard deviations.
@@ -217,11 +217,17 @@ class WindowRule:
         return judge_rotation(self._camera, self._config, attempt, pose)
 
     def _judged(self, attempt: Attempt, pair: MatchedPair) -> Outcome:
-        fitted = self._fitted(pair)
-        if fitted is None:
+        try:
+            hypotheses = self._live.fitted([pair.reference, pair.current, *self._further_views(pair)])
+            risk = None if hypotheses is None else risk_of(hypotheses)
+        except np.linalg.LinAlgError as error:
+            # A degenerate window: its motions must not be the start of the next one.
+            self._live.forget()
+            hypotheses = risk = None
+            attempt = replace(attempt, map=MapEvidence(failure=f"the window has no solution: {error}"))
+        if hypotheses is None or risk is None:
             self._last = None
             return Outcome(refused_at(attempt, Verdict.NO_CONSISTENT_MOTION, Stage.MAP))
-        hypotheses, risk = fitted
         pair = self._with_readout(pair, risk)
         attempt = replace(
             attempt,
@@ -245,16 +251,6 @@ class WindowRule:
         bundle, table = self._agreeing_map(self._last, certain)
         attempt = replace(attempt, frames=table.frames)
         return replace(self._usable(attempt, bundle, hypotheses), margin=risk.margin)
-
-    def _fitted(self, pair: MatchedPair) -> tuple[WindowHypotheses, WindowRisk] | None:
-        """The hypotheses of the window and their risk; None where no motion locates its pair."""
-        views = [pair.reference, pair.current, *self._further_views(pair)]
-        try:
-            hypotheses = self._live.fitted(views)
-            return None if hypotheses is None else (hypotheses, risk_of(hypotheses))
-        except np.linalg.LinAlgError:  # a degenerate window, whose equations have no solution
-            self._live.forget()
-            return None
 
     def _with_readout(self, pair: MatchedPair, risk: WindowRisk) -> MatchedPair:
         """Correct the rays of the history for the readout that the window found; return the pair with these rays."""

@@ -46,8 +46,7 @@ _NOISE_TOLERANCE, _NOISE_ROUNDS = 0.07, 2
 #: translation would be the cheaper explanation. Half as long again costs 21: level flight looks like such a rotation.
 _WRONG_FOCAL, _WRONG_FOCAL_COST = 0.07, 9.0
 #: The same for a distortion that the calibration lacks: lenses of phones and wide angles have a k1 of up to 0.3.
-#: A right distortion is good to a hundredth: with a twentieth, a rotation explains the parallax of many planes.
-_RIGHT_K1, _WRONG_K1 = 0.01, 0.15
+_WRONG_K1 = 0.15
 #: A start whose residuals are this many times the noise is far from the answer.
 _FAR_FACTOR = 1.5
 
@@ -77,6 +76,22 @@ class WindowHypotheses:
     rotation_only: JointFit
     priors: Priors
     rotation_priors: Priors
+
+    def costs_of(self, motion: FittedMotion) -> Floats:
+        """The cost of each track in all views; a view that a motion does not locate sees outliers.
+
+        Parameters
+        ----------
+        motion : FittedMotion
+            One of the motions.
+
+        Returns
+        -------
+        (T,) float
+        """
+        seen = self.tracks.seen
+        missing = seen.sum(axis=0) - seen[list(motion.rows)].sum(axis=0)
+        return np.asarray(motion.fit.track_costs + self.priors.gate_sigmas**2 * missing)
 
     @property
     def gain_over_rotation(self) -> tuple[float, float]:
@@ -254,6 +269,5 @@ def _fit_rotation(tracks: WindowTracks, rotations: Floats, priors: Priors) -> tu
         start = fit_window(wide, start, any_focal, rotation_only=True).state
     wrong = fit_window(tracks, start, any_focal, rotation_only=True)
     wrong = replace(wrong, cost=wrong.cost + _WRONG_FOCAL_COST)
-    right_priors = replace(priors, k1_sigma=min(priors.k1_sigma, _RIGHT_K1))
-    right = fit_window(tracks, wrong.state, right_priors, rotation_only=True)
-    return (right, right_priors) if right.cost <= wrong.cost else (wrong, any_focal)
+    right = fit_window(tracks, wrong.state, priors, rotation_only=True)
+    return (right, priors) if right.cost <= wrong.cost else (wrong, any_focal)

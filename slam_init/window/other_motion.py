@@ -41,10 +41,8 @@ def explained_tracks(hypotheses: WindowHypotheses) -> Bools:
     -------
     (T,) bool
     """
-    best, seen = hypotheses.motions[0], hypotheses.tracks.seen
-    missing = seen.sum(axis=0) - seen[list(best.rows)].sum(axis=0)
-    costs = best.fit.track_costs + hypotheses.priors.gate_sigmas**2 * missing
-    explained = costs <= explained_at_most(np.maximum(2 * seen.sum(axis=0) - 3, 0))
+    costs = hypotheses.costs_of(hypotheses.motions[0])
+    explained = costs <= explained_at_most(np.maximum(2 * hypotheses.tracks.seen.sum(axis=0) - 3, 0))
     return np.asarray(explained & (hypotheses.tracks.anchor >= 0))
 
 

@@ -245,13 +245,9 @@ def _margin(hypotheses: WindowHypotheses, best: FittedMotion, rival: FittedMotio
 
 def _costs_of_tracks(hypotheses: WindowHypotheses, motion: FittedMotion) -> Floats:
     """Cost of each track, bounded: tracks that neither motion explains must not vote."""
-    seen = hypotheses.tracks.seen
-    placed = seen[list(motion.rows)].sum(axis=0)
-    missing = seen.sum(axis=0) - placed
-    freedom = np.maximum(2 * seen.sum(axis=0) - 3, 0)
-    gate2 = hypotheses.priors.gate_sigmas**2
+    freedom = np.maximum(2 * hypotheses.tracks.seen.sum(axis=0) - 3, 0)
     bound = explained_at_most(freedom) + (_LARGEST_VOTE if hypotheses.planar else 0.0)
-    return np.asarray(np.minimum(motion.fit.track_costs + gate2 * missing, bound))
+    return np.asarray(np.minimum(hypotheses.costs_of(motion), bound))
 
 
 def _rival_probability(hypotheses: WindowHypotheses, best: ExpandedFit, rival: FittedMotion, margin: Margin) -> float:
@@ -336,11 +332,9 @@ def _bodies_probability(hypotheses: WindowHypotheses) -> float:
     """
     if hypotheses.planar:
         return 0.0
-    best, seen = hypotheses.motions[0], hypotheses.tracks.seen
-    explained = explained_tracks(hypotheses)
-    missing = seen.sum(axis=0) - seen[list(best.rows)].sum(axis=0)
-    costs = best.fit.track_costs + hypotheses.priors.gate_sigmas**2 * missing
-    gains = np.sort((hypotheses.rotation_only.track_costs - costs)[explained]) / best.fit.dispersion
+    best, explained = hypotheses.motions[0], explained_tracks(hypotheses)
+    gains = hypotheses.rotation_only.track_costs - hypotheses.costs_of(best)
+    gains = np.sort(gains[explained]) / best.fit.dispersion
     rest = gains[: len(gains) - int(_ON_BODIES * len(gains))]
     if not len(rest):
         return 1.0

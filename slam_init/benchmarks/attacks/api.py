@@ -58,6 +58,7 @@ def _works(*inputs: Any) -> Callable[[Path], Seen]:
 
 
 _WIDE = np.zeros((48, 128, 3), np.uint8)
+_NO_IMAGE: Any = None
 _READ_ONLY = _IMAGE.copy()
 _READ_ONLY.setflags(write=False)
 
@@ -70,7 +71,7 @@ _FRAMES = (
     _frame_row(
         "a frame with an image of another size", "(24, 32)", (Frame(0, 0.0, "a", np.zeros((24, 32), np.uint8)), None)
     ),
-    _frame_row("a frame whose image is None", "NoneType", (Frame(0, 0.0, "a", None), None)),  # type: ignore[arg-type]
+    _frame_row("a frame whose image is None", "NoneType", (Frame(0, 0.0, "a", _NO_IMAGE), None)),
     _frame_row("a time that is NaN", "finite", (_IMAGE, float("nan"))),
     _frame_row("a time that is a text", "'now'", (_IMAGE, "now")),
     _frame_row("a time of 10^400", "finite", (_IMAGE, 10**400)),
@@ -111,7 +112,7 @@ def _left_out(_: Path) -> Seen:
     return Seen(initializer.frames_read == 3, f"{initializer.frames_read} of 6 frames were taken")
 
 
-def _rays(name: str, rays1: object, rays2: object, expected: str) -> Attack:
+def _rays(name: str, rays1: Any, rays2: Any, expected: str) -> Attack:
     """Degenerate rays: a refusal, or rotations."""
 
     def run(_: Path) -> Seen:
@@ -119,7 +120,7 @@ def _rays(name: str, rays1: object, rays2: object, expected: str) -> Attack:
         from quest.benchmarks.adversarial import is_rotation
 
         try:
-            result = quest.estimate_relative_pose(rays1, rays2)  # type: ignore[arg-type]
+            result = quest.estimate_relative_pose(rays1, rays2)
         except quest.InputError as error:
             return Seen(expected == "InputError" and len(str(error).splitlines()) == 1, f"InputError: {error}"[:200])
         if isinstance(result, quest.NoPose):

@@ -430,5 +430,6 @@ def test_a_window_whose_equations_have_no_solution_is_refused(monkeypatch):
         patched.setattr("slam_init.decision.window_rule.risk_of", singular)
         refused = frames.judge(2, chosen=True)
     assert refused.attempt.verdict == Verdict.NO_CONSISTENT_MOTION
+    assert refused.attempt.map.failure == "the window has no solution: Singular matrix"
     assert frames.judge(3, chosen=False) is None  # its motions are forgotten
     assert frames.judge(4, chosen=True).attempt.window is not None
