@@ -42,9 +42,9 @@ _WORTH_TRYING = 0.05
 _NOISE_TOLERANCE, _NOISE_ROUNDS = 0.07, 2
 #: Nearly all focal lengths are known to two per cent, but some are guessed, and off by a fifth. For the camera that
 #: only rotates the stated focal length is right, or wrong with this standard deviation of its logarithm at a price of
-#: 4.5 nats (odds of one to a hundred). So a fifth costs 8 nats, where the prior of right ones would charge 40, and a
-#: translation would be the cheaper explanation. Half as long again costs 21: level flight looks like such a rotation.
-_WRONG_FOCAL, _WRONG_FOCAL_COST = 0.07, 9.0
+#: three nats (odds of one to twenty). So a fifth costs 5.5 nats, where the prior of right ones would charge 40, and a
+#: translation would be the cheaper explanation. Half as long again costs 11: level flight looks like such a rotation.
+_WRONG_FOCAL, _WRONG_FOCAL_COST = 0.1, 6.0
 #: The same for a distortion that the calibration lacks: lenses of phones and wide angles have a k1 of up to 0.3.
 _WRONG_K1 = 0.15
 #: A start whose residuals are this many times the noise is far from the answer.
@@ -98,11 +98,14 @@ class WindowHypotheses:
         """Log likelihood of the best motion over the rotation-only camera (nats), and the degrees of freedom of it.
 
         Translation and points lower the cost by chance too: twice the gain has a chi-square distribution then. Tracks
-        that leave the plane have paid for it.
+        off the plane are left out: a track that drifts leaves the plane and gains as much as a near point.
         """
         best, seen = self.motions[0], self.tracks.seen
         missing = int(seen.sum()) - int(seen[list(best.rows)].sum())
         lowered = self.rotation_only.cost - best.fit.cost - self.priors.gate_sigmas**2 * missing
+        if self.planar:
+            off = ~best.fit.state.on_plane & (self.tracks.anchor >= 0)
+            lowered -= float((self.rotation_only.track_costs - self.costs_of(best))[off].sum())
         # A distance is not negative, so that by chance half of the tracks gain nothing. But without a translation its
         # direction is chosen to suit the tracks, and outliers gain more than noise: 0.9 a track in 32 drawn windows.
         points = 3.0 if self.planar else float((self.tracks.anchor >= 0).sum())
