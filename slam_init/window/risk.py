@@ -65,7 +65,7 @@ _LARGEST_VOTE = 6.0
 #: their data, so that the sum over all looks is an upper bound.
 _LOOKS = 10.0
 #: Errors that a tracker keeps from view to view: they grow with the displacement of the image, up to a limit in pixels.
-#: On rendered images of cameras that only turn, by up to 40 degrees with a wrong focal length or an unstated distortion,
+#: On rendered images of cameras that only turn, by up to 40 degrees with a wrong focal length or unstated distortion,
 #: the best translation gains as much as with errors of up to 0.0033 of the displacement, and of 0.27 px at the most.
 #: The gain over a rotation-only camera has to be significant with these errors too.
 _LASTING_SHARE, _LASTING_PX = 0.004, 0.3
