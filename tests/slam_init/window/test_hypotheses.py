@@ -360,3 +360,21 @@ def test_a_camera_that_does_not_rotate_does_not_tell_its_focal_length():
     motion = Motion({frames[0]: Pose.identity(), frames[1]: Pose(np.eye(3), np.array([1.0, 0, 0]))})
     found = fit_hypotheses(gather_tracks(source.camera, views, 0.7), [motion], PRIORS)
     assert found.focal_of_rotation[1] > 0.1
+
+
+def test_tracks_off_the_plane_do_not_show_that_the_camera_moves():
+    source, views = window_of("wall", 2, 6, baseline=0.3, outliers=0)
+    found = hypotheses_of(source.camera, views, PRIORS)
+    assert found.planar
+    gain, freedom = found.gain_over_rotation
+    best = found.motions[0]
+    on_plane = best.fit.state.on_plane.copy()
+    dropped = np.flatnonzero(on_plane & (found.tracks.anchor >= 0))[:10]
+    on_plane[dropped] = False
+    state = replace(best.fit.state, on_plane=on_plane)
+    left = replace(best, fit=replace(best.fit, state=state))
+    less, same = replace(found, motions=(left, *found.motions[1:])).gain_over_rotation
+    theirs = (found.rotation_only.track_costs - found.costs_of(best))[dropped].sum()
+    assert theirs > 0
+    assert less == pytest.approx(gain - 0.5 * theirs)
+    assert same == freedom

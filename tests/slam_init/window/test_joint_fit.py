@@ -5,7 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from make_map import CAMERAS
-from make_window import PRIORS, camera_of, direction_covariance, direction_sigma_deg, focal_sigma, make_window
+from make_window import (
+    PRIORS,
+    camera_of,
+    direction_covariance,
+    direction_sigma_deg,
+    focal_sigma,
+    make_window,
+    pair_and_further,
+    point_source,
+)
 
 from sequences_synth.points import make_points
 from slam_init.bundle.focal import camera_with_focal_factor
@@ -13,7 +22,7 @@ from slam_init.window.equations import OFF_PLANE_COST
 from slam_init.window.joint_fit import costs_off_plane, fit_window, information_of_relief, start_noise_factor
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.state import Priors, start_at
-from slam_init.window.tracks import WindowTracks
+from slam_init.window.tracks import WindowTracks, gather_tracks
 
 SCENES = {"general": "room", "plane": "wall"}
 #: No observation is an outlier.
@@ -452,3 +461,24 @@ def test_the_error_of_the_direction_has_the_stated_size():
     assert 0.7 < np.sqrt(np.mean(squares)) < 1.4
     # Of the larger axis alone: between 1 and the square root of 2.
     assert 0.6 < np.sqrt(np.mean(np.square(directions))) < 2
+
+
+# -- a lens that moves far ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("k1", [-0.2, -0.1, 0.15])
+def test_no_track_stays_behind_where_the_distortion_moves_by_many_pixels(k1):
+    source = point_source("rotation", 1, views=6, points=300, outliers=0, noise_px=0.1, k1=k1)
+    observations = pair_and_further(list(source.observations()), 6)
+    tracks = gather_tracks(source.camera, observations, 0.1)
+    true = [pose.R.T for pose in source.groundtruth.world_from_cam]
+    R = np.array([true[one.frame] @ true[observations[0].frame].T for one in observations])
+    t = np.outer(np.arange(len(R)), [1e-9, 0, 0])
+    start = start_at(tracks, R, t, at_infinity=True)
+    priors = replace(PRIORS, k1_sigma=0.15)
+    # The start has rays of a camera without distortion: at the corners of the image they are off by many pixels.
+    coarse = tracks.with_noise(start_noise_factor(tracks, start, priors, rotation_only=True) * 0.1)
+    start = fit_window(coarse, start, priors, rotation_only=True).state
+    fit = fit_window(tracks, start, priors, rotation_only=True)
+    assert fit.state.k1 == pytest.approx(k1, abs=0.01)
+    assert fit.explained > 0.99 * (tracks.anchor >= 0).sum()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from make_window import hypotheses_of, pair_and_further, point_source, pose_errors_deg, true_motion
 
+from quest.geometry.quaternion import rotation_from_vector
 from quest.robust.spatial_blocks import regions_of
 from sequences_synth.points import PointOptions, make_points
 from slam_init.config import AcceptanceConfig
@@ -171,6 +172,23 @@ def test_the_rotation_term_falls_with_the_gain_over_the_rotation_only_camera(cle
     assert risks[-1].rotation < 1e-6
     assert (np.diff([risk.rotation for risk in risks]) <= 0).all()
     np.testing.assert_allclose([risk.rotation_log_likelihood for risk in risks], [0, 200, 400, 800, 2000])
+
+
+def test_a_gain_tells_less_where_the_image_moved_further_for_a_tracker_keeps_errors(clear):
+    cost, fit = clear.motions[0].fit.cost, clear.rotation_only
+    views = len(fit.state.R)
+
+    def rotation_term(turn_deg):
+        turns = np.radians(turn_deg) * np.arange(views) / (views - 1)
+        R = np.array([rotation_from_vector(turn * np.array([0.0, 1.0, 0.0])) for turn in turns])
+        turned = replace(fit, cost=cost + 700.0, state=replace(fit.state, R=R))
+        tracks = clear.tracks.with_noise(0.1)
+        return risk_of(replace(clear, tracks=tracks, rotation_only=turned)).rotation
+
+    none, little, much, most = map(rotation_term, (0.0, 1.0, 5.0, 20.0))
+    assert none <= little <= much <= most
+    assert none < 1e-3
+    assert most > 0.9
 
 
 @pytest.mark.parametrize("seed", range(12))
