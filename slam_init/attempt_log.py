@@ -58,8 +58,8 @@ class AttemptLog:
         attempt : Attempt
             It is kept without its matches.
         """
-        none = np.zeros((0, 2))
-        self._kept.append(replace(attempt, pixels1=none, pixels2=none, inliers=np.zeros(0, bool)))
+        none, no = np.zeros((0, 2)), np.zeros(0, bool)
+        self._kept.append(replace(attempt, pixels1=none, pixels2=none, inliers=no, moving=no))
         self._verdicts.append(_VERDICTS.index(attempt.verdict))
         reference = attempt.frames[0]
         self._progress[reference] = max(self._progress.get(reference, 0.0), attempt.progress)

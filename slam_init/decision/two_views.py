@@ -13,7 +13,7 @@ from slam_init.config import Config
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
 from slam_init.frontend.keyframes import PairPreview, difference_gate
 from slam_init.frontend.tracks import History, common_tracks
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import TwoViewEvidence
 from slam_init.types.frame import Observations
@@ -50,6 +50,7 @@ class MatchedPair:
         Raw pixels in the reference and in the current view.
     rays1, rays2 : (N, 3) float
         Unit bearings in the two camera frames.
+    track_ids : (N,) int
     """
 
     preview: PairPreview
@@ -59,6 +60,7 @@ class MatchedPair:
     pixels2: Floats
     rays1: Floats
     rays2: Floats
+    track_ids: Ints
 
 
 def match_pair(history: History, preview: PairPreview, current: Observations) -> MatchedPair:
@@ -85,6 +87,7 @@ def match_pair(history: History, preview: PairPreview, current: Observations) ->
         pixels2=current.pixels[j],
         rays1=reference.bearings[i],
         rays2=current.bearings[j],
+        track_ids=reference.track_ids[i],
     )
 
 

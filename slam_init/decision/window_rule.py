@@ -161,6 +161,7 @@ class WindowRule:
             pixels1=pair.pixels1,
             pixels2=pair.pixels2,
             inliers=np.zeros(len(pair.rays1), bool),
+            moving=np.zeros(len(pair.rays1), bool),
             preview=preview_evidence(preview),
         )
         if self._rotating and all(one.parallax_share < LEAST_PARALLAX_SHARE for one in pairs):
@@ -233,6 +234,7 @@ class WindowRule:
             attempt,
             window=_evidence(hypotheses, risk, self._camera),
             inliers=_inliers(pair, hypotheses.motions[0].cam2_from_cam1, self._threshold_rad),
+            moving=np.isin(pair.track_ids, risk.moving_tracks),
         )
         self._last = _Judged(pair, hypotheses, risk, attempt)
         # A camera that merely rotates is judged again once a pair shows parallax.

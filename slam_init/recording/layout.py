@@ -118,7 +118,7 @@ def blueprint() -> Any:
     camera = rrb.Spatial2DView(
         origin="world/camera/image", name=f"frame and tracks; purple: turned back by the shutter, x {ARROW_FACTOR}"
     )
-    pair = rrb.Spatial2DView(origin="pairs/image", name="pair tried: inliers green, outliers red")
+    pair = rrb.Spatial2DView(origin="pairs/image", name="pair tried: inliers green, outliers red, moving bodies purple")
     verdict = rrb.TextDocumentView(origin="pairs/verdict", name="verdict")
     parallax, shares, direction, risk, readout, counts = (
         rrb.TimeSeriesView(origin=f"stats/{plot}", name=name, plot_legend=corner)

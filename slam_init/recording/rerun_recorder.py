@@ -9,7 +9,8 @@ entity                      content
 ``world/points``            the landmarks
 ``world/trajectory``        ``est`` and ``gt``, the ground truth aligned to the map by a similarity;
                             ``hypothesis1``, ``hypothesis2`` while two maps are kept
-``pairs``                   the last pair tried: images, matches (green inliers, red outliers), verdict
+``pairs``                   the last pair tried: images, matches (green inliers, red outliers,
+                            purple on a body that moves), verdict
 ``stats``                   number of tracks; figures of the attempts with their gates; error of
                             bundle adjustment
 ``log``, ``summary``        one line for each attempt; the summary of the run
@@ -402,7 +403,13 @@ class RerunRecorder(Recorder):
         matches = np.stack([points1, points2], axis=1)
         step = max(1, -(-len(matches) // _MAX_LINES))
         drawn = np.arange(len(matches)) % step == 0
-        for name, chosen, color in (("inliers", attempt.inliers, _GREEN), ("outliers", ~attempt.inliers, _RED)):
+        moving = (attempt.moving if attempt.moving.size else np.zeros_like(attempt.inliers)) & ~attempt.inliers
+        parts = (
+            ("inliers", attempt.inliers, _GREEN),
+            ("outliers", ~attempt.inliers & ~moving, _RED),
+            ("moving", moving, PURPLE),
+        )
+        for name, chosen, color in parts:
             rec.log(
                 f"pairs/image/{name}",
                 rr.LineStrips2D(matches[chosen & drawn], colors=[(*color, 150)], radii=rr.Radius.ui_points(0.5)),

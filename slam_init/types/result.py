@@ -52,6 +52,8 @@ class Attempt(Described):
         The matches of the pair, raw pixels.
     inliers : (N,) bool
         Which of the matches the best model explains.
+    moving : (N,) bool
+        Which of the matches lie on bodies with a rigid motion of their own; empty where it was not looked for.
     preview : PreviewEvidence or None
         Figures before any epipolar geometry; None for the rules of another method.
     two_view : TwoViewEvidence or None
@@ -75,6 +77,7 @@ class Attempt(Described):
     pixels1: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     pixels2: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     inliers: Bools = field(default_factory=lambda: np.zeros(0, bool))
+    moving: Bools = field(default_factory=lambda: np.zeros(0, bool))
     preview: PreviewEvidence | None = None
     two_view: TwoViewEvidence | None = None
     rotation_only: RotationOnlyEvidence | None = None

@@ -9,16 +9,17 @@ it.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from quest.estimate import RelativePose, estimate_relative_pose
-from slam_init.types.arrays import Bools, Floats
+from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.equations import explained_at_most
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.uncertainty import places_of
 
-__all__ = ["explained_tracks", "other_motion_probability"]
+__all__ = ["OtherMotion", "explained_tracks", "other_motion"]
 
 #: A motion of other tracks is a rival from this share of the tracks that the best motion explains: half of them where
 #: the other tracks are compact, a quarter where they extend over half of the area or more. With a threshold of a half,
@@ -46,8 +47,24 @@ def explained_tracks(hypotheses: WindowHypotheses) -> Bools:
     return np.asarray(explained & (hypotheses.tracks.anchor >= 0))
 
 
-def other_motion_probability(hypotheses: WindowHypotheses) -> float:
-    """Probability that the camera moves relative to tracks that the best motion does not explain.
+@dataclass(frozen=True, eq=False)
+class OtherMotion:
+    """A rigid motion of tracks that the best motion does not explain.
+
+    Attributes
+    ----------
+    probability : float
+        That the camera moves relative to these tracks; 0 where they are few, or have no rigid motion in the pair.
+    track_ids : (M,) int
+        The tracks that have this motion; empty where there is none.
+    """
+
+    probability: float = 0.0
+    track_ids: Ints = field(default_factory=lambda: np.zeros(0, int))
+
+
+def other_motion(hypotheses: WindowHypotheses) -> OtherMotion:
+    """Find a rigid motion of the tracks that the best motion does not explain.
 
     Parameters
     ----------
@@ -55,8 +72,7 @@ def other_motion_probability(hypotheses: WindowHypotheses) -> float:
 
     Returns
     -------
-    float
-        0 where these tracks are few, or have no rigid motion in the pair.
+    OtherMotion
     """
     tracks, explained = hypotheses.tracks, explained_tracks(hypotheses)
     state = hypotheses.motions[0].fit.state
@@ -64,15 +80,15 @@ def other_motion_probability(hypotheses: WindowHypotheses) -> float:
     rest = tracks.seen[0] & tracks.seen[1] & (tracks.anchor >= 0) & ~explained & np.isfinite(rays).all(axis=(0, 2))
     count = int(explained.sum())
     if rest.sum() < max(_LEAST_TRACKS, _SHARE_OF_WIDE * count):
-        return 0.0
+        return OtherMotion()
     threshold_rad = _SIGMAS * tracks.noise_px / tracks.camera.focal_px
     pose = estimate_relative_pose(rays[0, rest], rays[1, rest], threshold_rad=threshold_rad)
     if not isinstance(pose, RelativePose):
-        return 0.0
-    places = places_of(hypotheses.motions[0].fit)
-    others = places[np.flatnonzero(rest)[pose.inliers]]
-    share = _SHARE_OF_WIDE if _extent(others) > _WIDE * _extent(places[explained]) else _SHARE_OF_COMPACT
-    return _EVEN if len(others) >= max(_LEAST_TRACKS, share * count) else 0.0
+        return OtherMotion()
+    places, others = places_of(hypotheses.motions[0].fit), np.flatnonzero(rest)[pose.inliers]
+    wide = _extent(places[others]) > _WIDE * _extent(places[explained])
+    enough = max(_LEAST_TRACKS, (_SHARE_OF_WIDE if wide else _SHARE_OF_COMPACT) * count)
+    return OtherMotion(_EVEN if len(others) >= enough else 0.0, tracks.track_ids[others])
 
 
 def _extent(places: Floats) -> float:

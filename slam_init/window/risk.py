@@ -27,7 +27,7 @@ import numpy as np
 
 from quest.robust.spatial_blocks import regions_of
 from quest.uncertainty.tails import gaussian_tail
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Floats, Ints
 from slam_init.types.comparison import Margin
 from slam_init.window.equations import explained_at_most
 from slam_init.window.hypotheses import WindowHypotheses
@@ -37,7 +37,7 @@ from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, marginalize_fields
 from slam_init.window.motion import FittedMotion
 from slam_init.window.neighbours import variance_by_neighbours
-from slam_init.window.other_motion import explained_tracks, other_motion_probability
+from slam_init.window.other_motion import OtherMotion, explained_tracks, other_motion
 from slam_init.window.uncertainty import (
     CameraEstimate,
     ExpandedFit,
@@ -119,6 +119,8 @@ class WindowRisk:
     direction_of_views : tuple of float
         The term of the direction for each view of the best motion but the first: the pair's own first. A view near the
         reference has an uncertain direction although its position is certain.
+    moving_tracks : (M,) int
+        The tracks with a rigid motion of their own, where ``moving`` was evaluated and there are many.
     camera : CameraEstimate
         The distortion and the readout by the best motion, or by the camera that only rotates where that is likely.
     """
@@ -138,6 +140,7 @@ class WindowRisk:
     margin: Margin | None
     rotation_log_likelihood: float
     direction_of_views: tuple[float, ...]
+    moving_tracks: Ints
 
 
 def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
@@ -181,8 +184,8 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     if rotation <= MERE_ROTATION:
         camera = camera_estimate(best.fit, expanded.linearization, expanded.marginal)
     rotation = max(rotation, _bodies_probability(hypotheses))
-    moving = other_motion_probability(hypotheses) if rotation <= MERE_ROTATION else 0.0
-    total = min(1.0, direction + rival + rotation + moving + _FLOOR)
+    other = other_motion(hypotheses) if rotation <= MERE_ROTATION else OtherMotion()
+    total = min(1.0, direction + rival + rotation + other.probability + _FLOOR)
     depth_sigmas = inverse_distances(expanded).relative_sigmas
     field_px = expanded.marginal.expected_scale_px(expanded.scale_weights)
     return WindowRisk(
@@ -192,7 +195,8 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         direction_of_views=direction_risks,
         rival=rival,
         rotation=rotation,
-        moving=moving,
+        moving=other.probability,
+        moving_tracks=other.track_ids,
         floor=_FLOOR,
         direction_sigma_deg=direction_deg,
         rotation_sigma_deg=rotation_deg,

@@ -141,6 +141,7 @@ def make_attempts(map_: InitialMap) -> tuple[Attempt, ...]:
                 pixels1=first.pixels[a],
                 pixels2=other.pixels[b],
                 inliers=np.arange(len(ids)) % 5 > 0,
+                moving=np.arange(len(ids)) % 10 == 5,
                 preview=make_preview(parallax_px=2.5 + n),
                 window=make_window_evidence(risk),
             )

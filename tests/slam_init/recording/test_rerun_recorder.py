@@ -57,6 +57,7 @@ def test_a_recording_holds_the_whole_run_and_passes_verification(tmp_path, model
         "/world/trajectory/gt",
         "/pairs/image",
         "/pairs/image/inliers",
+        "/pairs/image/moving",
         "/pairs/verdict",
         "/stats/counts/tracks",
         "/stats/parallax/median",

@@ -4,19 +4,23 @@ import numpy as np
 import pytest
 from make_window import PRIORS, hypotheses_of, pair_and_further, point_source
 
-from slam_init.window.other_motion import explained_tracks, other_motion_probability
+from slam_init.window.other_motion import explained_tracks, other_motion
 from slam_init.window.risk import risk_of
 
 
+def source_of(seed, **options):
+    return point_source("room", seed, baseline=0.3, noise_px=0.3, points=150, **options)
+
+
 def hypotheses(seed, views=6, **options):
-    source = point_source("room", seed, baseline=0.3, noise_px=0.3, points=150, **options)
+    source = source_of(seed, **options)
     return hypotheses_of(source.camera, pair_and_further(list(source.observations()), views), PRIORS)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_scene_at_rest_has_no_other_motion_however_many_outliers_there_are(seed):
     found = hypotheses(seed, outliers=0.4)
-    assert other_motion_probability(found) == 0
+    assert other_motion(found).probability == 0
     assert 0.5 < explained_tracks(found).mean() < 0.7
 
 
@@ -24,14 +28,22 @@ def test_a_body_that_holds_as_many_tracks_as_the_scene_at_rest_may_be_the_scene(
     probabilities = []
     for seed in range(4):
         found = hypotheses(seed, views=10, moving=0.45, bodies=1, body_turn_deg_s=30, outliers=0.05)
-        probabilities.append(other_motion_probability(found))
+        probabilities.append(other_motion(found).probability)
         if probabilities[-1]:
             assert risk_of(found).moving == probabilities[-1] > 0.1
     assert np.count_nonzero(probabilities) >= 2
 
 
+def test_the_tracks_of_the_other_motion_lie_on_the_body_or_the_body_is_taken_for_the_scene():
+    for seed in range(4):
+        body = {"moving": 0.45, "bodies": 1, "body_turn_deg_s": 30, "outliers": 0.05}
+        other = other_motion(hypotheses(seed, views=10, **body))
+        on_body = source_of(seed, **body).sequence.body_of_track[other.track_ids] >= 0
+        assert not len(other.track_ids) or max(on_body.mean(), 1 - on_body.mean()) > 0.9
+
+
 def test_a_small_body_is_no_rival():
     for seed in range(3):
         found = hypotheses(seed, moving=0.1, bodies=1, body_turn_deg_s=30, outliers=0.05)
-        assert other_motion_probability(found) == 0
+        assert other_motion(found).probability == 0
         assert explained_tracks(found).mean() > 0.75
