@@ -168,7 +168,7 @@ def test_of_many_frames_only_some_images_are_kept_but_all_tracks(tmp_path, monke
 def test_a_pair_is_drawn_also_without_its_images_and_without_matches(tmp_path):
     attempt = make_attempts(make_map())[0]
     none = np.zeros((0, 2))
-    empty = replace(attempt, pixels1=none, pixels2=none, inliers=np.zeros(0, bool))
+    empty = replace(attempt, pixels1=none, pixels2=none, inliers=np.zeros(0, bool), moving=np.zeros(0, bool))
     with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "gaps") as recorder:
         recorder.attempt(attempt)
         recorder.attempt(empty)
