@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Ints
-from slam_init.window.kernels import FIELD_TERMS, accumulate, eliminate
+from slam_init.window.kernels import FIELD_TERMS, accumulate, eliminate, step_tracks
 from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState
 from slam_init.window.tracks import WindowTracks
@@ -168,18 +168,23 @@ class WindowEquations:
         normal[own, own] += _GAUGE * max(1.0, float(np.trace(normal[own, own]))) * np.outer(along, along)
         return normal
 
-    def moved(self, state: WindowState, step: Floats) -> WindowState:
+    def moved(self, state: WindowState, step: Floats, length: float = 1.0) -> WindowState:
         """The state after a step of the common unknowns, which the tracks follow by the last equations.
 
         Parameters
         ----------
         state : WindowState
         step : (G,) float
+        length : float
+            Factor on the steps of all unknowns.
 
         Returns
         -------
         WindowState
         """
+        free = self.free & ~state.on_plane
+        rays, inverse = step_tracks(self.back, step, length, state.rays, state.inverse_distances, free)
+        step = length * step
         R, t, field = state.R.copy(), state.t.copy(), state.field.copy()
         poses = step[self._pose_columns]
         R[1:] = _rotations(poses[:, :3]) @ R[1:]
@@ -187,13 +192,6 @@ class WindowEquations:
         if self._field_size:
             for k in range(self._views):
                 field[k] += step[self._field_columns(k)]
-        local: Floats = self.back[:, :, 0] + self.back[:, :, 4:] @ step
-        local = -np.einsum("tpq,tq->tp", self.back[:, :, 1:4], local)
-        first_tangent, second_tangent = tangent_bases(state.rays)
-        rays = state.rays + first_tangent * local[:, :1] + second_tangent * local[:, 1:2]
-        rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-300)
-        free = self.free & ~state.on_plane
-        inverse = np.maximum(state.inverse_distances + np.where(free, local[:, 2], 0.0), 0.0)
         plane = None if state.plane is None else state.plane + step[-3:]
         readout_s = state.readout_s + (float(step[self.focal + 2]) if self._readout_size else 0.0)
         return replace(

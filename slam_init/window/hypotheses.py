@@ -28,7 +28,8 @@ from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
 from slam_init.window.locating import MIN_RESECTED, align_views, locate_views
 from slam_init.window.motion import FittedMotion, Motion, fit_motion, noise_factor_at
 from slam_init.window.planarity import is_plane
-from slam_init.window.state import Priors, start_at
+from slam_init.window.state import Priors, WindowState, start_at
+from slam_init.window.tracker_errors import gain_of_lasting_errors, gain_of_shared_errors
 from slam_init.window.tracks import WindowTracks
 
 __all__ = ["WindowHypotheses", "fit_hypotheses", "motions_of_pair"]
@@ -47,6 +48,10 @@ _NOISE_TOLERANCE, _NOISE_ROUNDS = 0.07, 2
 _WRONG_FOCAL, _WRONG_FOCAL_COST = 0.1, 6.0
 #: The same for a distortion that the calibration lacks: lenses of phones and wide angles have a k1 of up to 0.3.
 _WRONG_K1 = 0.15
+#: A motion whose cost is higher by this cannot become the best: 300 nats.
+_FAR_BEHIND = 600.0
+#: Multiple of the gain by chance that nothing explains: error fields explain half of it at the most.
+_CERTAINLY = 5.0
 #: A start whose residuals are this many times the noise is far from the answer.
 _FAR_FACTOR = 1.5
 
@@ -219,7 +224,7 @@ def fit_hypotheses(
             break
         tracks = tracks.with_noise(noise_px)
         planar, fits = _fitted(tracks, [one.motion for one in fits], bearings, priors)
-    rotation_only, rotation_priors = _fit_rotation(tracks, rotations, priors)
+    rotation_only, rotation_priors = _fit_rotation(tracks, rotations, priors, fits[0])
     return WindowHypotheses(tracks, planar, tuple(fits), rotation_only, priors, rotation_priors)
 
 
@@ -232,10 +237,19 @@ def _fitted(
     """Whether the points lie on a plane, and the different optima of located motions, the best first."""
     if any(motion.plane is not None for motion in motions):
         with_plane = [_with_plane(motion, tracks, bearings) for motion in motions]
-        fits = _different([fit_motion(tracks, motion, priors) for motion in with_plane])
+        fits = _different(_fit_each(tracks, with_plane, priors))
         if is_plane(tracks, fits[0], priors):
             return True, fits
-    return False, _different([fit_motion(tracks, replace(motion, plane=None), priors) for motion in motions])
+    return False, _different(_fit_each(tracks, [replace(motion, plane=None) for motion in motions], priors))
+
+
+def _fit_each(tracks: WindowTracks, motions: Sequence[Motion], priors: Priors) -> list[FittedMotion]:
+    """Fit motions; those that stay far behind an earlier one in the same views are not fitted to the end."""
+    fits: list[FittedMotion] = []
+    for motion in motions:
+        costs = [one.fit.cost for one in fits if set(one.frames) == set(motion.cam_from_world)]
+        fits.append(fit_motion(tracks, motion, priors, min(costs, default=math.inf) + _FAR_BEHIND))
+    return fits
 
 
 def _different(fits: list[FittedMotion]) -> list[FittedMotion]:
@@ -259,7 +273,9 @@ def _with_plane(motion: Motion, tracks: WindowTracks, bearings: Floats) -> Motio
     return replace(motion, plane=plane_of_motion(pose.R, pose.t, bearings[0, both], bearings[1, both]))
 
 
-def _fit_rotation(tracks: WindowTracks, rotations: Floats, priors: Priors) -> tuple[JointFit, Priors]:
+def _fit_rotation(
+    tracks: WindowTracks, rotations: Floats, priors: Priors, best: FittedMotion
+) -> tuple[JointFit, Priors]:
     """Fit the camera that only rotates, with a right and with a wrong focal length; the better fit, and its prior."""
     # The translation has no effect on points at infinity; its length only has to differ from zero.
     t = np.outer(np.arange(len(rotations)), [1e-9, 0.0, 0.0])
@@ -270,7 +286,20 @@ def _fit_rotation(tracks: WindowTracks, rotations: Floats, priors: Priors) -> tu
     for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():
         wide = tracks.with_noise(wider * tracks.noise_px)
         start = fit_window(wide, start, any_focal, rotation_only=True).state
-    wrong = fit_window(tracks, start, any_focal, rotation_only=True)
+    hopeless = _hopeless_rotation(tracks, start, priors, best)
+    wrong = fit_window(tracks, start, any_focal, rotation_only=True, hopeless=hopeless)
     wrong = replace(wrong, cost=wrong.cost + _WRONG_FOCAL_COST)
+    if wrong.cost > hopeless:
+        return wrong, any_focal
     right = fit_window(tracks, wrong.state, priors, rotation_only=True)
     return (right, priors) if right.cost <= wrong.cost else (wrong, any_focal)
+
+
+def _hopeless_rotation(tracks: WindowTracks, start: WindowState, priors: Priors, best: FittedMotion) -> float:
+    """The cost from which on the best motion is certain to gain more than by chance over a camera that only rotates."""
+    explained = np.zeros_like(tracks.seen)
+    explained[list(best.rows)] = best.fit.state.on_plane if best.fit.state.plane is not None else True
+    outliers = tracks.seen & ~explained
+    by_chance = 3 * len(best.rows) + int((tracks.anchor >= 0).sum()) + 2 * gain_of_shared_errors(tracks)
+    by_chance *= best.fit.dispersion * gain_of_lasting_errors(tracks, start.R)
+    return best.fit.cost + priors.gate_sigmas**2 * int(outliers.sum()) + _CERTAINLY * by_chance

@@ -11,6 +11,7 @@ loses its tracks.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +25,11 @@ __all__ = ["JointFit", "costs_off_plane", "fit_window", "information_of_relief",
 
 #: Levenberg-Marquardt: first damping, the factor of a rejected step, and how often a step is tried.
 _DAMPING, _RAISE, _TRIES = 1e-4, 10.0, 6
+#: Robust costs converge linearly. A step that gains at least this share of what the step before gained is tried again
+#: at up to this multiple of its length, which costs a fifth of new equations.
+_SLOW, _LONGEST = 0.3, 6.0
+#: All steps to come together gain at most this many times what the last one gained: a ratio of 0.95.
+_STEPS_TO_COME = 20.0
 #: How often the tracks may leave the plane or return to it before the fit ends.
 _PLANE_ROUNDS = 2
 #: Rays follow a step of the lens linearly. A distortion that moves by 0.1 leaves the rays of a wide image by several
@@ -91,6 +97,7 @@ def fit_window(
     rotation_only: bool = False,
     max_steps: int = 12,
     tolerance: float = 0.05,
+    hopeless: float = math.inf,
 ) -> JointFit:
     """Fit all views of a window jointly, from a start near the answer.
 
@@ -106,13 +113,15 @@ def fit_window(
         Largest number of Gauss-Newton steps.
     tolerance : float
         The fit ends where a step lowers the cost by less: a fortieth of a nat is far below what decides.
+    hopeless : float
+        The fit ends early where its cost will stay above this.
 
     Returns
     -------
     JointFit
     """
     equations = WindowEquations(tracks, start, priors, rotation_only)
-    fit = _optimized(equations, start, max_steps, tolerance)
+    fit = _optimized(equations, start, max_steps, tolerance, hopeless)
     lens = start
     for _ in range(_LENS_ROUNDS):
         if max(abs(fit.state.k1 - lens.k1), abs(fit.state.log_scale - lens.log_scale)) < _LENS_TOLERANCE:
@@ -120,12 +129,12 @@ def fit_window(
         lens, again = fit.state, _measured_again(equations, fit, rotation_only=rotation_only)
         if again is None:
             break
-        fit = _optimized(equations, again, max_steps, tolerance)
+        fit = _optimized(equations, again, max_steps, tolerance, hopeless)
     for _ in range(0 if start.plane is None else _PLANE_ROUNDS):
         reassigned = _reassigned(equations, fit.state)
         if (reassigned.on_plane == fit.state.on_plane).all():
             break
-        fit = _optimized(equations, reassigned, max_steps, tolerance)
+        fit = _optimized(equations, reassigned, max_steps, tolerance, hopeless)
     return fit
 
 
@@ -213,10 +222,12 @@ def information_of_relief(tracks: WindowTracks, fit: JointFit, priors: Priors) -
     return np.asarray(np.where(on_plane, inverse**2 / variance, 0.0))
 
 
-def _optimized(equations: WindowEquations, state: WindowState, max_steps: int, tolerance: float) -> JointFit:
+def _optimized(
+    equations: WindowEquations, state: WindowState, max_steps: int, tolerance: float, hopeless: float
+) -> JointFit:
     """Levenberg-Marquardt from a state."""
     cost = equations.build(state)
-    damping, steps = _DAMPING, 0
+    damping, steps, fell = _DAMPING, 0, math.inf
     for _ in range(max_steps):
         normal, gradient = equations.information(state), equations.gradient.copy()
         diagonal = np.maximum(np.diag(normal), 1e-6)
@@ -232,10 +243,16 @@ def _optimized(equations: WindowEquations, state: WindowState, max_steps: int, t
             equations.build(state)
             break
         steps += 1
-        settled = cost - lower < tolerance
+        ratio, fell = (cost - lower) / fell, cost - lower
+        if _SLOW < ratio < 1:
+            # Where each step gains this share of the one before, the sum of all steps is so much longer (Aitken).
+            further = equations.moved(state, step, min(1 / (1 - ratio), _LONGEST))
+            lowest = equations.cost(further)
+            if lowest < lower:
+                moved, lower = further, lowest
         state, cost, damping = moved, lower, max(damping / _RAISE, 1e-9)
         equations.build(state)
-        if settled:
+        if fell < tolerance or cost - _STEPS_TO_COME * fell > hopeless:
             break
     return JointFit(
         state,

@@ -38,7 +38,7 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.compiler import compiled
 from slam_init.window.projection import project_point
 
-__all__ = ["FIELD_TERMS", "TUKEY_GATES", "accumulate", "eliminate"]
+__all__ = ["FIELD_TERMS", "TUKEY_GATES", "accumulate", "eliminate", "step_tracks"]
 
 #: Coefficients of the error field of a view: 1, u, v, u^2, uv, v^2 for each component of the pixel.
 FIELD_TERMS = 12
@@ -393,6 +393,51 @@ def accumulate(
         for q in range(p):
             normal[q, p] = normal[p, q]
     return total
+
+
+@compiled
+def step_tracks(
+    back: Floats, step: Floats, length: float, rays: Floats, rho: Floats, free: Bools
+) -> tuple[Floats, Floats]:
+    """How the rays and inverse distances of the tracks follow a step of the common unknowns.
+
+    Parameters
+    ----------
+    back : (T, 3, 4 + G) float
+        Of :func:`accumulate`.
+    step : (G,) float
+        Of the common unknowns.
+    length : float
+        Factor on the steps of all unknowns.
+    rays : (T, 3) float
+        Unit rays.
+    rho : (T,) float
+        Inverse distances.
+    free : (T,) bool
+        Tracks whose inverse distance is an unknown.
+
+    Returns
+    -------
+    rays, rho : (T, 3), (T,) float
+        Unit rays, and inverse distances that are not negative.
+    """
+    moved, lengths = np.empty_like(rays), np.empty_like(rho)
+    g, local = np.empty(3), np.empty(3)
+    for i in range(len(rays)):
+        for p in range(3):
+            g[p] = back[i, p, 0]
+            for q in range(len(step)):
+                g[p] += back[i, p, 4 + q] * step[q]
+        for p in range(3):
+            local[p] = -length * (back[i, p, 1] * g[0] + back[i, p, 2] * g[1] + back[i, p, 3] * g[2])
+        x0, x1, x2, y0, y1, y2 = tangents(rays[i])
+        r0 = rays[i, 0] + local[0] * x0 + local[1] * y0
+        r1 = rays[i, 1] + local[0] * x1 + local[1] * y1
+        r2 = rays[i, 2] + local[0] * x2 + local[1] * y2
+        norm = max(np.sqrt(r0 * r0 + r1 * r1 + r2 * r2), 1e-300)
+        moved[i, 0], moved[i, 1], moved[i, 2] = r0 / norm, r1 / norm, r2 / norm
+        lengths[i] = max(rho[i] + local[2], 0.0) if free[i] else max(rho[i], 0.0)
+    return moved, lengths
 
 
 def eliminate(normal: Floats, shares: Floats, back: Floats) -> Floats:

@@ -151,7 +151,7 @@ def difference_deg(a: Pose, b: Pose) -> tuple[float, float]:
     return math.degrees(float(rotation_angle(a.R.T @ b.R))), math.degrees(direction)
 
 
-def fit_motion(tracks: WindowTracks, motion: Motion, priors: Priors) -> FittedMotion:
+def fit_motion(tracks: WindowTracks, motion: Motion, priors: Priors, hopeless: float = math.inf) -> FittedMotion:
     """Fit a motion to the views that it knows.
 
     Parameters
@@ -160,6 +160,8 @@ def fit_motion(tracks: WindowTracks, motion: Motion, priors: Priors) -> FittedMo
         Of all views.
     motion : Motion
     priors : Priors
+    hopeless : float
+        The fit ends early where its cost will stay above this.
 
     Returns
     -------
@@ -169,7 +171,7 @@ def fit_motion(tracks: WindowTracks, motion: Motion, priors: Priors) -> FittedMo
     frames = tuple(tracks.frames[row] for row in rows)
     start = _start(part, R, t, motion, motion.plane)
     part = with_translation(part, start)
-    return FittedMotion(fit_window(part, start, priors), part, rows, frames)
+    return FittedMotion(fit_window(part, start, priors, hopeless=hopeless), part, rows, frames)
 
 
 def noise_factor_at(tracks: WindowTracks, motion: Motion, priors: Priors) -> float:

@@ -38,6 +38,7 @@ from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, marginalize_
 from slam_init.window.motion import FittedMotion
 from slam_init.window.neighbours import variance_by_neighbours
 from slam_init.window.other_motion import OtherMotion, explained_tracks, other_motion
+from slam_init.window.tracker_errors import gain_of_lasting_errors, gain_of_shared_errors
 from slam_init.window.uncertainty import (
     CameraEstimate,
     ExpandedFit,
@@ -64,14 +65,6 @@ _LARGEST_VOTE = 6.0
 #: A pair is judged again while frames arrive: with windows of 2 to 12 views about ten times. The looks share most of
 #: their data, so that the sum over all looks is an upper bound.
 _LOOKS = 10.0
-#: Errors that a tracker keeps from view to view: they grow with the displacement of the image, up to a limit in pixels.
-#: On rendered images of cameras that only turn, by up to 40 degrees with a wrong focal length or unstated distortion,
-#: the best translation gains as much as with errors of up to 0.0033 of the displacement, and of 0.27 px at the most.
-#: The gain over a rotation-only camera has to be significant with these errors too.
-_LASTING_SHARE, _LASTING_PX = 0.004, 0.3
-#: Errors that the tracks of a view share below the noise, in pixels, and that hence do not average out: the bias of
-#: subpixel positions. On the same images it needs 0.014 px to explain what a plane gains that moves by 3 to 7 px.
-_SHARED_PX = 0.02
 #: Before a camera that only rotates, a moving body looks like a near object before points at infinity. So the rest of
 #: the tracks has to show a translation without the tracks that gain most: bodies that hold this share of them.
 _ON_BODIES = 0.5
@@ -324,27 +317,18 @@ def _rotation_probability(hypotheses: WindowHypotheses, expanded: ExpandedFit) -
     )
     marginal = marginalize_fields(rotation)
     explained = marginal.lowered_cost - expanded.marginal.lowered_cost
-    dispersion = _lasting_dispersion(hypotheses) * hypotheses.motions[0].fit.dispersion
+    tracks, state = hypotheses.tracks, hypotheses.rotation_only.state
+    dispersion = gain_of_lasting_errors(tracks, state.R) * hypotheses.motions[0].fit.dispersion
     gains = np.maximum(gain - 0.5 * np.maximum(explained, 0.0), 0.0) / dispersion
     # Shared errors make the distribution a noncentral one, which is that of Patnaik nearly: a scaled chi-square. Its
     # cube root over its freedom is nearly Gaussian (Wilson and Hilferty).
-    tracks = hypotheses.tracks
-    shared = float(tracks.seen[:, tracks.anchor >= 0].sum()) * (_SHARED_PX / tracks.noise_px) ** 2
+    shared = gain_of_shared_errors(tracks)
     scale = (freedom + 2 * shared) / (freedom + shared)
     freedom = (freedom + shared) / scale
     spread = 2 / (9 * freedom)
     z = ((2 * gains / (scale * freedom)) ** (1 / 3) - (1 - spread)) / math.sqrt(spread)
     probability = float(expanded.scale_weights @ [gaussian_tail(float(one)) for one in z])
     return gain, probability, camera_estimate(hypotheses.rotation_only, rotation, marginal)
-
-
-def _lasting_dispersion(hypotheses: WindowHypotheses) -> float:
-    """Factor on the gain by chance, if the camera only rotates, for errors that the tracker keeps."""
-    tracks = hypotheses.tracks
-    cosines = (np.trace(hypotheses.rotation_only.state.R, axis1=1, axis2=2) - 1) / 2
-    displacement_px = tracks.camera.focal_px * float(np.arccos(np.clip(cosines, -1.0, 1.0)).max())
-    lasting_px = min(_LASTING_SHARE * displacement_px, _LASTING_PX)
-    return 1 + (lasting_px / tracks.noise_px) ** 2
 
 
 def _bodies_probability(hypotheses: WindowHypotheses) -> float:

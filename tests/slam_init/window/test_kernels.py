@@ -7,7 +7,8 @@ import pytest
 from make_map import CAMERAS
 from make_window import cost_at, equations, make_window, moved
 
-from slam_init.window.kernels import eliminate
+from slam_init.window.equations import tangent_bases
+from slam_init.window.kernels import eliminate, step_tracks
 
 #: Far from all residuals of noise, near enough that the robust weights differ from 1.
 GATE = 5.0
@@ -195,3 +196,20 @@ def test_the_images_do_not_tell_the_scale(kind):
         plane=None if state.plane is None else state.plane / 1.7,
     )
     assert cost_at(tracks, larger, GATE) == pytest.approx(cost_at(tracks, state, GATE), rel=1e-9)
+
+
+def test_tracks_follow_a_step_as_the_readable_formula_says():
+    rng = np.random.default_rng(3)
+    count, size, length = 40, 17, 1.7
+    back, step = rng.normal(size=(count, 3, 4 + size)), 0.1 * rng.normal(size=size)
+    rays = rng.normal(size=(count, 3))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    rho, free = np.abs(rng.normal(size=count)) * rng.integers(0, 2, count), rng.random(count) < 0.7
+    local = back[:, :, 0] + back[:, :, 4:] @ step
+    local = -length * np.einsum("tpq,tq->tp", back[:, :, 1:4], local)
+    first, second = tangent_bases(rays)
+    expected = rays + first * local[:, :1] + second * local[:, 1:2]
+    expected /= np.linalg.norm(expected, axis=1, keepdims=True)
+    moved, lengths = step_tracks(back, step, length, rays, rho, free)
+    np.testing.assert_allclose(moved, expected, atol=1e-12)
+    np.testing.assert_allclose(lengths, np.maximum(rho + np.where(free, local[:, 2], 0.0), 0.0), atol=1e-12)
