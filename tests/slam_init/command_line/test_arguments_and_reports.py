@@ -1,0 +1,179 @@
+"""What arguments do, and what the command line prints."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from cli_files import CAMERA, IMAGES, INITIALIZED, REFUSED, WITH
+
+from slam_init.cli import main
+from slam_init.output.summary import FocalLengthRecord, HypothesisRecord, KeyframeRecord
+from slam_init.types.comparison import Margin
+from slam_init.types.reasons import Verdict
+
+
+def test_arguments_reach_the_pipeline(world, pipeline, capsys):
+    numbers = ["--start", "1", "--max-frames", "2", "--continue", "4", "--seed", "5"]
+    assert main(["run", IMAGES, *WITH, *numbers, "--out", "results", "--quiet"]) == 0
+    ((source, camera, config, options),) = pipeline.calls
+    assert (source.kind, len(source), camera.fx, config.seed, config.method) == ("images", 3, 60, 5, "quest")
+    assert options.pop("notes") == ()
+    assert str(options.pop("out")) == "results"
+    assert options == {"start": 1, "max_frames": 2, "continue_frames": 4, "progress": False}
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("text", "readout"),
+    [("25", (25.0, "down")), ("25,up", (25.0, "up")), ("0", (0.0, "down")), ("auto", (None, "down"))],
+)
+def test_the_readout_of_the_command_line_reaches_the_pipeline(world, pipeline, text, readout):
+    assert main(["run", IMAGES, *WITH, "--readout", text, "--quiet"]) == 0
+    ((_, camera, _, _),) = pipeline.calls
+    assert (camera.readout_ms, camera.readout_direction) == readout
+
+
+def test_the_seed_makes_the_synthetic_world_too(pipeline, capsys):
+    assert main(["run", "--seed", "7"]) == 0
+    ((source, _, config, options),) = pipeline.calls
+    assert (source.name, source.sequence.seed, config.seed) == ("room", 7, 7)
+    assert str(options["out"]) == "slam-init-out"
+
+
+def test_the_focal_length_is_adjusted_where_the_command_line_or_the_configuration_says_so(world, pipeline):
+    Path("c.toml").write_text("[map]\nmin_resected = 30\n")
+    Path("on.toml").write_text("[map]\nrefine_focal = true\n")
+    for options in ([], ["--refine-focal"], ["--config", "c.toml", "--refine-focal"], ["--config", "on.toml"]):
+        assert main(["run", IMAGES, *WITH, *options]) == 0
+    maps = [config.map for _, _, config, _ in pipeline.calls]
+    assert [map_.refine_focal for map_ in maps] == [False, True, True, True]
+    assert maps[2].min_resected == 30
+
+
+def test_a_removed_option_and_a_removed_method_end_in_one_line(world, pipeline, capsys):
+    (world / "old.toml").write_text("[acceptance]\nmax_direction_error_deg = 10\n")
+    assert main(["run", IMAGES, *WITH, "--config", "old.toml"]) == 2
+    told = "old.toml: acceptance.max_direction_error_deg is gone: acceptance.max_risk decides (0.005 by default)\n"
+    assert capsys.readouterr().err.endswith(told)
+    assert main(["run", IMAGES, *WITH, "--method", "quest-window"]) == 2
+    error = capsys.readouterr().err
+    assert "unknown method 'quest-window'" in error
+    assert error.count("\n") == 1
+    assert pipeline.calls == []
+
+
+def test_a_seed_of_the_configuration_counts_where_none_is_given(world, pipeline):
+    (world / "c.toml").write_text("seed = 9\n")
+    assert main(["run", IMAGES, *WITH, "--config", "c.toml"]) == 0
+    assert pipeline.calls[0][2].seed == 9
+
+
+def test_a_guess_is_asked_for_and_told(world, pipeline):
+    assert main(["run", IMAGES, "--camera", "guess"]) == 0
+    ((_, camera, _, options),) = pipeline.calls
+    assert camera.guessed and camera.fx == 1.2 * 64
+    assert "guess" in options["notes"][0]
+
+
+def test_a_calibration_that_is_given_beats_that_of_the_source(world, pipeline):
+    (world / IMAGES / "camera.yaml").write_text(CAMERA.replace("fx: 60", "fx: 99"))
+    assert main(["run", IMAGES]) == 0
+    assert main(["run", IMAGES, *WITH]) == 0
+    assert [camera.fx for _, camera, _, _ in pipeline.calls] == [99, 60]
+
+
+@pytest.mark.parametrize(("summary", "code"), [(INITIALIZED, 0), (REFUSED, 3)])
+@pytest.mark.parametrize("quiet", [[], ["--quiet"]])
+def test_json_is_the_summary_and_nothing_else(world, pipeline, capfd, summary, code, quiet):
+    pipeline.summary = summary
+    assert main(["run", IMAGES, *WITH, "--json", *quiet]) == code
+    out, err = capfd.readouterr()
+    assert json.loads(out) == summary.as_dict() and err == ""
+
+
+def test_names_that_no_stream_takes_are_told_all_the_same(world, capfd):
+    (world / IMAGES).rename(world / "\udcff ü")
+    for image in (world / "\udcff ü").iterdir():
+        image.rename(image.with_name(f"\udcff{image.name}"))
+    source = ["\udcff ü", *WITH]
+    assert main(["run", *source, "--json", "--out", "out"]) == 3
+    out, err = capfd.readouterr()
+    assert err == ""
+    assert out.isascii() and out == (world / "out" / "summary.json").read_text()
+    assert json.loads(out)["source"]["name"] == "\udcff ü"
+    assert main(["info", *source]) == 0
+    assert "\\udcff ü (images)" in capfd.readouterr().out
+
+
+def test_report_of_a_map(world, pipeline, capsys):
+    assert main(["run", IMAGES, *WITH, "--out", "there"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("initialized after 23 frames\n")
+    for fact in (
+        "431",
+        "3.21 deg",
+        "0.31 px",
+        "rotation 0.12 deg",
+        "direction 0.8 deg",
+        "there",
+        "1 low parallax",
+    ):
+        assert fact in out
+    assert "None" not in out and "ATE" not in out
+
+
+def test_report_tells_an_adjusted_focal_length_with_its_uncertainty(world, pipeline, capsys):
+    assert main(["run", IMAGES, *WITH]) == 0
+    assert "focal length" not in capsys.readouterr().out
+    pipeline.summary = replace(INITIALIZED, focal_length=FocalLengthRecord(57.0, 57.0, 0.95, 0.0123))
+    assert main(["run", IMAGES, *WITH]) == 0
+    assert "0.950 +- 0.012 times the stated one" in capsys.readouterr().out
+
+
+def test_report_of_a_refusal_tells_reason_advice_and_attempts(world, pipeline, capsys):
+    pipeline.summary = REFUSED
+    assert main(["run", IMAGES, *WITH]) == 3
+    out = capsys.readouterr().out
+    assert out.startswith("not initialized: static camera\n")
+    assert "move it sideways" in out and "4 static camera" in out
+
+
+def test_report_of_an_undecided_run_tells_the_two_maps(world, pipeline, capsys):
+    keyframes = tuple(KeyframeRecord(frame, 0.0, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) for frame in (3, 9))
+    kept = HypothesisRecord(keyframes, 100, 0.3)
+    pipeline.summary = replace(
+        REFUSED, reason=Verdict.AMBIGUOUS_PLANE, hypotheses=(kept, kept), margin=Margin(9.0, 1.25)
+    )
+    assert main(["run", IMAGES, *WITH]) == 3
+    assert "two maps of frames 3, 9; the tracks prefer the first by 9.0 nats" in capsys.readouterr().out
+
+
+def test_synth_writes_what_info_and_run_read(tmp_path, pipeline, capsys):
+    assert main(["synth", "wall", "--out", "s", "--frames", "3", "--seed", "4"]) == 0
+    assert "3 frames" in capsys.readouterr().out
+    assert main(["info", "s", "--json"]) == 0
+    info = json.loads(capsys.readouterr().out)
+    assert (info["kind"], info["frames"], info["width"], info["camera"]["model"]) == (
+        "tum",
+        3,
+        640,
+        "pinhole",
+    )
+    assert info["ground_truth"]["frames"] == 3 and info["ground_truth"]["path_length"] >= 0
+    assert main(["info", "s"]) == 0
+    assert "for 3 of 3 frames" in capsys.readouterr().out
+    assert main(["run", "s"]) == 0
+
+
+def test_info_of_bare_images_tells_what_is_missing(world, capsys):
+    assert main(["info", IMAGES]) == 0
+    out = capsys.readouterr().out
+    assert "--camera guess" in out and "none" in out and "64x48, grey" in out
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["synth", "--help"], ["info", "--help"]])
+def test_help(arguments, capsys):
+    assert main(arguments) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("usage: slam-init") and err == ""

@@ -1,0 +1,250 @@
+"""Bad input, interrupts and errors: exit codes, one line on stderr, nothing half-written."""
+
+import os
+import re
+import signal
+import sys
+
+import pytest
+from cli_files import IMAGES, INITIALIZED, WITH
+from written import contents
+
+import slam_init.runner
+from slam_init.cli import main
+from slam_init.errors import SourceError
+
+BAD = {
+    # usage
+    "no command": ([], "COMMAND"),
+    "unknown command": (["frobnicate"], "frobnicate"),
+    "unknown option": (["run", "--frob"], "--frob"),
+    "abbreviated option": (["run", "--see", "3"], "--see"),
+    "seed no number": (["run", "--seed", "x"], "--seed"),
+    "seed negative": (["run", "--seed", "-1"], "--seed"),
+    "start negative": (["run", "--start", "-1"], "--start"),
+    "start beyond the end": (["run", IMAGES, *WITH, "--start", "3"], "start is 3"),
+    "max-frames zero": (["run", "--max-frames", "0"], "--max-frames"),
+    "continue negative": (["run", "--continue", "-5"], "--continue"),
+    "method unknown": (["run", "--method", "magic"], "magic"),
+    "two sources": (["run", "a", "b"], "b"),
+    "info of nothing": (["info"], "SOURCE"),
+    # source
+    "missing source": (["run", "nowhere"], "nowhere"),
+    "empty name": (["run", ""], "''|no sequence"),
+    "empty folder": (["run", "empty"], "no sequence"),
+    "text file": (["run", "file"], "video"),
+    "garbage video": (["run", "garbage.mp4"], "garbage.mp4"),
+    "video of no Unicode name": (["run", "\udcff.mp4"], "rename"),
+    "empty video": (["run", "empty.mp4"], "empty.mp4"),
+    "one image": (["run", f"{IMAGES}/0.png"], "folder"),
+    "unreadable image": (["run", "cut", *WITH], "0.png"),
+    "broken line": (["run", "line", *WITH], "rgb.txt:1"),
+    "unknown scene": (["run", "synth:nowhere"], "rotate-then-move"),
+    "unknown scene option": (["run", "synth:room?frob=1"], "frob"),
+    "null byte": (["run", "a\0b"], "a"),
+    # camera
+    "no calibration": (["run", IMAGES], "--camera guess"),
+    "missing camera file": (["run", IMAGES, "--camera", "nowhere.yaml"], "nowhere.yaml"),
+    "camera is a folder": (["run", IMAGES, "--camera", "full"], "full"),
+    "other size": (["run", IMAGES, "--camera", "other_size.yaml"], "128x48"),
+    "focal zero": (["run", IMAGES, "--camera", "zero.yaml"], "zero.yaml: .*fx"),
+    "focal negative": (["run", IMAGES, "--camera", "negative.yaml"], "negative.yaml: .*fy"),
+    "focal nan": (["run", IMAGES, "--camera", "nan.yaml"], "nan.yaml: .*fx"),
+    "focal text": (["run", IMAGES, "--camera", "text.yaml"], "text.yaml: .*fx"),
+    "focal missing": (["run", IMAGES, "--camera", "missing.yaml"], "missing.yaml: .*fx"),
+    "broken yaml": (["run", IMAGES, "--camera", "broken.yaml"], "broken.yaml"),
+    "unsafe yaml": (["run", IMAGES, "--camera", "unsafe.yaml"], "unsafe.yaml"),
+    "empty yaml": (["run", IMAGES, "--camera", "empty.yaml"], "empty"),
+    "video as camera": (["run", IMAGES, "--camera", "garbage.mp4"], "garbage.mp4"),
+    # config
+    "missing config": (["run", "--config", "nowhere.toml"], "nowhere.toml"),
+    "empty config": (["run", "--config", ""], "cannot be read"),
+    "broken config": (["run", "--config", "bad.toml"], "bad.toml"),
+    "unknown key": (["run", "--config", "unknown.toml"], "magic"),
+    "readout text": (["run", IMAGES, *WITH, "--readout", "fast"], "--readout is 'fast'"),
+    "readout negative": (["run", IMAGES, *WITH, "--readout=-5"], "readout"),
+    "readout nan": (["run", IMAGES, *WITH, "--readout", "nan"], "readout"),
+    "readout sideways": (["run", IMAGES, *WITH, "--readout", "5,sideways"], "readout direction"),
+    # other commands
+    "synth unknown scene": (["synth", "nowhere", "--out", "out"], "rotate-then-move"),
+    "synth without out": (["synth", "room"], "--out"),
+    "synth no frames": (["synth", "room", "--out", "out", "--frames", "0"], "--frames"),
+    "synth too many frames": (["synth", "room", "--out", "out", "--frames", "99999999"], "frames"),
+    "synth negative seed": (["synth", "room", "--out", "out", "--seed", "-1"], "--seed"),
+    "info of nowhere": (["info", "nowhere"], "nowhere"),
+    "info with a bad camera": (["info", IMAGES, "--camera", "zero.yaml"], "fx"),
+}
+
+
+def assert_refused(code, capture, word):
+    out, err = capture.readouterr()
+    assert code == 2
+    assert out == ""
+    assert err.startswith("slam-init: error: ")
+    assert len(err.splitlines()) == 1 and err.endswith("\n")
+    assert re.search(word, err), err
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_line_and_exit_code_2_and_writes_nothing(world, pipeline, capfd, case):
+    arguments, word = BAD[case]
+    if arguments[:1] == ["run"]:
+        arguments = [*arguments, "--out", "out"]
+    assert_refused(main(arguments), capfd, word)
+    assert not (world / "out").exists() and not (world / "pwned").exists()
+    assert pipeline.calls == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["run", "--out", "file"], "file"),
+        (["run", "--out", "file/below"], "file"),
+        (["run", IMAGES, *WITH, "--out", IMAGES], "not empty"),
+        (["run", IMAGES, *WITH, "--out", "."], "not empty"),
+        (["compare", "points:room", "--out", "full"], "not empty"),
+        (["run", "--out", "a\0b"], "out"),
+        (["run", "--out", ""], "--out is empty"),
+        (["run", "--out", "\udcff"], "out"),
+        (["synth", "room", "--out", ""], "--out is empty"),
+        (["synth", "room", "--out", "file"], "file"),
+        (["synth", "room", "--out", "full"], "not empty"),
+    ],
+)
+def test_places_that_cannot_be_written(world, pipeline, capfd, arguments, word):
+    before = sorted(str(path) for path in world.rglob("*"))
+    assert_refused(main(arguments), capfd, word)
+    assert sorted(str(path) for path in world.rglob("*")) == before
+    assert pipeline.calls == []
+
+
+def test_a_folder_without_permission_is_refused(world, pipeline, capfd, monkeypatch):
+    # The superuser may write everywhere: what the system would answer others is put in its mouth.
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    assert_refused(main(["run", IMAGES, *WITH, "--out", "new/below"]), capfd, "permission")
+    assert not (world / "new").exists()
+    assert pipeline.calls == []
+
+
+@pytest.mark.parametrize("error", [SourceError("frame 7: cut off"), SourceError("two\nlines")])
+def test_an_error_met_on_the_way_is_one_line_too(world, pipeline, capfd, error):
+    pipeline.raises = error
+    assert_refused(main(["run", IMAGES, *WITH]), capfd, r"frame 7|two\\nlines")
+
+
+def test_interruption_is_one_line_and_130(world, pipeline, capfd):
+    pipeline.raises = KeyboardInterrupt()
+    assert main(["run", IMAGES, *WITH]) == 130
+    assert capfd.readouterr() == ("", "slam-init: interrupted\n")
+
+
+def test_an_interrupt_that_an_extension_turns_into_its_own_error_is_130_too(world, monkeypatch, capfd):
+    def import_an_extension(*_, **__):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise ImportError("initialization failed") from None
+
+    monkeypatch.setattr(slam_init.runner, "run", import_an_extension, raising=False)
+    # A job in the background ignores the signal, and so would the test.
+    outside = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        assert main(["run", IMAGES, *WITH]) == 130
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, outside)
+    assert capfd.readouterr() == ("", "slam-init: interrupted\n")
+
+
+def test_a_signal_that_ends_programs_gives_128_and_its_number(world, monkeypatch, capfd):
+    for name, code in (("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)):
+        number = getattr(signal, name)
+        monkeypatch.setattr(slam_init.runner, "run", lambda *_, number=number, **__: signal.raise_signal(number))
+        outside = signal.signal(number, signal.default_int_handler if name == "SIGINT" else signal.SIG_DFL)
+        try:
+            assert main(["run", IMAGES, *WITH]) == code
+        finally:
+            signal.signal(number, outside)
+        assert capfd.readouterr() == ("", "slam-init: interrupted\n")
+
+
+def interrupting(monkeypatch, at_frame):
+    """Interrupt a run when it reads a frame; -1: before the first one."""
+    from slam_init.frontend.tracks import Tracker
+
+    track = Tracker.track
+
+    def interrupted(self, frame):
+        if frame.index == at_frame or at_frame < 0:
+            raise KeyboardInterrupt
+        return track(self, frame)
+
+    monkeypatch.setattr(Tracker, "track", interrupted)
+
+
+def test_an_interrupt_before_the_first_frame_leaves_no_folder(world, monkeypatch, capfd):
+    interrupting(monkeypatch, -1)
+    assert main(["run", IMAGES, *WITH, "--out", "new/out"]) == 130
+    assert not (world / "new").exists()
+
+
+def test_an_interrupted_run_leaves_its_recording_beside_the_earlier_results(world, monkeypatch, capfd):
+    command = ["run", IMAGES, *WITH, "--out", "out", "--quiet"]
+    assert main(command) == 3
+    before = contents(world / "out")
+    with monkeypatch.context() as patch:
+        interrupting(patch, 2)
+        assert main(command) == 130
+    assert capfd.readouterr().err == "slam-init: interrupted: out/interrupted.rrd shows the run so far\n"
+    after = contents(world / "out")
+    interrupted = after.pop("interrupted.rrd")
+    assert after == before
+    assert len(interrupted) > 1000
+    assert main(command) == 3
+    assert set(contents(world / "out")) == set(before)
+
+
+def broken_later(world):
+    folder = world / "broken later"
+    folder.mkdir()
+    for i in range(3):
+        (folder / f"{i}.png").write_bytes((world / IMAGES / f"{i}.png").read_bytes()[: 60 if i == 2 else None])
+
+
+def test_an_error_on_the_way_leaves_no_folder(world, capfd):
+    broken_later(world)
+    assert_refused(main(["run", "broken later", *WITH, "--out", "out"]), capfd, "2.png")
+    assert not (world / "out").exists()
+
+
+def test_an_error_on_the_way_leaves_the_results_of_an_earlier_run(world, capfd):
+    broken_later(world)
+    assert main(["run", IMAGES, *WITH, "--out", "out", "--quiet"]) == 3
+    before = contents(world / "out", hidden=True)
+    assert_refused(main(["run", "broken later", *WITH, "--out", "out"]), capfd, "2.png")
+    after = contents(world / "out", hidden=True)
+    assert {**after, ".slam-init/lock": b""} == {**before, ".slam-init/lock": b""}
+
+
+@pytest.mark.parametrize("option", ["--config", "--camera"])
+def test_a_file_that_the_run_reads_is_never_a_target(world, capfd, option):
+    assert main(["run", IMAGES, *WITH, "--out", "out", "--quiet"]) == 3
+    before = contents(world / "out")
+    (world / "link.toml").symlink_to("out/config.toml")
+    for given in ("out/config.toml", "link.toml"):
+        arguments = ["run", IMAGES, *(WITH if option == "--config" else []), "--out", "out", option, given]
+        assert_refused(main(arguments), capfd, "results would replace")
+    assert contents(world / "out") == before
+
+
+def test_what_decoders_print_is_silenced_but_not_pythons_stderr(world, pipeline, capfd, monkeypatch):
+    def noisy(*_, **__):
+        os.write(2, b"[mjpeg @ 0x1] overread 8\n")
+        print("a warning for the user", file=sys.stderr)
+        return None, INITIALIZED
+
+    monkeypatch.setattr(slam_init.runner, "run", noisy, raising=False)
+    assert main(["run", IMAGES, *WITH, "--quiet"]) == 0
+    assert capfd.readouterr().err == "a warning for the user\n"
+    os.write(2, b"restored\n")
+    assert capfd.readouterr().err == "restored\n"
