@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 import tempfile
 import time
@@ -37,6 +38,10 @@ def main() -> int:
     parser.add_argument("--only", default="", metavar="TEXT", help="only attacks whose area or name contains it")
     parser.add_argument("--list", action="store_true", help="list the attacks, and perform none")
     arguments = parser.parse_args()
+    # A job in the background, or under nohup, ignores these signals, and so would the processes that are attacked.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for name in ("SIGHUP", "SIGTERM"):
+        signal.signal(getattr(signal, name), signal.SIG_DFL)
     from tqdm import tqdm
 
     chosen = [attack for attack in _ALL if arguments.only in f"{attack.area} {attack.name}"]
