@@ -78,7 +78,7 @@ def open_cluster(address: str, sources: Sequence[str] = ()) -> Iterator[Backend]
     Raises
     ------
     ConfigError
-        If the package distributed is not installed.
+        If the package distributed is not installed, or TLS is asked for without certificates.
     SlamInitError
         If no scheduler answers, if it has no workers, if a version differs, or if a worker lacks the package or a
         source. Later: if the scheduler is lost, or all workers.
@@ -87,6 +87,7 @@ def open_cluster(address: str, sources: Sequence[str] = ()) -> Iterator[Backend]
         distributed: Any = import_module("distributed")  # the package has no type annotations
     except ImportError:
         raise ConfigError("the backend dask needs the package distributed: pip install 'slam-init[dask]'") from None
+    _check_certificates(distributed, address)
     with _quiet():
         try:
             client = distributed.Client(address, timeout=_CONNECT, set_as_default=False)
@@ -99,6 +100,21 @@ def open_cluster(address: str, sources: Sequence[str] = ()) -> Iterator[Backend]
             yield _Cluster(client, client.get_executor(pure=False), address)
         finally:
             client.close(timeout=_POLL_S)
+
+
+def _check_certificates(distributed: Any, address: str) -> None:
+    """Refuse a TLS address without certificates: Dask finds them in its configuration."""
+    if not address.startswith("tls://"):
+        return
+    try:
+        context = distributed.Security().get_connection_args("client").get("ssl_context")
+    except (OSError, ValueError, TypeError) as error:
+        raise ConfigError(f"the TLS files of Dask's configuration cannot be used: {error}"[:300]) from None
+    if context is None:
+        raise ConfigError(
+            f"{address} needs certificates: name them in Dask's configuration (distributed.comm.tls.ca-file, .client.cert "
+            "and .client.key)"
+        )
 
 
 class _Cluster(Backend):

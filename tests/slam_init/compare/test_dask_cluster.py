@@ -5,7 +5,7 @@ import pytest
 from slam_init.compare import dask_cluster
 from slam_init.compare.backends import open_backend
 from slam_init.compare.dask_cluster import WorkerFacts, worker_facts
-from slam_init.errors import SlamInitError
+from slam_init.errors import ConfigError, SlamInitError
 
 distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
 
@@ -58,4 +58,16 @@ def test_a_scheduler_without_workers_is_refused():
         pytest.raises(SlamInitError, match="has no workers"),
         opened(none),
     ):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("files", "told"), [({}, "needs certificates"), ({"ca-file": "/nowhere.pem"}, "certificates|TLS")]
+)
+def test_a_tls_address_without_certificates_is_one_line(files, told):
+    import dask
+
+    names = {"distributed.comm.tls.ca-file": files.get("ca-file")}
+    names |= {f"distributed.comm.tls.client.{kind}": files.get("ca-file") for kind in ("cert", "key")}
+    with dask.config.set(names), pytest.raises(ConfigError, match=told), open_backend("dask:tls://127.0.0.1:1", 1, ()):
         pass
