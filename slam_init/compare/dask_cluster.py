@@ -111,10 +111,8 @@ def _check_certificates(distributed: Any, address: str) -> None:
     except (OSError, ValueError, TypeError) as error:
         raise ConfigError(f"the TLS files of Dask's configuration cannot be used: {error}"[:300]) from None
     if context is None:
-        raise ConfigError(
-            f"{address} needs certificates: name them in Dask's configuration (distributed.comm.tls.ca-file, .client.cert "
-            "and .client.key)"
-        )
+        keys = "distributed.comm.tls.ca-file, .client.cert and .client.key"
+        raise ConfigError(f"{address} needs certificates: name them in Dask's configuration ({keys})")
 
 
 class _Cluster(Backend):
