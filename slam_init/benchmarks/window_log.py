@@ -136,10 +136,16 @@ def _window(record: Mapping[str, Any]) -> Window:
     if risk is not None:
         margin = risk["margin"]
         of_views = tuple(math.nan if one is None else float(one) for one in risk["direction_of_views"])
-        no_numbers = ("margin", "direction_of_views", "camera")
+        no_numbers = ("margin", "direction_of_views", "camera", "moving_tracks")
         others = _numbers({key: value for key, value in risk.items() if key not in no_numbers})
         margin = None if margin is None else Margin(**_numbers(margin))
-        risk = WindowRisk(**others, margin=margin, direction_of_views=of_views, camera=_camera(risk["camera"]))
+        risk = WindowRisk(
+            **others,
+            margin=margin,
+            direction_of_views=of_views,
+            camera=_camera(risk["camera"]),
+            moving_tracks=tuple(risk["moving_tracks"]),
+        )
     known = {name: record[name] for name in (one.name for one in fields(Window)) if name not in ("risk", "accuracy")}
     return Window(**known, risk=risk, accuracy=Accuracy(**accuracy))
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from quest.robust.spatial_blocks import regions_of
 from quest.uncertainty.tails import gaussian_tail
-from slam_init.types.arrays import Floats, Ints
+from slam_init.types.arrays import Floats
 from slam_init.types.comparison import Margin
 from slam_init.window.equations import explained_at_most
 from slam_init.window.hypotheses import WindowHypotheses
@@ -112,7 +112,7 @@ class WindowRisk:
     direction_of_views : tuple of float
         The term of the direction for each view of the best motion but the first: the pair's own first. A view near the
         reference has an uncertain direction although its position is certain.
-    moving_tracks : (M,) int
+    moving_tracks : tuple of int
         The tracks with a rigid motion of their own, where ``moving`` was evaluated and there are many.
     camera : CameraEstimate
         The distortion and the readout by the best motion, or by the camera that only rotates where that is likely.
@@ -133,7 +133,7 @@ class WindowRisk:
     margin: Margin | None
     rotation_log_likelihood: float
     direction_of_views: tuple[float, ...]
-    moving_tracks: Ints
+    moving_tracks: tuple[int, ...] = ()
 
 
 def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
@@ -189,7 +189,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         rival=rival,
         rotation=rotation,
         moving=other.probability,
-        moving_tracks=other.track_ids,
+        moving_tracks=tuple(other.track_ids.tolist()),
         floor=_FLOOR,
         direction_sigma_deg=direction_deg,
         rotation_sigma_deg=rotation_deg,

@@ -41,6 +41,7 @@ RISK = WindowRisk(
     margin=Margin(30.0, 5.0),
     rotation_log_likelihood=200.0,
     direction_of_views=(0.001, 0.02),
+    moving_tracks=(3, 17),
 )
 GOOD = Accuracy(0.1, 2.0, 3.0, 1.0, 0.9, 100, 95, 1.1, 0.4549)
 

@@ -203,7 +203,7 @@ def test_two_motions_of_a_room_leave_no_map():
 
 
 def test_a_pair_with_an_uncertain_direction_is_low_parallax():
-    outcome = tried(point_source("desk", 5, baseline=0.08), (0, 2))
+    outcome = tried(point_source("wall", 7, baseline=0.08), (0, 2))
     window = outcome.attempt.window
     assert window.risk_direction > max(window.risk_rival, window.risk_rotation)
     assert outcome.attempt.verdict == Verdict.LOW_PARALLAX
