@@ -78,6 +78,16 @@ class WindowEquations:
         self.free = np.ones(count, bool)
 
     @property
+    def normal(self) -> Floats:
+        """The normal matrix of the last equations, with the scale free.
+
+        Returns
+        -------
+        (G, G) float
+        """
+        return self._normal
+
+    @property
     def squares(self) -> Floats:
         """Squared residual of each observation in units of the noise, at the last state.
 

@@ -9,10 +9,14 @@ import numpy as np
 from slam_init.types.arrays import Bools, Floats
 from slam_init.window.equations import WindowEquations, tangent_bases
 from slam_init.window.joint_fit import JointFit
+from slam_init.window.kernels import TUKEY_GATES
 from slam_init.window.state import Priors
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["Linearization", "linearize_with_fields"]
+__all__ = ["Linearization", "information_by_chance", "linearize_with_fields"]
+
+#: A gate that weights all observations alike.
+_NO_GATE = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,3 +102,43 @@ def linearize_with_fields(
     k1 = int((~is_field)[: equations.focal + 1].sum())
     readout = k1 + 1 if priors.readout_sigma_s > 0 else None
     return Linearization(information, gradient, shares, is_field, variance, coupling, k1, readout)
+
+
+def information_by_chance(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:
+    """The part of a fit's information that the errors of the inverse distances make.
+
+    A track tells the direction of a baseline by its parallax ``rho t``, and its information grows with the square of
+    the inverse distance ``rho``. The fit has ``rho`` with an error of variance ``s^2``, and the expectation of its
+    square is larger than the true square by ``s^2``. Where the parallax of most tracks is no larger than their errors,
+    most of the information is of this kind: a track then tells a direction, but one that depends on its error. The part
+    is the mean of the information at ``rho + s`` and ``rho - s``, less that at ``rho``.
+
+    Parameters
+    ----------
+    tracks : WindowTracks
+        As fitted.
+    fit : JointFit
+        Without fields.
+    priors : Priors
+
+    Returns
+    -------
+    (X, X) float
+        In the order of :attr:`JointFit.information`, tracks eliminated.
+    """
+    state = fit.state
+    # An error of a distance must not change the weight of an observation: each has the weight of the fit, as its noise.
+    squares = np.einsum("vtq,vtq->vt", fit.residuals, fit.residuals)
+    left = np.maximum(1 - squares / (TUKEY_GATES * priors.gate_sigmas**2), 0.0)
+    weighted = replace(tracks, seen=tracks.seen & (left > 0), sigma_px=tracks.sigma_px / np.maximum(left, 1e-6))
+    equations = WindowEquations(weighted, state, replace(priors, gate_sigmas=_NO_GATE))
+    equations.build(state, hold=False)
+    own = equations.normal.copy()
+    # A distance that is held at infinity has no error that makes information.
+    sigmas = np.sqrt(np.maximum(equations.back[:, 2, 3], 0.0)) * (state.inverse_distances > 0)
+    by_chance = -own
+    for sign in (1, -1):
+        moved = replace(state, inverse_distances=state.inverse_distances + sign * sigmas)
+        equations.build(moved, hold=False)
+        by_chance += 0.5 * equations.normal
+    return by_chance

@@ -11,7 +11,7 @@ decomposition serves all scales.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,9 @@ FIELD_PRIOR: Floats = np.array([0.2, 0.2, 0.2, 0.2, 0.12, 0.05, 0.02, 0.01])
 #: Fields of the largest scale pull by chance farther than this number of their standard deviations twice in a million
 #: times. Tracks that are held at infinity pull although they tell nothing about a field.
 LARGEST_PULL_SIGMAS = 5.0
+#: The largest share of the information about an unknown that is taken for chance: deviations are twenty times as wide
+#: then, and a share so near to one is itself known within a twentieth at best (tracks are a few hundred).
+_LARGEST_SHARE_BY_CHANCE = 0.95
 FIELD_SCALES_PX.setflags(write=False)
 FIELD_PRIOR.setflags(write=False)
 
@@ -47,6 +50,9 @@ class FieldMarginal:
         The gradient along their eigenvectors, at most what fields of the largest scale explain.
     covariance : (X, X) float
         Of the other unknowns without fields.
+    response : (X, X) float
+        How the other unknowns follow a gradient, without fields: the covariance, unless :meth:`without_chance` changed
+        both.
     shift : (X,) float
         Of the other unknowns without fields; 0 up to the tolerance of the fit.
     coupling : (X, F) float
@@ -59,6 +65,7 @@ class FieldMarginal:
     strength: Floats
     pull: Floats
     covariance: Floats
+    response: Floats
     shift: Floats
     coupling: Floats
     axes: Floats
@@ -104,6 +111,35 @@ class FieldMarginal:
             shifts.append(J @ self.shift + follow @ (spread * self.pull))
             covariances.append(J @ self.covariance @ J.T + (follow * spread) @ follow.T)
         return np.array(shifts), np.array(covariances)
+
+    def without_chance(self, by_chance: Floats) -> FieldMarginal:
+        """The marginal if a part of the information is none.
+
+        The unknowns follow a gradient by the inverse of the information that is left. The scatter of the gradient is
+        that of all the information: the errors of the tracks that make the part are in it.
+
+        Parameters
+        ----------
+        by_chance : (X, X) float
+            The part, of :func:`slam_init.window.linearization.information_by_chance`.
+
+        Returns
+        -------
+        FieldMarginal
+            With wider covariance, response, shift and coupling.
+        """
+        root = np.linalg.cholesky(self.covariance)
+        shares, axes = np.linalg.eigh(root.T @ (0.5 * (by_chance + by_chance.T)) @ root)
+        wider = root @ (axes / (1 - np.clip(shares, 0.0, _LARGEST_SHARE_BY_CHANCE)))
+        response = np.asarray(wider @ (root @ axes).T)
+        follow = response @ np.linalg.inv(self.covariance)
+        return replace(
+            self,
+            covariance=np.asarray(wider @ wider.T),
+            response=response,
+            shift=follow @ self.shift,
+            coupling=follow @ self.coupling,
+        )
 
     def variances(self, J: Floats, J_fields: Floats, weights: Floats) -> Floats:
         """Second moments about the fit of linear functions of the unknowns and of the fields, over all scales.
@@ -159,7 +195,14 @@ def marginalize_fields(
         for s in FIELD_SCALES_PX
     ]
     return FieldMarginal(
-        np.array(evidence), strength, pull, covariance, shift, np.asarray(follow @ vectors), np.asarray(vectors)
+        np.array(evidence),
+        strength,
+        pull,
+        covariance,
+        covariance,
+        shift,
+        np.asarray(follow @ vectors),
+        np.asarray(vectors),
     )
 
 

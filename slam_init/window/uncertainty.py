@@ -1,8 +1,9 @@
 """The uncertainty of a fitted motion: of its rotations, of the directions of its baselines, and of its distances.
 
 The quadratic expansion of the cost (Laplace) gives the covariance of linear functions of the unknowns. The error fields
-are integrated out, for each of their scales and then over the scales. All covariances are second moments about the fit:
-the fit has no fields, so the mean of the posterior may differ from it.
+are integrated out, for each of their scales and then over the scales. The expansion counts information that the errors
+of the distances make by chance; it is left out (:func:`slam_init.window.linearization.information_by_chance`). All
+covariances are second moments about the fit: the fit has no fields, so the mean of the posterior may differ from it.
 
 Images do not tell the scale of a map, and the fit holds the longest baseline. A function has a meaning only if a change
 of the scale does not change it. Rotations and directions are such functions. An inverse distance ``rho`` is none, but
@@ -25,7 +26,7 @@ from quest.robust.spatial_blocks import regions_of
 from slam_init.types.arrays import Bools, Floats
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import JointFit
-from slam_init.window.linearization import Linearization, linearize_with_fields
+from slam_init.window.linearization import Linearization, information_by_chance, linearize_with_fields
 from slam_init.window.marginal import FIELD_PRIOR, FieldMarginal, marginalize_fields
 from slam_init.window.motion import FittedMotion
 from slam_init.window.tracks import WindowTracks
@@ -213,7 +214,7 @@ class CameraEstimate:
     readout: ReadoutEstimate | None
 
 
-def expand(hypotheses: WindowHypotheses, motion: FittedMotion) -> ExpandedFit:
+def expand(hypotheses: WindowHypotheses, motion: FittedMotion, *, evidence_only: bool = False) -> ExpandedFit:
     """Expand the cost of a fitted motion, and integrate the error fields out.
 
     Parameters
@@ -221,13 +222,18 @@ def expand(hypotheses: WindowHypotheses, motion: FittedMotion) -> ExpandedFit:
     hypotheses : WindowHypotheses
     motion : FittedMotion
         One of the hypotheses.
+    evidence_only : bool
+        Whether only the evidence is wanted: covariances then count information by chance too.
 
     Returns
     -------
     ExpandedFit
     """
     linearization = linearize_with_fields(motion.tracks, motion.fit, hypotheses.priors)
-    return ExpandedFit(motion.tracks, motion.fit, linearization, marginalize_fields(linearization))
+    marginal = marginalize_fields(linearization)
+    if not evidence_only:
+        marginal = marginal.without_chance(information_by_chance(motion.tracks, motion.fit, hypotheses.priors))
+    return ExpandedFit(motion.tracks, motion.fit, linearization, marginal)
 
 
 def camera_estimate(fit: JointFit, linearization: Linearization, marginal: FieldMarginal) -> CameraEstimate:
@@ -379,7 +385,7 @@ def _direction_derivatives(expanded: ExpandedFit, view: int) -> tuple[Floats, Fl
 def _scattered_sigma(expanded: ExpandedFit, J: Floats) -> float:
     """Standard deviation of the direction by the scatter of the scores over regions (a sandwich estimate)."""
     lin, marginal = expanded.linearization, expanded.marginal
-    influence = lin.shares[:, ~lin.is_field] @ marginal.covariance @ J.T
+    influence = lin.shares[:, ~lin.is_field] @ marginal.response.T @ J.T
     region = regions_of(places_of(expanded.fit), _SCORE_REGIONS)
     used = expanded.tracks.anchor >= 0
     sums = np.array([np.bincount(region[used], weights=column[used], minlength=12) for column in influence.T])
