@@ -56,6 +56,23 @@ def test_without_fields_the_covariance_is_the_inverse_of_the_information_of_the_
     np.testing.assert_allclose(shifts[0], -J @ np.linalg.solve(information, gradient), rtol=1e-6, atol=1e-8)
 
 
+def test_without_chance_the_response_is_the_inverse_of_what_is_left(linearization):
+    found = exact(linearization)
+    information = dense(linearization, 0.0)[0]
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(len(information), 5))
+    part = root @ root.T
+    part *= 0.5 / np.linalg.eigvalsh(np.linalg.solve(information, part).real).max().real
+    wider = found.without_chance(part)
+    inverse = np.linalg.inv(information - part)
+    scale = np.sqrt(np.outer(np.diag(inverse), np.diag(inverse)))
+    np.testing.assert_allclose(wider.response / scale, inverse / scale, atol=1e-6)
+    np.testing.assert_allclose(wider.covariance / scale, inverse @ information @ inverse / scale, atol=1e-6)
+    np.testing.assert_allclose(wider.coupling, inverse @ information @ found.coupling, rtol=1e-4, atol=1e-6)
+    same = found.without_chance(np.zeros_like(part))
+    np.testing.assert_allclose(same.covariance / scale, found.covariance / scale, atol=1e-9)
+
+
 @pytest.mark.parametrize("index", range(1, len(FIELD_SCALES_PX)))
 def test_shifts_and_covariances_are_those_of_the_full_normal_equations(linearization, index):
     J = functions(linearization)

@@ -8,7 +8,7 @@ from make_window import PRIORS, Window, direction_covariance, equations, make_wi
 
 from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_vector
 from slam_init.window.joint_fit import fit_window
-from slam_init.window.linearization import linearize_with_fields
+from slam_init.window.linearization import information_by_chance, linearize_with_fields
 from slam_init.window.marginal import FIELD_SCALES_PX, marginalize_fields
 from slam_init.window.state import Priors
 from slam_init.window.uncertainty import (
@@ -167,6 +167,70 @@ def test_errors_have_the_stated_size(kind):
     assert 0.45 < rotation < 1.4
     assert 0.45 < direction < 1.4
     assert 0.45 < distances < 1.6
+
+
+def direction_squares(seed: int) -> tuple[float, float]:
+    """Normalized squared error of a direction: with all the information, and without that by chance.
+
+    A short drive along a corridor: the parallax of most tracks is no larger than their errors.
+    """
+    window = make_window("corridor", seed, 4, 200, noise_px=0.7, baseline=0.01)
+    fit = fit_window(window.tracks, window.start(seed, error=1e-4), KNOWN_FOCAL, tolerance=1e-6)
+    found = expanded(window, fit, KNOWN_FOCAL)
+    by_chance = information_by_chance(window.tracks, fit, KNOWN_FOCAL)
+    without = replace(found, marginal=found.marginal.without_chance(by_chance))
+    view = 3
+    squares = []
+    for one in (found, without):
+        stated = direction_uncertainty(one, view)
+        estimated, true = (
+            R.T @ t / np.linalg.norm(t)
+            for R, t in ((fit.state.R[view], fit.state.t[view]), (window.R[view], window.t[view]))
+        )
+        across = stated.basis @ true
+        error = np.arccos(np.clip(estimated @ true, -1, 1)) * across / np.linalg.norm(across)
+        squares.append(float(error @ np.linalg.solve(stated.covariance, error)))
+    return squares[0], squares[1]
+
+
+def test_information_by_chance_is_not_counted_where_the_parallax_is_no_larger_than_the_errors():
+    """The median over 40 windows, over that of chi-square with two degrees of freedom: 1 if the covariance is right.
+
+    Error fields, which these worlds do not have, add to the stated size.
+    """
+    counted, left_out = np.median([direction_squares(seed) for seed in range(40)], axis=0) / 1.386
+    assert counted > 4
+    assert 0.1 < left_out < 1.4
+
+
+def test_a_long_baseline_has_hardly_any_information_by_chance(window_and_fit):
+    window, fit = window_and_fit
+    found = expanded(window, fit)
+    without = found.marginal.without_chance(information_by_chance(window.tracks, fit, PRIORS))
+    for view in range(1, 5):
+        all_of_it = direction_in_space(direction_uncertainty(found, view))
+        left = direction_in_space(direction_uncertainty(replace(found, marginal=without), view))
+        assert np.trace(all_of_it) <= 1.0001 * np.trace(left)
+        assert np.trace(left) < 1.25 * np.trace(all_of_it)
+
+
+def test_the_information_by_chance_is_that_which_errors_of_the_distances_add():
+    """Compared with the mean over drawn errors; the poses and rays are the same."""
+    window = make_window("corridor", 3, 3, 100, noise_px=0.7, baseline=0.05)
+    state = window.start(3)
+    fit = fit_window(window.tracks, state, KNOWN_FOCAL, max_steps=0)
+    own = equations(window.tracks, state, 1e6)
+    sigmas = np.sqrt(own.back[:, 2, 3])
+    rng, drawn = np.random.default_rng(0), []
+    for _ in range(400):
+        moved_by = sigmas * rng.normal(size=len(sigmas)) * (state.inverse_distances > 0)
+        at = replace(state, inverse_distances=state.inverse_distances + moved_by)
+        drawn.append(equations(window.tracks, at, 1e6).normal - own.normal)
+    translation = slice(3, 6)
+    expected = np.mean(drawn, axis=0)[translation, translation]
+    found = information_by_chance(window.tracks, fit, replace(KNOWN_FOCAL, gate_sigmas=1e6))[translation, translation]
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(found / scale, expected / scale, atol=0.1)
 
 
 def test_a_rotation_vector_turns_by_its_angle():
