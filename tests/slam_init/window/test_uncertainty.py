@@ -224,8 +224,9 @@ def test_the_information_by_chance_is_that_which_errors_of_the_distances_add():
     rng, drawn = np.random.default_rng(0), []
     for _ in range(400):
         moved_by = sigmas * rng.normal(size=len(sigmas)) * (state.inverse_distances > 0)
-        at = replace(state, inverse_distances=state.inverse_distances + moved_by)
-        drawn.append(equations(window.tracks, at, 1e6).normal - own.normal)
+        for drawn_error in (moved_by, -moved_by):
+            at = replace(state, inverse_distances=state.inverse_distances + drawn_error)
+            drawn.append(equations(window.tracks, at, 1e6).normal - own.normal)
     translation = slice(3, 6)
     expected = np.mean(drawn, axis=0)[translation, translation]
     found = information_by_chance(window.tracks, fit, replace(KNOWN_FOCAL, gate_sigmas=1e6))[translation, translation]
