@@ -10,7 +10,7 @@ import numpy as np
 from slam_init.errors import SourceError
 from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
 from slam_init.frontend.tracks import History, Tracker
-from slam_init.mapping.triangulation import resect
+from slam_init.mapping.resection import resect
 from slam_init.output.records import ContinuationRecord
 from slam_init.recording.recorder import Recorder
 from slam_init.types.camera import Camera

@@ -12,7 +12,7 @@ import numpy as np
 from slam_init.compare.judging import Criteria, Truth
 from slam_init.compare.replay import Step
 from slam_init.evaluation.metrics import compare_with_groundtruth
-from slam_init.mapping.triangulation import resect
+from slam_init.mapping.resection import resect
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose, Trajectory

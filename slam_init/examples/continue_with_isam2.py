@@ -22,7 +22,7 @@ from slam_init.errors import SlamInitError
 from slam_init.evaluation.metrics import align_positions
 from slam_init.frontend.tracks import Tracker
 from slam_init.initializer import Initializer
-from slam_init.mapping.triangulation import resect
+from slam_init.mapping.resection import resect
 from slam_init.types.arrays import Floats
 from slam_init.types.frame import Frame
 from slam_init.types.initial_map import InitialMap, Keyframe

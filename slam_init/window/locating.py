@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from quest.robust.rotation import refine_rotation_compiled
-from slam_init.mapping.triangulation import resect, triangulate
+from slam_init.mapping.resection import resect
+from slam_init.mapping.triangulation import triangulate
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.pose import Pose
 from slam_init.window.motion import Motion

@@ -10,7 +10,7 @@ from quest.geometry.quaternion import rotation_from_vector
 from slam_init.datasets.text import pose_from_matrix
 from slam_init.errors import SlamInitError, SourceError
 from slam_init.evaluation.metrics import align_poses, align_positions
-from slam_init.mapping.triangulation import resect
+from slam_init.mapping.resection import resect
 from slam_init.methods.motions import motions_of_essential, motions_of_homography
 from slam_init.types.pose import Pose
 

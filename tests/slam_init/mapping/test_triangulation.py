@@ -6,9 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from make_map import CAMERAS, make_poses
 from make_scene import CAMERA, cloud, observe
+from reference_resection import refine_absolute_pose as readable_refinement
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
-from slam_init.mapping.triangulation import resect, triangulate
+from slam_init.mapping.resection import resect
+from slam_init.mapping.resection_kernel import refine_absolute_pose
+from slam_init.mapping.triangulation import triangulate
 from slam_init.types.pose import Pose
 
 seeds = st.integers(0, 2**32 - 1)
@@ -149,3 +152,22 @@ def test_resection_is_reproducible():
     assert np.array_equal(a.R, b.R)
     assert np.array_equal(a.t, b.t)
     assert np.array_equal(inliers_a, inliers_b)
+
+
+@given(seed=seeds, off=st.floats(0.0, 0.3), wrong=st.integers(0, 12))
+@settings(max_examples=40, deadline=None)
+def test_the_compiled_refinement_equals_the_readable_one(seed, off, wrong):
+    rng = np.random.default_rng(seed)
+    points, truth = cloud(rng, 40), make_poses(2)[1]
+    seen = rays([truth], points)[0] + 1e-3 * rng.normal(size=points.shape)
+    seen[:wrong] = rng.normal(size=(wrong, 3))
+    seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+    true = truth.inverse()
+    start = Pose(rotation_from_vector(off * rng.normal(size=3)) @ true.R, true.t + off * rng.normal(size=3))
+    for scale_rad in (0.05, 0.01):
+        expected = readable_refinement(start, points, seen, scale_rad, iterations=3)
+        R, t = start.R.copy(), start.t.copy()
+        refine_absolute_pose(R, t, points, seen, scale_rad, 3)
+        np.testing.assert_allclose(R, expected.R, atol=1e-7)
+        np.testing.assert_allclose(t, expected.t, atol=1e-6)
+        assert np.abs(R @ R.T - np.eye(3)).max() < 1e-12

@@ -1,0 +1,85 @@
+"""Resection of a camera from points, on unit bearings, so that the lens model does not matter."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quest.geometry.quaternion import rotation_from_vector
+from slam_init.types.arrays import Bools, Floats
+from slam_init.types.pose import Pose
+
+__all__ = ["resect"]
+
+#: Largest number of Gauss-Newton steps of a refinement.
+_STEPS = 8
+
+
+def resect(
+    points: Floats, bearings: Floats, threshold_rad: float, guess: Pose | None = None
+) -> tuple[Pose, Bools] | None:
+    """Estimate the pose of a camera from points of the map.
+
+    A minimal solver in a RANSAC loop [1]_ gives a start, which is refined on the angles between rays and points.
+
+    Parameters
+    ----------
+    points : (N, 3) float
+        In the world frame.
+    bearings : (N, 3) float
+        Unit rays of the points in the camera frame.
+    threshold_rad : float
+        A match is an outlier if the angle between its ray and its point is larger.
+    guess : Pose, optional
+        Another start, a ``cam_from_world``. The start that leads to more inliers is used.
+
+    Returns
+    -------
+    (Pose, (N,) bool) or None
+        ``cam_from_world`` and the inliers; None if fewer than six matches agree on a pose.
+
+    References
+    ----------
+    .. [1] T. Ke, S. I. Roumeliotis, An efficient algebraic solution to the perspective-three-point problem, CVPR 2017
+       (OpenCV, ``SOLVEPNP_AP3P``).
+    """
+    from slam_init.mapping.resection_kernel import refine_absolute_pose
+
+    if len(points) < 6:
+        return None
+    points, bearings = np.ascontiguousarray(points, np.float64), np.ascontiguousarray(bearings, np.float64)
+    candidates = [guess] if guess is not None else []
+    if (minimal := _minimal_pose(points, bearings, threshold_rad)) is not None:
+        candidates.append(minimal)
+    best: tuple[Pose, Bools] | None = None
+    for start in candidates:
+        R, t = start.R.copy(), start.t.copy()
+        for scale in (4.0, 1.0):
+            refine_absolute_pose(R, t, points, bearings, scale * threshold_rad, _STEPS)
+        pose = Pose(R, t)
+        inliers = _angles(pose, points, bearings) < threshold_rad
+        if inliers.sum() >= 6 and (best is None or inliers.sum() > best[1].sum()):
+            best = pose, inliers
+    return best
+
+
+def _minimal_pose(points: Floats, bearings: Floats, threshold_rad: float) -> Pose | None:
+    """Estimate ``cam_from_world`` by OpenCV's P3P in a RANSAC loop, on the plane z = 1."""
+    import cv2
+
+    ahead = bearings[:, 2] > 0.05
+    if ahead.sum() < 6:
+        return None
+    xy = bearings[ahead, :2] / bearings[ahead, 2:]
+    found, rotation, translation, _ = cv2.solvePnPRansac(
+        points[ahead], xy, np.eye(3), np.zeros(4), iterationsCount=200, reprojectionError=threshold_rad,
+        confidence=0.999, flags=cv2.SOLVEPNP_AP3P,
+    )  # fmt: skip
+    if not found or not np.isfinite(rotation).all():
+        return None
+    return Pose(rotation_from_vector(rotation.ravel()), np.asarray(translation, float).ravel())
+
+
+def _angles(pose: Pose, points: Floats, bearings: Floats) -> Floats:
+    """Return the angles (N,) between rays and their points, in the small-angle approximation."""
+    X = pose.apply(points)
+    return np.asarray(np.linalg.norm(X / np.linalg.norm(X, axis=1, keepdims=True) - bearings, axis=1))
