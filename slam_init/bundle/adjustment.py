@@ -21,7 +21,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam_init.bundle.focal import adjust_focal
+from slam_init.bundle.focal import adjust_focal, camera_with_focal_factor
 from slam_init.bundle.graph import GAUGE, build_graph, marginal_covariances, optimize
 from slam_init.bundle.noise import estimate_noise, least_squares_noise, min_parallax_rad
 from slam_init.bundle.problem import BundleFailure, BundleFit, BundleProblem, BundleSolution, FocalPrior
@@ -38,7 +38,9 @@ _WORST_NOISE = 10.0
 _FOCAL_TOLERANCE, _FOCAL_ROUNDS = 1e-3, 5
 
 
-def adjust(camera: Camera, problem: BundleProblem, config: MapConfig) -> BundleSolution | BundleFailure:
+def adjust(
+    camera: Camera, problem: BundleProblem, config: MapConfig, focal_factor: float = 1.0
+) -> BundleSolution | BundleFailure:
     """Adjust poses and landmarks, and the focal length if ``config.refine_focal`` is set; see the module docstring.
 
     Parameters
@@ -48,6 +50,8 @@ def adjust(camera: Camera, problem: BundleProblem, config: MapConfig) -> BundleS
     problem : BundleProblem
         The first estimate. The world frame is the camera frame of the first view.
     config : MapConfig
+    focal_factor : float
+        Where the focal length is adjusted: its first estimate, over the stated one.
 
     Returns
     -------
@@ -59,7 +63,8 @@ def adjust(camera: Camera, problem: BundleProblem, config: MapConfig) -> BundleS
         return BundleFailure("no landmark lies in front of the first camera")
     prior = FocalPrior(camera, config.focal_sigma) if config.refine_focal else None
     try:
-        fit = fit_with_held_camera(camera, start, config)
+        first = camera if prior is None else camera_with_focal_factor(camera, focal_factor)
+        fit = fit_with_held_camera(first, start, config)
         if prior is not None and isinstance(fit, BundleFit):
             fit = _fit_focal(prior, start, fit, config)
         if isinstance(fit, BundleFailure):
@@ -135,7 +140,7 @@ def fit_with_held_camera(camera: Camera, start: BundleProblem, config: MapConfig
 
 
 def _fit_focal(prior: FocalPrior, start: BundleProblem, fit: BundleFit, config: MapConfig) -> BundleFit | BundleFailure:
-    """Adjust the focal length as well, starting from a fit with the stated one; see the module docstring."""
+    """Adjust the focal length as well, starting from a fit with a first estimate; see the module docstring."""
     joint = adjust_focal(prior, fit, config)
     for _ in range(_FOCAL_ROUNDS):
         if abs(joint.camera.fx / fit.camera.fx - 1) < _FOCAL_TOLERANCE:

@@ -311,7 +311,8 @@ class WindowRule:
         if abs(motion.fit.state.log_scale) > WINDOW_PRIORS.focal_sigma:
             options = replace(options, refine_focal=True, focal_sigma=WINDOW_PRIORS.focal_sigma)
         config = replace(self._config, map=options)
-        return map_of_poses(self._camera, config, table, poses, self._threshold_rad, prior), table
+        factor = math.exp(motion.fit.state.log_scale)
+        return map_of_poses(self._camera, config, table, poses, self._threshold_rad, prior, factor), table
 
     def _built(self, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses) -> MapWithViews | None:
         if not isinstance(bundle, BundleSolution):

@@ -27,6 +27,7 @@ def map_of_poses(
     cam_from_world: dict[int, Pose],
     threshold_rad: float,
     prior: PosePrior | None = None,
+    focal_factor: float = 1.0,
 ) -> BundleSolution | BundleFailure:
     """Build the bundle-adjusted map of views whose poses are known.
 
@@ -43,6 +44,8 @@ def map_of_poses(
         An observation farther from its point does not make the point a landmark.
     prior : PosePrior, optional
         By default the landmarks alone determine the poses.
+    focal_factor : float
+        Where the focal length is adjusted: its first estimate, over the stated one.
 
     Returns
     -------
@@ -60,7 +63,7 @@ def map_of_poses(
     problem = _bundle_problem(table, points, usable, poses)
     if len(problem.points) < _MIN_POINTS:
         return BundleFailure(f"only {len(problem.points)} points can be triangulated")
-    return adjust(camera, problem if prior is None else problem.with_prior(prior), config.map)
+    return adjust(camera, problem if prior is None else problem.with_prior(prior), config.map, focal_factor)
 
 
 def _bundle_problem(table: TrackTable, points: Floats, usable: Bools, poses: dict[int, Pose]) -> BundleProblem:
