@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import os
 import resource
 import shutil
 import sys
@@ -131,4 +132,14 @@ def _create_tracks_folder(settings: Settings) -> None:
     folder = Path(settings.tracks)
     if settings.tracks and not folder.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        atexit.register(_remove, folder)
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder that others may read: it disappears at once, so that they make it anew and find no part of it."""
+    removed = folder.with_name(f"{folder.name}-{os.getpid()}")
+    try:
+        folder.rename(removed)
+    except OSError:
+        return
+    shutil.rmtree(removed, ignore_errors=True)

@@ -38,6 +38,8 @@ _COLUMNS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "bearings": (np.float64, (3,)),
     "colors": (np.uint8, (3,)),
 }
+#: How often the tracks are made anew where the folder disappears meanwhile.
+_TRIES = 3
 _INDEX = "index.npz"
 #: Largest length of a folder name in characters; file systems allow 255 bytes.
 _MAX_NAME = 120
@@ -174,11 +176,19 @@ def find_tracks(source: TimedSource, text: str, folder: str | os.PathLike[str]) 
     Tracks
         The stored tracks.
     """
-    folder = Path(folder)
-    home = folder / quote(text, safe="")[-_MAX_NAME:]
+    home = Path(folder) / quote(text, safe="")[-_MAX_NAME:]
+    for _ in range(_TRIES - 1):
+        try:
+            return _found(source, text, home)
+        except FileNotFoundError:  # the process that had made the folder has ended and removed it: make it anew
+            continue
+    return _found(source, text, home)
+
+
+def _found(source: TimedSource, text: str, home: Path) -> Tracks:
     if not (home / _INDEX).is_file():
-        folder.mkdir(parents=True, exist_ok=True)
-        unfinished = Path(tempfile.mkdtemp(dir=folder, prefix=".tracking-"))
+        home.parent.mkdir(parents=True, exist_ok=True)
+        unfinished = Path(tempfile.mkdtemp(dir=home.parent, prefix=".tracking-"))
         try:
             _store(source, text, unfinished)
             try:

@@ -108,7 +108,13 @@ def _tracks_folder(folder: OutputFolder, backend: str) -> Iterator[str]:
     The workers of a cluster may be on other machines, where only the folder of temporary files is sure to be there.
     """
     if not backend.startswith(DASK):
-        yield str((folder.staging / "tracks").resolve())
+        tracks_folder = (folder.staging / "tracks").resolve()
+        try:
+            # A worker that finds none makes it, and takes it away when it ends, while others read from it.
+            tracks_folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise output_error(folder.path, error) from error
+        yield str(tracks_folder)
         return
     try:
         tracks = tempfile.mkdtemp(prefix="slam-init-tracks-")

@@ -1,12 +1,16 @@
 """Replayed tracks are those of a tracker that has run from the first frame on."""
 
+import atexit
+
 import numpy as np
 import pytest
 from make_scene import texture, window
 from make_source import GivenFrames
 from path_types import PATH_TYPES
 
+from slam_init.compare import answers, replay
 from slam_init.compare.replay import find_tracks
+from slam_init.compare.trials import Settings
 from slam_init.config import TrackingConfig
 from slam_init.frontend.tracks import Tracker
 from slam_init.initializer import Initializer
@@ -42,3 +46,34 @@ def test_stored_tracks_are_opened_by_a_path_of_any_type(path_type, tmp_path):
     (first,) = find_tracks(source, "one frame", tmp_path).steps(0)
     (again,) = find_tracks(source, "one frame", path_type(tmp_path)).steps(0)
     np.testing.assert_array_equal(first.current.pixels, again.current.pixels)
+
+
+def test_tracks_that_disappear_while_they_are_opened_are_made_anew(tmp_path, monkeypatch):
+    """A worker on another machine takes the folder away when it ends."""
+    source = GivenFrames(CAMERA, (window(texture(0, 240, 320), 0, 0, 320, 240),))
+    (expected,) = find_tracks(source, "one frame", tmp_path / "kept").steps(0)
+    folder = tmp_path / "taken"
+    folder.mkdir()
+    opened = replay._open
+    taken = []
+
+    def open_after_removal(home):
+        if not taken:
+            taken.append(home)
+            answers._remove(folder)
+        return opened(home)
+
+    monkeypatch.setattr(replay, "_open", open_after_removal)
+    (found,) = find_tracks(source, "one frame", folder).steps(0)
+    assert taken
+    np.testing.assert_array_equal(found.current.pixels, expected.current.pixels)
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith("taken")] == ["taken"]
+
+
+def test_a_worker_does_not_remove_a_folder_that_it_did_not_make(tmp_path, monkeypatch):
+    registered = []
+    monkeypatch.setattr(atexit, "register", lambda *call, **options: registered.append(call))
+    answers._create_tracks_folder(Settings(tracks=str(tmp_path)))
+    assert not registered
+    answers._create_tracks_folder(Settings(tracks=str(tmp_path / "new")))
+    assert registered
