@@ -50,8 +50,11 @@ _WRONG_FOCAL, _WRONG_FOCAL_COST = 0.1, 6.0
 _WRONG_K1 = 0.15
 #: A motion whose cost is higher by this cannot become the best: 300 nats.
 _FAR_BEHIND = 600.0
-#: Multiple of the gain by chance that nothing explains: error fields explain half of it at the most.
-_CERTAINLY = 5.0
+#: A gain is certain where it exceeds that by chance by so many standard deviations (one in 10^12) even if error fields
+#: explain half of it, the most that they can.
+_CERTAIN_SIGMAS, _EXPLAINED_BY_FIELDS = 7.0, 0.5
+#: A start needs no more than this: a hundredth of a cost of several hundred.
+_START_TOLERANCE = 2.0
 #: A start whose residuals are this many times the noise is far from the answer.
 _FAR_FACTOR = 1.5
 
@@ -285,7 +288,7 @@ def _fit_rotation(
     factor = start_noise_factor(tracks, start, any_focal, rotation_only=True)
     for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():
         wide = tracks.with_noise(wider * tracks.noise_px)
-        start = fit_window(wide, start, any_focal, rotation_only=True).state
+        start = fit_window(wide, start, any_focal, rotation_only=True, tolerance=_START_TOLERANCE).state
     hopeless = _hopeless_rotation(tracks, start, priors, best)
     wrong = fit_window(tracks, start, any_focal, rotation_only=True, hopeless=hopeless)
     wrong = replace(wrong, cost=wrong.cost + _WRONG_FOCAL_COST)
@@ -300,6 +303,9 @@ def _hopeless_rotation(tracks: WindowTracks, start: WindowState, priors: Priors,
     explained = np.zeros_like(tracks.seen)
     explained[list(best.rows)] = best.fit.state.on_plane if best.fit.state.plane is not None else True
     outliers = tracks.seen & ~explained
-    by_chance = 3 * len(best.rows) + int((tracks.anchor >= 0).sum()) + 2 * gain_of_shared_errors(tracks)
+    freedom = 3 * len(best.rows) + int((tracks.anchor >= 0).sum())
+    by_chance = freedom + 2 * gain_of_shared_errors(tracks)
     by_chance *= best.fit.dispersion * gain_of_lasting_errors(tracks, start.R)
-    return best.fit.cost + priors.gate_sigmas**2 * int(outliers.sum()) + _CERTAINLY * by_chance
+    # The tail of chi-square by Wilson and Hilferty.
+    certain = (1 + _CERTAIN_SIGMAS * math.sqrt(2 / (9 * freedom))) ** 3 / _EXPLAINED_BY_FIELDS
+    return best.fit.cost + priors.gate_sigmas**2 * int(outliers.sum()) + certain * by_chance
