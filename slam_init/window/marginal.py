@@ -32,6 +32,8 @@ LARGEST_PULL_SIGMAS = 5.0
 #: The largest share of the information about an unknown that is taken for chance: deviations are twenty times as wide
 #: then, and a share so near to one is itself known within a twentieth at best (tracks are a few hundred).
 _LARGEST_SHARE_BY_CHANCE = 0.95
+#: Of a sum of unknowns in units of their standard deviations: rounding leaves no more, and may leave less than nothing.
+_LEAST_VARIANCE = 1e-14
 FIELD_SCALES_PX.setflags(write=False)
 FIELD_PRIOR.setflags(write=False)
 
@@ -128,15 +130,19 @@ class FieldMarginal:
         FieldMarginal
             With wider covariance, response, shift and coupling.
         """
-        root = np.linalg.cholesky(self.covariance)
+        # In units of the standard deviations: those of a view that is hardly seen are larger by many orders.
+        units = np.sqrt(np.diag(self.covariance))
+        correlation = 0.5 * (self.covariance + self.covariance.T) / np.outer(units, units)
+        variances, vectors = np.linalg.eigh(correlation)
+        sigmas = np.sqrt(np.maximum(variances, _LEAST_VARIANCE))
+        root = units[:, None] * vectors * sigmas
         shares, axes = np.linalg.eigh(root.T @ (0.5 * (by_chance + by_chance.T)) @ root)
         wider = root @ (axes / (1 - np.clip(shares, 0.0, _LARGEST_SHARE_BY_CHANCE)))
-        response = np.asarray(wider @ (root @ axes).T)
-        follow = response @ np.linalg.inv(self.covariance)
+        follow = np.asarray(wider @ axes.T @ (vectors / sigmas).T / units)
         return replace(
             self,
             covariance=np.asarray(wider @ wider.T),
-            response=response,
+            response=np.asarray(wider @ (root @ axes).T),
             shift=follow @ self.shift,
             coupling=follow @ self.coupling,
         )
