@@ -37,6 +37,7 @@ _COLUMNS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
     "pixels": (np.float64, (2,)),
     "bearings": (np.float64, (3,)),
     "colors": (np.uint8, (3,)),
+    "drifts": (np.float64, (2, 2)),
 }
 #: How often the tracks are made anew where the folder disappears meanwhile.
 _TRIES = 3
@@ -73,6 +74,10 @@ class Tracks:
         Absolute index of the frame that the record describes.
     timestamp_s : (R,) float
         Time stamp of this frame in seconds.
+    step_px : (R,) float
+        Standard deviation of the last step of its tracks.
+    exposure_s : (R,) float
+        Exposure time of this frame in seconds.
     name : (R,) str
         Name of this frame.
     end : (R,) int
@@ -85,17 +90,22 @@ class Tracks:
         Column of the bearings.
     colors : (N, 3) uint8
         Column of the colours.
+    drifts : (N, 2, 2) float
+        Column of the drifts.
     """
 
     at: Ints
     frame: Ints
     timestamp_s: Floats
+    step_px: Floats
+    exposure_s: Floats
     name: NDArray[np.str_]
     end: Ints
     track_ids: Ints
     pixels: Floats
     bearings: Floats
     colors: Image
+    drifts: Floats
 
     def steps(self, start: int) -> Iterator[Step]:
         """Replay the tracks.
@@ -128,6 +138,9 @@ class Tracks:
             pixels=np.array(self.pixels[rows]),
             bearings=np.array(self.bearings[rows]),
             colors=np.array(self.colors[rows]),
+            drifts=np.array(self.drifts[rows]),
+            step_px=float(self.step_px[r]),
+            exposure_s=float(self.exposure_s[r]),
         )
 
 
@@ -209,7 +222,7 @@ def _store(source: TimedSource, text: str, home: Path) -> None:
     # The tracker needs only the frames that descriptors are matched with.
     tracker = Tracker(calibration_of(source, text), config, history_limit=config.sift_frames + 2)
     at: list[int] = []
-    records: list[tuple[int, float, str]] = []
+    records: list[tuple[int, float, float, float, str]] = []
     ends: list[int] = []
     with ExitStack() as stack:
         files = {name: stack.enter_context((home / f"{name}.raw").open("wb")) for name in _COLUMNS}
@@ -217,18 +230,20 @@ def _store(source: TimedSource, text: str, home: Path) -> None:
             current = tracker.track(frame)
             for one in (current, *tracker.revised):
                 at.append(frame.index)
-                records.append((one.frame, one.timestamp_s, one.name))
+                records.append((one.frame, one.timestamp_s, one.step_px, one.exposure_s, one.name))
                 ends.append((ends[-1] if ends else 0) + len(one))
                 for name, (kind, _) in _COLUMNS.items():
                     files[name].write(np.ascontiguousarray(getattr(one, name), kind).tobytes())
             tracker.history.forget(keep=())
-    frames, times, names = zip(*records, strict=True) if records else ((), (), ())
+    frames, times, steps, exposures, names = zip(*records, strict=True) if records else ((), (), (), (), ())
     with (home / _INDEX).open("wb") as file:
         np.savez(
             file,
             at=np.array(at, np.int64),
             frame=np.array(frames, np.int64),
             timestamp_s=np.array(times, float),
+            step_px=np.array(steps, float),
+            exposure_s=np.array(exposures, float),
             name=np.array(names, np.str_),
             end=np.array(ends, np.int64),
         )

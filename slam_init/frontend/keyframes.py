@@ -9,6 +9,7 @@ image.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,9 @@ _GRID = (8, 6)
 #: Longest wait after repeated failures, in units of ``new_after_frames``: after some seconds of video the rest of the
 #: scene may have changed.
 _LONGEST_WAIT = 8
+#: A frame is blurred where its tracks were followed with twice the variance of the last second of video. It becomes no
+#: candidate while a sharp frame may follow soon: a hand is at rest between two swings.
+_BLURRED, _SECOND_FRAMES = float(np.sqrt(2)), 30
 #: Two frames that share half of their tracks see the same scene.
 _SAME_SCENE = 0.5
 #: A candidate is dropped after 300 frames, since tracks drift and drift looks like parallax. In 600 to 900 frames of
@@ -161,6 +165,7 @@ class KeyframeManager:
         self._camera = camera
         self._config = config
         self.candidates: list[int] = []
+        self._steps_px: deque[float] = deque(maxlen=_SECOND_FRAMES)
         self._retry: dict[int, _RetryCondition] = {}  # of each reference whose last pair failed
 
     def preview(self, history: History, current: Observations) -> list[PairPreview]:
@@ -224,7 +229,8 @@ class KeyframeManager:
     def update(self, current: Observations, pairs: list[PairPreview]) -> None:
         """Add the current frame to the candidates if a new one is due, and drop the least useful candidates.
 
-        A new candidate is due if the newest candidate is old enough or shares too few tracks with the current frame.
+        A new candidate is due if the newest candidate is old enough or shares too few tracks with the current frame. A
+        blurred frame is left out where the next frames will do as well.
 
         Parameters
         ----------
@@ -233,10 +239,13 @@ class KeyframeManager:
             All candidates paired with the current frame, as returned by :meth:`preview`.
         """
         settings = self._config.keyframes
+        blurred = self._is_blurred(current)
         if self.candidates:
             newest = max(self.candidates)
             to_newest = next(pair for pair in pairs if pair.reference == newest)
             if to_newest.overlap >= settings.new_overlap and current.frame - newest < settings.new_after_frames:
+                return
+            if blurred and to_newest.overlap >= _SAME_SCENE and current.frame - newest < 2 * settings.new_after_frames:
                 return
             # The new candidate sees the same scene as the newest one. So the new candidate waits until it reaches the
             # same score, or until it is ``new_after_frames`` frames old; from then on its score does not matter.
@@ -249,3 +258,10 @@ class KeyframeManager:
         dropped |= {frame for frame in self.candidates if current.frame - frame > _OLDEST_FRAMES}
         self.candidates = [*(frame for frame in self.candidates if frame not in dropped), current.frame]
         self._retry = {frame: retry for frame, retry in self._retry.items() if frame in self.candidates}
+
+    def _is_blurred(self, current: Observations) -> bool:
+        """Whether the tracks of a frame are noisier than those of the last second."""
+        usual_px = float(np.median(self._steps_px)) if self._steps_px else 0.0
+        if current.step_px > 0:
+            self._steps_px.append(current.step_px)
+        return 0 < _BLURRED * usual_px < current.step_px

@@ -23,11 +23,14 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 
-__all__ = ["RollingShutter", "corrected_pixels", "image_flow", "readout_places", "sweep_of"]
+__all__ = ["RollingShutter", "corrected_pixels", "image_flow", "readout_places", "sweep_of", "turning_flow"]
 
 #: A hand changes its turning several times in a second. With frames farther apart than this, the turning between two
 #: frames tells nothing about the turning in the time of a readout.
 _LONGEST_STEP_S = 0.15
+#: A hand swings a camera at up to 0.8 Hz, so its turning changes by about five times itself in a second. The turning of
+#: a single step is that at its middle, and both frames are half a step away from it.
+_SWING_PER_S = 5.0
 #: Least number of tracks of a turning.
 _LEAST_TRACKS = 8
 #: Scales of the robust kernel that aligns two frames by a rotation. The last one is wide (half a degree), so that the
@@ -52,11 +55,26 @@ def sweep_of(camera: Camera, observations: Observations) -> Floats:
     (N, 2) float
         Derivatives of the pixels by the readout, in px/s. Zero where the turning of the frame is not known.
     """
+    return np.asarray(turning_flow(camera, observations) * readout_places(camera, observations.pixels)[:, None])
+
+
+def turning_flow(camera: Camera, observations: Observations) -> Floats:
+    """How the pixels of a frame move by the turning of the camera.
+
+    Parameters
+    ----------
+    camera : Camera
+    observations : Observations
+
+    Returns
+    -------
+    (N, 2) float
+        In px/s. Zero where the turning of the frame is not known.
+    """
     turn = observations.turn_rad_s
     if turn is None:
         return np.zeros((len(observations), 2))
-    flow = image_flow(camera, observations.bearings, np.cross(turn, observations.bearings))
-    return np.asarray(flow * readout_places(camera, observations.pixels)[:, None])
+    return image_flow(camera, observations.bearings, np.cross(turn, observations.bearings))
 
 
 def image_flow(camera: Camera, rays: Floats, rays_per_s: Floats) -> Floats:
@@ -143,8 +161,10 @@ class RollingShutter:
         self._steps = [] if step is None else [*self._steps[-1:], step]
         if step is None or previous is None:
             return current
+        error = 0.0
         if len(self._steps) == 1:
             turns = {previous.frame: step.turn_rad_s, frame: step.turn_rad_s}
+            error = 0.5 * _SWING_PER_S * step.length_s
         else:
             first, last = self._steps
             # The turning of a step is that at its middle. It changes linearly from there to the middle of the next.
@@ -155,7 +175,7 @@ class RollingShutter:
                 turns[first.frame] = first.turn_rad_s - change * first.length_s
         for one, turn_rad_s in turns.items():
             if one in history:
-                history.put(self._corrected(history[one], turn_rad_s))
+                history.put(replace(self._corrected(history[one], turn_rad_s), turn_error=error))
         return history[frame]
 
     def _step(self, previous: Observations, current: Observations) -> _Step | None:

@@ -16,8 +16,9 @@ import numpy as np
 
 from slam_init.config import TrackingConfig
 from slam_init.errors import SlamInitError
-from slam_init.frontend.sift import detect_sift, first_per_cell, match_descriptors
-from slam_init.types.arrays import Bools, Floats, Image, Ints
+from slam_init.frontend.flow import Drift, Exposure, flow
+from slam_init.frontend.sift import detect_sift, match_descriptors
+from slam_init.types.arrays import Floats, Image, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 
@@ -100,7 +101,8 @@ class History:
             )
         for one in revised:
             if one.frame in self._frames:
-                self._frames[one.frame] = replace(one, turn_rad_s=self._frames[one.frame].turn_rad_s)
+                known = self._frames[one.frame]
+                self._frames[one.frame] = replace(one, turn_rad_s=known.turn_rad_s, turn_error=known.turn_error)
         self.put(observations)
 
     def forget(self, keep: Iterable[int]) -> None:
@@ -139,6 +141,8 @@ def _check(observations: Observations) -> None:
         raise SlamInitError(f"{name}: track ids, pixels and bearings of shapes {shapes}: give (N,), (N, 2) and (N, 3)")
     if len(observations.colors) not in (0, count):
         raise SlamInitError(f"{name}: {len(observations.colors)} colors for {count} tracks: give one for each, or none")
+    if observations.drifts.shape not in ((0, 2, 2), (count, 2, 2)) or not np.isfinite(observations.drifts).all():
+        raise SlamInitError(f"{name}: drifts must be finite covariances (N, 2, 2): give one for each track, or none")
     if not (np.diff(observations.track_ids) > 0).all():
         raise SlamInitError(f"{name}: track ids must be strictly increasing: sort them, and give each once")
     if not (np.isfinite(observations.bearings).all() and np.isfinite(observations.pixels).all()):
@@ -181,6 +185,8 @@ class Tracker:
         self._last: Observations | None = None
         self._last_gray: Image | None = None
         self._sift_frames: deque[_SiftFrame] = deque(maxlen=config.sift_frames)
+        self._drift = Drift()
+        self._exposure, self._exposure_s, self._step_px = Exposure(), 0.0, 0.0
         self._next_id = 0
 
     def track(self, frame: Frame) -> Observations:
@@ -201,7 +207,7 @@ class Tracker:
         """
         gray = frame.gray
         self.revised = ()
-        ids, pixels, by_descriptors = self._link(frame.index, gray)
+        ids, pixels, by_descriptors = self._link(frame, gray)
         wanted = self._config.max_tracks
         if not by_descriptors and len(ids) < (1 - self._config.refill_share) * wanted:
             new = self._detect(gray, pixels, wanted - len(ids))
@@ -219,19 +225,26 @@ class Tracker:
             pixels=pixels[order],
             bearings=bearings[order],
             colors=_colors_at(frame.image, pixels[order]),
+            drifts=self._drift.of(ids[order]),
+            step_px=self._step_px,
+            exposure_s=self._exposure_s,
         )
         self._last_gray = gray
         self.history.put(self._last)
         return self._last
 
-    def _link(self, index: int, gray: Image) -> tuple[Ints, Floats, bool]:
+    def _link(self, frame: Frame, gray: Image) -> tuple[Ints, Floats, bool]:
         """Tracks found in this frame: ids, pixels, and whether descriptors linked them (else flow did)."""
         if self._last is None or self._last_gray is None:
             return np.zeros(0, np.int64), np.zeros((0, 2)), False
-        kept, moved = self._flow(self._last_gray, gray, self._last.pixels)
+        followed = flow(self._last_gray, gray, self._last.pixels, self._config)
+        kept, moved = followed.kept, followed.pixels
+        self._step_px = followed.step_px
+        self._drift.follow(self._last.track_ids[kept], followed.covariances[kept])
+        self._exposure_s = self._exposure.take(followed.trail, frame.timestamp_s - self._last.timestamp_s)
         if kept.sum() >= self._config.flow_survival * len(self._last) and kept.any():
             return self._last.track_ids[kept], moved[kept], False
-        sift = self._detect_sift(index, gray)
+        sift = self._detect_sift(frame.index, gray)
         if not self._sift_frames or self._sift_frames[-1].frame != self._last.frame:
             # The last frame was linked by flow, or not at all. Its keypoints are the first to match with.
             self._sift_frames.clear()
@@ -242,40 +255,12 @@ class Tracker:
         ]
         if len(matches[-1][1]) <= kept.sum():
             return self._last.track_ids[kept], moved[kept], False
+        self._drift, self._step_px = Drift(), 0.0
         for old, i_old, i_new in reversed(matches):
             self._join(old, sift, i_old, i_new)
         self._sift_frames.append(sift)
         linked = sift.track_ids >= 0
         return sift.track_ids[linked], sift.pixels[linked], True
-
-    def _flow(self, before: Image, after: Image, pixels: Floats) -> tuple[Bools, Floats]:
-        """Lucas-Kanade flow forward and back: whether each point survives (N,), and its new pixel (N, 2)."""
-        import cv2
-
-        if len(pixels) == 0:
-            return np.zeros(0, bool), np.zeros((0, 2))
-        start = pixels.astype(np.float32)
-        window = (self._config.window_px, self._config.window_px)
-        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)
-        levels = self._config.pyramid_levels
-        end, found, _ = cv2.calcOpticalFlowPyrLK(
-            before, after, start, np.empty_like(start), winSize=window, maxLevel=levels, criteria=criteria
-        )
-        # The backward flow starts from its expected end, so that it needs no coarse pyramid levels.
-        back, found_back, _ = cv2.calcOpticalFlowPyrLK(
-            after, before, end, start.copy(), winSize=window, maxLevel=1, criteria=criteria,
-            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-        )  # fmt: skip
-        height, width = after.shape
-        closed = np.linalg.norm(back - start, axis=1) < self._config.forward_backward_px
-        inside = (end >= 0).all(axis=1) & (end[:, 0] <= width - 1) & (end[:, 1] <= height - 1)
-        kept = (found.ravel() > 0) & (found_back.ravel() > 0) & closed & inside
-        moved = end.astype(float)
-        # Of two tracks that meet in one place only the older is kept.
-        survivors = np.flatnonzero(kept)
-        kept[:] = False
-        kept[survivors[first_per_cell(moved[survivors], 0.5 * self._config.min_distance * width)]] = True
-        return kept, moved
 
     def _detect(self, gray: Image, occupied: Floats, count: int) -> Floats:
         """Up to ``count`` corners (n, 2) at a distance from the occupied pixels."""
@@ -324,6 +309,7 @@ class Tracker:
             pixels=all_pixels,
             bearings=self._camera.bearings(all_pixels),
             colors=colors[order],
+            drifts=np.concatenate([known.drifts, np.zeros((len(ids), 2, 2))])[order],
             readout_s=0.0,
         )
         self.history.put(enriched)

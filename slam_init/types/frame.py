@@ -131,8 +131,17 @@ class Observations:
     turn_rad_s : (3,) float or None
         How the rays of points at rest turn in the camera frame: a rotation vector per second, which is the negative
         angular velocity of the camera. None where it is not known, or where no rolling shutter is assumed.
+    turn_error : float
+        Relative standard deviation of ``turn_rad_s``, where it is known.
     readout_s : float
         Readout of the image that the bearings are corrected for; 0 where they are not.
+    drifts : (N, 2, 2) float
+        Covariance of how far each track has drifted from its point since it began, px^2; (0, 2, 2) where tracks do not
+        drift.
+    step_px : float
+        Standard deviation of the last step of a typical track; 0 where flow followed none.
+    exposure_s : float
+        Exposure time by the trails of blurred images; 0 where there are none.
     """
 
     frame: int
@@ -143,7 +152,11 @@ class Observations:
     bearings: Floats
     colors: Image = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
     turn_rad_s: Floats | None = None
+    turn_error: float = 0.0
     readout_s: float = 0.0
+    drifts: Floats = field(default_factory=lambda: np.zeros((0, 2, 2)))
+    step_px: float = 0.0
+    exposure_s: float = 0.0
 
     def __len__(self) -> int:
         return len(self.track_ids)

@@ -52,8 +52,8 @@ class WindowEquations:
     free : (T,) bool
         Tracks whose inverse distance is an unknown.
     focal : int
-        Place of the focal length among the common unknowns. The distortion follows it, then the readout where it is
-        unknown.
+        Place of the focal length among the common unknowns. The distortion follows it, then the readout and the
+        principal point where they are unknown.
     held_view : int
         View whose baseline is held.
     """
@@ -68,7 +68,8 @@ class WindowEquations:
         self._block = 6 + self._field_size
         self.focal = self._block * (views - 1) + self._field_size
         self._readout_size = 1 if priors.readout_sigma_s > 0 else 0
-        size = self.focal + 2 + self._readout_size + (3 if self._has_plane else 0)
+        self._principal_size = 2 if priors.principal_sigma_px > 0 else 0
+        size = self.focal + 2 + self._readout_size + self._principal_size + (3 if self._has_plane else 0)
         self._normal, self.gradient, self.shares = np.zeros((size, size)), np.zeros(size), np.zeros((count, size))
         self.back, self.costs = np.zeros((count, 3, 4 + size)), np.zeros(count)
         self.residuals, self.across = np.zeros((views, count, 2)), np.zeros(count)
@@ -204,6 +205,7 @@ class WindowEquations:
                 field[k] += step[self._field_columns(k)]
         plane = None if state.plane is None else state.plane + step[-3:]
         readout_s = state.readout_s + (float(step[self.focal + 2]) if self._readout_size else 0.0)
+        principal_px = state.principal_px + (step[self._principal_columns] if self._principal_size else 0.0)
         return replace(
             state,
             R=R,
@@ -213,6 +215,7 @@ class WindowEquations:
             log_scale=state.log_scale + float(step[self.focal]),
             k1=state.k1 + float(step[self.focal + 1]),
             readout_s=readout_s,
+            principal_px=principal_px,
             field=field,
             plane=plane,
         )
@@ -223,8 +226,9 @@ class WindowEquations:
         readout_s = state.readout_s - tracks.readout_s
         cost = accumulate(
             self._camera, state.R, state.t, state.log_scale, state.k1, plane, state.on_plane, state.field,
-            self._field_size, readout_s, self._readout_size, tracks.sweep_px_s, tracks.pixels, tracks.sigma_px,
-            tracks.places, tracks.seen, tracks.anchor, state.rays, state.inverse_distances, self.free,
+            self._field_size, readout_s, self._readout_size, state.principal_px, self._principal_size,
+            tracks.sweep_px_s, tracks.pixels, tracks.sigma_px, tracks.whitening, tracks.places, tracks.seen,
+            tracks.anchor, state.rays, state.inverse_distances, self.free,
             priors.gate_sigmas**2, self._normal, self.shares, self.back, self.costs, self.residuals, self.across, fill,
         )  # fmt: skip
         if self._has_plane:
@@ -243,6 +247,12 @@ class WindowEquations:
             if fill:
                 self._normal[self.focal + 2, self.focal + 2] += 1 / priors.readout_sigma_s**2
                 self.gradient[self.focal + 2] += state.readout_s / priors.readout_sigma_s**2
+        if self._principal_size:
+            cost += float(np.sum(state.principal_px**2)) / priors.principal_sigma_px**2
+            if fill:
+                own = self._principal_columns
+                self._normal[own, own] += 1 / priors.principal_sigma_px**2
+                self.gradient[own] += state.principal_px / priors.principal_sigma_px**2
         if self._field_size:
             cost += float(np.sum(state.field**2)) / priors.field_sigma_px**2
             for k in range(self._views if fill else 0):
@@ -250,6 +260,11 @@ class WindowEquations:
                 self._normal[own, own] += 1 / priors.field_sigma_px**2
                 self.gradient[own] += state.field[k] / priors.field_sigma_px**2
         return cost
+
+    @property
+    def _principal_columns(self) -> Ints:
+        first = self.focal + 2 + self._readout_size
+        return np.arange(first, first + self._principal_size)
 
     def _field_columns(self, view: int) -> Ints:
         first = self._field_size + self._block * (view - 1) + 6 if view else 0

@@ -29,7 +29,7 @@ from slam_init.window.locating import MIN_RESECTED, align_views, locate_views
 from slam_init.window.motion import FittedMotion, Motion, fit_motion, noise_factor_at
 from slam_init.window.planarity import is_plane
 from slam_init.window.state import Priors, WindowState, start_at
-from slam_init.window.tracker_errors import gain_of_lasting_errors, gain_of_shared_errors
+from slam_init.window.tracker_errors import gain_of_lasting_errors, gain_of_shared_errors, gain_of_turning_errors
 from slam_init.window.tracks import WindowTracks
 
 __all__ = ["WindowHypotheses", "fit_hypotheses", "motions_of_pair"]
@@ -48,6 +48,9 @@ _NOISE_TOLERANCE, _NOISE_ROUNDS = 0.07, 2
 _WRONG_FOCAL, _WRONG_FOCAL_COST = 0.1, 6.0
 #: The same for a distortion that the calibration lacks: lenses of phones and wide angles have a k1 of up to 0.3.
 _WRONG_K1 = 0.15
+#: The same for the principal point, over the width of the image: the optical axis of phones is off by a hundredth, that
+#: of a cropped or shifted image by a twentieth. Only a camera that turns about several axes shows it.
+_WRONG_PRINCIPAL = 0.025
 #: A motion whose cost is higher by this cannot become the best: 300 nats.
 _FAR_BEHIND = 600.0
 #: A gain is certain where it exceeds that by chance by so many standard deviations (one in 10^12) even if error fields
@@ -186,20 +189,16 @@ def motions_of_pair(
     return motions
 
 
-def fit_hypotheses(
-    tracks: WindowTracks, motions: Sequence[Motion], priors: Priors, least_noise_px: float = 0.1
-) -> WindowHypotheses | None:
+def fit_hypotheses(tracks: WindowTracks, motions: Sequence[Motion], priors: Priors) -> WindowHypotheses | None:
     """Fit motions, and the rotation-only camera, to all views of a window.
 
     Parameters
     ----------
     tracks : WindowTracks
-        Views: reference, current, then further ones.
+        Views: reference, current, then further ones. Their noise is measured again by the residuals of the best motion.
     motions : sequence of Motion
         Each knows two of the views or more. Those that know more come first: a later one that is near is left out.
     priors : Priors
-    least_noise_px : float
-        Lower limit of the noise, which is measured again by the residuals of the best motion.
 
     Returns
     -------
@@ -222,7 +221,7 @@ def fit_hypotheses(
     tracks = tracks.with_noise(tracks.noise_px * noise_factor_at(tracks, poses[0], priors))
     planar, fits = _fitted(tracks, poses, bearings, priors)
     for _ in range(_NOISE_ROUNDS):
-        noise_px = max(fits[0].fit.noise_factor * tracks.noise_px, least_noise_px)
+        noise_px = max(fits[0].fit.noise_factor * tracks.noise_px, tracks.least_noise_px)
         if abs(math.log(noise_px / tracks.noise_px)) <= _NOISE_TOLERANCE:
             break
         tracks = tracks.with_noise(noise_px)
@@ -289,12 +288,18 @@ def _fit_rotation(
     for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():
         wide = tracks.with_noise(wider * tracks.noise_px)
         start = fit_window(wide, start, any_focal, rotation_only=True, tolerance=_START_TOLERANCE).state
+    # Far from the answer the principal point would follow outliers.
+    any_focal = replace(any_focal, principal_sigma_px=_WRONG_PRINCIPAL * tracks.camera.width)
     hopeless = _hopeless_rotation(tracks, start, priors, best)
     wrong = fit_window(tracks, start, any_focal, rotation_only=True, hopeless=hopeless)
     wrong = replace(wrong, cost=wrong.cost + _WRONG_FOCAL_COST)
     if wrong.cost > hopeless:
         return wrong, any_focal
-    right = fit_window(tracks, wrong.state, priors, rotation_only=True)
+    found = wrong.state
+    start = start_at(
+        tracks, found.R, found.t, log_scale=found.log_scale, k1=found.k1, readout_s=found.readout_s, at_infinity=True
+    )
+    right = fit_window(tracks, start, priors, rotation_only=True)
     return (right, priors) if right.cost <= wrong.cost else (wrong, any_focal)
 
 
@@ -304,7 +309,7 @@ def _hopeless_rotation(tracks: WindowTracks, start: WindowState, priors: Priors,
     explained[list(best.rows)] = best.fit.state.on_plane if best.fit.state.plane is not None else True
     outliers = tracks.seen & ~explained
     freedom = 3 * len(best.rows) + int((tracks.anchor >= 0).sum())
-    by_chance = freedom + 2 * gain_of_shared_errors(tracks)
+    by_chance = freedom + 2 * (gain_of_shared_errors(tracks) + gain_of_turning_errors(tracks, start.readout_s))
     by_chance *= best.fit.dispersion * gain_of_lasting_errors(tracks, start.R)
     # The tail of chi-square by Wilson and Hilferty.
     certain = (1 + _CERTAIN_SIGMAS * math.sqrt(2 / (9 * freedom))) ** 3 / _EXPLAINED_BY_FIELDS

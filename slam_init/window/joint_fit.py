@@ -321,7 +321,10 @@ def _measured_again(equations: WindowEquations, fit: JointFit, *, rotation_only:
 
 def _measured(tracks: WindowTracks, state: WindowState) -> WindowState:
     """The same poses and camera, with the rays as measured and a distance for each."""
-    return start_at(tracks, state.R, state.t, log_scale=state.log_scale, k1=state.k1, readout_s=state.readout_s)
+    return start_at(
+        tracks, state.R, state.t, log_scale=state.log_scale, k1=state.k1, readout_s=state.readout_s,
+        principal_px=state.principal_px,
+    )  # fmt: skip
 
 
 def _costs_off_plane(equations: WindowEquations, state: WindowState, measured: WindowState) -> Floats:

@@ -8,13 +8,15 @@ k ::
 
 and the residual in units of the noise is, with the projection pi of the lens and a measured pixel x ::
 
-    e = (pi(P; focal scale, k1) + S r - x) / sigma + F(x) c_k
+    e = W ((pi(P; focal scale, k1) + p + S r - x) / sigma + F(x) c_k)
 
 ``F(x) c_k`` is the smooth error field of view k: six polynomials of the image coordinates for each component, with
 coefficients c_k. View 0 is a measurement like any other, so its rays have residuals too.
 
 ``r`` is the readout of a rolling shutter in seconds, and ``S`` how far the pixel moves for each second of it
-(:mod:`slam_init.frontend.rolling_shutter`). The poses are those of the middle of the readout.
+(:mod:`slam_init.frontend.rolling_shutter`). The poses are those of the middle of the readout. ``p`` is the error of the
+principal point, where it is unknown. ``W`` makes the noise of a pixel equal in all directions: a track slides along the
+trails of a blurred image.
 
 On a plane ``k . X = 1`` the inverse distance of a track is no unknown: ``rho = (k . u) / (1 - k . c)`` with ``u =
 R_a^T d`` and the centre ``c = -R_a^T t_a`` of the anchor. A point with ``rho <= 0`` lies behind its camera: all its
@@ -26,7 +28,7 @@ standard deviations; the kernel of Geman and McClure with the same cost of an ou
 adds two or three unknowns of its own: two of its ray, and rho. :func:`eliminate` takes them out (Schur complement), so
 that a step solves for the views, the camera and the plane only. The order of the unknowns is: field of view 0; pose
 (rotation vector, translation) and field of views 1, 2, ...; logarithm of the focal scale; k1, which is added to the
-first coefficient of the radial distortion; readout, where it is unknown; plane.
+first coefficient of the radial distortion; readout, where it is unknown; principal point, where it is unknown; plane.
 """
 
 from __future__ import annotations
@@ -139,15 +141,14 @@ def _depth_columns(
 
 
 @compiled
-def _field_columns(first: int, half: int, place: Floats, idx: Ints, Jg: Floats, n: int) -> int:
+def _field_columns(first: int, half: int, place: Floats, w: Floats, idx: Ints, Jg: Floats, n: int) -> int:
     """Derivatives by the error field of a view."""
     for q in range(half):
         idx[n + q] = first + q
         idx[n + half + q] = first + half + q
-        Jg[0, n + q] = place[q]
-        Jg[1, n + q] = 0.0
-        Jg[0, n + half + q] = 0.0
-        Jg[1, n + half + q] = place[q]
+        for j in range(2):
+            Jg[j, n + q] = w[j, 0] * place[q]
+            Jg[j, n + half + q] = w[j, 1] * place[q]
     return n + 2 * half
 
 
@@ -221,9 +222,12 @@ def accumulate(
     field_size: int,
     readout_s: float,
     readout_size: int,
+    principal_px: Floats,
+    principal_size: int,
     sweep_px_s: Floats,
     pixels: Floats,
     sigma_px: Floats,
+    whitening: Floats,
     places: Floats,
     seen: Bools,
     anchor: Ints,
@@ -263,12 +267,18 @@ def accumulate(
         Readout in seconds, beyond the one that the pixels are corrected for.
     readout_size : int
         1, or 0 where it is known.
+    principal_px : (2,) float
+        Added to the principal point.
+    principal_size : int
+        2, or 0 where it is known.
     sweep_px_s : (V, T, 2) float
         Derivatives of the pixels by the readout.
     pixels : (V, T, 2) float
         Measured pixels.
     sigma_px : (V, T) float
-        Standard deviation of a coordinate of a pixel.
+        Standard deviation of a pixel in the direction in which it is best known.
+    whitening : (V, T, 2, 2) float
+        Symmetric; makes the noise equal in all directions.
     places : (V, T, 6) float
         The polynomials of the field at the measured pixels, over sigma_px.
     seen : (V, T) bool
@@ -309,7 +319,7 @@ def accumulate(
     half = field_size // 2
     block = 6 + field_size
     focal = block * (V - 1) + field_size  # view 0 has a field and no pose
-    plane_first = focal + 2 + readout_size
+    plane_first = focal + 2 + readout_size + principal_size
     G = shares.shape[1]
     if fill:
         normal[:], shares[:] = 0.0, 0.0
@@ -346,16 +356,21 @@ def accumulate(
                 residuals[k, i] = np.inf
                 continue
             for j in range(2):
-                e[j] = (pixel[j] + readout_s * sweep_px_s[k, i, j] - pixels[k, i, j]) / sigma_px[k, i]
+                predicted = pixel[j] + principal_px[j] + readout_s * sweep_px_s[k, i, j]
+                e[j] = (predicted - pixels[k, i, j]) / sigma_px[k, i]
                 for q in range(half):
                     e[j] += places[k, i, q] * field[k, j * half + q]
+            w = whitening[k, i]
+            e[0], e[1] = w[0, 0] * e[0] + w[0, 1] * e[1], w[1, 0] * e[0] + w[1, 1] * e[1]
             r2 = e[0] * e[0] + e[1] * e[1]
             residuals[k, i, 0], residuals[k, i, 1] = e[0], e[1]
             left = max(1.0 - r2 / (TUKEY_GATES * gate2), 0.0)
             costs[i] += gate2 * (1.0 - left * left * left)
             if not fill:
                 continue
-            D /= sigma_px[k, i]
+            for q in range(3):
+                D0, D1 = D[0, q] / sigma_px[k, i], D[1, q] / sigma_px[k, i]
+                D[0, q], D[1, q] = w[0, 0] * D0 + w[0, 1] * D1, w[1, 0] * D0 + w[1, 1] * D1
             _by_anchor_point(D, R, k, a, DM)
             n = 0
             for j in range(2):
@@ -369,7 +384,8 @@ def accumulate(
                     n = _pose_columns(field_size + block * (a - 1), v, r, DM, -1.0, idx, Jg, n)
                 n = _depth_columns(t, k, a, D, DM, on_plane[i], free[i], by, d[i], plane_first, Jl, idx, Jg, n)
             if field_size:
-                n = _field_columns(field_size + block * (k - 1) + 6 if k else 0, half, places[k, i], idx, Jg, n)
+                n = _field_columns(field_size + block * (k - 1) + 6 if k else 0, half, places[k, i], w, idx, Jg, n)
+            camera_columns = n
             idx[n] = focal
             Jg[0, n] = (pixel[0] - camera[3]) / sigma_px[k, i]
             Jg[1, n] = (pixel[1] - camera[4]) / sigma_px[k, i]
@@ -381,6 +397,12 @@ def accumulate(
                 Jg[0, n] = sweep_px_s[k, i, 0] / sigma_px[k, i]
                 Jg[1, n] = sweep_px_s[k, i, 1] / sigma_px[k, i]
                 n += 1
+            for q in range(principal_size):
+                idx[n] = focal + 2 + readout_size + q
+                Jg[q, n], Jg[1 - q, n] = 1.0 / sigma_px[k, i], 0.0
+                n += 1
+            for q in range(camera_columns, n):
+                Jg[0, q], Jg[1, q] = w[0, 0] * Jg[0, q] + w[0, 1] * Jg[1, q], w[1, 0] * Jg[0, q] + w[1, 1] * Jg[1, q]
             slope += left * left * (Jl[0, 2] * e[1] - Jl[1, 2] * e[0])
             curvature += left * left * (Jl[0, 2] * Jl[0, 2] + Jl[1, 2] * Jl[1, 2])
             _add_observation(left * left, e, Jl, Jg, idx, n, A, b, W, shares[i], normal)

@@ -93,11 +93,11 @@ class LiveHypotheses:
             return self._fitted(views)
 
     def _fitted(self, views: Sequence[Observations]) -> WindowHypotheses | None:
-        tracks = gather_tracks(self._camera, views, self._noise_px)
+        tracks = gather_tracks(self._camera, views, self._noise_px, self._least_noise_px)
         motions = [*self._motions, *self._proposed]
         # Where no turning is known, the readout moves no pixel.
         priors = self._priors if tracks.sweep_px_s.any() else replace(self._priors, readout_sigma_s=0.0)
-        hypotheses = fit_hypotheses(tracks, motions, priors, self._least_noise_px)
+        hypotheses = fit_hypotheses(tracks, motions, priors)
         self._proposed = []
         if hypotheses is None:
             self._motions = []

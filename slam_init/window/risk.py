@@ -38,7 +38,7 @@ from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, marginalize_
 from slam_init.window.motion import FittedMotion
 from slam_init.window.neighbours import variance_by_neighbours
 from slam_init.window.other_motion import OtherMotion, explained_tracks, other_motion
-from slam_init.window.tracker_errors import gain_of_lasting_errors, gain_of_shared_errors
+from slam_init.window.tracker_errors import gain_of_lasting_errors, gain_of_shared_errors, gain_of_turning_errors
 from slam_init.window.uncertainty import (
     CameraEstimate,
     ExpandedFit,
@@ -322,7 +322,7 @@ def _rotation_probability(hypotheses: WindowHypotheses, expanded: ExpandedFit) -
     gains = np.maximum(gain - 0.5 * np.maximum(explained, 0.0), 0.0) / dispersion
     # Shared errors make the distribution a noncentral one, which is that of Patnaik nearly: a scaled chi-square. Its
     # cube root over its freedom is nearly Gaussian (Wilson and Hilferty).
-    shared = gain_of_shared_errors(tracks)
+    shared = gain_of_shared_errors(tracks) + gain_of_turning_errors(tracks, state.readout_s)
     scale = (freedom + 2 * shared) / (freedom + shared)
     freedom = (freedom + shared) / scale
     spread = 2 / (9 * freedom)

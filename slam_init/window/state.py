@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +31,8 @@ class Priors:
     readout_sigma_s : float
         Standard deviation of the readout of a rolling shutter about none, in seconds; 0 where it is known, so that the
         rays are corrected already.
+    principal_sigma_px : float
+        Standard deviation of each coordinate of the principal point about the stated one; 0 where it is known.
     """
 
     focal_sigma: float = 0.02
@@ -37,6 +40,7 @@ class Priors:
     field_sigma_px: float = 0.0
     gate_sigmas: float = 3.0
     readout_sigma_s: float = 0.0
+    principal_sigma_px: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +67,8 @@ class WindowState:
         Readout of the image.
     k1 : float
         Added to the first coefficient of the radial distortion of the stated camera.
+    principal_px : (2,) float
+        Added to the principal point of the stated camera.
     """
 
     R: Floats
@@ -75,6 +81,7 @@ class WindowState:
     on_plane: Bools
     readout_s: float = 0.0
     k1: float = 0.0
+    principal_px: Floats = dataclasses.field(default_factory=lambda: np.zeros(2))
 
 
 def start_at(
@@ -86,6 +93,7 @@ def start_at(
     log_scale: float = 0.0,
     k1: float = 0.0,
     readout_s: float = 0.0,
+    principal_px: Floats | None = None,
     at_infinity: bool = False,
 ) -> WindowState:
     """A state at given poses: measured rays, and inverse distances by linear least squares.
@@ -103,6 +111,8 @@ def start_at(
         Added to the first coefficient of the radial distortion.
     readout_s : float
         Readout of the image.
+    principal_px : (2,) float, optional
+        Added to the principal point; by default nothing.
     at_infinity : bool
         Whether all points start at infinity.
 
@@ -111,7 +121,8 @@ def start_at(
     WindowState
     """
     anchor = np.maximum(tracks.anchor, 0)
-    bearings = tracks.bearings(log_scale, readout_s, k1)
+    principal_px = np.zeros(2) if principal_px is None else principal_px
+    bearings = tracks.bearings(log_scale, readout_s, k1, principal_px)
     rays = bearings[anchor, np.arange(len(anchor))]
     rays = np.where(np.isfinite(rays), rays, tracks.rays)
     world = np.einsum("tji,tj->ti", R[anchor], rays)
@@ -127,4 +138,6 @@ def start_at(
         denominator += np.where(used, np.einsum("ij,ij->i", b, b), 0.0)
     inverse = np.maximum(np.nan_to_num(numerator / denominator), 0.0) * (not at_infinity)
     fields, on_plane = np.zeros((len(R), FIELD_TERMS)), np.full(len(anchor), plane is not None)
-    return WindowState(R.copy(), t.copy(), rays, inverse, log_scale, fields, plane, on_plane, readout_s, k1)
+    return WindowState(
+        R.copy(), t.copy(), rays, inverse, log_scale, fields, plane, on_plane, readout_s, k1, principal_px
+    )

@@ -1,7 +1,8 @@
-"""What errors of the tracker gain for a translation where the camera only rotates.
+"""What errors of the tracks gain for a translation where the camera only rotates.
 
 The errors of a tracker are not independent from view to view, as noise is. They are measured on rendered images of
-cameras that only turn, with a wrong focal length or an unstated distortion.
+cameras that only turn, with a wrong focal length or an unstated distortion. With a rolling shutter, an error of the
+turning moves all rows.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["gain_of_lasting_errors", "gain_of_shared_errors"]
+__all__ = ["gain_of_lasting_errors", "gain_of_shared_errors", "gain_of_turning_errors"]
 
 #: Errors that a tracker keeps from view to view: they grow with the displacement of the image, up to a limit in pixels.
 #: On rendered images of cameras that only turn, by up to 40 degrees with a wrong focal length or unstated distortion,
@@ -54,3 +55,22 @@ def gain_of_shared_errors(tracks: WindowTracks) -> float:
         A translation may gain as much in chi-square.
     """
     return float(tracks.seen[:, tracks.anchor >= 0].sum()) * (_SHARED_PX / tracks.noise_px) ** 2
+
+
+def gain_of_turning_errors(tracks: WindowTracks, readout_s: float) -> float:
+    """Sum of the squares, in units of the noise, of what a rolling shutter moves by errors of the turning.
+
+    Parameters
+    ----------
+    tracks : WindowTracks
+    readout_s : float
+        Readout of the image.
+
+    Returns
+    -------
+    float
+        A translation may gain as much in chi-square.
+    """
+    moved_px = readout_s * tracks.sweep_errors[:, None] * np.linalg.norm(tracks.sweep_px_s, axis=2)
+    seen = tracks.seen & (tracks.anchor >= 0)
+    return float(np.sum((moved_px[seen] / tracks.sigma_px[seen]) ** 2))

@@ -212,20 +212,23 @@ def equations(
     *,
     with_field: bool = False,
     with_readout: bool = False,
+    with_principal: bool = False,
     free: np.ndarray | None = None,
 ) -> Equations:
     """The equations at a state, by the compiled loop, without any prior."""
     views, count = tracks.seen.shape
-    field_size, readout_size = FIELD_TERMS * with_field, int(with_readout)
-    size = (6 + field_size) * (views - 1) + field_size + 2 + readout_size + (0 if state.plane is None else 3)
+    field_size, readout_size, principal_size = FIELD_TERMS * with_field, int(with_readout), 2 * with_principal
+    size = (6 + field_size) * (views - 1) + field_size + 2 + readout_size + principal_size
+    size += 0 if state.plane is None else 3
     normal, shares = np.full((size, size), np.nan), np.full((count, size), np.nan)
     back, costs = np.zeros((count, 3, 4 + size)), np.full(count, np.nan)
     residuals = np.full((views, count, 2), np.nan)
     cost = accumulate(
         camera_vector(tracks.camera), state.R, state.t, state.log_scale, state.k1,
         np.zeros(3) if state.plane is None else state.plane, state.on_plane, state.field, field_size,
-        state.readout_s - tracks.readout_s, readout_size, tracks.sweep_px_s, tracks.pixels, tracks.sigma_px,
-        tracks.places, tracks.seen, tracks.anchor, state.rays, state.inverse_distances,
+        state.readout_s - tracks.readout_s, readout_size, state.principal_px, principal_size,
+        tracks.sweep_px_s, tracks.pixels, tracks.sigma_px, tracks.whitening, tracks.places, tracks.seen, tracks.anchor,
+        state.rays, state.inverse_distances,
         np.ones(count, bool) if free is None else free, gate**2, normal, shares, back, costs, residuals,
         np.zeros(count), True,
     )  # fmt: skip
@@ -234,15 +237,19 @@ def equations(
     return Equations(cost, costs, squares, normal, gradient, back)
 
 
-def cost_at(
-    tracks: WindowTracks, state: WindowState, gate: float, *, with_field: bool = False, with_readout: bool = False
-) -> float:
-    """The cost at a state."""
-    return equations(tracks, state, gate, with_field=with_field, with_readout=with_readout).cost
+def cost_at(tracks: WindowTracks, state: WindowState, gate: float, **unknowns: bool) -> float:
+    """The cost at a state, with the unknowns of :func:`equations`."""
+    return equations(tracks, state, gate, **unknowns).cost
 
 
 def moved(
-    state: WindowState, step: np.ndarray, back: np.ndarray, *, with_field: bool, with_readout: bool = False
+    state: WindowState,
+    step: np.ndarray,
+    back: np.ndarray,
+    *,
+    with_field: bool,
+    with_readout: bool = False,
+    with_principal: bool = False,
 ) -> WindowState:
     """The state after a step of the shared unknowns, with the tracks following to first order.
 
@@ -266,13 +273,14 @@ def moved(
             field[k] += take(field_size)
     log_scale, k1 = state.log_scale + float(take(1)[0]), state.k1 + float(take(1)[0])
     readout_s = state.readout_s + (float(take(1)[0]) if with_readout else 0.0)
+    principal_px = state.principal_px + (take(2) if with_principal else 0.0)
     plane = None if state.plane is None else state.plane + take(3)
     local = -np.einsum("tpq,tqg,g->tp", back[:, :, 1:4], back[:, :, 4:], step)
     tangents = np.array([np.reshape(small_algebra.tangents(ray), (2, 3)) for ray in state.rays])
     rays = state.rays + np.einsum("tq,tqj->tj", local[:, :2], tangents)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     inverse = state.inverse_distances + local[:, 2]
-    return WindowState(R, t, rays, inverse, log_scale, field, plane, state.on_plane, readout_s, k1)
+    return WindowState(R, t, rays, inverse, log_scale, field, plane, state.on_plane, readout_s, k1, principal_px)
 
 
 def fitted_window(scene: str, seed: int, views: int) -> tuple[WindowTracks, JointFit]:

@@ -271,8 +271,8 @@ def test_the_noise_has_a_lower_limit():
     source, views = window_of("room", 0, 6, noise_px=0.01)
     pose, rays1, rays2 = pose_of_pair(source.camera, *views[:2])
     motions = motions_of_pair(pose, (views[0].frame, views[1].frame), rays1, rays2)
-    tracks = gather_tracks(source.camera, views, 0.3)
-    assert fit_hypotheses(tracks, motions, PRIORS, 0.25).tracks.noise_px == pytest.approx(0.25)
+    tracks = gather_tracks(source.camera, views, 0.3, 0.25)
+    assert fit_hypotheses(tracks, motions, PRIORS).tracks.noise_px == pytest.approx(0.25)
 
 
 # -- relief ---------------------------------------------------------------------------------------

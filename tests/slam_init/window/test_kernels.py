@@ -142,13 +142,11 @@ def test_a_track_that_is_left_out_has_no_cost_and_no_equations():
 
 
 @pytest.mark.parametrize("camera", ["pinhole", "fisheye"])
-@pytest.mark.parametrize(("with_field", "with_readout"), [(False, False), (True, False), (False, True), (True, True)])
+@pytest.mark.parametrize("unknowns", ["", "field", "readout", "principal", "field readout principal"])
 @pytest.mark.parametrize("kind", ["free", "plane"])
-def test_the_gradient_is_the_slope_of_the_cost_along_a_step_that_the_tracks_follow(
-    kind, with_field, with_readout, camera
-):
+def test_the_gradient_is_the_slope_of_the_cost_along_a_step_that_the_tracks_follow(kind, unknowns, camera):
     tracks, state = world(kind, camera=CAMERAS[camera])
-    options = {"with_field": with_field, "with_readout": with_readout}
+    options = {f"with_{name}": name in unknowns for name in ("field", "readout", "principal")}
     found = equations(tracks, state, GATE, **options)
     scale = np.sqrt(np.diag(found.normal))
     size, step = len(found.gradient), 1e-4

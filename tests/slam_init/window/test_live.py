@@ -117,7 +117,7 @@ class GivenCosts:
         self.asked, self.costs, self.views = [], {}, {}
         self.gain_over_rotation = FAR_FROM_ROTATION
 
-    def __call__(self, tracks, motions, priors, least_noise_px):
+    def __call__(self, tracks, motions, priors):
         self.asked.append(motions)
         fits = [
             SimpleNamespace(
@@ -242,8 +242,8 @@ def test_the_noise_is_carried_from_fit_to_fit(pair, monkeypatch):
     source, views, _ = pair
     noises = []
 
-    def fit(tracks, motions, priors, least_noise_px):
-        noises.append((tracks.noise_px, least_noise_px))
+    def fit(tracks, motions, priors):
+        noises.append((tracks.noise_px, tracks.least_noise_px))
         fitted = SimpleNamespace(motion=motions[0], rows=(0, 1, 2), fit=SimpleNamespace(cost=1.0))
         halved = tracks.with_noise(0.5 * tracks.noise_px)
         return SimpleNamespace(tracks=halved, motions=(fitted,), gain_over_rotation=FAR_FROM_ROTATION)
