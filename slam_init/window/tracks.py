@@ -263,6 +263,9 @@ def gather_tracks(
     score = seen.sum(axis=0) + len(views) * (seen[0] & seen[1])
     chosen = _spread(camera, pixels, seen, score)
     frames = tuple(view.frame for view in views)
+    since_anchor = None
+    if drifts.any() or slides_px.any():
+        since_anchor = _since_anchor(seen[:, chosen], drifts[:, chosen], slides_px[:, chosen])
     return WindowTracks.gather(
         camera,
         frames,
@@ -274,7 +277,7 @@ def gather_tracks(
         _common_readout(views),
         np.array([view.timestamp_s for view in views]),
         least_noise_px,
-        _since_anchor(seen[:, chosen], drifts[:, chosen], slides_px[:, chosen]) if drifts.any() else None,
+        since_anchor,
         np.array([view.turn_error for view in views]),
     )
 

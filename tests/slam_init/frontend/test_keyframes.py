@@ -141,6 +141,29 @@ def test_a_new_candidate_takes_over_the_retry_condition_of_the_newest_one():
     assert manager.best_pair_to_try([pair(third, third + 1)]) is not None
 
 
+def candidates_with_steps(steps_px):
+    """The candidates of a static camera whose frames have tracks of these standard deviations."""
+    manager = KeyframeManager(CAMERA, CONFIG)
+    seen = observe(CAMERA, [Pose.identity()] * len(steps_px), cloud(np.random.default_rng(1)))
+    seen = [replace(one, step_px=step_px) for one, step_px in zip(seen, steps_px, strict=True)]
+    history = history_of(seen)
+    for current in seen:
+        manager.update(current, manager.preview(history, current))
+    return manager.candidates
+
+
+def test_a_blurred_frame_is_no_candidate_while_the_next_frames_will_do():
+    due = CONFIG.keyframes.new_after_frames
+    sharp = [0.1] * 40
+    assert candidates_with_steps(sharp)[1:3] == [due, 2 * due]
+    blurred = sharp.copy()
+    blurred[due : due + 3] = [0.2] * 3
+    assert candidates_with_steps(blurred)[1] == due + 3
+    # A video that is blurred from some frame on has candidates again.
+    lasting = [0.1] * due + [0.2] * 30
+    assert due < candidates_with_steps(lasting)[1] <= 2 * due
+
+
 def test_after_a_frame_with_few_features_the_next_frame_becomes_a_candidate():
     """The first frame after a cut or a dark image shares its few tracks with the next, which has many more."""
     poor, rich = observe(CAMERA, [Pose.identity()] * 2, cloud(np.random.default_rng(1)))

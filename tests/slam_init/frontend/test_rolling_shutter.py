@@ -62,6 +62,14 @@ def test_rays_are_turned_back_to_the_middle_of_the_readout(model, direction):
     assert np.abs(history[1].bearings - middle[1]).max() < 0.06 * before
 
 
+def test_the_turning_of_a_single_step_is_uncertain_and_that_of_two_steps_is_not():
+    """A hand that swings changes its turning by a sixth of itself in half a frame interval."""
+    camera = replace(CAMERAS["pinhole"], readout_ms=30.0)
+    frames, _ = turning(camera, vector(camera))
+    assert [one.turn_error for one in taken(camera, frames[:2])[0]] == pytest.approx([2.5 / 30] * 2)
+    assert [one.turn_error for one in taken(camera, frames)[0]] == [0.0] * 3
+
+
 def test_the_pixels_are_corrected_as_the_rays_are():
     camera = replace(CAMERAS["radtan"], readout_ms=30.0)
     history, _ = taken(camera, turning(camera, vector(camera))[0])

@@ -354,6 +354,21 @@ def test_a_rotation_tells_the_focal_length_without_its_prior(seed, focal_error):
     assert abs(log_scale + np.log1p(focal_error)) < 4 * sigma
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_camera_that_turns_about_several_axes_may_have_another_principal_point(seed):
+    options = {"turning_deg_s": 60.0, "noise_px": 0.5, "outliers": 0.1, "principal_error": 0.05}
+    source, views = window_of("handheld", seed, 8, **options)
+    pose, rays1, rays2 = pose_of_pair(source.camera, *views[:2])
+    motions = motions_of_pair(pose, (views[0].frame, views[1].frame), rays1, rays2)
+    found = fit_hypotheses(gather_tracks(source.camera, views, 0.5), motions, PRIORS)
+    true, stated = source.sequence.true_camera, source.camera
+    error_px = np.array([true.cx - stated.cx, true.cy - stated.cy])
+    assert np.linalg.norm(found.rotation_only.state.principal_px - error_px) < 0.3 * np.linalg.norm(error_px)
+    # Without translation, the best motion gains no more than by chance.
+    gain, freedom = found.gain_over_rotation
+    assert 2 * gain < 1.5 * freedom
+
+
 def test_a_camera_that_does_not_rotate_does_not_tell_its_focal_length():
     source, views = window_of("static", 1, 4)
     frames = (views[0].frame, views[1].frame)

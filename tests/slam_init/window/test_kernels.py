@@ -14,7 +14,7 @@ from slam_init.window.kernels import eliminate, step_tracks
 GATE = 5.0
 
 
-def world(kind, seed=1, views=3, camera=None):
+def world(kind, seed=1, views=3, camera=None, drift_px=0.0):
     """Noisy tracks and a state off the truth by a few standard deviations of the noise."""
     scene = "wall" if kind == "plane" else "room"
     window = make_window(scene, seed, views, 25, noise_px=1.0, baseline=0.3, turning=0.1, camera=camera)
@@ -23,9 +23,13 @@ def world(kind, seed=1, views=3, camera=None):
     seen[0, ::4] = False
     tracks = window.tracks
     sweep_px_s = 300.0 * np.random.default_rng((seed, 5)).normal(size=(*seen.shape, 2))
+    # Tracks that slide along a direction of their own.
+    slides = drift_px * np.random.default_rng((seed, 6)).normal(size=(*seen.shape, 2))
+    drifts = np.einsum("...i,...j->...ij", slides, slides) if drift_px else None
     tracks = type(tracks).gather(
-        tracks.camera, tracks.frames, tracks.track_ids, tracks.pixels, seen, 1.0, sweep_px_s, 0.002
-    )
+        tracks.camera, tracks.frames, tracks.track_ids, tracks.pixels, seen, 1.0, sweep_px_s, 0.002,
+        least_noise_px=0.5, drifts=drifts,
+    )  # fmt: skip
     window = replace(window, tracks=tracks)
     state = window.true_state(window.plane if kind == "plane" else None)
     rng = np.random.default_rng((seed, 3))
@@ -42,9 +46,10 @@ def free_of(state, **changes):
     return replace(state, plane=None, on_plane=np.zeros(len(state.rays), bool), **changes)
 
 
+@pytest.mark.parametrize("drift_px", [0.0, 3.0])
 @pytest.mark.parametrize("with_field", [False, True])
-def test_the_cost_of_a_track_is_the_robust_sum_over_its_observations(with_field):
-    tracks, state = world("free")
+def test_the_cost_of_a_track_is_the_robust_sum_over_its_observations(with_field, drift_px):
+    tracks, state = world("free", drift_px=drift_px)
     found = equations(tracks, state, GATE, with_field=with_field)
     camera = replace(
         tracks.camera.bent(state.k1),
@@ -64,6 +69,7 @@ def test_the_cost_of_a_track_is_the_robust_sum_over_its_observations(with_field)
                 terms = [1, 3**0.5 * u, 3**0.5 * v, 1.25**0.5 * (3 * u * u - 1), 3 * u * v, 1.25**0.5 * (3 * v * v - 1)]
                 terms = np.array(terms) / tracks.sigma_px[k, i]
                 e = e + state.field[k].reshape(2, 6) @ terms
+            e = tracks.whitening[k, i] @ e
             assert found.squares[k, i] == pytest.approx(e @ e, rel=1e-6, abs=1e-12)
             expected += gate2 * (1 - max(1 - e @ e / (3 * gate2), 0) ** 3)
         assert found.costs[i] == pytest.approx(expected, rel=1e-9, abs=1e-12)
@@ -145,7 +151,7 @@ def test_a_track_that_is_left_out_has_no_cost_and_no_equations():
 @pytest.mark.parametrize("unknowns", ["", "field", "readout", "principal", "field readout principal"])
 @pytest.mark.parametrize("kind", ["free", "plane"])
 def test_the_gradient_is_the_slope_of_the_cost_along_a_step_that_the_tracks_follow(kind, unknowns, camera):
-    tracks, state = world(kind, camera=CAMERAS[camera])
+    tracks, state = world(kind, camera=CAMERAS[camera], drift_px=2.0)
     options = {f"with_{name}": name in unknowns for name in ("field", "readout", "principal")}
     found = equations(tracks, state, GATE, **options)
     scale = np.sqrt(np.diag(found.normal))

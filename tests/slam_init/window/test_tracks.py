@@ -1,5 +1,7 @@
 """Laws of the choice of tracks for the joint fit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from make_window import pair_and_further, point_source
@@ -87,6 +89,63 @@ def test_the_noise_is_that_of_all_pixels_and_never_zero(noise_px, sigma_px):
     tracks = gather_tracks(camera, views, noise_px)
     np.testing.assert_array_equal(tracks.sigma_px, sigma_px)
     assert np.isfinite(tracks.places).all()
+
+
+def drifting(views, covariance):
+    """The views with a drift that grows by this covariance (2, 2) from frame to frame."""
+    return [
+        replace(view, drifts=np.broadcast_to(view.frame * covariance, (len(view.track_ids), 2, 2))) for view in views
+    ]
+
+
+def covariances(tracks):
+    """The covariances (V, T, 2, 2) of the observations."""
+    unwhitened = tracks.sigma_px[..., None, None] * np.linalg.inv(tracks.whitening)
+    return unwhitened @ np.swapaxes(unwhitened, -1, -2)
+
+
+def test_the_least_noise_is_that_of_a_pixel_and_of_the_drift_since_the_anchor_view():
+    camera, views = views_of(60)
+    step = np.array([[0.5, 0.2], [0.2, 0.3]])
+    tracks = gather_tracks(camera, drifting(views, step), 0.05, 0.1)
+    frames = np.array(tracks.frames)
+    since = np.abs(frames[:, None] - frames[np.maximum(tracks.anchor, 0)])
+    variances, axes = np.linalg.eigh(step)
+    for k, i in zip(*np.nonzero(tracks.seen), strict=True):
+        expected = axes @ np.diag(0.1**2 + since[k, i] * variances) @ axes.T
+        np.testing.assert_allclose(covariances(tracks)[k, i], expected, rtol=1e-6, atol=1e-9)
+    assert tracks.noise_px == pytest.approx(tracks.least_noise_px)
+    np.testing.assert_allclose(np.linalg.eigvalsh(tracks.whitening)[..., 1], 1.0)
+
+
+def test_larger_noise_is_larger_in_the_same_proportions():
+    camera, views = views_of(60)
+    step = np.diag([0.5, 0.1])
+    least, larger = (gather_tracks(camera, drifting(views, step), noise_px, 0.1) for noise_px in (0.05, 3.0))
+    assert larger.noise_px == pytest.approx(3.0)
+    np.testing.assert_allclose(covariances(larger), (3.0 / least.noise_px) ** 2 * covariances(least))
+
+
+def test_a_part_of_the_views_keeps_the_noise_of_its_observations():
+    camera, views = views_of(60)
+    tracks = gather_tracks(camera, drifting(views, np.diag([0.5, 0.1])), 0.5)
+    part = tracks.of_views((0, 2))
+    np.testing.assert_array_equal(covariances(part), covariances(tracks)[[0, 2]])
+    assert part.least_noise_px == tracks.least_noise_px
+
+
+def test_a_blurred_corner_slides_where_the_turning_changes():
+    camera, views = views_of(60)
+    turns = [np.array([0.0, 0.5 * k, 0.0]) for k in range(len(views))]
+    still = drifting(views, np.zeros((2, 2)))
+    turning = [replace(view, turn_rad_s=turn, exposure_s=0.02) for view, turn in zip(still, turns, strict=True)]
+    tracks = gather_tracks(camera, turning, 0.1, 0.1)
+    np.testing.assert_allclose(gather_tracks(camera, still, 0.1, 0.1).sigma_px, 0.1)
+    far = covariances(tracks)[-1][tracks.seen[-1] & (tracks.anchor == 0)]
+    # Along the rows, by the share of 0.15 of the exposure.
+    slide_px = 0.15 * 0.02 * np.linalg.norm(turns[-1]) * camera.fx
+    assert np.median(np.sqrt(far[:, 0, 0] - 0.1**2)) == pytest.approx(slide_px, rel=0.3)
+    assert np.median(far[:, 1, 1]) < 0.2 * np.median(far[:, 0, 0])
 
 
 def test_the_polynomials_of_the_fields_are_orthonormal_over_the_image():

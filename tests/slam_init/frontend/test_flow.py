@@ -1,0 +1,119 @@
+"""The covariance of the flow, the drift of tracks over many steps, and the exposure by the trails of blurred images."""
+
+import cv2
+import numpy as np
+import pytest
+from make_scene import texture, window
+
+from slam_init.config import TrackingConfig
+from slam_init.frontend.flow import Drift, Exposure, flow
+from slam_init.frontend.tracks import Tracker
+from slam_init.types.camera import Camera
+
+SIZE = (320, 240)
+CAMERA = Camera("pinhole", *SIZE, 260.0, 260.0, 159.5, 119.5)
+CONFIG = TrackingConfig()
+TEXTURE = texture(1, 600, 1200)
+
+
+def image(x, y, noise=0.0, trail_px=0, seed=0):
+    """A view of the texture whose camera moves by ``trail_px`` to the right during the exposure."""
+    shifts = np.arange(trail_px + 1) - trail_px / 2
+    views = [window(TEXTURE, x + shift, y, *SIZE).image.astype(float) for shift in shifts]
+    noisy = np.mean(views, axis=0) + noise * np.random.default_rng(seed).normal(size=SIZE[::-1])
+    return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+
+
+def corners(gray):
+    return cv2.goodFeaturesToTrack(gray, 300, 0.002, 8, blockSize=5)[:, 0].astype(float)
+
+
+def followed(before, after):
+    start = corners(before)
+    return start, flow(before, after, start, CONFIG)
+
+
+def test_the_errors_of_a_step_have_the_order_of_the_stated_deviations():
+    """The factor was measured on other images: within a factor of two and a half."""
+    ratios = []
+    for seed in range(4):
+        start, found = followed(image(100, 60, 6.0, seed=seed), image(104.3, 61.7, 6.0, seed=seed + 50))
+        errors = (found.pixels - start - (-4.3, -1.7))[found.kept]
+        whitened = np.linalg.solve(np.linalg.cholesky(found.covariances[found.kept]), errors[..., None])
+        ratios.append(np.median(np.abs(whitened)) / 0.6745)
+    assert 0.4 < np.median(ratios) < 2.5
+
+
+def test_noise_raises_the_covariances():
+    _, clean = followed(image(100, 60, 1.0), image(102, 60, 1.0, seed=1))
+    _, noisy = followed(image(100, 60, 8.0), image(102, 60, 8.0, seed=1))
+    assert noisy.step_px > 3 * clean.step_px
+
+
+def test_a_track_slides_along_the_trails_of_a_blurred_image():
+    _, sharp = followed(image(100, 60, 3.0), image(110, 60, 3.0, seed=1))
+    _, blurred = followed(image(100, 60, 3.0, trail_px=12), image(110, 60, 3.0, trail_px=12, seed=1))
+    along, across = (np.median(blurred.covariances[blurred.kept][:, k, k]) for k in (0, 1))
+    assert along > 2 * across
+    along, across = (np.median(sharp.covariances[sharp.kept][:, k, k]) for k in (0, 1))
+    assert 0.5 < along / across < 2
+
+
+def test_points_that_are_lost_have_no_small_covariance():
+    start, found = followed(image(100, 60), image(300, 200))
+    np.testing.assert_array_equal(
+        found.covariances[~found.kept], np.broadcast_to(np.eye(2), (len(start), 2, 2))[~found.kept]
+    )
+
+
+def test_no_points_have_an_empty_flow():
+    gray = image(100, 60)
+    found = flow(gray, gray, np.zeros((0, 2)), CONFIG)
+    assert len(found.kept) == len(found.pixels) == len(found.covariances) == 0
+    assert found.step_px == 0
+    assert found.trail is None
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+def test_the_trails_of_a_blurred_image_tell_the_exposure(share):
+    step_px = 16
+    trail_px = round(share * step_px)
+    _, found = followed(image(100, 60, 2.0, trail_px), image(100 + step_px, 60, 2.0, trail_px, seed=1))
+    assert found.trail == pytest.approx(share, abs=0.3)
+
+
+def test_little_motion_tells_no_exposure():
+    _, found = followed(image(100, 60), image(103, 60))
+    assert found.trail is None
+    assert Exposure().take(None, 1 / 30) == 0.0
+
+
+def test_the_exposure_is_the_median_of_what_the_last_frames_showed():
+    exposure = Exposure()
+    assert exposure.take(0.5, 0.1) == pytest.approx(0.05)
+    exposure.take(0.7, 0.1)
+    assert exposure.take(0.6, 0.1) == pytest.approx(0.06)
+    assert exposure.take(None, 0.1) == pytest.approx(0.06)
+    # Frames without a time do not tell it.
+    assert exposure.take(0.1, 0.0) == pytest.approx(0.06)
+
+
+def test_the_covariances_of_the_steps_of_a_track_add_up():
+    drift = Drift()
+    one, two = np.diag([1.0, 4.0]), np.array([[2.0, 1.0], [1.0, 2.0]])
+    drift.follow(np.array([3, 5, 9]), np.stack([one, one, one]))
+    drift.follow(np.array([3, 9, 12]), np.stack([two, one, two]))
+    np.testing.assert_allclose(drift.of(np.array([3, 9, 12])), [one + two, 2 * one, two])
+    # A track that is new has not drifted; one that was lost begins anew.
+    np.testing.assert_array_equal(drift.of(np.array([5, 20])), np.zeros((2, 2, 2)))
+
+
+def test_the_drift_of_a_tracker_grows_with_the_frames_and_is_zero_for_new_tracks():
+    tracker = Tracker(CAMERA, CONFIG)
+    seen = [tracker.track(window(TEXTURE, 100 + 4.3 * k, 60 + 1.7 * k, *SIZE, index=k)) for k in range(6)]
+    assert not seen[0].drifts.any()
+    sizes = [np.trace(one.drifts, axis1=1, axis2=2)[np.isin(one.track_ids, seen[0].track_ids)] for one in seen]
+    assert (np.diff([np.median(size) for size in sizes]) > 0).all()
+    new = ~np.isin(seen[-1].track_ids, seen[-2].track_ids)
+    assert not seen[-1].drifts[new].any()
+    assert seen[-1].step_px > 0
