@@ -35,6 +35,8 @@ _LEAST_MOTION_PX = 8.0
 #: The exposure is the median over this number of such frames: the share of gradients along the motion depends on what
 #: the camera sees.
 _TRAIL_FRAMES = 15
+#: The flow assumes equal brightness. A change of the mean by less is left to it: what the camera sees changes too.
+_LEAST_GAIN = 1.05
 #: Gradients are sampled at every second pixel of each row and column: a patch has a hundred samples then.
 _STEP_PX = 2
 #: Added to the mean squares of gradients: the error of rounding grey levels.
@@ -88,6 +90,7 @@ def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig) ->
 
     if len(pixels) == 0:
         return Flow(np.zeros(0, bool), np.zeros((0, 2)), np.zeros((0, 2, 2)), None)
+    before, after = _equally_bright(before, after)
     start = pixels.astype(np.float32)
     window = (config.window_px, config.window_px)
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)
@@ -114,6 +117,18 @@ def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig) ->
     sigmas = _SCALE * remainder.ravel()[kept].astype(float)
     covariances[kept] = sigmas[:, None, None] ** 2 * np.linalg.inv(products)
     return Flow(kept, moved, covariances, _trail(products, (moved - pixels)[kept]))
+
+
+def _equally_bright(before: Image, after: Image) -> tuple[Image, Image]:
+    """Both images with the brightness of the darker one: lamps flicker, and an exposure adapts."""
+    import cv2
+
+    means = [max(float(cv2.mean(one)[0]), 1.0) for one in (before, after)]
+    darker = min(means)
+    if max(means) < _LEAST_GAIN * darker:
+        return before, after
+    dimmed = [cv2.convertScaleAbs(one, alpha=darker / mean) for one, mean in zip((before, after), means, strict=True)]
+    return np.asarray(dimmed[0], np.uint8), np.asarray(dimmed[1], np.uint8)
 
 
 def _gradient_products(image: Image, pixels: Floats, window_px: int) -> Floats:

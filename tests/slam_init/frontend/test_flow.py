@@ -59,6 +59,16 @@ def test_a_track_slides_along_the_trails_of_a_blurred_image():
     assert 0.5 < along / across < 2
 
 
+@pytest.mark.parametrize("gain", [0.4, 0.7, 1.5])
+def test_points_are_followed_where_the_brightness_changes(gain):
+    before, after = image(100, 60, 1.0), image(103, 61, 1.0, seed=1)
+    dim = (0.6 * before).astype(np.uint8)
+    start, found = followed(dim, np.clip(gain * 0.6 * after, 0, 255).astype(np.uint8))
+    assert found.kept.mean() > 0.8
+    errors = np.linalg.norm(found.pixels - start - (-3, -1), axis=1)[found.kept]
+    assert np.median(errors) < 0.15
+
+
 def test_points_that_are_lost_have_no_small_covariance():
     start, found = followed(image(100, 60), image(300, 200))
     np.testing.assert_array_equal(
