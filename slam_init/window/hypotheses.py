@@ -24,6 +24,7 @@ from quest.estimate import Hypothesis, RelativePose
 from slam_init.mapping.plane import plane_of_motion
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
+from slam_init.window.equations import explained_at_most
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
 from slam_init.window.locating import MIN_RESECTED, align_views, locate_views
 from slam_init.window.motion import FittedMotion, Motion, fit_motion, noise_factor_at
@@ -51,6 +52,8 @@ _WRONG_K1 = 0.15
 #: The same for the principal point, over the width of the image: the optical axis of phones is off by a hundredth, that
 #: of a cropped or shifted image by a twentieth. Only a camera that turns about several axes shows it.
 _WRONG_PRINCIPAL = 0.025
+#: Largest vote of a track, as a difference of costs (twice the nats): so much it costs to say that it is an outlier.
+_LARGEST_VOTE = 6.0
 #: A motion whose cost is higher by this cannot become the best: 300 nats.
 _FAR_BEHIND = 600.0
 #: A gain is certain where it exceeds that by chance by so many standard deviations (one in 10^12) even if error fields
@@ -103,6 +106,25 @@ class WindowHypotheses:
         seen = self.tracks.seen
         missing = seen.sum(axis=0) - seen[list(motion.rows)].sum(axis=0)
         return np.asarray(motion.fit.track_costs + self.priors.gate_sigmas**2 * missing)
+
+    def votes(self, motion: FittedMotion, rival: FittedMotion) -> Floats:
+        """The votes of the tracks for a motion against a rival: differences of bounded costs.
+
+        Parameters
+        ----------
+        motion, rival : FittedMotion
+            Of the motions.
+
+        Returns
+        -------
+        (T,) float
+            Twice the nats, 6 at the most.
+        """
+        # Tracks that neither motion explains must not vote.
+        bound = explained_at_most(np.maximum(2 * self.tracks.seen.sum(axis=0) - 3, 0))
+        bound += _LARGEST_VOTE if self.planar else 0.0
+        costs = [np.minimum(self.costs_of(one), bound) for one in (motion, rival)]
+        return np.asarray(np.clip(costs[1] - costs[0], -_LARGEST_VOTE, _LARGEST_VOTE))
 
     @property
     def gain_over_rotation(self) -> tuple[float, float]:

@@ -19,7 +19,7 @@ __all__ = ["LiveHypotheses"]
 
 #: Number of motions that are carried from frame to frame: both motions of a plane, and two that other pairs found.
 _MAX_MOTIONS = 4
-#: A motion whose cost is higher by this is dropped: a hundred nats. More frames hardly turn that.
+#: A motion against which the tracks vote by this is dropped: a hundred nats. More frames hardly turn that.
 _HOPELESS = 200.0
 
 
@@ -109,6 +109,10 @@ class LiveHypotheses:
         if 2 * gain < freedom:
             self._motions = []
             return hypotheses
-        kept = [m for m in hypotheses.motions if len(m.rows) < len(best.rows) or m.fit.cost < best.fit.cost + _HOPELESS]
+        # By their votes, not by their costs: a few tracks on a moving body cost as much as they are far off.
+        kept = [
+            m for m in hypotheses.motions
+            if len(m.rows) < len(best.rows) or hypotheses.votes(best, m).sum() < _HOPELESS
+        ]  # fmt: skip
         self._motions = [fitted.motion for fitted in kept[:_MAX_MOTIONS]]
         return hypotheses

@@ -110,6 +110,14 @@ def test_moving_bodies_before_a_camera_that_does_not_translate_are_no_near_objec
     assert not finished(source)
 
 
+@pytest.mark.parametrize(("seed", "noise_px"), [(365010, 0.3), (365029, 0.6)])
+def test_a_few_tracks_on_moving_bodies_do_not_decide_between_the_motions_of_a_plane(seed, noise_px):
+    """Both walls had a map with the wrong motion, by the votes of 22 and of 53 tracks off the plane."""
+    result = finished(point_source("wall", seed, moving=0.3, noise_px=noise_px, outliers=0.2), Config())
+    assert not result
+    assert Verdict.AMBIGUOUS_PLANE in {attempt.verdict for attempt in result.attempts}
+
+
 def test_two_photographs_of_a_rotation_only_camera_with_a_wrong_focal_length_make_no_map():
     """The errors of a real tracker gain more than independent noise does."""
     source = synth("rotation", focal_error=-0.08)

@@ -1,5 +1,6 @@
 """Laws of the hypotheses that live: frames carry them, and the number of motions stays bounded."""
 
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -110,6 +111,11 @@ def test_a_pair_without_translation_proposes_nothing():
 FAR_FROM_ROTATION = (1000.0, 10.0)
 
 
+def votes_by_costs(motion, rival):
+    """The votes where no track has more than its largest one."""
+    return np.array([rival.fit.cost - motion.fit.cost])
+
+
 class GivenCosts:
     """Stands for the fits: every motion keeps its poses, in the order and with the costs and views that are given."""
 
@@ -130,7 +136,9 @@ class GivenCosts:
         fits.sort(key=lambda fitted: (-len(fitted.rows), fitted.fit.cost))
         if not fits:
             return None
-        return SimpleNamespace(tracks=tracks, motions=tuple(fits), gain_over_rotation=self.gain_over_rotation)
+        return SimpleNamespace(
+            tracks=tracks, motions=tuple(fits), gain_over_rotation=self.gain_over_rotation, votes=votes_by_costs
+        )
 
 
 @pytest.fixture
@@ -211,6 +219,17 @@ def test_hopeless_motions_are_dropped(pair, fits):
     assert fits.asked[1] == [fits.asked[0][0], fits.asked[0][1]]
 
 
+def test_a_few_tracks_that_are_far_off_do_not_drop_a_motion(pair, fits, monkeypatch):
+    """Tracks on a moving body: each costs a rival as much as it is off, and votes by no more than an outlier."""
+    live = LiveHypotheses(pair[0].camera, PRIORS)
+    proposal(live, pair, [0, 20])
+    fits.costs = {0: 1000.0, 1: 5000.0}
+    monkeypatch.setattr(sys.modules[__name__], "votes_by_costs", lambda motion, rival: np.full(20, 6.0))
+    live.fitted(pair[1])
+    live.fitted(pair[1])
+    assert len(fits.asked[1]) == 2
+
+
 def test_a_motion_of_fewer_views_is_not_compared_by_its_cost(pair, fits):
     live = LiveHypotheses(pair[0].camera, PRIORS)
     proposal(live, pair, [0, 20])
@@ -246,7 +265,9 @@ def test_the_noise_is_carried_from_fit_to_fit(pair, monkeypatch):
         noises.append((tracks.noise_px, tracks.least_noise_px))
         fitted = SimpleNamespace(motion=motions[0], rows=(0, 1, 2), fit=SimpleNamespace(cost=1.0))
         halved = tracks.with_noise(0.5 * tracks.noise_px)
-        return SimpleNamespace(tracks=halved, motions=(fitted,), gain_over_rotation=FAR_FROM_ROTATION)
+        return SimpleNamespace(
+            tracks=halved, motions=(fitted,), gain_over_rotation=FAR_FROM_ROTATION, votes=votes_by_costs
+        )
 
     monkeypatch.setattr(live_module, "fit_hypotheses", fit)
     live = LiveHypotheses(source.camera, PRIORS, least_noise_px=0.05)
