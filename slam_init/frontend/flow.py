@@ -67,7 +67,13 @@ class Flow:
 
     @property
     def step_px(self) -> float:
-        """Standard deviation of a typical displacement: the median of the geometric mean over both directions."""
+        """Standard deviation of a typical displacement.
+
+        Returns
+        -------
+        float
+            The median of the geometric means over both directions, px; 0 where no point survives.
+        """
         return float(np.median(np.linalg.det(self.covariances[self.kept]))) ** 0.25 if self.kept.any() else 0.0
 
 
