@@ -23,7 +23,7 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 
-__all__ = ["RollingShutter", "corrected_pixels", "image_flow", "readout_places", "sweep_of", "turning_flow"]
+__all__ = ["RollingShutter", "corrected_pixels", "image_flow", "readout_places", "turning_flow"]
 
 #: A hand changes its turning several times in a second. With frames farther apart than this, the turning between two
 #: frames tells nothing about the turning in the time of a readout.
@@ -42,24 +42,10 @@ _STEP_S = 1e-4
 _SAME_READOUT_S = 2e-4
 
 
-def sweep_of(camera: Camera, observations: Observations) -> Floats:
-    """How the raw pixels of a frame move with the readout.
-
-    Parameters
-    ----------
-    camera : Camera
-    observations : Observations
-
-    Returns
-    -------
-    (N, 2) float
-        Derivatives of the pixels by the readout, in px/s. Zero where the turning of the frame is not known.
-    """
-    return np.asarray(turning_flow(camera, observations) * readout_places(camera, observations.pixels)[:, None])
-
-
 def turning_flow(camera: Camera, observations: Observations) -> Floats:
     """How the pixels of a frame move by the turning of the camera.
+
+    Times :func:`readout_places` this is the derivative of the raw pixels by the readout.
 
     Parameters
     ----------

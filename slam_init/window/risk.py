@@ -70,7 +70,8 @@ MERE_ROTATION = 0.5
 #: Mean gain of a track, in chi-square, where there is no translation: its direction is chosen to suit the tracks, and
 #: outliers gain more than noise (32 drawn windows).
 _CHANCE_GAIN = 0.9
-#: Tracks off the plane that are fewer than this share lie on one thing or two, which move with this probability. A
+#: Tracks off the plane that are fewer than this share lie on one thing or two, which move with this probability. Both
+#: are assumptions: one scene in twenty has such a body, and a quarter of the tracks is more than a body or two hold. A
 #: moving body votes for the motion that its own resembles: of 30 drawn walls with 30 % of the tracks on bodies, two had
 #: a false map, by the votes of 22 and of 53 such tracks against those of 250 on the plane.
 _SHARE_OF_BODIES, _BODIES_MOVE = 0.25, 0.05

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slam_init.frontend.rolling_shutter import corrected_pixels, sweep_of, turning_flow
+from slam_init.frontend.rolling_shutter import corrected_pixels, readout_places, turning_flow
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
@@ -298,11 +298,12 @@ def _table(camera: Camera, views: Sequence[Observations]) -> tuple[Ints, Floats,
     for k, view in enumerate(views):
         _, at, of = np.intersect1d(track_ids, view.track_ids, assume_unique=True, return_indices=True)
         pixels[k, at], seen[k, at] = corrected_pixels(camera, view)[of], True
-        sweep_px_s[k, at] = sweep_of(camera, view)[of]
+        flow_px_s = turning_flow(camera, view)
+        sweep_px_s[k, at] = (flow_px_s * readout_places(camera, view.pixels)[:, None])[of]
         if len(view.drifts):
             drifts[k, at] = view.drifts[of]
         if view.exposure_s:
-            slides_px[k, at] = _INSTANT * view.exposure_s * turning_flow(camera, view)[of]
+            slides_px[k, at] = _INSTANT * view.exposure_s * flow_px_s[of]
     return track_ids, pixels, seen, sweep_px_s, drifts, slides_px
 
 

@@ -9,7 +9,7 @@ from make_map import CAMERAS
 from quest.geometry.quaternion import rotation_from_vector
 from sequences_synth.points import PointOptions, make_points
 from slam_init.datasets.points import PointSource
-from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels, sweep_of
+from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels, readout_places, turning_flow
 from slam_init.frontend.tracks import History
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
@@ -35,6 +35,11 @@ def turning(camera, readout_s, count=3, step_s=1 / 30, turn=TURN, seed=0):
         middle.append(points @ rotation_from_vector(k * step_s * turn).T)
         frames.append(Observations(k, k * step_s, str(k), np.arange(len(points)), pixels, camera.bearings(pixels)))
     return frames, middle
+
+
+def sweep_of(camera, observations):
+    """Derivatives of the raw pixels by the readout."""
+    return turning_flow(camera, observations) * readout_places(camera, observations.pixels)[:, None]
 
 
 def vector(camera):
