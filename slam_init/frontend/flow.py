@@ -38,6 +38,9 @@ _LEAST_MOTION_PX = 8.0
 _TRAIL_FRAMES = 15
 #: The flow assumes equal brightness. A change of the mean by less is left to it: what the camera sees changes too.
 _LEAST_GAIN = 1.05
+#: Pixels of an image in one of the coarse image that tells the gain: a shift between two photographs is then a few
+#: pixels of the coarse images.
+_COARSE_PX = 8
 #: Gradients are sampled at every second pixel of each row and column: a patch has a hundred samples then.
 _STEP_PX = 2
 #: Added to the mean squares of gradients, so that a flat patch has a finite covariance: a few times the 0.02 that
@@ -132,11 +135,33 @@ def _equally_bright(before: Image, after: Image) -> tuple[Image, Image]:
     import cv2
 
     means = [max(float(cv2.mean(one)[0]), 1.0) for one in (before, after)]
-    darker = min(means)
-    if max(means) < _LEAST_GAIN * darker:
+    if max(means) < _LEAST_GAIN * min(means):
         return before, after
-    dimmed = [cv2.convertScaleAbs(one, alpha=darker / mean) for one, mean in zip((before, after), means, strict=True)]
-    return np.asarray(dimmed[0], np.uint8), np.asarray(dimmed[1], np.uint8)
+    gain = _gain(before, after)
+    if max(gain, 1 / gain) < _LEAST_GAIN:
+        return before, after
+    if gain < 1:
+        return np.asarray(cv2.convertScaleAbs(before, alpha=gain), np.uint8), after
+    return before, np.asarray(cv2.convertScaleAbs(after, alpha=1 / gain), np.uint8)
+
+
+def _gain(before: Image, after: Image) -> float:
+    """The brightness of what both images show, after over before.
+
+    The means of the images would count a dark wall that comes into view as a gain. So the coarse images are aligned
+    first, by the phase of their spectra, which a gain leaves alone.
+    """
+    import cv2
+
+    width, height = (max(size // _COARSE_PX, 8) for size in before.shape[::-1])
+    coarse = [
+        cv2.resize(one, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32) for one in (before, after)
+    ]
+    (dx, dy), _ = cv2.phaseCorrelate(coarse[0], coarse[1], cv2.createHanningWindow((width, height), cv2.CV_32F))
+    x, y = round(dx), round(dy)
+    ahead = coarse[1][max(y, 0) : height + min(y, 0), max(x, 0) : width + min(x, 0)]
+    behind = coarse[0][max(-y, 0) : height + min(-y, 0), max(-x, 0) : width + min(-x, 0)]
+    return (float(ahead.sum()) + 1) / (float(behind.sum()) + 1)
 
 
 def _gradient_products(image: Image, pixels: Floats, window_px: int) -> Floats:

@@ -69,6 +69,19 @@ def test_points_are_followed_where_the_brightness_changes(gain):
     assert np.median(errors) < 0.15
 
 
+def test_a_dark_wall_that_comes_into_view_is_no_change_of_brightness():
+    """The camera turns, and the mean of the image falls by seven per cent: dimmed images would pull the points."""
+    world = image(60, 60)
+    panorama = np.hstack([world, world[:, ::-1] // 20])
+    before, after = np.ascontiguousarray(panorama[:, :320]), np.ascontiguousarray(panorama[:, 24:344])
+    assert after.mean() < 0.94 * before.mean()
+    start, found = followed(before, after)
+    stays = start[:, 0] > 44
+    assert found.kept[stays].mean() > 0.9
+    errors = np.linalg.norm(found.pixels - start - (-24, 0), axis=1)[found.kept & stays]
+    assert np.median(errors) < 0.01
+
+
 def test_points_that_are_lost_have_no_small_covariance():
     start, found = followed(image(100, 60), image(300, 200))
     np.testing.assert_array_equal(
