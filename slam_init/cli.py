@@ -149,6 +149,9 @@ def _add_run(commands: _Commands) -> None:
         dest="continue_frames",
         help="then resect the next N frames with the map",
     )
+    run.add_argument(
+        "--realtime", action="store_true", help="judge in slices, as for a camera that does not wait for the result"
+    )
     run.add_argument("--refine-focal", action="store_true", help="adjust the focal length with the map")
     run.add_argument("--config", metavar="FILE", help="options in TOML, as in DIR/config.toml")
     run.add_argument("--json", action="store_true", help="print the summary as JSON and nothing else")
@@ -202,6 +205,7 @@ def _add_compare(commands: _Commands) -> None:
     compare.add_argument("--seed", type=int, default=0, metavar="N", help="of random draws (default: 0)")
     compare.add_argument("--time-limit", type=float, default=300.0, metavar="S", help="of a trial (default: 300 s)")
     compare.add_argument("--memory-limit", type=int, default=6000, metavar="MB", help="of a trial (default: 6000 MB)")
+    compare.add_argument("--realtime", action="store_true", help="judge in slices, as for a camera that does not wait")
     compare.add_argument("--recordings", action="store_true", help="write a recording of each trial")
     compare.add_argument("--out", metavar="DIR", default=_DEFAULT_COMPARISON, help=_OUT_HELP)
 
@@ -268,6 +272,7 @@ def _run(arguments: argparse.Namespace) -> int:
         max_frames=arguments.max_frames,
         continue_frames=arguments.continue_frames,
         progress=not arguments.quiet and sys.stderr.isatty(),
+        realtime=arguments.realtime,
         notes=notes,
     )
     if arguments.json:

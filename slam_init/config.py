@@ -7,6 +7,7 @@ refused. Names that end in ``_px`` are pixels of the original image; ``min_dista
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 import tomllib
 from collections.abc import Mapping
@@ -181,6 +182,11 @@ class Config(Described):
         Name of the method (``quest``, ``orb-slam3``, ...), or ``package.module:attribute``.
     seed : int
         Seed of all random draws and of synthetic worlds.
+    work_per_frame : float or None
+        Work that a frame of a video may take besides its tracks, in microseconds on one core of the machine that the
+        prices were measured on (:mod:`slam_init.work`); longer computations go on in the next frames. A frame that is
+        more than 0.15 s later than the one before may take more in proportion. None (``inf`` in a file): a frame takes
+        as long as it needs.
     tracking : TrackingConfig
         Features and tracks.
     keyframes : KeyframeConfig
@@ -195,6 +201,8 @@ class Config(Described):
 
     method: str = "quest"
     seed: int = 0
+    #: With 12 ms for the tracks and 3 ms for the pairs a frame takes 30 ms, and a camera at 30 Hz waits for 33.
+    work_per_frame: float | None = 15_000.0
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     keyframes: KeyframeConfig = field(default_factory=KeyframeConfig)
     two_view: TwoViewConfig = field(default_factory=TwoViewConfig)
@@ -265,7 +273,9 @@ def config_toml(config: Config) -> str:
     """
     import tomli_w
 
-    return tomli_w.dumps(dataclasses.asdict(config))
+    # TOML has no null.
+    table = {key: math.inf if value is None else value for key, value in dataclasses.asdict(config).items()}
+    return tomli_w.dumps(table)
 
 
 def _flat(config: Config) -> dict[str, object]:
@@ -314,7 +324,13 @@ def _build(cls: type[_Options], table: Mapping[str, object], where: str, prefix:
     return cls(**values)
 
 
-def _number_or_text(wanted: type, value: object, where: str, key: str) -> object:
+def _number_or_text(wanted: object, value: object, where: str, key: str) -> object:
+    if wanted == float | None:
+        if value == math.inf:
+            return None
+        wanted = float
+    if not isinstance(wanted, type):
+        raise TypeError(f"option {key} of type {wanted}")
     if wanted is float and type(value) is int:
         value = float(value)
     if type(value) is not wanted:

@@ -13,13 +13,19 @@ risk                        the probability that the best motion is wrong; the o
 map                         a bundle-adjusted map of an accepted motion, or of both motions of an undecided plane
 ==========================  =========================================================================================
 
+A judgement takes longer than a camera waits, so it runs in slices (:mod:`slam_init.work`): each frame is tracked, and
+the rest of its time goes to the judgement under way. Frames that arrive meanwhile are not judged themselves.
+
 The first map whose risk is small enough ends the initialization. A refusal has a reason and its evidence. If the views
 cannot decide between the two motions of a plane, both maps are kept.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from slam_init.attempt_log import AttemptLog, focal_notes
@@ -41,12 +47,17 @@ from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.result import Attempt, ProvisionalMap, Result
 from slam_init.types.stopwatch import Stopwatch
+from slam_init.work import Sliced, seconds
 
 if TYPE_CHECKING:
     from slam_init.decision.two_views import Proposer
     from slam_init.decision.window_rule import WindowRule
 
 __all__ = ["Initializer"]
+
+#: Time between two frames of a video at most. Longer ones are those of photographs, or of one frame of many: there is
+#: more time for each in proportion.
+_VIDEO_INTERVAL_S = 0.15
 
 
 class Initializer:
@@ -103,7 +114,7 @@ class Initializer:
         self._clock = FrameClock(self.history)
         self.shutter = RollingShutter(camera)
         self.keyframes = KeyframeManager(camera, self.config)
-        self.stopwatch = Stopwatch()
+        self.stopwatch = Stopwatch(seconds)
         self.status = Status()
         self.frames_read = 0
         self._third_view = third_view
@@ -113,6 +124,9 @@ class Initializer:
         self._attempts = AttemptLog()
         self._maps = _MapsSoFar(self.recorder)
         self._window: WindowRule | None = None
+        self._judgement: _Judgement | None = None
+        self._last_s: float | None = None
+        self._timed = True
 
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
         """Process the next frame.
@@ -142,6 +156,8 @@ class Initializer:
             return self.status
         frame = frame_of(image, timestamp_s, self._next_index, self.camera)
         own_seconds = timestamp_s is None or isinstance(image, Frame)
+        # The time of a bare image is its index, which tells nothing about the camera.
+        self._timed = timestamp_s is not None or isinstance(image, Frame)
         frame = self._clock.stamped(frame, in_seconds_by_type=own_seconds)
         with self.stopwatch("track"):
             current = self.tracker.track(frame)
@@ -187,20 +203,11 @@ class Initializer:
         self._next_index = current.frame + 1
         with self.stopwatch("pairs"):
             pairs = self.keyframes.preview(self.history, current)
-            best = self.keyframes.best_pair_to_try(pairs)
-        attempt = screen(self.camera, self.config, current, pairs)
-        if attempt is not None:
-            attempt = self._checked_and_logged(attempt, pairs, current)
-        elif (outcome := self._judge(best, pairs, current)) is not None:
-            attempt = self._checked_and_logged(outcome.attempt, pairs, current)
-            self._report_shutter(current.frame)
-            self._maps.take(outcome)
-            if self.map is None and best is not None:
-                self.keyframes.failed(best)
+        attempt = self._judge(pairs, current, self._work_for(current))
         self.keyframes.update(current, pairs)
-        self.history.forget(keep=self.keyframes.candidates)
-        progress = self._attempts.best_progress(self.keyframes.candidates)
-        self.status = self.status.after(attempt, progress) if self.map is None else Status.initialized(attempt)
+        in_use = () if self._judgement is None else self._judgement.frames
+        self.history.forget(keep=(*self.keyframes.candidates, *in_use))
+        self.status = self._status_after(attempt)
         return self.status
 
     @property
@@ -239,18 +246,69 @@ class Initializer:
         )
 
     def finish(self) -> Result:
-        """End the sequence. No map is accepted only because the sequence ends.
+        """End the sequence, and the judgement under way. No map is accepted only because the sequence ends.
 
         Returns
         -------
         Result
         """
+        if self._judgement is not None:
+            attempt, _ = self._go_on(self._judgement, math.inf)
+            self.status = self._status_after(attempt)
         return self.result
 
     # -- parts of the step of a frame -------------------------------------------------------------
 
-    def _judge(self, pair: PairPreview | None, pairs: Sequence[PairPreview], current: Observations) -> Outcome | None:
-        """Judge a frame by its window; None where there is nothing to judge."""
+    def _status_after(self, attempt: Attempt | None) -> Status:
+        if self.map is not None:
+            return Status.initialized(attempt)
+        return self.status.after(attempt, self._attempts.best_progress(self.keyframes.candidates))
+
+    def _work_for(self, current: Observations) -> float:
+        """The work that may be spent on a frame besides its tracks."""
+        work = self.config.work_per_frame
+        interval_s = 0.0 if self._last_s is None or not self._timed else current.timestamp_s - self._last_s
+        self._last_s = current.timestamp_s
+        return math.inf if work is None else work * max(1.0, interval_s / _VIDEO_INTERVAL_S)
+
+    def _judge(self, pairs: list[PairPreview], current: Observations, work: float) -> Attempt | None:
+        """Go on with the judgement under way, then begin with that of this frame; the last attempt that has ended."""
+        attempt = None
+        if self._judgement is not None:
+            attempt, work = self._go_on(self._judgement, work)
+            if self._judgement is not None or self.map is not None:
+                return attempt
+        refused = screen(self.camera, self.config, current, pairs)
+        if refused is not None:
+            return self._checked_and_logged(refused, pairs, current)
+        best = self.keyframes.best_pair_to_try(pairs)
+        compute = partial(self._window_rule().judge, best, pairs, current, self.stopwatch)
+        in_use = tuple(seen.frame for seen in self.history)
+        self._judgement = _Judgement(Sliced(compute), best, tuple(pairs), current, in_use)
+        ended, _ = self._go_on(self._judgement, work)
+        return ended or attempt
+
+    def _go_on(self, judgement: _Judgement, work: float) -> tuple[Attempt | None, float]:
+        """Run a slice of a judgement: its attempt if it has ended with one, and the work that is left."""
+        try:
+            left = judgement.sliced.run(work)
+        except BaseException:
+            self._judgement = None
+            raise
+        if not judgement.sliced.done:
+            return None, 0.0
+        self._judgement = None
+        outcome = judgement.sliced.value
+        if outcome is None:
+            return None, left
+        attempt = self._checked_and_logged(outcome.attempt, judgement.pairs, judgement.current)
+        self._report_shutter(judgement.current.frame)
+        self._maps.take(outcome)
+        if self.map is None and judgement.best is not None:
+            self.keyframes.failed(judgement.best)
+        return attempt, left
+
+    def _window_rule(self) -> WindowRule:
         if self._window is None:
             # Imported here, since it loads the compiler (0.3 s), as quest does where an estimation starts.
             from slam_init.decision.window_rule import WindowRule
@@ -258,7 +316,7 @@ class Initializer:
             self._window = WindowRule(
                 self.camera, self.config, self.history, self.shutter, third_view=self._third_view, propose=self._propose
             )
-        return self._window.judge(pair, pairs, current, self.stopwatch)
+        return self._window
 
     def _notes(self) -> tuple[str, ...]:
         """All notes for the user."""
@@ -284,6 +342,17 @@ class Initializer:
         self.recorder.attempt(attempt)
         self._attempts.add(attempt)
         return attempt
+
+
+@dataclass(frozen=True, eq=False)
+class _Judgement:
+    """A judgement under way: its computation, the frame, and the frames of the history that it may use."""
+
+    sliced: Sliced[Outcome | None]
+    best: PairPreview | None
+    pairs: tuple[PairPreview, ...]
+    current: Observations
+    frames: tuple[int, ...]
 
 
 class _MapsSoFar:

@@ -66,7 +66,7 @@ def measure(name: str, runs: Sequence[tuple[str, int]], max_frames: int | None =
         source = open_source(text, seed)
         if source.camera is None:
             raise ValueError(f"{text}: no camera; the benchmark runs on calibrated sequences only")
-        initializer = Initializer(source.camera, Config(seed=seed))
+        initializer = Initializer(source.camera, Config(seed=seed, work_per_frame=None))
         initializer.stopwatch = stopwatch  # one stopwatch for all runs, so that percentiles are over all frames
         for frame in source.frames(max_frames=max_frames):
             begin = time.perf_counter()

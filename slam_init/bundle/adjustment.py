@@ -24,10 +24,12 @@ import numpy as np
 from slam_init.bundle.focal import adjust_focal, camera_with_focal_factor
 from slam_init.bundle.graph import GAUGE, build_graph, marginal_covariances, optimize
 from slam_init.bundle.noise import estimate_noise, least_squares_noise, min_parallax_rad
+from slam_init.bundle.points import fit_points
 from slam_init.bundle.problem import BundleFailure, BundleFit, BundleProblem, BundleSolution, FocalPrior
 from slam_init.config import MapConfig
 from slam_init.types.arrays import Bools
 from slam_init.types.camera import Camera
+from slam_init.work import Prices, spend
 
 __all__ = ["adjust", "fit_with_held_camera"]
 
@@ -39,7 +41,12 @@ _FOCAL_TOLERANCE, _FOCAL_ROUNDS = 1e-3, 5
 
 
 def adjust(
-    camera: Camera, problem: BundleProblem, config: MapConfig, focal_factor: float = 1.0
+    camera: Camera,
+    problem: BundleProblem,
+    config: MapConfig,
+    focal_factor: float = 1.0,
+    *,
+    poses_known: bool = False,
 ) -> BundleSolution | BundleFailure:
     """Adjust poses and landmarks, and the focal length if ``config.refine_focal`` is set; see the module docstring.
 
@@ -52,19 +59,31 @@ def adjust(
     config : MapConfig
     focal_factor : float
         Where the focal length is adjusted: its first estimate, over the stated one.
+    poses_known : bool
+        Whether the poses are those of a robust estimate. Only the points are fitted robustly then.
 
     Returns
     -------
     BundleSolution or BundleFailure
         The failure is falsy and names its cause.
     """
+    solution = _adjusted(camera, problem, config, focal_factor, poses_known=poses_known)
+    if poses_known and isinstance(solution, BundleFailure):
+        # The tracks contradict the poses. The recipe for poses that are not known may still find a map.
+        return _adjusted(camera, problem, config, focal_factor, poses_known=False)
+    return solution
+
+
+def _adjusted(
+    camera: Camera, problem: BundleProblem, config: MapConfig, focal_factor: float, *, poses_known: bool
+) -> BundleSolution | BundleFailure:
     start = _scale_to_median_depth(problem)
     if start is None:
         return BundleFailure("no landmark lies in front of the first camera")
     prior = FocalPrior(camera, config.focal_sigma) if config.refine_focal else None
     try:
         first = camera if prior is None else camera_with_focal_factor(camera, focal_factor)
-        fit = fit_with_held_camera(first, start, config)
+        fit = fit_with_held_camera(first, start, config, poses_known=poses_known)
         if prior is not None and isinstance(fit, BundleFit):
             fit = _fit_focal(prior, start, fit, config)
         if isinstance(fit, BundleFailure):
@@ -72,7 +91,9 @@ def adjust(
         final, camera = fit.problem, fit.camera
         residuals = final.residuals(camera)
         noise_px = least_squares_noise(final, residuals, config)
+        spend(Prices.GRAPH * len(final.views))
         graph, values = build_graph(camera, final, noise_px, robust=False, prior=prior)
+        spend(Prices.COVARIANCES * len(final.views))
         covariances, focal_variance = marginal_covariances(graph, values, final.frames, prior)
     except RuntimeError as error:  # how gtsam reports singular systems and cheirality
         return BundleFailure(" ".join(str(error).split())[:160])
@@ -92,7 +113,9 @@ def adjust(
     )
 
 
-def fit_with_held_camera(camera: Camera, start: BundleProblem, config: MapConfig) -> BundleFit | BundleFailure:
+def fit_with_held_camera(
+    camera: Camera, start: BundleProblem, config: MapConfig, *, poses_known: bool = False
+) -> BundleFit | BundleFailure:
     """Adjust poses and landmarks: with a robust kernel, then without outliers in least squares.
 
     Parameters
@@ -102,6 +125,8 @@ def fit_with_held_camera(camera: Camera, start: BundleProblem, config: MapConfig
     start : BundleProblem
         The first estimate.
     config : MapConfig
+    poses_known : bool
+        Whether the poses are those of a robust estimate. Only the points are fitted robustly then.
 
     Returns
     -------
@@ -113,8 +138,18 @@ def fit_with_held_camera(camera: Camera, start: BundleProblem, config: MapConfig
     RuntimeError
         By gtsam, for a singular system or a landmark behind a camera.
     """
+    if poses_known:
+        spend(Prices.POINTS * len(start.views))
+        return _least_squares(camera, fit_points(camera, start, config.noise_px), (_rms_px(start, camera),), config)
     # The robust stage only has to identify the outliers; the least-squares stage reaches the full precision.
     robust, errors = optimize(camera, start, config.noise_px, robust=True, iterations=8, tolerance=1e-3)
+    return _least_squares(camera, robust, tuple(errors), config)
+
+
+def _least_squares(
+    camera: Camera, robust: BundleProblem, errors: tuple[float, ...], config: MapConfig
+) -> BundleFit | BundleFailure:
+    """The least-squares fit without the outliers of a robust fit."""
     residuals = robust.residuals(camera)
     noise_px = estimate_noise(robust, residuals, config)
     if noise_px > _WORST_NOISE * config.noise_px:
@@ -137,6 +172,11 @@ def fit_with_held_camera(camera: Camera, start: BundleProblem, config: MapConfig
         if (failure := _cannot_be_solved(final)) is not None:
             return failure
     return BundleFit(camera, final, (*errors, *more))
+
+
+def _rms_px(problem: BundleProblem, camera: Camera) -> float:
+    squares = np.sum(problem.residuals(camera) ** 2, axis=1)
+    return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else np.inf
 
 
 def _fit_focal(prior: FocalPrior, start: BundleProblem, fit: BundleFit, config: MapConfig) -> BundleFit | BundleFailure:

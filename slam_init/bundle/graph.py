@@ -19,6 +19,7 @@ from slam_init.bundle.problem import BundleProblem, FocalPrior, PosePrior
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
+from slam_init.work import Prices, spend
 
 if TYPE_CHECKING:
     import gtsam
@@ -298,16 +299,25 @@ def optimize(
     """
     import gtsam
 
+    spend(Prices.GRAPH * len(problem.views))
     graph, values = build_graph(camera, problem, noise_px, robust=robust)
     errors = [_rms_px(float(graph.error(values)), noise_px, problem)]
     params = gtsam.LevenbergMarquardtParams()
-    params.setMaxIterations(iterations)
-    params.setRelativeErrorTol(tolerance)
-    params.iterationHook = lambda _iteration, _old, new: errors.append(_rms_px(float(new), noise_px, problem))
-    optimum = gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
-    if not np.isfinite(graph.error(optimum)):
+    optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, params)
+    error = float(optimizer.error())
+    # gtsam's own loop runs to the end; this one can be paused between iterations. The tolerances are those of gtsam.
+    for _ in range(iterations):
+        spend(Prices.ITERATION * len(problem.views))
+        optimizer.iterate()
+        before, error = error, float(optimizer.error())
+        errors.append(_rms_px(error, noise_px, problem))
+        if not np.isfinite(error) or gtsam.checkConvergence(
+            tolerance, params.getAbsoluteErrorTol(), 0.0, before, error
+        ):
+            break
+    if not np.isfinite(error):
         raise RuntimeError("bundle adjustment diverged: the error is not finite")
-    return read_problem(optimum, problem), errors
+    return read_problem(optimizer.values(), problem), errors
 
 
 def _rms_px(error: float, noise_px: float, problem: BundleProblem) -> float:

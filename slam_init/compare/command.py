@@ -63,6 +63,7 @@ def run_command(arguments: argparse.Namespace, out: str | os.PathLike[str], *, p
             limit_frames=arguments.limit_frames,
             time_limit_s=arguments.time_limit,
             memory_limit_mb=arguments.memory_limit,
+            realtime=arguments.realtime,
         ),
     )
     summary = compare(

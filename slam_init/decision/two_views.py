@@ -20,6 +20,7 @@ from slam_init.types.frame import Observations
 from slam_init.types.gates import GateName, Stage, at_least
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
+from slam_init.work import Prices, spend
 
 __all__ = [
     "MatchedPair",
@@ -111,8 +112,10 @@ def pose_at_fitting_threshold(camera: Camera, config: Config, pair: MatchedPair)
         The outlier threshold that was used.
     """
     threshold_rad = config.two_view.threshold_px / camera.focal_px
+    spend(Prices.PAIR + Prices.PAIR_MATCH * len(pair.rays1))
     pose = estimate_relative_pose(pair.rays1, pair.rays2, threshold_rad=threshold_rad, seed=config.seed)
     if isinstance(pose, RelativePose) and pose.noise_rad > threshold_rad / _TOO_NOISY_SIGMAS:
+        spend(Prices.PAIR + Prices.PAIR_MATCH * len(pair.rays1))
         wider_rad = min(_WIDER * threshold_rad, 1.0)
         again = estimate_relative_pose(pair.rays1, pair.rays2, threshold_rad=wider_rad, seed=config.seed)
         if isinstance(again, RelativePose) and again.kind != "rotation":

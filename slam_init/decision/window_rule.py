@@ -50,6 +50,7 @@ from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import MERE_ROTATION, WindowRisk, risk_of
 from slam_init.window.state import Priors
 from slam_init.window.tracks import MAX_VIEWS
+from slam_init.work import Prices, spend
 
 __all__ = ["WINDOW_PRIORS", "WindowRule"]
 
@@ -317,6 +318,7 @@ class WindowRule:
     def _built(self, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses) -> MapWithViews | None:
         if not isinstance(bundle, BundleSolution):
             return None
+        spend(Prices.MAP)
         built = map_with_views(self._history, bundle, "planar" if hypotheses.planar else "general")
         if self._camera.readout_s is not None or not self._shutter.readout_s:
             return built

@@ -13,6 +13,7 @@ from slam_init.mapping.views import TrackTable
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
+from slam_init.work import Prices, spend
 
 __all__ = ["map_of_poses"]
 
@@ -53,6 +54,7 @@ def map_of_poses(
     """
     rows = [row for row, frame in enumerate(table.frames) if frame in cam_from_world]
     poses = {row: cam_from_world[table.frames[row]].inverse() for row in rows}
+    spend(Prices.TRIANGULATE)
     points = triangulate(list(poses.values()), table.bearings[rows])
     usable = _before_all(points, {row: poses[row] for row in (0, 1)}, table)
     for row in (0, 1):
@@ -63,7 +65,9 @@ def map_of_poses(
     problem = _bundle_problem(table, points, usable, poses)
     if len(problem.points) < _MIN_POINTS:
         return BundleFailure(f"only {len(problem.points)} points can be triangulated")
-    return adjust(camera, problem if prior is None else problem.with_prior(prior), config.map, focal_factor)
+    return adjust(
+        camera, problem if prior is None else problem.with_prior(prior), config.map, focal_factor, poses_known=True
+    )
 
 
 def _bundle_problem(table: TrackTable, points: Floats, usable: Bools, poses: dict[int, Pose]) -> BundleProblem:

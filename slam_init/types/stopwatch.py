@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TypedDict
 
@@ -35,19 +35,26 @@ class StageTimes(TypedDict):
 
 
 class Stopwatch:
-    """Collects wall-clock times by stage: ``with stopwatch("track"): ...``."""
+    """Collects wall-clock times by stage: ``with stopwatch("track"): ...``.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    clock : callable, optional
+        Seconds since any instant.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+        self._clock = clock
         self._samples_ms: dict[str, array[float]] = {}  # an array takes eight bytes per call
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         """Time the body of a with statement."""
-        begin = time.perf_counter()
+        begin = self._clock()
         try:
             yield
         finally:
-            self._samples_ms.setdefault(stage, array("d")).append(1e3 * (time.perf_counter() - begin))
+            self._samples_ms.setdefault(stage, array("d")).append(1e3 * (self._clock() - begin))
 
     def summary(self) -> dict[str, StageTimes]:
         """Summarize the times so far.

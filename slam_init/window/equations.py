@@ -11,6 +11,7 @@ from slam_init.window.kernels import FIELD_TERMS, accumulate, eliminate, step_tr
 from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState
 from slam_init.window.tracks import WindowTracks
+from slam_init.work import Prices, spend
 
 __all__ = ["OFF_PLANE_COST", "WindowEquations", "explained_at_most", "tangent_bases"]
 
@@ -77,6 +78,7 @@ class WindowEquations:
         self._pose_columns = firsts[:, None] + np.arange(6)
         self.held_view = int(np.argmax(np.linalg.norm(start.t, axis=1)))
         self.free = np.ones(count, bool)
+        self._observations = int(tracks.seen[:, tracks.anchor >= 0].sum())
 
     @property
     def normal(self) -> Floats:
@@ -127,12 +129,7 @@ class WindowEquations:
             The cost.
         """
         self.free[:] = not self.rotation_only
-        cost = self._accumulate(state, fill=True)
-        held = self.stopped(state)
-        if hold and held.any():
-            self.free[held] = False
-            cost = self._accumulate(state, fill=True)
-        return cost
+        return self._accumulate(state, fill=True, hold=hold)
 
     def stopped(self, state: WindowState) -> Bools:
         """The tracks at infinity whose distance would become negative, by the last equations.
@@ -220,8 +217,12 @@ class WindowEquations:
             plane=plane,
         )
 
-    def _accumulate(self, state: WindowState, *, fill: bool) -> float:
+    def _accumulate(self, state: WindowState, *, fill: bool, hold: bool = False) -> float:
         tracks, priors = self.tracks, self.priors
+        if fill:
+            spend(Prices.EQUATIONS + Prices.EQUATIONS_OBSERVATION * self._observations)
+        else:
+            spend(Prices.COST + Prices.COST_OBSERVATION * self._observations)
         plane = np.zeros(3) if state.plane is None else state.plane
         readout_s = state.readout_s - tracks.readout_s
         cost = accumulate(
@@ -229,7 +230,8 @@ class WindowEquations:
             self._field_size, readout_s, self._readout_size, state.principal_px, self._principal_size,
             tracks.sweep_px_s, tracks.pixels, tracks.sigma_px, tracks.whitening, tracks.places, tracks.seen,
             tracks.anchor, state.rays, state.inverse_distances, self.free,
-            priors.gate_sigmas**2, self._normal, self.shares, self.back, self.costs, self.residuals, self.across, fill,
+            priors.gate_sigmas**2, self._normal, self.shares, self.back, self.costs, self.residuals, self.across,
+            fill, hold,
         )  # fmt: skip
         if self._has_plane:
             off = ~state.on_plane & (tracks.anchor >= 0)

@@ -22,7 +22,7 @@ import numpy as np
 
 from quest.estimate import Hypothesis, RelativePose
 from slam_init.mapping.plane import plane_of_motion
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Floats, Ints
 from slam_init.types.pose import Pose
 from slam_init.window.equations import explained_at_most
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
@@ -59,8 +59,10 @@ _FAR_BEHIND = 600.0
 #: A gain is certain where it exceeds that by chance by so many standard deviations (one in 10^12) even if error fields
 #: explain half of it, the most that they can.
 _CERTAIN_SIGMAS, _EXPLAINED_BY_FIELDS = 7.0, 0.5
-#: A start needs no more than this: a hundredth of a cost of several hundred.
-_START_TOLERANCE = 2.0
+#: A start of the camera that only rotates is fitted to so many tracks: it has a handful of unknowns besides the
+#: rotations, and the step of every track takes its time. It ends where a step lowers the cost by so little: a hundredth
+#: of a cost of several hundred.
+_START_TRACKS, _START_TOLERANCE = 100, 5.0
 #: A start whose residuals are this many times the noise is far from the answer.
 _FAR_FACTOR = 1.5
 
@@ -303,13 +305,15 @@ def _fit_rotation(
     """Fit the camera that only rotates, with a right and with a wrong focal length; the better fit, and its prior."""
     # The translation has no effect on points at infinity; its length only has to differ from zero.
     t = np.outer(np.arange(len(rotations)), [1e-9, 0.0, 0.0])
-    start = start_at(tracks, rotations, t, readout_s=tracks.readout_s, at_infinity=True)
+    few = tracks.of_tracks(_spread_positions(len(tracks.track_ids), _START_TRACKS))
+    start = start_at(few, rotations, t, readout_s=tracks.readout_s, at_infinity=True)
     any_focal = replace(priors, focal_sigma=_WRONG_FOCAL, k1_sigma=_WRONG_K1)
     # A wrong focal length moves the tracks by many times their noise, so the fit starts with a noise that allows it.
-    factor = start_noise_factor(tracks, start, any_focal, rotation_only=True)
+    factor = start_noise_factor(few, start, any_focal, rotation_only=True)
     for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():
-        wide = tracks.with_noise(wider * tracks.noise_px)
+        wide = few.with_noise(wider * tracks.noise_px)
         start = fit_window(wide, start, any_focal, rotation_only=True, tolerance=_START_TOLERANCE).state
+    start = _at_infinity(tracks, start)
     # Far from the answer the principal point would follow outliers.
     any_focal = replace(any_focal, principal_sigma_px=_WRONG_PRINCIPAL * tracks.camera.width)
     hopeless = _hopeless_rotation(tracks, start, priors, best)
@@ -317,12 +321,21 @@ def _fit_rotation(
     wrong = replace(wrong, cost=wrong.cost + _WRONG_FOCAL_COST)
     if wrong.cost > hopeless:
         return wrong, any_focal
-    found = wrong.state
-    start = start_at(
+    # It is the better one only if it costs less.
+    right = fit_window(tracks, _at_infinity(tracks, wrong.state), priors, rotation_only=True, hopeless=wrong.cost)
+    return (right, priors) if right.cost <= wrong.cost else (wrong, any_focal)
+
+
+def _at_infinity(tracks: WindowTracks, found: WindowState) -> WindowState:
+    """The start of a camera that only rotates: the rotations and the lens of a state, with the rays as measured."""
+    return start_at(
         tracks, found.R, found.t, log_scale=found.log_scale, k1=found.k1, readout_s=found.readout_s, at_infinity=True
     )
-    right = fit_window(tracks, start, priors, rotation_only=True)
-    return (right, priors) if right.cost <= wrong.cost else (wrong, any_focal)
+
+
+def _spread_positions(count: int, wanted: int) -> Ints:
+    """At most so many positions, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))
 
 
 def _hopeless_rotation(tracks: WindowTracks, start: WindowState, priors: Priors, best: FittedMotion) -> float:

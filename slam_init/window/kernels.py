@@ -242,6 +242,7 @@ def accumulate(
     residuals: Floats,
     across: Floats,
     fill: bool,
+    hold: bool,
 ) -> float:
     """Robust cost of all observations, and the equations of a Gauss-Newton step.
 
@@ -290,7 +291,8 @@ def accumulate(
     rho : (T,) float
         Inverse distances along the rays.
     free : (T,) bool
-        Tracks off the plane whose inverse distance is an unknown; those of the others are held.
+        Tracks off the plane whose inverse distance is an unknown; those of the others are held. With ``hold``, tracks
+        at infinity whose distance would become negative are held from here on.
     gate2 : float
         Squared outlier gate, in units of the noise.
     normal : (G, G) float
@@ -309,6 +311,8 @@ def accumulate(
         lines, in proportion to what a distance moves it along them. A rigid scene does not move so: this is chance.
     fill : bool
         Whether the equations are wanted; otherwise only the costs.
+    hold : bool
+        Whether tracks at infinity are held there, see ``free``.
 
     Returns
     -------
@@ -328,7 +332,7 @@ def accumulate(
     D, DM, pixel, e = np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(2)
     by_k1 = np.empty(2)
     by, v, Y, x = np.zeros(12), np.empty(3), np.empty(3), np.empty(3)
-    total = 0.0
+    total, focal_scale = 0.0, np.exp(log_scale)
     for i in range(T):
         costs[i] = 0.0
         a = anchor[i]
@@ -351,7 +355,7 @@ def accumulate(
             for q in range(3):
                 x[q] = R[k, q, 0] * Y[0] + R[k, q, 1] * Y[1] + R[k, q, 2] * Y[2]
             P0, P1, P2 = x[0] + r * t[k, 0], x[1] + r * t[k, 1], x[2] + r * t[k, 2]
-            if behind or not project_point(camera, np.exp(log_scale), k1, P0, P1, P2, pixel, D, by_k1):
+            if behind or not project_point(camera, focal_scale, k1, P0, P1, P2, pixel, D, by_k1):
                 costs[i] += gate2
                 residuals[k, i] = np.inf
                 continue
@@ -409,6 +413,8 @@ def accumulate(
         total += costs[i]
         if fill:
             across[i] = slope * slope / curvature if curvature > 0.0 else 0.0
+            if hold and r == 0.0 and not on_plane[i] and b[2] > 0.0:
+                free[i], b[2], W[2] = False, 0.0, 0.0
             _invert(A, 2 if (on_plane[i] or not free[i]) else 3)
             back[i, :, 0], back[i, :, 1:4], back[i, :, 4:] = b, A, W
     for p in range(G if fill else 0):

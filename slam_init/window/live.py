@@ -14,6 +14,7 @@ from slam_init.window.linear_algebra import single_threaded
 from slam_init.window.motion import Motion
 from slam_init.window.state import Priors
 from slam_init.window.tracks import gather_tracks
+from slam_init.work import Prices, spend
 
 __all__ = ["LiveHypotheses"]
 
@@ -93,6 +94,7 @@ class LiveHypotheses:
             return self._fitted(views)
 
     def _fitted(self, views: Sequence[Observations]) -> WindowHypotheses | None:
+        spend(Prices.GATHER * sum(len(seen) for seen in views))
         tracks = gather_tracks(self._camera, views, self._noise_px, self._least_noise_px)
         motions = [*self._motions, *self._proposed]
         # Where no turning is known, the readout moves no pixel.

@@ -18,6 +18,7 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.equations import explained_at_most
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.uncertainty import places_of
+from slam_init.work import Prices, spend
 
 __all__ = ["OtherMotion", "explained_tracks", "other_motion"]
 
@@ -82,6 +83,7 @@ def other_motion(hypotheses: WindowHypotheses) -> OtherMotion:
     if rest.sum() < max(_LEAST_TRACKS, _SHARE_OF_WIDE * count):
         return OtherMotion()
     threshold_rad = _SIGMAS * tracks.noise_px / tracks.camera.focal_px
+    spend(Prices.PAIR + Prices.PAIR_MATCH * int(rest.sum()))
     pose = estimate_relative_pose(rays[0, rest], rays[1, rest], threshold_rad=threshold_rad)
     if not isinstance(pose, RelativePose):
         return OtherMotion()

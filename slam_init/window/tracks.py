@@ -237,6 +237,31 @@ class WindowTracks:
             least_noise_px=self.least_noise_px,
         )
 
+    def of_tracks(self, chosen: Ints) -> WindowTracks:
+        """Some of the tracks in the same views.
+
+        Parameters
+        ----------
+        chosen : (N,) int
+            Their positions.
+
+        Returns
+        -------
+        WindowTracks
+        """
+        return replace(
+            self,
+            track_ids=self.track_ids[chosen],
+            pixels=self.pixels[:, chosen],
+            seen=self.seen[:, chosen],
+            rays=self.rays[chosen],
+            anchor=self.anchor[chosen],
+            sigma_px=self.sigma_px[:, chosen],
+            whitening=self.whitening[:, chosen],
+            places=self.places[:, chosen],
+            sweep_px_s=self.sweep_px_s[:, chosen],
+        )
+
 
 def gather_tracks(
     camera: Camera, views: Sequence[Observations], noise_px: float, least_noise_px: float = 0.1

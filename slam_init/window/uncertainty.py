@@ -30,6 +30,7 @@ from slam_init.window.linearization import Linearization, information_by_chance,
 from slam_init.window.marginal import FIELD_PRIOR, FieldMarginal, marginalize_fields
 from slam_init.window.motion import FittedMotion
 from slam_init.window.tracks import WindowTracks
+from slam_init.work import Prices, spend
 
 __all__ = [
     "CameraEstimate",
@@ -229,9 +230,12 @@ def expand(hypotheses: WindowHypotheses, motion: FittedMotion, *, evidence_only:
     -------
     ExpandedFit
     """
+    spend(Prices.LINEARIZE)
     linearization = linearize_with_fields(motion.tracks, motion.fit, hypotheses.priors)
+    spend(Prices.MARGINALIZE)
     marginal = marginalize_fields(linearization)
     if not evidence_only:
+        spend(Prices.CHANCE)
         marginal = marginal.without_chance(information_by_chance(motion.tracks, motion.fit, hypotheses.priors))
     return ExpandedFit(motion.tracks, motion.fit, linearization, marginal)
 
@@ -315,6 +319,7 @@ def direction_sigmas_deg(expanded: ExpandedFit, view: int = 1) -> Floats:
     (S,) float
         For each scale of the fields, in degrees.
     """
+    spend(Prices.DIRECTION)
     _, J = _direction_derivatives(expanded, view)
     shifts, covariances = expanded.marginal.of(J)
     covariances = covariances + shifts[:, :, None] * shifts[:, None, :]
@@ -333,6 +338,7 @@ def inverse_distances(expanded: ExpandedFit) -> InverseDistances:
     -------
     InverseDistances
     """
+    spend(Prices.DISTANCES)
     lin, state = expanded.linearization, expanded.fit.state
     values = state.inverse_distances.copy()
     if state.plane is not None:

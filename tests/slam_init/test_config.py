@@ -81,11 +81,24 @@ def test_a_whole_number_serves_as_a_decimal(tmp_path):
 
 
 @pytest.mark.parametrize("path", NUMBERS, ids=name)
-@pytest.mark.parametrize("value", ["-1", "nan", "inf", '"many"', "true", "[1]"])
+@pytest.mark.parametrize("value", ["-1", "nan", "-inf", '"many"', "true", "[1]"])
 def test_a_value_that_is_none_is_refused_by_name(tmp_path, path, value):
     with pytest.raises(ConfigError, match=path[-1]) as refusal:
         load_config(written(tmp_path, as_toml(path, value)))
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("path", [path for path in NUMBERS if path != ("work_per_frame",)], ids=name)
+def test_infinity_is_refused_by_name(tmp_path, path):
+    with pytest.raises(ConfigError, match=path[-1]):
+        load_config(written(tmp_path, as_toml(path, "inf")))
+
+
+def test_an_unlimited_frame_is_infinite_in_a_file_and_none_in_the_program(tmp_path):
+    unlimited = Config(work_per_frame=None)
+    text = config_toml(unlimited)
+    assert "work_per_frame = inf" in text
+    assert load_config(written(tmp_path, text)) == unlimited
 
 
 @pytest.mark.parametrize("path", [path for path in NUMBERS if path != ("seed",)], ids=name)

@@ -16,11 +16,11 @@ SOURCES = (
 
 DIGEST = """
 import hashlib, sys
-from slam_init import Initializer
+from slam_init import Config, Initializer
 from slam_init.compare.sources import open_compared
 for text in sys.argv[1:]:
     source = open_compared(text)
-    initializer = Initializer(source.camera)
+    initializer = Initializer(source.camera, Config(work_per_frame=None))
     points = text.startswith("points:")
     for frame in source.observations() if points else source.frames():
         if initializer.process_tracks(frame) if points else initializer.process(frame):

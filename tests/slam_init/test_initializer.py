@@ -7,7 +7,7 @@ from itertools import zip_longest
 
 import numpy as np
 import pytest
-from make_map import make_poses
+from make_map import bytes_of, make_poses
 from make_scene import CAMERA, CONFIG, cloud, observe, plane, texture, window
 from make_summary import summarize
 
@@ -41,12 +41,6 @@ def planar_views(poses, seed=2, noise_px=0.5):
 
 def seen_from(poses, noise_px=0.3, count=300):
     return observe(CAMERA, poses, cloud(np.random.default_rng(0), count), noise_px, np.random.default_rng(1))
-
-
-def bytes_of(map_):
-    """The frames of a map, and its poses, points and covariances as bytes."""
-    poses = [np.concatenate([k.world_from_cam.R.ravel(), k.world_from_cam.t]).tobytes() for k in map_.keyframes]
-    return [k.frame for k in map_.keyframes], poses, map_.points.tobytes(), map_.pose_covariances.tobytes()
 
 
 class Diary(Recorder):
@@ -108,7 +102,7 @@ def test_a_static_camera_gets_its_reason_and_little_progress():
 
 
 def test_the_progress_is_that_of_the_best_reference_and_falls_with_it():
-    initializer = Initializer(CAMERA)
+    initializer = Initializer(CAMERA, Config(work_per_frame=None))
     for observed in planar_views(STRAIGHT):
         before = initializer.process_tracks(observed).progress
     assert before > 0.75
@@ -171,7 +165,8 @@ def test_the_result_can_be_read_at_any_time_without_a_change():
 
 def test_images_give_the_same_map_as_frames_and_initializers_share_nothing(room, room_fed_once):
     """Three initializers run side by side, one of them on another scene; each gives its own map."""
-    framed, plain, other = Initializer(room.camera), Initializer(room.camera), Initializer(CAMERA)
+    whole = Config(work_per_frame=None)
+    framed, plain, other = Initializer(room.camera, whole), Initializer(room.camera, whole), Initializer(CAMERA, whole)
     for frame, observed in zip_longest(room.frames(0, 40), seen_from(make_poses(4))):
         framed.process(frame)
         plain.process(frame.image, frame.timestamp_s)
@@ -270,7 +265,7 @@ def test_a_revision_of_a_frame_that_is_not_in_the_history_is_ignored():
 def test_both_maps_of_a_plane_are_kept_until_the_views_decide():
     views, diary = planar_views([*STRAIGHT, *CURVE]), Diary()
     truth = Trajectory(np.arange(len(views)) / 30, (*STRAIGHT, *CURVE))
-    initializer = Initializer(CAMERA, recorder=diary)
+    initializer = Initializer(CAMERA, Config(work_per_frame=None), recorder=diary)
     for observed in views[: len(STRAIGHT)]:
         assert not initializer.process_tracks(observed)
     result = initializer.result

@@ -197,3 +197,9 @@ def make_truth(map_: InitialMap, scale: float = 2.5) -> Trajectory:
     R, t = rotation_from_vector(np.array([0.4, -0.2, 1.1])), np.array([3.0, -1.0, 0.5])
     poses = [Pose(R @ k.world_from_cam.R, scale * R @ k.world_from_cam.t + t) for k in map_.keyframes]
     return Trajectory(np.array([k.timestamp_s for k in map_.keyframes]), tuple(poses))
+
+
+def bytes_of(map_):
+    """The frames of a map, and its poses, points and covariances as bytes."""
+    poses = [np.concatenate([k.world_from_cam.R.ravel(), k.world_from_cam.t]).tobytes() for k in map_.keyframes]
+    return [k.frame for k in map_.keyframes], poses, map_.points.tobytes(), map_.pose_covariances.tobytes()

@@ -25,7 +25,7 @@ from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks, gather_tracks
 
 #: The options of the tests of the window.
-WINDOW_CONFIG = Config()
+WINDOW_CONFIG = Config(work_per_frame=None)
 #: A focal length that is nearly known, and no error fields.
 PRIORS = Priors(focal_sigma=0.02)
 
@@ -230,7 +230,7 @@ def equations(
         tracks.sweep_px_s, tracks.pixels, tracks.sigma_px, tracks.whitening, tracks.places, tracks.seen, tracks.anchor,
         state.rays, state.inverse_distances,
         np.ones(count, bool) if free is None else free, gate**2, normal, shares, back, costs, residuals,
-        np.zeros(count), True,
+        np.zeros(count), True, False,
     )  # fmt: skip
     gradient = eliminate(normal, shares, back)
     squares = np.sum(residuals**2, axis=2)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import jsonschema
 import numpy as np
 import pytest
+from make_map import bytes_of
 from make_pair import preview_of
 from make_scene import CAMERA, cloud, history_of, observe
 from make_source import GivenFrames, picked, synth
@@ -42,12 +43,6 @@ def tried(source, views, config=WINDOW_CONFIG):
     preview = preview_of(seen, source.camera)
     rule = WindowRule(source.camera, config, history_of(seen))
     return rule.judge(preview, [preview], seen[-1], Stopwatch())
-
-
-def bytes_of(map_):
-    """The frames of a map, and its poses, points and covariances as bytes."""
-    poses = [np.concatenate([k.world_from_cam.R.ravel(), k.world_from_cam.t]).tobytes() for k in map_.keyframes]
-    return [k.frame for k in map_.keyframes], poses, map_.points.tobytes(), map_.pose_covariances.tobytes()
 
 
 def with_limits(**limits):
@@ -113,7 +108,7 @@ def test_moving_bodies_before_a_camera_that_does_not_translate_are_no_near_objec
 @pytest.mark.parametrize(("seed", "noise_px"), [(365010, 0.3), (365029, 0.6)])
 def test_a_few_tracks_on_moving_bodies_do_not_decide_between_the_motions_of_a_plane(seed, noise_px):
     """Both walls had a map with the wrong motion, by the votes of 22 and of 53 tracks off the plane."""
-    result = finished(point_source("wall", seed, moving=0.3, noise_px=noise_px, outliers=0.2), Config())
+    result = finished(point_source("wall", seed, moving=0.3, noise_px=noise_px, outliers=0.2))
     assert not result
     assert Verdict.AMBIGUOUS_PLANE in {attempt.verdict for attempt in result.attempts}
 
