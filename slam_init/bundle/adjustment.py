@@ -38,6 +38,9 @@ _WORST_NOISE = 10.0
 #: Rounds end when the relative change of the focal length is smaller. Such a change moves a pixel at the border of the
 #: image by 0.3 px, which does not make other observations outliers.
 _FOCAL_TOLERANCE, _FOCAL_ROUNDS = 1e-3, 5
+#: Levenberg-Marquardt steps in least squares. From poses that are known, four steps reach the optimum where the
+#: landmarks determine it. Where they do not, as on a plane with little parallax, more steps only move the poses away.
+_ITERATIONS, _FEW_ITERATIONS = 15, 6
 
 
 def adjust(
@@ -85,7 +88,7 @@ def _adjusted(
         first = camera if prior is None else camera_with_focal_factor(camera, focal_factor)
         fit = fit_with_held_camera(first, start, config, poses_known=poses_known)
         if prior is not None and isinstance(fit, BundleFit):
-            fit = _fit_focal(prior, start, fit, config)
+            fit = _fit_focal(prior, start, fit, config, rounds=0 if poses_known else _FOCAL_ROUNDS)
         if isinstance(fit, BundleFailure):
             return fit
         final, camera = fit.problem, fit.camera
@@ -140,14 +143,15 @@ def fit_with_held_camera(
     """
     if poses_known:
         spend(Prices.POINTS * len(start.views))
-        return _least_squares(camera, fit_points(camera, start, config.noise_px), (_rms_px(start, camera),), config)
+        points = fit_points(camera, start, config.noise_px)
+        return _least_squares(camera, points, (_rms_px(start, camera),), config, _FEW_ITERATIONS)
     # The robust stage only has to identify the outliers; the least-squares stage reaches the full precision.
     robust, errors = optimize(camera, start, config.noise_px, robust=True, iterations=8, tolerance=1e-3)
-    return _least_squares(camera, robust, tuple(errors), config)
+    return _least_squares(camera, robust, tuple(errors), config, _ITERATIONS)
 
 
 def _least_squares(
-    camera: Camera, robust: BundleProblem, errors: tuple[float, ...], config: MapConfig
+    camera: Camera, robust: BundleProblem, errors: tuple[float, ...], config: MapConfig, iterations: int
 ) -> BundleFit | BundleFailure:
     """The least-squares fit without the outliers of a robust fit."""
     residuals = robust.residuals(camera)
@@ -162,7 +166,7 @@ def _least_squares(
     cleaned = cleaned.keep(certain[cleaned.landmarks])
     if (failure := _cannot_be_solved(cleaned)) is not None:
         return failure
-    polished, more = optimize(camera, cleaned, noise_px, robust=False, iterations=15, tolerance=1e-5)
+    polished, more = optimize(camera, cleaned, noise_px, robust=False, iterations=iterations, tolerance=1e-5)
     final = _scale_to_median_depth(polished)
     if final is None:
         return BundleFailure("no landmark lies in front of the first camera")
@@ -179,10 +183,15 @@ def _rms_px(problem: BundleProblem, camera: Camera) -> float:
     return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else np.inf
 
 
-def _fit_focal(prior: FocalPrior, start: BundleProblem, fit: BundleFit, config: MapConfig) -> BundleFit | BundleFailure:
-    """Adjust the focal length as well, starting from a fit with a first estimate; see the module docstring."""
+def _fit_focal(
+    prior: FocalPrior, start: BundleProblem, fit: BundleFit, config: MapConfig, rounds: int
+) -> BundleFit | BundleFailure:
+    """Adjust the focal length as well, starting from a fit with a first estimate; see the module docstring.
+
+    Where the poses were known, so was the focal length, and the outliers are those of about this camera: no rounds.
+    """
     joint = adjust_focal(prior, fit, config)
-    for _ in range(_FOCAL_ROUNDS):
+    for _ in range(rounds):
         if abs(joint.camera.fx / fit.camera.fx - 1) < _FOCAL_TOLERANCE:
             break
         try:

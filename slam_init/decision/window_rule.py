@@ -49,7 +49,7 @@ from slam_init.window.live import LiveHypotheses
 from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import MERE_ROTATION, WindowRisk, risk_of
 from slam_init.window.state import Priors
-from slam_init.window.tracks import MAX_VIEWS
+from slam_init.window.tracks import MAX_TRACKS, MAX_TRACKS_IN_SLICES, MAX_VIEWS
 from slam_init.work import Prices, spend
 
 __all__ = ["WINDOW_PRIORS", "WindowRule"]
@@ -119,7 +119,8 @@ class WindowRule:
         readout_sigma_s = _READOUT_SIGMA_S if camera.readout_s is None else 0.0
         k1_sigma = _STATED_K1_SIGMA if camera.is_distorted else _UNSTATED_K1_SIGMA
         self._priors = replace(WINDOW_PRIORS, readout_sigma_s=readout_sigma_s, k1_sigma=k1_sigma)
-        self._live = LiveHypotheses(camera, self._priors, config.map.min_noise_px)
+        max_tracks = MAX_TRACKS if config.work_per_frame is None else MAX_TRACKS_IN_SLICES
+        self._live = LiveHypotheses(camera, self._priors, config.map.min_noise_px, max_tracks)
         self._threshold_rad = config.two_view.threshold_px / camera.focal_px
         self._reference: int | None = None
         self._last: _Judged | None = None

@@ -13,7 +13,7 @@ from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motion
 from slam_init.window.linear_algebra import single_threaded
 from slam_init.window.motion import Motion
 from slam_init.window.state import Priors
-from slam_init.window.tracks import gather_tracks
+from slam_init.window.tracks import MAX_TRACKS, gather_tracks
 from slam_init.work import Prices, spend
 
 __all__ = ["LiveHypotheses"]
@@ -33,12 +33,17 @@ class LiveHypotheses:
     priors : Priors
     least_noise_px : float
         Lower limit of the noise of a track.
+    max_tracks : int
+        Largest number of tracks of a window.
     """
 
-    def __init__(self, camera: Camera, priors: Priors, least_noise_px: float = 0.1) -> None:
+    def __init__(
+        self, camera: Camera, priors: Priors, least_noise_px: float = 0.1, max_tracks: int = MAX_TRACKS
+    ) -> None:
         self._camera = camera
         self._priors = priors
         self._least_noise_px = least_noise_px
+        self._max_tracks = max_tracks
         self._motions: list[Motion] = []
         self._proposed: list[Motion] = []
         self._noise_px = 0.0
@@ -95,7 +100,7 @@ class LiveHypotheses:
 
     def _fitted(self, views: Sequence[Observations]) -> WindowHypotheses | None:
         spend(Prices.GATHER * sum(len(seen) for seen in views))
-        tracks = gather_tracks(self._camera, views, self._noise_px, self._least_noise_px)
+        tracks = gather_tracks(self._camera, views, self._noise_px, self._least_noise_px, self._max_tracks)
         motions = [*self._motions, *self._proposed]
         # Where no turning is known, the readout moves no pixel.
         priors = self._priors if tracks.sweep_px_s.any() else replace(self._priors, readout_sigma_s=0.0)
