@@ -368,7 +368,7 @@ def _principal_axes(covariances: Floats) -> tuple[Floats, Floats]:
 
 
 def _spread(camera: Camera, pixels: Floats, seen: Bools, score: Ints, max_tracks: int) -> Ints:
-    """Positions (ascending) of at most so many tracks: the best of each cell, then the second of each cell, and so on."""
+    """Positions (ascending) of some tracks: the best of each cell, then the second of each cell, and so on."""
     count = pixels.shape[1]
     if count <= max_tracks:
         return np.arange(count)

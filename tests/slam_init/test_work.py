@@ -21,6 +21,10 @@ from slam_init.types.stopwatch import Stopwatch
 from slam_init.work import Sliced, seconds, spend
 
 
+#: Every judgement ends in its first slice.
+PLENTY = 1e12
+
+
 def spending(parts, done):
     """A computation that spends in parts, and notes each."""
 
@@ -130,7 +134,7 @@ def run(source, work):
 
 def test_slices_delay_a_judgement_and_change_nothing_else():
     source = point_source("room", 0, baseline=0.3, views=40)
-    whole, _ = run(source, None)
+    whole, _ = run(source, PLENTY)
     sliced, statuses = run(source, 5_000.0)
     judged = [status.attempt.frames[1] for status in statuses if status.attempt and status.attempt.window]
     ended = [k for k, status in enumerate(statuses) if status.attempt and status.attempt.window]
@@ -194,7 +198,7 @@ def test_no_frame_is_given_more_than_its_work(monkeypatch):
 
 def test_the_end_of_a_sequence_ends_the_judgement_under_way():
     source = point_source("room", 0, baseline=0.3, views=40)
-    whole, _ = run(source, None)
+    whole, _ = run(source, PLENTY)
     first = next(attempt for attempt in whole.result.attempts if attempt.window)
     initializer = Initializer(source.camera, Config(work_per_frame=1_000.0))
     for observed, _ in zip(source.observations(), range(first.frames[1] + 2), strict=False):
