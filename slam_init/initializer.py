@@ -159,10 +159,13 @@ class Initializer:
         # The time of a bare image is its index, which tells nothing about the camera.
         self._timed = timestamp_s is not None or isinstance(image, Frame)
         frame = self._clock.stamped(frame, in_seconds_by_type=own_seconds)
-        with self.stopwatch("track"):
-            current = self.tracker.track(frame)
-        self.recorder.frame(frame, current)
-        return self._step(current)
+        with self.stopwatch("frame"):
+            with self.stopwatch("track"):
+                current = self.tracker.track(frame)
+            self.recorder.frame(frame, current)
+            status = self._step(current)
+        self.recorder.frame_time(self.stopwatch.last_ms("frame"))
+        return status
 
     def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
         """Process the tracks of the next frame from elsewhere: from a cache, or from features and matches of your own.
@@ -203,7 +206,8 @@ class Initializer:
         self._next_index = current.frame + 1
         with self.stopwatch("pairs"):
             pairs = self.keyframes.preview(self.history, current)
-        attempt = self._judge(pairs, current, self._work_for(current))
+        with self.stopwatch("judge"):
+            attempt = self._judge(pairs, current, self._work_for(current))
         self.keyframes.update(current, pairs)
         in_use = () if self._judgement is None else self._judgement.frames
         self.history.forget(keep=(*self.keyframes.candidates, *in_use))

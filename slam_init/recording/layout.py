@@ -13,9 +13,12 @@ from slam_init.types.result import Attempt
 __all__ = [
     "ARROWS",
     "ARROW_FACTOR",
+    "BUDGET_MS",
     "ERROR",
     "ERROR_BARS",
     "ESTIMATE_COLOR",
+    "FRAME_BUDGET",
+    "FRAME_TIME",
     "PURPLE",
     "SERIES",
     "TRACKS",
@@ -37,6 +40,10 @@ _GATE_COLOR: Color = (230, 70, 70)
 TRACKS = "stats/counts/tracks"
 ERROR = "stats/bundle/error"
 ERROR_BARS = "stats/bundle/error_bars"
+FRAME_TIME = "stats/time/frame"
+FRAME_BUDGET = "stats/time/budget"
+#: Time between two frames of a camera at 30 Hz.
+BUDGET_MS = 1000 / 30
 
 
 @dataclass(frozen=True)
@@ -102,6 +109,8 @@ SERIES = (
     Series("stats/risk/total", "risk", PURPLE, _gate_value(GateName.RISK)),
     Series("stats/risk/gate", "gate", _GATE_COLOR, _gate_threshold(GateName.RISK)),
     Series(ERROR, "rms residual", ESTIMATE_COLOR),
+    Series(FRAME_TIME, "frame", ESTIMATE_COLOR),
+    Series(FRAME_BUDGET, "30 Hz", _GATE_COLOR),
 )
 
 
@@ -120,7 +129,7 @@ def blueprint() -> Any:
     )
     pair = rrb.Spatial2DView(origin="pairs/image", name="pair tried: inliers green, outliers red, moving bodies purple")
     verdict = rrb.TextDocumentView(origin="pairs/verdict", name="verdict")
-    parallax, shares, direction, risk, readout, counts = (
+    parallax, shares, direction, risk, readout, times, counts = (
         rrb.TimeSeriesView(origin=f"stats/{plot}", name=name, plot_legend=corner)
         for plot, name, corner in (
             ("parallax", "parallax (px)", rrb.Corner2D.LeftTop),
@@ -128,6 +137,7 @@ def blueprint() -> Any:
             ("direction", "direction (deg)", rrb.Corner2D.RightTop),
             ("risk", "risk", rrb.Corner2D.RightTop),
             ("readout", "readout (ms)", rrb.Corner2D.RightTop),
+            ("time", "time (ms)", rrb.Corner2D.RightTop),
             ("counts", "counts", rrb.Corner2D.LeftBottom),
         )
     )
@@ -148,7 +158,7 @@ def blueprint() -> Any:
         rrb.Vertical(
             rrb.Horizontal(camera, verdict, column_shares=[3, 2]),
             pair,
-            rrb.Horizontal(rrb.Tabs(parallax, shares), rrb.Tabs(risk, direction, readout), counts, bundle),
+            rrb.Horizontal(rrb.Tabs(parallax, shares), rrb.Tabs(risk, direction, readout, times), counts, bundle),
             row_shares=[3, 3, 2],
         ),
         column_shares=[1, 1],

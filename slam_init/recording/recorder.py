@@ -40,6 +40,15 @@ class Recorder:
             With the matches of the pair.
         """
 
+    def frame_time(self, elapsed_ms: float) -> None:
+        """Report what a frame took.
+
+        Parameters
+        ----------
+        elapsed_ms : float
+            In milliseconds, this recording included.
+        """
+
     def row_times(self, observations: Observations, corrected: Floats) -> None:
         """Report what the correction of a rolling shutter moves in a frame.
 

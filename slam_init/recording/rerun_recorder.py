@@ -39,9 +39,12 @@ from slam_init.recording.images import bgr, jpeg, reduced, reduced_shape
 from slam_init.recording.layout import (
     ARROW_FACTOR,
     ARROWS,
+    BUDGET_MS,
     ERROR,
     ERROR_BARS,
     ESTIMATE_COLOR,
+    FRAME_BUDGET,
+    FRAME_TIME,
     PURPLE,
     SERIES,
     TRACKS,
@@ -216,6 +219,16 @@ class RerunRecorder(Recorder):
             if value is not None and np.isfinite(value):
                 rec.log(series.entity, rr.Scalars(float(value)))
         self._log_pair(attempt)
+
+    def frame_time(self, elapsed_ms: float) -> None:
+        """Log what a frame took, beside the time between two frames at 30 Hz.
+
+        Parameters
+        ----------
+        elapsed_ms : float
+        """
+        self._rec.log(FRAME_TIME, self._rr.Scalars(elapsed_ms))
+        self._rec.log(FRAME_BUDGET, self._rr.Scalars(BUDGET_MS))
 
     def row_times(self, observations: Observations, corrected: Floats) -> None:
         """Log arrows from the raw pixels to the corrected ones.

@@ -20,7 +20,6 @@ from slam_init.decision import window_rule
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.work import Sliced, seconds, spend
 
-
 #: Every judgement ends in its first slice.
 PLENTY = 1e12
 

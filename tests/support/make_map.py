@@ -187,7 +187,17 @@ def make_result(map_: InitialMap | None, reason: Verdict | None = None) -> Resul
         frames_read=32,
         frames_to_init=22 if map_ is not None else None,
         attempts=make_attempts(map_ if map_ is not None else make_map()),
-        timing_ms={"track": {"median": 4.0, "p95": 6.0, "total": 130.0, "calls": 32.0}},
+        timing_ms={
+            "track": {
+                "median": 4.0,
+                "p95": 6.0,
+                "p99": 7.0,
+                "largest": 8.0,
+                "total": 130.0,
+                "calls": 32.0,
+                "histogram": [0, 0, 20, 12, 0, 0, 0, 0, 0, 0, 0, 0],
+            }
+        },
         notes=(),
     )
 
