@@ -83,6 +83,11 @@ class WindowTracks:
     times_s: Floats
     least_noise_px: float
 
+    def __post_init__(self) -> None:
+        # The loops are compiled for each layout of an array: some seconds, where a choice of tracks transposes one.
+        for name in ("pixels", "seen", "rays", "anchor", "sigma_px", "whitening", "places", "sweep_px_s"):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
+
     @staticmethod
     def gather(
         camera: Camera,
@@ -150,7 +155,7 @@ class WindowTracks:
             np.nan_to_num(rays),
             anchor,
             sigma_px,
-            np.ascontiguousarray(whitening),
+            whitening,
             places,
             np.nan_to_num(sweep_px_s),
             np.zeros(len(frames)) if sweep_errors is None else sweep_errors,
