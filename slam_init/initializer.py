@@ -25,9 +25,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from quest.geometry.quaternion import rotation_from_vector
 from slam_init.attempt_log import AttemptLog, focal_notes
 from slam_init.config import Config
 from slam_init.decision.focal_check import FocalCheck
@@ -127,6 +130,8 @@ class Initializer:
         self._judgement: _Judgement | None = None
         self._last_s: float | None = None
         self._timed = True
+        if self.config.work_per_frame is not None:
+            _load_all()
 
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
         """Process the next frame.
@@ -257,8 +262,7 @@ class Initializer:
         Result
         """
         if self._judgement is not None:
-            attempt, _ = self._go_on(self._judgement, math.inf)
-            self.status = self._status_after(attempt)
+            self.status = self._status_after(self._go_on(self._judgement, math.inf))
         return self.result
 
     # -- parts of the step of a frame -------------------------------------------------------------
@@ -276,12 +280,9 @@ class Initializer:
         return math.inf if work is None else work * max(1.0, interval_s / _VIDEO_INTERVAL_S)
 
     def _judge(self, pairs: list[PairPreview], current: Observations, work: float) -> Attempt | None:
-        """Go on with the judgement under way, then begin with that of this frame; the last attempt that has ended."""
-        attempt = None
+        """Go on with the judgement under way, or begin with that of this frame; the attempt that ends in this frame."""
         if self._judgement is not None:
-            attempt, work = self._go_on(self._judgement, work)
-            if self._judgement is not None or self.map is not None:
-                return attempt
+            return self._go_on(self._judgement, work)
         refused = screen(self.camera, self.config, current, pairs)
         if refused is not None:
             return self._checked_and_logged(refused, pairs, current)
@@ -289,28 +290,27 @@ class Initializer:
         compute = partial(self._window_rule().judge, best, pairs, current, self.stopwatch)
         in_use = tuple(seen.frame for seen in self.history)
         self._judgement = _Judgement(Sliced(compute), best, tuple(pairs), current, in_use)
-        ended, _ = self._go_on(self._judgement, work)
-        return ended or attempt
+        return self._go_on(self._judgement, work)
 
-    def _go_on(self, judgement: _Judgement, work: float) -> tuple[Attempt | None, float]:
-        """Run a slice of a judgement: its attempt if it has ended with one, and the work that is left."""
+    def _go_on(self, judgement: _Judgement, work: float) -> Attempt | None:
+        """Run a slice of a judgement; its attempt if it has ended with one."""
         try:
-            left = judgement.sliced.run(work)
+            judgement.sliced.run(work)
         except BaseException:
             self._judgement = None
             raise
         if not judgement.sliced.done:
-            return None, 0.0
+            return None
         self._judgement = None
         outcome = judgement.sliced.value
         if outcome is None:
-            return None, left
+            return None
         attempt = self._checked_and_logged(outcome.attempt, judgement.pairs, judgement.current)
         self._report_shutter(judgement.current.frame)
         self._maps.take(outcome)
         if self.map is None and judgement.best is not None:
             self.keyframes.failed(judgement.best)
-        return attempt, left
+        return attempt
 
     def _window_rule(self) -> WindowRule:
         if self._window is None:
@@ -346,6 +346,35 @@ class Initializer:
         self.recorder.attempt(attempt)
         self._attempts.add(attempt)
         return attempt
+
+
+@cache
+def _load_all() -> None:
+    """Load what judgements need, and compile it on a machine's first run, so that no frame waits for it.
+
+    A small scene of its own is initialized in whole frames: 800 points two to four units before a camera that moves
+    sideways.
+    """
+    camera = Camera("radtan", 640, 480, 500.0, 500.0, 319.5, 239.5, (0.01, 0.0, 0.0, 0.0))
+    rng = np.random.default_rng(0)
+    points = rng.uniform((-1.0, -0.8, 2.0), (1.0, 0.8, 4.0), (800, 3))
+    initializer = Initializer(camera, Config(work_per_frame=None))
+    for frame in range(8):
+        turned = (points - (0.01 * frame, 0.0, 0.0)) @ rotation_from_vector(np.array([0.0, 0.01 * frame, 0.0])).T
+        pixels = camera.project(turned) + 0.3 * rng.normal(size=(len(points), 2))
+        drifts = np.full((len(points), 2, 2), 0.01 * frame) + 0.01 * frame * np.eye(2)
+        seen = np.flatnonzero(np.isfinite(pixels).all(axis=1))
+        observed = Observations(
+            frame=frame,
+            timestamp_s=frame / 30,
+            name="",
+            track_ids=seen,
+            pixels=pixels[seen],
+            bearings=camera.bearings(pixels[seen]),
+            drifts=drifts[seen],
+        )
+        if initializer.process_tracks(observed):
+            return
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,22 +35,22 @@ class Prices:
     """
 
     #: The best pair: fixed, and for each match.
-    PAIR, PAIR_MATCH = 5000.0, 11.0
+    PAIR, PAIR_MATCH = 5000.0, 13.0
     #: The tracks of a window, for each observation.
     GATHER = 1.3
     #: The rotation between two views; a view that is located by points; points by two views and more.
-    ALIGN, LOCATE, TRIANGULATE = 200.0, 1800.0, 2500.0
+    ALIGN, LOCATE, TRIANGULATE = 200.0, 1200.0, 2500.0
     #: The cost of a state and its equations: fixed, and for each observation.
-    COST, COST_OBSERVATION = 100.0, 0.085
-    EQUATIONS, EQUATIONS_OBSERVATION = 400.0, 0.35
+    COST, COST_OBSERVATION = 100.0, 0.1
+    EQUATIONS, EQUATIONS_OBSERVATION = 400.0, 0.45
     #: The parts of the risk, each for a motion; the uncertainty of a direction for a view.
     LINEARIZE, MARGINALIZE, CHANCE, NEIGHBOURS, DISTANCES, OTHER_MOTION, DIRECTION = (
-        400.0, 2500.0, 400.0, 3500.0, 2000.0, 1500.0, 500.0,
+        400.0, 3000.0, 400.0, 3500.0, 2000.0, 1500.0, 500.0,
     )  # fmt: skip
-    #: Bundle adjustment, for each observation: the points alone, the graph, an iteration, the covariances.
-    POINTS, GRAPH, ITERATION, COVARIANCES = 2.0, 3.0, 4.0, 4.0
-    #: The map that is handed over.
-    MAP = 1500.0
+    #: Bundle adjustment, for each observation: the points alone, a factor of the graph, an iteration.
+    POINTS, GRAPH, ITERATION = 2.0, 2.5, 3.0
+    #: The covariance of a pose; the map that is handed over.
+    COVARIANCE, MAP = 1000.0, 1500.0
 
 
 class _Stack(greenlet.greenlet):
@@ -98,18 +98,14 @@ class Sliced(Generic[_Value]):
         """
         return self._values[0]
 
-    def run(self, work: float) -> float:
+    def run(self, work: float) -> None:
         """Run a slice.
 
         Parameters
         ----------
         work : float
-            What the slice may spend; infinite to run to the end.
-
-        Returns
-        -------
-        float
-            What is left of it. Work that cannot be divided may exceed a slice: the next ones are shorter then.
+            What the slice may spend; infinite to run to the end. Work that cannot be divided may exceed a slice: the
+            next ones are shorter then.
 
         Raises
         ------
@@ -127,7 +123,6 @@ class Sliced(Generic[_Value]):
                     "set Config(work_per_frame=None)"
                 ) from None
             stack.switch()
-        return stack.left if stack.dead else 0.0
 
 
 def spend(work: float) -> None:

@@ -94,9 +94,7 @@ def _adjusted(
         final, camera = fit.problem, fit.camera
         residuals = final.residuals(camera)
         noise_px = least_squares_noise(final, residuals, config)
-        spend(Prices.GRAPH * len(final.views))
         graph, values = build_graph(camera, final, noise_px, robust=False, prior=prior)
-        spend(Prices.COVARIANCES * len(final.views))
         covariances, focal_variance = marginal_covariances(graph, values, final.frames, prior)
     except RuntimeError as error:  # how gtsam reports singular systems and cheirality
         return BundleFailure(" ".join(str(error).split())[:160])

@@ -55,6 +55,8 @@ _SCALE_SIGMA = 1e-3
 #: Relative standard deviation of fy / fx if the focal length is adjusted. The data determine this ratio to a thousandth
 #: at best. With a smaller value, rounding in the elimination destroys the information about the common focal length.
 _ASPECT_SIGMA = 1e-5
+#: A graph is built in parts of so many factors, about 2 ms each.
+_FACTORS_AT_ONCE = 1000
 #: The gauge in words.
 GAUGE = "first pose fixed (prior, 1e-6); distance from the first camera to the farthest one held (prior, 1e-3 of it)"
 
@@ -222,7 +224,10 @@ def build_graph(
     for key, point in zip(point_keys, problem.points, strict=True):
         values.insert(key, point)
     pixels = measured_pixels(camera, problem.pixels)
-    for k, landmark, pixel in zip(problem.views.tolist(), problem.landmarks.tolist(), pixels, strict=True):
+    observed = zip(problem.views.tolist(), problem.landmarks.tolist(), pixels, strict=True)
+    for number, (k, landmark, pixel) in enumerate(observed):
+        if number % _FACTORS_AT_ONCE == 0:
+            spend(Prices.GRAPH * min(_FACTORS_AT_ONCE, len(pixels) - number))
         graph.add(factor(pixel, pose_keys[k], point_keys[landmark]))
     first = problem.world_from_cam[0]
     fixed = gtsam.noiseModel.Isotropic.Sigma(6, _GAUGE_SIGMA)
@@ -299,8 +304,8 @@ def optimize(
     """
     import gtsam
 
-    spend(Prices.GRAPH * len(problem.views))
     graph, values = build_graph(camera, problem, noise_px, robust=robust)
+    spend(Prices.ITERATION * len(problem.views))
     errors = [_rms_px(float(graph.error(values)), noise_px, problem)]
     params = gtsam.LevenbergMarquardtParams()
     optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, params)
@@ -390,6 +395,10 @@ def marginal_covariances(
     """
     import gtsam
 
+    spend(Prices.ITERATION * graph.size())
     marginals = gtsam.Marginals(graph, values)
-    poses = np.array([marginals.marginalCovariance(pose_key(frame)) for frame in frames])
+    poses = np.empty((len(frames), 6, 6))
+    for k, frame in enumerate(frames):
+        spend(Prices.COVARIANCE)
+        poses[k] = marginals.marginalCovariance(pose_key(frame))
     return poses, 0.0 if prior is None else float(marginals.marginalCovariance(calibration_key())[0, 0])

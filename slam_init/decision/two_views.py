@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,6 +62,26 @@ class MatchedPair:
     rays1: Floats
     rays2: Floats
     track_ids: Ints
+
+    def at(self, positions: Ints) -> MatchedPair:
+        """Some of the matches.
+
+        Parameters
+        ----------
+        positions : (M,) int
+
+        Returns
+        -------
+        MatchedPair
+        """
+        return replace(
+            self,
+            pixels1=self.pixels1[positions],
+            pixels2=self.pixels2[positions],
+            rays1=self.rays1[positions],
+            rays2=self.rays2[positions],
+            track_ids=self.track_ids[positions],
+        )
 
 
 def match_pair(history: History, preview: PairPreview, current: Observations) -> MatchedPair:

@@ -34,7 +34,7 @@ from slam_init.frontend.tracks import History
 from slam_init.mapping.candidate import map_of_poses
 from slam_init.mapping.map_building import MapWithViews, map_with_views
 from slam_init.mapping.views import TrackTable, table_of, voting_views
-from slam_init.types.arrays import Bools
+from slam_init.types.arrays import Bools, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import MapEvidence, RotationOnlyEvidence, WindowEvidence
 from slam_init.types.frame import Observations
@@ -69,6 +69,9 @@ _INSIGNIFICANT = 0.05
 #: A focal length is suspected only if it is off by a hundredth or more, the error of a careless calibration, and by
 #: five of its standard deviations: errors that the tracks share double them. Five hundredths have to be told.
 _LEAST_FOCAL_ERROR, _DOUBTFUL_SIGMAS, _TOLD_FOCAL_ERROR = 0.01, 5.0, 0.05
+#: In slices, motions are proposed from so many matches of a pair: an estimate cannot be divided, and takes 10 ms then.
+#: Its samples need inliers and not numbers, and the window fits the motions to tracks of its own.
+_MATCHES_IN_SLICES = 400
 #: Bundle adjustment on all tracks may turn the fitted motion by as much as a third of what makes a map wrong.
 _ADJUSTED_ROTATION_DEG, _ADJUSTED_DIRECTION_DEG = 1.5, 5.0
 
@@ -171,11 +174,13 @@ class WindowRule:
             return Outcome(refused_at(attempt, Verdict.PURE_ROTATION, Stage.MOTION))
         if chosen is not None:
             self._reference = chosen.reference
+            asked = self._matches_to_ask(len(pair.rays1))
+            few = pair.at(asked)
             with stopwatch("two_view"):
-                pose, self._threshold_rad = self._estimate(self._camera, self._config, pair)
-            attempt = self._with_pose(attempt, pose)
+                pose, self._threshold_rad = self._estimate(self._camera, self._config, few)
+            attempt = self._with_pose(attempt, pose, asked)
             if isinstance(pose, RelativePose):
-                self._propose(pair, pose)
+                self._propose(few, pose)
             if not self._live:
                 self._last = None
                 return Outcome(self._without_motion(attempt, pose))
@@ -204,9 +209,16 @@ class WindowRule:
 
     # -- parts of the judgement -------------------------------------------------------------------
 
-    def _with_pose(self, attempt: Attempt, pose: RelativePose | NoPose) -> Attempt:
+    def _matches_to_ask(self, count: int) -> Ints:
+        """Positions of the matches that motions are proposed from."""
+        most = count if self._config.work_per_frame is None else _MATCHES_IN_SLICES
+        return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+
+    def _with_pose(self, attempt: Attempt, pose: RelativePose | NoPose, asked: Ints) -> Attempt:
         evidence = pose_evidence(self._camera, pose)
-        inliers = pose.inliers if isinstance(pose, RelativePose) else attempt.inliers
+        inliers = attempt.inliers.copy()
+        if isinstance(pose, RelativePose):
+            inliers[asked] = pose.inliers
         return replace(attempt, two_view=evidence, inliers=inliers)
 
     def _propose(self, pair: MatchedPair, pose: RelativePose) -> None:

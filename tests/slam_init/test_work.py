@@ -1,7 +1,6 @@
 """A computation in slices: the same result as in one piece, whatever the slices and the speed of the machine."""
 
 import gc
-import math
 import threading
 import time
 import weakref
@@ -58,11 +57,6 @@ def test_a_part_that_exceeds_its_slice_shortens_the_next_ones():
         sliced.run(10.0)
         counts.append(len(done))
     assert counts == [1, 1, 1, 2]
-
-
-def test_what_is_left_of_the_last_slice_is_told():
-    assert Sliced(spending([3.0, 4.0], [])).run(10.0) == pytest.approx(3.0)
-    assert Sliced(spending([3.0], [])).run(math.inf) == math.inf
 
 
 def test_without_slices_work_costs_nothing():
