@@ -31,26 +31,26 @@ _Value = TypeVar("_Value")
 class Prices:
     """What the parts of a judgement take, in microseconds on one core of the machine that they were measured on.
 
-    ``python -m slam_init.benchmarks.speed --prices`` measures them again.
+    ``python -m slam_init.benchmarks.speed`` measures them again.
     """
 
     #: The best pair: fixed, and for each match.
-    PAIR, PAIR_MATCH = 5000.0, 13.0
+    PAIR, PAIR_MATCH = 7000.0, 18.0
     #: The tracks of a window, for each observation.
-    GATHER = 1.3
+    GATHER = 1.7
     #: The rotation between two views; a view that is located by points; points by two views and more.
-    ALIGN, LOCATE, TRIANGULATE = 200.0, 1200.0, 2500.0
+    ALIGN, LOCATE, TRIANGULATE = 220.0, 1700.0, 3500.0
     #: The cost of a state and its equations: fixed, and for each observation.
-    COST, COST_OBSERVATION = 100.0, 0.1
-    EQUATIONS, EQUATIONS_OBSERVATION = 400.0, 0.45
+    COST, COST_OBSERVATION = 130.0, 0.13
+    EQUATIONS, EQUATIONS_OBSERVATION = 500.0, 0.62
     #: The parts of the risk, each for a motion; the uncertainty of a direction for a view.
     LINEARIZE, MARGINALIZE, CHANCE, NEIGHBOURS, DISTANCES, OTHER_MOTION, DIRECTION = (
-        400.0, 3000.0, 400.0, 3500.0, 2000.0, 1500.0, 500.0,
+        400.0, 4000.0, 400.0, 4500.0, 2700.0, 1500.0, 650.0,
     )  # fmt: skip
     #: Bundle adjustment, for each observation: the points alone, a factor of the graph, an iteration.
-    POINTS, GRAPH, ITERATION = 2.0, 2.5, 3.0
+    POINTS, GRAPH, ITERATION = 3.5, 3.5, 4.5
     #: The covariance of a pose; the map that is handed over.
-    COVARIANCE, MAP = 1000.0, 1500.0
+    COVARIANCE, MAP = 400.0, 1500.0
 
 
 class _Stack(greenlet.greenlet):
