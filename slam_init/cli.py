@@ -244,13 +244,15 @@ def _run(arguments: argparse.Namespace) -> int:
     inputs = [arguments.source, *(file for file in (arguments.camera, config_path) if file is not None)]
     out = chosen_folder(arguments.out, "run", RUN_FILES, inputs)
 
-    from slam_init.config import load_config
+    from slam_init.config import REALTIME_WORK, load_config
     from slam_init.datasets import open_source
     from slam_init.methods.registry import method_info
 
     config = load_config(config_path, {"method": arguments.method, "seed": arguments.seed})
     method_info(config.method)
-    if arguments.refine_focal:  # without it the file decides
+    if arguments.realtime:  # without it the file decides
+        config = replace(config, work_per_frame=REALTIME_WORK)
+    if arguments.refine_focal:
         config = replace(config, map=replace(config.map, refine_focal=True))
     source = open_source(arguments.source, config.seed)
     camera = _camera(arguments, source, arguments.start)
@@ -272,7 +274,6 @@ def _run(arguments: argparse.Namespace) -> int:
         max_frames=arguments.max_frames,
         continue_frames=arguments.continue_frames,
         progress=not arguments.quiet and sys.stderr.isatty(),
-        realtime=arguments.realtime,
         notes=notes,
     )
     if arguments.json:

@@ -20,6 +20,7 @@ from slam_init.regular_file import read_regular
 from slam_init.types.display import Described
 
 __all__ = [
+    "REALTIME_WORK",
     "AcceptanceConfig",
     "Config",
     "KeyframeConfig",
@@ -31,6 +32,10 @@ __all__ = [
 ]
 
 _Options = TypeVar("_Options")
+
+#: Work of a frame at 30 Hz: with 12 ms for the tracks and 3 ms for the pairs it takes 30 ms, and the next one comes
+#: after 33.
+REALTIME_WORK = 15_000.0
 
 # All options take 4 kB.
 _MAX_BYTES = 200_000
@@ -185,8 +190,8 @@ class Config(Described):
     work_per_frame : float or None
         Work that a frame of a video may take besides its tracks, in microseconds on one core of the machine that the
         prices were measured on (:mod:`slam_init.work`); longer computations go on in the next frames. A frame that is
-        more than 0.15 s later than the one before may take more in proportion. None (``inf`` in a file): a frame takes
-        as long as it needs.
+        more than 0.15 s later than the one before may take more in proportion; :data:`REALTIME_WORK` suits a camera at
+        30 Hz. None (``inf`` in a file): a frame takes as long as it needs.
     tracking : TrackingConfig
         Features and tracks.
     keyframes : KeyframeConfig
@@ -201,8 +206,9 @@ class Config(Described):
 
     method: str = "quest"
     seed: int = 0
-    #: With 12 ms for the tracks and 3 ms for the pairs a frame takes 30 ms, and a camera at 30 Hz waits for 33.
-    work_per_frame: float | None = 15_000.0
+    #: A judgement takes 100 to 500 ms. A camera that can wait, or whose frames wait in a queue, has its map in half of
+    #: the time if each frame is judged at once.
+    work_per_frame: float | None = None
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     keyframes: KeyframeConfig = field(default_factory=KeyframeConfig)
     two_view: TwoViewConfig = field(default_factory=TwoViewConfig)

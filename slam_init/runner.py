@@ -38,7 +38,6 @@ def run(
     max_frames: int | None = None,
     continue_frames: int = 0,
     progress: bool = False,
-    realtime: bool = False,
     notes: tuple[str, ...] = (),
 ) -> tuple[Result, Summary]:
     """Initialize from a source, and write the results.
@@ -62,9 +61,6 @@ def run(
         Number of frames after the initialization that are located in the map.
     progress : bool
         Show a progress bar on stderr.
-    realtime : bool
-        Whether each frame has the time of ``config.work_per_frame`` only, as those of a camera. Otherwise the frames of
-        the source wait until they are judged.
     notes : tuple of str
         Notes for the user; the result contains them.
 
@@ -81,8 +77,6 @@ def run(
         unchanged.
     """
     method_info(config.method)  # an unknown method is an error before anything is written
-    if not realtime:
-        config = replace(config, work_per_frame=None)
     job = _Job(source, camera, config, start, max_frames, continue_frames, progress, notes)
     if out is None:
         return job.run(Recorder())[:2]

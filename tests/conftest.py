@@ -38,7 +38,7 @@ def room_run(room: KeptSource, tmp_path_factory: pytest.TempPathFactory) -> Run:
 @pytest.fixture(scope="session")
 def room_fed_once(room: KeptSource) -> Fed:
     """An initializer that has processed the default source up to its map."""
-    initializer, frames = Initializer(room.camera, Config(work_per_frame=None)), room.frames()
+    initializer, frames = Initializer(room.camera), room.frames()
     for frame in frames:
         initializer.process(frame)
         if initializer.map is not None:
@@ -55,7 +55,7 @@ def room_fed(room_fed_once: Fed) -> Fed:
 @pytest.fixture(scope="session")
 def room_refined_once(room: KeptSource) -> Fed:
     """A map whose stated focal length was a twentieth too long, and was adjusted."""
-    config = Config(work_per_frame=None)
+    config = Config()
     config = replace(config, map=replace(config.map, refine_focal=True))
     initializer, frames = Initializer(camera_with_focal_factor(room.camera, 1.05), config), room.frames()
     for frame in frames:

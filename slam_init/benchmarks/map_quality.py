@@ -167,7 +167,7 @@ def opened_points(text: str) -> PointSource:
 def _map_of(source: PointSource, seed: int) -> InitialMap | None:
     from slam_init.initializer import Initializer
 
-    initializer = Initializer(source.camera, Config(seed=seed, work_per_frame=None))
+    initializer = Initializer(source.camera, Config(seed=seed))
     for observations in source.observations():
         if initializer.process_tracks(observations):
             break

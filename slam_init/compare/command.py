@@ -20,6 +20,7 @@ from slam_init.compare.summary import ComparisonSummary, six_digits
 from slam_init.compare.trial_table import LEVELS, PARTS
 from slam_init.compare.trials import Settings
 from slam_init.compare.wait import WaitDifference
+from slam_init.config import REALTIME_WORK, Config
 from slam_init.errors import ConfigError
 from slam_init.output.tables import markdown_table, number
 
@@ -63,7 +64,7 @@ def run_command(arguments: argparse.Namespace, out: str | os.PathLike[str], *, p
             limit_frames=arguments.limit_frames,
             time_limit_s=arguments.time_limit,
             memory_limit_mb=arguments.memory_limit,
-            realtime=arguments.realtime,
+            config=Config(work_per_frame=REALTIME_WORK if arguments.realtime else None),
         ),
     )
     summary = compare(

@@ -132,7 +132,6 @@ def _shared_settings(settings: Settings) -> dict[str, Json]:
         "seed": settings.seed,
         "limit_frames": settings.limit_frames,
         "limit_s": settings.limit_s,
-        "realtime": settings.realtime,
         "options": asdict(replace(settings.config, method="", seed=0)),
     }
 

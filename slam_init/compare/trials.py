@@ -82,8 +82,6 @@ class Settings:
         A trial that allocates more memory counts as an error. 0 for no limit.
     config : Config
         Options of the methods; the fields ``method`` and ``seed`` are not used.
-    realtime : bool
-        Whether a frame has the time of ``config.work_per_frame`` only.
     """
 
     seed: int = 0
@@ -94,7 +92,6 @@ class Settings:
     time_limit_s: float = 300.0
     memory_limit_mb: int = 6000
     config: Config = field(default_factory=Config)
-    realtime: bool = False
 
     def frames_limit(self, source: ComparedSource, start: int) -> int:
         """Return the number of frames that a trial may read.
@@ -145,9 +142,7 @@ def run_trial(trial: Trial, settings: Settings) -> TrialRow:
     frames_ms: list[float] = []
     attempts_ms: list[float] = []
     with _recorder(trial, settings, source, camera) as recorder:
-        work = settings.config.work_per_frame if settings.realtime else None
-        config = replace(settings.config, seed=settings.seed, work_per_frame=work)
-        initializer = make_initializer(trial.method, camera, config, recorder)
+        initializer = make_initializer(trial.method, camera, replace(settings.config, seed=settings.seed), recorder)
         for _, step in zip(range(limit), steps, strict=False):
             if pictures is not None:
                 recorder.frame(next(pictures), step.current)

@@ -116,7 +116,7 @@ def test_results_are_written_to_and_read_from_any_path(room, tmp_path, room_run)
     out = APath(tmp_path / "out")
     result, _ = run(room, room.camera, Config(), out=out, max_frames=2)
     assert not result and (tmp_path / "out" / "summary.json").is_file()
-    assert load_config(APath(tmp_path / "out" / "config.toml")) == Config(work_per_frame=None)
+    assert load_config(APath(tmp_path / "out" / "config.toml")) == Config()
     graph, values = load_graph(PurePath(room_run.out))
     assert graph.size() > 0 and values.size() > 0
 

@@ -20,7 +20,7 @@ from slam_init import Config, Initializer
 from slam_init.compare.sources import open_compared
 for text in sys.argv[1:]:
     source = open_compared(text)
-    initializer = Initializer(source.camera, Config(work_per_frame=None))
+    initializer = Initializer(source.camera)
     points = text.startswith("points:")
     for frame in source.observations() if points else source.frames():
         if initializer.process_tracks(frame) if points else initializer.process(frame):

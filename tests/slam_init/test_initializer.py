@@ -102,7 +102,7 @@ def test_a_static_camera_gets_its_reason_and_little_progress():
 
 
 def test_the_progress_is_that_of_the_best_reference_and_falls_with_it():
-    initializer = Initializer(CAMERA, Config(work_per_frame=None))
+    initializer = Initializer(CAMERA)
     for observed in planar_views(STRAIGHT):
         before = initializer.process_tracks(observed).progress
     assert before > 0.75
@@ -165,7 +165,7 @@ def test_the_result_can_be_read_at_any_time_without_a_change():
 
 def test_images_give_the_same_map_as_frames_and_initializers_share_nothing(room, room_fed_once):
     """Three initializers run side by side, one of them on another scene; each gives its own map."""
-    whole = Config(work_per_frame=None)
+    whole = Config()
     framed, plain, other = Initializer(room.camera, whole), Initializer(room.camera, whole), Initializer(CAMERA, whole)
     for frame, observed in zip_longest(room.frames(0, 40), seen_from(make_poses(4))):
         framed.process(frame)
@@ -265,7 +265,7 @@ def test_a_revision_of_a_frame_that_is_not_in_the_history_is_ignored():
 def test_both_maps_of_a_plane_are_kept_until_the_views_decide():
     views, diary = planar_views([*STRAIGHT, *CURVE]), Diary()
     truth = Trajectory(np.arange(len(views)) / 30, (*STRAIGHT, *CURVE))
-    initializer = Initializer(CAMERA, Config(work_per_frame=None), recorder=diary)
+    initializer = Initializer(CAMERA, recorder=diary)
     for observed in views[: len(STRAIGHT)]:
         assert not initializer.process_tracks(observed)
     result = initializer.result

@@ -53,7 +53,7 @@ def test_a_landmark_that_loses_the_view_of_its_parallax_does_not_spoil_the_map(r
 def test_tracks_with_a_noise_of_two_pixels_make_a_correct_map():
     """The outlier threshold of 2 px accepts 65 % of the matches, and is widened; 85 % of the matches are correct."""
     source = open_points("points:room?noise_px=2&baseline=0.3&outliers=0.15", 3)
-    initializer = Initializer(source.camera, Config(work_per_frame=None))
+    initializer = Initializer(source.camera)
     for observed in source.observations():
         if initializer.process_tracks(observed):
             break

@@ -85,7 +85,7 @@ def test_all_files_are_written(room_run):
         "graph.txt", "values.txt", "continued.txt", "config.toml", "recording.rrd",
     }  # fmt: skip
     assert json.loads((room_run.out / "summary.json").read_text()) == room_run.summary.as_dict()
-    assert load_config(room_run.out / "config.toml") == Config(work_per_frame=None)
+    assert load_config(room_run.out / "config.toml") == Config()
     trajectory = np.loadtxt(room_run.out / "trajectory.txt")
     assert len(trajectory) == len(room_run.result.map.keyframes) == len(room_run.summary.keyframes)
     assert room_run.summary.landmarks == len(room_run.result.map.points)

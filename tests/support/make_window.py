@@ -25,7 +25,7 @@ from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks, gather_tracks
 
 #: The options of the tests of the window.
-WINDOW_CONFIG = Config(work_per_frame=None)
+WINDOW_CONFIG = Config()
 #: A focal length that is nearly known, and no error fields.
 PRIORS = Priors(focal_sigma=0.02)
 

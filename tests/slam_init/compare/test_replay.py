@@ -11,7 +11,7 @@ from path_types import PATH_TYPES
 from slam_init.compare import answers, replay
 from slam_init.compare.replay import find_tracks
 from slam_init.compare.trials import Settings
-from slam_init.config import Config, TrackingConfig
+from slam_init.config import TrackingConfig
 from slam_init.frontend.tracks import Tracker
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
@@ -21,7 +21,7 @@ CAMERA = Camera("pinhole", 320, 240, 250.0, 250.0, 159.5, 119.5)
 
 def test_replayed_tracks_give_the_same_map(room, room_run, tmp_path):
     frames = tuple(room.frames(0, room_run.result.frames_to_init))
-    initializer = Initializer(room.camera, Config(work_per_frame=None))
+    initializer = Initializer(room.camera)
     for step in find_tracks(GivenFrames(room.camera, frames), "room", tmp_path).steps(0):
         initializer.process_tracks(step.current, step.revised)
     np.testing.assert_array_equal(initializer.map.points, room_run.result.map.points)

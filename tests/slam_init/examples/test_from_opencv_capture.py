@@ -17,7 +17,7 @@ def video(room, tmp_path_factory):
     folder = tmp_path_factory.mktemp("capture")
     path, camera = folder / "room.avi", room.camera
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), RATE_HZ, (camera.width, camera.height))
-    for frame in room.frames(0, 45):
+    for frame in room.frames(0, 25):
         writer.write(frame.image if frame.image.ndim == 3 else cv2.cvtColor(frame.image, cv2.COLOR_GRAY2BGR))
     writer.release()
     calibration = folder / "camera.yaml"
@@ -33,7 +33,7 @@ def test_a_capture_is_read_until_a_map_is_found(room, video):
     capture = cv2.VideoCapture(str(video[0]))
     result = initialize_from_capture(capture, load_camera(video[1]), lines.append)
     assert result
-    assert capture.get(cv2.CAP_PROP_POS_FRAMES) == result.frames_to_init < 45
+    assert capture.get(cv2.CAP_PROP_POS_FRAMES) == result.frames_to_init < 25
     for keyframe in result.map.keyframes:
         assert keyframe.timestamp_s == pytest.approx(keyframe.frame / RATE_HZ, abs=1e-3)
     assert "waiting" in lines[0]

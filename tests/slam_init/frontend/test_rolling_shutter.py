@@ -8,7 +8,6 @@ from make_map import CAMERAS
 
 from quest.geometry.quaternion import rotation_from_vector
 from sequences_synth.points import PointOptions, make_points
-from slam_init.config import Config
 from slam_init.datasets.points import PointSource
 from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels, readout_places, turning_flow
 from slam_init.frontend.tracks import History
@@ -139,7 +138,7 @@ def test_nothing_is_corrected_where_the_turning_is_not_known(case):
 def run(seed, **options):
     options = {"views": 45, "fps": 30.0, "turning_deg_s": 60.0, "noise_px": 0.5, "outliers": 0.1} | options
     source = PointSource(make_points("handheld", seed, PointOptions(**options)))
-    initializer = Initializer(source.camera, Config(work_per_frame=None))
+    initializer = Initializer(source.camera)
     for one in source.observations():
         if initializer.process_tracks(one):
             break
@@ -181,7 +180,7 @@ def test_a_camera_that_only_turns_is_told_from_one_that_translates(readout_ms):
 @pytest.mark.slow
 def test_a_readout_that_is_told_is_not_estimated():
     source, initializer = run(42, readout_ms=20.0, speed=0.1)
-    told = Initializer(replace(source.camera, readout_ms=20.0), Config(work_per_frame=None))
+    told = Initializer(replace(source.camera, readout_ms=20.0))
     for one in source.observations():
         if told.process_tracks(one):
             break

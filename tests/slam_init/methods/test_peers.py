@@ -82,7 +82,7 @@ def test_magsac_is_another_name_of_the_five_point_method():
 def test_the_window_judges_the_poses_of_poselib(scene, seed):
     pytest.importorskip("poselib")
     source = point_source(scene, seed, baseline=0.2)
-    initializer = make_initializer("poselib-window", source.camera, Config(work_per_frame=None))
+    initializer = make_initializer("poselib-window", source.camera, Config())
     for observed in source.observations():
         if initializer.process_tracks(observed):
             break
