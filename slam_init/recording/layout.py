@@ -158,7 +158,9 @@ def blueprint() -> Any:
         rrb.Vertical(
             rrb.Horizontal(camera, verdict, column_shares=[3, 2]),
             pair,
-            rrb.Horizontal(rrb.Tabs(parallax, shares), rrb.Tabs(risk, direction, readout, times), counts, bundle),
+            rrb.Horizontal(
+                rrb.Tabs(parallax, shares), rrb.Tabs(risk, direction, readout), rrb.Tabs(counts, times), bundle
+            ),
             row_shares=[3, 3, 2],
         ),
         column_shares=[1, 1],
