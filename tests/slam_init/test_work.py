@@ -166,6 +166,8 @@ def test_the_speed_of_the_machine_changes_no_result(work, monkeypatch):
 def test_no_frame_is_given_more_than_its_work(monkeypatch):
     """Of a frame's parts all but the last fit its work: the work that cannot be divided is a part of its own."""
     frames, per_frame = [], 15_000.0
+    source = point_source("wall", 0, views=60)
+    initializer = Initializer(source.camera, Config(work_per_frame=per_frame))
     real = work_module.Sliced.run
 
     def noted(self, work):
@@ -180,8 +182,6 @@ def test_no_frame_is_given_more_than_its_work(monkeypatch):
     monkeypatch.setattr(work_module.Sliced, "run", noted)
     for name in ("window.equations", "window.locating", "window.live", "window.uncertainty", "bundle.graph"):
         monkeypatch.setattr(f"slam_init.{name}.spend", noted_spend)
-    source = point_source("wall", 0, views=60)
-    initializer = Initializer(source.camera, Config(work_per_frame=per_frame))
     for observed in source.observations():
         initializer.process_tracks(observed)
     assert len(frames) > 20
@@ -202,10 +202,10 @@ def test_the_end_of_a_sequence_ends_the_judgement_under_way():
 
 @pytest.mark.parametrize(("interval_s", "share"), [(1 / 30, 1.0), (0.15, 1.0), (0.6, 4.0)])
 def test_photographs_have_more_time_than_the_frames_of_a_video(interval_s, share, monkeypatch):
-    given_work, real = [], work_module.Sliced.run
-    monkeypatch.setattr(work_module.Sliced, "run", lambda self, work: (given_work.append(work), real(self, work))[1])
     source = point_source("room", 0, baseline=0.3)
     initializer = Initializer(source.camera, Config(work_per_frame=1_000.0))
+    given_work, real = [], work_module.Sliced.run
+    monkeypatch.setattr(work_module.Sliced, "run", lambda self, work: (given_work.append(work), real(self, work))[1])
     for k, observed in enumerate(source.observations()):
         initializer.process_tracks(replace(observed, timestamp_s=k * interval_s))
     assert given_work[1] == pytest.approx(1_000.0 * share)
