@@ -13,8 +13,9 @@ risk                        the probability that the best motion is wrong; the o
 map                         a bundle-adjusted map of an accepted motion, or of both motions of an undecided plane
 ==========================  =========================================================================================
 
-A judgement takes longer than a camera waits, so it runs in slices (:mod:`slam_init.work`): each frame is tracked, and
-the rest of its time goes to the judgement under way. Frames that arrive meanwhile are not judged themselves.
+A judgement takes longer than a camera waits. With ``Config.work_per_frame`` it runs in slices (:mod:`slam_init.work`):
+each frame is tracked, and the rest of its time goes to the judgement under way. Frames that arrive meanwhile are not
+judged themselves.
 
 The first map whose risk is small enough ends the initialization. A refusal has a reason and its evidence. If the views
 cannot decide between the two motions of a plane, both maps are kept.
@@ -38,7 +39,7 @@ from slam_init.decision.outcome import Outcome
 from slam_init.decision.screening import screen
 from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
-from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
+from slam_init.frontend.rolling_shutter import VIDEO_INTERVAL_S, RollingShutter, corrected_pixels
 from slam_init.frontend.tracks import Tracker
 from slam_init.mapping.map_building import MapWithViews
 from slam_init.recording.recorder import Recorder
@@ -57,10 +58,6 @@ if TYPE_CHECKING:
     from slam_init.decision.window_rule import WindowRule
 
 __all__ = ["Initializer"]
-
-#: Time between two frames of a video at most. Longer ones are those of photographs, or of one frame of many: there is
-#: more time for each in proportion.
-_VIDEO_INTERVAL_S = 0.15
 
 
 class Initializer:
@@ -273,11 +270,11 @@ class Initializer:
         return self.status.after(attempt, self._attempts.best_progress(self.keyframes.candidates))
 
     def _work_for(self, current: Observations) -> float:
-        """The work that may be spent on a frame besides its tracks."""
+        """The work that may be spent on a frame besides its tracks; photographs leave more time, in proportion."""
         work = self.config.work_per_frame
         interval_s = 0.0 if self._last_s is None or not self._timed else current.timestamp_s - self._last_s
         self._last_s = current.timestamp_s
-        return math.inf if work is None else work * max(1.0, interval_s / _VIDEO_INTERVAL_S)
+        return math.inf if work is None else work * max(1.0, interval_s / VIDEO_INTERVAL_S)
 
     def _judge(self, pairs: list[PairPreview], current: Observations, work: float) -> Attempt | None:
         """Go on with the judgement under way, or begin with that of this frame; the attempt that ends in this frame."""

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     _FactorMaker: TypeAlias = Callable[[Floats, int, int], gtsam.NonlinearFactor]
 
 __all__ = [
+    "CAUCHY",
     "GAUGE",
     "build_graph",
     "calibration_key",
@@ -45,7 +46,7 @@ __all__ = [
 ]
 
 #: Tuning constant with 95 % efficiency on Gaussian residuals (Holland and Welsch 1977).
-_CAUCHY = 2.3849
+CAUCHY = 2.3849
 #: Standard deviation that practically fixes a variable; much faster than constrained noise in gtsam.
 _GAUGE_SIGMA = 1e-6
 #: Relative standard deviation of the range factor. The optimum does not depend on it, as the scale is otherwise free.
@@ -214,7 +215,7 @@ def build_graph(
 
     noise: gtsam.noiseModel.Base = gtsam.noiseModel.Isotropic.Sigma(2, noise_px)
     if robust:
-        noise = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(_CAUCHY), noise)
+        noise = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(CAUCHY), noise)
     factor = projection(camera, noise, adjusted=prior is not None)
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     pose_keys = [pose_key(frame) for frame in problem.frames]

@@ -11,15 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from slam_init.bundle.graph import CAUCHY
 from slam_init.bundle.problem import BundleProblem
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 
 __all__ = ["fit_points"]
 
-#: Tuning constant with 95 % efficiency on Gaussian residuals (Holland and Welsch 1977).
-_CAUCHY = 2.3849
-#: The weights change by a hundredth after so many steps from a triangulation.
+#: The fifth step moves a typical point by a hundred-thousandth of its distance, and one in twenty by more than 2 in ten
+#: thousand (300 drawn points in views with .5 px of noise and 10 % outliers, from distances off by 5 %).
 _STEPS = 5
 #: Added to the equations of a point, as a share of their trace: points without parallax stay where they are.
 _DAMPING = 1e-6
@@ -46,7 +46,7 @@ def fit_points(camera: Camera, problem: BundleProblem, noise_px: float) -> Bundl
     rays = np.einsum("mij,mj->mi", R, rays)
     centres = np.array([pose.t for pose in problem.world_from_cam])[problem.views]
     points, landmarks = problem.points, problem.landmarks
-    scale_rad = _CAUCHY * noise_px / camera.focal_px
+    scale_rad = CAUCHY * noise_px / camera.focal_px
     for _ in range(_STEPS):
         offsets = points[landmarks] - centres
         distances = np.maximum(np.linalg.norm(offsets, axis=1), 1e-300)

@@ -34,7 +34,7 @@ from slam_init.frontend.tracks import History
 from slam_init.mapping.candidate import map_of_poses
 from slam_init.mapping.map_building import MapWithViews, map_with_views
 from slam_init.mapping.views import TrackTable, table_of, voting_views
-from slam_init.types.arrays import Bools, Ints
+from slam_init.types.arrays import Bools, Ints, evenly_spaced
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import MapEvidence, RotationOnlyEvidence, WindowEvidence
 from slam_init.types.frame import Observations
@@ -212,7 +212,7 @@ class WindowRule:
     def _matches_to_ask(self, count: int) -> Ints:
         """Positions of the matches that motions are proposed from."""
         most = count if self._config.work_per_frame is None else _MATCHES_IN_SLICES
-        return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+        return evenly_spaced(count, most)
 
     def _with_pose(self, attempt: Attempt, pose: RelativePose | NoPose, asked: Ints) -> Attempt:
         evidence = pose_evidence(self._camera, pose)

@@ -23,11 +23,11 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 
-__all__ = ["RollingShutter", "corrected_pixels", "image_flow", "readout_places", "turning_flow"]
+__all__ = ["VIDEO_INTERVAL_S", "RollingShutter", "corrected_pixels", "image_flow", "readout_places", "turning_flow"]
 
 #: A hand changes its turning several times in a second. With frames farther apart than this, the turning between two
 #: frames tells nothing about the turning in the time of a readout.
-_LONGEST_STEP_S = 0.15
+VIDEO_INTERVAL_S = 0.15
 #: A hand swings a camera at up to 0.8 Hz, so its turning changes by about five times itself in a second. The turning of
 #: a single step is that at its middle, and both frames are half a step away from it.
 _SWING_PER_S = 5.0
@@ -167,7 +167,7 @@ class RollingShutter:
     def _step(self, previous: Observations, current: Observations) -> _Step | None:
         """The turning between two frames; None where they are far apart in time, or share too few tracks."""
         length_s = current.timestamp_s - previous.timestamp_s
-        if not 0 < length_s <= _LONGEST_STEP_S:
+        if not 0 < length_s <= VIDEO_INTERVAL_S:
             return None
         i, j = common_tracks(previous, current)
         if len(i) < _LEAST_TRACKS:

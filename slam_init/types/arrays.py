@@ -1,13 +1,31 @@
-"""Array types for annotations; the shapes are stated in the docstrings."""
+"""Array types for annotations, whose shapes are stated in the docstrings; and evenly spaced positions."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Bools", "Floats", "Image", "Ints"]
+__all__ = ["Bools", "Floats", "Image", "Ints", "evenly_spaced"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Image = NDArray[np.uint8]
+
+
+def evenly_spaced(count: int, most: int) -> Ints:
+    """Positions in an array, evenly spaced.
+
+    Parameters
+    ----------
+    count : int
+        Length of the array.
+    most : int
+        Largest number of positions.
+
+    Returns
+    -------
+    (N,) int
+        Ascending; all positions where there are no more.
+    """
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))

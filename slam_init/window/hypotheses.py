@@ -22,7 +22,7 @@ import numpy as np
 
 from quest.estimate import Hypothesis, RelativePose
 from slam_init.mapping.plane import plane_of_motion
-from slam_init.types.arrays import Floats, Ints
+from slam_init.types.arrays import Floats, evenly_spaced
 from slam_init.types.pose import Pose
 from slam_init.window.equations import explained_at_most
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
@@ -305,7 +305,7 @@ def _fit_rotation(
     """Fit the camera that only rotates, with a right and with a wrong focal length; the better fit, and its prior."""
     # The translation has no effect on points at infinity; its length only has to differ from zero.
     t = np.outer(np.arange(len(rotations)), [1e-9, 0.0, 0.0])
-    few = tracks.of_tracks(_spread_positions(len(tracks.track_ids), _START_TRACKS))
+    few = tracks.of_tracks(evenly_spaced(len(tracks.track_ids), _START_TRACKS))
     start = start_at(few, rotations, t, readout_s=tracks.readout_s, at_infinity=True)
     any_focal = replace(priors, focal_sigma=_WRONG_FOCAL, k1_sigma=_WRONG_K1)
     # A wrong focal length moves the tracks by many times their noise, so the fit starts with a noise that allows it.
@@ -331,11 +331,6 @@ def _at_infinity(tracks: WindowTracks, found: WindowState) -> WindowState:
     return start_at(
         tracks, found.R, found.t, log_scale=found.log_scale, k1=found.k1, readout_s=found.readout_s, at_infinity=True
     )
-
-
-def _spread_positions(count: int, wanted: int) -> Ints:
-    """At most so many positions, evenly spread."""
-    return np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int))
 
 
 def _hopeless_rotation(tracks: WindowTracks, start: WindowState, priors: Priors, best: FittedMotion) -> float:
