@@ -1,0 +1,78 @@
+"""``slam-init compare``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING
+
+from slam_init.cli.exit_codes import DONE
+from slam_init.cli.parser import OUT_HELP, UsageError, at_least
+from slam_init.process_io import tell
+
+if TYPE_CHECKING:
+    from slam_init.cli.parser import Commands
+
+__all__ = ["add_compare"]
+
+_DEFAULT_COMPARISON = "slam-init-compare"
+
+
+def add_compare(commands: Commands) -> None:
+    """Add the command.
+
+    Parameters
+    ----------
+    commands : argparse subparsers
+    """
+    compare = commands.add_parser("compare", help="compare methods on the same trials", allow_abbrev=False)
+    compare.description = (
+        "Run methods on the same tracks from many starts; write tables, statistics and a report. The wait of a trial "
+        "is the number of frames after its start until the first correct map; a trial without one counts as its limit. "
+        "slam_init/compare/judging.py tells how each sequence is judged."
+    )
+    compare.set_defaults(command=_compare)
+    compare.add_argument(
+        "sources",
+        metavar="SOURCE",
+        nargs="*",
+        help="a sequence, a folder of sequences, synth:NAME[?seed=N&...] or points:NAME[?seed=N&...]",
+    )
+    compare.add_argument("--methods", metavar="A,B", help="of slam-init run --method (default: all that are installed)")
+    compare.add_argument("--every", type=int, default=10, metavar="K", help="start at every K-th frame (default: 10)")
+    compare.add_argument(
+        "--min-left", type=int, default=3, metavar="N", help="start only where N frames are left (default: 3)"
+    )
+    compare.add_argument("--grid", type=int, default=0, metavar="N", help="add N point-level trials of each scene")
+    compare.add_argument(
+        "--limit-frames", type=int, default=150, metavar="N", help="a trial reads at most N frames (default: 150)"
+    )
+    compare.add_argument("--jobs", type=int, metavar="N", help="processes (default: one a core)")
+    compare.add_argument(
+        "--backend", default="loky", metavar="NAME", help="loky (default), sequential or dask:ADDRESS of a scheduler"
+    )
+    compare.add_argument("--seed", type=int, default=0, metavar="N", help="of random draws (default: 0)")
+    compare.add_argument("--time-limit", type=float, default=300.0, metavar="S", help="of a trial (default: 300 s)")
+    compare.add_argument("--memory-limit", type=int, default=6000, metavar="MB", help="of a trial (default: 6000 MB)")
+    compare.add_argument("--realtime", action="store_true", help="judge in slices, as for a camera that does not wait")
+    compare.add_argument("--recordings", action="store_true", help="write a recording of each trial")
+    compare.add_argument("--out", metavar="DIR", default=_DEFAULT_COMPARISON, help=OUT_HELP)
+
+
+def _compare(arguments: argparse.Namespace) -> int:
+    """``slam-init compare``."""
+    for option, least in (("every", 1), ("min_left", 2), ("grid", 0), ("limit_frames", 2), ("jobs", 1), ("seed", 0)):
+        at_least(f"--{option.replace('_', '-')}", getattr(arguments, option), least)
+    at_least("--time-limit", arguments.time_limit, 1)
+    at_least("--memory-limit", arguments.memory_limit, 100)
+    if not arguments.sources and not arguments.grid:
+        raise UsageError("no SOURCE: give sequences, or --grid N (see slam-init compare --help)")
+    from slam_init.output.folder import chosen_folder
+    from slam_init.output.names import COMPARE_FILES
+
+    out = chosen_folder(arguments.out, "compare", COMPARE_FILES, arguments.sources)
+
+    from slam_init.compare.command import run_command
+
+    tell(run_command(arguments, out, progress=sys.stderr.isatty()))
+    return DONE

@@ -1,0 +1,98 @@
+"""The command line: ``slam-init run``, ``slam-init synth``, ``slam-init info``, ``slam-init compare``.
+
+Exit codes: 0 initialized (or done), 2 bad usage or input, 3 the data never allowed initialization. An interrupt gives
+128 and the number of the signal: 130 for SIGINT, 143 for SIGTERM, 129 for SIGHUP. Whatever is wrong is told in one line
+on stderr.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from slam_init.cli.compare import add_compare
+from slam_init.cli.exit_codes import BAD_INPUT, INTERRUPTED
+from slam_init.cli.info import add_info
+from slam_init.cli.parser import Parser, UsageError
+from slam_init.cli.run import add_run
+from slam_init.cli.synth import add_synth
+from slam_init.errors import SlamInitError
+from slam_init.process_io import InterruptsNoted, NativeStderrSilenced, complain, fill_closed_streams, tell
+
+__all__ = ["entry_point", "main"]
+
+
+def entry_point() -> NoReturn:
+    """The console script."""
+    fill_closed_streams()
+    code = main()
+    if code > INTERRUPTED:
+        # Where an interrupt comes inside ``exec``, Python ends by SIGINT later, whatever the exit code.
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments without the program's name; those of the process by default.
+    """
+    interrupts = InterruptsNoted()
+    try:
+        with interrupts:
+            try:
+                arguments = _parser().parse_args(argv)
+                with NativeStderrSilenced():
+                    code: int = arguments.command(arguments)
+            except Exception:
+                # An extension module that is interrupted while it is imported raises an ImportError instead.
+                if interrupts.seen is not None:
+                    raise KeyboardInterrupt from None
+                raise
+    except SlamInitError as error:
+        complain(f"error: {error}")
+        return BAD_INPUT
+    except KeyboardInterrupt as interrupt:
+        complain(str(interrupt) or "interrupted")
+        return INTERRUPTED + (interrupts.seen or signal.SIGINT)
+    except SystemExit as done:  # --help and --version
+        return int(done.code or 0)
+    return code
+
+
+def _parser() -> Parser:
+    parser = Parser(
+        prog="slam-init",
+        description="Monocular SLAM initialization: from a video to a bundle-adjusted map, or why not.",
+        epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized, 130 interrupted (128 + signal).",
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="run, synth, info or compare")
+
+    add_run(commands)
+    add_synth(commands)
+    add_info(commands)
+    add_compare(commands)
+    return parser
+
+
+class _Version(argparse.Action):
+    """Print the version; looked up only then, as the look-up costs more than the parser."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            tell(f"slam-init {version('slam-init')}\n")
+        except PackageNotFoundError:
+            raise UsageError("the version is known once the package is installed: pip install .") from None
+        parser.exit()

@@ -1,0 +1,81 @@
+"""The source of the frames and its camera, as several commands take them."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from slam_init.cli.parser import UsageError
+
+if TYPE_CHECKING:
+    from slam_init.types.camera import Camera
+    from slam_init.types.frame import Source
+
+__all__ = ["add_source", "chosen_camera"]
+
+
+def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
+    """Add the source and the options of its camera.
+
+    Parameters
+    ----------
+    parser : Parser
+    default : str or None
+        The source where none is given; None if one must be given.
+    """
+    parser.add_argument(
+        "source",
+        metavar="SOURCE",
+        nargs="?" if default else None,
+        default=default,
+        help="a folder (TUM, EuRoC, KITTI, images), a video, or synth:NAME"
+        + (f" (default: {default})" if default else ""),
+    )
+    parser.add_argument("--camera", metavar="FILE", help="calibration; 'guess' guesses the focal length")
+    parser.add_argument(
+        "--readout",
+        metavar="MS",
+        help="readout of a rolling shutter in milliseconds, 0 for a global shutter; 25,up or 25,left where rows or "
+        "columns are read in another direction than down; 'auto' estimates it (default: that of the calibration)",
+    )
+
+
+def chosen_camera(arguments: argparse.Namespace, source: Source, start: int) -> Camera | None:
+    """Return the calibration that was asked for, else that of the source; checked against the first image used.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+    source : Source
+    start : int
+        Index of the first frame used.
+
+    Returns
+    -------
+    Camera or None
+
+    Raises
+    ------
+    SlamInitError
+        If a file or an option is wrong, or the first frame cannot be read.
+    """
+    frame = next(source.frames(start, 1))
+    if arguments.camera is None:
+        camera = source.camera
+    else:
+        from slam_init.calibration.files import load_camera
+
+        camera = load_camera(arguments.camera, (frame.image.shape[1], frame.image.shape[0]))
+    return camera if arguments.readout is None or camera is None else _with_readout(camera, arguments.readout)
+
+
+def _with_readout(camera: Camera, text: str) -> Camera:
+    """The camera with the readout of the command line."""
+    if text == "auto":
+        return replace(camera, readout_ms=None)
+    milliseconds, _, direction = text.partition(",")
+    try:
+        return replace(camera, readout_ms=float(milliseconds), readout_direction=direction or "down")
+    except ValueError:
+        raise UsageError(f"--readout is {text!r}: give milliseconds, as in 25 or 25,up, or auto") from None

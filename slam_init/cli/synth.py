@@ -1,0 +1,62 @@
+"""``slam-init synth``."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from slam_init.cli.exit_codes import DONE
+from slam_init.cli.parser import at_least
+from slam_init.process_io import tell
+
+if TYPE_CHECKING:
+    from slam_init.cli.parser import Commands
+
+__all__ = ["add_synth"]
+
+
+def add_synth(commands: Commands) -> None:
+    """Add the command.
+
+    Parameters
+    ----------
+    commands : argparse subparsers
+    """
+    synth = commands.add_parser("synth", help="write a synthetic sequence", allow_abbrev=False)
+    synth.description = "Render a synthetic sequence into a folder in the layout of TUM RGB-D."
+    synth.set_defaults(command=_synth)
+    synth.add_argument("scene", metavar="NAME", help="room, wall, desk, corridor, ...; a wrong name lists all")
+    synth.add_argument("--out", metavar="DIR", required=True, help="a new or empty folder, or one of an earlier synth")
+    synth.add_argument("--seed", type=int, default=0, metavar="N", help="of the world (default: 0)")
+    synth.add_argument("--frames", type=int, metavar="N", help="number of frames (default: 100)")
+
+
+def _synth(arguments: argparse.Namespace) -> int:
+    """``slam-init synth``."""
+    at_least("--frames", arguments.frames, 1)
+    at_least("--seed", arguments.seed, 0)
+    from slam_init.output.folder import OutputFolder, chosen_folder, output_error, staged_names
+
+    out = chosen_folder(arguments.out, "synth")
+
+    from tqdm import tqdm
+
+    from sequences_synth import write_tum
+    from slam_init.datasets.synth import make_synth
+
+    values = {} if arguments.frames is None else {"frames": arguments.frames}
+    sequence = make_synth(arguments.scene, arguments.seed, values)
+    # disable=None: silent where stderr is no terminal.
+    with tqdm(total=len(sequence), unit="frame", disable=None, leave=False) as bar:
+
+        def advance(done: int) -> None:
+            bar.update(done - bar.n)
+
+        with OutputFolder(out, "synth") as folder:
+            try:
+                write_tum(sequence, folder.staging, progress=advance)
+            except OSError as error:
+                raise output_error(out, error) from error
+            folder.publish(staged_names(folder), remove=folder.files)
+    tell(f"wrote {len(sequence)} frames of {arguments.scene} to {out}\n")
+    return DONE
