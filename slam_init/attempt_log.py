@@ -210,9 +210,9 @@ def focal_notes(map_: InitialMap | None, config: MapConfig) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Empty if the focal length was held fixed, or if the views determine it.
+        Empty if the focal length was held fixed, or if the views determine it, as those of an estimate do.
     """
-    if map_ is None or map_.focal_factor_sigma is None:
+    if map_ is None or map_.focal_factor_sigma is None or map_.camera.source == "estimated":
         return ()
     # Below this bound the views determine the factor better than the prior does: two equal standard deviations together
     # give one that is smaller by sqrt(2).

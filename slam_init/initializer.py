@@ -196,6 +196,8 @@ class Initializer:
         """
         if self.map is not None:
             return self.status
+        if self.camera.focal_sigma is not None:  # their rays are of a lens that is being estimated
+            current, revised = current.through(self.camera), [one.through(self.camera) for one in revised]
         self._clock.check_tracks(current)
         return self._step(current, revised)
 
@@ -303,6 +305,8 @@ class Initializer:
         if outcome is None:
             return None
         attempt = self._checked_and_logged(outcome.attempt, judgement.pairs, judgement.current)
+        if self._window is not None and self._window.follow_lens():
+            self._see_through(self._window.lens.camera)
         self._report_shutter(judgement.current.frame)
         self._maps.take(outcome)
         if self.map is None and judgement.best is not None:
@@ -318,6 +322,12 @@ class Initializer:
                 self.camera, self.config, self.history, self.shutter, third_view=self._third_view, propose=self._propose
             )
         return self._window
+
+    def _see_through(self, camera: Camera) -> None:
+        """Go on with another estimate of the lens; the window has taken the rays of the history from it."""
+        self.camera = camera
+        self.tracker.adopt_camera(camera)
+        self.keyframes.camera = camera
 
     def _notes(self) -> tuple[str, ...]:
         """All notes for the user."""
@@ -339,7 +349,8 @@ class Initializer:
 
     def _checked_and_logged(self, attempt: Attempt, pairs: Sequence[PairPreview], current: Observations) -> Attempt:
         """Add a check of the focal length to an attempt if one is due, and log the attempt."""
-        attempt = self._focal_check(attempt, pairs, self.history, current)
+        if self.camera.focal_sigma is None:  # a focal length that is no calibration needs no suspicion
+            attempt = self._focal_check(attempt, pairs, self.history, current)
         self.recorder.attempt(attempt)
         self._attempts.add(attempt)
         return attempt

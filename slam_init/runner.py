@@ -126,7 +126,8 @@ class _Job:
         max_frames = None if self.continue_frames else self.max_frames
         frames = hashed.reading(self.source.frames(start=self.start, max_frames=max_frames))
         result = _initialize(initializer, frames, len(self.source) - self.start, self.max_frames, self.progress)
-        result = replace(result, notes=(*self.notes, *notes_of(self.source), *result.notes))
+        notes = (*self.notes, *notes_of(self.source), *_focal_notes(result, self.camera))
+        result = replace(result, notes=(*notes, *result.notes))
         result, continued = _continue(result, initializer, frames, self.continue_frames, recorder)
         options: dict[str, Json] = {
             "start": self.start, "max_frames": self.max_frames, "continue_frames": self.continue_frames,
@@ -134,6 +135,16 @@ class _Job:
         summary = _summary(result, self.source, self.camera, self.config, continued, options, hashed)
         recorder.summary(summary)
         return result, summary, continued
+
+
+def _focal_notes(result: Result, stated: Camera) -> tuple[str, ...]:
+    """A note if the focal length is no calibration, and the method has not estimated it."""
+    if result.map is None or stated.focal_sigma is None or result.map.camera.source == "estimated":
+        return ()
+    return (
+        f"the focal length, {stated.focal_px:.0f} +- {stated.focal_sigma_px:.0f} px, is no calibration, and this "
+        "method does not estimate it: expect a bent map",
+    )
 
 
 def _initialize(
@@ -181,10 +192,11 @@ def _summary(
     truth = None
     if result.map is not None and source.groundtruth is not None:
         truth = compare_with_groundtruth(result.map.keyframes, source.groundtruth)
+    estimated = result.map is not None and result.map.camera.source == "estimated"
     return summary_of(
         result,
         source,
-        camera,
+        result.map.camera if estimated and result.map is not None else camera,
         config.method,
         config.seed,
         ground_truth=truth,

@@ -37,7 +37,7 @@ from slam_init.benchmarks.window_log import Accuracy, Window, read_log, write_lo
 from slam_init.benchmarks.window_tables import window_report
 from slam_init.compare.judging import Truth, criteria_of
 from slam_init.config import TrackingConfig
-from slam_init.decision.window_rule import WINDOW_PRIORS
+from slam_init.decision.lens import CALIBRATED_SIGMA
 from slam_init.errors import SlamInitError
 from slam_init.frontend.tracks import Tracker, common_tracks
 from slam_init.output.tables import markdown_table
@@ -49,6 +49,7 @@ from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.marginal import marginalize_fields
 from slam_init.window.risk import WindowRisk, risk_of
+from slam_init.window.state import Priors
 from slam_init.window.tracks import MAX_TRACKS, gather_tracks
 
 __all__ = ["Clip", "World", "clips_of", "judge_window", "main", "run", "worlds_of"]
@@ -59,6 +60,8 @@ WITHOUT_TRANSLATION = ("rotation", "static")
 SCENES = ("room", "corridor", *PLANES, *TILTED, *WITHOUT_TRANSLATION)
 BASELINES = (0.03, 0.05, 0.1)
 VIEWS = tuple(range(2, 13))
+#: Of a calibrated camera.
+_PRIORS = Priors(focal_sigma=CALIBRATED_SIGMA)
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ class World:
         poses = {frame: pose.inverse() for frame, pose in enumerate(source.groundtruth.world_from_cam)}
         truth = WindowTruth(poses, np.where(at_rest[:, None], world.points, np.nan), self.scene in WITHOUT_TRANSLATION)
         views = list(source.observations())
-        live = LiveHypotheses(source.camera, WINDOW_PRIORS)
+        live = LiveHypotheses(source.camera, _PRIORS)
         return [
             Window(
                 self.scene,
@@ -132,7 +135,7 @@ class Clip:
         if source.camera is None or source.groundtruth is None:
             return []
         tracker = Tracker(source.camera, TrackingConfig())
-        live = LiveHypotheses(source.camera, WINDOW_PRIORS)
+        live = LiveHypotheses(source.camera, _PRIORS)
         poses: dict[int, Pose] = {}
         windows = []
         for frame in source.frames(start=self.start, max_frames=VIEWS[-1]):
@@ -227,7 +230,7 @@ def step_table() -> str:
     pose = estimate_relative_pose(rays1, rays2, threshold_rad=2.0 / source.camera.focal_px)
     if isinstance(pose, NoPose):
         raise ValueError("the world of the step table has a pose")
-    live = LiveHypotheses(source.camera, WINDOW_PRIORS)
+    live = LiveHypotheses(source.camera, _PRIORS)
     live.propose(pose, (order[0].frame, order[1].frame), rays1, rays2, 0.7)
     hypotheses = live.fitted(order)
     if hypotheses is None:
@@ -235,10 +238,8 @@ def step_table() -> str:
     best = hypotheses.motions[0]
     part = tracks.of_views(best.rows)
     works: dict[str, Callable[[], object]] = {
-        "a Gauss-Newton step": lambda: fit_window(part, best.fit.state, WINDOW_PRIORS, max_steps=1, tolerance=0.0),
-        "the error fields integrated out": lambda: marginalize_fields(
-            linearize_with_fields(part, best.fit, WINDOW_PRIORS)
-        ),
+        "a Gauss-Newton step": lambda: fit_window(part, best.fit.state, _PRIORS, max_steps=1, tolerance=0.0),
+        "the error fields integrated out": lambda: marginalize_fields(linearize_with_fields(part, best.fit, _PRIORS)),
     }
     rows = []
     for name, work in works.items():

@@ -17,7 +17,7 @@ from slam_init.errors import SlamInitError
 from slam_init.output.plain_json import plain
 from slam_init.types.comparison import Margin
 from slam_init.window.risk import WindowRisk
-from slam_init.window.uncertainty import CameraEstimate, DistortionEstimate, ReadoutEstimate
+from slam_init.window.uncertainty import CameraEstimate, DistortionEstimate, FocalEstimate, ReadoutEstimate
 
 __all__ = ["DIRECTION_DEG", "ROTATION_DEG", "Accuracy", "Window", "read_log", "write_log"]
 
@@ -152,7 +152,7 @@ def _window(record: Mapping[str, Any]) -> Window:
 
 def _camera(record: Mapping[str, Any]) -> CameraEstimate:
     readout = None if record["readout"] is None else ReadoutEstimate(**record["readout"])
-    return CameraEstimate(DistortionEstimate(**record["distortion"]), readout)
+    return CameraEstimate(FocalEstimate(**record["focal"]), DistortionEstimate(**record["distortion"]), readout)
 
 
 def _numbers(record: Mapping[str, Any]) -> dict[str, Any]:

@@ -15,19 +15,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Hashable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from slam_init.calibration.formats import parse_colmap, parse_mapping
+from slam_init.calibration.prior import AUTO, NUMBERS, camera_of_number, prior_camera
 from slam_init.errors import CalibrationError, plain_line
 from slam_init.regular_file import read_regular, user_path
 from slam_init.types.camera import Camera
 
-__all__ = ["GUESS", "guess_camera", "load_camera", "load_yaml"]
-
-#: Given instead of a file, it means that the focal length is guessed.
-GUESS = "guess"
+__all__ = ["load_camera", "load_yaml"]
 
 # Limits for a file. The largest calibration files in use (Kalibr, of a rig) have 20 kB and four levels. Without the
 # limits a video or a malicious file would keep the parser busy, whose time grows with the square of the depth.
@@ -39,31 +38,14 @@ _MAX_DEPTH = 20
 _MIN_REACHED = 0.2
 
 
-def guess_camera(image_size: tuple[int, int]) -> Camera:
-    """Make a pinhole camera with focal length ``1.2 max(width, height)``, the default prior of COLMAP.
-
-    Parameters
-    ----------
-    image_size : (int, int)
-        Width and height in pixels.
-
-    Returns
-    -------
-    Camera
-        With ``guessed`` set.
-    """
-    width, height = image_size
-    focal_px = 1.2 * max(width, height)
-    return Camera("pinhole", width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, guessed=True)
-
-
 def load_camera(path: str | os.PathLike[str], image_size: tuple[int, int] | None = None) -> Camera:
     """Read a calibration of any known format.
 
     Parameters
     ----------
     path : str or path-like
-        A file, or ``guess``.
+        A file, ``f=1250`` (focal length in pixels), ``fov=72`` (degrees across the longer side), or ``auto``: nothing
+        is known, and the focal length is estimated from the motion.
     image_size : (int, int), optional
         Width and height of the images in pixels. If the file states no size, this one is used. If the file states
         another size, it is refused, since the calibration of other images gives a wrong map.
@@ -78,10 +60,11 @@ def load_camera(path: str | os.PathLike[str], image_size: tuple[int, int] | None
         If the file is missing, not a calibration, or an impossible one. The message is one line that names file and
         key.
     """
-    if os.fspath(path) == GUESS:
+    text = os.fspath(path)
+    if text in AUTO or text.startswith(NUMBERS):
         if image_size is None:
-            raise CalibrationError("a guessed camera needs the size of the images")
-        return guess_camera(image_size)
+            raise CalibrationError(f"--camera {text!r} needs the size of the images")
+        return prior_camera(image_size) if text in AUTO else camera_of_number(text, image_size)
     path = user_path(path)
     text = _read_text(path)
     try:
@@ -95,7 +78,7 @@ def load_camera(path: str | os.PathLike[str], image_size: tuple[int, int] | None
             f"give their calibration, or scale fx, fy, cx, cy if the images are resized"
         )
     _check_reach(path, camera)
-    return camera
+    return replace(camera, source="file")
 
 
 def _check_reach(path: Path, camera: Camera) -> None:
@@ -135,7 +118,7 @@ def load_yaml(path: str | os.PathLike[str]) -> object:
 
 
 def _read_text(path: Path) -> str:
-    what = f"a calibration: give a YAML, XML or COLMAP file, or {GUESS!r}"
+    what = "a calibration: give a YAML, XML or COLMAP file, or auto"
     data = read_regular(path, _MAX_BYTES, what, CalibrationError)
     try:
         text = data.decode("utf-8-sig")

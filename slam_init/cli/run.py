@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from slam_init.cli.exit_codes import DONE, NOT_INITIALIZED
 from slam_init.cli.parser import at_least
 from slam_init.cli.source_options import add_source, chosen_camera
-from slam_init.errors import CalibrationError
 from slam_init.process_io import tell
 from slam_init.regular_file import user_path
 
@@ -88,11 +87,6 @@ def _run(arguments: argparse.Namespace) -> int:
         config = replace(config, map=replace(config.map, refine_focal=True))
     source = open_source(arguments.source, config.seed)
     camera = chosen_camera(arguments, source, arguments.start)
-    if camera is None:
-        raise CalibrationError(f"{arguments.source} has no calibration: give --camera FILE, or --camera guess")
-    notes = (
-        ("the focal length is a guess (1.2 times the longer image side): expect a bent map",) if camera.guessed else ()
-    )
 
     from slam_init.output.summary import summary_text
     from slam_init.runner import run
@@ -106,7 +100,6 @@ def _run(arguments: argparse.Namespace) -> int:
         max_frames=arguments.max_frames,
         continue_frames=arguments.continue_frames,
         progress=not arguments.quiet and sys.stderr.isatty(),
-        notes=notes,
     )
     if arguments.json:
         tell(summary_text(summary))

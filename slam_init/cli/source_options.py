@@ -32,7 +32,13 @@ def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
         help="a folder (TUM, EuRoC, KITTI, images), a video, or synth:NAME"
         + (f" (default: {default})" if default else ""),
     )
-    parser.add_argument("--camera", metavar="FILE", help="calibration; 'guess' guesses the focal length")
+    parser.add_argument(
+        "--camera",
+        metavar="FILE",
+        help="calibration, or one number: f=1250 (focal length in pixels), fov=72 (degrees across the longer side); "
+        "'auto' takes the focal length from the metadata, or estimates it (default: the calibration of the source, "
+        "else auto)",
+    )
     parser.add_argument(
         "--readout",
         metavar="MS",
@@ -41,8 +47,10 @@ def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
     )
 
 
-def chosen_camera(arguments: argparse.Namespace, source: Source, start: int) -> Camera | None:
-    """Return the calibration that was asked for, else that of the source; checked against the first image used.
+def chosen_camera(arguments: argparse.Namespace, source: Source, start: int) -> Camera:
+    """Return the camera that was asked for, else that of the source, else one whose focal length is to be estimated.
+
+    It is checked against the first image used.
 
     Parameters
     ----------
@@ -53,7 +61,7 @@ def chosen_camera(arguments: argparse.Namespace, source: Source, start: int) -> 
 
     Returns
     -------
-    Camera or None
+    Camera
 
     Raises
     ------
@@ -61,13 +69,12 @@ def chosen_camera(arguments: argparse.Namespace, source: Source, start: int) -> 
         If a file or an option is wrong, or the first frame cannot be read.
     """
     frame = next(source.frames(start, 1))
-    if arguments.camera is None:
-        camera = source.camera
-    else:
+    camera = source.camera if arguments.camera is None else None
+    if camera is None:
         from slam_init.calibration.files import load_camera
 
-        camera = load_camera(arguments.camera, (frame.image.shape[1], frame.image.shape[0]))
-    return camera if arguments.readout is None or camera is None else _with_readout(camera, arguments.readout)
+        camera = load_camera(arguments.camera or "auto", (frame.image.shape[1], frame.image.shape[0]))
+    return camera if arguments.readout is None else _with_readout(camera, arguments.readout)
 
 
 def _with_readout(camera: Camera, text: str) -> Camera:

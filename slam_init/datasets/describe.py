@@ -29,8 +29,10 @@ class CameraDescription:
         Focal lengths and principal point in pixels.
     distortion : tuple of float
         Coefficients of the model.
-    guessed : bool
-        Whether the focal length is a guess.
+    source : str
+        Where the focal length is from.
+    focal_sigma_px : float or None
+        Standard deviation of the focal length; None for a calibration.
     """
 
     model: str
@@ -39,7 +41,8 @@ class CameraDescription:
     cx: float
     cy: float
     distortion: tuple[float, ...]
-    guessed: bool
+    source: str
+    focal_sigma_px: float | None
 
 
 @dataclass(frozen=True)
@@ -154,12 +157,13 @@ def describe_text(info: SourceDescription) -> str:
         f"  images        {info.width}x{info.height}, {'colour' if info.color else 'grey'}",
     ]
     if camera is None:
-        lines.append("  camera        none: give --camera FILE, or --camera guess")
+        lines.append("  camera        none: give --camera FILE, or --camera auto")
     else:
+        known = "" if camera.focal_sigma_px is None else f" (+- {camera.focal_sigma_px:.0f} px, {camera.source})"
         lens = ", ".join(f"{k:.4g}" for k in camera.distortion)
         lines.append(
-            f"  camera        {camera.model}{' (guessed)' if camera.guessed else ''}, "
-            f"f = {camera.fx:.2f}, {camera.fy:.2f}, c = {camera.cx:.2f}, {camera.cy:.2f} px"
+            f"  camera        {camera.model}, "
+            f"f = {camera.fx:.2f}, {camera.fy:.2f}{known}, c = {camera.cx:.2f}, {camera.cy:.2f} px"
             + (f", distortion {lens}" if lens else "")
         )
     if truth is None:
@@ -173,7 +177,7 @@ def describe_text(info: SourceDescription) -> str:
 
 def _describe_camera(camera: Camera) -> CameraDescription:
     focal = (camera.fx, camera.fy, camera.cx, camera.cy)
-    return CameraDescription(camera.model, *focal, tuple(camera.distortion), camera.guessed)
+    return CameraDescription(camera.model, *focal, tuple(camera.distortion), camera.source, camera.focal_sigma_px)
 
 
 def _describe_truth(source: TimedSource) -> TruthDescription | None:

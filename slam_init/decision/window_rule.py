@@ -17,6 +17,7 @@ from quest.estimate import NoPose, RelativePose
 from quest.geometry.epipolar import depths_from_pose
 from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.config import Config
+from slam_init.decision.lens import CALIBRATED_SIGMA, WindowLens
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
 from slam_init.decision.screening import LEAST_PARALLAX_SHARE, preview_evidence
@@ -48,18 +49,15 @@ from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import MERE_ROTATION, WindowRisk, risk_of
-from slam_init.window.state import Priors
 from slam_init.window.tracks import MAX_TRACKS, MAX_TRACKS_IN_SLICES, MAX_VIEWS
 from slam_init.work import Prices, spend
 
-__all__ = ["WINDOW_PRIORS", "WindowRule"]
+__all__ = ["WindowRule"]
 
-#: What is known of the camera before the fit: calibrations are better than two per cent, data sheets are worse.
-WINDOW_PRIORS = Priors(focal_sigma=0.02)
-#: Assumed standard deviation of the first coefficient of the radial distortion. A calibration that states a distortion
-#: knows it to a hundredth. Without one, most images are rectified or those of a good lens; those of phones and wide
-#: angles have up to 0.3.
-_STATED_K1_SIGMA, _UNSTATED_K1_SIGMA = 0.01, 0.05
+#: A map without a calibration is handed over once its focal length is about as well known as by a data sheet (5 %). A
+#: focal length that is off by this much changes a rotation of 20 degrees by one, and the depths by as much as itself;
+#: what it does to the direction is in the risk.
+_MAX_FOCAL_SIGMA = 0.06
 #: Standard deviation of an unknown readout about none: global shutters have none, and rolling ones take up to the time
 #: between two frames of a video, which is two standard deviations.
 _READOUT_SIGMA_S = 1 / 60
@@ -113,21 +111,21 @@ class WindowRule:
         third_view: bool = True,
         propose: Proposer | None = None,
     ) -> None:
-        self._camera = camera
+        self.lens = WindowLens(camera)
         self._config = config
         self._history = history
         self._shutter = shutter or RollingShutter(camera)
         self._third_view = third_view
         self._estimate = propose or pose_at_fitting_threshold
         readout_sigma_s = _READOUT_SIGMA_S if camera.readout_s is None else 0.0
-        k1_sigma = _STATED_K1_SIGMA if camera.is_distorted else _UNSTATED_K1_SIGMA
-        self._priors = replace(WINDOW_PRIORS, readout_sigma_s=readout_sigma_s, k1_sigma=k1_sigma)
+        self._readout_sigma_s = readout_sigma_s
         max_tracks = MAX_TRACKS if config.work_per_frame is None else MAX_TRACKS_IN_SLICES
-        self._live = LiveHypotheses(camera, self._priors, config.map.min_noise_px, max_tracks)
+        self._live = LiveHypotheses(camera, self.lens.priors(readout_sigma_s), config.map.min_noise_px, max_tracks)
         self._threshold_rad = config.two_view.threshold_px / camera.focal_px
         self._reference: int | None = None
         self._last: _Judged | None = None
         self._rotating = False
+        self._lens_step = (0.0, 0.0)
 
     def judge(
         self,
@@ -177,7 +175,7 @@ class WindowRule:
             asked = self._matches_to_ask(len(pair.rays1))
             few = pair.at(asked)
             with stopwatch("two_view"):
-                pose, self._threshold_rad = self._estimate(self._camera, self._config, few)
+                pose, self._threshold_rad = self._estimate(self.lens.camera, self._config, few)
             attempt = self._with_pose(attempt, pose, asked)
             if isinstance(pose, RelativePose):
                 self._propose(few, pose)
@@ -207,6 +205,26 @@ class WindowRule:
         moved = _moved_frames(bundle, last.hypotheses.motions[0])
         return ProvisionalMap(built.map, 1.0 if moved else last.risk.total)
 
+    def follow_lens(self) -> bool:
+        """Take the lens that the last judgement found, where the stated focal length is no calibration.
+
+        The rays of the history become those of this lens.
+
+        Returns
+        -------
+        bool
+            Whether :attr:`lens` has changed.
+        """
+        log_scale, k1 = self._lens_step
+        if log_scale == k1 == 0.0:
+            return False
+        self._lens_step = (0.0, 0.0)
+        self.lens.follow(log_scale, k1)
+        self._live.adopt_lens(self.lens.camera, self.lens.priors(self._readout_sigma_s), log_scale, k1)
+        self._shutter.adopt_camera(self._history, self.lens.camera)
+        self._last = None
+        return True
+
     # -- parts of the judgement -------------------------------------------------------------------
 
     def _matches_to_ask(self, count: int) -> Ints:
@@ -215,21 +233,21 @@ class WindowRule:
         return evenly_spaced(count, most)
 
     def _with_pose(self, attempt: Attempt, pose: RelativePose | NoPose, asked: Ints) -> Attempt:
-        evidence = pose_evidence(self._camera, pose)
+        evidence = pose_evidence(self.lens.camera, pose)
         inliers = attempt.inliers.copy()
         if isinstance(pose, RelativePose):
             inliers[asked] = pose.inliers
         return replace(attempt, two_view=evidence, inliers=inliers)
 
     def _propose(self, pair: MatchedPair, pose: RelativePose) -> None:
-        noise_px = max(self._config.map.min_noise_px, pose.noise_rad * self._camera.focal_px)
+        noise_px = max(self._config.map.min_noise_px, pose.noise_rad * self.lens.camera.focal_px)
         frames = (pair.preview.reference, pair.preview.current)
         self._live.propose(pose, frames, pair.rays1, pair.rays2, noise_px, self._shutter.readout_s)
 
     def _without_motion(self, attempt: Attempt, pose: RelativePose | NoPose) -> Attempt:
         if isinstance(pose, NoPose):
             return refused_at(attempt, Verdict(pose.reason), Stage.TWO_VIEWS)
-        return judge_rotation(self._camera, self._config, attempt, pose)
+        return judge_rotation(self.lens.camera, self._config, attempt, pose)
 
     def _judged(self, attempt: Attempt, pair: MatchedPair) -> Outcome:
         try:
@@ -246,24 +264,32 @@ class WindowRule:
         pair = self._with_readout(pair, risk)
         attempt = replace(
             attempt,
-            window=_evidence(hypotheses, risk, self._camera),
+            window=_evidence(hypotheses, risk, self.lens),
             inliers=_inliers(pair, hypotheses.motions[0].cam2_from_cam1, self._threshold_rad),
             moving=np.isin(pair.track_ids, risk.moving_tracks),
         )
         self._last = _Judged(pair, hypotheses, risk, attempt)
         # A camera that merely rotates is judged again once a pair shows parallax.
         self._rotating = risk.rotation > MERE_ROTATION
+        self._lens_step = self.lens.step(risk.camera)
         max_risk = self._config.acceptance.max_risk
-        gate = at_most(GateName.RISK, risk.total, max_risk, *_reason(hypotheses, risk, max_risk))
-        attempt = with_gates(attempt, (gate,))
-        if not gate.passes():
-            refused = refused_by(attempt, Stage.MAP, (gate,))
+        gates = [at_most(GateName.RISK, risk.total, max_risk, *_reason(hypotheses, risk, max_risk))]
+        if self.lens.is_unknown:
+            gates.append(
+                at_most(GateName.FOCAL_SIGMA, risk.camera.focal.sigma, _MAX_FOCAL_SIGMA, Verdict.UNKNOWN_FOCAL_LENGTH)
+            )
+        attempt = with_gates(attempt, gates)
+        if not all(gate.passes() for gate in gates):
+            refused = refused_by(attempt, Stage.MAP, gates)
             if refused.verdict == Verdict.PURE_ROTATION:
                 refused = replace(refused, rotation_only=_rotation_evidence(hypotheses))
             return Outcome(refused, hypotheses=self._undecided(refused, pair, hypotheses), margin=risk.margin)
         # The stated risk is that of the pair. Each further view adds no more than what is not modelled; a view that is
         # left out costs some landmarks only.
         certain = _certain_frames(hypotheses, risk, risk.floor)
+        state = hypotheses.motions[0].fit.state
+        if self.lens.is_unknown:  # the frames after the map see through its lens
+            self._lens_step = (state.log_scale, state.k1)
         bundle, table = self._agreeing_map(self._last, certain)
         attempt = replace(attempt, frames=table.frames)
         return replace(self._usable(attempt, bundle, hypotheses), margin=risk.margin)
@@ -317,26 +343,35 @@ class WindowRule:
         views = [self._history[frame] for frame in (motion.frames if frames is None else frames)[2:]]
         table = table_of(pair.reference, pair.current, views)
         if self._shutter.readout_s:
-            pixels = np.array([self._camera.project(bearings) for bearings in table.bearings])
+            pixels = np.array([self.lens.camera.project(bearings) for bearings in table.bearings])
             table = replace(table, pixels=pixels)
-        poses = motion.motion.cam_from_world
+        poses, state = motion.motion.cam_from_world, motion.fit.state
+        if self.lens.is_unknown:
+            camera = self.lens.camera.refocused(state.log_scale, state.k1)
+            table = replace(table, bearings=np.array([camera.bearings(pixels) for pixels in table.pixels]))
+            return map_of_poses(camera, self._config, table, poses, self._threshold_rad, prior), table
         options = self._config.map
         # A focal length that the window found to be off would bend the map.
-        if abs(motion.fit.state.log_scale) > WINDOW_PRIORS.focal_sigma:
-            options = replace(options, refine_focal=True, focal_sigma=WINDOW_PRIORS.focal_sigma)
+        if abs(state.log_scale) > CALIBRATED_SIGMA:
+            options = replace(options, refine_focal=True, focal_sigma=CALIBRATED_SIGMA)
         config = replace(self._config, map=options)
-        factor = math.exp(motion.fit.state.log_scale)
-        return map_of_poses(self._camera, config, table, poses, self._threshold_rad, prior, factor), table
+        factor = math.exp(state.log_scale)
+        return map_of_poses(self.lens.camera, config, table, poses, self._threshold_rad, prior, factor), table
 
     def _built(self, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses) -> MapWithViews | None:
         if not isinstance(bundle, BundleSolution):
             return None
         spend(Prices.MAP)
         built = map_with_views(self._history, bundle, "planar" if hypotheses.planar else "general")
-        if self._camera.readout_s is not None or not self._shutter.readout_s:
-            return built
-        camera = built.map.camera.with_readout(self._shutter.readout_s)
-        return replace(built, map=replace(built.map, camera=camera))
+        map_, camera = built.map, built.map.camera
+        if self.lens.camera.readout_s is None and self._shutter.readout_s:
+            camera = camera.with_readout(self._shutter.readout_s)
+        if self.lens.is_unknown and self._last is not None:
+            sigma = min(self._last.risk.camera.focal.sigma, 1.0)
+            camera = replace(camera, source="estimated", focal_sigma=sigma)
+            factor = camera.fx / self.lens.stated.fx
+            map_ = replace(map_, focal_factor=factor, focal_factor_sigma=factor * sigma)
+        return replace(built, map=replace(map_, camera=camera))
 
     def _usable(
         self, attempt: Attempt, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses
@@ -391,10 +426,10 @@ def _moved_frames(bundle: BundleSolution | BundleFailure, motion: FittedMotion) 
     return tuple(moved)
 
 
-def _evidence(hypotheses: WindowHypotheses, risk: WindowRisk, camera: Camera) -> WindowEvidence:
+def _evidence(hypotheses: WindowHypotheses, risk: WindowRisk, lens: WindowLens) -> WindowEvidence:
     best = hypotheses.motions[0]
     distortion, readout = risk.camera.distortion, risk.camera.readout
-    rolling = None if readout is None else camera.with_readout(readout.seconds)
+    rolling = None if readout is None else lens.camera.with_readout(readout.seconds)
     return WindowEvidence(
         views=len(best.rows),
         hypotheses=len(hypotheses.motions),
@@ -411,13 +446,14 @@ def _evidence(hypotheses: WindowHypotheses, risk: WindowRisk, camera: Camera) ->
         noise_px=hypotheses.tracks.noise_px,
         field_px=risk.field_px,
         rotation_log_likelihood=risk.rotation_log_likelihood,
-        focal_factor=float(np.exp(best.fit.state.log_scale)),
+        focal_factor=math.exp(lens.log_scale + risk.camera.focal.log_scale),
+        focal_sigma=risk.camera.focal.sigma,
         readout_ms=None if rolling is None else rolling.readout_ms,
         readout_direction=None if rolling is None else rolling.readout_direction,
         readout_sigma_ms=None if readout is None else 1e3 * readout.sigma_s,
-        distortion_k1=distortion.k1,
+        distortion_k1=lens.k1 + distortion.k1,
         distortion_sigma=distortion.sigma,
-        suspected_distortion=distortion.suspected,
+        suspected_distortion=None if lens.is_unknown else distortion.suspected,
     )
 
 

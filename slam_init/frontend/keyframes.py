@@ -162,7 +162,7 @@ class KeyframeManager:
     """
 
     def __init__(self, camera: Camera, config: Config) -> None:
-        self._camera = camera
+        self.camera = camera
         self._config = config
         self.candidates: list[int] = []
         self._steps_px: deque[float] = deque(maxlen=_SECOND_FRAMES)
@@ -183,7 +183,7 @@ class KeyframeManager:
             In descending order of ``direction_score``.
         """
         noise_px = self._config.map.noise_px
-        pairs = [preview_pair(self._camera, history[f], current, noise_px) for f in self.candidates]
+        pairs = [preview_pair(self.camera, history[f], current, noise_px) for f in self.candidates]
         return sorted(pairs, key=lambda pair: -pair.direction_score)
 
     def best_pair_to_try(self, pairs: list[PairPreview]) -> PairPreview | None:

@@ -198,6 +198,24 @@ class RollingShutter:
         self._correct_all(history)
         return True
 
+    def adopt_camera(self, history: History, camera: Camera) -> None:
+        """Take the rays of all frames of a history from another lens.
+
+        Parameters
+        ----------
+        history : History
+        camera : Camera
+            A pixel that has no ray by it is left out.
+        """
+        # The turning was seen through the earlier lens: a longer one sees the same motion of the pixels as less.
+        shorter = self._camera.focal_px / camera.focal_px
+        self._camera = camera
+        self._steps = [replace(step, turn_rad_s=shorter * step.turn_rad_s) for step in self._steps]
+        for one in history:
+            turn = None if one.turn_rad_s is None else shorter * one.turn_rad_s
+            raw = replace(one.through(camera), turn_rad_s=turn)
+            history.put(raw if turn is None or self._off else self._corrected(raw, turn))
+
     def _correct_all(self, history: History) -> None:
         for one in history:
             if one.turn_rad_s is not None and one.readout_s != self.readout_s:

@@ -189,6 +189,15 @@ class Tracker:
         self._exposure, self._exposure_s, self._step_px = Exposure(), 0.0, 0.0
         self._next_id = 0
 
+    def adopt_camera(self, camera: Camera) -> None:
+        """Take the rays of further frames from another lens.
+
+        Parameters
+        ----------
+        camera : Camera
+        """
+        self._camera = camera
+
     def track(self, frame: Frame) -> Observations:
         """Follow the tracks into the next frame, and start new tracks if too many were lost.
 

@@ -68,8 +68,10 @@ class CameraRecord:
         Intrinsics, in pixels.
     distortion : tuple of float
         Coefficients of the model.
-    guessed : bool
-        Whether the focal length is a guess.
+    source : str
+        Where the focal length is from: ``stated``, ``file``, ``metadata``, ``prior`` or ``estimated``.
+    focal_sigma_px : float or None
+        Standard deviation of the focal length; null for a calibration.
     readout_ms : float or None
         Time from the first to the last row of a rolling shutter; null where it is unknown.
     readout_direction : str
@@ -84,7 +86,8 @@ class CameraRecord:
     cx: float = field(metadata=_EXACT)
     cy: float = field(metadata=_EXACT)
     distortion: tuple[float, ...] = field(metadata=_EXACT)
-    guessed: bool
+    source: str
+    focal_sigma_px: float | None
     readout_ms: float | None = None
     readout_direction: str = "down"
 
@@ -109,7 +112,8 @@ class CameraRecord:
             camera.cx,
             camera.cy,
             tuple(camera.distortion),
-            camera.guessed,
+            camera.source,
+            camera.focal_sigma_px,
             camera.readout_ms,
             camera.readout_direction,
         )

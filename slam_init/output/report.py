@@ -69,9 +69,12 @@ def _map_facts(summary: Summary) -> list[tuple[str, str]]:
         *_risk_facts(summary),
     ]
     if focal := summary.focal_length:
-        facts.append(
-            ("focal length", f"{focal.factor:.3f} +- {focal.factor_sigma:.3f} times the stated one (adjusted)")
-        )
+        if summary.camera.source == "estimated":
+            sigma_px = summary.camera.focal_sigma_px or 0.0
+            facts.append(("focal length", f"{summary.camera.fx:.0f} +- {sigma_px:.0f} px, estimated from the motion"))
+        else:
+            adjusted = f"{focal.factor:.3f} +- {focal.factor_sigma:.3f} times the stated one (adjusted)"
+            facts.append(("focal length", adjusted))
     if continued := summary.continued:
         located = f"{continued.located} of {continued.frames} further frames located"
         survival = continued.survival_median

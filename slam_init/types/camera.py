@@ -12,7 +12,7 @@ Pixels are converted to unit bearings once; all later stages work on bearings.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -47,6 +47,11 @@ _MAX_READOUT_MS = 1000.0
 # Unit vectors of the directions in which an image is read out.
 _READOUT_DIRECTIONS = {"down": (0.0, 1.0), "up": (0.0, -1.0), "right": (1.0, 0.0), "left": (-1.0, 0.0)}
 
+#: Where a focal length may be from.
+_SOURCES = ("stated", "file", "metadata", "prior", "estimated")
+#: Of the logarithm of the focal length: from a fisheye to a telescope. More is no knowledge.
+_MAX_FOCAL_SIGMA = 1.0
+
 # Allowed numbers of distortion coefficients.
 _DISTORTION_SIZES = {"pinhole": (0,), "radtan": (4, 5), "fisheye": (4,)}
 
@@ -65,8 +70,11 @@ class Camera(Described):
         Focal lengths and principal point in pixels; pixel centres at integer coordinates.
     distortion : tuple of float
         ``()``, ``(k1, k2, p1, p2[, k3])`` or ``(k1, k2, k3, k4)``.
-    guessed : bool
-        True if the focal length is a guess, not a calibration.
+    source : str
+        Where the focal length is from: ``stated`` (by the user, or a calibration in code), ``file``, ``metadata`` of
+        the images, ``prior`` (nothing is known but what lenses have) or ``estimated`` from the motion.
+    focal_sigma : float or None
+        Relative standard deviation of the focal length; None for a calibration, which is better than two per cent.
     readout_ms : float or None
         Time from the first to the last row of a rolling shutter; 0 for a global shutter, None if unknown. Poses and
         time stamps are those of the middle row.
@@ -88,7 +96,8 @@ class Camera(Described):
     cx: float
     cy: float
     distortion: tuple[float, ...] = ()
-    guessed: bool = False
+    source: str = field(default="stated", compare=False)
+    focal_sigma: float | None = None
     readout_ms: float | None = None
     readout_direction: str = "down"
 
@@ -116,6 +125,12 @@ class Camera(Described):
         if not all(abs(k) <= _MAX_DISTORTION for k in self.distortion):
             raise CalibrationError(
                 f"distortion {list(self.distortion)} holds a number that is not finite, or larger than that of any lens"
+            )
+        if self.source not in _SOURCES:
+            raise CalibrationError(f"unknown source {self.source!r} of a camera: use one of {', '.join(_SOURCES)}")
+        if self.focal_sigma is not None and not 0 < self.focal_sigma <= _MAX_FOCAL_SIGMA:
+            raise CalibrationError(
+                f"focal_sigma is {self.focal_sigma!r}: give the relative standard deviation, up to {_MAX_FOCAL_SIGMA:g}"
             )
         if self.readout_ms is not None and not 0 <= self.readout_ms <= _MAX_READOUT_MS:
             raise CalibrationError(
@@ -152,6 +167,16 @@ class Camera(Described):
     def focal_px(self) -> float:
         """Geometric mean of fx and fy: the number of pixels per radian near the centre."""
         return math.sqrt(self.fx * self.fy)
+
+    @property
+    def focal_sigma_px(self) -> float | None:
+        """Standard deviation of the focal length in pixels; None for a calibration.
+
+        Returns
+        -------
+        float or None
+        """
+        return None if self.focal_sigma is None else self.focal_sigma * self.focal_px
 
     @property
     def readout_s(self) -> float | None:
@@ -194,6 +219,23 @@ class Camera(Described):
         axis = tuple(sign * component for component in self.readout_axis)
         direction = next(name for name, vector in _READOUT_DIRECTIONS.items() if vector == axis)
         return replace(self, readout_ms=1e3 * abs(seconds), readout_direction=direction)
+
+    def refocused(self, log_scale: float, k1: float = 0.0) -> Camera:
+        """The same camera with another focal length, and more radial distortion.
+
+        Parameters
+        ----------
+        log_scale : float
+            Logarithm of the new focal length over this one.
+        k1 : float
+            Added to the first coefficient of the radial distortion.
+
+        Returns
+        -------
+        Camera
+        """
+        factor = math.exp(log_scale)
+        return replace(self, fx=self.fx * factor, fy=self.fy * factor).bent(k1)
 
     def bent(self, k1: float) -> Camera:
         """The same camera with more radial distortion.
@@ -318,7 +360,9 @@ class Camera(Described):
         return _turning_radius(_radial(self.distortion), np.inf) if self.is_distorted else math.inf
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
-        guessed = " (focal length guessed)" if self.guessed else ""
+        known = (
+            "" if self.focal_sigma is None else f" (focal length by {self.source}, +- {100 * self.focal_sigma:.2g} %)"
+        )
         facts = [
             ("focal", f"{self.fx:.6g}, {self.fy:.6g} px"),
             ("principal", f"{self.cx:.6g}, {self.cy:.6g} px"),
@@ -327,7 +371,7 @@ class Camera(Described):
             facts.append(("distortion", ", ".join(f"{k:.4g}" for k in self.distortion)))
         if self.readout_ms is not None:
             facts.append(("readout", f"{self.readout_ms:.4g} ms, {self.readout_direction}"))
-        return f"{self.model} camera, {self.width}x{self.height}{guessed}", facts
+        return f"{self.model} camera, {self.width}x{self.height}{known}", facts
 
 
 def _radial(distortion: tuple[float, ...]) -> tuple[float, ...]:

@@ -127,6 +127,8 @@ class WindowEvidence:
         Log likelihood of the best motion over a rotation-only camera, in nats.
     focal_factor : float
         Fitted focal length over the stated one.
+    focal_sigma : float
+        Relative standard deviation of the fitted focal length.
     readout_ms : float or None
         Estimated time from the first to the last row of a rolling shutter. None where it is known or where the turning
         of the camera is not, as in photographs; then the two fields below are None too.
@@ -157,6 +159,7 @@ class WindowEvidence:
     field_px: float
     rotation_log_likelihood: float
     focal_factor: float
+    focal_sigma: float
     readout_ms: float | None = None
     readout_direction: str | None = None
     readout_sigma_ms: float | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
@@ -160,3 +160,39 @@ class Observations:
 
     def __len__(self) -> int:
         return len(self.track_ids)
+
+    def through(self, camera: Camera) -> Observations:
+        """The same tracks with the rays of another lens, not corrected for a rolling shutter.
+
+        Parameters
+        ----------
+        camera : Camera
+
+        Returns
+        -------
+        Observations
+            Without the tracks whose pixels have no ray.
+        """
+        rays = camera.bearings(self.pixels)
+        return replace(self, bearings=rays, readout_s=0.0).at(np.flatnonzero(np.isfinite(rays).all(axis=1)))
+
+    def at(self, positions: Ints) -> Observations:
+        """Some of the tracks.
+
+        Parameters
+        ----------
+        positions : (M,) int
+            Positions of the tracks, in ascending order.
+
+        Returns
+        -------
+        Observations
+        """
+        return replace(
+            self,
+            track_ids=self.track_ids[positions],
+            pixels=self.pixels[positions],
+            bearings=self.bearings[positions],
+            colors=self.colors[positions] if len(self.colors) else self.colors,
+            drifts=self.drifts[positions] if len(self.drifts) else self.drifts,
+        )

@@ -61,8 +61,10 @@ class GateName(StrEnum):
     # centre of the image.
     MOTION_PX = "motion_px", "px"
     ROTATION_PX = "rotation_px", "px"
-    # Stage MAP: the probability that the best motion of the window is wrong; the number of landmarks of the map.
+    # Stage MAP: the probability that the best motion of the window is wrong; the relative standard deviation of a focal
+    # length that is estimated; the number of landmarks of the map.
     RISK = "risk"
+    FOCAL_SIGMA = "focal_sigma"
     LANDMARKS = "landmarks"
 
 

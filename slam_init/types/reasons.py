@@ -52,6 +52,10 @@ class Verdict(StrEnum):
         "ambiguous_plane",
         "the scene is flat and two motions explain it: move in a curve, or show something off the plane",
     )
+    UNKNOWN_FOCAL_LENGTH = (
+        "unknown_focal_length",
+        "the motion does not tell the focal length: turn the camera while it moves, or give --camera",
+    )
     TOO_FEW_LANDMARKS = "too_few_landmarks", "too few points can be triangulated well: keep translating"
     BUNDLE_ADJUSTMENT_FAILED = "bundle_adjustment_failed", "bundle adjustment found no consistent map: keep moving"
     TOO_FEW_FRAMES = "too_few_frames", "fewer than two frames were read: give a longer sequence"

@@ -237,13 +237,14 @@ class WindowEquations:
             off = ~state.on_plane & (tracks.anchor >= 0)
             self.costs[off] += OFF_PLANE_COST
             cost += OFF_PLANE_COST * float(off.sum())
-        cost += (state.log_scale / priors.focal_sigma) ** 2 + (state.k1 / priors.k1_sigma) ** 2
+        by_focal, by_k1 = priors.lens_pulls(state)
+        cost += by_focal**2 + by_k1**2
         if fill:
             self.gradient[:] = eliminate(self._normal, self.shares, self.back)
             self._normal[self.focal, self.focal] += 1 / priors.focal_sigma**2
-            self.gradient[self.focal] += state.log_scale / priors.focal_sigma**2
+            self.gradient[self.focal] += by_focal / priors.focal_sigma
             self._normal[self.focal + 1, self.focal + 1] += 1 / priors.k1_sigma**2
-            self.gradient[self.focal + 1] += state.k1 / priors.k1_sigma**2
+            self.gradient[self.focal + 1] += by_k1 / priors.k1_sigma
         if self._readout_size:
             cost += (state.readout_s / priors.readout_sigma_s) ** 2
             if fill:

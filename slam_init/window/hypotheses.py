@@ -164,11 +164,13 @@ class WindowHypotheses:
         # Nothing is known of a view whose observations are all outliers.
         information = self.rotation_only.information[np.ix_(unknowns, unknowns)] + 1e-9 * np.eye(len(unknowns))
         known = 1 / float(np.linalg.inv(information)[-len(after), -len(after)])
-        by_tracks = known - 1 / self.rotation_priors.focal_sigma**2
+        priors = self.rotation_priors
+        by_tracks = known - 1 / priors.focal_sigma**2
         if by_tracks <= 1e-6 * known:
             return 0.0, math.inf
         sigma = max(self.rotation_only.noise_factor, 1.0) / math.sqrt(by_tracks)
-        return self.rotation_only.state.log_scale * known / by_tracks, sigma
+        pulled = known * self.rotation_only.state.log_scale - priors.log_scale_mean / priors.focal_sigma**2
+        return pulled / by_tracks, sigma
 
 
 def motions_of_pair(
@@ -307,7 +309,11 @@ def _fit_rotation(
     t = np.outer(np.arange(len(rotations)), [1e-9, 0.0, 0.0])
     few = tracks.of_tracks(evenly_spaced(len(tracks.track_ids), _START_TRACKS))
     start = start_at(few, rotations, t, readout_s=tracks.readout_s, at_infinity=True)
-    any_focal = replace(priors, focal_sigma=_WRONG_FOCAL, k1_sigma=_WRONG_K1)
+    # A focal length that is no calibration may be wrong at no price.
+    unknown = priors.focal_sigma >= _WRONG_FOCAL
+    any_focal = replace(
+        priors, focal_sigma=max(_WRONG_FOCAL, priors.focal_sigma), k1_sigma=max(_WRONG_K1, priors.k1_sigma)
+    )
     # A wrong focal length moves the tracks by many times their noise, so the fit starts with a noise that allows it.
     factor = start_noise_factor(few, start, any_focal, rotation_only=True)
     for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():
@@ -318,8 +324,8 @@ def _fit_rotation(
     any_focal = replace(any_focal, principal_sigma_px=_WRONG_PRINCIPAL * tracks.camera.width)
     hopeless = _hopeless_rotation(tracks, start, priors, best)
     wrong = fit_window(tracks, start, any_focal, rotation_only=True, hopeless=hopeless)
-    wrong = replace(wrong, cost=wrong.cost + _WRONG_FOCAL_COST)
-    if wrong.cost > hopeless:
+    wrong = replace(wrong, cost=wrong.cost + (0.0 if unknown else _WRONG_FOCAL_COST))
+    if unknown or wrong.cost > hopeless:
         return wrong, any_focal
     # It is the better one only if it costs less.
     right = fit_window(tracks, _at_infinity(tracks, wrong.state), priors, rotation_only=True, hopeless=wrong.cost)

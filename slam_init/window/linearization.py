@@ -82,8 +82,9 @@ def linearize_with_fields(
     # The equations are linear in the gradients of the tracks.
     shares[held] += np.einsum("tpg,tp->tg", back[held, :, 4:], back[held, :, 3] * back[held, 2, :1])
     gradient = shares.sum(axis=0)
-    gradient[equations.focal] += state.log_scale / priors.focal_sigma**2
-    gradient[equations.focal + 1] += state.k1 / priors.k1_sigma**2
+    by_focal, by_k1 = priors.lens_pulls(state)
+    gradient[equations.focal] += by_focal / priors.focal_sigma
+    gradient[equations.focal + 1] += by_k1 / priors.k1_sigma
     if priors.readout_sigma_s > 0:
         gradient[equations.focal + 2] += state.readout_s / priors.readout_sigma_s**2
     if priors.principal_sigma_px > 0:

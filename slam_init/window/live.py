@@ -78,6 +78,22 @@ class LiveHypotheses:
         self._proposed = motions_of_pair(pose, frames, rays1, rays2, readout_s)
         self._noise_px = self._noise_px or noise_px
 
+    def adopt_lens(self, camera: Camera, priors: Priors, log_scale: float, k1: float) -> None:
+        """Go on with another lens.
+
+        Parameters
+        ----------
+        camera : Camera
+        priors : Priors
+            Of this camera.
+        log_scale, k1 : float
+            From the earlier camera to this one, as in :class:`~slam_init.window.motion.Motion`.
+        """
+        self._camera, self._priors = camera, priors
+        self._motions = [
+            replace(motion, log_scale=motion.log_scale - log_scale, k1=motion.k1 - k1) for motion in self._motions
+        ]
+
     def forget(self) -> None:
         """Drop all motions."""
         self._motions, self._proposed = [], []

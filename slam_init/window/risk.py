@@ -179,7 +179,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     rival = min(1.0, _LOOKS * sum(odds))
     gain, rotation, camera = _rotation_probability(hypotheses, expanded)
     if rotation <= MERE_ROTATION:
-        camera = camera_estimate(best.fit, expanded.linearization, expanded.marginal)
+        camera = camera_estimate(expanded, factor)
     rotation = max(rotation, _bodies_probability(hypotheses))
     other = other_motion(hypotheses) if rotation <= MERE_ROTATION else OtherMotion()
     total = min(1.0, direction + rival + rotation + other.probability + _FLOOR)
@@ -210,7 +210,7 @@ def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
     few_views = 1 + _FEW_VIEWS / math.sqrt(len(best.rows) - 1)
     # A focal length or a distortion that is pulled beyond its prior compensates errors that the model does not have.
     state, priors = best.fit.state, hypotheses.priors
-    pull2 = (state.log_scale / priors.focal_sigma) ** 2 + (state.k1 / priors.k1_sigma) ** 2
+    pull2 = sum(pull**2 for pull in priors.lens_pulls(state))
     return few_views * math.sqrt(1 + pull2 / _PULL_FREEDOM)
 
 
@@ -338,7 +338,7 @@ def _rotation_probability(hypotheses: WindowHypotheses, expanded: ExpandedFit) -
     spread = 2 / (9 * freedom)
     z = ((2 * gains / (scale * freedom)) ** (1 / 3) - (1 - spread)) / math.sqrt(spread)
     probability = float(expanded.scale_weights @ [gaussian_tail(float(one)) for one in z])
-    return gain, probability, camera_estimate(hypotheses.rotation_only, rotation, marginal)
+    return gain, probability, camera_estimate(ExpandedFit(tracks, hypotheses.rotation_only, rotation, marginal))
 
 
 def _bodies_probability(hypotheses: WindowHypotheses) -> float:

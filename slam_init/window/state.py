@@ -33,6 +33,9 @@ class Priors:
         rays are corrected already.
     principal_sigma_px : float
         Standard deviation of each coordinate of the principal point about the stated one; 0 where it is known.
+    log_scale_mean, k1_mean : float
+        What is expected of the focal length and of the distortion, as :class:`WindowState` counts them: other than 0
+        where the camera of the window is an estimate already, and the prior is that of an earlier camera.
     """
 
     focal_sigma: float = 0.02
@@ -41,6 +44,22 @@ class Priors:
     gate_sigmas: float = 3.0
     readout_sigma_s: float = 0.0
     principal_sigma_px: float = 0.0
+    log_scale_mean: float = 0.0
+    k1_mean: float = 0.0
+
+    def lens_pulls(self, state: WindowState) -> tuple[float, float]:
+        """How far the lens is from what is expected, in standard deviations.
+
+        Parameters
+        ----------
+        state : WindowState
+
+        Returns
+        -------
+        focal, k1 : float
+        """
+        focal = (state.log_scale - self.log_scale_mean) / self.focal_sigma
+        return focal, (state.k1 - self.k1_mean) / self.k1_sigma
 
 
 @dataclass(frozen=True, eq=False)

@@ -174,6 +174,22 @@ class ReadoutEstimate:
 
 
 @dataclass(frozen=True)
+class FocalEstimate:
+    """The focal length by a fit.
+
+    Attributes
+    ----------
+    log_scale : float
+        Logarithm of the focal length over that of the window's camera.
+    sigma : float
+        Standard deviation.
+    """
+
+    log_scale: float
+    sigma: float
+
+
+@dataclass(frozen=True)
 class DistortionEstimate:
     """The radial distortion that the calibration lacks, by a fit.
 
@@ -206,11 +222,13 @@ class CameraEstimate:
 
     Attributes
     ----------
+    focal : FocalEstimate
     distortion : DistortionEstimate
     readout : ReadoutEstimate or None
         None where the readout is no unknown of the fit.
     """
 
+    focal: FocalEstimate
     distortion: DistortionEstimate
     readout: ReadoutEstimate | None
 
@@ -240,26 +258,30 @@ def expand(hypotheses: WindowHypotheses, motion: FittedMotion, *, evidence_only:
     return ExpandedFit(motion.tracks, motion.fit, linearization, marginal)
 
 
-def camera_estimate(fit: JointFit, linearization: Linearization, marginal: FieldMarginal) -> CameraEstimate:
+def camera_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> CameraEstimate:
     """The unknowns of the camera that a fit found, with the error fields integrated out.
 
     Parameters
     ----------
-    fit : JointFit
-    linearization : Linearization
-        Of the fit.
-    marginal : FieldMarginal
-        Of the linearization.
+    expanded : ExpandedFit
+    optimism : float
+        Factor on the standard deviation of the focal length, for what the covariance does not know.
 
     Returns
     -------
     CameraEstimate
     """
+    fit, linearization, marginal = expanded.fit, expanded.linearization, expanded.marginal
+    # The focal length stands before the distortion.
+    J = np.zeros((1, len(marginal.shift)))
+    J[0, linearization.k1_column - 1] = 1.0
+    sigma = max(_sigma_of(linearization.k1_column - 1, marginal), _scattered_sigma(expanded, J))
+    focal = FocalEstimate(fit.state.log_scale, optimism * sigma)
     distortion = DistortionEstimate(fit.state.k1, _sigma_of(linearization.k1_column, marginal))
     if linearization.readout_column is None:
-        return CameraEstimate(distortion, None)
+        return CameraEstimate(focal, distortion, None)
     sigma_s = _TURNING_FACTOR * _sigma_of(linearization.readout_column, marginal)
-    return CameraEstimate(distortion, ReadoutEstimate(fit.state.readout_s, sigma_s))
+    return CameraEstimate(focal, distortion, ReadoutEstimate(fit.state.readout_s, sigma_s))
 
 
 def _sigma_of(column: int, marginal: FieldMarginal) -> float:

@@ -175,6 +175,7 @@ def make_window_evidence(risk: float) -> WindowEvidence:
         field_px=0.1,
         rotation_log_likelihood=200.0,
         focal_factor=1.0,
+        focal_sigma=0.02,
     )
 
 

@@ -1,8 +1,7 @@
-"""Calibration files: paths, sizes, guesses; broken, unsafe and impossible files are refused in one line."""
+"""Calibration files: paths, sizes; broken, unsafe and impossible files are refused in one line."""
 
 import os
 
-import numpy as np
 import pytest
 from calibration_texts import OWN, own
 from make_files import write
@@ -23,14 +22,6 @@ def test_a_calibration_of_other_images_is_refused_with_both_sizes(tmp_path):
     path = write(tmp_path / "c.yaml", OWN.format(model="none", distortion="[]"))
     with pytest.raises(CalibrationError, match=r"752x480.*376x240"):
         load_camera(path, (376, 240))
-
-
-def test_a_guessed_camera_is_the_prior_of_colmap_and_is_marked_as_guessed():
-    camera = load_camera("guess", (640, 480))
-    assert (camera.fx, camera.fy, camera.cx, camera.cy, camera.guessed) == (768, 768, 319.5, 239.5, True)
-    np.testing.assert_array_equal(camera.K[2], [0, 0, 1])
-    with pytest.raises(CalibrationError, match="size"):
-        load_camera("guess")
 
 
 BILLION_LAUGHS = "a: &a [x, x]\nb: &b [*a, *a]\nfx: *b\n"

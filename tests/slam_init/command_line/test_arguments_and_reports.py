@@ -69,11 +69,17 @@ def test_a_seed_of_the_configuration_counts_where_none_is_given(world, pipeline)
     assert pipeline.calls[0][2].seed == 9
 
 
-def test_a_guess_is_asked_for_and_told(world, pipeline):
-    assert main(["run", IMAGES, "--camera", "guess"]) == 0
-    ((_, camera, _, options),) = pipeline.calls
-    assert camera.guessed and camera.fx == 1.2 * 64
-    assert "guess" in options["notes"][0]
+@pytest.mark.parametrize("asked", [[], ["--camera", "auto"], ["--camera", "guess"]])
+def test_without_a_calibration_the_focal_length_is_to_be_estimated(world, pipeline, asked):
+    assert main(["run", IMAGES, *asked]) == 0
+    ((_, camera, _, _),) = pipeline.calls
+    assert camera.source == "prior" and camera.focal_sigma > 0.2
+
+
+def test_one_number_is_enough(world, pipeline):
+    assert main(["run", IMAGES, "--camera", "f=70"]) == 0
+    ((_, camera, _, _),) = pipeline.calls
+    assert (camera.source, camera.fx, camera.focal_sigma) == ("stated", 70, 0.05)
 
 
 def test_a_calibration_that_is_given_beats_that_of_the_source(world, pipeline):
@@ -169,7 +175,7 @@ def test_synth_writes_what_info_and_run_read(tmp_path, pipeline, capsys):
 def test_info_of_bare_images_tells_what_is_missing(world, capsys):
     assert main(["info", IMAGES]) == 0
     out = capsys.readouterr().out
-    assert "--camera guess" in out and "none" in out and "64x48, grey" in out
+    assert "prior" in out and "none" in out and "64x48, grey" in out
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["synth", "--help"], ["info", "--help"]])

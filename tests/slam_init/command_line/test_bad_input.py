@@ -43,7 +43,7 @@ BAD = {
     "unknown scene option": (["run", "synth:room?frob=1"], "frob"),
     "null byte": (["run", "a\0b"], "a"),
     # camera
-    "no calibration": (["run", IMAGES], "--camera guess"),
+    "no focal length": (["run", IMAGES, "--camera", "f=none"], "f=1250"),
     "missing camera file": (["run", IMAGES, "--camera", "nowhere.yaml"], "nowhere.yaml"),
     "camera is a folder": (["run", IMAGES, "--camera", "full"], "full"),
     "other size": (["run", IMAGES, "--camera", "other_size.yaml"], "128x48"),

@@ -1,0 +1,119 @@
+"""The lens that the window uses, where the focal length is no calibration: an estimate that each window improves.
+
+The focal length and the distortion are unknowns of every joint fit (:mod:`slam_init.window`). Of a calibrated camera
+they stay where they are stated, within two per cent. Without a calibration the prior is wide. A fit far from the stated
+lens is slow, and motions that are proposed with a wrong lens are poor. So the camera of the window follows the
+estimate, and the prior stays where it was: an estimate is never the prior of the next one.
+"""
+
+from __future__ import annotations
+
+from slam_init.types.camera import Camera
+from slam_init.window.state import Priors
+from slam_init.window.uncertainty import CameraEstimate
+
+__all__ = ["CALIBRATED_SIGMA", "WindowLens"]
+
+#: Relative standard deviation of the focal length of a calibration: they are better than two per cent.
+CALIBRATED_SIGMA = 0.02
+#: Standard deviation of the first coefficient of the radial distortion. A calibration that states a distortion knows it
+#: to a hundredth. Without one, most images are rectified or those of a good lens; those of phones and wide angles have
+#: up to 0.3.
+_STATED_K1_SIGMA, _UNSTATED_K1_SIGMA = 0.01, 0.05
+#: The camera follows an estimate that differs by more: half of what a calibration leaves open, which moves a pixel in
+#: the corner by a hundredth of its distance from the centre, be it by the focal length or by the distortion.
+_FOLLOWED = 0.01
+
+
+class WindowLens:
+    """The camera of the window, and what was known of its lens before.
+
+    Parameters
+    ----------
+    stated : Camera
+        With ``focal_sigma`` where the focal length is no calibration.
+
+    Attributes
+    ----------
+    stated : Camera
+    camera : Camera
+        The stated camera with the lens in use.
+    is_unknown : bool
+        Whether the focal length is estimated.
+    """
+
+    def __init__(self, stated: Camera) -> None:
+        self.stated = stated
+        self.camera = stated
+        self.is_unknown = stated.focal_sigma is not None and stated.focal_sigma > CALIBRATED_SIGMA
+        self._log_scale, self._k1 = 0.0, 0.0
+
+    def priors(self, readout_sigma_s: float) -> Priors:
+        """What is known of the lens in use before a fit.
+
+        Parameters
+        ----------
+        readout_sigma_s : float
+            Of :class:`~slam_init.window.state.Priors`.
+
+        Returns
+        -------
+        Priors
+        """
+        return Priors(
+            focal_sigma=self.stated.focal_sigma or CALIBRATED_SIGMA,
+            k1_sigma=_STATED_K1_SIGMA if self.stated.is_distorted else _UNSTATED_K1_SIGMA,
+            readout_sigma_s=readout_sigma_s,
+            log_scale_mean=-self._log_scale,
+            k1_mean=-self._k1,
+        )
+
+    @property
+    def log_scale(self) -> float:
+        """Logarithm of the focal length in use over the stated one.
+
+        Returns
+        -------
+        float
+        """
+        return self._log_scale
+
+    @property
+    def k1(self) -> float:
+        """What is added to the first coefficient of the stated distortion.
+
+        Returns
+        -------
+        float
+        """
+        return self._k1
+
+    def step(self, found: CameraEstimate) -> tuple[float, float]:
+        """How far the lens in use has to move to the estimate.
+
+        Parameters
+        ----------
+        found : CameraEstimate
+            By a fit with :attr:`camera`.
+
+        Returns
+        -------
+        log_scale, k1 : float
+            Zeros where the lens is calibrated, or near enough.
+        """
+        if not self.is_unknown:
+            return 0.0, 0.0
+        log_scale, k1 = found.focal.log_scale, found.distortion.k1
+        return (log_scale, k1) if max(abs(log_scale), abs(k1)) > _FOLLOWED else (0.0, 0.0)
+
+    def follow(self, log_scale: float, k1: float) -> None:
+        """Move the lens in use.
+
+        Parameters
+        ----------
+        log_scale, k1 : float
+            Of :meth:`step`.
+        """
+        self._log_scale += log_scale
+        self._k1 += k1
+        self.camera = self.camera.refocused(log_scale, k1)

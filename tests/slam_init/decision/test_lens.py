@@ -1,0 +1,95 @@
+"""Laws of a lens that the window estimates: its prior stays, its estimate is followed, and no motion is made up."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from make_scene import CAMERA
+from make_window import WINDOW_CONFIG, point_source, pose_errors_deg, true_motion
+
+from slam_init.decision.lens import WindowLens
+from slam_init.initializer import Initializer
+from slam_init.types.camera import Camera
+from slam_init.types.reasons import Verdict
+from slam_init.window.uncertainty import CameraEstimate, DistortionEstimate, FocalEstimate
+
+UNKNOWN = replace(CAMERA, focal_sigma=0.35, source="prior")
+
+
+def found(log_scale, k1):
+    return CameraEstimate(FocalEstimate(log_scale, 0.01), DistortionEstimate(k1, 0.01), None)
+
+
+def withheld(source, factor):
+    """The camera of a source with a focal length that is off by a factor, and said to be no calibration."""
+    camera = source.camera
+    return replace(camera, fx=camera.fx * factor, fy=camera.fy * factor, focal_sigma=0.35, source="prior")
+
+
+def initialized(source, camera):
+    initializer = Initializer(camera, WINDOW_CONFIG)
+    for observed in source.observations():
+        if initializer.process_tracks(observed):
+            break
+    return initializer.finish()
+
+
+def test_a_calibrated_lens_follows_nothing():
+    lens = WindowLens(CAMERA)
+    assert not lens.is_unknown
+    assert lens.step(found(0.3, 0.1)) == (0.0, 0.0)
+
+
+def test_a_lens_that_moves_takes_its_prior_along():
+    lens = WindowLens(UNKNOWN)
+    step = lens.step(found(0.2, -0.1))
+    lens.follow(*step)
+    np.testing.assert_allclose(lens.camera.fx, CAMERA.fx * np.exp(0.2))
+    assert lens.camera.distortion[0] == -0.1
+    priors = lens.priors(0.0)
+    assert (priors.log_scale_mean, priors.k1_mean, priors.focal_sigma) == (-0.2, 0.1, 0.35)
+    # Back again, the prior is the first one.
+    lens.follow(-0.2, 0.1)
+    assert lens.priors(0.0).log_scale_mean == pytest.approx(0)
+    np.testing.assert_allclose(lens.camera.fx, CAMERA.fx)
+
+
+@pytest.mark.parametrize("factor", [0.65, 1.5])
+def test_a_map_without_a_calibration_has_the_true_focal_length_within_three_sigmas(factor):
+    source = point_source("room", 1, baseline=0.1, views=16)
+    result = initialized(source, withheld(source, factor))
+    camera = result.map.camera
+    assert camera.source == "estimated"
+    assert camera.focal_sigma <= 0.06
+    assert abs(np.log(camera.fx / source.camera.fx)) < 3 * camera.focal_sigma
+    first, second = result.map.keyframes[:2]
+    motion = second.world_from_cam.inverse() @ first.world_from_cam
+    rotation_deg, direction_deg = pose_errors_deg(motion, true_motion(source, first.frame, second.frame))
+    assert rotation_deg < 5 and direction_deg < 15
+
+
+def test_a_camera_that_only_turns_has_no_map_and_tells_its_focal_length():
+    source = point_source("rotation", 3, views=12)
+    result = initialized(source, withheld(source, 1.4))
+    assert result.map is None
+    assert result.reason is Verdict.PURE_ROTATION
+    windows = [attempt.window for attempt in result.attempts if attempt.window is not None]
+    assert windows[-1].focal_factor == pytest.approx(1 / 1.4, rel=0.1)
+
+
+def test_the_tracks_of_the_user_are_seen_through_the_lens_in_use():
+    source = point_source("room", 1, baseline=0.1, views=16)
+    camera = withheld(source, 0.65)
+    rays_of_another = [replace(seen, bearings=camera.bearings(seen.pixels)) for seen in source.observations()]
+    with_own = initialized(source, camera)
+    initializer = Initializer(camera, WINDOW_CONFIG)
+    for observed in rays_of_another:
+        if initializer.process_tracks(observed):
+            break
+    np.testing.assert_array_equal(initializer.map.points, with_own.map.points)
+
+
+def test_the_sum_of_two_lenses_is_one():
+    camera = Camera("pinhole", 640, 480, 500.0, 500.0, 319.5, 239.5)
+    once, twice = camera.refocused(0.3, 0.1), camera.refocused(0.1, 0.04).refocused(0.2, 0.06)
+    np.testing.assert_allclose([once.fx, *once.distortion], [twice.fx, *twice.distortion])
