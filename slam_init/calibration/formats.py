@@ -106,7 +106,8 @@ def _own(content: Content, image_size: Size) -> Camera:
     model = _model(content, "distortion_model", "model")
     size = _size(content, "width", "height", image_size)
     focal = tuple(_number(content, key) for key in ("fx", "fy", "cx", "cy"))
-    return _camera(model, size, focal, _numbers(content, "distortion", default=[]))
+    camera = _camera(model, size, focal, _numbers(content, "distortion", default=[]))
+    return replace(camera, focal_sigma=_number(content, "focal_sigma")) if "focal_sigma" in content else camera
 
 
 def _opencv(content: Content, image_size: Size) -> Camera:

@@ -1,4 +1,4 @@
-"""The command line: ``slam-init run``, ``slam-init synth``, ``slam-init info``, ``slam-init compare``.
+"""The command line: ``slam-init run``, ``synth``, ``info``, ``compare``, ``calibrate``.
 
 Exit codes: 0 initialized (or done), 2 bad usage or input, 3 the data never allowed initialization. An interrupt gives
 128 and the number of the signal: 130 for SIGINT, 143 for SIGTERM, 129 for SIGHUP. Whatever is wrong is told in one line
@@ -14,6 +14,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
+from slam_init.cli.calibrate import add_calibrate
 from slam_init.cli.compare import add_compare
 from slam_init.cli.exit_codes import BAD_INPUT, INTERRUPTED
 from slam_init.cli.info import add_info
@@ -76,12 +77,13 @@ def _parser() -> Parser:
         allow_abbrev=False,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
-    commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="run, synth, info or compare")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="run, synth, info, compare or calibrate")
 
     add_run(commands)
     add_synth(commands)
     add_info(commands)
     add_compare(commands)
+    add_calibrate(commands)
     return parser
 
 

@@ -273,7 +273,10 @@ class WindowRule:
         self._rotating = risk.rotation > MERE_ROTATION
         self._lens_step = self.lens.step(risk.camera)
         max_risk = self._config.acceptance.max_risk
-        gates = [at_most(GateName.RISK, risk.total, max_risk, *_reason(hypotheses, risk, max_risk))]
+        reason, advice = _reason(hypotheses, risk, max_risk)
+        if self.lens.is_unknown and _held_by_lens(reason, risk, max_risk):
+            reason, advice = Verdict.UNKNOWN_FOCAL_LENGTH, None
+        gates = [at_most(GateName.RISK, risk.total, max_risk, reason, advice)]
         if self.lens.is_unknown:
             gates.append(
                 at_most(GateName.FOCAL_SIGMA, risk.camera.focal.sigma, _MAX_FOCAL_SIGMA, Verdict.UNKNOWN_FOCAL_LENGTH)
@@ -475,6 +478,13 @@ def _certain_frames(hypotheses: WindowHypotheses, risk: WindowRisk, most: float)
     reference, current, *others = hypotheses.motions[0].frames
     risks = zip(others, risk.direction_of_views[1:], strict=True)
     return (reference, current, *(frame for frame, one in risks if one <= most))
+
+
+def _held_by_lens(reason: Verdict, risk: WindowRisk, max_risk: float) -> bool:
+    """Whether the direction would be known well enough if the focal length were."""
+    by_direction = reason in (Verdict.LOW_PARALLAX, Verdict.MOVING_BODIES) and risk.direction >= risk.rival
+    wide = risk.camera.focal.sigma > _MAX_FOCAL_SIGMA
+    return by_direction and wide and risk.direction_with_known_lens <= max_risk
 
 
 def _reason(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> tuple[Verdict, str | None]:

@@ -47,6 +47,7 @@ from slam_init.window.uncertainty import (
     inverse_distances,
     places_of,
     rotation_covariance,
+    sigma_with_known_lens,
 )
 from slam_init.work import Prices, spend
 
@@ -102,6 +103,8 @@ class WindowRisk:
         Standard deviation of the direction of the pair's baseline where it is largest.
     rotation_sigma_deg : float
         Standard deviation of the pair's rotation where it is largest.
+    direction_with_known_lens : float
+        The term of the direction if focal length and distortion were known.
     direction_if_rigid : float
         The term of the direction if no track lies on a moving body, and neighbouring tracks share no errors.
     depth_sigma : float
@@ -129,6 +132,7 @@ class WindowRisk:
     floor: float
     direction_sigma_deg: float
     rotation_sigma_deg: float
+    direction_with_known_lens: float
     direction_if_rigid: float
     depth_sigma: float
     field_px: float
@@ -167,6 +171,8 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         for sigmas_deg in of_views
     )
     direction, direction_deg = direction_risks[0], float(np.sqrt(weights @ of_views[0] ** 2))
+    known_lens = sigma_with_known_lens(expanded) * of_views[0]
+    with_known_lens = float(weights @ _exceeds(_WRONG_DIRECTION_DEG, factor * known_lens))
     if_rigid = float(weights @ _exceeds(_WRONG_DIRECTION_DEG, rigid * of_views[0]))
     margins = [_margin(hypotheses, best, rival) for rival in rivals]
     nearest = min(margins, key=Margin.decision_ratio, default=None)
@@ -188,6 +194,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     return WindowRisk(
         total=total,
         direction=direction,
+        direction_with_known_lens=with_known_lens,
         direction_if_rigid=if_rigid,
         direction_of_views=direction_risks,
         rival=rival,

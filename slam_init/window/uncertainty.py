@@ -46,6 +46,7 @@ __all__ = [
     "inverse_distances",
     "places_of",
     "rotation_covariance",
+    "sigma_with_known_lens",
 ]
 
 #: Regions across and down for the scatter of the scores: a dozen sums determine a standard deviation to a fifth, and
@@ -347,6 +348,30 @@ def direction_sigmas_deg(expanded: ExpandedFit, view: int = 1) -> Floats:
     covariances = covariances + shifts[:, :, None] * shifts[:, None, :]
     sigmas = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, -1], 0.0))
     return np.asarray(np.degrees(np.maximum(sigmas, _scattered_sigma(expanded, J))))
+
+
+def sigma_with_known_lens(expanded: ExpandedFit, view: int = 1) -> float:
+    """How much of the standard deviation of a direction is left if focal length and distortion were known.
+
+    Parameters
+    ----------
+    expanded : ExpandedFit
+    view : int
+        The other end of the baseline; 1 is the pair's.
+
+    Returns
+    -------
+    float
+        From 0 to 1.
+    """
+    _, J = _direction_derivatives(expanded, view)
+    k1 = expanded.linearization.k1_column
+    J = np.vstack([J, np.eye(2, J.shape[1], k1 - 1)])
+    covariance = J @ expanded.marginal.covariance @ J.T
+    by_lens = covariance[:2, 2:] @ np.linalg.solve(covariance[2:, 2:], covariance[2:, :2])
+    largest = float(np.linalg.eigvalsh(covariance[:2, :2])[-1])
+    left = float(np.linalg.eigvalsh(covariance[:2, :2] - by_lens)[-1])
+    return math.sqrt(min(max(left / max(largest, 1e-300), 0.0), 1.0))
 
 
 def inverse_distances(expanded: ExpandedFit) -> InverseDistances:

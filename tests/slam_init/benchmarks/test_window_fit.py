@@ -34,6 +34,7 @@ RISK = WindowRisk(
     floor=0.0005,
     direction_sigma_deg=1.25,
     rotation_sigma_deg=0.1,
+    direction_with_known_lens=0.0009,
     direction_if_rigid=0.0009,
     depth_sigma=0.2,
     field_px=1 / 3,

@@ -18,7 +18,6 @@ def test_arguments_reach_the_pipeline(world, pipeline, capsys):
     assert main(["run", IMAGES, *WITH, *numbers, "--out", "results", "--quiet"]) == 0
     ((source, camera, config, options),) = pipeline.calls
     assert (source.kind, len(source), camera.fx, config.seed, config.method) == ("images", 3, 60, 5, "quest")
-    assert options.pop("notes") == ()
     assert str(options.pop("out")) == "results"
     assert options == {"start": 1, "max_frames": 2, "continue_frames": 4, "progress": False}
     assert capsys.readouterr() == ("", "")

@@ -1,0 +1,98 @@
+"""``slam-init calibrate``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING
+
+from slam_init.cli.exit_codes import DONE, NOT_INITIALIZED
+from slam_init.cli.parser import OUT_HELP, at_least
+from slam_init.cli.source_options import add_source, chosen_camera
+from slam_init.process_io import tell
+
+if TYPE_CHECKING:
+    from slam_init.cli.parser import Commands
+    from slam_init.self_calibration import SelfCalibration
+
+__all__ = ["add_calibrate"]
+
+_DEFAULT_OUT = "slam-init-calibration"
+_FILES = ("camera.yaml", "calibration.json")
+
+
+def add_calibrate(commands: Commands) -> None:
+    """Add the command.
+
+    Parameters
+    ----------
+    commands : argparse subparsers
+    """
+    calibrate = commands.add_parser("calibrate", help="estimate the focal length from a video", allow_abbrev=False)
+    calibrate.description = (
+        "Estimate focal length and radial distortion from all stretches of a video that tell them; write camera.yaml "
+        "with standard deviations. Turn the camera while it moves. A calibration of the source is not used."
+    )
+    calibrate.set_defaults(command=_calibrate)
+    add_source(calibrate, default=None)
+    calibrate.add_argument("--start", type=int, default=0, metavar="K", help="skip the first K frames")
+    calibrate.add_argument("--max-frames", type=int, metavar="N", help="read at most N frames")
+    calibrate.add_argument("--seed", type=int, default=0, metavar="N", help="of random draws (default: 0)")
+    calibrate.add_argument("--out", metavar="DIR", default=_DEFAULT_OUT, help=OUT_HELP)
+
+
+def _calibrate(arguments: argparse.Namespace) -> int:
+    """``slam-init calibrate``."""
+    at_least("--start", arguments.start, 0)
+    at_least("--max-frames", arguments.max_frames, 1)
+    at_least("--seed", arguments.seed, 0)
+    from slam_init.output.folder import OutputFolder, chosen_folder, output_error
+
+    out = chosen_folder(arguments.out, "calibrate", _FILES, [arguments.source])
+
+    import json
+
+    from slam_init.calibration.writing import camera_yaml
+    from slam_init.config import Config
+    from slam_init.datasets import open_source
+    from slam_init.output.plain_json import plain
+    from slam_init.self_calibration import calibrate
+
+    source = open_source(arguments.source, arguments.seed)
+    arguments.camera = arguments.camera or "auto"
+    camera = chosen_camera(arguments, source, arguments.start)
+    with OutputFolder(out, "calibrate", _FILES) as folder:
+        found = calibrate(
+            source,
+            camera,
+            Config(seed=arguments.seed),
+            start=arguments.start,
+            max_frames=arguments.max_frames,
+            progress=sys.stderr.isatty(),
+        )
+        texts = {"calibration.json": json.dumps(plain(found), indent=2, allow_nan=False) + "\n"}
+        if found.camera is not None:
+            texts["camera.yaml"] = camera_yaml(found.camera)
+        try:
+            for name, text in texts.items():
+                (folder.staging / name).write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise output_error(out, error) from error
+        folder.publish(list(texts), remove=folder.files)
+    tell(_text(found, str(out)))
+    return DONE if found.camera is not None else NOT_INITIALIZED
+
+
+def _text(found: SelfCalibration, out: str) -> str:
+    """What the user reads."""
+    if found.camera is None:
+        advice = "turn the camera while it moves, before a scene with depth"
+        return f"not calibrated: none of {found.tried} stretches tells the focal length\n  advice        {advice}\n"
+    camera = found.camera
+    k1 = camera.distortion[0] if camera.distortion else 0.0
+    return (
+        f"calibrated by {len(found.stretches)} of {found.tried} stretches\n"
+        f"  focal length  {camera.fx:.1f} +- {camera.focal_sigma_px:.1f} px\n"
+        f"  distortion    k1 = {k1:.4f} +- {found.k1_sigma:.4f}\n"
+        f"  results       {out}/camera.yaml\n"
+    )
