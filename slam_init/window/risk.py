@@ -104,7 +104,8 @@ class WindowRisk:
     rotation_sigma_deg : float
         Standard deviation of the pair's rotation where it is largest.
     direction_with_known_lens : float
-        The term of the direction if focal length and distortion were known.
+        The term of the direction if focal length and distortion were known, and the model of the lens left nothing
+        that neighbouring tracks share.
     direction_if_rigid : float
         The term of the direction if no track lies on a moving body, and neighbouring tracks share no errors.
     depth_sigma : float
@@ -172,7 +173,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     )
     direction, direction_deg = direction_risks[0], float(np.sqrt(weights @ of_views[0] ** 2))
     known_lens = sigma_with_known_lens(expanded) * of_views[0]
-    with_known_lens = float(weights @ _exceeds(_WRONG_DIRECTION_DEG, factor * known_lens))
+    with_known_lens = float(weights @ _exceeds(_WRONG_DIRECTION_DEG, known_lens))
     if_rigid = float(weights @ _exceeds(_WRONG_DIRECTION_DEG, rigid * of_views[0]))
     margins = [_margin(hypotheses, best, rival) for rival in rivals]
     nearest = min(margins, key=Margin.decision_ratio, default=None)
