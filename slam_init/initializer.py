@@ -44,7 +44,8 @@ from slam_init.frontend.tracks import Tracker
 from slam_init.mapping.map_building import MapWithViews
 from slam_init.recording.recorder import Recorder
 from slam_init.status import Status, frame_of
-from slam_init.types.arrays import Image
+from slam_init.types.arrays import Floats, Image
+from slam_init.types.attitude import checked_rotation
 from slam_init.types.camera import Camera
 from slam_init.types.comparison import Margin
 from slam_init.types.frame import Frame, Observations
@@ -130,7 +131,14 @@ class Initializer:
         if self.config.work_per_frame is not None:
             _load_all()
 
-    def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
+    def process(
+        self,
+        image: Image | Frame,
+        timestamp_s: float | None = None,
+        *,
+        rotation: Floats | None = None,
+        rotation_sigma_rad: float = 1e-3,
+    ) -> Status:
         """Process the next frame.
 
         Parameters
@@ -142,6 +150,12 @@ class Initializer:
             In seconds, for the trajectory and a rolling shutter. Without it the time of an image is its index. Stamps
             in milliseconds, microseconds or nanoseconds are recognized by size and step, converted, and told in the
             notes of the result (:mod:`slam_init.types.time_stamps`).
+        rotation : (3, 3) array_like, optional
+            How the camera turned since the last frame, by a gyroscope or a robot: it maps directions in the last camera
+            to this one. The joint fit takes it as a measurement; without it nothing changes.
+        rotation_sigma_rad : float
+            Standard deviation of each component of its rotation vector. By default that of a cheap gyroscope between
+            two frames of a video: 0.06 degrees.
 
         Returns
         -------
@@ -151,12 +165,13 @@ class Initializer:
         Raises
         ------
         SlamInitError
-            If the array is not such an image, or the frame is not later than the last one. The initializer has not
-            changed then, so that the frame can be left out.
+            If the array is not such an image, the matrix is no rotation, or the frame is not later than the last one.
+            The initializer has not changed then, so that the frame can be left out.
         """
         if self.map is not None:
             return self.status
         frame = frame_of(image, timestamp_s, self._next_index, self.camera)
+        turned = None if rotation is None else (checked_rotation(rotation, rotation_sigma_rad), rotation_sigma_rad)
         own_seconds = timestamp_s is None or isinstance(image, Frame)
         # The time of a bare image is its index, which tells nothing about the camera.
         self._timed = timestamp_s is not None or isinstance(image, Frame)
@@ -165,11 +180,18 @@ class Initializer:
             with self.stopwatch("track"):
                 current = self.tracker.track(frame)
             self.recorder.frame(frame, current)
-            status = self._step(current)
+            status = self._step(current, turned=turned)
         self.recorder.frame_time(self.stopwatch.last_ms("frame"))
         return status
 
-    def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
+    def process_tracks(
+        self,
+        current: Observations,
+        revised: Sequence[Observations] = (),
+        *,
+        rotation: Floats | None = None,
+        rotation_sigma_rad: float = 1e-3,
+    ) -> Status:
         """Process the tracks of the next frame from elsewhere: from a cache, or from features and matches of your own.
 
         Give an initializer either images or tracks, because its tracker cannot continue tracks with other ids.
@@ -182,6 +204,8 @@ class Initializer:
         revised : sequence of Observations, optional
             Earlier frames with more tracks than before (see :attr:`slam_init.frontend.tracks.Tracker.revised`). Frames
             that are not in the history are ignored.
+        rotation, rotation_sigma_rad : (3, 3) array_like and float, optional
+            As for :meth:`process`.
 
         Returns
         -------
@@ -191,20 +215,28 @@ class Initializer:
         Raises
         ------
         SlamInitError
-            If the shapes of the arrays do not fit together, a bearing is not finite, or the frame is not later than the
-            last one.
+            If the shapes of the arrays do not fit together, a bearing is not finite, the matrix is no rotation, or the
+            frame is not later than the last one.
         """
         if self.map is not None:
             return self.status
         if self.camera.focal_sigma is not None:  # their rays are of a lens that is being estimated
             current, revised = current.through(self.camera), [one.through(self.camera) for one in revised]
         self._clock.check_tracks(current)
-        return self._step(current, revised)
+        turned = None if rotation is None else (checked_rotation(rotation, rotation_sigma_rad), rotation_sigma_rad)
+        return self._step(current, revised, turned)
 
-    def _step(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
+    def _step(
+        self,
+        current: Observations,
+        revised: Sequence[Observations] = (),
+        turned: tuple[Floats, float] | None = None,
+    ) -> Status:
         """Process the tracks of the next frame, whose time is checked."""
         self.history.take(current, revised)
         self._clock.took(current)
+        if turned is not None:
+            self.history.turned(current.frame, *turned)
         current = self.shutter.take(self.history, current.frame)
         self.frames_read += 1
         self._next_index = current.frame + 1

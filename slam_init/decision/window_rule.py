@@ -251,7 +251,8 @@ class WindowRule:
 
     def _judged(self, attempt: Attempt, pair: MatchedPair) -> Outcome:
         try:
-            hypotheses = self._live.fitted([pair.reference, pair.current, *self._further_views(pair)])
+            views = [pair.reference, pair.current, *self._further_views(pair)]
+            hypotheses = self._live.fitted(views, [self._history.attitude(view.frame) for view in views])
             risk = None if hypotheses is None else risk_of(hypotheses)
         except np.linalg.LinAlgError as error:
             # A degenerate window: its motions must not be the start of the next one.

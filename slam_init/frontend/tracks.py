@@ -19,6 +19,7 @@ from slam_init.errors import SlamInitError
 from slam_init.frontend.flow import Drift, Exposure, flow
 from slam_init.frontend.sift import detect_sift, match_descriptors
 from slam_init.types.arrays import Floats, Image, Ints
+from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 
@@ -53,6 +54,7 @@ class History:
     def __init__(self, limit: int) -> None:
         self._limit = limit
         self._frames: dict[int, Observations] = {}
+        self._attitudes: dict[int, Attitude] = {}
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -65,6 +67,39 @@ class History:
 
     def __iter__(self) -> Iterator[Observations]:
         return iter([observations for _, observations in sorted(self._frames.items())])
+
+    def attitude(self, frame: int) -> Attitude | None:
+        """The measured rotation of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Absolute index.
+
+        Returns
+        -------
+        Attitude or None
+            None where none was measured.
+        """
+        return self._attitudes.get(frame)
+
+    def turned(self, frame: int, rotation: Floats, sigma_rad: float) -> None:
+        """Take the measured rotation of the newest frame since the frame before.
+
+        Parameters
+        ----------
+        frame : int
+            Absolute index of the newest frame.
+        rotation : (3, 3) float
+            Its camera from the camera before.
+        sigma_rad : float
+            Standard deviation of each component of the rotation vector.
+        """
+        last = max((one for one in self._frames if one < frame), default=None)
+        if last is None:
+            return
+        before = self._attitudes.setdefault(last, Attitude(np.eye(3), 0.0, last))
+        self._attitudes[frame] = before.after(rotation, sigma_rad)
 
     def put(self, observations: Observations) -> None:
         """Add a frame, or replace its observations.
@@ -117,6 +152,7 @@ class History:
         newest = max(self._frames, default=0)
         for frame in [f for f in self._frames if f <= newest - self._limit and f not in wanted]:
             del self._frames[frame]
+            self._attitudes.pop(frame, None)
 
     def between(self, first: int, last: int) -> list[Observations]:
         """List the frames strictly between two frames.

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from quest.geometry.quaternion import vector_from_rotation
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.kernels import FIELD_TERMS, accumulate, eliminate, step_tracks
 from slam_init.window.projection import camera_vector
@@ -78,6 +79,7 @@ class WindowEquations:
         self._pose_columns = firsts[:, None] + np.arange(6)
         self.held_view = int(np.argmax(np.linalg.norm(start.t, axis=1)))
         self.free = np.ones(count, bool)
+        self._turned = bool(tracks.turned_weights.any())
         self._observations = int(tracks.seen[:, tracks.anchor >= 0].sum())
 
     @property
@@ -145,6 +147,38 @@ class WindowEquations:
         if self.rotation_only:
             return np.zeros(len(state.rays), bool)
         return np.asarray(~state.on_plane & (state.inverse_distances == 0) & (self.back[:, 2, 0] > 0))
+
+    def turned_pulls(self, state: WindowState) -> Floats:
+        """How far the views are turned from where they were measured to be.
+
+        Parameters
+        ----------
+        state : WindowState
+
+        Returns
+        -------
+        (V, 3) float
+            Rotation vectors in the cameras, in rad; the measured rotation is that of the vector before the state's.
+        """
+        off = state.R @ np.swapaxes(self.tracks.turned, 1, 2)
+        return np.array([vector_from_rotation(R) for R in off])
+
+    def turned_gradient(self, state: WindowState) -> Floats:
+        """The part of the gradient that measured rotations make.
+
+        Parameters
+        ----------
+        state : WindowState
+
+        Returns
+        -------
+        (G,) float
+        """
+        gradient = np.zeros_like(self.gradient)
+        if self._turned:
+            pulls = self.tracks.turned_weights[1:, None] * self.turned_pulls(state)[1:]
+            gradient[self._pose_columns[:, :3]] = pulls
+        return gradient
 
     def columns_of_fields(self) -> Bools:
         """Which common unknowns are coefficients of error fields.
@@ -256,6 +290,13 @@ class WindowEquations:
                 own = self._principal_columns
                 self._normal[own, own] += 1 / priors.principal_sigma_px**2
                 self.gradient[own] += state.principal_px / priors.principal_sigma_px**2
+        if self._turned:
+            weights, pulls = tracks.turned_weights, self.turned_pulls(state)
+            cost += float(weights @ np.einsum("vi,vi->v", pulls, pulls))
+            if fill:
+                columns = self._pose_columns[:, :3]
+                self._normal[columns, columns] += weights[1:, None]
+                self.gradient[columns] += weights[1:, None] * pulls[1:]
         if self._field_size:
             cost += float(np.sum(state.field**2)) / priors.field_sigma_px**2
             for k in range(self._views if fill else 0):

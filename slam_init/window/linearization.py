@@ -82,6 +82,7 @@ def linearize_with_fields(
     # The equations are linear in the gradients of the tracks.
     shares[held] += np.einsum("tpg,tp->tg", back[held, :, 4:], back[held, :, 3] * back[held, 2, :1])
     gradient = shares.sum(axis=0)
+    gradient += equations.turned_gradient(state)
     by_focal, by_k1 = priors.lens_pulls(state)
     gradient[equations.focal] += by_focal / priors.focal_sigma
     gradient[equations.focal + 1] += by_k1 / priors.k1_sigma

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from quest.estimate import RelativePose
 from slam_init.types.arrays import Floats
+from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
@@ -98,13 +99,17 @@ class LiveHypotheses:
         """Drop all motions."""
         self._motions, self._proposed = [], []
 
-    def fitted(self, views: Sequence[Observations]) -> WindowHypotheses | None:
+    def fitted(
+        self, views: Sequence[Observations], attitudes: Sequence[Attitude | None] = ()
+    ) -> WindowHypotheses | None:
         """Fit all motions to the views of a window, and keep those that are not hopeless.
 
         Parameters
         ----------
         views : sequence of Observations
             Reference and current first.
+        attitudes : sequence of Attitude or None, optional
+            Measured rotations of the views; by default none.
 
         Returns
         -------
@@ -112,11 +117,11 @@ class LiveHypotheses:
             None where no motion locates reference and current.
         """
         with single_threaded():
-            return self._fitted(views)
+            return self._fitted(views, attitudes)
 
-    def _fitted(self, views: Sequence[Observations]) -> WindowHypotheses | None:
+    def _fitted(self, views: Sequence[Observations], attitudes: Sequence[Attitude | None]) -> WindowHypotheses | None:
         spend(Prices.GATHER * sum(len(seen) for seen in views))
-        tracks = gather_tracks(self._camera, views, self._noise_px, self._least_noise_px, self._max_tracks)
+        tracks = gather_tracks(self._camera, views, self._noise_px, self._least_noise_px, self._max_tracks, attitudes)
         motions = [*self._motions, *self._proposed]
         # Where no turning is known, the readout moves no pixel.
         priors = self._priors if tracks.sweep_px_s.any() else replace(self._priors, readout_sigma_s=0.0)

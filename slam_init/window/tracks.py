@@ -9,6 +9,7 @@ import numpy as np
 
 from slam_init.frontend.rolling_shutter import corrected_pixels, readout_places, turning_flow
 from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 
@@ -28,6 +29,9 @@ MAX_VIEWS = 12
 _INSTANT = 0.15
 #: The image is divided into this many cells (columns, rows); each cell gives its best tracks in turn.
 _CELLS = (12, 9)
+
+#: Of a measured rotation between two views: no gyroscope is better than a thousandth of a degree.
+_LEAST_VARIANCE_RAD2 = 3e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +69,10 @@ class WindowTracks:
         Time stamps of the views.
     least_noise_px : float
         Lower limit of :attr:`noise_px`: what the tracker can measure, and how far it drifts.
+    turned : (V, 3, 3) float
+        Measured rotations of the views from the first view; any where there is no measurement.
+    turned_weights : (V,) float
+        One over the variances of these rotations, rad^-2; 0 where there is no measurement.
     """
 
     camera: Camera
@@ -82,6 +90,8 @@ class WindowTracks:
     readout_s: float
     times_s: Floats
     least_noise_px: float
+    turned: Floats
+    turned_weights: Floats
 
     def __post_init__(self) -> None:
         # The loops are compiled for each layout of an array: some seconds, where a choice of tracks transposes one.
@@ -102,6 +112,7 @@ class WindowTracks:
         least_noise_px: float = 0.0,
         drifts: Floats | None = None,
         sweep_errors: Floats | None = None,
+        attitudes: Sequence[Attitude | None] = (),
     ) -> WindowTracks:
         """Prepare tracks for the fit.
 
@@ -127,6 +138,8 @@ class WindowTracks:
             least that the noise can be; where it is larger, it is so by one factor.
         sweep_errors : (V,) float, optional
             By default 0.
+        attitudes : sequence of V Attitude or None, optional
+            Measured rotations of the views; by default none.
 
         Returns
         -------
@@ -162,6 +175,7 @@ class WindowTracks:
             readout_s,
             np.zeros(len(frames)) if times_s is None else times_s,
             least_noise_px,
+            *_turned_from_first(attitudes or [None] * len(frames)),
         )
 
     @property
@@ -244,6 +258,8 @@ class WindowTracks:
             whitening=self.whitening[chosen],
             places=self.places[chosen],
             least_noise_px=self.least_noise_px,
+            turned=self.turned[chosen] @ self.turned[chosen[0]].T,
+            turned_weights=self.turned_weights[chosen] * (chosen[0] == 0),
         )
 
     def of_tracks(self, chosen: Ints) -> WindowTracks:
@@ -278,6 +294,7 @@ def gather_tracks(
     noise_px: float,
     least_noise_px: float = 0.1,
     max_tracks: int = MAX_TRACKS,
+    attitudes: Sequence[Attitude | None] = (),
 ) -> WindowTracks:
     """Choose tracks that are seen in many views and spread over the image.
 
@@ -292,6 +309,8 @@ def gather_tracks(
         Its lower limit where a track has not drifted.
     max_tracks : int
         Largest number of tracks.
+    attitudes : sequence of Attitude or None, optional
+        Measured rotations of the views; by default none.
 
     Returns
     -------
@@ -319,7 +338,19 @@ def gather_tracks(
         least_noise_px,
         since_anchor,
         np.array([view.turn_error for view in views]),
+        attitudes,
     )
+
+
+def _turned_from_first(attitudes: Sequence[Attitude | None]) -> tuple[Floats, Floats]:
+    """Measured rotations (V, 3, 3) of the views from the first one, and one over their variances (V,)."""
+    turned, weights = np.tile(np.eye(3), (len(attitudes), 1, 1)), np.zeros(len(attitudes))
+    first = attitudes[0]
+    for k, one in enumerate(attitudes):
+        if k and first is not None and one is not None and one.start == first.start:
+            turned[k] = one.cam_from_start @ first.cam_from_start.T
+            weights[k] = 1 / max(abs(one.variance_rad2 - first.variance_rad2), _LEAST_VARIANCE_RAD2)
+    return turned, weights
 
 
 def _common_readout(views: Sequence[Observations]) -> float:
