@@ -23,7 +23,7 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose, Trajectory
 
-__all__ = ["find_kitti_images", "open_kitti"]
+__all__ = ["find_kitti_images", "open_kitti", "read_projection"]
 
 # Frame rate where times.txt is missing: the cameras were triggered at 10 Hz.
 _NOMINAL_RATE_HZ = 10.0
@@ -91,7 +91,7 @@ def open_kitti(folder: str | os.PathLike[str]) -> ImageFileSource:
     camera = stored_camera(sequence, paths[0])
     cam_from_cam0 = Pose.identity()
     if (sequence / "calib.txt").exists():
-        projection = _read_projection(sequence / "calib.txt", sequence, f"P{images.name[-1]}")
+        projection = read_projection(sequence / "calib.txt", sequence, f"P{images.name[-1]}")
         K = projection[:, :3]
         height, width = read_image(paths[0], sequence).shape[:2]
         camera = camera or Camera(
@@ -103,8 +103,28 @@ def open_kitti(folder: str | os.PathLike[str]) -> ImageFileSource:
     return ImageFileSource(name, "kitti", tuple(paths), timestamps_s, camera, truth, notes, sequence)
 
 
-def _read_projection(path: Path, root: Path, key: str) -> Floats:
-    """The (3, 4) projection matrix of one camera."""
+def read_projection(path: Path, root: Path, key: str) -> Floats:
+    """Read the projection matrix of one rectified camera.
+
+    Parameters
+    ----------
+    path : Path
+        Lines of ``key: numbers``.
+    root : Path
+        The folder of the source; see :func:`slam_init.regular_file.check_inside`.
+    key : str
+        Name of the matrix, for example ``P0``.
+
+    Returns
+    -------
+    (3, 4) float
+        ``K [I | t]``, of which the last number of K is 1.
+
+    Raises
+    ------
+    SourceError
+        If there is no such line, or the matrix is none of this form.
+    """
     for row in read_rows(path, root):
         name, _, rest = row[1].partition(":")
         if name.strip() == key:

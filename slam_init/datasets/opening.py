@@ -1,19 +1,40 @@
-"""Opens the source that the user names. This module is the only one that detects the kind of a source."""
+"""Opens the source that the user names. This module is the only one that detects the kind of a source.
+
+The kinds of folders and files are tables. The first entry that fits is taken, so that an entry that looks for special
+files stands before one that looks for common ones.
+"""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
+from slam_init.datasets.arkit import (
+    find_arkitscenes,
+    find_record3d,
+    is_stray_scanner,
+    open_arkitscenes,
+    open_record3d,
+    open_stray_scanner,
+)
+from slam_init.datasets.colmap import find_colmap_model, open_colmap
 from slam_init.datasets.euroc import find_euroc_camera, open_euroc
 from slam_init.datasets.folder import open_folder
+from slam_init.datasets.fourseasons import find_fourseasons_images, open_fourseasons
+from slam_init.datasets.hololens import find_hololens_index, open_hololens
 from slam_init.datasets.image_files import IMAGE_SUFFIXES, holds_image
 from slam_init.datasets.kitti import find_kitti_images, open_kitti
+from slam_init.datasets.kitti360 import find_kitti360_images, open_kitti360
+from slam_init.datasets.nerf import LLFF_FILE, TRANSFORMS, open_llff, open_transforms
 from slam_init.datasets.synth import PREFIX, open_synth
+from slam_init.datasets.tartanair import find_tartanair, open_tartanair
 from slam_init.datasets.timed import TimedSource
+from slam_init.datasets.trakmark import find_trakmark_extrinsics, open_trakmark
 from slam_init.datasets.tum import INDEX_FILES, open_tum
 from slam_init.datasets.user import PYTHON, open_python
+from slam_init.datasets.uzh_fpv import UZH_FPV_INDEX, open_uzh_fpv
 from slam_init.datasets.video import open_video
 from slam_init.errors import SourceError
 from slam_init.regular_file import kind_problem, user_path
@@ -21,8 +42,63 @@ from slam_init.regular_file import kind_problem, user_path
 __all__ = ["detect_kind", "open_source"]
 
 
+@dataclass(frozen=True)
+class _Layout:
+    """A kind of folder or file.
+
+    Attributes
+    ----------
+    kind : str
+        What :func:`detect_kind` returns.
+    looked_for : str
+        The files that tell it, and its name in brackets, for the message where nothing fits.
+    fits : callable
+        Whether a path is of this kind: truthy if so. It reads no large file.
+    open : callable
+        Opens a path of this kind.
+    """
+
+    kind: str
+    looked_for: str
+    fits: Callable[[Path], object]
+    open: Callable[[Path], TimedSource]
+
+
+def _any_of(*names: str) -> Callable[[Path], bool]:
+    """Make a test whether a folder holds one of these files."""
+    return lambda folder: any((folder / name).is_file() for name in names)
+
+
+def _holds_images(folder: Path) -> bool:
+    return holds_image(folder) or ((folder / "images").is_dir() and holds_image(folder / "images"))
+
+
+_FOLDERS: tuple[_Layout, ...] = (
+    _Layout("tum", f"{', '.join(INDEX_FILES)} (TUM)", _any_of(*INDEX_FILES), open_tum),
+    _Layout("euroc", "mav0/cam0/data.csv (EuRoC)", find_euroc_camera, open_euroc),
+    _Layout("kitti360", "image_00/data_rect (KITTI-360)", find_kitti360_images, open_kitti360),
+    _Layout("kitti", "image_0 or image_2 (KITTI)", find_kitti_images, open_kitti),
+    _Layout("tartanair", "image_left with pose_left.txt (TartanAir)", find_tartanair, open_tartanair),
+    _Layout("4seasons", "undistorted_images/cam0 (4Seasons)", find_fourseasons_images, open_fourseasons),
+    _Layout("uzh-fpv", f"{UZH_FPV_INDEX} (UZH-FPV)", _any_of(UZH_FPV_INDEX), open_uzh_fpv),
+    _Layout("hololens", "PV with NAME_pv.txt (HoloLens 2)", find_hololens_index, open_hololens),
+    _Layout("arkitscenes", "lowres_wide.traj (ARKitScenes)", find_arkitscenes, open_arkitscenes),
+    _Layout("record3d", "metadata.json with rgb (Record3D)", find_record3d, open_record3d),
+    _Layout(
+        "stray-scanner", "odometry.csv with camera_matrix.csv (Stray Scanner)", is_stray_scanner, open_stray_scanner
+    ),
+    _Layout("transforms", f"{TRANSFORMS[0]} (nerfstudio, instant-ngp)", _any_of(*TRANSFORMS), open_transforms),
+    _Layout("colmap", "cameras and images, .txt or .bin, perhaps in sparse/0 (COLMAP)", find_colmap_model, open_colmap),
+    _Layout("llff", f"{LLFF_FILE} (LLFF)", _any_of(LLFF_FILE), open_llff),
+    _Layout("trakmark", "a table *extrinsic* (TrakMark)", find_trakmark_extrinsics, open_trakmark),
+    _Layout("images", "images in it or in images/", _holds_images, open_folder),
+)
+
+_FILES: tuple[_Layout, ...] = (_Layout("video", "a video", lambda _: True, open_video),)
+
+
 def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:
-    """Open a folder, a video file, ``synth:NAME`` or ``python:package.module:attribute``.
+    """Open a folder, a file, ``synth:NAME`` or ``python:package.module:attribute``.
 
     Parameters
     ----------
@@ -41,27 +117,19 @@ def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:
         If there is nothing to read, or if a file is broken. The message is one line that says what to do.
     """
     text = os.fspath(text)
-    kind = detect_kind(text)
-    if kind == "synth":
+    if text.startswith(PREFIX):
         return open_synth(text, seed)
-    if kind == "python":
+    if text.startswith(PYTHON):
         return open_python(text)
     path = user_path(text)
-    openers: dict[str, Callable[[Path], TimedSource]] = {
-        "tum": open_tum,
-        "euroc": open_euroc,
-        "kitti": open_kitti,
-        "images": open_folder,
-        "video": open_video,
-    }
     try:
-        return openers[kind](path)
+        return _layout_of(text).open(path)
     except OSError as error:
         raise SourceError(f"{error.filename or path}: cannot be read ({error.strerror})") from None
 
 
 def detect_kind(text: str | os.PathLike[str]) -> str:
-    """Detect the kind of a source. The layouts of folders are tried in a fixed order, and the first that fits is taken.
+    """Detect the kind of a source.
 
     Parameters
     ----------
@@ -71,7 +139,7 @@ def detect_kind(text: str | os.PathLike[str]) -> str:
     Returns
     -------
     str
-        One of ``tum``, ``euroc``, ``kitti``, ``images``, ``video``, ``synth`` and ``python``.
+        The kind of a folder or file, ``synth`` or ``python``.
 
     Raises
     ------
@@ -83,14 +151,23 @@ def detect_kind(text: str | os.PathLike[str]) -> str:
         return "synth"
     if text.startswith(PYTHON):
         return "python"
+    return _layout_of(text).kind
+
+
+def _layout_of(text: str) -> _Layout:
+    """The first layout that fits a path."""
     path = user_path(text)
     try:
         if path.is_dir():
-            return _detect_folder(path)
+            return _first_that_fits(path)
         if path.is_file():
-            return _detect_file(path)
+            if path.suffix.lower() in IMAGE_SUFFIXES:
+                raise SourceError(f"{path}: one image is not a sequence: give the folder {path.parent}")
+            return next(layout for layout in _FILES if layout.fits(path))
         missing = not path.exists()
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
+        if isinstance(error, SourceError):
+            raise
         cause = getattr(error, "strerror", None) or error
         raise SourceError(f"{text!r}: cannot be read ({cause})") from None
     if missing:
@@ -98,22 +175,9 @@ def detect_kind(text: str | os.PathLike[str]) -> str:
     raise SourceError(f"{path} {kind_problem(path)}")
 
 
-def _detect_folder(path: Path) -> str:
-    if any((path / name).is_file() for name in INDEX_FILES):
-        return "tum"
-    if find_euroc_camera(path):
-        return "euroc"
-    if find_kitti_images(path):
-        return "kitti"
-    if holds_image(path) or ((path / "images").is_dir() and holds_image(path / "images")):
-        return "images"
-    raise SourceError(
-        f"{path}: no sequence in this folder; looked for {', '.join(INDEX_FILES)} (TUM), "
-        "mav0/cam0/data.csv (EuRoC), image_0 or image_2 (KITTI), images in it or in images/"
-    )
-
-
-def _detect_file(path: Path) -> str:
-    if path.suffix.lower() in IMAGE_SUFFIXES:
-        raise SourceError(f"{path}: one image is not a sequence: give the folder {path.parent}")
-    return "video"
+def _first_that_fits(folder: Path) -> _Layout:
+    for layout in _FOLDERS:
+        if layout.fits(folder):
+            return layout
+    looked_for = ", ".join(layout.looked_for for layout in _FOLDERS)
+    raise SourceError(f"{folder}: no sequence in this folder; looked for {looked_for}")

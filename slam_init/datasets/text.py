@@ -24,6 +24,7 @@ __all__ = [
     "numbers",
     "pose_from_matrix",
     "pose_from_quaternion",
+    "read_lines",
     "read_rows",
     "read_tum_trajectory",
     "trajectory",
@@ -57,6 +58,32 @@ def read_rows(path: str | os.PathLike[str], root: str | os.PathLike[str] | None 
     SourceError
         If the file cannot be read as text, is larger than 200 MB, or lies outside of the folder of the source.
     """
+    for place, line in read_lines(path, root):
+        if line and not line.startswith("#"):
+            yield place, line
+
+
+def read_lines(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Iterator[Row]:
+    """Read all lines of a file, blank ones and comments too.
+
+    Parameters
+    ----------
+    path : str or path-like
+    root : str or path-like, optional
+        The folder of the source; see :func:`slam_init.regular_file.check_inside`.
+
+    Yields
+    ------
+    place : str
+        File and line number, ``file:line``.
+    text : str
+        The line without spaces at its ends.
+
+    Raises
+    ------
+    SourceError
+        As of :func:`read_rows`.
+    """
     path = Path(path)
     if root is not None:
         check_inside(path, root)
@@ -65,9 +92,7 @@ def read_rows(path: str | os.PathLike[str], root: str | os.PathLike[str] | None 
     except UnicodeDecodeError:
         raise SourceError(f"{path}: not a text file") from None
     for number, line in enumerate(text.splitlines(), start=1):
-        stripped = line.strip()
-        if stripped and not stripped.startswith("#"):
-            yield f"{path}:{number}", stripped
+        yield f"{path}:{number}", line.strip()
 
 
 def numbers(row: Row, fields: list[str], count: int, what: str) -> list[float]:

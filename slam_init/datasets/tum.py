@@ -1,11 +1,12 @@
-"""TUM RGB-D folders, and ICL-NUIM in its TUM-compatible form.
+"""TUM RGB-D folders, ICL-NUIM in its TUM-compatible form, and ETH3D SLAM.
 
 A folder holds:
 
 * ``rgb.txt`` (``timestamp filename``), or ``associations.txt`` (``timestamp filename timestamp filename``, colour and
   depth in either order);
 * ``groundtruth.txt`` (``timestamp tx ty tz qx qy qz qw``, world_from_cam), optional;
-* ``camera.yaml``, the calibration, optional. Without it the published calibrations are used: for ICL-NUIM, and for TUM
+* ``camera.yaml``, the calibration, optional; or ``calibration.txt`` of ETH3D SLAM: ``fx fy cx cy``, where the centre of
+  the first pixel is at 0. Without them the published calibrations are used: for ICL-NUIM, and for TUM
   RGB-D where the name of the folder holds ``freiburg1``, ``freiburg2`` or ``freiburg3``.
 
 ICL-NUIM is rendered in a frame whose y axis points up, which its authors write as a negative focal length ``fy``. Its
@@ -22,10 +23,10 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.datasets.image_files import ImageFileSource, stored_camera
+from slam_init.datasets.image_files import ImageFileSource, read_image, stored_camera
 from slam_init.datasets.stamps import image_times, stamp_of, truth_on_clock
-from slam_init.datasets.text import read_rows, read_tum_trajectory
-from slam_init.errors import SourceError
+from slam_init.datasets.text import numbers, read_rows, read_tum_trajectory
+from slam_init.errors import CalibrationError, SourceError
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose, Trajectory
 
@@ -91,7 +92,7 @@ def open_tum(folder: str | os.PathLike[str]) -> ImageFileSource:
         timestamps_s, _ = image_times((np.array(stamps) * unit_s).tolist(), places)
     else:
         timestamps_s, notes = image_times(stamps, places)
-    camera = stored_camera(folder, paths[0])
+    camera = stored_camera(folder, paths[0]) or _eth3d_camera(folder, paths[0])
     truth: Trajectory | None = None
     if icl_truths:
         camera = camera or _ICL_NUIM
@@ -104,6 +105,22 @@ def open_tum(folder: str | os.PathLike[str]) -> ImageFileSource:
             truth, truth_notes = truth_on_clock(raw_truth, timestamps_s)
             notes = (*notes, *truth_notes)
     return ImageFileSource(folder.resolve().name, "tum", paths, timestamps_s, camera, truth, notes, folder)
+
+
+def _eth3d_camera(folder: Path, first_image: Path) -> Camera | None:
+    """The camera of ``calibration.txt``; None if there is no such file."""
+    path = folder / "calibration.txt"
+    if not path.is_file():
+        return None
+    row = next(read_rows(path, folder), None)
+    if row is None:
+        raise SourceError(f"{path}: is empty: expected fx fy cx cy")
+    fx, fy, cx, cy = numbers(row, row[1].split(), 4, "fx fy cx cy")
+    height, width = read_image(first_image, folder).shape[:2]
+    try:
+        return Camera("pinhole", width, height, fx, fy, cx, cy)
+    except CalibrationError as error:
+        raise CalibrationError(f"{row[0]}: {error}") from None
 
 
 def _read_index(folder: Path) -> tuple[tuple[Path, ...], list[float], list[str]]:

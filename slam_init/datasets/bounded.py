@@ -1,0 +1,217 @@
+"""Reads JSON and numpy files of strangers: bounded in size, and checked before anything large is allocated."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import zipfile
+from collections.abc import Collection
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam_init.errors import SourceError
+from slam_init.regular_file import check_inside, open_regular, read_regular
+from slam_init.types.arrays import Floats
+
+__all__ = ["JsonObject", "json_array", "json_number", "read_json", "read_npy", "read_npz"]
+
+#: The top level of a JSON file. A value is checked when it is read.
+JsonObject = dict[str, object]
+
+# A million poses with file names have 100 to 400 MB as JSON; the largest scenes in use have a few thousand.
+_MAX_JSON_BYTES = 100_000_000
+# A million rows of 17 numbers.
+_MAX_NPY_BYTES = 200_000_000
+
+
+def read_json(path: str | os.PathLike[str], root: str | os.PathLike[str], what: str) -> JsonObject:
+    """Read a JSON file with an object at its top.
+
+    Parameters
+    ----------
+    path : str or path-like
+    root : str or path-like
+        The folder of the source; see :func:`slam_init.regular_file.check_inside`.
+    what : str
+        What the file should be, for the message.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    SourceError
+        If the file cannot be read, is larger than 100 MB, no JSON, or no object.
+    """
+    check_inside(path, root)
+    data = read_regular(path, _MAX_JSON_BYTES, what, SourceError)
+    try:
+        content = json.loads(data.decode("utf-8-sig"))
+    except json.JSONDecodeError as error:
+        raise SourceError(f"{path}:{error.lineno}: broken JSON: {error.msg}") from None
+    except (UnicodeDecodeError, ValueError, RecursionError):  # ValueError: an integer of thousands of digits
+        raise SourceError(f"{path}: not a JSON file of {what}") from None
+    if not isinstance(content, dict):
+        raise SourceError(f"{path}: not {what}: expected a JSON object")
+    return cast(JsonObject, content)
+
+
+def json_number(place: str, content: JsonObject, key: str, default: float | None = None) -> float:
+    """Take a finite number out of a JSON object.
+
+    Parameters
+    ----------
+    place : str
+        File and entry, for the message.
+    content : dict
+    key : str
+    default : float, optional
+        The value where there is no such key.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    SourceError
+        If the value is missing or not a finite number.
+    """
+    value = content.get(key, default)
+    number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+    if not math.isfinite(number):
+        raise SourceError(f"{place}: {key} is {str(value)[:40]!r}: expected a number")
+    return number
+
+
+def json_array(place: str, value: object, shape: tuple[int, ...], what: str) -> Floats:
+    """Convert nested lists of a JSON file to an array of finite numbers.
+
+    Parameters
+    ----------
+    place : str
+        File and entry, for the message.
+    value : object
+    shape : tuple of int
+        The expected shape; -1 for any length.
+    what : str
+        Name of the value, for the message.
+
+    Returns
+    -------
+    array of float
+
+    Raises
+    ------
+    SourceError
+        If the value has another shape, or holds something else than finite numbers.
+    """
+    try:
+        array = np.array(value, float)
+    except (TypeError, ValueError, OverflowError):
+        array = np.zeros(0)
+    fits = array.ndim == len(shape) and all(n in (-1, m) for n, m in zip(shape, array.shape, strict=True))
+    if not fits or not np.isfinite(array).all():
+        expected = "x".join("N" if n < 0 else str(n) for n in shape)
+        raise SourceError(f"{place}: {what} is not an array of {expected} finite numbers")
+    return array
+
+
+def read_npy(path: str | os.PathLike[str], root: str | os.PathLike[str], what: str) -> NDArray[np.generic]:
+    """Read an array of numbers from a ``.npy`` file. Nothing is unpickled.
+
+    Parameters
+    ----------
+    path : str or path-like
+    root : str or path-like
+        The folder of the source.
+    what : str
+        What the file should be, for the message.
+
+    Returns
+    -------
+    array
+
+    Raises
+    ------
+    SourceError
+        If the file cannot be read, is larger than 200 MB, cut off, or holds anything but numbers.
+    """
+    check_inside(path, root)
+    return _parse_npy(str(path), read_regular(path, _MAX_NPY_BYTES, what, SourceError))
+
+
+def read_npz(
+    path: str | os.PathLike[str], known: Collection[str], limit_bytes: int, what: str
+) -> dict[str, NDArray[np.generic]]:
+    """Read named arrays from a ``.npz`` file. Nothing is unpickled, and no other array is read.
+
+    Parameters
+    ----------
+    path : str or path-like
+    known : collection of str
+        Names of the arrays to read, where the file has them.
+    limit_bytes : int
+        Largest size of all arrays together, unpacked.
+    what : str
+        What the file should be, for the message.
+
+    Returns
+    -------
+    dict of str to array
+
+    Raises
+    ------
+    SourceError
+        If the file is no archive of arrays, cut off, too large, or holds an array of anything but numbers and text.
+    """
+    arrays: dict[str, NDArray[np.generic]] = {}
+    left = limit_bytes
+    with open_regular(path, SourceError) as file:
+        try:
+            with zipfile.ZipFile(file) as archive:
+                for entry in archive.infolist():
+                    name = entry.filename.removesuffix(".npy")
+                    if name not in known:
+                        continue
+                    if name in arrays:
+                        raise SourceError(f"{path}: holds {name} twice")
+                    left -= entry.file_size
+                    if left < 0:
+                        raise SourceError(
+                            f"{path}: has more than {limit_bytes // 10**6} MB of arrays: this is not {what}"
+                        )
+                    with archive.open(entry) as member:  # no more is unpacked than the archive states
+                        arrays[name] = _parse_npy(f"{path}: {name}", member.read(entry.file_size))
+        except (zipfile.BadZipFile, OSError, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
+            if isinstance(error, SourceError):
+                raise
+            raise SourceError(f"{path}: not a readable .npz file of {what} ({str(error)[:80]})") from None
+        except Exception as error:  # zlib, lzma and bz2 raise errors of their own for broken data
+            if isinstance(error, SourceError):
+                raise
+            raise SourceError(f"{path}: not a readable .npz file of {what} ({str(error)[:80]})") from None
+    return arrays
+
+
+def _parse_npy(place: str, data: bytes) -> NDArray[np.generic]:
+    """The array of a ``.npy`` file, whose header must state the size that the data have."""
+    stream = io.BytesIO(data)
+    try:
+        version = np.lib.format.read_magic(stream)
+        read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = read_header(stream)
+    except (ValueError, TypeError, SyntaxError, EOFError, RecursionError, MemoryError):
+        raise SourceError(f"{place}: not a .npy array, or cut off") from None
+    if dtype.hasobject or dtype.kind not in "biufU":
+        raise SourceError(f"{place}: holds {dtype}: expected numbers or text")
+    if len(data) - stream.tell() < math.prod(shape) * dtype.itemsize:
+        raise SourceError(f"{place}: the array is cut off")
+    stream.seek(0)
+    array: NDArray[np.generic] = np.load(stream, allow_pickle=False)
+    return array

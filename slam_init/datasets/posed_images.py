@@ -1,0 +1,185 @@
+"""Sources of images whose poses, and perhaps calibrations, are known one by one.
+
+The formats of photogrammetry and of rendering state no times. Their images are put in the natural order of their
+names, at the nominal rate of an image folder. The poses of the formats have several conventions of the camera axes;
+here they are converted to those of this project: x right, y down, z forward.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from slam_init.datasets.folder import NOMINAL_RATE_HZ
+from slam_init.datasets.image_files import MAX_FRAMES, ImageFileSource, natural_key
+from slam_init.datasets.text import trajectory
+from slam_init.errors import CalibrationError, SourceError
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
+from slam_init.types.pose import Pose
+
+__all__ = ["PosedImage", "common_camera", "from_opengl", "posed_source"]
+
+# A difference of 2 % in the focal length moves a pixel at the border, half a side from the centre, by 1 % of the side.
+# The focal length of a telephone that focuses changes by less.
+_MAX_SHIFT = 0.01
+
+#: Axes of an OpenGL camera (x right, y up, z backward) in a camera of this project; the matrix is its own inverse.
+_FLIP = np.diag([1.0, -1.0, -1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class PosedImage:
+    """An image with what a data set knows about it.
+
+    Attributes
+    ----------
+    path : Path
+    world_from_cam : Pose or None
+    camera : Camera or None
+    """
+
+    path: Path
+    world_from_cam: Pose | None = None
+    camera: Camera | None = None
+
+
+def from_opengl(world_from_gl: Pose) -> Pose:
+    """Convert the pose of an OpenGL camera, which looks along its negative z axis.
+
+    Parameters
+    ----------
+    world_from_gl : Pose
+        Camera axes: x right, y up, z backward.
+
+    Returns
+    -------
+    Pose
+        ``world_from_cam``; camera axes: x right, y down, z forward.
+    """
+    return Pose(world_from_gl.R @ _FLIP, world_from_gl.t)
+
+
+def common_camera(cameras: Sequence[Camera | None], what: str) -> tuple[Camera | None, list[bool], tuple[str, ...]]:
+    """Find one calibration for images that state one each.
+
+    The images must be of one camera. Calibrations that differ by less than one per cent of the longer side, as those
+    of a telephone that focuses, are replaced by their median; the note tells how much they differ.
+
+    Parameters
+    ----------
+    cameras : sequence of Camera or None
+        One for each image.
+    what : str
+        Name of the source, for the message.
+
+    Returns
+    -------
+    camera : Camera or None
+        That of most images; None if no image states one.
+    kept : list of bool
+        For each image whether this is its camera.
+    notes : tuple of str
+        For the user.
+
+    Raises
+    ------
+    CalibrationError
+        If fewer than two of several images have one camera.
+    """
+    stated = [camera for camera in cameras if camera is not None]
+    if not stated:
+        return None, [True] * len(cameras), ()
+    counts = Counter((camera.model, camera.width, camera.height, len(camera.distortion)) for camera in stated)
+    kind = max(counts, key=counts.__getitem__)  # of equal ones the first
+    alike = [c for c in stated if (c.model, c.width, c.height, len(c.distortion)) == kind]
+    model, width, height, _ = kind
+    middle = np.median([(c.fx, c.fy, c.cx, c.cy, *c.distortion) for c in alike], axis=0).tolist()
+    fx, fy, cx, cy, *distortion = middle
+    median = Camera(model, width, height, fx, fy, cx, cy, tuple(distortion))
+    (commonest, _), *_ = Counter(alike).most_common(1)
+    bound_px = _MAX_SHIFT * max(width, height)
+    # A median of two groups of cameras is that of neither.
+    choices = [(choice, {c: _largest_shift_px(c, choice) for c in set(alike)}) for choice in (commonest, median)]
+    common, shifts = max(choices, key=lambda choice: sum(choice[1][camera] <= bound_px for camera in alike))
+    kept = [camera is not None and shifts.get(camera, np.inf) <= bound_px for camera in cameras]
+    if sum(kept) < min(2, len(cameras)):
+        raise CalibrationError(f"{what}: the images are of different cameras: give images of one camera")
+    notes = []
+    if sum(kept) < len(kept):
+        notes.append(f"{len(kept) - sum(kept)} of {len(kept)} images are of another camera, and are left out")
+    largest_px = max(shifts[camera] for camera, keep in zip(cameras, kept, strict=True) if keep and camera is not None)
+    if largest_px > 0:
+        notes.append(
+            f"the images state calibrations that differ by up to {largest_px:.1f} px: one for all of them is used"
+        )
+    return common, kept, tuple(notes)
+
+
+def _largest_shift_px(camera: Camera, other: Camera) -> float:
+    """How far a pixel moves if it is seen by the one camera and projected by the other."""
+    if camera == other:
+        return 0.0
+    columns, rows = np.linspace(0, camera.width - 1, 5), np.linspace(0, camera.height - 1, 5)
+    pixels: Floats = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    shift = np.linalg.norm(other.project(camera.bearings(pixels)) - pixels, axis=1)
+    seen = shift[np.isfinite(shift)]
+    return float(seen.max()) if len(seen) else np.inf
+
+
+def posed_source(
+    name: str, kind: str, images: Sequence[PosedImage], root: Path, rate_hz: float = NOMINAL_RATE_HZ
+) -> ImageFileSource:
+    """Make a source of posed images without times.
+
+    Images that the folder does not hold are left out, since data sets are often passed on in part.
+
+    Parameters
+    ----------
+    name, kind : str
+        Of the source.
+    images : sequence of PosedImage
+        In any order.
+    root : Path
+        The folder of the source, which no image may lie outside of.
+    rate_hz : float
+        Nominal frame rate.
+
+    Returns
+    -------
+    ImageFileSource
+        In the natural order of the names.
+
+    Raises
+    ------
+    SourceError
+        If the folder holds none of the images, or the list names more than :data:`MAX_FRAMES`, or one twice.
+    CalibrationError
+        If the images are of different cameras.
+    """
+    if len(images) > MAX_FRAMES:
+        raise SourceError(f"{root}: lists more than {MAX_FRAMES} images: split it")
+    there = sorted(
+        (image for image in images if image.path.is_file()), key=lambda image: natural_key(image.path.as_posix())
+    )
+    if not there:
+        listed = f", for example {os.path.relpath(images[0].path, root)}" if images else ""
+        raise SourceError(f"{root}: holds none of the {len(images)} images that its {kind} lists{listed}")
+    paths = [image.path for image in there]
+    twice = next((path for path, count in Counter(paths).items() if count > 1), None)
+    if twice is not None:
+        raise SourceError(f"{root}: its {kind} lists {os.path.relpath(twice, root)} twice")
+    camera, kept, notes = common_camera([image.camera for image in there], str(root))
+    there = [image for image, keep in zip(there, kept, strict=True) if keep]
+    if len(paths) < len(images):
+        notes = (f"{len(images) - len(paths)} of {len(images)} listed images are not in the folder", *notes)
+    timestamps_s = np.arange(len(there)) / rate_hz
+    stamped = zip(timestamps_s.tolist(), (image.world_from_cam for image in there), strict=True)
+    truth = trajectory([(time_s, pose) for time_s, pose in stamped if pose is not None])
+    kept_paths = tuple(image.path for image in there)
+    return ImageFileSource(name, kind, kept_paths, timestamps_s, camera, truth, notes, root)
