@@ -188,13 +188,9 @@ def read_npz(
                         )
                     with archive.open(entry) as member:  # no more is unpacked than the archive states
                         arrays[name] = _parse_npy(f"{path}: {name}", member.read(entry.file_size))
-        except (zipfile.BadZipFile, OSError, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
-            if isinstance(error, SourceError):
-                raise
-            raise SourceError(f"{path}: not a readable .npz file of {what} ({str(error)[:80]})") from None
-        except Exception as error:  # zlib, lzma and bz2 raise errors of their own for broken data
-            if isinstance(error, SourceError):
-                raise
+        except SourceError:
+            raise
+        except Exception as error:  # zipfile, zlib, lzma and bz2 raise errors of their own for broken data
             raise SourceError(f"{path}: not a readable .npz file of {what} ({str(error)[:80]})") from None
     return arrays
 
@@ -206,7 +202,7 @@ def _parse_npy(place: str, data: bytes) -> NDArray[np.generic]:
         version = np.lib.format.read_magic(stream)
         read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, _, dtype = read_header(stream)
-    except (ValueError, TypeError, SyntaxError, EOFError, RecursionError, MemoryError):
+    except Exception:  # numpy passes on what Python's parser raises
         raise SourceError(f"{place}: not a .npy array, or cut off") from None
     if dtype.hasobject or dtype.kind not in "biufU":
         raise SourceError(f"{place}: holds {dtype}: expected numbers or text")

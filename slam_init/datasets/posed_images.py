@@ -105,7 +105,7 @@ def common_camera(cameras: Sequence[Camera | None], what: str) -> tuple[Camera |
     (commonest, _), *_ = Counter(alike).most_common(1)
     bound_px = _MAX_SHIFT * max(width, height)
     # A median of two groups of cameras is that of neither.
-    choices = [(choice, {c: _largest_shift_px(c, choice) for c in set(alike)}) for choice in (commonest, median)]
+    choices = [(choice, {c: _largest_shift_px(c, choice) for c in set(alike)}) for choice in (median, commonest)]
     common, shifts = max(choices, key=lambda choice: sum(choice[1][camera] <= bound_px for camera in alike))
     kept = [camera is not None and shifts.get(camera, np.inf) <= bound_px for camera in cameras]
     if sum(kept) < min(2, len(cameras)):
