@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from slam_init.errors import SourceError
 from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
-from slam_init.frontend.tracks import History, Tracker
+from slam_init.frontend.tracks import History
 from slam_init.mapping.resection import resect
 from slam_init.output.records import ContinuationRecord
 from slam_init.recording.recorder import Recorder
@@ -18,7 +19,7 @@ from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
 
-__all__ = ["Continuation", "follow"]
+__all__ = ["Continuation", "FrameTracker", "follow"]
 
 #: A landmark counts as observed again where its track lies within this distance of its projection.
 _SURVIVAL_PX = 3.0
@@ -60,9 +61,28 @@ class Continuation:
         )
 
 
+class FrameTracker(Protocol):
+    """Gives the tracks of frames: a :class:`slam_init.frontend.tracks.Tracker`, or a source that knows its tracks."""
+
+    history: History
+
+    def track(self, frame: Frame) -> Observations:
+        """Give the tracks of the next frame.
+
+        Parameters
+        ----------
+        frame : Frame
+
+        Returns
+        -------
+        Observations
+        """
+        ...
+
+
 def follow(
     map_: InitialMap,
-    tracker: Tracker,
+    tracker: FrameTracker,
     frames: Iterator[Frame],
     count: int,
     recorder: Recorder,
@@ -72,8 +92,8 @@ def follow(
     Parameters
     ----------
     map_ : InitialMap
-    tracker : Tracker
-        The tracker of the initializer, in its state when the map was accepted.
+    tracker : FrameTracker
+        That of the initializer, in its state when the map was accepted.
     frames : iterator of Frame
         The frames that follow.
     count : int

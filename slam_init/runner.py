@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 from slam_init.config import Config, config_toml
-from slam_init.continuation import Continuation, follow
+from slam_init.continuation import Continuation, FrameTracker, follow
+from slam_init.datasets.track_source import KnowsTracks
 from slam_init.errors import OutputError, SlamInitError
 from slam_init.evaluation.metrics import compare_with_groundtruth
+from slam_init.frontend.tracks import History
 from slam_init.methods import make_initializer
 from slam_init.methods.registry import FrontEnd, method_info
 from slam_init.output.folder import OutputFolder
@@ -21,8 +24,9 @@ from slam_init.output.results import publish_results
 from slam_init.output.summary import Summary, summary_of
 from slam_init.recording.recorder import Recorder
 from slam_init.recording.rerun_recorder import RerunRecorder
+from slam_init.status import Status
 from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame, Source, notes_of
+from slam_init.types.frame import Frame, Observations, Source, notes_of
 from slam_init.types.result import Result
 
 __all__ = ["run"]
@@ -125,10 +129,16 @@ class _Job:
         initializer = make_initializer(self.config.method, self.camera, self.config, recorder)
         max_frames = None if self.continue_frames else self.max_frames
         frames = hashed.reading(self.source.frames(start=self.start, max_frames=max_frames))
-        result = _initialize(initializer, frames, len(self.source) - self.start, self.max_frames, self.progress)
+        available = len(self.source) - self.start
+        tracker: FrameTracker = initializer.tracker
+        process: Callable[[Frame], Status] = initializer.process
+        if isinstance(self.source, KnowsTracks):
+            tracker = _GivenTracks(self.source, self.camera, hashed)
+            process = partial(_process_tracks, initializer, tracker, recorder)
+        result = _initialize(initializer, process, frames, available, self.max_frames, self.progress)
         notes = (*self.notes, *notes_of(self.source), *_focal_notes(result, self.camera))
         result = replace(result, notes=(*notes, *result.notes))
-        result, continued = _continue(result, initializer, frames, self.continue_frames, recorder)
+        result, continued = _continue(result, tracker, frames, self.continue_frames, recorder)
         options: dict[str, Json] = {
             "start": self.start, "max_frames": self.max_frames, "continue_frames": self.continue_frames,
         }  # fmt: skip
@@ -147,12 +157,39 @@ def _focal_notes(result: Result, stated: Camera) -> tuple[str, ...]:
     )
 
 
+class _GivenTracks:
+    """Gives the tracks of a source in the place of a tracker, and adds them to the hash of the input."""
+
+    def __init__(self, source: KnowsTracks, camera: Camera, hashed: InputHash) -> None:
+        self.history = History(1)
+        self._source = source
+        self._camera = camera
+        self._hashed = hashed
+
+    def track(self, frame: Frame) -> Observations:
+        observations = self._source.observed(frame, self._camera)
+        self._hashed.observed(observations)
+        return observations
+
+
+def _process_tracks(initializer: FrontEnd, tracker: FrameTracker, recorder: Recorder, frame: Frame) -> Status:
+    """Process a frame of which the tracks are given."""
+    observations = tracker.track(frame)
+    recorder.frame(frame, observations)
+    return initializer.process_tracks(observations)
+
+
 def _initialize(
-    initializer: FrontEnd, frames: Iterator[Frame], available: int, max_frames: int | None, progress: bool
+    initializer: FrontEnd,
+    process: Callable[[Frame], Status],
+    frames: Iterator[Frame],
+    available: int,
+    max_frames: int | None,
+    progress: bool,
 ) -> Result:
     """Process frames until there is a map."""
     for frame in _with_progress(frames, min(available, max_frames or available), progress):
-        if initializer.process(frame) or initializer.frames_read == max_frames:
+        if process(frame) or initializer.frames_read == max_frames:
             break
     return initializer.finish()
 
@@ -168,12 +205,12 @@ def _with_progress(frames: Iterator[Frame], total: int, show: bool) -> Iterator[
 
 
 def _continue(
-    result: Result, initializer: FrontEnd, frames: Iterator[Frame], count: int, recorder: Recorder
+    result: Result, tracker: FrameTracker, frames: Iterator[Frame], count: int, recorder: Recorder
 ) -> tuple[Result, Continuation | None]:
     """Locate further frames in the map, if there is a map and frames are asked for; note an early end."""
     if result.map is None or not count:
         return result, None
-    continued = follow(result.map, initializer.tracker, frames, count, recorder)
+    continued = follow(result.map, tracker, frames, count, recorder)
     if continued.ended_by is not None:
         result = replace(result, notes=(*result.notes, f"the continuation ended early: {continued.ended_by}"))
     return result, continued

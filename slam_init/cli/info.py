@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from slam_init.cli.exit_codes import DONE
-from slam_init.cli.source_options import add_source, chosen_camera
+from slam_init.cli.source_options import add_source, chosen_camera, opened_source
 from slam_init.process_io import tell
 
 if TYPE_CHECKING:
@@ -30,10 +30,9 @@ def add_info(commands: Commands) -> None:
 
 def _info(arguments: argparse.Namespace) -> int:
     """``slam-init info``."""
-    from slam_init.datasets import open_source
     from slam_init.datasets.describe import describe, describe_text
 
-    source = open_source(arguments.source)
+    source = opened_source(arguments, 0)
     info = describe(source, chosen_camera(arguments, source, 0))
     if arguments.json:
         import json

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from slam_init.cli.exit_codes import DONE, NOT_INITIALIZED
 from slam_init.cli.parser import at_least
-from slam_init.cli.source_options import add_source, chosen_camera
+from slam_init.cli.source_options import add_source, chosen_camera, opened_source
 from slam_init.process_io import tell
 from slam_init.regular_file import user_path
 
@@ -72,11 +72,11 @@ def _run(arguments: argparse.Namespace) -> int:
     from slam_init.output.folder import chosen_folder
     from slam_init.output.names import RUN_FILES
 
-    inputs = [arguments.source, *(file for file in (arguments.camera, config_path) if file is not None)]
+    named = (arguments.images, arguments.camera, config_path)
+    inputs = [arguments.source, *(file for file in named if file is not None)]
     out = chosen_folder(arguments.out, "run", RUN_FILES, inputs)
 
     from slam_init.config import REALTIME_WORK, load_config
-    from slam_init.datasets import open_source
     from slam_init.methods.registry import method_info
 
     config = load_config(config_path, {"method": arguments.method, "seed": arguments.seed})
@@ -85,7 +85,7 @@ def _run(arguments: argparse.Namespace) -> int:
         config = replace(config, work_per_frame=REALTIME_WORK)
     if arguments.refine_focal:
         config = replace(config, map=replace(config.map, refine_focal=True))
-    source = open_source(arguments.source, config.seed)
+    source = opened_source(arguments, config.seed)
     camera = chosen_camera(arguments, source, arguments.start)
 
     from slam_init.output.summary import summary_text

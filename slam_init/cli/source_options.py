@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 from slam_init.cli.parser import UsageError
 
 if TYPE_CHECKING:
+    from slam_init.datasets import TimedSource
     from slam_init.types.camera import Camera
     from slam_init.types.frame import Source
 
-__all__ = ["add_source", "chosen_camera"]
+__all__ = ["add_source", "chosen_camera", "opened_source"]
 
 
 def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
@@ -29,8 +30,13 @@ def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
         metavar="SOURCE",
         nargs="?" if default else None,
         default=default,
-        help="a folder (TUM, EuRoC, KITTI, images), a video, or synth:NAME"
+        help="a folder (images, or a known data set), a video, matches (COLMAP's database, .h5, .npz), or synth:NAME"
         + (f" (default: {default})" if default else ""),
+    )
+    parser.add_argument(
+        "--images",
+        metavar="FOLDER",
+        help="pictures for a source of matches, by name; with times and ground truth",
     )
     parser.add_argument(
         "--camera",
@@ -45,6 +51,40 @@ def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
         help="readout of a rolling shutter in milliseconds, 0 for a global shutter; 25,up or 25,left where rows or "
         "columns are read in another direction than down; 'auto' estimates it (default: that of the calibration)",
     )
+
+
+def opened_source(arguments: argparse.Namespace, seed: int) -> TimedSource:
+    """Open the source, with the pictures of ``--images``.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+    seed : int
+        Of a synthetic sequence.
+
+    Returns
+    -------
+    TimedSource
+
+    Raises
+    ------
+    SlamInitError
+        If a file is broken, or if ``--images`` does not fit the source.
+    """
+    from slam_init.datasets import open_source
+
+    source = open_source(arguments.source, seed)
+    if arguments.images is None:
+        return source
+    from slam_init.datasets.image_files import ImageFileSource
+    from slam_init.datasets.track_source import TrackSource, with_pictures
+
+    if not isinstance(source, TrackSource):
+        raise UsageError(f"--images is for a source of matches, and {arguments.source} has images: leave it out")
+    pictures = open_source(arguments.images)
+    if not isinstance(pictures, ImageFileSource):
+        raise UsageError(f"--images is {arguments.images!r}: give a folder of images")
+    return with_pictures(source, pictures)
 
 
 def chosen_camera(arguments: argparse.Namespace, source: Source, start: int) -> Camera:

@@ -157,7 +157,7 @@ def replay(source: TimedSource | PointSource, text: str, start: int, folder: str
         Absolute index of the first frame.
     folder : str or os.PathLike
         Folder of the stored tracks. The tracks are computed and stored if they are not there yet. A source of points
-        knows its tracks and does not use the folder.
+        knows its tracks and does not use the folder, nor does a source of given tracks.
 
     Returns
     -------
@@ -165,8 +165,9 @@ def replay(source: TimedSource | PointSource, text: str, start: int, folder: str
         One for each frame from ``start`` on.
     """
     from slam_init.datasets.points import PointSource
+    from slam_init.datasets.track_source import TrackSource
 
-    if isinstance(source, PointSource):
+    if isinstance(source, PointSource | TrackSource):
         return (Step(observations) for observations in source.observations(start))
     return find_tracks(source, text, folder).steps(start)
 

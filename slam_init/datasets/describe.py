@@ -7,11 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam_init.datasets import TimedSource
+from slam_init.datasets.match_chains import TrackTable
+from slam_init.datasets.track_source import TrackSource
 from slam_init.errors import plain_line
 from slam_init.types.camera import Camera
 from slam_init.types.frame import notes_of
 
-__all__ = ["CameraDescription", "SourceDescription", "TruthDescription", "describe", "describe_text"]
+__all__ = [
+    "CameraDescription",
+    "SourceDescription",
+    "TracksDescription",
+    "TruthDescription",
+    "describe",
+    "describe_text",
+]
 
 # A true pose belongs to a frame if their time stamps differ by no more than this.
 _TOLERANCE_S = 0.02
@@ -62,6 +71,25 @@ class TruthDescription:
 
 
 @dataclass(frozen=True)
+class TracksDescription:
+    """The tracks of a source that knows them.
+
+    Attributes
+    ----------
+    tracks : int
+        Number of tracks.
+    frames_per_track : float
+        Mean number of frames in which a track is seen.
+    tracks_per_frame : float
+        Median number of tracks that are seen in a frame.
+    """
+
+    tracks: int
+    frames_per_track: float
+    tracks_per_frame: float
+
+
+@dataclass(frozen=True)
 class SourceDescription:
     """The facts about a source, in the order of the output of ``slam-init info --json``.
 
@@ -86,6 +114,8 @@ class SourceDescription:
         None if the source has no ground truth.
     notes : tuple of str
         What the user should know about the source, for example the unit of its time stamps.
+    tracks : TracksDescription or None
+        None if the source gives images alone.
     """
 
     name: str
@@ -99,6 +129,7 @@ class SourceDescription:
     camera: CameraDescription | None
     ground_truth: TruthDescription | None
     notes: tuple[str, ...] = ()
+    tracks: TracksDescription | None = None
 
 
 def describe(source: TimedSource, camera: Camera | None) -> SourceDescription:
@@ -134,6 +165,7 @@ def describe(source: TimedSource, camera: Camera | None) -> SourceDescription:
         camera=None if camera is None else _describe_camera(camera),
         ground_truth=_describe_truth(source),
         notes=notes_of(source),
+        tracks=_describe_tracks(source.table) if isinstance(source, TrackSource) else None,
     )
 
 
@@ -156,6 +188,11 @@ def describe_text(info: SourceDescription) -> str:
         f"  frames        {info.frames}{rate}",
         f"  images        {info.width}x{info.height}, {'colour' if info.color else 'grey'}",
     ]
+    if info.tracks is not None:
+        seen, length = info.tracks.tracks_per_frame, info.tracks.frames_per_track
+        lines.append(
+            f"  tracks        {info.tracks.tracks}, {seen:.0f} in a frame (median), each in {length:.1f} frames"
+        )
     if camera is None:
         lines.append("  camera        none: give --camera FILE, or --camera auto")
     else:
@@ -178,6 +215,12 @@ def describe_text(info: SourceDescription) -> str:
 def _describe_camera(camera: Camera) -> CameraDescription:
     focal = (camera.fx, camera.fy, camera.cx, camera.cy)
     return CameraDescription(camera.model, *focal, tuple(camera.distortion), camera.source, camera.focal_sigma_px)
+
+
+def _describe_tracks(table: TrackTable) -> TracksDescription:
+    _, counts = np.unique(table.track_ids, return_counts=True)
+    _, seen = np.unique(table.frames, return_counts=True)
+    return TracksDescription(len(counts), round(float(counts.mean()), 3), float(np.median(seen)))
 
 
 def _describe_truth(source: TimedSource) -> TruthDescription | None:

@@ -20,9 +20,11 @@ from slam_init.datasets.arkit import (
     open_stray_scanner,
 )
 from slam_init.datasets.colmap import find_colmap_model, open_colmap
+from slam_init.datasets.colmap_database import is_colmap_database, open_colmap_database
 from slam_init.datasets.euroc import find_euroc_camera, open_euroc
 from slam_init.datasets.folder import open_folder
 from slam_init.datasets.fourseasons import find_fourseasons_images, open_fourseasons
+from slam_init.datasets.hloc import is_hdf5, open_hloc
 from slam_init.datasets.hololens import find_hololens_index, open_hololens
 from slam_init.datasets.image_files import IMAGE_SUFFIXES, holds_image
 from slam_init.datasets.kitti import find_kitti_images, open_kitti
@@ -31,6 +33,7 @@ from slam_init.datasets.nerf import LLFF_FILE, TRANSFORMS, open_llff, open_trans
 from slam_init.datasets.synth import PREFIX, open_synth
 from slam_init.datasets.tartanair import find_tartanair, open_tartanair
 from slam_init.datasets.timed import TimedSource
+from slam_init.datasets.tracks_file import is_tracks_file, open_tracks_file
 from slam_init.datasets.trakmark import find_trakmark_extrinsics, open_trakmark
 from slam_init.datasets.tum import INDEX_FILES, open_tum
 from slam_init.datasets.user import PYTHON, open_python
@@ -94,7 +97,12 @@ _FOLDERS: tuple[_Layout, ...] = (
     _Layout("images", "images in it or in images/", _holds_images, open_folder),
 )
 
-_FILES: tuple[_Layout, ...] = (_Layout("video", "a video", lambda _: True, open_video),)
+_FILES: tuple[_Layout, ...] = (
+    _Layout("colmap-database", "a database of COLMAP", is_colmap_database, open_colmap_database),
+    _Layout("hloc", "matches of hloc (.h5)", is_hdf5, open_hloc),
+    _Layout("tracks", "tracks (.npz)", is_tracks_file, open_tracks_file),
+    _Layout("video", "a video", lambda _: True, open_video),
+)
 
 
 def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:

@@ -17,6 +17,7 @@ import numpy as np
 from slam_init.datasets.image_files import frame_range
 from slam_init.datasets.synth import option_values
 from slam_init.datasets.text import pose_from_matrix
+from slam_init.datasets.track_source import draw_points
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
@@ -30,7 +31,8 @@ __all__ = ["POINTS", "PointSource", "open_points", "point_scenes"]
 
 POINTS = "points:"
 
-_BACKGROUND, _DOT = 30, 220
+# Grey value of a point.
+_DOT = 220
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,11 +97,8 @@ class PointSource:
         """
         camera = self.sequence.camera
         for index in frame_range(len(self), start, max_frames, self.name):
-            image = np.full((camera.height, camera.width), _BACKGROUND, np.uint8)
             _, pixels = self.sequence.observe(index)
-            column, row = np.round(pixels).astype(int).T
-            for dx, dy in ((0, 0), (1, 0), (0, 1), (1, 1)):
-                image[np.clip(row + dy, 0, camera.height - 1), np.clip(column + dx, 0, camera.width - 1)] = _DOT
+            image = draw_points((camera.width, camera.height), pixels)
             yield Frame(index, float(self.timestamps_s[index]), f"frame-{index:06d}", image)
 
     def observations(self, start: int = 0) -> Iterator[Observations]:

@@ -12,7 +12,7 @@ import numpy as np
 from slam_init.output.plain_json import Json
 from slam_init.output.records import Provenance
 from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame
+from slam_init.types.frame import Frame, Observations
 
 __all__ = ["InputHash", "provenance_of"]
 
@@ -49,6 +49,17 @@ class InputHash:
             self._hash.update(header.encode("utf-8", "surrogateescape"))
             self._hash.update(np.ascontiguousarray(frame.image).data)
             yield frame
+
+    def observed(self, observations: Observations) -> None:
+        """Add given tracks to the hash.
+
+        Parameters
+        ----------
+        observations : Observations
+            The tracks of a frame that a source gave.
+        """
+        self._hash.update(np.ascontiguousarray(observations.track_ids).data)
+        self._hash.update(np.ascontiguousarray(observations.pixels).data)
 
     def hexdigest(self) -> str:
         """Return the hash of the frames that were read up to now.

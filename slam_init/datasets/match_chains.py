@@ -1,0 +1,212 @@
+"""Chains the matches of image pairs to tracks.
+
+A track is a connected set of keypoints. Two keypoints of one image cannot see one point, so a set with two of them
+holds a wrong match. Such sets are chained anew, one match after the other: matches of near images first, because the
+appearance of a point changes with the distance. A match that would join two keypoints of one image is dropped, and
+counted. Other wrong matches remain in the tracks, for the robust estimation to find.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slam_init.errors import SourceError
+from slam_init.types.arrays import Floats, Ints
+
+__all__ = ["MAX_MATCHES", "PairMatches", "TrackTable", "chain_matches"]
+
+#: Most matches of a source: a thousand images with twenty neighbours and a thousand matches each.
+MAX_MATCHES = 20_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class PairMatches:
+    """The matches of two images.
+
+    Attributes
+    ----------
+    first, second : int
+        Indices of the images.
+    keypoints : (M, 2) int
+        Indices of a keypoint of the first image and of one of the second.
+    """
+
+    first: int
+    second: int
+    keypoints: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class TrackTable:
+    """Tracks as a table of observations, sorted by frame, and in a frame by track.
+
+    Attributes
+    ----------
+    frames : (M,) int
+        Index of the image of each observation.
+    track_ids : (M,) int
+        A track is in a frame at most once.
+    pixels : (M, 2) float
+        Pixel centres at integer coordinates.
+    """
+
+    frames: Ints
+    track_ids: Ints
+    pixels: Floats
+
+    def reordered(self, rank: Ints) -> TrackTable:
+        """The same tracks with the frames in another order.
+
+        Parameters
+        ----------
+        rank : (F,) int
+            The new index of each frame.
+
+        Returns
+        -------
+        TrackTable
+        """
+        frames = rank[self.frames]
+        order = np.lexsort((self.track_ids, frames))
+        return TrackTable(frames[order], self.track_ids[order], self.pixels[order])
+
+
+def chain_matches(keypoints: Sequence[Floats], pairs: Iterable[PairMatches], what: str) -> tuple[TrackTable, int]:
+    """Chain matches to tracks.
+
+    Parameters
+    ----------
+    keypoints : sequence of (N, 2) float
+        The keypoints of each image. Keypoints at one place (of several scales or orientations) count as one.
+    pairs : iterable of PairMatches
+    what : str
+        Name of the source, for messages.
+
+    Returns
+    -------
+    table : TrackTable
+        The tracks that are seen in two images at least, numbered by their first observation.
+    dropped : int
+        Number of matches that were dropped because they join two keypoints of one image.
+
+    Raises
+    ------
+    SourceError
+        If a match names a keypoint that its image does not have, or there are more than :data:`MAX_MATCHES`.
+    """
+    nodes, images, pixels = _nodes(keypoints)
+    edges = _edges(nodes, pairs, what)
+    labels, dropped = _labels(edges, images)
+    counts = np.bincount(labels, minlength=len(pixels))
+    seen = np.flatnonzero(counts[labels] >= 2)
+    _, first, inverse = np.unique(labels[seen], return_index=True, return_inverse=True)
+    # Nodes are sorted by image, so that this is the order of the first observations.
+    track_ids = np.argsort(np.argsort(first, kind="stable"), kind="stable")[inverse]
+    order = np.lexsort((track_ids, images[seen]))
+    chosen = seen[order]
+    return TrackTable(images[chosen], track_ids[order].astype(np.int64), pixels[chosen]), dropped
+
+
+def _nodes(keypoints: Sequence[Floats]) -> tuple[list[Ints], Ints, Floats]:
+    """For each keypoint the number of its node; for each node its image and place. Nodes are sorted by image."""
+    nodes: list[Ints] = []
+    places: list[Floats] = [np.zeros((0, 2))]
+    count = 0
+    for points in keypoints:
+        unique, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
+        # Numbered as the keypoints are, and not by place.
+        rank = np.argsort(np.argsort(first, kind="stable"), kind="stable")
+        nodes.append(count + rank[inverse.reshape(-1)] if len(points) else np.zeros(0, np.int64))
+        places.append(points[np.sort(first)] if len(points) else np.zeros((0, 2)))
+        count += len(unique) if len(points) else 0
+    sizes = [len(place) for place in places[1:]]
+    return nodes, np.repeat(np.arange(len(keypoints)), sizes), np.concatenate(places)
+
+
+def _edges(nodes: Sequence[Ints], pairs: Iterable[PairMatches], what: str) -> Ints:
+    """The matched nodes (M, 2), in the order of the distance of their images; each pair of nodes once."""
+    found: list[Ints] = []
+    gaps: list[Ints] = []
+    total = 0
+    for pair in pairs:
+        matched = pair.keypoints
+        total += len(matched)
+        if total > MAX_MATCHES:
+            raise SourceError(f"{what}: has more than {MAX_MATCHES} matches: give fewer images, or fewer pairs")
+        for image, column in ((pair.first, matched[:, 0]), (pair.second, matched[:, 1])):
+            if len(column) and not (column.min() >= 0 and column.max() < len(nodes[image])):
+                raise SourceError(
+                    f"{what}: a match of images {pair.first} and {pair.second} names a keypoint that {image} lacks"
+                )
+        if pair.first != pair.second and len(matched):
+            ends = np.column_stack([nodes[pair.first][matched[:, 0]], nodes[pair.second][matched[:, 1]]])
+            found.append(np.sort(ends, axis=1))
+            gaps.append(np.full(len(ends), abs(pair.first - pair.second)))
+    if not found:
+        return np.zeros((0, 2), np.int64)
+    edges, first = np.unique(np.concatenate(found), axis=0, return_index=True)
+    order = np.argsort(np.concatenate(gaps)[first], kind="stable")
+    return np.asarray(edges[order], np.int64)
+
+
+def _labels(edges: Ints, images: Ints) -> tuple[Ints, int]:
+    """The number of the track of each node, and how many matches were dropped."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    count = len(images)
+    if count == 0:
+        return np.zeros(0, np.int64), 0
+    graph = coo_array((np.ones(len(edges), np.int8), (edges[:, 0], edges[:, 1])), shape=(count, count))
+    _, connected = connected_components(graph, directed=False)
+    labels = np.asarray(connected, np.int64)
+    order = np.lexsort((images, labels))
+    twice = (np.diff(labels[order]) == 0) & (np.diff(images[order]) == 0)
+    in_conflict = np.isin(labels, labels[order[1:][twice]])
+    anew = edges[in_conflict[edges[:, 0]]]
+    chains = _Chains(np.flatnonzero(in_conflict).tolist(), images)
+    dropped = sum(not chains.join(a, b) for a, b in anew.tolist())
+    # The numbers of nodes name the sets that were chained anew; they follow the numbers of the others.
+    for node in chains.nodes:
+        labels[node] = count + chains.root(node)
+    _, numbered = np.unique(labels, return_inverse=True)
+    return np.asarray(numbered, np.int64), dropped
+
+
+class _Chains:
+    """Sets of nodes with at most one node of each image (union-find).
+
+    Parameters
+    ----------
+    nodes : list of int
+    images : (N,) int
+        The image of each node.
+    """
+
+    def __init__(self, nodes: list[int], images: Ints) -> None:
+        self.nodes = nodes
+        self._parent = {node: node for node in nodes}
+        self._images = {node: {int(images[node])} for node in nodes}
+
+    def root(self, node: int) -> int:
+        parent = self._parent
+        while parent[node] != node:
+            parent[node] = parent[parent[node]]
+            node = parent[node]
+        return node
+
+    def join(self, a: int, b: int) -> bool:
+        """Join the sets of two nodes; return whether they are in one set now."""
+        a, b = self.root(a), self.root(b)
+        if a == b:
+            return True
+        if len(self._images[a]) < len(self._images[b]):
+            a, b = b, a
+        if not self._images[a].isdisjoint(self._images[b]):
+            return False
+        self._images[a] |= self._images.pop(b)
+        self._parent[b] = a
+        return True

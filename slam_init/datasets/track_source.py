@@ -1,0 +1,336 @@
+"""Sources of tracks: features and matches that somebody else made, with or without the images."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from slam_init.datasets.folder import NOMINAL_RATE_HZ
+from slam_init.datasets.image_files import MAX_FRAMES, MAX_PIXELS, ImageFileSource, check_size, frame_range, natural_key
+from slam_init.datasets.match_chains import TrackTable
+from slam_init.datasets.text import trajectory
+from slam_init.errors import SourceError
+from slam_init.types.arrays import Floats, Image, Ints
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, Observations
+from slam_init.types.pose import Trajectory
+
+__all__ = ["MAX_NAME", "KnowsTracks", "TrackSource", "by_name", "draw_points", "track_source", "with_pictures"]
+
+#: Longest name of an image in characters. File systems allow paths of 4096 bytes.
+MAX_NAME = 1000
+
+_BACKGROUND, _DOT = 30, 220
+
+
+@runtime_checkable
+class KnowsTracks(Protocol):
+    """A source that knows the tracks of its frames, so that no tracker is needed."""
+
+    def observed(self, frame: Frame, camera: Camera) -> Observations:
+        """Give the tracks of a frame.
+
+        Parameters
+        ----------
+        frame : Frame
+            A frame of this source.
+        camera : Camera
+            The calibration of the frames.
+
+        Returns
+        -------
+        Observations
+        """
+        ...
+
+
+def draw_points(size: tuple[int, int], pixels: Floats) -> Image:
+    """Draw points as an image, for sources that have none.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height in pixels.
+    pixels : (N, 2) float
+
+    Returns
+    -------
+    (H, W) uint8
+        Bright dots of 2x2 pixels on a dark background.
+    """
+    width, height = size
+    image = np.full((height, width), _BACKGROUND, np.uint8)
+    column, row = np.round(pixels).astype(int).T
+    for dx, dy in ((0, 0), (1, 0), (0, 1), (1, 1)):
+        image[np.clip(row + dy, 0, height - 1), np.clip(column + dx, 0, width - 1)] = _DOT
+    return image
+
+
+@dataclass(frozen=True, eq=False)
+class TrackSource:
+    """A :class:`slam_init.datasets.timed.TimedSource` of given tracks; its images are dots, or pictures.
+
+    Attributes
+    ----------
+    name, kind, camera, groundtruth
+        See :class:`slam_init.types.frame.Source`.
+    image_names : tuple of str
+        One for each frame.
+    timestamps_s : (F,) float
+        Strictly increasing.
+    size : (int, int)
+        Width and height of the images in pixels.
+    table : TrackTable
+    notes : tuple of str
+        What the user should know about the source.
+    pictures : ImageFileSource or None
+        The images.
+    picture_indices : tuple of int
+        For each frame the index of its image in ``pictures``.
+    """
+
+    name: str
+    kind: str
+    image_names: tuple[str, ...]
+    timestamps_s: Floats
+    size: tuple[int, int]
+    table: TrackTable
+    camera: Camera | None = None
+    groundtruth: Trajectory | None = None
+    notes: tuple[str, ...] = ()
+    pictures: ImageFileSource | None = None
+    picture_indices: tuple[int, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.image_names)
+
+    @cached_property
+    def _starts(self) -> Ints:
+        """(F + 1,) the first row of each frame in the table."""
+        return np.searchsorted(self.table.frames, np.arange(len(self) + 1))
+
+    def _rows(self, index: int) -> slice:
+        return slice(int(self._starts[index]), int(self._starts[index + 1]))
+
+    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
+        """Read the pictures, or draw the points.
+
+        Parameters
+        ----------
+        start : int
+            Absolute index of the first frame.
+        max_frames : int, optional
+            Largest number of frames; by default all.
+
+        Yields
+        ------
+        Frame
+
+        Raises
+        ------
+        SourceError
+            If the source has no such frame, or a picture cannot be read or has another size.
+        """
+        for index in frame_range(len(self), start, max_frames, self.name):
+            name = self.image_names[index]
+            if self.pictures is None:
+                image = draw_points(self.size, self.table.pixels[self._rows(index)])
+            else:
+                image = next(self.pictures.frames(self.picture_indices[index], 1)).image
+                check_size(name, (image.shape[1], image.shape[0]), self.size, f"that of {self.name}")
+            yield Frame(index, float(self.timestamps_s[index]), name, image)
+
+    def observed(self, frame: Frame, camera: Camera) -> Observations:
+        """Give the tracks of a frame, without those that the camera cannot have seen.
+
+        Parameters
+        ----------
+        frame : Frame
+            A frame of this source.
+        camera : Camera
+
+        Returns
+        -------
+        Observations
+        """
+        rows = self._rows(frame.index)
+        pixels = self.table.pixels[rows]
+        bearings = camera.bearings(pixels)
+        seen = np.isfinite(bearings).all(axis=1)
+        ids, pixels, bearings = self.table.track_ids[rows][seen], pixels[seen], bearings[seen]
+        column, row = np.round(pixels).astype(int).T
+        height, width = frame.image.shape[:2]
+        values = frame.image[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+        colors = np.repeat(values[:, None], 3, axis=1) if values.ndim == 1 else np.ascontiguousarray(values[:, ::-1])
+        return Observations(frame.index, frame.timestamp_s, frame.name, ids, pixels, bearings, colors)
+
+    def observations(self, start: int = 0) -> Iterator[Observations]:
+        """Give the tracks of each frame in order, with the calibration of the source.
+
+        Parameters
+        ----------
+        start : int
+            Absolute index of the first frame.
+
+        Yields
+        ------
+        Observations
+
+        Raises
+        ------
+        SourceError
+            If the source has no calibration.
+        """
+        if self.camera is None:
+            raise SourceError(f"{self.name} has no calibration")
+        for frame in self.frames(start):
+            yield self.observed(frame, self.camera)
+
+
+def track_source(
+    path: Path,
+    kind: str,
+    image_names: tuple[str, ...],
+    size: tuple[int, int],
+    table: TrackTable,
+    *,
+    camera: Camera | None = None,
+    timestamps_s: Floats | None = None,
+    groundtruth: Trajectory | None = None,
+    notes: tuple[str, ...] = (),
+) -> TrackSource:
+    """Make a source of tracks; check what the formats have in common.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the name and for messages.
+    kind : str
+    image_names : tuple of str
+        In the order of the frames.
+    size : (int, int)
+        Width and height of the images in pixels.
+    table : TrackTable
+    camera : Camera, optional
+    timestamps_s : (F,) float, optional
+        By default the nominal rate of an image folder.
+    groundtruth : Trajectory, optional
+    notes : tuple of str
+
+    Returns
+    -------
+    TrackSource
+
+    Raises
+    ------
+    SourceError
+        If there are no images, more than :data:`MAX_FRAMES`, images without pixels or with too many, or no track.
+    """
+    if not image_names or len(image_names) > MAX_FRAMES:
+        raise SourceError(f"{path}: holds {len(image_names)} images: expected 1 to {MAX_FRAMES}")
+    width, height = size
+    if width < 1 or height < 1 or width * height > MAX_PIXELS:
+        raise SourceError(f"{path}: images of {width}x{height} pixels: expected 1 to {MAX_PIXELS / 1e6:.0f} million")
+    # Keypoints of the last row lie up to half a pixel beyond its centre; some detectors refine them beyond that.
+    inside = ((table.pixels >= -1.0) & (table.pixels <= np.array(size))).all(axis=1)
+    if not inside.all():
+        notes = (*notes, f"{int((~inside).sum())} observations outside of the images are left out")
+        table = TrackTable(table.frames[inside], table.track_ids[inside], table.pixels[inside])
+    if len(table.frames) == 0:
+        raise SourceError(f"{path}: holds no track: no point is matched in two images")
+    times_s = np.arange(len(image_names)) / NOMINAL_RATE_HZ if timestamps_s is None else timestamps_s
+    return TrackSource(path.name, kind, image_names, times_s, size, table, camera, groundtruth, notes)
+
+
+def by_name(path: Path, names: list[str]) -> list[int]:
+    """Order images by their names.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for messages.
+    names : list of str
+
+    Returns
+    -------
+    list of int
+        Indices in the natural order of the names.
+
+    Raises
+    ------
+    SourceError
+        If a name is given twice, or is too long for one.
+    """
+    for name, count in Counter(names).items():
+        if len(name) > MAX_NAME:
+            raise SourceError(f"{path}: the name of an image has {len(name)} characters: this is no file name")
+        if count > 1:
+            raise SourceError(f"{path}: the image {name} is there {count} times")
+    return sorted(range(len(names)), key=lambda i: natural_key(names[i]))
+
+
+def with_pictures(source: TrackSource, pictures: ImageFileSource) -> TrackSource:
+    """Add the images to a source of tracks, and what their data set knows: order, times, calibration and truth.
+
+    Parameters
+    ----------
+    source : TrackSource
+    pictures : ImageFileSource
+        Its images are found by their names: by the path relative to the image folder, or by the file name alone where
+        no two images have the same.
+
+    Returns
+    -------
+    TrackSource
+        The frames are in the order of ``pictures``. The calibration is that of the source, if it has one.
+
+    Raises
+    ------
+    SourceError
+        If there is no picture of an image of the source.
+    """
+    relative = {tuple(reversed(path.parts)): i for i, path in enumerate(pictures.paths)}
+    by_file: dict[str, list[tuple[tuple[str, ...], int]]] = {}
+    for parts, i in relative.items():
+        by_file.setdefault(parts[0], []).append((parts, i))
+    indices = []
+    for name in source.image_names:
+        parts = tuple(reversed(PurePosixPath(name).parts))
+        candidates = by_file.get(parts[0], []) if parts else []
+        longest = [i for known, i in candidates if known[: len(parts)] == parts]
+        found = longest if len(longest) == 1 else [i for _, i in candidates]
+        if len(found) != 1:
+            problem = "no picture" if not found else f"{len(found)} pictures"
+            raise SourceError(f"{pictures.name}: {problem} of {name[:100]}: give the image folder of {source.name}")
+        indices.append(found[0])
+    if len(set(indices)) < len(indices):
+        raise SourceError(f"{pictures.name}: one picture for two images of {source.name}: give its image folder")
+    order = np.argsort(indices, kind="stable")
+    rank = np.argsort(order, kind="stable")
+    sorted_indices = tuple(indices[i] for i in order.tolist())
+    return replace(
+        source,
+        image_names=tuple(source.image_names[i] for i in order.tolist()),
+        timestamps_s=pictures.timestamps_s[list(sorted_indices)],
+        table=source.table.reordered(rank),
+        camera=source.camera or pictures.camera,
+        groundtruth=_truth_of(pictures, sorted_indices) or source.groundtruth,
+        notes=(*source.notes, *pictures.notes),
+        pictures=pictures,
+        picture_indices=sorted_indices,
+    )
+
+
+def _truth_of(pictures: ImageFileSource, indices: tuple[int, ...]) -> Trajectory | None:
+    truth = pictures.groundtruth
+    if truth is None:
+        return None
+    times_s = pictures.timestamps_s[list(indices)].tolist()
+    poses = ((time_s, truth.at(time_s)) for time_s in times_s)
+    return trajectory([(time_s, pose) for time_s, pose in poses if pose is not None])
