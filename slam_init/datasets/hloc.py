@@ -2,9 +2,11 @@
 
 The file of the matches is named; that of the features lies beside it. hloc makes the name of the matches from that of
 the features (``feats-superpoint.h5``, ``feats-superpoint_matches-lightglue_pairs.h5``): the longest name that the name
-of the matches starts with is taken, or the only other ``.h5`` file. The features hold ``NAME/keypoints`` (N, 2 or more)
-and ``NAME/image_size``, the matches ``NAME0/NAME1/matches0`` (N,), where ``/`` in a name is ``-``; an entry is the index of
-the keypoint of the second image, or -1. Pixel centres are at integer coordinates. These files hold no camera.
+of the matches starts with is taken, or the only other ``.h5`` file.
+
+The features hold ``NAME/keypoints`` (N, 2 or more) and ``NAME/image_size``, the matches ``NAME0/NAME1/matches0`` (N,),
+where ``/`` in a name is ``-``; an entry is the index of the keypoint of the second image, or -1. Pixel centres are at
+integer coordinates. These files hold no camera.
 """
 
 from __future__ import annotations

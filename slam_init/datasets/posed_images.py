@@ -1,7 +1,8 @@
 """Sources of images whose poses, and perhaps calibrations, are known one by one.
 
-The formats of photogrammetry and of rendering state no times. Their images are put in the natural order of their
-names, at the nominal rate of an image folder. The poses of the formats have several conventions of the camera axes;
+The formats of photogrammetry and of rendering state no times. Their images are photographs, or few frames of a video:
+they are put in the natural order of their names, one a second. At the rate of a video, a rolling shutter would be
+looked for in them. The poses of the formats have several conventions of the camera axes;
 here they are converted to those of this project: x right, y down, z forward.
 """
 
@@ -15,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.datasets.folder import NOMINAL_RATE_HZ
 from slam_init.datasets.image_files import MAX_FRAMES, ImageFileSource, natural_key
 from slam_init.datasets.text import trajectory
 from slam_init.errors import CalibrationError, SourceError
@@ -23,7 +23,10 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
-__all__ = ["PosedImage", "common_camera", "from_opengl", "posed_source"]
+__all__ = ["PHOTO_RATE_HZ", "PosedImage", "common_camera", "from_opengl", "posed_source"]
+
+#: Nominal rate of images without times.
+PHOTO_RATE_HZ = 1.0
 
 # A difference of 2 % in the focal length moves a pixel at the border, half a side from the centre, by 1 % of the side.
 # The focal length of a telephone that focuses changes by less.
@@ -132,9 +135,7 @@ def _largest_shift_px(camera: Camera, other: Camera) -> float:
     return float(seen.max()) if len(seen) else np.inf
 
 
-def posed_source(
-    name: str, kind: str, images: Sequence[PosedImage], root: Path, rate_hz: float = NOMINAL_RATE_HZ
-) -> ImageFileSource:
+def posed_source(name: str, kind: str, images: Sequence[PosedImage], root: Path) -> ImageFileSource:
     """Make a source of posed images without times.
 
     Images that the folder does not hold are left out, since data sets are often passed on in part.
@@ -147,8 +148,6 @@ def posed_source(
         In any order.
     root : Path
         The folder of the source, which no image may lie outside of.
-    rate_hz : float
-        Nominal frame rate.
 
     Returns
     -------
@@ -178,7 +177,7 @@ def posed_source(
     there = [image for image, keep in zip(there, kept, strict=True) if keep]
     if len(paths) < len(images):
         notes = (f"{len(images) - len(paths)} of {len(images)} listed images are not in the folder", *notes)
-    timestamps_s = np.arange(len(there)) / rate_hz
+    timestamps_s = np.arange(len(there)) / PHOTO_RATE_HZ
     stamped = zip(timestamps_s.tolist(), (image.world_from_cam for image in there), strict=True)
     truth = trajectory([(time_s, pose) for time_s, pose in stamped if pose is not None])
     kept_paths = tuple(image.path for image in there)

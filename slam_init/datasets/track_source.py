@@ -11,9 +11,9 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from slam_init.datasets.folder import NOMINAL_RATE_HZ
 from slam_init.datasets.image_files import MAX_FRAMES, MAX_PIXELS, ImageFileSource, check_size, frame_range, natural_key
 from slam_init.datasets.match_chains import TrackTable
+from slam_init.datasets.posed_images import PHOTO_RATE_HZ
 from slam_init.datasets.text import trajectory
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats, Image, Ints
@@ -219,7 +219,7 @@ def track_source(
     table : TrackTable
     camera : Camera, optional
     timestamps_s : (F,) float, optional
-        By default the nominal rate of an image folder.
+        By default one frame a second, as for photographs.
     groundtruth : Trajectory, optional
     notes : tuple of str
 
@@ -244,7 +244,7 @@ def track_source(
         table = TrackTable(table.frames[inside], table.track_ids[inside], table.pixels[inside])
     if len(table.frames) == 0:
         raise SourceError(f"{path}: holds no track: no point is matched in two images")
-    times_s = np.arange(len(image_names)) / NOMINAL_RATE_HZ if timestamps_s is None else timestamps_s
+    times_s = np.arange(len(image_names)) / PHOTO_RATE_HZ if timestamps_s is None else timestamps_s
     return TrackSource(path.name, kind, image_names, times_s, size, table, camera, groundtruth, notes)
 
 

@@ -1,0 +1,253 @@
+"""Features and matches of others as sources: one scene in three formats gives the same tracks, and a right map."""
+
+import re
+import sqlite3
+
+import make_matches
+import numpy as np
+import pytest
+from make_files import picture, write, write_image
+from make_matches import CAMERA, NAMES, scene, write_database, write_hloc, write_tracks
+
+from slam_init.cli import main
+from slam_init.compare.replay import replay
+from slam_init.config import Config
+from slam_init.datasets import detect_kind, open_source
+from slam_init.datasets.describe import describe
+from slam_init.datasets.track_source import with_pictures
+from slam_init.errors import CalibrationError, SlamInitError, SourceError
+from slam_init.runner import run
+
+
+def observed(source):
+    """For each frame the pixels of its tracks, by the first pixel of the track: ids differ between formats."""
+    frames = [source.observed(frame, CAMERA) for frame in source.frames()]
+    first = {}
+    for seen in frames:
+        for track, pixel in zip(seen.track_ids.tolist(), seen.pixels.tolist(), strict=True):
+            first.setdefault(track, (seen.frame, *np.round(pixel, 3)))
+    return [
+        {first[track]: pixel for track, pixel in zip(seen.track_ids.tolist(), seen.pixels, strict=True)}
+        for seen in frames
+    ]
+
+
+def test_the_formats_give_the_same_tracks(tmp_path):
+    made = scene()
+    (tmp_path / "hloc").mkdir()
+    (tmp_path / "old").mkdir()
+    expected = observed(open_source(write_tracks(tmp_path / "tracks.npz", made)))
+    files = [write_database(tmp_path / "a.db", made), write_database(tmp_path / "b.db", made, verified=False)]
+    if pytest.importorskip("h5py"):
+        files += [write_hloc(tmp_path / "hloc", made), write_hloc(tmp_path / "old", made, "_")]
+    for file in files:
+        found = observed(open_source(file))
+        for a, b in zip(expected, found, strict=True):
+            assert len(a) == len(b)
+            np.testing.assert_allclose(
+                sorted(map(tuple, a.values())), sorted(map(tuple, b.values())), atol=1e-3
+            )  # single precision of the formats
+
+
+def test_a_database_has_its_camera_and_the_natural_order_of_its_names(tmp_path):
+    source = open_source(write_database(tmp_path / "database.db", scene()))
+    assert (source.kind, source.image_names, source.camera) == ("colmap-database", NAMES, CAMERA)
+    facts = describe(source, source.camera)
+    assert facts.tracks.tracks > 200
+    assert facts.tracks.frames_per_track > 2
+
+
+def test_a_focal_length_that_is_a_guess_of_colmap_is_no_calibration(tmp_path):
+    source = open_source(write_database(tmp_path / "database.db", scene(), prior=0))
+    assert source.camera is None
+    assert "prior_focal_length" in source.notes[0]
+
+
+def test_a_map_of_given_tracks_is_right_and_the_same_each_time(tmp_path):
+    source = open_source(write_tracks(tmp_path / "tracks.npz", scene()))
+    results = [run(source, source.camera, Config(), continue_frames=1) for _ in range(2)]
+    (result, summary), (_, again) = results
+    assert result.map is not None
+    assert summary.ground_truth.rotation_error_deg < 0.5
+    assert summary.ground_truth.direction_error_deg < 3
+    assert summary.continued.located == 1
+    assert summary.provenance.input_hash == again.provenance.input_hash
+    moved = write_tracks(
+        tmp_path / "moved.npz", scene(), xy=make_matches.tracks_arrays(scene())["xy"] + 1e-3
+    )  # less than the dots of the drawn images show
+    assert run(open_source(moved), CAMERA, Config())[1].provenance.input_hash != again.provenance.input_hash
+
+
+def test_the_command_writes_all_results_of_a_database_without_images(tmp_path, capsys):
+    database = write_database(tmp_path / "database.db", scene())
+    assert main(["run", str(database), "--out", str(tmp_path / "out")]) == 0
+    assert (tmp_path / "out" / "recording.rrd").stat().st_size > 10_000
+    assert "view2.png" in (tmp_path / "out" / "colmap" / "images.txt").read_text()
+    assert "initialized after" in capsys.readouterr().out
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["database.db", "out"]  # nothing beside the database
+
+
+def test_pictures_bring_times_truth_and_colours_in_their_own_order(tmp_path):
+    made = scene()
+    source = open_source(write_database(tmp_path / "database.db", made, prior=0))
+    folder = tmp_path / "sequence"
+    order = (2, 0, 3, 1)  # the times are in another order than the names
+    for i, name in enumerate(NAMES):
+        write_image(folder / "images" / name, picture(i, (640, 480)))
+    write(folder / "rgb.txt", "".join(f"{k / 10} images/{NAMES[i]}\n" for k, i in enumerate(order)))
+    write(folder / "groundtruth.txt", "".join(f"{k / 10} {i} 0 0 0 0 0 1\n" for k, i in enumerate(order)))
+    seen = with_pictures(source, open_source(folder))
+    assert seen.image_names == tuple(NAMES[i] for i in order)
+    np.testing.assert_allclose(seen.timestamps_s, [0, 0.1, 0.2, 0.3])
+    assert [seen.groundtruth.at(t).t[0] for t in seen.timestamps_s] == list(order)
+    frame = next(seen.frames(1, 1))
+    np.testing.assert_array_equal(frame.image, picture(0, (640, 480)))
+    pixels = seen.observed(frame, CAMERA).pixels
+    plain = source.observed(next(source.frames(0, 1)), CAMERA).pixels
+    np.testing.assert_array_equal(np.sort(pixels, axis=0), np.sort(plain, axis=0))
+    (folder / "images" / NAMES[1]).unlink()
+    write(folder / "rgb.txt", f"0 images/{NAMES[0]}\n")
+    with pytest.raises(SourceError, match=r"no picture of view9.png"):
+        with_pictures(source, open_source(folder))
+
+
+def test_pictures_for_a_source_that_has_images_are_a_usage_error(tmp_path, capsys):
+    assert main(["info", "synth:room", "--images", str(tmp_path)]) == 2
+    assert "--images is for a source of matches" in capsys.readouterr().err
+
+
+def test_a_comparison_replays_given_tracks(tmp_path):
+    source = open_source(write_tracks(tmp_path / "tracks.npz", scene()))
+    steps = list(replay(source, "x", 1, tmp_path / "unused"))
+    assert [step.current.frame for step in steps] == [1, 2, 3]
+    assert not (tmp_path / "unused").exists()
+
+
+DAMAGES = {
+    "DELETE FROM images": "holds no image",
+    "UPDATE images SET camera_id = 7": "camera 7, which is missing",
+    "UPDATE images SET name = 'a.png'": "is there 4 times",
+    "UPDATE images SET name = hex(zeroblob(9999))": "characters",
+    "UPDATE cameras SET model = 99": "camera 1",
+    "UPDATE cameras SET width = 40000, height = 40000": "million",
+    "UPDATE cameras SET params = x'01'": "no numbers",
+    "UPDATE keypoints SET rows = 1000000000": "are no 1000000000x6 numbers",
+    "UPDATE keypoints SET rows = 'many'": "unexpected type",
+    "UPDATE keypoints SET data = zeroblob(length(data) - 1)": "numbers",
+    "DELETE FROM keypoints": "names a keypoint",
+    "DELETE FROM two_view_geometries; DELETE FROM matches": "holds no track",
+    "UPDATE two_view_geometries SET pair_id = -pair_id": "holds no track",
+    "DROP TABLE matches": "is a text|not a readable video",
+    "ALTER TABLE images RENAME COLUMN name TO title": "of another version",
+    "ALTER TABLE images RENAME TO old; CREATE VIEW images AS SELECT * FROM old": "video",
+}
+
+
+@pytest.mark.parametrize("statement", sorted(DAMAGES))
+def test_a_damaged_database_is_refused_in_one_line(tmp_path, statement):
+    path = write_database(tmp_path / "database.db", scene(points=60))
+    with sqlite3.connect(path) as database:
+        database.executescript(statement)
+    database.close()
+    with pytest.raises(SlamInitError, match=DAMAGES[statement]) as caught:
+        open_source(path)
+    assert len(str(caught.value).splitlines()) == 1
+    assert str(path) in str(caught.value)
+
+
+def test_a_database_that_is_cut_off_or_open_elsewhere_is_refused(tmp_path):
+    path = write_database(tmp_path / "database.db", scene(points=60))
+    whole = path.read_bytes()
+    for length in (20, 4000, len(whole) // 2, len(whole) - 5000):
+        path.write_bytes(whole[:length])
+        with pytest.raises(SourceError, match=r"database.db"):
+            open_source(path)
+    path.write_bytes(whole)
+    write(tmp_path / "database.db-wal", "changes")
+    with pytest.raises(SourceError, match="close the program"):
+        open_source(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"xy": None}, "has no array xy"),
+        ({"xy": np.zeros((3, 2))}, "rows"),
+        ({"xy": np.full((3, 2), np.nan)}, "not finite"),
+        ({"xy": np.array([{}], object)}, "expected numbers"),
+        ({"track": np.array([0.5])}, "whole numbers"),
+        ({"frame": np.full(1, 2**63, np.uint64)}, r"above 2\^63"),
+        ({"size": np.array([0, 480])}, "0x480"),
+        ({"size": np.array([40000, 40000])}, "million"),
+        ({"names": np.array(["a", "a", "b", "c"])}, "2 times"),
+        ({"names": np.array(["a"])}, "1 names"),
+        ({"timestamps_s": np.array([0.0, 2.0, 1.0, 3.0])}, r"timestamps_s\[2\].*does not come after"),
+        ({"K": np.zeros((3, 3))}, "K: focal"),
+        ({"K": np.eye(2)}, "K is"),
+        ({"world_from_cam": np.zeros((4, 4, 4))}, "not a rotation"),
+        ({"world_from_cam": np.zeros((2, 4, 4))}, r"expected \(4, 4, 4\)"),
+    ],
+)
+def test_an_impossible_array_of_tracks_is_named(tmp_path, changes, word):
+    path = write_tracks(tmp_path / "tracks.npz", scene(points=60), **changes)
+    with pytest.raises(SlamInitError, match=word) as caught:
+        open_source(path)
+    assert "tracks.npz" in str(caught.value)
+
+
+def test_a_track_that_is_twice_in_a_frame_and_a_file_that_is_cut_off_are_refused(tmp_path):
+    arrays = make_matches.tracks_arrays(scene(points=60))
+    path = write_tracks(tmp_path / "tracks.npz", scene(points=60), track=np.zeros_like(arrays["track"]))
+    with pytest.raises(SourceError, match="twice"):
+        open_source(path)
+    whole = write_tracks(path, scene(points=60)).read_bytes()
+    write(path, whole[: len(whole) // 2])
+    with pytest.raises(SourceError, match=r"not a readable \.npz"):
+        open_source(path)
+
+
+def test_broken_files_of_hloc_are_refused(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    made = scene(points=60)
+    path = write_hloc(tmp_path, made)
+    assert detect_kind(path) == "hloc"
+    with pytest.raises(SourceError, match=r"no matches0|no keypoints"):
+        open_source(tmp_path / "feats.h5")
+    whole = path.read_bytes()
+    write(path, whole[: len(whole) // 2])
+    with pytest.raises(SourceError, match=re.escape(path.name)):
+        open_source(path)
+    write(path, whole)
+    outside = tmp_path / "outside.h5x"
+    with h5py.File(outside, "w") as file:
+        file["matches0"] = np.zeros(3)
+    with h5py.File(path, "a") as file:
+        file["a/b"] = h5py.ExternalLink(str(outside), "/")
+    with pytest.raises(SourceError, match="is a link"):
+        open_source(path)
+    write(path, whole)
+    with h5py.File(path, "a") as file:
+        file["db-view2.png/unknown.png/matches0"] = np.zeros(3)
+    with pytest.raises(SourceError, match="names an image"):
+        open_source(path)
+    write(path, whole)
+    with h5py.File(tmp_path / "feats.h5", "a") as file:
+        del file["db/view9.png/image_size"]
+        file["db/view9.png/image_size"] = np.array([100, 100])
+    with pytest.raises(SourceError, match="of one camera"):
+        open_source(path)
+    (tmp_path / "feats.h5").unlink()
+    with pytest.raises(SourceError, match="no features beside it"):
+        open_source(path)
+
+
+def test_a_source_of_tracks_without_a_camera_needs_one(tmp_path, capsys):
+    path = write_tracks(tmp_path / "tracks.npz", scene(), K=None)
+    with pytest.raises(SourceError, match="no calibration"):
+        next(open_source(path).observations())
+    write(tmp_path / "other.yaml", "width: 64\nheight: 48\nfx: 60\nfy: 60\ncx: 31.5\ncy: 23.5\n")
+    assert main(["info", str(path), "--camera", str(tmp_path / "other.yaml")]) == 2
+    assert "640x480" in capsys.readouterr().err
+    bad = write_tracks(tmp_path / "bad.npz", scene(), model=np.array("magic"))
+    with pytest.raises(CalibrationError, match="magic"):
+        open_source(bad)
