@@ -43,7 +43,7 @@ _STEP = 100_000
 
 
 def is_colmap_database(path: Path) -> bool:
-    """Tell whether a file is a database of COLMAP, by its content.
+    """Tell whether a file is a database of COLMAP, by its content or the suffix ``.db``.
 
     Parameters
     ----------
@@ -58,9 +58,10 @@ def is_colmap_database(path: Path) -> bool:
     SourceError
         If this is a database that cannot be read.
     """
-    with open_regular(path, SourceError) as file:
-        if file.read(len(_MAGIC)) != _MAGIC:
-            return False
+    if path.suffix.lower() == ".db":
+        return True
+    if not _is_sqlite(path):
+        return False
     with closing(_connect(path)) as database:
         return _is_colmap(path, database)
 
@@ -84,6 +85,8 @@ def open_colmap_database(path: Path) -> TrackSource:
     CalibrationError
         If its camera is not supported, or its images are of different cameras.
     """
+    if not _is_sqlite(path):
+        raise SourceError(f"{path}: is no SQLite database: give a database of COLMAP")
     with closing(_connect(path)) as database:
         if not _is_colmap(path, database):
             raise SourceError(f"{path}: is no database of COLMAP: its tables are others")
@@ -93,6 +96,11 @@ def open_colmap_database(path: Path) -> TrackSource:
             raise SourceError(f"{path}: the database is broken, or of another version of COLMAP ({error})") from None
         except (TypeError, ValueError, OverflowError):
             raise SourceError(f"{path}: the database holds a value of an unexpected type") from None
+
+
+def _is_sqlite(path: Path) -> bool:
+    with open_regular(path, SourceError) as file:
+        return file.read(len(_MAGIC)) == _MAGIC
 
 
 def _connect(path: Path) -> sqlite3.Connection:

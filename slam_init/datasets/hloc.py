@@ -36,7 +36,7 @@ _MAX_PAIRS = 1_000_000
 
 
 def is_hdf5(path: Path) -> bool:
-    """Tell whether a file is in HDF5, by its content.
+    """Tell whether a file is in HDF5, by its content or its suffix.
 
     Parameters
     ----------
@@ -46,6 +46,10 @@ def is_hdf5(path: Path) -> bool:
     -------
     bool
     """
+    return path.suffix.lower() in (".h5", ".hdf5") or _has_magic(path)
+
+
+def _has_magic(path: Path) -> bool:
     with open_regular(path, SourceError) as file:
         return file.read(len(_MAGIC)) == _MAGIC
 
@@ -105,7 +109,7 @@ class _Hdf5:
     def __enter__(self) -> _Hdf5:
         import h5py
 
-        if not is_hdf5(self.path):
+        if not _has_magic(self.path):
             raise SourceError(f"{self.path}: is no HDF5 file of hloc")
         try:
             self.file = h5py.File(self.path, "r")

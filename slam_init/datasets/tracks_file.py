@@ -19,7 +19,6 @@ from slam_init.datasets.stamps import image_times
 from slam_init.datasets.text import pose_from_matrix, trajectory
 from slam_init.datasets.track_source import TrackSource, by_name, track_source
 from slam_init.errors import CalibrationError, SourceError
-from slam_init.regular_file import open_regular
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Trajectory
@@ -35,7 +34,7 @@ _MAX_BYTES = 32 * MAX_MATCHES
 
 
 def is_tracks_file(path: Path) -> bool:
-    """Tell whether a file is an archive of arrays.
+    """Tell whether a file is an archive of arrays, by its suffix.
 
     Parameters
     ----------
@@ -45,10 +44,7 @@ def is_tracks_file(path: Path) -> bool:
     -------
     bool
     """
-    if path.suffix.lower() != ".npz":
-        return False
-    with open_regular(path, SourceError) as file:
-        return file.read(2) == b"PK"
+    return path.suffix.lower() == ".npz"
 
 
 def open_tracks_file(path: Path) -> TrackSource:
