@@ -59,7 +59,7 @@ class Source(Protocol):
 
     @property
     def kind(self) -> str:
-        """``tum``, ``euroc``, ``kitti``, ``images``, ``video``, ``synth`` or ``points``, or a word of the user."""
+        """The layout (``tum``, ``colmap``, ..., see ``docs/datasets.md``), ``video``, ``synth``, or a word of the user."""
         ...
 
     @property

@@ -2,6 +2,7 @@
 
 import json
 
+import cv2
 import make_layouts
 import numpy as np
 import pytest
@@ -50,6 +51,28 @@ def test_a_table_that_is_cut_off_or_no_table_is_refused_in_one_line(layout, tmp_
                 assert source.groundtruth is None or len(source.groundtruth.timestamps_s) < FRAMES or broken == b""
         (folder / name).write_bytes(whole)
     assert len(open_source(folder)) == FRAMES
+
+
+def test_the_frames_of_a_video_have_the_times_and_poses_that_are_stated_beside_it(tmp_path):
+    folder = make_layouts.stray_scanner(tmp_path)
+    writer = cv2.VideoWriter(str(folder / "rgb.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 30.0, (64, 48))
+    for path in sorted((folder / "rgb").iterdir()):
+        writer.write(cv2.imread(str(path)))
+    writer.release()
+    source = open_source(folder)
+    frames = list(source.frames(1))
+    np.testing.assert_allclose([frame.timestamp_s for frame in frames], [5 + 1 / 60, 5 + 2 / 60])
+    for frame in frames:
+        np.testing.assert_allclose(make_layouts.found_spot(frame.gray), make_layouts.spot(frame.index), atol=0.5)
+    assert source.groundtruth.at(5 + 2 / 60, 1e-6) is not None
+    write(folder / "odometry.csv", "\n".join((folder / "odometry.csv").read_text().splitlines()[:-1]))
+    shorter = open_source(folder)
+    assert (len(shorter), len(list(shorter.frames()))) == (FRAMES - 1, FRAMES - 1)
+    assert "2 poses for 3 frames" in shorter.notes[0]
+    (folder / "rgb.mp4").unlink()
+    (folder / "rgb.mp4").symlink_to("/etc/hostname")
+    with pytest.raises(SourceError, match="leads out of the folder"):
+        open_source(folder)
 
 
 def test_images_that_a_list_names_elsewhere_are_not_read(tmp_path):
