@@ -59,7 +59,7 @@ class Source(Protocol):
 
     @property
     def kind(self) -> str:
-        """The layout (``tum``, ``colmap``, ..., see ``docs/datasets.md``), ``video``, ``synth``, or a word of the user."""
+        """A layout of ``docs/datasets.md`` as ``tum``, ``video``, ``synth``, ``points``, or a word of the user."""
         ...
 
     @property
