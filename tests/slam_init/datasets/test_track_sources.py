@@ -251,3 +251,24 @@ def test_a_source_of_tracks_without_a_camera_needs_one(tmp_path, capsys):
     bad = write_tracks(tmp_path / "bad.npz", scene(), model=np.array("magic"))
     with pytest.raises(CalibrationError, match="magic"):
         open_source(bad)
+
+
+def test_a_database_that_colmap_itself_wrote_is_read(tmp_path):
+    pycolmap = pytest.importorskip("pycolmap")
+    made = scene(points=60)
+    path = tmp_path / "database.db"
+    with pycolmap.Database.open(path) as database:
+        camera = pycolmap.Camera(model="PINHOLE", width=640, height=480, params=[500.0, 500.0, 320.0, 240.0])
+        camera.has_prior_focal_length = True
+        camera.camera_id = database.write_camera(camera)
+        ids = []
+        for name, points in zip(NAMES, made.keypoints, strict=True):
+            ids.append(database.write_image(pycolmap.Image(name=name, camera_id=camera.camera_id)))
+            database.write_keypoints(ids[-1], (points + 0.5).astype(np.float32))
+        for i, j in make_matches.pairs():
+            database.write_matches(ids[i], ids[j], made.pair(i, j).astype(np.uint32))
+    source = open_source(path)
+    expected = open_source(write_tracks(tmp_path / "tracks.npz", made))
+    assert source.camera == CAMERA
+    assert len(source.table.frames) == len(expected.table.frames)
+    np.testing.assert_allclose(np.sort(source.table.pixels[:, 0]), np.sort(expected.table.pixels[:, 0]), atol=1e-3)
