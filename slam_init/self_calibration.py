@@ -14,7 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slam_init.config import Config
+from slam_init.datasets.track_source import KnowsTracks
 from slam_init.initializer import Initializer
+from slam_init.status import Status
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import WindowEvidence
 from slam_init.types.frame import Frame, Source
@@ -115,7 +117,7 @@ def calibrate(
     frames = _with_progress(source.frames(start, max_frames), min(len(source) - start, max_frames or 10**9), progress)
     for first in frames:
         tried += 1
-        found = _stretch(first, frames, camera, config or Config())
+        found = _stretch(source, first, frames, camera, config or Config())
         if found is not None:
             estimates.append(found)
     return replace(combine(camera, estimates), tried=tried)
@@ -162,14 +164,22 @@ def _mean(values: Sequence[float], sigmas: Sequence[float]) -> tuple[float, floa
     return mean, sigma * math.sqrt(max(scatter, 1.0))
 
 
-def _stretch(first: Frame, frames: Iterator[Frame], camera: Camera, config: Config) -> StretchEstimate | None:
+def _stretch(
+    source: Source, first: Frame, frames: Iterator[Frame], camera: Camera, config: Config
+) -> StretchEstimate | None:
     """The most certain estimate of the frames from the first one to a map, or to the end of the stretch."""
     initializer = Initializer(camera, config)
+
+    def process(frame: Frame) -> Status:
+        if isinstance(source, KnowsTracks):
+            return initializer.process_tracks(source.observed(frame, camera))
+        return initializer.process(frame)
+
     last = first
-    initializer.process(first)
+    process(first)
     for frame in frames:
         last = frame
-        if initializer.process(frame) or initializer.frames_read >= _LONGEST_STRETCH:
+        if process(frame) or initializer.frames_read >= _LONGEST_STRETCH:
             break
     attempts = initializer.finish().attempts
     windows = [attempt.window for attempt in attempts if attempt.window is not None]

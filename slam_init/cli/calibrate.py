@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from slam_init.cli.exit_codes import DONE, NOT_INITIALIZED
 from slam_init.cli.parser import OUT_HELP, at_least
-from slam_init.cli.source_options import add_source, chosen_camera
+from slam_init.cli.source_options import add_source, chosen_camera, opened_source
 from slam_init.process_io import tell
 
 if TYPE_CHECKING:
@@ -54,11 +54,10 @@ def _calibrate(arguments: argparse.Namespace) -> int:
 
     from slam_init.calibration.writing import camera_yaml
     from slam_init.config import Config
-    from slam_init.datasets import open_source
     from slam_init.output.plain_json import plain
     from slam_init.self_calibration import calibrate
 
-    source = open_source(arguments.source, arguments.seed)
+    source = opened_source(arguments, arguments.seed)
     arguments.camera = arguments.camera or "auto"
     camera = chosen_camera(arguments, source, arguments.start)
     with OutputFolder(out, "calibrate", _FILES) as folder:

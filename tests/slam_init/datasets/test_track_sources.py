@@ -9,6 +9,7 @@ import pytest
 from make_files import picture, write, write_image
 from make_matches import CAMERA, NAMES, scene, write_database, write_hloc, write_tracks
 
+from slam_init.calibration.files import load_camera
 from slam_init.cli import main
 from slam_init.compare.replay import replay
 from slam_init.config import Config
@@ -17,6 +18,7 @@ from slam_init.datasets.describe import describe
 from slam_init.datasets.track_source import with_pictures
 from slam_init.errors import CalibrationError, SlamInitError, SourceError
 from slam_init.runner import run
+from slam_init.self_calibration import calibrate
 
 
 def observed(source):
@@ -272,3 +274,9 @@ def test_a_database_that_colmap_itself_wrote_is_read(tmp_path):
     assert source.camera == CAMERA
     assert len(source.table.frames) == len(expected.table.frames)
     np.testing.assert_allclose(np.sort(source.table.pixels[:, 0]), np.sort(expected.table.pixels[:, 0]), atol=1e-3)
+
+
+def test_a_camera_is_calibrated_from_given_tracks(tmp_path):
+    source = open_source(write_tracks(tmp_path / "tracks.npz", scene(), K=None))
+    found = calibrate(source, load_camera("auto", (640, 480))).camera
+    assert abs(found.focal_px - CAMERA.focal_px) < 2 * found.focal_sigma_px
