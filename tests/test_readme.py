@@ -14,7 +14,7 @@ COMMANDS = ["python -m pip install . && slam-init run", 'python -m pip install "
 STAND_IN = """#!/bin/sh
 echo "$(basename "$0")${1:+ $*}" >> "$CALLS"
 if [ "$2" = venv ]; then mkdir -p "$3/bin"; : > "$3/bin/activate"; fi
-case "$(basename "$0") $*" in "$FAILING") exit 1;; esac
+case "$(basename "$0") $*" in $FAILING) exit 1;; esac
 """
 
 
@@ -41,7 +41,7 @@ def integrate(tmp_path):
             (tmp_path / folder).mkdir()
         shutil.copy(ROOT / ".ci" / "run", tmp_path / ".ci" / "run")
         (tmp_path / "README.md").write_text(readme, encoding="utf-8")
-        for program in ("python", "python3", "slam-init", "ruff", "lint-imports", "numpydoc", "git", "mypy"):
+        for program in ("python", "python3", "slam-init", "ruff", "lint-imports", "numpydoc", "git", "mypy", "mkdocs"):
             stand_in = tmp_path / "bin" / program
             stand_in.write_text(STAND_IN)
             stand_in.chmod(0o755)
@@ -68,7 +68,7 @@ def test_the_readme_holds_exactly_the_two_commands():
     assert set_up((ROOT / "README.md").read_text(encoding="utf-8")) == COMMANDS
 
 
-def test_the_script_runs_the_two_commands_of_the_readme_then_lint_layers_docstrings_and_types(integrate):
+def test_the_script_runs_the_two_commands_of_the_readme_then_lint_layers_docstrings_types_and_documents(integrate):
     code, calls = integrate((ROOT / "README.md").read_text(encoding="utf-8"))
     assert code == 0
     environment, *called = calls
@@ -76,7 +76,7 @@ def test_the_script_runs_the_two_commands_of_the_readme_then_lint_layers_docstri
     first, second = map(called_by, COMMANDS)
     assert called[:4] == first + second
     later = {call.split()[0] for call in called[4:]}
-    assert {"ruff", "lint-imports", "numpydoc", "mypy"} <= later
+    assert {"ruff", "lint-imports", "numpydoc", "mypy", "mkdocs"} <= later
     assert "slam-init" not in later
 
 
@@ -95,7 +95,7 @@ def test_the_script_refuses_a_readme_with_any_other_number_of_commands(integrate
 
 
 @pytest.mark.parametrize(
-    "failing", ["slam-init run", "python -m pytest", "ruff check .", "lint-imports --no-cache", "mypy "]
+    "failing", ["slam-init run", "python -m pytest", "ruff check .", "lint-imports --no-cache", "mypy ", "mkdocs build*"]
 )
 def test_the_script_fails_where_a_step_fails(integrate, failing):
     code, _ = integrate(readme_of(*COMMANDS), failing)

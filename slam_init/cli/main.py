@@ -24,7 +24,7 @@ from slam_init.cli.synth import add_synth
 from slam_init.errors import SlamInitError
 from slam_init.process_io import InterruptsNoted, NativeStderrSilenced, complain, fill_closed_streams, tell
 
-__all__ = ["entry_point", "main"]
+__all__ = ["entry_point", "main", "make_parser"]
 
 
 def entry_point() -> NoReturn:
@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with interrupts:
             try:
-                arguments = _parser().parse_args(argv)
+                arguments = make_parser().parse_args(argv)
                 with NativeStderrSilenced():
                     code: int = arguments.command(arguments)
             except Exception:
@@ -69,7 +69,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code
 
 
-def _parser() -> Parser:
+def make_parser() -> Parser:
+    """Make the parser of all commands; the page of the command line is made from it.
+
+    Returns
+    -------
+    Parser
+    """
     parser = Parser(
         prog="slam-init",
         description="Monocular SLAM initialization: from a video to a bundle-adjusted map, or why not.",
