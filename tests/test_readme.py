@@ -68,6 +68,10 @@ def test_the_readme_holds_exactly_the_two_commands():
     assert set_up((ROOT / "README.md").read_text(encoding="utf-8")) == COMMANDS
 
 
+def test_the_readme_is_read_in_five_minutes():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= 1200
+
+
 def test_the_script_runs_the_two_commands_of_the_readme_then_lint_layers_docstrings_types_and_documents(integrate):
     code, calls = integrate((ROOT / "README.md").read_text(encoding="utf-8"))
     assert code == 0
@@ -95,7 +99,8 @@ def test_the_script_refuses_a_readme_with_any_other_number_of_commands(integrate
 
 
 @pytest.mark.parametrize(
-    "failing", ["slam-init run", "python -m pytest", "ruff check .", "lint-imports --no-cache", "mypy ", "mkdocs build*"]
+    "failing",
+    ["slam-init run", "python -m pytest", "ruff check .", "lint-imports --no-cache", "mypy ", "mkdocs build*"],
 )
 def test_the_script_fails_where_a_step_fails(integrate, failing):
     code, _ = integrate(readme_of(*COMMANDS), failing)

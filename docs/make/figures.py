@@ -2,7 +2,7 @@
 
 * ``quest-eigenproblem.svg``: the normals of the epipolar planes, and what the eigenproblem of five matches gives.
 * ``planar-ambiguity.svg``: the two motions of a plane, and the residuals of both in two views and in a third one.
-* ``risk.svg``: the terms of the risk, frame by frame, of a camera that turns before it moves, and of one over flat ground.
+* ``risk.svg``: the terms of the risk by frame, of a camera that turns before it moves, and of one over flat ground.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import quest
 from quest.geometry.homography import decompose_homography, fit_homography
-from quest.geometry.quaternion import matrix_from_quaternion, rotation_from_vector, vector_from_rotation
+from quest.geometry.quaternion import matrix_from_quaternion, rotation_angle, rotation_from_vector, vector_from_rotation
 
 Floats = NDArray[np.float64]
 
@@ -46,21 +46,21 @@ def _save(figure: Any, name: str) -> None:
     figure.savefig(IMAGES / f"{name}.svg", metadata={"Date": None})
 
 
-def _views(rng: np.random.Generator, count: int, noise_px: float) -> tuple[Floats, Floats, Floats, Floats]:
-    """Rays of points in two views with noise in pixels of a camera of 500 px, and the true R, t."""
+def _views(rng: np.random.Generator, count: int, noise_px: float) -> tuple[Floats, Floats, Floats]:
+    """Rays of points in two views with noise in pixels of a camera of 500 px, and the true R."""
     points = rng.uniform((-2, -1.5, 3), (2, 1.5, 7), (count, 3))
     R, t = rotation_from_vector(np.radians([3.0, 10.0, -4.0])), np.array([-0.8, 0.1, 0.25])
     rays = [points, points @ R.T + t]
     noisy = [ray / ray[:, 2:] + np.c_[rng.normal(0, noise_px / 500, (count, 2)), np.zeros(count)] for ray in rays]
-    return noisy[0], noisy[1], R, t
+    return noisy[0], noisy[1], R
 
 
 def _eigenproblem() -> Any:
-    """The equation, the normals of the epipolar planes at the true and at a wrong rotation, and the candidates of five matches."""
+    """The equation, the normals of the epipolar planes at two rotations, and the candidates of five matches."""
     import matplotlib.pyplot as plt
 
     rng = np.random.default_rng(4)
-    m, n, R, t = _views(rng, 60, 0.3)
+    m, n, R = _views(rng, 60, 0.3)
     figure, (sketch, plane, axes) = plt.subplots(1, 3, figsize=(9, 3.1), width_ratios=(0.8, 1, 1))
     _draw_triangle(sketch)
     wrong = rotation_from_vector(np.radians([3.0, -4.0, 2.0])) @ R
@@ -68,14 +68,15 @@ def _eigenproblem() -> Any:
         normals = _unit(np.cross(m @ rotation.T, n))
         # The common translation is the direction that is least along all normals.
         first, second, along = np.linalg.svd(normals)[2]
-        azimuth = np.degrees(np.arctan2(normals @ second, normals @ first))
+        # A normal and its opposite are one direction.
+        azimuth = (np.degrees(np.arctan2(normals @ second, normals @ first)) + 90) % 180 - 90
         plane.scatter(azimuth, np.degrees(np.arcsin(normals @ along)), s=9, color=color, label=label)
     plane.set(xlabel="direction of the normal within the plane (deg)", ylabel="angle out of the plane (deg)")
     plane.set_title("60 normals R m × n and their common plane", fontsize=8.5)
     plane.set_ylim(-25, 25)
     plane.legend(fontsize=7.5, frameon=False, loc="upper center")
     candidates = quest.quest5(m[:5], n[:5])
-    angles = [np.degrees(np.arccos(np.clip((np.trace(matrix_from_quaternion(q).T @ R) - 1) / 2, -1, 1))) for q in candidates]
+    angles = [np.degrees(rotation_angle(matrix_from_quaternion(q).T @ R)) for q in candidates]
     sampson = [_median_residual_px(matrix_from_quaternion(q), m, n) for q in candidates]
     best = int(np.argmin(sampson))
     axes.scatter(angles, sampson, s=26, color=GREY, label=f"the {len(candidates)} candidates of 5 matches")
@@ -214,8 +215,9 @@ def _risk() -> Any:
                 rows.append([window.risk, *(getattr(window, f"risk_{term}") for term in terms)])
             if status:
                 break
-        # The first window of the turning camera is of frame 4; then none is judged up to frame 60.
-        frames, values = frames[-14:], np.maximum(np.array(rows[-14:]), 1e-6)
+        # The turning camera has a window at frame 4, and then none up to frame 60.
+        first = next((k for k in range(1, len(frames)) if frames[k] - frames[k - 1] > 10), 0)
+        frames, values = frames[first:], np.maximum(np.array(rows[first:]), 1e-6)
         axes[place].plot(frames, values[:, 0], "o-", color="black", lw=1.6, ms=3.5, label="risk")
         for column, (term, color) in enumerate(terms.items(), start=1):
             axes[place].plot(frames, values[:, column], color=color, lw=1.1, label=term)

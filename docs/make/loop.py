@@ -108,7 +108,9 @@ class _Canvas:
         self._risk.set_xlabel("frame", fontsize=9, labelpad=1)
         self._risk.tick_params(labelsize=8)
         self._risk.axhline(bound, color=RED, ls="--", lw=1)
-        self._risk.text(START + FRAMES - 0.5, 1.3 * bound, f"accepted below {bound:g}", color=RED, fontsize=8, ha="right")
+        self._risk.text(
+            START + FRAMES - 0.5, 1.3 * bound, f"accepted below {bound:g}", color=RED, fontsize=8, ha="right"
+        )
         self._risks: tuple[list[int], list[float]] = ([], [])
         (self._line,) = self._risk.plot([], [], "o-", color="black", ms=3, lw=1.2)
         self._title = self._figure.text(0.01, 0.945, "", fontsize=14, weight="bold")
@@ -121,7 +123,9 @@ class _Canvas:
         self._map.set_title(title, fontsize=10, loc="left", pad=3)
         self._map.text(0.98, 0.02, "from above", transform=self._map.transAxes, ha="right", fontsize=8, color=GREY)
 
-    def show_frame(self, image: NDArray[np.uint8], tails: deque[dict[int, Floats]], mapped: set[int] | None = None) -> None:
+    def show_frame(
+        self, image: NDArray[np.uint8], tails: deque[dict[int, Floats]], mapped: set[int] | None = None
+    ) -> None:
         """Show an image with the last positions of its tracks; those of the map in green."""
         from matplotlib.collections import LineCollection
 

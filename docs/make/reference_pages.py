@@ -90,9 +90,9 @@ def options() -> str:
     lines = [
         "# Options",
         "",
-        "Every option with its default and the reason for it, made from `slam_init/config.py`. A run writes all options "
-        "as `config.toml` beside its results; copy the file, edit it and pass it to `--config`. Keys that do not "
-        "exist are refused. Names that end in `_px` are pixels of the original image.",
+        "Every option with its default and the reason for it, made from `slam_init/config.py`. A run writes all "
+        "options as `config.toml` beside its results; copy the file, edit it and pass it to `--config`. Keys that do "
+        "not exist are refused. Names that end in `_px` are pixels of the original image.",
         "",
     ]
     top = NumpyDocString(config.Config.__doc__ or "")
@@ -107,7 +107,15 @@ def options() -> str:
             continue
         value = section.default_factory()  # type: ignore[misc]
         cls = type(value)
-        lines += ["", f"## {section.name}", "", _text(cls.__doc__), "", "| key | default | reason |", "| --- | --- | --- |"]
+        lines += [
+            "",
+            f"## {section.name}",
+            "",
+            _text(cls.__doc__),
+            "",
+            "| key | default | reason |",
+            "| --- | --- | --- |",
+        ]
         for item in dataclasses.fields(cls):
             reason = comments.get((cls.__name__, item.name), "")
             lines.append(f"| `{section.name}.{item.name}` | `{_toml(getattr(value, item.name))}` | {_cell(reason)} |")
@@ -158,8 +166,8 @@ def reasons() -> str:
     lines = [
         "# Reasons and gates",
         "",
-        "Why there is no map, in order of precedence: an attempt reports the first reason that holds. A run reports the most "
-        "frequent reason of the second half of its attempts.",
+        "Why there is no map, in order of precedence: an attempt reports the first reason that holds. A run reports "
+        "the most frequent reason of the second half of its attempts.",
         "",
         "| reason | advice |",
         "| --- | --- |",
