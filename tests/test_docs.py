@@ -1,14 +1,18 @@
 """The tutorials run as they stand, and every file that a command writes is documented."""
 
+import importlib.util
 import re
 import shlex
+import tomllib
 from contextlib import chdir
 
 import pytest
 from paths import ROOT
 
-from slam_init.cli.main import main
+from slam_init.cli.main import main, make_parser
+from slam_init.config import Config, config_toml
 from slam_init.output.names import COMPARE_FILES, RUN_FILES
+from slam_init.types.reasons import REASONS
 
 DOCS = ROOT / "docs"
 TUTORIALS = sorted((DOCS / "tutorials").glob("*.md"))
@@ -58,6 +62,44 @@ def test_each_tutorial_has_blocks_that_run():
 def test_every_file_of_a_command_is_documented(name):
     text = "".join(page.read_text(encoding="utf-8") for page in DOCS.rglob("*.md"))
     assert f"`{name}`" in text or f"`{name.partition('/')[0]}/`" in text
+
+
+@pytest.fixture(scope="module")
+def reference_pages():
+    """What makes the pages of the reference."""
+    spec = importlib.util.spec_from_file_location("reference_pages", DOCS / "make" / "reference_pages.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_of_the_command_line_has_every_option(reference_pages):
+    page = reference_pages.command_line()
+    assert {"run", "compare", "synth", "info"} <= set(re.findall(r"^## slam-init ([\w-]+)", page, re.MULTILINE))
+    for _, command in reference_pages.commands(make_parser()):
+        for action in command._actions:
+            assert action.dest == "help" or not action.option_strings or action.option_strings[-1] in page
+    assert not re.search(r"^\| `[^|]*` \|  \|$", page, re.MULTILINE), "an option without help"
+
+
+def test_the_page_of_the_options_has_every_option_with_a_reason(reference_pages):
+    rows = dict(re.findall(r"^\| `([\w.]+)` \| `[^|]*` \| (.*) \|$", reference_pages.options(), re.MULTILINE))
+    wanted = set()
+    for key, value in tomllib.loads(config_toml(Config())).items():
+        wanted |= {f"{key}.{option}" for option in value} if isinstance(value, dict) else {key}
+    assert set(rows) == wanted
+    assert all(len(reason) > 20 for reason in rows.values())
+
+
+def test_the_page_of_the_reasons_has_every_reason_with_its_advice(reference_pages):
+    page = reference_pages.reasons()
+    assert all(f"| `{reason}` | {reason.advice} |" in page for reason in REASONS)
+
+
+def test_the_page_of_the_summary_has_every_record(reference_pages):
+    page = reference_pages.summary()
+    links = set(re.findall(r"\]\(#(\w+)\)", page))
+    assert links <= {heading.lower() for heading in re.findall(r"^## (\w+)$", page, re.MULTILINE)}
 
 
 def test_the_python_of_all_pages_is_python():

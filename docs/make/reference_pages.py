@@ -15,7 +15,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 
-__all__ = ["command_line", "options", "reasons", "summary"]
+__all__ = ["command_line", "commands", "options", "reasons", "summary"]
 
 
 def command_line() -> str:
@@ -38,7 +38,7 @@ def command_line() -> str:
         str(parser.epilog),
         "",
     ]
-    for name, command in _commands(parser):
+    for name, command in commands(parser):
         lines += [f"## slam-init {name}", "", _text(command.description), "", *_usage(command)]
         lines += ["| argument | meaning |", "| --- | --- |", *_arguments(command), ""]
         if command.epilog:
@@ -46,13 +46,23 @@ def command_line() -> str:
     return "\n".join(lines)
 
 
-def _commands(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
-    """The commands and the commands below these, by name."""
+def commands(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """Give the commands and the commands below these, by name.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+
+    Yields
+    ------
+    name : str
+    command : argparse.ArgumentParser
+    """
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for name, command in action.choices.items():
                 yield name, command
-                yield from ((f"{name} {inner}", below) for inner, below in _commands(command))
+                yield from ((f"{name} {inner}", below) for inner, below in commands(command))
 
 
 def _usage(parser: argparse.ArgumentParser) -> list[str]:
