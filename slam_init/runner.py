@@ -22,7 +22,9 @@ from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.provenance import InputHash, provenance_of
 from slam_init.output.results import publish_results
 from slam_init.output.summary import Summary, summary_of
-from slam_init.recording.recorder import Recorder
+from slam_init.pictures.overview import overview_png
+from slam_init.pictures.story import StoryRecorder
+from slam_init.recording.recorder import Recorder, Several
 from slam_init.recording.rerun_recorder import RerunRecorder
 from slam_init.status import Status
 from slam_init.types.camera import Camera
@@ -43,6 +45,7 @@ def run(
     continue_frames: int = 0,
     progress: bool = False,
     notes: tuple[str, ...] = (),
+    overview: bool = True,
 ) -> tuple[Result, Summary]:
     """Initialize from a source, and write the results.
 
@@ -67,6 +70,8 @@ def run(
         Show a progress bar on stderr.
     notes : tuple of str
         Notes for the user; the result contains them.
+    overview : bool
+        Draw ``overview.png``. An interrupted run has none.
 
     Returns
     -------
@@ -88,9 +93,13 @@ def run(
         recording = folder.staging / RECORDING
         try:
             with RerunRecorder(recording, camera, source.name, source.groundtruth, config.seed) as recorder:
-                result, summary, continued = job.run(recorder)
+                story = StoryRecorder(recorder.images) if overview else None
+                result, summary, continued = job.run(recorder if story is None else Several(recorder, story))
             keyframes = continued.keyframes if continued else ()
-            publish_results(folder, result, summary, config_toml(config), keyframes)
+            picture = None
+            if story is not None:
+                picture = overview_png(result, summary, story.story(), source.groundtruth)
+            publish_results(folder, result, summary, config_toml(config), keyframes, picture)
         except SlamInitError:
             raise
         except BaseException as error:  # an interrupt, or an error of the program

@@ -58,6 +58,7 @@ def add_run(commands: Commands) -> None:
     )
     run.add_argument("--refine-focal", action="store_true", help="adjust the focal length with the map")
     run.add_argument("--config", metavar="FILE", help="options in TOML, as in DIR/config.toml")
+    run.add_argument("--no-overview", action="store_true", help="do not draw DIR/overview.png")
     run.add_argument("--json", action="store_true", help="print the summary as JSON and nothing else")
     run.add_argument("--quiet", action="store_true", help="print nothing but errors (and --json)")
 
@@ -100,6 +101,7 @@ def _run(arguments: argparse.Namespace) -> int:
         max_frames=arguments.max_frames,
         continue_frames=arguments.continue_frames,
         progress=not arguments.quiet and sys.stderr.isatty(),
+        overview=not arguments.no_overview,
     )
     if arguments.json:
         tell(summary_text(summary))

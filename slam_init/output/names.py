@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["COLMAP_FILES", "COMPARE_FILES", "INTERRUPTED", "RECORDING", "RUN_FILES", "TRIALS", "UNFINISHED"]
+__all__ = ["COLMAP_FILES", "COMPARE_FILES", "INTERRUPTED", "OVERVIEW", "RECORDING", "RUN_FILES", "TRIALS", "UNFINISHED"]
 
 #: The text model of COLMAP: cameras, images, points.
 COLMAP_FILES = ("colmap/cameras.txt", "colmap/images.txt", "colmap/points3D.txt")
@@ -10,6 +10,8 @@ COLMAP_FILES = ("colmap/cameras.txt", "colmap/images.txt", "colmap/points3D.txt"
 RECORDING = "recording.rrd"
 #: The recording of a run that was interrupted, beside the results of an earlier run.
 INTERRUPTED = "interrupted.rrd"
+#: The picture of a run, drawn at its end.
+OVERVIEW = "overview.png"
 #: End of the name of a recording until it is complete.
 UNFINISHED = ".partial.rrd"
 #: All files that a run can write.
@@ -21,6 +23,7 @@ RUN_FILES = (
     "values.txt",
     "continued.txt",
     "config.toml",
+    OVERVIEW,
     RECORDING,
     INTERRUPTED,
     "summary.json",

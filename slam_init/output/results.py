@@ -9,6 +9,7 @@ A folder holds exactly one run::
     graph.txt, values.txt       factor graph and estimate as gtsam's text archives
     continued.txt               TUM format: world_from_cam of the frames that were located after the initialization
     config.toml                 the resolved configuration
+    overview.png                the run in one picture
     recording.rrd               the recording
     interrupted.rrd             the recording of a later run that was interrupted, up to its end
 
@@ -28,7 +29,7 @@ import numpy as np
 from slam_init.errors import SourceError
 from slam_init.output.colmap import colmap_model, numbers_text
 from slam_init.output.folder import OutputFolder, output_error
-from slam_init.output.names import COLMAP_FILES, RECORDING, RUN_FILES
+from slam_init.output.names import COLMAP_FILES, OVERVIEW, RECORDING, RUN_FILES
 from slam_init.output.summary import Summary, summary_text
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.result import Result
@@ -76,6 +77,7 @@ def publish_results(
     summary: Summary,
     config_toml: str | None = None,
     continued: Sequence[Keyframe] = (),
+    overview: bytes | None = None,
 ) -> None:
     """Write all results, and replace those of the earlier run by them and by the staged recording.
 
@@ -90,13 +92,16 @@ def publish_results(
         The resolved configuration.
     continued : sequence of Keyframe
         The frames that were located after the initialization.
+    overview : bytes, optional
+        The picture of the run, a PNG file.
 
     Raises
     ------
     OutputError
         If a file cannot be written; the earlier results are then unchanged.
     """
-    files = _contents(result, summary, config_toml, continued)
+    picture = {} if overview is None else {OVERVIEW: overview}
+    files = picture | _contents(result, summary, config_toml, continued)
     try:
         for name, content in files.items():
             path = folder.staging / name

@@ -1,17 +1,64 @@
-"""Reduces and compresses the images of a recording."""
+"""Reduces, keeps and compresses the images of a recording."""
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from typing import Any
 
 import numpy as np
 
 from slam_init.types.arrays import Image
+from slam_init.types.frame import Frame
 
-__all__ = ["bgr", "jpeg", "reduced", "reduced_shape"]
+__all__ = ["RecentImages", "bgr", "jpeg", "reduced", "reduced_shape"]
 
 #: At this quality a match can be judged by eye, and a frame of 640x480 pixels takes about 50 kB.
 _JPEG_QUALITY = 75
+#: Number of small images in memory for the view of a pair. The reference of a pair may be as old as the oldest
+#: candidate keyframe.
+_MEMORY_FRAMES = 400
+
+
+class RecentImages:
+    """Small copies of the images of the last frames.
+
+    Parameters
+    ----------
+    long_side_px : int
+        Largest length of the longer side of a copy.
+    """
+
+    def __init__(self, long_side_px: int = 320) -> None:
+        self.long_side_px = long_side_px
+        self._images: OrderedDict[int, Image] = OrderedDict()
+
+    def add(self, frame: Frame) -> None:
+        """Keep a copy of the image of a frame. A frame that is there already is ignored.
+
+        Parameters
+        ----------
+        frame : Frame
+        """
+        if frame.index in self._images:
+            return
+        self._images[frame.index] = reduced(frame.image, self.long_side_px)
+        if len(self._images) > _MEMORY_FRAMES:
+            self._images.popitem(last=False)
+
+    def get(self, index: int) -> Image | None:
+        """Look up the copy of a frame.
+
+        Parameters
+        ----------
+        index : int
+            Absolute index of the frame.
+
+        Returns
+        -------
+        (h, w) or (h, w, 3) uint8, or None
+            None if the frame was not added, or is too old.
+        """
+        return self._images.get(index)
 
 
 def reduced_shape(height: int, width: int, long_side_px: int) -> tuple[int, int]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from types import TracebackType
+from typing import Self
 
 from slam_init.output.summary import Summary
 from slam_init.types.arrays import Floats
@@ -15,7 +16,7 @@ from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.result import Attempt
 
-__all__ = ["Recorder"]
+__all__ = ["Recorder", "Several"]
 
 
 class Recorder:
@@ -98,10 +99,110 @@ class Recorder:
     def close(self) -> None:
         """End the reports. It may be called twice."""
 
-    def __enter__(self) -> Recorder:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+class Several(Recorder):
+    """Passes each report to several recorders, in their order.
+
+    Parameters
+    ----------
+    *recorders : Recorder
+    """
+
+    def __init__(self, *recorders: Recorder) -> None:
+        self._recorders = recorders
+
+    def frame(self, frame: Frame, observations: Observations) -> None:
+        """Report a frame and its tracks.
+
+        Parameters
+        ----------
+        frame : Frame
+        observations : Observations
+        """
+        for recorder in self._recorders:
+            recorder.frame(frame, observations)
+
+    def attempt(self, attempt: Attempt) -> None:
+        """Report an attempt.
+
+        Parameters
+        ----------
+        attempt : Attempt
+        """
+        for recorder in self._recorders:
+            recorder.attempt(attempt)
+
+    def frame_time(self, elapsed_ms: float) -> None:
+        """Report what a frame took.
+
+        Parameters
+        ----------
+        elapsed_ms : float
+        """
+        for recorder in self._recorders:
+            recorder.frame_time(elapsed_ms)
+
+    def row_times(self, observations: Observations, corrected: Floats) -> None:
+        """Report what the correction of a rolling shutter moves in a frame.
+
+        Parameters
+        ----------
+        observations : Observations
+        corrected : (N, 2) float
+        """
+        for recorder in self._recorders:
+            recorder.row_times(observations, corrected)
+
+    def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
+        """Report an accepted map.
+
+        Parameters
+        ----------
+        map_ : InitialMap
+        observations : sequence of Observations
+        """
+        for recorder in self._recorders:
+            recorder.initialized(map_, observations)
+
+    def undecided(self, maps: Sequence[InitialMap]) -> None:
+        """Report the maps that the views could not decide between.
+
+        Parameters
+        ----------
+        maps : sequence of InitialMap
+        """
+        for recorder in self._recorders:
+            recorder.undecided(maps)
+
+    def continued(self, keyframe: Keyframe) -> None:
+        """Report a frame after the initialization.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+        """
+        for recorder in self._recorders:
+            recorder.continued(keyframe)
+
+    def summary(self, summary: Summary) -> None:
+        """Report the summary at the end of the run.
+
+        Parameters
+        ----------
+        summary : Summary
+        """
+        for recorder in self._recorders:
+            recorder.summary(summary)
+
+    def close(self) -> None:
+        """End the reports of all recorders."""
+        for recorder in self._recorders:
+            recorder.close()

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import os
 import uuid
-from collections import OrderedDict, deque
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -35,7 +35,7 @@ import numpy as np
 from slam_init.errors import SlamInitError, plain_line
 from slam_init.evaluation.metrics import Similarity, align_poses
 from slam_init.output.summary import Summary
-from slam_init.recording.images import bgr, jpeg, reduced, reduced_shape
+from slam_init.recording.images import RecentImages, bgr, jpeg, reduced, reduced_shape
 from slam_init.recording.layout import (
     ARROW_FACTOR,
     ARROWS,
@@ -56,7 +56,7 @@ from slam_init.recording.paths import dashes, log_hypotheses
 from slam_init.recording.recorder import Recorder
 from slam_init.recording.recording_file import RecordingFile
 from slam_init.recording.text import attempt_line, attempt_markdown, summary_markdown
-from slam_init.types.arrays import Floats, Image
+from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
@@ -74,9 +74,6 @@ _LONG_SIDE_PX = 640
 #: Each image is kept up to this many frames, then every second image, then every third one, and so on. So a video of
 #: hours does not fill the disk.
 FRAMES_AT_FULL_RATE = 300
-#: Number of small images in memory for the view of a pair. The reference of a pair may be as old as the oldest
-#: candidate keyframe.
-_MEMORY_FRAMES = 400
 #: The line at a keypoint shows its motion over this many frames.
 _TAIL_FRAMES = 3
 #: At most this many matches are drawn as lines, since more lines cannot be told apart. All matches are drawn as points.
@@ -134,7 +131,8 @@ class RerunRecorder(Recorder):
         self._groundtruth = groundtruth
         self._scale = min(1.0, _LONG_SIDE_PX / max(camera.width, camera.height))
         self._frames = 0
-        self._recent: OrderedDict[int, Image] = OrderedDict()
+        #: Small images of the last frames.
+        self.images = RecentImages(_LONG_SIDE_PX // 2)
         self._tails: deque[Observations] = deque(maxlen=_TAIL_FRAMES + 1)
         self._path_est: list[Floats] = []
         self._world_from_gt: Similarity | None = None
@@ -175,9 +173,7 @@ class RerunRecorder(Recorder):
         self._file.check()
         rec.set_time("frame", sequence=frame.index)
         rec.set_time("sensor_time", duration=frame.timestamp_s)
-        self._recent[frame.index] = reduced(frame.image, _LONG_SIDE_PX // 2)
-        if len(self._recent) > _MEMORY_FRAMES:
-            self._recent.popitem(last=False)
+        self.images.add(frame)
         if self._frames % (1 + self._frames // FRAMES_AT_FULL_RATE) == 0:
             rec.log("world/camera/image", jpeg(reduced(frame.image, _LONG_SIDE_PX)))
         self._frames += 1
@@ -402,7 +398,7 @@ class RerunRecorder(Recorder):
     def _log_pair(self, attempt: Attempt) -> None:
         """Log the two images of a pair side by side, and the matches as lines between them."""
         rr, rec = self._rr, self._rec
-        images = [self._recent.get(index) for index in attempt.frames[:2]]
+        images = [self.images.get(index) for index in attempt.frames[:2]]
         shape = reduced_shape(self._camera.height, self._camera.width, _LONG_SIDE_PX // 2)
         blank = np.full((*shape, 3), 40, np.uint8)
         left, right = (blank if image is None else bgr(image) for image in images)

@@ -91,6 +91,12 @@ class Attempt(Described):
         return tuple(gate for gate in self.gates if not gate.passes())
 
     @property
+    def judged(self) -> bool:
+        """Whether a motion was estimated from the matches, so that they are inliers and outliers of it."""
+        estimated = (self.two_view, self.window, self.map)
+        return bool(self.inliers.any() or self.method_evidence or any(part is not None for part in estimated))
+
+    @property
     def suspected_focal_factor(self) -> float | None:
         """The suspected true focal length divided by the stated one; None if the stated one is not suspected."""
         return None if self.rotation_only is None else self.rotation_only.suspected_focal_factor

@@ -1,0 +1,230 @@
+"""``overview.png``: what a run saw, what it decided and why, in one image."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from slam_init.evaluation.metrics import align_poses
+from slam_init.output.summary import Summary
+from slam_init.pictures.map_panels import ABOVE, SIDE, draw_cameras, draw_map
+from slam_init.pictures.panels import draw_decision, draw_frame, draw_pair
+from slam_init.pictures.story import Story
+from slam_init.pictures.style import (
+    FAINT,
+    INK,
+    INLIER,
+    VERDICT_COLORS,
+    canvas,
+    gate_words,
+    in_words,
+    png_of,
+    wrapped,
+    write,
+)
+from slam_init.types.arrays import Floats, evenly_spaced
+from slam_init.types.gates import Gate
+from slam_init.types.initial_map import InitialMap
+from slam_init.types.pose import Trajectory
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import Attempt, Result
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["overview_png"]
+
+_WIDTH_PX, _HEIGHT_PX = 1600, 1000
+#: The parts, from the top: title, frames, pair and map, decision. Left, bottom, width and height as shares.
+_TITLE = (0.02, 0.89, 0.96, 0.09)
+_FRAMES = (0.02, 0.675, 0.96, 0.185)
+_PAIR = (0.02, 0.315, 0.44, 0.315)
+_MAP = (0.48, 0.315, 0.50, 0.315)
+_DECISION = (0.055, 0.055, 0.765, 0.185)
+#: Most frames in the strip; fewer where images are wide.
+_MOST_FRAMES = 6
+Box = tuple[float, float, float, float]
+
+
+def overview_png(result: Result, summary: Summary, story: Story, truth: Trajectory | None = None) -> bytes:
+    """Draw the overview of a run.
+
+    Parameters
+    ----------
+    result : Result
+    summary : Summary
+    story : Story
+        From :meth:`slam_init.pictures.story.StoryRecorder.story`.
+    truth : Trajectory, optional
+        The true trajectory; it is drawn beside the path of an accepted map.
+
+    Returns
+    -------
+    bytes
+        A PNG file of 1600 x 1000 pixels. Equal arguments give equal bytes with the same version of matplotlib.
+    """
+    with canvas(_WIDTH_PX, _HEIGHT_PX) as figure:
+        _draw_title(_blank(figure, _TITLE), result, summary)
+        _draw_frames(figure, result, summary, story)
+        if story.pair is not None:
+            draw_pair(figure.add_axes(_PAIR), story.pair, summary.camera.width)
+        if result.map is not None:
+            _draw_map(figure, result.map, truth)
+        elif len(result.hypotheses) == 2:
+            _draw_twins(figure, result)
+        else:
+            _draw_reason(_blank(figure, _MAP), result)
+        draw_decision(figure.add_axes(_DECISION), result.attempts)
+        return png_of(figure)
+
+
+def _blank(figure: Figure, box: Box) -> Axes:
+    """Axes for text alone."""
+    axes = figure.add_axes(box)
+    axes.axis("off")
+    return axes
+
+
+def _draw_title(axes: Axes, result: Result, summary: Summary) -> None:
+    """The verdict in words, the figures of the map, and what was run."""
+    if result.map is not None:
+        color, title = INLIER, f"Initialized after {result.frames_to_init} frames"
+    else:
+        reason = result.reason or Verdict.TOO_FEW_FRAMES
+        color, title = VERDICT_COLORS[reason], f"No map after {result.frames_read} frames: {in_words(reason)}"
+    axes.plot([0.0, 0.0], [0.0, 1.0], color=color, linewidth=10, transform=axes.transAxes, clip_on=False)
+    write(axes, 0.012, 1.02, title, 25, INK, "bold")
+    write(axes, 0.012, 0.47, wrapped(_subtitle(result), 150, 1), 13, INK)
+    origin = f"source {summary.source.name}, method {summary.method}, seed {summary.seed}"
+    write(axes, 0.012, 0.17, wrapped(origin, 190, 1), 9.5, FAINT)
+
+
+def _subtitle(result: Result) -> str:
+    if result.map is None:
+        if result.hypotheses:
+            return "Two maps explain the views equally well. Both are kept until further views decide."
+        return f"{len(result.attempts)} attempts; no map is handed over before its risk is small enough."
+    map_ = result.map
+    facts = [
+        f"{len(map_.keyframes)} keyframes",
+        f"{len(map_.points)} landmarks, {map_.scene} scene",
+        f"parallax {map_.median_parallax_deg:.2f} deg",
+        f"reprojection {map_.reprojection_rmse_px:.2f} px",
+    ]
+    window = result.attempts[-1].window if result.attempts else None
+    if window is not None:
+        facts.insert(0, f"risk {window.risk:.2g} that the map is wrong")
+    return "  |  ".join(facts)
+
+
+def _draw_frames(figure: Figure, result: Result, summary: Summary, story: Story) -> None:
+    """The strip of frames: as many as fit beside one another."""
+    left, bottom, width, height = _FRAMES
+    camera = summary.camera
+    each = height * _HEIGHT_PX / _WIDTH_PX * camera.width / camera.height
+    most = int(np.clip(width / each, 1, _MOST_FRAMES))
+    chosen = [story.frames[k] for k in evenly_spaced(len(story.frames), most)] if story.frames else []
+    gap = 0.008
+    each = min(each, (width + gap) / max(len(chosen), 1) - gap)
+    landmarks = None if result.map is None else result.map.track_ids
+    for k, shown in enumerate(chosen):
+        axes = figure.add_axes((left + k * (each + gap), bottom, each, height))
+        known = None if landmarks is None else np.isin(shown.track_ids, landmarks)
+        draw_frame(axes, shown, chosen[k - 1] if k else None, camera.width, known)
+    if not chosen:
+        write(_blank(figure, _FRAMES), 0.0, 0.6, "no frame was read", 12, FAINT)
+        return
+    beside = left + len(chosen) * (each + gap) + 0.008
+    if beside < 0.86:
+        legend = _blank(figure, (beside, bottom, 0.98 - beside, height))
+        words = "yellow: tracks, and how\nthey moved since the\nframe before"
+        if landmarks is not None:
+            words += "\n\ngreen: landmarks of the map"
+        write(legend, 0.0, 0.95, words, 9.5, FAINT)
+
+
+def _draw_map(figure: Figure, map_: InitialMap, truth: Trajectory | None) -> None:
+    """The map from above and from the side, and its cameras alone."""
+    path = _true_path(map_, truth)
+    left, bottom, width, height = _MAP
+    gap = 0.01
+    large = 0.36 * width
+    beside = width - 2 * large - 2 * gap
+    above = figure.add_axes((left, bottom, large, height))
+    draw_map(above, map_, ABOVE, "the map from above", path)
+    draw_map(figure.add_axes((left + large + gap, bottom, large, height)), map_, SIDE, "from the side", path)
+    x = left + 2 * (large + gap)
+    draw_cameras(figure.add_axes((x, bottom + 0.52 * height, beside, 0.48 * height)), map_, ABOVE, path)
+    draw_cameras(figure.add_axes((x, bottom, beside, 0.40 * height)), map_, SIDE, path)
+    handles, labels = above.get_legend_handles_labels()
+    above.legend(
+        handles,
+        labels,
+        loc="upper left",
+        bbox_to_anchor=(-0.02, -0.005),
+        ncol=2,
+        fontsize=9,
+        frameon=False,
+        borderpad=0,
+    )
+
+
+def _draw_twins(figure: Figure, result: Result) -> None:
+    """Both maps of a plane, side by side, and what has to decide between them."""
+    left, bottom, width, height = _MAP
+    gap = 0.012
+    each = (width - gap) / 2
+    half = (each - 0.004) / 2
+    for k, (map_, name) in enumerate(zip(result.hypotheses, "AB", strict=True)):
+        x = left + k * (each + gap)
+        draw_map(figure.add_axes((x, bottom, half, height)), map_, ABOVE, f"map {name} from above")
+        side = figure.add_axes((x + half + 0.004, bottom, half, height))
+        draw_map(side, map_, SIDE, f"map {name} from the side")
+    box = _blank(figure, (left, bottom - 0.045, width, 0.04))
+    color = VERDICT_COLORS[Verdict.AMBIGUOUS_PLANE]
+    write(box, 0.0, 1.0, wrapped("; ".join(_deciding(result)), 85, 2), 11, color, "bold")
+
+
+def _deciding(result: Result) -> list[str]:
+    """The evidence that has to decide between two maps: their vote, and the risk by another motion."""
+    facts = []
+    if result.margin is not None:
+        facts.append(f"the tracks prefer A by {result.margin.log_likelihood:.1f} nats")
+    window = next((one.window for one in reversed(result.attempts) if one.window is not None), None)
+    if window is not None:
+        facts.append(f"the risk that it is the other motion is {window.risk_rival:.2g}")
+    return facts
+
+
+def _draw_reason(axes: Axes, result: Result) -> None:
+    """Why there is no map: the advice in large letters, and the condition that failed."""
+    reason = result.reason or Verdict.TOO_FEW_FRAMES
+    said, _, advice = (result.advice or reason.advice).partition(": ")
+    write(axes, 0.03, 0.97, wrapped(said[:1].upper() + said[1:], 52, 2), 17, INK)
+    lines = wrapped((advice or said)[:1].upper() + (advice or said)[1:], 26, 3)
+    write(axes, 0.03, 0.78, lines, 31, VERDICT_COLORS[reason], "bold")
+    facts = [f"frames {one.frames[0]} and {one.frames[1]}: {gate_words(gate)}" for one, gate in _held(result, reason)]
+    write(axes, 0.03, 0.12, "\n".join(["what held it last", *facts[:2]]) if facts else "", 11, FAINT)
+
+
+def _held(result: Result, reason: Verdict) -> list[tuple[Attempt, Gate]]:
+    """The gates that failed in the last attempt that was refused for the reason."""
+    last = next((one for one in reversed(result.attempts) if one.verdict == reason and len(one.frames) > 1), None)
+    return [] if last is None else [(last, gate) for gate in last.failed_gates]
+
+
+def _true_path(map_: InitialMap, truth: Trajectory | None) -> Floats | None:
+    """The true positions of the keyframes and between them, in the frame of the map."""
+    if truth is None:
+        return None
+    pairs = [(true, k.world_from_cam) for k in map_.keyframes if (true := truth.at(k.timestamp_s)) is not None]
+    if len(pairs) < 2:
+        return None
+    moved = align_poses([true for true, _ in pairs], [pose for _, pose in pairs])
+    first, last = (map_.keyframes[k].timestamp_s for k in (0, -1))
+    times = truth.timestamps_s
+    during = (times >= first - 1e-9) & (times <= last + 1e-9)
+    positions = [pose.t for pose, inside in zip(truth.world_from_cam, during, strict=True) if inside]
+    return moved.apply(np.array(positions)) if len(positions) > 1 else None
