@@ -10,7 +10,15 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["CalibrationError", "ConfigError", "OutputError", "SlamInitError", "SourceError", "plain_line"]
+__all__ = [
+    "CalibrationError",
+    "ConfigError",
+    "OutputError",
+    "SlamInitError",
+    "SourceError",
+    "ViewerError",
+    "plain_line",
+]
 
 # Control characters, line separators, halves of surrogate pairs, and marks that turn the direction of the text. A file
 # name may hold any of them, and with them a message could look like another one.
@@ -68,3 +76,7 @@ class ConfigError(SlamInitError):
 
 class OutputError(SlamInitError):
     """Results cannot be written to the requested place."""
+
+
+class ViewerError(SlamInitError):
+    """A recording cannot be shown: there is no viewer, no display or no graphics driver."""

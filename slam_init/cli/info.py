@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import json
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from slam_init.cli.exit_codes import DONE
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
 from slam_init.process_io import tell
+from slam_init.regular_file import user_path
 
 if TYPE_CHECKING:
     from slam_init.cli.parser import Commands
@@ -22,7 +25,11 @@ def add_info(commands: Commands) -> None:
     ----------
     commands : argparse subparsers
     """
-    info = commands.add_parser("info", help="tell what a sequence holds", allow_abbrev=False)
+    info = commands.add_parser("info", help="tell what a sequence or a folder of results holds", allow_abbrev=False)
+    info.description = (
+        "Tell what a sequence holds. For the folder of a run: the verdict and its reason, the keyframes, the files, "
+        "the version and the command."
+    )
     info.set_defaults(command=_info)
     add_source(info, default=None)
     info.add_argument("--json", action="store_true", help="print it as JSON")
@@ -30,15 +37,21 @@ def add_info(commands: Commands) -> None:
 
 def _info(arguments: argparse.Namespace) -> int:
     """``slam-init info``."""
+    from slam_init.output.result_folder import describe_result, describe_result_text, is_result_folder
+
+    folder = user_path(arguments.source)
+    if is_result_folder(folder):
+        result = describe_result(folder)
+        tell(_json(asdict(result)) if arguments.json else describe_result_text(result))
+        return DONE
+
     from slam_init.datasets.describe import describe, describe_text
 
     source = opened_source(arguments, 0)
     info = describe(source, chosen_camera(arguments, source, 0))
-    if arguments.json:
-        import json
-        from dataclasses import asdict
-
-        tell(json.dumps(asdict(info), indent=2, allow_nan=False) + "\n")
-    else:
-        tell(describe_text(info))
+    tell(_json(asdict(info)) if arguments.json else describe_text(info))
     return DONE
+
+
+def _json(facts: dict[str, object]) -> str:
+    return json.dumps(facts, indent=2, allow_nan=False) + "\n"

@@ -1,4 +1,4 @@
-"""The command line: ``slam-init run``, ``synth``, ``info``, ``compare``, ``calibrate``.
+"""The command line: ``slam-init run``, ``view``, ``info``, ``synth``, ``compare`` and ``calibrate``.
 
 Exit codes: 0 initialized (or done), 2 bad usage or input, 3 the data never allowed initialization. An interrupt gives
 128 and the number of the signal: 130 for SIGINT, 143 for SIGTERM, 129 for SIGHUP. Whatever is wrong is told in one line
@@ -21,6 +21,7 @@ from slam_init.cli.info import add_info
 from slam_init.cli.parser import Parser, UsageError
 from slam_init.cli.run import add_run
 from slam_init.cli.synth import add_synth
+from slam_init.cli.view import add_view
 from slam_init.errors import SlamInitError
 from slam_init.process_io import InterruptsNoted, NativeStderrSilenced, complain, fill_closed_streams, tell
 
@@ -83,11 +84,14 @@ def make_parser() -> Parser:
         allow_abbrev=False,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
-    commands = parser.add_subparsers(metavar="COMMAND", required=True, dest="run, synth, info, compare or calibrate")
+    commands = parser.add_subparsers(
+        metavar="COMMAND", required=True, dest="run, view, info, synth, compare or calibrate"
+    )
 
     add_run(commands)
-    add_synth(commands)
+    add_view(commands)
     add_info(commands)
+    add_synth(commands)
     add_compare(commands)
     add_calibrate(commands)
     return parser

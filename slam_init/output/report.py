@@ -32,7 +32,7 @@ def report_text(summary: Summary, out: str | os.PathLike[str]) -> str:
         title = f"not initialized: {summary.reason.replace('_', ' ')}"
         facts = [("advice", summary.advice), ("frames read", str(summary.frames_read)), *_kept_facts(summary)]
     facts += [("attempts", _attempts(summary)), *(("note", note) for note in summary.notes)]
-    facts.append(("results", f"{out}/ (recording: rerun {out / 'recording.rrd'})"))
+    facts.append(("results", f"{out}/ (look at it: slam-init view {out})"))
     return f"{title}\n" + "".join(f"  {name:<14}{plain_line(value)}\n" for name, value in facts)
 
 

@@ -210,8 +210,9 @@ def _draw_reason(axes: Axes, result: Result) -> None:
 
 
 def _held(result: Result, reason: Verdict) -> list[tuple[Attempt, Gate]]:
-    """The gates that failed in the last attempt that was refused for the reason."""
-    last = next((one for one in reversed(result.attempts) if one.verdict == reason and len(one.frames) > 1), None)
+    """The gates that failed in the last attempt that a gate refused for the reason."""
+    refused = (one for one in reversed(result.attempts) if one.verdict == reason and len(one.frames) > 1)
+    last = next((one for one in refused if one.failed_gates), None)
     return [] if last is None else [(last, gate) for gate in last.failed_gates]
 
 

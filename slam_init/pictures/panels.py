@@ -146,7 +146,7 @@ def draw_decision(axes: Axes, attempts: Sequence[Attempt]) -> None:
     frames = np.array([attempt.frames[min(1, len(attempt.frames) - 1)] for attempt in attempts])
     first, last = int(frames.min()), int(frames.max())
     axes.set_xlim(first - 0.5, last + 0.5)
-    axes.xaxis.set_major_locator(MaxNLocator("auto", integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator("auto", integer=True, min_n_ticks=1))
     _draw_terms(axes, frames, attempts)
     _draw_risk(axes, frames, attempts)
     _draw_strip(axes, frames, attempts, lowest, strip_top)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import uuid
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 from slam_init.types.gates import GateName
 from slam_init.types.result import Attempt
 
 __all__ = [
+    "ADVICE",
     "ARROWS",
     "ARROW_FACTOR",
     "BUDGET_MS",
@@ -19,11 +22,16 @@ __all__ = [
     "ESTIMATE_COLOR",
     "FRAME_BUDGET",
     "FRAME_TIME",
+    "GREEN",
     "PURPLE",
+    "RED",
     "SERIES",
     "TRACKS",
     "TRUTH_COLOR",
+    "TWINS",
+    "YELLOW",
     "Color",
+    "End",
     "Series",
     "blueprint",
     "name_parts",
@@ -33,9 +41,12 @@ Color = tuple[int, int, int]
 
 ESTIMATE_COLOR: Color = (60, 160, 255)
 TRUTH_COLOR: Color = (255, 150, 40)
-_GREEN: Color = (60, 200, 90)
+GREEN: Color = (60, 200, 90)
+RED: Color = (230, 70, 70)
+YELLOW: Color = (255, 200, 40)
 PURPLE: Color = (190, 120, 230)
-_GATE_COLOR: Color = (230, 70, 70)
+#: The terms of the risk in the plot: none of the colours above, since those mean something else in the other views.
+_TERM_COLORS: tuple[Color, ...] = ((120, 200, 255), (255, 160, 200), (160, 160, 160), (200, 150, 100))
 
 TRACKS = "stats/counts/tracks"
 ERROR = "stats/bundle/error"
@@ -91,31 +102,75 @@ def _readout_ms(attempt: Attempt) -> float | None:
     return None if attempt.window is None else attempt.window.readout_ms
 
 
+def _risk_term(name: str) -> Callable[[Attempt], float | None]:
+    """Return a function that returns a power of ten: the risk of an attempt, or a term of it."""
+    return lambda attempt: None if attempt.window is None else _power_of_ten(getattr(attempt.window, name))
+
+
+def _risk_bound(attempt: Attempt) -> float | None:
+    bound = _gate_threshold(GateName.RISK)(attempt)
+    return None if bound is None else _power_of_ten(bound)
+
+
+def _power_of_ten(risk: float) -> float:
+    return math.log10(max(risk, LEAST_RISK)) if math.isfinite(risk) else math.nan
+
+
 def _direction_sigma_deg(attempt: Attempt) -> float | None:
     return None if attempt.window is None else attempt.window.direction_sigma_deg
 
 
-#: The arrows of a rolling shutter are drawn this many times as long: they are some pixels.
+#: What the correction of a rolling shutter moves: the measured pixels, the corrected ones, and arrows. The arrows are
+#: drawn this many times as long, since most are some pixels.
 ARROWS, ARROW_FACTOR = "world/camera/image/readout", 4
+#: The two maps of an undecided plane, and the evidence that has to decide between them.
+TWINS = "twins"
+#: The verdict and the advice of the run.
+ADVICE = "advice"
+#: The smallest risk that is plotted. The plot is of powers of ten, because the bound would lie on the axis otherwise.
+LEAST_RISK = 1e-4
 #: The figures that show the progress of an initialization. First the parallax grows. Then the standard deviation of the
-#: direction falls, and the risk falls below its gate. The panel of the verdict lists all other figures.
+#: direction falls, and the risk falls below its bound.
 SERIES = (
     Series(TRACKS, "tracks", ESTIMATE_COLOR),
-    Series("stats/counts/landmarks", "landmarks", _GREEN, _gate_value(GateName.LANDMARKS)),
+    Series("stats/counts/landmarks", "landmarks", GREEN, _gate_value(GateName.LANDMARKS)),
     Series("stats/parallax/median", "median", ESTIMATE_COLOR, _parallax_px),
     Series("stats/shares/parallax", "with parallax", ESTIMATE_COLOR, _parallax_share),
     Series("stats/direction/sigma", "standard deviation", ESTIMATE_COLOR, _direction_sigma_deg),
     Series("stats/readout/estimate", "rolling shutter", ESTIMATE_COLOR, _readout_ms),
-    Series("stats/risk/total", "risk", PURPLE, _gate_value(GateName.RISK)),
-    Series("stats/risk/gate", "gate", _GATE_COLOR, _gate_threshold(GateName.RISK)),
+    Series("stats/risk_log10/bound", "bound", RED, _risk_bound),
+    Series("stats/risk_log10/direction", "direction", _TERM_COLORS[0], _risk_term("risk_direction")),
+    Series("stats/risk_log10/rival", "other motion", _TERM_COLORS[1], _risk_term("risk_rival")),
+    Series("stats/risk_log10/rotation", "rotation", _TERM_COLORS[2], _risk_term("risk_rotation")),
+    Series("stats/risk_log10/moving", "moving", _TERM_COLORS[3], _risk_term("risk_moving")),
+    Series("stats/risk_log10/total", "risk", PURPLE, _risk_term("risk")),
     Series(ERROR, "rms residual", ESTIMATE_COLOR),
     Series(FRAME_TIME, "frame", ESTIMATE_COLOR),
-    Series(FRAME_BUDGET, "30 Hz", _GATE_COLOR),
+    Series(FRAME_BUDGET, "30 Hz", RED),
 )
 
 
-def blueprint() -> Any:
-    """Make the layout: the map and the keyframes at the left; image, pair, series and verdict at the right.
+#: What is drawn on the flat image only. On the frustum it would hide the image.
+_FLAT = ("keypoints", "motion", "moving")
+
+
+class End(StrEnum):
+    """What a recording shows first: the map of a run, both maps of a plane, or why there is no map."""
+
+    MAP = "map"
+    TWINS = "twins"
+    NO_MAP = "no map"
+
+
+def blueprint(end: End = End.MAP, *, rolling: bool = False) -> Any:
+    """Make the layout: map, verdict and texts at the left; frame, pair and series at the right.
+
+    Parameters
+    ----------
+    end : End
+        Decides which tab of the map is in front.
+    rolling : bool
+        Whether the view of the rolling shutter is in front of that of the keyframes.
 
     Returns
     -------
@@ -124,49 +179,107 @@ def blueprint() -> Any:
     import rerun.blueprint as rrb
 
     space, keyframes = _space_views()
-    camera = rrb.Spatial2DView(
-        origin="world/camera/image", name=f"frame and tracks; purple: turned back by the shutter, x {ARROW_FACTOR}"
+    frame, shutter, pair = _image_views()
+    advice = rrb.TextDocumentView(origin=ADVICE, name="result")
+    first = {End.MAP: 0, End.TWINS: 1, End.NO_MAP: 2}[end]
+    left = rrb.Vertical(
+        rrb.Tabs(space, _twins(), advice, active_tab=first),
+        rrb.Horizontal(
+            rrb.TextDocumentView(origin="pairs/verdict", name="verdict on the pair"), _texts(), column_shares=[1, 1]
+        ),
+        row_shares=[5, 4],
     )
-    pair = rrb.Spatial2DView(origin="pairs/image", name="pair tried: inliers green, outliers red, moving bodies purple")
-    verdict = rrb.TextDocumentView(origin="pairs/verdict", name="verdict")
-    parallax, shares, direction, risk, readout, times, counts = (
-        rrb.TimeSeriesView(origin=f"stats/{plot}", name=name, plot_legend=corner)
-        for plot, name, corner in (
-            ("parallax", "parallax (px)", rrb.Corner2D.LeftTop),
-            ("shares", "shares of matches", rrb.Corner2D.LeftTop),
-            ("direction", "direction (deg)", rrb.Corner2D.RightTop),
-            ("risk", "risk", rrb.Corner2D.RightTop),
-            ("readout", "readout (ms)", rrb.Corner2D.RightTop),
-            ("time", "time (ms)", rrb.Corner2D.RightTop),
-            ("counts", "counts", rrb.Corner2D.LeftBottom),
-        )
+    right = rrb.Vertical(
+        rrb.Horizontal(frame, rrb.Tabs(keyframes, shutter, active_tab=int(rolling)), column_shares=[1, 1]),
+        pair,
+        _plots(),
+        row_shares=[3, 3, 3],
     )
-    bundle = rrb.BarChartView(origin=ERROR_BARS, name="BA rms (px)", plot_legend=rrb.PlotLegend(visible=False))
-    iterations = rrb.TimeSeriesView(origin=ERROR, name="BA rms (px), timeline ba_iter")
+    root = rrb.Horizontal(left, right, column_shares=[1, 1])
+    name_parts(root, f"slam-init {end} {rolling}")
+    return rrb.Blueprint(root, rrb.TimePanel(timeline="frame", state="collapsed"), collapse_panels=True)
+
+
+def _image_views() -> tuple[Any, Any, Any]:
+    """Make the views of the frame, of the rolling shutter, and of the pair. Their names are the legends."""
+    import rerun.blueprint as rrb
+
+    image = "world/camera/image"
+    frame = rrb.Spatial2DView(
+        origin=image,
+        contents=["$origin/**", f"- /{ARROWS}/**"],
+        name="frame: green tracks, yellow motion, purple moving bodies",
+    )
+    shutter = rrb.Spatial2DView(
+        origin=image,
+        contents=[f"/{image}", f"/{ARROWS}/**"],
+        name=f"rolling shutter: yellow as read, purple corrected, arrows x {ARROW_FACTOR}",
+    )
+    pair = rrb.Spatial2DView(
+        origin="pairs/image", name="pair: green inliers, red outliers, purple moving bodies, yellow no motion estimated"
+    )
+    return frame, shutter, pair
+
+
+def _twins() -> Any:
+    """Make the view of both maps of a plane, side by side, over the evidence that has to decide."""
+    import rerun.blueprint as rrb
+
+    views = [
+        rrb.Spatial3DView(origin=f"{TWINS}/{name}", name=title, line_grid=False, eye_controls=_eye())
+        for name, title in (("a", "map A: explains the tracks better so far"), ("b", "map B: the other motion"))
+    ]
+    return rrb.Vertical(
+        rrb.Horizontal(*views),
+        rrb.TextDocumentView(origin=f"{TWINS}/evidence", name="what has to decide between A and B"),
+        row_shares=[3, 1],
+        name="both maps of a plane",
+    )
+
+
+def _texts() -> Any:
+    import rerun.blueprint as rrb
+
     log = rrb.TextLogView(
         origin="log",
         name="log",
         columns=rrb.TextLogColumns(timeline_columns=["frame"], text_log_columns=["Body"]),
     )
-    summary = rrb.TextDocumentView(origin="summary", name="summary")
-    root = rrb.Horizontal(
-        rrb.Vertical(
-            space,
-            rrb.Horizontal(keyframes, rrb.Tabs(log, summary, iterations, name="text"), column_shares=[1, 1]),
-            row_shares=[5, 3],
-        ),
-        rrb.Vertical(
-            rrb.Horizontal(camera, verdict, column_shares=[3, 2]),
-            pair,
-            rrb.Horizontal(
-                rrb.Tabs(parallax, shares), rrb.Tabs(risk, direction, readout), rrb.Tabs(counts, times), bundle
-            ),
-            row_shares=[3, 3, 2],
-        ),
-        column_shares=[1, 1],
+    return rrb.Tabs(
+        log,
+        rrb.TextDocumentView(origin="pairs/evidence", name="evidence"),
+        rrb.TextDocumentView(origin="summary", name="summary"),
+        name="text",
     )
-    name_parts(root, "slam-init")
-    return rrb.Blueprint(root, rrb.TimePanel(timeline="frame", state="collapsed"), collapse_panels=True)
+
+
+def _plots() -> Any:
+    """Make the plots: the risk and the time of a frame beside one another, the rest in tabs."""
+    import rerun.blueprint as rrb
+
+    series = {
+        plot: rrb.TimeSeriesView(origin=f"stats/{plot}", name=name, plot_legend=corner)
+        for plot, name, corner in (
+            ("parallax", "parallax (px)", rrb.Corner2D.LeftTop),
+            ("shares", "shares of matches", rrb.Corner2D.LeftTop),
+            ("direction", "direction (deg)", rrb.Corner2D.RightTop),
+            ("readout", "readout (ms)", rrb.Corner2D.RightTop),
+            ("time", "ms a frame", rrb.Corner2D.RightTop),
+            ("counts", "counts", rrb.Corner2D.LeftBottom),
+        )
+    }
+    risk = rrb.TimeSeriesView(
+        origin="stats/risk_log10",
+        name="risk and its terms, powers of ten",
+        plot_legend=rrb.Corner2D.LeftBottom,
+        axis_y=rrb.ScalarAxis(range=(math.log10(LEAST_RISK) - 0.2, 0.2)),
+    )
+    bars = rrb.BarChartView(origin=ERROR_BARS, name="BA rms (px)", plot_legend=rrb.PlotLegend(visible=False))
+    iterations = rrb.TimeSeriesView(origin=ERROR, name="BA rms (px), timeline ba_iter")
+    more = rrb.Tabs(
+        *(series[plot] for plot in ("parallax", "counts", "direction", "shares", "readout")), bars, iterations
+    )
+    return rrb.Horizontal(risk, series["time"], more, column_shares=[4, 3, 3])
 
 
 def _space_views() -> tuple[Any, Any]:
@@ -178,22 +291,28 @@ def _space_views() -> tuple[Any, Any]:
     space = rrb.Spatial3DView(
         origin="world",
         # Keypoints are shown on the flat image only; on the frustum they would hide the image.
-        contents=["$origin/**", "- /world/camera/image/keypoints", "- /world/camera/image/motion", f"- /{ARROWS}"],
+        contents=["$origin/**", *(f"- /world/camera/image/{name}" for name in _FLAT), f"- /{ARROWS}/**"],
         name="map: estimate blue, ground truth orange",
         defaults=no_axes,
         line_grid=False,
-        # Behind, above and beside the first camera; the unit is the median depth of the landmarks.
-        eye_controls=rrb.EyeControls3D(position=(-0.4, -0.45, -0.65), look_target=(0.0, 0.0, 0.8), eye_up=(0, -1, 0)),
+        eye_controls=_eye(),
     )
     # Without eye controls the viewer fits the view to its content, also if the path is short.
     keyframes = rrb.Spatial3DView(
         origin="world",
         contents=["/world/trajectory/**", "/world/keyframes/**"],
-        name="keyframes",
+        name="keyframes: blue, true path orange",
         defaults=no_axes,
         line_grid=False,
     )
     return space, keyframes
+
+
+def _eye() -> Any:
+    """Look from behind, above and beside the first camera; the unit is the median depth of the landmarks."""
+    import rerun.blueprint as rrb
+
+    return rrb.EyeControls3D(position=(-0.4, -0.45, -0.65), look_target=(0.0, 0.0, 0.8), eye_up=(0, -1, 0))
 
 
 def name_parts(part: Any, path: str) -> None:

@@ -1,4 +1,4 @@
-"""Trajectories in a recording: the dashed path of the ground truth, and the paths of two undecided maps."""
+"""Paths in a recording: the dashed path of the ground truth, and two undecided maps with their paths."""
 
 from __future__ import annotations
 
@@ -7,14 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.recording.layout import Color
+from slam_init.recording.layout import ESTIMATE_COLOR, TWINS, Color
 from slam_init.types.arrays import Floats
 from slam_init.types.initial_map import InitialMap
+from slam_init.types.pose import Pose
 
-__all__ = ["dashes", "log_hypotheses"]
+__all__ = ["TWIN_NAMES", "dashes", "log_hypotheses", "log_twins"]
 
 #: Number of dashes of the ground truth. It is dashed so that the estimate can be seen where both agree.
 _DASHES = 30
+#: The better one of two undecided maps, and its rival.
+TWIN_NAMES = ("a", "b")
+#: Size of a frustum in units of the map, whose median depth is 1.
+_FRUSTUM = 0.08
+_CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 #: Colours of the better one of two undecided maps, and of its rival.
 _COLORS: tuple[Color, ...] = ((190, 120, 255), (130, 110, 150))
 
@@ -60,3 +66,38 @@ def log_hypotheses(rec: Any, maps: Sequence[InitialMap]) -> None:
             rec.log(entity, rr.LineStrips3D([path], colors=[color], radii=rr.Radius.ui_points(1.5)))
         else:
             rec.log(entity, rr.Clear(recursive=False))
+
+
+def log_twins(rec: Any, maps: Sequence[InitialMap]) -> None:
+    """Log the landmarks, the frusta and the path of up to two maps, each in a space of its own; clear the others.
+
+    Parameters
+    ----------
+    rec : rerun.RecordingStream
+    maps : sequence of InitialMap
+        At most two, the better one first.
+    """
+    import rerun as rr
+
+    for k, name in enumerate(TWIN_NAMES):
+        entity = f"{TWINS}/{name}"
+        if k >= len(maps):
+            rec.log(entity, rr.Clear(recursive=True))
+            continue
+        map_ = maps[k]
+        rec.log(entity, rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
+        rec.log(f"{entity}/points", rr.Points3D(map_.points, colors=map_.colors, radii=rr.Radius.ui_points(2.5)))
+        strips = [strip for keyframe in map_.keyframes for strip in _frustum(map_, keyframe.world_from_cam)]
+        thin = rr.Radius.ui_points(1.0)
+        rec.log(f"{entity}/keyframes", rr.LineStrips3D(strips, colors=[ESTIMATE_COLOR], radii=thin))
+        path = np.array([keyframe.world_from_cam.t for keyframe in map_.keyframes])
+        rec.log(f"{entity}/path", rr.LineStrips3D([path], colors=[_COLORS[0]], radii=rr.Radius.ui_points(1.5)))
+
+
+def _frustum(map_: InitialMap, world_from_cam: Pose) -> list[Floats]:
+    """The outline of the image and the edges from the centre to its corners, as line strips."""
+    camera = map_.camera
+    x, y = _FRUSTUM * camera.width / (2 * camera.fx), _FRUSTUM * camera.height / (2 * camera.fy)
+    corners = world_from_cam.apply(np.array([[sx * x, sy * y, _FRUSTUM] for sx, sy in _CORNERS]))
+    centre = world_from_cam.t
+    return [corners[[0, 1, 2, 3, 0]], *(np.stack([centre, corner]) for corner in corners)]

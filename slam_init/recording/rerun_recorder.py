@@ -9,11 +9,15 @@ entity                      content
 ``world/points``            the landmarks
 ``world/trajectory``        ``est`` and ``gt``, the ground truth aligned to the map by a similarity;
                             ``hypothesis1``, ``hypothesis2`` while two maps are kept
+``twins/a``, ``twins/b``    both maps of a plane while they are kept, the better one first
+``twins/evidence``          what has to decide between them
 ``pairs``                   the last pair tried: images, matches (green inliers, red outliers,
-                            purple on a body that moves), verdict
-``stats``                   number of tracks; figures of the attempts with their gates; error of
-                            bundle adjustment
+                            purple on a body that moves, yellow where no motion was estimated),
+                            verdict and evidence
+``stats``                   number of tracks; figures of the attempts; the risk, its terms and its
+                            bound as powers of ten; time of a frame; error of bundle adjustment
 ``log``, ``summary``        one line for each attempt; the summary of the run
+``advice``                  the result of the run in large letters
 ==========================  =======================================================================
 
 Timelines: ``frame`` (absolute index), ``sensor_time``, ``stage`` (0 for the map before bundle adjustment, 1 after it),
@@ -35,8 +39,9 @@ import numpy as np
 from slam_init.errors import SlamInitError, plain_line
 from slam_init.evaluation.metrics import Similarity, align_poses
 from slam_init.output.summary import Summary
-from slam_init.recording.images import RecentImages, bgr, jpeg, reduced, reduced_shape
+from slam_init.recording.images import RecentImages, jpeg, reduced
 from slam_init.recording.layout import (
+    ADVICE,
     ARROW_FACTOR,
     ARROWS,
     BUDGET_MS,
@@ -45,17 +50,29 @@ from slam_init.recording.layout import (
     ESTIMATE_COLOR,
     FRAME_BUDGET,
     FRAME_TIME,
+    GREEN,
     PURPLE,
     SERIES,
     TRACKS,
     TRUTH_COLOR,
+    TWINS,
+    YELLOW,
     Color,
+    End,
     blueprint,
 )
-from slam_init.recording.paths import dashes, log_hypotheses
+from slam_init.recording.pair_view import log_pair
+from slam_init.recording.paths import TWIN_NAMES, dashes, log_hypotheses, log_twins
 from slam_init.recording.recorder import Recorder
 from slam_init.recording.recording_file import RecordingFile
-from slam_init.recording.text import attempt_line, attempt_markdown, summary_markdown
+from slam_init.recording.text import (
+    advice_markdown,
+    attempt_line,
+    attempt_markdown,
+    evidence_markdown,
+    summary_markdown,
+    twins_markdown,
+)
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
@@ -66,7 +83,7 @@ from slam_init.types.result import Attempt
 
 __all__ = ["FRAMES_AT_FULL_RATE", "RerunRecorder"]
 
-_GREEN, _RED, _YELLOW = (60, 200, 90), (230, 70, 70), (255, 200, 40)
+_NOWHERE = np.zeros((0, 2))
 
 #: Images are reduced to this many pixels on their longer side, and the images of a pair to half of it. This is enough
 #: to judge a match by eye, and 300 frames with their tracks take less than 30 MB.
@@ -76,10 +93,6 @@ _LONG_SIDE_PX = 640
 FRAMES_AT_FULL_RATE = 300
 #: The line at a keypoint shows its motion over this many frames.
 _TAIL_FRAMES = 3
-#: At most this many matches are drawn as lines, since more lines cannot be told apart. All matches are drawn as points.
-_MAX_LINES = 120
-#: The images of a pair are put one above the other if width divided by height is larger than this.
-_WIDE = 1.8
 #: A chunk ends after this many bytes, and never after a time, so that two equal runs write equal chunks.
 _CHUNK_BYTES = 1 << 19
 #: Size of the frustum of the camera in units of the map, whose median depth is 1. On a short path the frusta of the
@@ -138,6 +151,10 @@ class RerunRecorder(Recorder):
         self._world_from_gt: Similarity | None = None
         self._first_s = 0.0
         self._hypotheses = 0
+        self._attempt: Attempt | None = None
+        self._frame = -1
+        self._moving = False
+        self._end, self._rolling, self._closed = End.MAP, False, False
 
         batching = rr.ChunkBatcherConfig.NEVER()
         batching.flush_num_bytes = _CHUNK_BYTES
@@ -177,9 +194,12 @@ class RerunRecorder(Recorder):
         if self._frames % (1 + self._frames // FRAMES_AT_FULL_RATE) == 0:
             rec.log("world/camera/image", jpeg(reduced(frame.image, _LONG_SIDE_PX)))
         self._frames += 1
+        self._frame = frame.index
+        if self._moving:
+            self._log_moving(_NOWHERE)
         if self._frames == 1:
             # Logged as static, because the viewer reports an error for an image without a camera on any timeline.
-            self._log_pinhole("world/camera/image", _YELLOW, _FRUSTUM, static=True)
+            self._log_pinhole("world/camera/image", YELLOW, _FRUSTUM, static=True)
 
         self._tails.append(observations)
         oldest = self._tails[0]
@@ -187,11 +207,11 @@ class RerunRecorder(Recorder):
         tails = np.stack([oldest.pixels[i], observations.pixels[j]], axis=1)
         rec.log(
             "world/camera/image/motion",
-            rr.LineStrips2D(self._shown(tails), colors=[(*_YELLOW, 130)], radii=rr.Radius.ui_points(0.5)),
+            rr.LineStrips2D(self._shown(tails), colors=[(*YELLOW, 130)], radii=rr.Radius.ui_points(0.5)),
         )
         rec.log(
             "world/camera/image/keypoints",
-            rr.Points2D(self._shown(observations.pixels), colors=[_GREEN], radii=rr.Radius.ui_points(2)),
+            rr.Points2D(self._shown(observations.pixels), colors=[GREEN], radii=rr.Radius.ui_points(2)),
         )
         rec.log(TRACKS, rr.Scalars(float(len(observations))))
 
@@ -205,16 +225,17 @@ class RerunRecorder(Recorder):
         rr, rec = self._rr, self._rec
         accepted = attempt.verdict == Verdict.ACCEPTED
         level = rr.TextLogLevel.INFO if accepted else rr.TextLogLevel.WARN
-        rec.log("log", rr.TextLog(attempt_line(attempt), level=level, color=_GREEN if accepted else _YELLOW))
-        rec.log(
-            "pairs/verdict",
-            rr.TextDocument(attempt_markdown(attempt), media_type=rr.MediaType.MARKDOWN),
-        )
+        rec.log("log", rr.TextLog(attempt_line(attempt), level=level, color=GREEN if accepted else YELLOW))
+        self._log_text("pairs/verdict", attempt_markdown(attempt))
+        self._log_text("pairs/evidence", evidence_markdown(attempt))
         for series in SERIES:
             value = None if series.of_attempt is None else series.of_attempt(attempt)
             if value is not None and np.isfinite(value):
                 rec.log(series.entity, rr.Scalars(float(value)))
-        self._log_pair(attempt)
+        log_pair(rec, attempt, self.images, self._camera)
+        self._attempt = attempt
+        if len(attempt.frames) > 1 and attempt.frames[1] == self._frame:
+            self._log_moving(attempt.pixels2[attempt.moving & ~attempt.inliers] if attempt.moving.size else _NOWHERE)
 
     def frame_time(self, elapsed_ms: float) -> None:
         """Log what a frame took, beside the time between two frames at 30 Hz.
@@ -234,17 +255,15 @@ class RerunRecorder(Recorder):
         observations : Observations
         corrected : (N, 2) float
         """
+        rr, rec = self._rr, self._rec
         moved = ARROW_FACTOR * (corrected - observations.pixels) * self._scale
-        self._rec.log(
-            ARROWS,
-            self._rr.Arrows2D(
-                origins=self._shown(observations.pixels),
-                vectors=moved,
-                colors=[PURPLE],
-                radii=self._rr.Radius.ui_points(1.2),
-                draw_order=50.0,  # above the tracks
-            ),
-        )
+        before = self._shown(observations.pixels)
+        arrows = rr.Arrows2D(origins=before, vectors=moved, colors=[(*PURPLE, 150)], radii=rr.Radius.ui_points(0.8))
+        rec.log(ARROWS, arrows)
+        rec.log(f"{ARROWS}/before", rr.Points2D(before, colors=[YELLOW], radii=rr.Radius.ui_points(2)))
+        after = self._shown(corrected)
+        rec.log(f"{ARROWS}/after", rr.Points2D(after, colors=[PURPLE], radii=rr.Radius.ui_points(2), draw_order=50.0))
+        self._rolling = True
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
         """Log the map before and after bundle adjustment, and the ground truth aligned to it.
@@ -262,10 +281,11 @@ class RerunRecorder(Recorder):
                 f"initialized: {len(map_.keyframes)} keyframes, {len(map_.points)} landmarks, "
                 f"{map_.reprojection_rmse_px:.2f} px, {map_.scene} scene",
                 level=rr.TextLogLevel.INFO,
-                color=_GREEN,
+                color=GREEN,
             ),
         )
         self.undecided(())
+        self._end, self._rolling = End.MAP, False
         poses_after = tuple(keyframe.world_from_cam for keyframe in map_.keyframes)
         path = max(float(np.linalg.norm(pose.t - poses_after[0].t)) for pose in poses_after)
         size = float(np.clip(_FRUSTUM_OF_PATH * path, _SMALLEST_FRUSTUM, _FRUSTUM))
@@ -293,7 +313,7 @@ class RerunRecorder(Recorder):
         rec.disable_timeline("ba_iter")
 
     def undecided(self, maps: Sequence[InitialMap]) -> None:
-        """Draw the trajectories of the maps, the better one brighter, and clear those drawn before.
+        """Draw both maps with their paths, and clear those drawn before.
 
         Parameters
         ----------
@@ -301,7 +321,10 @@ class RerunRecorder(Recorder):
         """
         if self._hypotheses or maps:
             log_hypotheses(self._rec, maps)
+            log_twins(self._rec, maps)
+            self._log_text(f"{TWINS}/evidence", twins_markdown(self._attempt) if maps else "decided")
         self._hypotheses = len(maps)
+        self._end = End.TWINS if len(maps) == len(TWIN_NAMES) else End.MAP
 
     def continued(self, keyframe: Keyframe) -> None:
         """Move the camera, and extend both trajectories.
@@ -322,9 +345,10 @@ class RerunRecorder(Recorder):
         ----------
         summary : Summary
         """
-        rr = self._rr
-        document = rr.TextDocument(summary_markdown(summary), media_type=rr.MediaType.MARKDOWN)
-        self._rec.log("summary", document, static=True)
+        self._log_text("summary", summary_markdown(summary), static=True)
+        self._log_text(ADVICE, advice_markdown(summary), static=True)
+        if summary.reason is not None and self._end is End.MAP:
+            self._end = End.NO_MAP
 
     def close(self) -> None:
         """Finish the file and rename it to its final name.
@@ -334,6 +358,10 @@ class RerunRecorder(Recorder):
         OutputError
             If the file cannot be written.
         """
+        if not self._closed and (self._end is not End.MAP or self._rolling):
+            # The layout that the file began with shows a map. The viewer takes the last layout of a file.
+            self._rr.send_blueprint(blueprint(self._end, rolling=self._rolling), recording=self._rec)
+        self._closed = True
         self._file.complete()
 
     def __exit__(
@@ -346,6 +374,16 @@ class RerunRecorder(Recorder):
             self.close()
 
     # -- parts of the recording -------------------------------------------------------------------
+
+    def _log_text(self, entity: str, markdown: str, *, static: bool = False) -> None:
+        rr = self._rr
+        self._rec.log(entity, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN), static=static)
+
+    def _log_moving(self, pixels: Floats) -> None:
+        """Draw the tracks of the frame that lie on moving bodies."""
+        rr, self._moving = self._rr, len(pixels) > 0
+        points = rr.Points2D(self._shown(pixels), colors=[PURPLE], radii=rr.Radius.ui_points(3), draw_order=60.0)
+        self._rec.log("world/camera/image/moving", points)
 
     def _shown(self, pixels: Floats) -> Floats:
         """Convert raw pixels (..., 2) to the reduced image. In Rerun, pixel centres are at half-integers."""
@@ -394,39 +432,6 @@ class RerunRecorder(Recorder):
         first, last = (int(np.argmin(np.abs(times - t))) for t in (self._first_s, last_s))
         positions = np.array([pose.t for pose in truth.world_from_cam[first : last + 1]])
         self._log_path("gt", dashes(world_from_gt.apply(positions)), TRUTH_COLOR)
-
-    def _log_pair(self, attempt: Attempt) -> None:
-        """Log the two images of a pair side by side, and the matches as lines between them."""
-        rr, rec = self._rr, self._rec
-        images = [self.images.get(index) for index in attempt.frames[:2]]
-        shape = reduced_shape(self._camera.height, self._camera.width, _LONG_SIDE_PX // 2)
-        blank = np.full((*shape, 3), 40, np.uint8)
-        left, right = (blank if image is None else bgr(image) for image in images)
-        wide = shape[1] > _WIDE * shape[0]
-        rec.log("pairs/image", jpeg(np.concatenate([left, right], axis=0 if wide else 1)))
-
-        factor = shape[1] / self._camera.width
-        second = (0, shape[0]) if wide else (shape[1], 0)
-        points1 = (attempt.pixels1 + 0.5) * factor
-        points2 = (attempt.pixels2 + 0.5) * factor + second
-        matches = np.stack([points1, points2], axis=1)
-        step = max(1, -(-len(matches) // _MAX_LINES))
-        drawn = np.arange(len(matches)) % step == 0
-        moving = (attempt.moving if attempt.moving.size else np.zeros_like(attempt.inliers)) & ~attempt.inliers
-        parts = (
-            ("inliers", attempt.inliers, _GREEN),
-            ("outliers", ~attempt.inliers & ~moving, _RED),
-            ("moving", moving, PURPLE),
-        )
-        for name, chosen, color in parts:
-            rec.log(
-                f"pairs/image/{name}",
-                rr.LineStrips2D(matches[chosen & drawn], colors=[(*color, 150)], radii=rr.Radius.ui_points(0.5)),
-            )
-            rec.log(
-                f"pairs/image/{name}/points",
-                rr.Points2D(matches[chosen].reshape(-1, 2), colors=[color], radii=rr.Radius.ui_points(1.5)),
-            )
 
 
 def _transform(pose: Pose) -> Any:

@@ -8,11 +8,19 @@ from collections.abc import Mapping
 from slam_init.errors import plain_line
 from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.summary import Summary
-from slam_init.types.gates import Direction, Gate
+from slam_init.types.evidence import WindowEvidence
+from slam_init.types.gates import Direction, Gate, GateName
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
-__all__ = ["attempt_line", "attempt_markdown", "summary_markdown"]
+__all__ = [
+    "advice_markdown",
+    "attempt_line",
+    "attempt_markdown",
+    "evidence_markdown",
+    "summary_markdown",
+    "twins_markdown",
+]
 
 #: Fields of the summary that have one line each.
 _FIGURES = (
@@ -33,7 +41,7 @@ _TABLES = ("margin", "ground_truth", "camera", "focal_length", "source", "contin
 
 
 def attempt_line(attempt: Attempt) -> str:
-    """Write one line: the frames, the verdict and the advice.
+    """Write one line: the verdict, the frames and the advice.
 
     Parameters
     ----------
@@ -42,13 +50,41 @@ def attempt_line(attempt: Attempt) -> str:
     Returns
     -------
     str
+        The verdict comes first, because the view of the log cuts long lines.
     """
     advice = f": {attempt.advice}" if attempt.advice else ""
-    return f"frames {', '.join(map(str, attempt.frames))} {attempt.verdict}{advice}"
+    return f"{_words(attempt.verdict)}, frames {_frames(attempt)}{advice}"
 
 
 def attempt_markdown(attempt: Attempt) -> str:
-    """Write the verdict as a heading, then the advice, the gates, and the rest of the evidence.
+    """Write the verdict, the advice and the gates, short enough for a small panel.
+
+    Parameters
+    ----------
+    attempt : Attempt
+
+    Returns
+    -------
+    str
+        In Markdown, without headings: those of the viewer are large.
+    """
+    accepted = attempt.verdict == Verdict.ACCEPTED
+    verdict = "accepted" if accepted else f"refused: {_words(attempt.verdict)}"
+    lines = [f"**{verdict}**, frames {_frames(attempt)}", ""]
+    if attempt.advice:
+        lines += [attempt.advice, ""]
+    if attempt.gates:
+        lines += ["| gate | value | needs | |", "|---|---:|---:|---|"]
+        lines += [_gate_row(gate) for gate in attempt.gates]
+        lines.append("")
+    if attempt.window is not None and not accepted:
+        name, term = max(_terms(attempt.window), key=lambda pair: pair[1])
+        lines.append(f"largest part of the risk: {name}, {term:.2g}")
+    return "\n".join(lines)
+
+
+def evidence_markdown(attempt: Attempt) -> str:
+    """Write all evidence of an attempt as a table.
 
     Parameters
     ----------
@@ -59,15 +95,57 @@ def attempt_markdown(attempt: Attempt) -> str:
     str
         In Markdown.
     """
-    verdict = "accepted" if attempt.verdict == Verdict.ACCEPTED else f"refused: {attempt.verdict}"
-    lines = [f"### {verdict}", f"frames {', '.join(map(str, attempt.frames))}", ""]
-    if attempt.advice:
-        lines += [attempt.advice, ""]
-    if attempt.gates:
-        lines += ["| gate | value | threshold | |", "|---|---:|---:|---|"]
-        lines += [_gate_row(gate) for gate in attempt.gates]
-        lines.append("")
-    return "\n".join(lines + _table("evidence", _evidence(attempt)))
+    return "\n".join(_table(f"frames {_frames(attempt)}", _evidence(attempt)))
+
+
+def twins_markdown(attempt: Attempt | None) -> str:
+    """Write what has to decide between the two maps of a plane.
+
+    Parameters
+    ----------
+    attempt : Attempt or None
+        The attempt that left the maps.
+
+    Returns
+    -------
+    str
+        In Markdown.
+    """
+    lines = ["**Two motions explain these views of a plane.** One of the maps is right.", ""]
+    bound = None if attempt is None else next((g for g in attempt.gates if g.name is GateName.RISK), None)
+    if attempt is not None and attempt.window is not None and bound is not None:
+        lines += [
+            f"A fits better. The risk that it is the other motion is {attempt.window.risk_rival:.2g}. All terms of the "
+            f"risk are {bound.value:.2g}; a map is handed over from {bound.threshold:.2g} downwards.",
+            "",
+        ]
+    return "\n".join([*lines, Verdict.AMBIGUOUS_PLANE.advice])
+
+
+def advice_markdown(summary: Summary) -> str:
+    """Write the result of a run in large letters: initialized, or why not and what to do.
+
+    Parameters
+    ----------
+    summary : Summary
+
+    Returns
+    -------
+    str
+        In Markdown.
+    """
+    if summary.reason is None:
+        return f"# Initialized after {summary.frames_to_init} frames"
+    said, _, advice = summary.advice.partition(": ")
+    return "\n".join(
+        [
+            f"# No map after {summary.frames_read} frames: {_words(summary.reason)}",
+            "",
+            said,
+            "",
+            f"# {advice or said}",
+        ]
+    )
 
 
 def summary_markdown(summary: Summary) -> str:
@@ -96,6 +174,23 @@ def summary_markdown(summary: Summary) -> str:
     if counts:
         lines += ["", *_table("attempts", counts)]
     return "\n".join([*lines, "", *(f"- {plain_line(note)}" for note in summary.notes)])
+
+
+def _words(verdict: Verdict) -> str:
+    return str(verdict).replace("_", " ")
+
+
+def _frames(attempt: Attempt) -> str:
+    return ", ".join(map(str, attempt.frames))
+
+
+def _terms(window: WindowEvidence) -> tuple[tuple[str, float], ...]:
+    return (
+        ("the direction is uncertain", window.risk_direction),
+        ("another motion", window.risk_rival),
+        ("a camera that only rotates", window.risk_rotation),
+        ("moving bodies", window.risk_moving),
+    )
 
 
 def _gate_row(gate: Gate) -> str:

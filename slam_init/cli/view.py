@@ -1,0 +1,180 @@
+"""``slam-init view``."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from slam_init.cli.exit_codes import DONE
+from slam_init.cli.parser import UsageError
+from slam_init.errors import OutputError, SourceError, ViewerError
+from slam_init.process_io import tell
+from slam_init.regular_file import check_inside, user_path
+
+if TYPE_CHECKING:
+    from slam_init.cli.parser import Commands
+
+__all__ = ["add_view"]
+
+_DEFAULT_DIR = "slam-init-out"
+_DEFAULT_PNG = "slam-init-view.png"
+_PNG = b"\x89PNG\r\n\x1a\n"
+#: Sides of a window in pixels: smaller ones show no view, and graphics drivers refuse larger ones.
+_SMALLEST, _LARGEST = 320, 8192
+#: More screenshots than this are a mistake.
+_MOST_FRAMES = 100
+#: Recordings of a comparison that a message names.
+_NAMED = 3
+
+
+def add_view(commands: Commands) -> None:
+    """Add the command.
+
+    Parameters
+    ----------
+    commands : argparse subparsers
+    """
+    view = commands.add_parser("view", help="open the recording of a run", allow_abbrev=False)
+    view.description = "Open the recording of a run in the rerun viewer, serve it to a browser, or write screenshots."
+    view.set_defaults(command=_view)
+    view.add_argument(
+        "folder",
+        metavar="DIR",
+        nargs="?",
+        default=_DEFAULT_DIR,
+        help="the folder of a run, or a file .rrd (default: %(default)s)",
+    )
+    how = view.add_mutually_exclusive_group()
+    how.add_argument("--web", action="store_true", help="serve it to browsers on this machine, until Ctrl+C")
+    how.add_argument(
+        "--screenshot",
+        metavar="FILE",
+        nargs="?",
+        const=_DEFAULT_PNG,
+        help=f"write a PNG without a display (default: {_DEFAULT_PNG})",
+    )
+    view.add_argument("--port", type=int, metavar="N", help="of --web (default: 9090, or a free one)")
+    view.add_argument("--at", metavar="FRAMES", help="of --screenshot: frames as in 3,9; one file each (default: last)")
+    view.add_argument("--size", metavar="WxH", help="of --screenshot, in pixels (default: 1280x720)")
+
+
+def _view(arguments: argparse.Namespace) -> int:
+    """``slam-init view``."""
+    if arguments.screenshot is None and (arguments.at is not None or arguments.size is not None):
+        raise UsageError("--at and --size belong to --screenshot")
+    if arguments.port is not None and not arguments.web:
+        raise UsageError("--port belongs to --web")
+    if arguments.port is not None and not 0 < arguments.port < 65536:
+        raise UsageError(f"--port is {arguments.port}: give one from 1 to 65535")
+    frames = _frames(arguments.at)
+    size = _size(arguments.size)
+    recording = _recording(user_path(arguments.folder))
+
+    from slam_init.recording.viewer import check_recording, has_display, serve, show
+
+    check_recording(recording)
+    if arguments.screenshot is not None:
+        _write_screenshots(recording, user_path(arguments.screenshot), frames, size)
+    elif arguments.web:
+        with serve(recording, arguments.port) as served:
+            tell(f"open {served.url} in a browser on this machine; Ctrl+C ends\n")
+            served.wait()
+    elif has_display():
+        show(recording)
+    else:
+        raise ViewerError(
+            f"no display here: give --web and open the page in a browser, or --screenshot, or copy {recording} to a "
+            "machine with a display and run there: rerun recording.rrd"
+        )
+    return DONE
+
+
+def _recording(path: Path) -> Path:
+    """The recording that a path names: a file, or the one of a folder."""
+    from slam_init.output.names import INTERRUPTED, RECORDING
+
+    if path.is_file():
+        return path
+    if not path.is_dir():
+        raise SourceError(f"{path}: no such folder or recording: give the --out folder of a run, or a file .rrd")
+    for name in (RECORDING, INTERRUPTED):
+        if (path / name).is_file():
+            check_inside(path / name, path)
+            return path / name
+    found = sorted(file for file in (path / "recordings").glob("*/*.rrd") if file.is_file())
+    if len(found) == 1:
+        check_inside(found[0], path)
+        return found[0]
+    if found:
+        names = ", ".join(str(file) for file in found[:_NAMED])
+        raise SourceError(f"{path} has {len(found)} recordings: name one of them, as in slam-init view {names}")
+    raise SourceError(
+        f"{path} holds no recording: give the --out folder of slam-init run, or of slam-init compare --recordings"
+    )
+
+
+def _frames(text: str | None) -> list[int]:
+    if text is None:
+        return [-1]
+    if not re.fullmatch(r"\d{1,9}(,\d{1,9})*", text):
+        raise UsageError(f"--at is {text!r}: give frames as in 3 or 3,9")
+    frames = sorted({int(part) for part in text.split(",")})
+    if len(frames) > _MOST_FRAMES:
+        raise UsageError(f"--at has {len(frames)} frames: give at most {_MOST_FRAMES}")
+    return frames
+
+
+def _size(text: str | None) -> str:
+    if text is None:
+        return "1280x720"
+    match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
+    if match is None or not all(_SMALLEST <= int(side) <= _LARGEST for side in match.groups()):
+        raise UsageError(f"--size is {text!r}: give WIDTHxHEIGHT, each from {_SMALLEST} to {_LARGEST}, as in 1280x720")
+    return text
+
+
+def _write_screenshots(recording: Path, target: Path, frames: list[int], size: str) -> None:
+    """Write one file, or one for each frame with its number in the name."""
+    from slam_init.recording.viewer import screenshots
+
+    files = {frame: target if len(frames) == 1 else target.with_stem(f"{target.stem}-{frame:06d}") for frame in frames}
+    for file in files.values():
+        _check_target(file)
+    for (frame, png), file in zip(screenshots(recording, frames, size).items(), files.values(), strict=True):
+        _replace(file, png)
+        tell(f"wrote {file} (frame {frame})\n")
+
+
+def _check_target(file: Path) -> None:
+    """Refuse a file that is no picture, before the viewer is started."""
+    if not file.parent.is_dir():
+        raise OutputError(f"{file}: there is no folder {file.parent}: make it first")
+    if not file.exists() and not file.is_symlink():
+        return
+    try:
+        picture = file.is_file() and not file.is_symlink() and file.open("rb").read(len(_PNG)) == _PNG
+    except OSError as error:
+        raise OutputError(f"{file} cannot be replaced ({error.strerror}): give another name") from None
+    if not picture:
+        raise OutputError(f"{file} exists and is no PNG file: give another name")
+
+
+def _replace(file: Path, content: bytes) -> None:
+    """Write a file beside its place, then put it there."""
+    import os
+    import tempfile
+
+    try:
+        with tempfile.NamedTemporaryFile(dir=file.parent, prefix=".slam-init-", delete=False) as part:
+            try:
+                part.write(content)
+                part.close()
+                os.chmod(part.name, 0o644)  # noqa: PTH101 (a temporary file is its owner's alone)
+                Path(part.name).replace(file)
+            except BaseException:
+                Path(part.name).unlink(missing_ok=True)
+                raise
+    except OSError as error:
+        raise OutputError(f"cannot write {file}: {error.strerror}: give another name") from None

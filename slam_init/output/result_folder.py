@@ -1,0 +1,292 @@
+"""Tells what a folder of results holds, from its files alone.
+
+The folder may come from somebody else: it is read within bounds, and a file that is not what it should be is an error
+of one line.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from slam_init.errors import SourceError, plain_line
+from slam_init.output.folder.marker import read_marker
+from slam_init.output.names import RUN_FILES
+from slam_init.regular_file import check_inside, read_regular
+
+__all__ = ["FileSize", "ResultDescription", "describe_result", "describe_result_text", "is_result_folder"]
+
+_SUMMARY = "summary.json"
+#: A thousand attempts with their gates and evidence have 4 MB.
+_LIMIT_BYTES = 64_000_000
+#: More keyframes and longer texts are cut in the text, never in the description.
+_SHOWN_KEYFRAMES = 20
+
+
+@dataclass(frozen=True)
+class FileSize:
+    """A file of the results.
+
+    Attributes
+    ----------
+    name : str
+        Relative path with slashes.
+    bytes : int
+    """
+
+    name: str
+    bytes: int
+
+
+@dataclass(frozen=True)
+class ResultDescription:
+    """The facts about a folder of results, in the order of the output of ``slam-init info --json``.
+
+    Attributes
+    ----------
+    folder : str
+    status : str
+        ``initialized`` or ``not_initialized``.
+    reason : str or None
+        Why there is no map.
+    advice : str
+    risk : float or None
+        Risk of the last window, where one was judged.
+    source : str
+        Name of the source.
+    method : str
+    seed : int
+    frames_read : int
+    frames_to_init : int or None
+    keyframes : tuple of int
+        Absolute indices of the keyframes.
+    landmarks : int
+    hypotheses : int
+        Number of maps that the views did not decide between: 0 or 2.
+    attempts : int
+    files : tuple of FileSize
+        The files of a run that are there.
+    version : str or None
+        Version of slam-init that made the results, where they tell it.
+    command : tuple of str
+        Its command line; empty where the results do not tell it.
+    notes : tuple of str
+    """
+
+    folder: str
+    status: str
+    reason: str | None
+    advice: str
+    risk: float | None
+    source: str
+    method: str
+    seed: int
+    frames_read: int
+    frames_to_init: int | None
+    keyframes: tuple[int, ...]
+    landmarks: int
+    hypotheses: int
+    attempts: int
+    files: tuple[FileSize, ...]
+    version: str | None
+    command: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def is_result_folder(path: str | os.PathLike[str]) -> bool:
+    """Return whether a path is a folder that ``slam-init run`` wrote, or a copy of one.
+
+    Parameters
+    ----------
+    path : str or path
+
+    Returns
+    -------
+    bool
+        True for a folder with the marker of a run. A copy may lack the marker: then there are a summary, and the
+        resolved configuration or the recording beside it.
+    """
+    folder = Path(path)
+    try:
+        if not folder.is_dir():
+            return False
+        marker = read_marker(folder)
+        if marker is not None:
+            return marker.command == "run"
+        others = ("config.toml", "recording.rrd")
+        return (folder / _SUMMARY).is_file() and any((folder / name).is_file() for name in others)
+    except Exception:  # a name that the system does not take, or a damaged marker: the readers tell
+        return False
+
+
+def describe_result(path: str | os.PathLike[str]) -> ResultDescription:
+    """Describe a folder of results.
+
+    Parameters
+    ----------
+    path : str or path
+
+    Returns
+    -------
+    ResultDescription
+
+    Raises
+    ------
+    SourceError
+        If there is no complete run in the folder, or its summary is damaged.
+    """
+    folder = Path(path)
+    summary = _read_summary(folder)
+    get = _Fields(folder / _SUMMARY, summary)
+    provenance = _Fields(folder / _SUMMARY, get.table("provenance") or {})
+    packages = provenance.table("packages") or {}
+    version = packages.get("slam-init")
+    keyframes = [_Fields(folder / _SUMMARY, one) for one in get.tables("keyframes")]
+    return ResultDescription(
+        folder=str(folder),
+        status=get.text("status"),
+        reason=get.text("reason", "") or None,
+        advice=get.text("advice", ""),
+        risk=_last_risk(folder / _SUMMARY, get.tables("attempts")),
+        source=_Fields(folder / _SUMMARY, get.table("source") or {}).text("name", ""),
+        method=get.text("method"),
+        seed=get.whole("seed"),
+        frames_read=get.whole("frames_read"),
+        frames_to_init=get.whole("frames_to_init") if summary.get("frames_to_init") is not None else None,
+        keyframes=tuple(one.whole("frame") for one in keyframes),
+        landmarks=get.whole("landmarks"),
+        hypotheses=len(get.tables("hypotheses")),
+        attempts=len(get.tables("attempts")),
+        files=_sizes(folder),
+        version=version if isinstance(version, str) else None,
+        command=tuple(provenance.texts("command")),
+        notes=tuple(get.texts("notes")),
+    )
+
+
+def describe_result_text(info: ResultDescription) -> str:
+    """Format a description for people, one fact per line.
+
+    Parameters
+    ----------
+    info : ResultDescription
+
+    Returns
+    -------
+    str
+        Lines, each with its line end.
+    """
+    if info.reason is None:
+        title = f"initialized after {info.frames_to_init} frames"
+        frames = ", ".join(map(str, info.keyframes[:_SHOWN_KEYFRAMES]))
+        more = ", ..." if len(info.keyframes) > _SHOWN_KEYFRAMES else ""
+        facts = [
+            ("keyframes", f"{len(info.keyframes)} (frames {frames}{more})"),
+            ("landmarks", str(info.landmarks)),
+        ]
+    else:
+        title = f"not initialized after {info.frames_read} frames: {info.reason.replace('_', ' ')}"
+        facts = [("advice", info.advice)]
+        if info.hypotheses:
+            facts.append(("kept", f"{info.hypotheses} maps, one of them is right"))
+    if info.risk is not None:
+        facts.append(("risk", f"{info.risk:.2g} that the map is wrong"))
+    facts += [
+        ("source", info.source),
+        ("method", f"{info.method}, seed {info.seed}, {info.attempts} attempts"),
+        ("version", info.version or "unknown"),
+        ("command", " ".join(info.command) or "unknown"),
+        *(("note", note) for note in info.notes),
+        *((f"{'files' if k == 0 else ''}", f"{one.name}  {_size(one.bytes)}") for k, one in enumerate(info.files)),
+    ]
+    lines = [f"{info.folder}: {title}", *(f"  {name:<12}{text}" for name, text in facts)]
+    return "\n".join(plain_line(line) for line in lines) + "\n"
+
+
+class _Fields:
+    """Reads the fields of a table of JSON, and tells which one is not what it should be."""
+
+    def __init__(self, path: Path, table: Mapping[str, object]) -> None:
+        self._path, self._table = path, table
+
+    def text(self, key: str, missing: str | None = None) -> str:
+        value = self._table.get(key)
+        if value is None and missing is not None:
+            return missing
+        if not isinstance(value, str):
+            raise self._damaged(key)
+        return value
+
+    def whole(self, key: str) -> int:
+        value = self._table.get(key)
+        if not isinstance(value, int) or isinstance(value, bool):
+            raise self._damaged(key)
+        return value
+
+    def table(self, key: str) -> Mapping[str, object] | None:
+        value = self._table.get(key)
+        if value is not None and not isinstance(value, dict):
+            raise self._damaged(key)
+        return value
+
+    def tables(self, key: str) -> list[Mapping[str, object]]:
+        value = self._table.get(key, [])
+        if not isinstance(value, list) or not all(isinstance(one, dict) for one in value):
+            raise self._damaged(key)
+        return value
+
+    def texts(self, key: str) -> list[str]:
+        value = self._table.get(key, [])
+        if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
+            raise self._damaged(key)
+        return value
+
+    def _damaged(self, key: str) -> SourceError:
+        return SourceError(f"{self._path}: {key} is missing or is not what a run writes: run again")
+
+
+def _read_summary(folder: Path) -> Mapping[str, object]:
+    path = folder / _SUMMARY
+    check_inside(path, folder)
+    if not path.exists():
+        raise SourceError(f"{folder} holds no {_SUMMARY}: the run was interrupted, or is not complete; run again")
+    data = read_regular(path, _LIMIT_BYTES, "the summary of a run", SourceError)
+    try:
+        summary = json.loads(data)
+    except (ValueError, RecursionError):
+        raise SourceError(f"{path}: is damaged: run again") from None
+    if not isinstance(summary, dict):
+        raise SourceError(f"{path}: is not the summary of a run")
+    return summary
+
+
+def _last_risk(path: Path, attempts: list[Mapping[str, object]]) -> float | None:
+    for attempt in reversed(attempts):
+        window = _Fields(path, attempt).table("window")
+        if window is not None:
+            risk = window.get("risk")
+            return float(risk) if isinstance(risk, int | float) and math.isfinite(risk) else None
+    return None
+
+
+def _sizes(folder: Path) -> tuple[FileSize, ...]:
+    sizes = []
+    for name in RUN_FILES:
+        path = folder / name
+        try:
+            if path.is_file() and not path.is_symlink():
+                sizes.append(FileSize(name, path.stat().st_size))
+        except OSError:  # the file has gone, or its folder cannot be read
+            continue
+    return tuple(sizes)
+
+
+def _size(count: int) -> str:
+    for unit, scale in (("MB", 1_000_000), ("kB", 1000)):
+        if count >= scale:
+            return f"{count / scale:.1f} {unit}"
+    return f"{count} bytes"

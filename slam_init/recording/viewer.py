@@ -1,0 +1,299 @@
+"""Starts Rerun's viewer on a recording: in a window, for a browser, or without a display for screenshots.
+
+The viewer is the program of the package ``rerun-sdk``. It runs in a process group of its own, which ends with this one.
+It listens on this machine only.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from slam_init.errors import SourceError, ViewerError
+from slam_init.regular_file import open_regular
+
+if TYPE_CHECKING:
+    from rerun.experimental import ViewerClient
+
+__all__ = ["Served", "check_recording", "has_display", "screenshots", "serve", "show"]
+
+_HOST = "127.0.0.1"
+#: Rerun's own ports, where they are free.
+_WEB_PORT, _DATA_PORT = 9090, 9876
+#: A viewer on a software renderer takes 3 s to start on a machine with idle cores.
+_START_S, _PAINT_S, _POLL_S = 60.0, 20.0, 0.25
+#: The first bytes of a recording: ``RRF`` and the generation of the format.
+_MAGIC = b"RRF"
+_WINDOW = "1280x720"
+
+
+def check_recording(path: Path) -> None:
+    """Check that a file is a recording.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    SourceError
+        If the file cannot be read, or is something else.
+    """
+    with open_regular(path, SourceError) as file:
+        if file.read(len(_MAGIC)) != _MAGIC:
+            raise SourceError(f"{path}: is not a rerun recording, or is cut off: run again")
+
+
+def has_display() -> bool:
+    """Return whether a window can be opened here.
+
+    Returns
+    -------
+    bool
+        On Linux whether a display is named in the environment; elsewhere True.
+    """
+    if not sys.platform.startswith("linux"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def show(path: Path) -> None:
+    """Open a recording in a window, and return when the window is closed.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    ViewerError
+        If the viewer cannot be started, or fails.
+    """
+    with _viewer([str(path), "--port", str(_free_port(_DATA_PORT)), "--bind", _HOST]) as (process, log):
+        if code := process.wait():
+            raise ViewerError(f"the viewer ended with code {code}{_last_line(log)}: try --web or --screenshot")
+
+
+class Served:
+    """A recording that is served to browsers.
+
+    Parameters
+    ----------
+    url : str
+        The address for a browser on this machine.
+    process : subprocess.Popen
+        The server.
+    log : binary file
+        Its messages.
+    """
+
+    def __init__(self, url: str, process: subprocess.Popen[bytes], log: BinaryIO) -> None:
+        self.url = url
+        self._process, self._log = process, log
+
+    def wait(self) -> None:
+        """Wait until the server ends.
+
+        Raises
+        ------
+        ViewerError
+            If it fails.
+        """
+        if code := self._process.wait():
+            raise ViewerError(f"the web viewer ended with code {code}{_last_line(self._log)}")
+
+
+@contextmanager
+def serve(path: Path, port: int | None = None) -> Iterator[Served]:
+    """Serve a recording and the viewer as a web page, on this machine only.
+
+    Parameters
+    ----------
+    path : Path
+    port : int, optional
+        Of the web page; by default 9090, or a free one.
+
+    Yields
+    ------
+    Served
+        Once the page answers. The server ends with the ``with`` block.
+
+    Raises
+    ------
+    ViewerError
+        If the server cannot be started.
+    """
+    web, data = port or _free_port(_WEB_PORT), _free_port(_DATA_PORT)
+    ports = ["--web-viewer-port", str(web), "--port", str(data), "--bind", _HOST]
+    with _viewer([str(path), "--serve-web", *ports]) as (process, log):
+        _wait_for(web, process, log)
+        yield Served(f"http://{_HOST}:{web}/?url=rerun%2Bhttp%3A%2F%2F{_HOST}%3A{data}%2Fproxy", process, log)
+
+
+def screenshots(path: Path, frames: Sequence[int], window: str = _WINDOW) -> dict[int, bytes]:
+    """Draw a recording without a display.
+
+    Parameters
+    ----------
+    path : Path
+    frames : sequence of int
+        Frames to show; -1 for the last one.
+    window : str
+        Size in pixels, ``WIDTHxHEIGHT``.
+
+    Returns
+    -------
+    dict of int to bytes
+        The frames and their PNG files.
+
+    Raises
+    ------
+    ViewerError
+        If there is no graphics driver, the installed viewer is too old, or a frame is not in the recording.
+    """
+    port = _free_port(_DATA_PORT)
+    options = ["--headless", "--hide-welcome-screen", "--window-size", window, "--port", str(port), "--bind", _HOST]
+    with _viewer(options) as (process, log):
+        _wait_for(port, process, log)
+        try:
+            return _taken(_client(port), path, frames)
+        except (AttributeError, ImportError):
+            raise ViewerError("the installed viewer takes no screenshots: pip install -U 'rerun-sdk>=0.41'") from None
+        except RuntimeError as error:
+            if process.poll() is not None:
+                raise _no_start(process, log) from None
+            raise ViewerError(f"the viewer took no screenshot: {error}") from None
+
+
+def _client(port: int) -> ViewerClient:
+    os.environ.setdefault("RERUN_ANALYTICS", "false")
+    from rerun.experimental import ViewerClient
+
+    return ViewerClient.connect(f"rerun+http://{_HOST}:{port}/proxy")
+
+
+def _taken(client: ViewerClient, path: Path, frames: Sequence[int]) -> dict[int, bytes]:
+    client.open(str(path))
+    first, last = _range(client, path)
+    taken: dict[int, bytes] = {}
+    for frame in frames:
+        at = last if frame == -1 else frame
+        if not first <= at <= last:
+            raise ViewerError(f"{path} has no frame {at}: give one from {first} to {last}")
+        client.set_time("frame", sequence=at)
+        taken[at] = _settled(client)
+    return taken
+
+
+def _range(client: ViewerClient, path: Path) -> tuple[int, int]:
+    """First and last frame of the recording, once it is loaded."""
+    end = time.monotonic() + _START_S
+    while time.monotonic() < end:
+        state = client.get_state()
+        timelines: list[Any] = [line for one in state.recordings for line in one.timelines if line.name == "frame"]
+        if not state.loading and timelines and timelines[0].end is not None:
+            return int(timelines[0].start), int(timelines[0].end)
+        time.sleep(_POLL_S)
+    raise ViewerError(f"{path}: the viewer found no frames in it")
+
+
+def _settled(client: ViewerClient) -> bytes:
+    """A screenshot once two in a row are equal: images are decoded, and views laid out, in the background."""
+    end = time.monotonic() + _PAINT_S
+    time.sleep(4 * _POLL_S)
+    before = client.take_screenshot()
+    while time.monotonic() < end:
+        time.sleep(2 * _POLL_S)
+        after = client.take_screenshot()
+        if after == before:
+            break
+        before = after
+    return before
+
+
+@contextmanager
+def _viewer(options: Sequence[str]) -> Iterator[tuple[subprocess.Popen[bytes], BinaryIO]]:
+    """Run the viewer in a process group of its own, and end the group in any case."""
+    environment = {"RERUN_ANALYTICS": "false", "NO_COLOR": "1"} | dict(os.environ)
+    with tempfile.TemporaryFile() as log:
+        try:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "rerun", *options],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                env=environment,
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise ViewerError(f"the viewer cannot be started ({error.strerror}): pip install rerun-sdk") from None
+        try:
+            yield process, log
+        finally:
+            _end(process)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a process and its children: the module ``rerun`` starts the program."""
+    for number in (signal.SIGTERM, getattr(signal, "SIGKILL", signal.SIGTERM)):
+        with suppress(OSError):
+            if hasattr(os, "killpg"):
+                os.killpg(process.pid, number)
+            else:
+                process.send_signal(number)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(timeout=5)
+            return
+
+
+def _wait_for(port: int, process: subprocess.Popen[bytes], log: BinaryIO) -> None:
+    """Wait until a port answers."""
+    end = time.monotonic() + _START_S
+    while time.monotonic() < end:
+        if process.poll() is not None:
+            raise _no_start(process, log)
+        with suppress(OSError), socket.create_connection((_HOST, port), timeout=1):
+            return
+        time.sleep(_POLL_S)
+    raise ViewerError(f"the viewer did not start within {_START_S:.0f} s{_last_line(log)}")
+
+
+def _no_start(process: subprocess.Popen[bytes], log: BinaryIO) -> ViewerError:
+    text = _text(log)
+    if "raphics adapter" in text or "Vulkan" in text:
+        return ViewerError("the viewer found no graphics driver: install one, on Debian and Ubuntu mesa-vulkan-drivers")
+    if "No module named" in text:
+        return ViewerError("the viewer is not installed: pip install rerun-sdk")
+    return ViewerError(f"the viewer ended with code {process.returncode}{_last_line(log)}")
+
+
+def _text(log: BinaryIO) -> str:
+    """The last messages of the viewer."""
+    size = log.seek(0, os.SEEK_END)
+    log.seek(max(0, size - 10_000))
+    return log.read().decode(errors="replace")
+
+
+def _last_line(log: BinaryIO) -> str:
+    lines = _text(log).split("\n")
+    last = next((line.strip() for line in reversed(lines) if line.strip()), "")
+    return f" ({last[:300]})" if last else ""
+
+
+def _free_port(preferred: int) -> int:
+    for port in (preferred, 0):
+        with suppress(OSError), socket.socket() as probe:
+            # Without the option a port counts as taken for a minute after its last use.
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((_HOST, port))
+            return int(probe.getsockname()[1])
+    raise ViewerError(f"no free port on {_HOST}")
