@@ -23,6 +23,7 @@ __all__ = [
     "FRAME_BUDGET",
     "FRAME_TIME",
     "GREEN",
+    "LEGEND",
     "PURPLE",
     "RED",
     "SERIES",
@@ -127,6 +128,8 @@ ARROWS, ARROW_FACTOR = "world/camera/image/readout", 4
 TWINS = "twins"
 #: The verdict and the advice of the run.
 ADVICE = "advice"
+#: The colours of all views, and what they mean.
+LEGEND = "legend"
 #: The smallest risk that is plotted. The plot is of powers of ten, because the bound would lie on the axis otherwise.
 LEAST_RISK = 1e-4
 #: The figures that show the progress of an initialization. First the parallax grows. Then the standard deviation of the
@@ -189,34 +192,36 @@ def blueprint(end: End = End.MAP, *, rolling: bool = False) -> Any:
         ),
         row_shares=[5, 4],
     )
-    right = rrb.Vertical(
-        rrb.Horizontal(frame, rrb.Tabs(keyframes, shutter, active_tab=int(rolling)), column_shares=[1, 1]),
-        pair,
-        _plots(),
-        row_shares=[3, 3, 3],
-    )
+    if end is End.NO_MAP and not rolling:  # there are no keyframes
+        images: Any = rrb.Tabs(frame, keyframes, shutter)
+    else:
+        images = rrb.Horizontal(frame, rrb.Tabs(keyframes, shutter, active_tab=int(rolling)), column_shares=[1, 1])
+    right = rrb.Vertical(images, pair, _plots(), row_shares=[30, 26, 34])
     root = rrb.Horizontal(left, right, column_shares=[1, 1])
     name_parts(root, f"slam-init {end} {rolling}")
     return rrb.Blueprint(root, rrb.TimePanel(timeline="frame", state="collapsed"), collapse_panels=True)
 
 
 def _image_views() -> tuple[Any, Any, Any]:
-    """Make the views of the frame, of the rolling shutter, and of the pair. Their names are the legends."""
+    """Make the views of the frame, of the rolling shutter, and of the pair.
+
+    Names are short, since the viewer cuts them: beside another view in a window of 1280 pixels they have 20 letters.
+    """
     import rerun.blueprint as rrb
 
     image = "world/camera/image"
     frame = rrb.Spatial2DView(
         origin=image,
         contents=["$origin/**", f"- /{ARROWS}/**"],
-        name="frame: green tracks, yellow motion, purple moving bodies",
+        name="frame and tracks",
     )
     shutter = rrb.Spatial2DView(
         origin=image,
         contents=[f"/{image}", f"/{ARROWS}/**"],
-        name=f"rolling shutter: yellow as read, purple corrected, arrows x {ARROW_FACTOR}",
+        name="rolling shutter",
     )
     pair = rrb.Spatial2DView(
-        origin="pairs/image", name="pair: green inliers, red outliers, purple moving bodies, yellow no motion estimated"
+        origin="pairs/image", name="pair: green inliers, red outliers, purple moving, yellow not judged"
     )
     return frame, shutter, pair
 
@@ -225,14 +230,16 @@ def _twins() -> Any:
     """Make the view of both maps of a plane, side by side, over the evidence that has to decide."""
     import rerun.blueprint as rrb
 
+    # From above, the planes of both maps are lines of different directions.
+    above = rrb.EyeControls3D(position=(0.0, -1.7, 0.0), look_target=(0.0, 0.0, 0.7), eye_up=(0, 0, 1))
     views = [
-        rrb.Spatial3DView(origin=f"{TWINS}/{name}", name=title, line_grid=False, eye_controls=_eye())
-        for name, title in (("a", "map A: explains the tracks better so far"), ("b", "map B: the other motion"))
+        rrb.Spatial3DView(origin=f"{TWINS}/{name}", name=title, line_grid=False, eye_controls=above)
+        for name, title in (("a", "map A: fits better"), ("b", "map B: the other"))
     ]
     return rrb.Vertical(
         rrb.Horizontal(*views),
         rrb.TextDocumentView(origin=f"{TWINS}/evidence", name="what has to decide between A and B"),
-        row_shares=[3, 1],
+        row_shares=[2, 1],
         name="both maps of a plane",
     )
 
@@ -249,6 +256,7 @@ def _texts() -> Any:
         log,
         rrb.TextDocumentView(origin="pairs/evidence", name="evidence"),
         rrb.TextDocumentView(origin="summary", name="summary"),
+        rrb.TextDocumentView(origin=LEGEND, name="legend"),
         name="text",
     )
 
@@ -264,13 +272,19 @@ def _plots() -> Any:
             ("shares", "shares of matches", rrb.Corner2D.LeftTop),
             ("direction", "direction (deg)", rrb.Corner2D.RightTop),
             ("readout", "readout (ms)", rrb.Corner2D.RightTop),
-            ("time", "ms a frame", rrb.Corner2D.RightTop),
             ("counts", "counts", rrb.Corner2D.LeftBottom),
         )
     }
+    time = rrb.TimeSeriesView(
+        origin="stats/time",
+        name="ms a frame",
+        plot_legend=rrb.Corner2D.RightTop,
+        # A judgement in one piece takes a second; on its scale the budget would lie on the axis.
+        axis_y=rrb.ScalarAxis(range=(0.0, 5 * BUDGET_MS)),
+    )
     risk = rrb.TimeSeriesView(
         origin="stats/risk_log10",
-        name="risk and its terms, powers of ten",
+        name="log10 of the risk",
         plot_legend=rrb.Corner2D.LeftBottom,
         axis_y=rrb.ScalarAxis(range=(math.log10(LEAST_RISK) - 0.2, 0.2)),
     )
@@ -279,7 +293,7 @@ def _plots() -> Any:
     more = rrb.Tabs(
         *(series[plot] for plot in ("parallax", "counts", "direction", "shares", "readout")), bars, iterations
     )
-    return rrb.Horizontal(risk, series["time"], more, column_shares=[4, 3, 3])
+    return rrb.Horizontal(risk, time, more, column_shares=[5, 3, 3])
 
 
 def _space_views() -> tuple[Any, Any]:
@@ -301,7 +315,7 @@ def _space_views() -> tuple[Any, Any]:
     keyframes = rrb.Spatial3DView(
         origin="world",
         contents=["/world/trajectory/**", "/world/keyframes/**"],
-        name="keyframes: blue, true path orange",
+        name="keyframes",
         defaults=no_axes,
         line_grid=False,
     )

@@ -63,7 +63,8 @@ def log_hypotheses(rec: Any, maps: Sequence[InitialMap]) -> None:
         entity = f"world/trajectory/hypothesis{k + 1}"
         if k < len(maps):
             path = np.array([keyframe.world_from_cam.t for keyframe in maps[k].keyframes])
-            rec.log(entity, rr.LineStrips3D([path], colors=[color], radii=rr.Radius.ui_points(1.5)))
+            thin, label = rr.Radius.ui_points(1.5), f"map {TWIN_NAMES[k].upper()}"
+            rec.log(entity, rr.LineStrips3D([path], colors=[color], radii=thin, labels=[label], show_labels=True))
         else:
             rec.log(entity, rr.Clear(recursive=False))
 

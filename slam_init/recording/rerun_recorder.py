@@ -32,12 +32,10 @@ from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 import numpy as np
 
 from slam_init.errors import SlamInitError, plain_line
-from slam_init.evaluation.metrics import Similarity, align_poses
 from slam_init.output.summary import Summary
 from slam_init.recording.images import RecentImages, jpeg, reduced
 from slam_init.recording.layout import (
@@ -45,24 +43,21 @@ from slam_init.recording.layout import (
     ARROW_FACTOR,
     ARROWS,
     BUDGET_MS,
-    ERROR,
-    ERROR_BARS,
-    ESTIMATE_COLOR,
     FRAME_BUDGET,
     FRAME_TIME,
     GREEN,
+    LEGEND,
     PURPLE,
     SERIES,
     TRACKS,
-    TRUTH_COLOR,
     TWINS,
     YELLOW,
-    Color,
     End,
     blueprint,
 )
+from slam_init.recording.map_view import FRUSTUM, MapView, log_pinhole
 from slam_init.recording.pair_view import log_pair
-from slam_init.recording.paths import TWIN_NAMES, dashes, log_hypotheses, log_twins
+from slam_init.recording.paths import TWIN_NAMES, log_hypotheses, log_twins
 from slam_init.recording.recorder import Recorder
 from slam_init.recording.recording_file import RecordingFile
 from slam_init.recording.text import (
@@ -70,6 +65,7 @@ from slam_init.recording.text import (
     attempt_line,
     attempt_markdown,
     evidence_markdown,
+    legend_markdown,
     summary_markdown,
     twins_markdown,
 )
@@ -77,7 +73,7 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
-from slam_init.types.pose import Pose, Trajectory
+from slam_init.types.pose import Trajectory
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
@@ -95,9 +91,6 @@ FRAMES_AT_FULL_RATE = 300
 _TAIL_FRAMES = 3
 #: A chunk ends after this many bytes, and never after a time, so that two equal runs write equal chunks.
 _CHUNK_BYTES = 1 << 19
-#: Size of the frustum of the camera in units of the map, whose median depth is 1. On a short path the frusta of the
-#: keyframes would hide the path. Their size is then a tenth of the path, so that five of them do not overlap.
-_FRUSTUM, _SMALLEST_FRUSTUM, _FRUSTUM_OF_PATH = 0.08, 0.005, 0.1
 
 
 class RerunRecorder(Recorder):
@@ -141,15 +134,11 @@ class RerunRecorder(Recorder):
         layout = blueprint()
         self._rr = rr
         self._camera = camera
-        self._groundtruth = groundtruth
         self._scale = min(1.0, _LONG_SIDE_PX / max(camera.width, camera.height))
         self._frames = 0
         #: Small images of the last frames.
         self.images = RecentImages(_LONG_SIDE_PX // 2)
         self._tails: deque[Observations] = deque(maxlen=_TAIL_FRAMES + 1)
-        self._path_est: list[Floats] = []
-        self._world_from_gt: Similarity | None = None
-        self._first_s = 0.0
         self._hypotheses = 0
         self._attempt: Attempt | None = None
         self._frame = -1
@@ -165,8 +154,10 @@ class RerunRecorder(Recorder):
         )
         self._rec.set_log_time_enabled(False)
         self._rec.set_log_tick_enabled(False)
+        self._map_view = MapView(self._rec, groundtruth, self._scale)
         self._file = RecordingFile(path, self._rec, layout)
         self._rec.send_recording_name(f"slam-init {source_name}")
+        self._log_text(LEGEND, legend_markdown(ARROW_FACTOR), static=True)
         self._rec.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
         for series in SERIES:
             # Points are drawn as well, since a single attempt makes no line.
@@ -199,7 +190,8 @@ class RerunRecorder(Recorder):
             self._log_moving(_NOWHERE)
         if self._frames == 1:
             # Logged as static, because the viewer reports an error for an image without a camera on any timeline.
-            self._log_pinhole("world/camera/image", YELLOW, _FRUSTUM, static=True)
+            small = self._camera.scaled(self._scale)
+            log_pinhole(rec, "world/camera/image", small, YELLOW, FRUSTUM, static=True)
 
         self._tails.append(observations)
         oldest = self._tails[0]
@@ -260,9 +252,9 @@ class RerunRecorder(Recorder):
         before = self._shown(observations.pixels)
         arrows = rr.Arrows2D(origins=before, vectors=moved, colors=[(*PURPLE, 150)], radii=rr.Radius.ui_points(0.8))
         rec.log(ARROWS, arrows)
-        rec.log(f"{ARROWS}/before", rr.Points2D(before, colors=[YELLOW], radii=rr.Radius.ui_points(2)))
+        rec.log(f"{ARROWS}/before", rr.Points2D(before, colors=[YELLOW], radii=rr.Radius.ui_points(3)))
         after = self._shown(corrected)
-        rec.log(f"{ARROWS}/after", rr.Points2D(after, colors=[PURPLE], radii=rr.Radius.ui_points(2), draw_order=50.0))
+        rec.log(f"{ARROWS}/after", rr.Points2D(after, colors=[PURPLE], radii=rr.Radius.ui_points(1.5), draw_order=50.0))
         self._rolling = True
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
@@ -286,31 +278,8 @@ class RerunRecorder(Recorder):
         )
         self.undecided(())
         self._end, self._rolling = End.MAP, False
-        poses_after = tuple(keyframe.world_from_cam for keyframe in map_.keyframes)
-        path = max(float(np.linalg.norm(pose.t - poses_after[0].t)) for pose in poses_after)
-        size = float(np.clip(_FRUSTUM_OF_PATH * path, _SMALLEST_FRUSTUM, _FRUSTUM))
         self._camera = map_.camera
-        rec.set_time("stage", sequence=0)
-        for view in map_.keyframes:
-            # Without images, since they cover one another on a short path. The view of the pair shows two of them.
-            self._log_pinhole(f"world/keyframes/{view.frame}", ESTIMATE_COLOR, size)
-        stages = ((map_.points_before, map_.keyframes_before), (map_.points, poses_after))
-        for stage, (points, poses) in enumerate(stages):
-            rec.set_time("stage", sequence=stage)
-            rec.log("world/points", rr.Points3D(points, colors=map_.colors, radii=rr.Radius.ui_points(2.5)))
-            for view, pose in zip(map_.keyframes, poses, strict=True):
-                rec.log(f"world/keyframes/{view.frame}", _transform(pose))
-            self._path_est = [pose.t for pose in poses]
-            self._log_camera(poses[-1])
-        if self._groundtruth is not None:
-            self._log_groundtruth(map_.keyframes, self._groundtruth)
-        rec.disable_timeline("stage")
-
-        rec.log(ERROR_BARS, rr.BarChart(np.array(map_.bundle_errors), color=ESTIMATE_COLOR))
-        for iteration, error in enumerate(map_.bundle_errors):
-            rec.set_time("ba_iter", sequence=iteration)
-            rec.log(ERROR, rr.Scalars(error))
-        rec.disable_timeline("ba_iter")
+        self._map_view.log(map_)
 
     def undecided(self, maps: Sequence[InitialMap]) -> None:
         """Draw both maps with their paths, and clear those drawn before.
@@ -333,10 +302,7 @@ class RerunRecorder(Recorder):
         ----------
         keyframe : Keyframe
         """
-        self._path_est.append(keyframe.world_from_cam.t)
-        self._log_camera(keyframe.world_from_cam)
-        if self._groundtruth is not None and self._world_from_gt is not None:
-            self._log_true_path(self._groundtruth, self._world_from_gt, keyframe.timestamp_s)
+        self._map_view.extend(keyframe)
 
     def summary(self, summary: Summary) -> None:
         """Log the summary as a table. Times and provenance are left out, since they differ between equal runs.
@@ -388,53 +354,3 @@ class RerunRecorder(Recorder):
     def _shown(self, pixels: Floats) -> Floats:
         """Convert raw pixels (..., 2) to the reduced image. In Rerun, pixel centres are at half-integers."""
         return (pixels + 0.5) * self._scale
-
-    def _log_pinhole(self, entity: str, color: Color, size: float, *, static: bool = False) -> None:
-        """Log a frustum for reduced images. It has no lens distortion, so its rays at the border are not exact."""
-        rr, camera = self._rr, self._camera
-        small = camera.scaled(self._scale)
-        pinhole = rr.Pinhole(
-            resolution=[small.width, small.height],
-            focal_length=[small.fx, small.fy],
-            principal_point=[small.cx + 0.5, small.cy + 0.5],
-            image_plane_distance=size,
-            color=color,
-            line_width=rr.Radius.ui_points(1.0),
-        )
-        self._rec.log(entity, pinhole, static=static)
-
-    def _log_camera(self, world_from_cam: Pose) -> None:
-        """Log the pose of the camera, and the estimated path up to it."""
-        self._rec.log("world/camera", _transform(world_from_cam))
-        self._log_path("est", [np.array(self._path_est)], ESTIMATE_COLOR)
-
-    def _log_path(self, name: str, strips: Sequence[Floats], color: Color) -> None:
-        """Log a trajectory as line strips."""
-        # The title of the view explains the colours. Labels in the view would cover one another where the estimate is
-        # good.
-        rr = self._rr
-        # Of two lines in one place, the viewer draws the broader one on top.
-        width = rr.Radius.ui_points(1.5 if name == "est" else 2.0)
-        self._rec.log(f"world/trajectory/{name}", rr.LineStrips3D(strips, colors=[color], radii=width))
-
-    def _log_groundtruth(self, keyframes: Sequence[Keyframe], truth: Trajectory) -> None:
-        """Align the ground truth to the keyframes, and log its path."""
-        pairs = [(true, k.world_from_cam) for k in keyframes if (true := truth.at(k.timestamp_s)) is not None]
-        if len(pairs) < 2:
-            return
-        self._world_from_gt = align_poses([true for true, _ in pairs], [pose for _, pose in pairs])
-        self._first_s = keyframes[0].timestamp_s
-        self._log_true_path(truth, self._world_from_gt, keyframes[-1].timestamp_s)
-
-    def _log_true_path(self, truth: Trajectory, world_from_gt: Similarity, last_s: float) -> None:
-        """Log the true path from the first keyframe to a time."""
-        times = truth.timestamps_s
-        first, last = (int(np.argmin(np.abs(times - t))) for t in (self._first_s, last_s))
-        positions = np.array([pose.t for pose in truth.world_from_cam[first : last + 1]])
-        self._log_path("gt", dashes(world_from_gt.apply(positions)), TRUTH_COLOR)
-
-
-def _transform(pose: Pose) -> Any:
-    import rerun as rr
-
-    return rr.Transform3D(translation=pose.t, mat3x3=pose.R)

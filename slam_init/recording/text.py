@@ -18,6 +18,7 @@ __all__ = [
     "attempt_line",
     "attempt_markdown",
     "evidence_markdown",
+    "legend_markdown",
     "summary_markdown",
     "twins_markdown",
 ]
@@ -111,15 +112,44 @@ def twins_markdown(attempt: Attempt | None) -> str:
     str
         In Markdown.
     """
-    lines = ["**Two motions explain these views of a plane.** One of the maps is right.", ""]
+    lines = ["Two motions explain these views of a plane: one of the maps is right.", ""]
     bound = None if attempt is None else next((g for g in attempt.gates if g.name is GateName.RISK), None)
     if attempt is not None and attempt.window is not None and bound is not None:
         lines += [
-            f"A fits better. The risk that it is the other motion is {attempt.window.risk_rival:.2g}. All terms of the "
-            f"risk are {bound.value:.2g}; a map is handed over from {bound.threshold:.2g} downwards.",
-            "",
+            f"The risk that it is B is **{attempt.window.risk_rival:.2g}**. All terms together are {bound.value:.2g}; "
+            f"at **{bound.threshold:.2g}** the map is handed over.",
         ]
-    return "\n".join([*lines, Verdict.AMBIGUOUS_PLANE.advice])
+    return "\n".join(lines)
+
+
+def legend_markdown(arrow_factor: int) -> str:
+    """Write what the colours of the views mean.
+
+    Parameters
+    ----------
+    arrow_factor : int
+        How many times as long the arrows of a rolling shutter are drawn.
+
+    Returns
+    -------
+    str
+        In Markdown.
+    """
+    rows = (
+        ("map, keyframes", "blue", "estimated cameras and path"),
+        ("map, keyframes", "orange", "true path, aligned"),
+        ("map, keyframes", "purple", "paths of map A and map B"),
+        ("frame", "green", "tracks"),
+        ("frame", "yellow", "motion over three frames"),
+        ("frame, pair", "purple", "on a body that moves"),
+        ("pair", "green, red", "inliers, outliers"),
+        ("pair", "yellow", "no motion was estimated"),
+        ("rolling shutter", "yellow", "pixels as read"),
+        ("rolling shutter", "purple", f"corrected; arrows are {arrow_factor} times as long"),
+        ("log10 of the risk", "red", "bound; below it the map is handed over"),
+        ("ms a frame", "red", "time between two frames at 30 Hz"),
+    )
+    return "\n".join(["| view | colour | |", "|---|---|---|", *(f"| {' | '.join(row)} |" for row in rows)])
 
 
 def advice_markdown(summary: Summary) -> str:

@@ -61,7 +61,11 @@ def test_a_recording_holds_the_whole_run_and_passes_verification(tmp_path, model
         "/pairs/verdict",
         "/stats/counts/tracks",
         "/stats/parallax/median",
-        "/stats/risk/gate",
+        "/pairs/evidence",
+        "/legend",
+        "/stats/risk_log10/bound",
+        "/stats/risk_log10/direction",
+        "/stats/risk_log10/total",
         "/stats/bundle/error",
         "/log",
         "/summary",
@@ -112,6 +116,54 @@ def test_the_paths_of_two_maps_are_drawn_while_they_are_kept(tmp_path):
     with RerunRecorder(tmp_path / "b.rrd", CAMERAS["pinhole"], "decided") as recorder:
         recorder.undecided(())
     assert not [entity for entity in entities(tmp_path / "b.rrd") if "hypothesis" in entity]
+
+
+def test_both_maps_of_a_plane_have_a_view_of_their_own_and_the_evidence_that_decides(tmp_path):
+    map_ = make_map()
+    with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "kept") as recorder:
+        recorder.attempt(make_attempts(map_)[0])
+        recorder.undecided((map_, map_))
+    assert rerun_tool("verify", tmp_path / "a.rrd").returncode == 0
+    for name in ("a", "b"):
+        points = column(tmp_path / "a.rrd", f"/twins/{name}/points", "Points3D:positions")[0]
+        np.testing.assert_allclose(points, map_.points, atol=1e-6)
+    assert "one of the maps is right" in column(tmp_path / "a.rrd", "/twins/evidence", "TextDocument:text")[0][0]
+
+
+def test_matches_are_neither_inliers_nor_outliers_where_no_motion_was_estimated(tmp_path):
+    attempt = make_attempts(make_map())[0]
+    no = np.zeros(len(attempt.inliers), bool)
+    with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "rotation") as recorder:
+        recorder.attempt(replace(attempt, inliers=no, moving=no, window=None, two_view=None, map=None))
+    drawn = {
+        name: len(column(tmp_path / "a.rrd", f"/pairs/image/{name}/points", "Points2D:positions")[0] or ())
+        for name in ("inliers", "outliers", "tracks")
+    }
+    assert drawn == {"inliers": 0, "outliers": 0, "tracks": 2 * len(no)}
+
+
+def test_tracks_on_a_moving_body_are_drawn_in_their_frame_and_not_in_the_next(tmp_path):
+    map_ = make_map()
+    first, second, third, *_ = make_observations(map_)
+    attempt = make_attempts(map_)[0]
+    with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "moving") as recorder:
+        for seen in (first, second, third):
+            recorder.frame(make_frame(seen.frame, seen.timestamp_s, seen.name), seen)
+            if seen is second:
+                recorder.attempt(attempt)
+    shown = column(tmp_path / "a.rrd", "/world/camera/image/moving", "Points2D:positions")
+    assert [len(points or ()) for points in shown] == [np.count_nonzero(attempt.moving & ~attempt.inliers), 0]
+
+
+def test_a_rolling_shutter_is_shown_before_and_after_its_correction(tmp_path):
+    seen = make_observations(make_map())[0]
+    corrected = seen.pixels + np.array([1.0, -2.0])
+    with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "rolling") as recorder:
+        recorder.frame(make_frame(seen.frame, seen.timestamp_s, seen.name), seen)
+        recorder.row_times(seen, corrected)
+    for name, pixels in (("before", seen.pixels), ("after", corrected)):
+        points = column(tmp_path / "a.rrd", f"/world/camera/image/readout/{name}", "Points2D:positions")[0]
+        np.testing.assert_allclose(points, pixels + 0.5, atol=1e-3)
 
 
 def test_without_ground_truth_there_is_only_the_estimate(tmp_path):
@@ -182,7 +234,8 @@ def test_figures_that_an_attempt_lacks_or_that_are_not_finite_are_not_plotted(tm
     with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "gaps") as recorder:
         recorder.attempt(replace(attempt, preview=None, window=None, gates=()))
         nan = replace(make_preview(parallax_px=float("nan")), parallax_share=float("nan"))
-        window = replace(attempt.window, direction_sigma_deg=float("nan"))
+        terms = ("risk", "risk_direction", "risk_rival", "risk_rotation", "risk_moving")
+        window = replace(attempt.window, direction_sigma_deg=float("nan"), **dict.fromkeys(terms, float("nan")))
         recorder.attempt(replace(attempt, preview=nan, window=window, gates=(landmarks, risk)))
     shown = [series.entity for series in SERIES if f"/{series.entity}" in entities(tmp_path / "a.rrd")]
     scalars = {entity: column(tmp_path / "a.rrd", f"/{entity}", "Scalars:scalars") for entity in shown}

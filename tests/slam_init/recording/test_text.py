@@ -5,25 +5,55 @@ from dataclasses import replace
 from make_map import make_attempts, make_map, make_preview, make_result
 from make_summary import summarize
 
-from slam_init.recording.text import attempt_line, attempt_markdown, summary_markdown
+from slam_init.recording.text import (
+    advice_markdown,
+    attempt_line,
+    attempt_markdown,
+    evidence_markdown,
+    summary_markdown,
+    twins_markdown,
+)
 from slam_init.types.evidence import MapEvidence, RotationOnlyEvidence
 from slam_init.types.reasons import Verdict
 
 
 def test_the_line_of_an_attempt_names_frames_verdict_and_advice():
     refused, *_, accepted = make_attempts(make_map())
-    assert attempt_line(refused) == f"frames 10, 17 low_parallax: {Verdict.LOW_PARALLAX.advice}"
-    assert attempt_line(accepted) == "frames 10, 31 accepted"
+    assert attempt_line(refused) == f"low parallax, frames 10, 17: {Verdict.LOW_PARALLAX.advice}"
+    assert attempt_line(accepted) == "accepted, frames 10, 31"
 
 
 def test_the_text_of_an_attempt_has_verdict_advice_and_gates():
     refused, *_, accepted = (attempt_markdown(attempt) for attempt in make_attempts(make_map()))
-    assert "refused: low_parallax" in refused
+    assert "refused: low parallax" in refused
     assert Verdict.LOW_PARALLAX.advice in refused
     assert "| matches | 60 | ≥ 30 |  |" in refused
     assert "| risk | 0.07 | ≤ 0.005 | **fails** |" in refused
-    assert "### accepted" in accepted
+    assert "**accepted**" in accepted
     assert "fails" not in accepted
+
+
+def test_the_verdict_names_the_largest_part_of_the_risk_and_fits_a_small_panel():
+    refused = make_attempts(make_map())[0]
+    rival = replace(refused, window=replace(refused.window, risk_direction=0.01, risk_rival=0.06))
+    text = attempt_markdown(rival)
+    assert "largest part of the risk: another motion, 0.06" in text
+    assert "#" not in text
+    assert len(text.splitlines()) <= 10
+
+
+def test_the_text_of_two_maps_states_the_risk_of_the_other_one_and_the_bound():
+    refused = make_attempts(make_map())[0]
+    text = twins_markdown(replace(refused, window=replace(refused.window, risk_rival=0.03)))
+    assert "**0.03**" in text and "**0.005**" in text
+    assert "one of the maps is right" in twins_markdown(None)
+
+
+def test_the_result_of_a_run_ends_with_what_to_do():
+    text = advice_markdown(summarize(make_result(None, Verdict.STATIC_CAMERA)))
+    assert "static camera" in text
+    assert text.splitlines()[-1] == "# move it sideways"
+    assert advice_markdown(summarize(make_result(make_map()))) == "# Initialized after 22 frames"
 
 
 def test_the_text_of_an_attempt_has_all_evidence_that_is_known():
@@ -34,7 +64,7 @@ def test_the_text_of_an_attempt_has_all_evidence_that_is_known():
         map=MapEvidence(failure="too few points"),
         method_evidence={"parallax_min_deg": 1.0},
     )
-    text = attempt_markdown(attempt)
+    text = evidence_markdown(attempt)
     for row in (
         "| parallax_px | 3.5 |",
         "| rotation_only_focal_factor | 1.02 |",
@@ -69,4 +99,4 @@ def test_a_hostile_name_is_escaped():
 
 def test_a_pipe_in_a_text_does_not_break_the_table():
     attempt = replace(make_attempts(make_map())[0], method_evidence={"rule": "a|b"})
-    assert "| rule | a/b |" in attempt_markdown(attempt)
+    assert "| rule | a/b |" in evidence_markdown(attempt)

@@ -1,0 +1,155 @@
+"""The view of the map: landmarks, frusta, the estimated path, and the true path aligned to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from slam_init.evaluation.metrics import Similarity, align_poses
+from slam_init.recording.layout import ERROR, ERROR_BARS, ESTIMATE_COLOR, TRUTH_COLOR, Color
+from slam_init.recording.paths import dashes
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
+from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.pose import Pose, Trajectory
+
+__all__ = ["FRUSTUM", "MapView", "log_pinhole"]
+
+#: Size of the frustum of the camera in units of the map, whose median depth is 1. On a short path the frusta of the
+#: keyframes would hide the path. Their size is then a tenth of the path, so that five of them do not overlap.
+FRUSTUM, _SMALLEST_FRUSTUM, _FRUSTUM_OF_PATH = 0.08, 0.005, 0.1
+
+
+class MapView:
+    """Logs a map when it is accepted, and the path of the camera from then on.
+
+    Parameters
+    ----------
+    rec : rerun.RecordingStream
+    groundtruth : Trajectory or None
+    scale : float
+        Size of the recorded images divided by that of the images as they were read.
+    """
+
+    def __init__(self, rec: Any, groundtruth: Trajectory | None, scale: float) -> None:
+        self._rec = rec
+        self._groundtruth = groundtruth
+        self._scale = scale
+        self._path: list[Floats] = []
+        self._world_from_gt: Similarity | None = None
+        self._first_s = 0.0
+
+    def log(self, map_: InitialMap) -> None:
+        """Log the map before and after bundle adjustment, and the errors of the adjustment.
+
+        Parameters
+        ----------
+        map_ : InitialMap
+        """
+        import rerun as rr
+
+        rec = self._rec
+        poses_after = tuple(keyframe.world_from_cam for keyframe in map_.keyframes)
+        path = max(float(np.linalg.norm(pose.t - poses_after[0].t)) for pose in poses_after)
+        size = float(np.clip(_FRUSTUM_OF_PATH * path, _SMALLEST_FRUSTUM, FRUSTUM))
+        rec.set_time("stage", sequence=0)
+        for view in map_.keyframes:
+            # Without images, since they cover one another on a short path. The view of the pair shows two of them.
+            log_pinhole(rec, f"world/keyframes/{view.frame}", map_.camera.scaled(self._scale), ESTIMATE_COLOR, size)
+        stages = ((map_.points_before, map_.keyframes_before), (map_.points, poses_after))
+        for stage, (points, poses) in enumerate(stages):
+            rec.set_time("stage", sequence=stage)
+            rec.log("world/points", rr.Points3D(points, colors=map_.colors, radii=rr.Radius.ui_points(2.5)))
+            for view, pose in zip(map_.keyframes, poses, strict=True):
+                rec.log(f"world/keyframes/{view.frame}", _transform(pose))
+            self._path = [pose.t for pose in poses]
+            self._log_camera(poses[-1])
+        if self._groundtruth is not None:
+            self._log_groundtruth(map_.keyframes, self._groundtruth)
+        rec.disable_timeline("stage")
+
+        rec.log(ERROR_BARS, rr.BarChart(np.array(map_.bundle_errors), color=ESTIMATE_COLOR))
+        for iteration, error in enumerate(map_.bundle_errors):
+            rec.set_time("ba_iter", sequence=iteration)
+            rec.log(ERROR, rr.Scalars(error))
+        rec.disable_timeline("ba_iter")
+
+    def extend(self, keyframe: Keyframe) -> None:
+        """Move the camera, and extend both paths.
+
+        Parameters
+        ----------
+        keyframe : Keyframe
+            A frame after the initialization.
+        """
+        self._path.append(keyframe.world_from_cam.t)
+        self._log_camera(keyframe.world_from_cam)
+        if self._groundtruth is not None and self._world_from_gt is not None:
+            self._log_true_path(self._groundtruth, self._world_from_gt, keyframe.timestamp_s)
+
+    def _log_camera(self, world_from_cam: Pose) -> None:
+        """Log the pose of the camera, and the estimated path up to it."""
+        self._rec.log("world/camera", _transform(world_from_cam))
+        self._log_path("est", [np.array(self._path)], ESTIMATE_COLOR)
+
+    def _log_path(self, name: str, strips: Sequence[Floats], color: Color) -> None:
+        """Log a trajectory as line strips."""
+        import rerun as rr
+
+        # The title of the view explains the colours. Labels in the view would cover one another where the estimate is
+        # good. Of two lines in one place, the viewer draws the broader one on top.
+        width = rr.Radius.ui_points(1.5 if name == "est" else 2.0)
+        self._rec.log(f"world/trajectory/{name}", rr.LineStrips3D(strips, colors=[color], radii=width))
+
+    def _log_groundtruth(self, keyframes: Sequence[Keyframe], truth: Trajectory) -> None:
+        """Align the ground truth to the keyframes, and log its path."""
+        pairs = [(true, k.world_from_cam) for k in keyframes if (true := truth.at(k.timestamp_s)) is not None]
+        if len(pairs) < 2:
+            return
+        self._world_from_gt = align_poses([true for true, _ in pairs], [pose for _, pose in pairs])
+        self._first_s = keyframes[0].timestamp_s
+        self._log_true_path(truth, self._world_from_gt, keyframes[-1].timestamp_s)
+
+    def _log_true_path(self, truth: Trajectory, world_from_gt: Similarity, last_s: float) -> None:
+        """Log the true path from the first keyframe to a time."""
+        times = truth.timestamps_s
+        first, last = (int(np.argmin(np.abs(times - t))) for t in (self._first_s, last_s))
+        positions = np.array([pose.t for pose in truth.world_from_cam[first : last + 1]])
+        self._log_path("gt", dashes(world_from_gt.apply(positions)), TRUTH_COLOR)
+
+
+def log_pinhole(rec: Any, entity: str, camera: Camera, color: Color, size: float, *, static: bool = False) -> None:
+    """Log a frustum. It has no lens distortion, so its rays at the border are not exact.
+
+    Parameters
+    ----------
+    rec : rerun.RecordingStream
+    entity : str
+    camera : Camera
+        Of the recorded images, which are smaller than those that were read.
+    color : (int, int, int)
+    size : float
+        In units of the map.
+    static : bool
+        Whether the frustum is there on all timelines.
+    """
+    import rerun as rr
+
+    thin: Any = rr.Radius.ui_points(1.0)  # its stubs allow numbers only
+    pinhole = rr.Pinhole(
+        resolution=[camera.width, camera.height],
+        focal_length=[camera.fx, camera.fy],
+        principal_point=[camera.cx + 0.5, camera.cy + 0.5],
+        image_plane_distance=size,
+        color=color,
+        line_width=thin,
+    )
+    rec.log(entity, pinhole, static=static)
+
+
+def _transform(pose: Pose) -> Any:
+    import rerun as rr
+
+    return rr.Transform3D(translation=pose.t, mat3x3=pose.R)
