@@ -6,6 +6,8 @@ entity                          content
 ``frame/image``                 the current image, with the tracks that all methods get
 ``NAME/map``                    the map of a method: ``points``, ``keyframes``, ``est``, ``gt``
 ``NAME/verdict``                the verdict of its last attempt
+``log``                         the verdicts of all methods, one a line
+``legend``                      what the colours mean
 ==============================  ===================================================================
 
 The timeline is ``frame`` (absolute index). Each map is drawn in the coordinates of its own first keyframe, with its own
@@ -16,15 +18,16 @@ from __future__ import annotations
 
 import os
 import uuid
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slam_init.compare.map_snapshot import MapSnapshot
+from slam_init.errors import plain_line
 from slam_init.recording.images import jpeg, reduced
-from slam_init.recording.layout import ESTIMATE_COLOR, TRUTH_COLOR, name_parts
+from slam_init.recording.layout import ESTIMATE_COLOR, GREEN, RED, TRUTH_COLOR, YELLOW, name_parts
 from slam_init.recording.recording_file import RecordingFile
 from slam_init.types.frame import Frame, Observations
 
@@ -35,7 +38,18 @@ if TYPE_CHECKING:
 __all__ = ["record_side_by_side"]
 
 _LONG_SIDE_PX = 640
-_GREEN, _RED, _YELLOW = (60, 200, 90), (230, 70, 70), (255, 200, 40)
+_LEGEND = """
+| colour | |
+|---|---|
+| green points | the tracks that all methods get |
+| blue line | estimated path; the axes at its points are the keyframes |
+| orange line | true path, aligned to the estimate |
+| log, green | a correct map |
+| log, red | a wrong map |
+| log, yellow | no map yet, or none at all |
+
+Each map has its own median depth as unit.
+"""
 #: Half the length of a keyframe's axes in units of the map.
 _AXIS = 0.05
 #: A chunk ends after this number of bytes and never after a time, so that two runs write the same chunks.
@@ -79,8 +93,10 @@ def record_side_by_side(
     rec = rr.RecordingStream("slam_init_compare", recording_id=identity, send_properties=False, batcher_config=batching)
     rec.set_log_time_enabled(False)
     rec.set_log_tick_enabled(False)
-    file = RecordingFile(Path(path), rec, _blueprint(entities))
+    with_map = {method for method, snapshot in snapshots.items() if len(snapshot.poses)}
+    file = RecordingFile(Path(path), rec, _blueprint(entities, with_map))
     rec.send_recording_name(f"slam-init compare {name}")
+    rec.log("legend", rr.TextDocument(_LEGEND, media_type=rr.MediaType.MARKDOWN), static=True)
     for entity in entities.values():
         rec.log(f"{entity}/map", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
     for frame, observations in frames:
@@ -89,29 +105,43 @@ def record_side_by_side(
         scale = min(1.0, _LONG_SIDE_PX / max(frame.image.shape[:2]))
         rec.log("frame/image", jpeg(reduced(frame.image, _LONG_SIDE_PX)))
         pixels = (observations.pixels + 0.5) * scale
-        rec.log("frame/image/tracks", rr.Points2D(pixels, colors=[_GREEN], radii=rr.Radius.ui_points(2)))
+        rec.log("frame/image/tracks", rr.Points2D(pixels, colors=[GREEN], radii=rr.Radius.ui_points(2)))
         for method, snapshot in snapshots.items():
-            _log_frame(rec, entities[method], snapshot, outcomes.get(method, ""), frame.index)
+            _log_frame(rec, method, entities[method], snapshot, outcomes.get(method, ""), frame.index)
     file.complete()
 
 
-def _log_frame(rec: rr.RecordingStream, entity: str, snapshot: MapSnapshot, outcome: str, frame: int) -> None:
+def _log_frame(
+    rec: rr.RecordingStream, method: str, entity: str, snapshot: MapSnapshot, outcome: str, frame: int
+) -> None:
     """Log the verdict of a method at a frame, and its map at the frame at which it was accepted."""
     import rerun as rr
 
+    color = YELLOW
     if frame == snapshot.last_frame:
         if len(snapshot.poses):
             _log_map(rec, f"{entity}/map", snapshot)
-            keyframes = f"{len(snapshot.poses)} keyframes, {len(snapshot.points)} landmarks"
-            text = f"**{outcome}** at frame {frame}: {keyframes}"
+            said = f"{outcome} at frame {frame}: {len(snapshot.poses)} keyframes, {len(snapshot.points)} landmarks"
+            color, advice = GREEN if outcome == "correct" else RED, ""
         else:
-            text = f"**no map**: {snapshot.reason}"
+            said, advice = f"no map: {_words(snapshot.reason)}", _advice(snapshot, snapshot.reason)
     else:
-        verdicts = [verdict for at, verdict, _ in snapshot.verdicts.tolist() if int(at) == frame]
-        if not verdicts:
+        attempts = [(verdict, advice) for at, verdict, advice in snapshot.verdicts.tolist() if int(at) == frame]
+        if not attempts:
             return
-        text = f"frame {frame}: {verdicts[-1]}"
+        said, advice = f"frame {frame}: {_words(attempts[-1][0])}", attempts[-1][1]
+    text = f"**{said}**\n\n{plain_line(advice)}" if advice else f"**{said}**"
     rec.log(f"{entity}/verdict", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+    rec.log("log", rr.TextLog(f"{method}: {said}", color=color))
+
+
+def _words(verdict: str) -> str:
+    return plain_line(verdict).replace("_", " ")
+
+
+def _advice(snapshot: MapSnapshot, reason: str) -> str:
+    """The advice of the last attempt that was refused for a reason."""
+    return next((advice for _, verdict, advice in reversed(snapshot.verdicts.tolist()) if verdict == reason), "")
 
 
 def _log_map(rec: rr.RecordingStream, entity: str, snapshot: MapSnapshot) -> None:
@@ -125,7 +155,7 @@ def _log_map(rec: rr.RecordingStream, entity: str, snapshot: MapSnapshot) -> Non
         rr.Arrows3D(
             origins=np.repeat(centres, 3, axis=0),
             vectors=axes,
-            colors=[_RED, _GREEN, ESTIMATE_COLOR] * len(centres),
+            colors=[RED, GREEN, ESTIMATE_COLOR] * len(centres),
             radii=rr.Radius.ui_points(1),
         ),
     )
@@ -134,21 +164,34 @@ def _log_map(rec: rr.RecordingStream, entity: str, snapshot: MapSnapshot) -> Non
         rec.log(f"{entity}/gt", rr.LineStrips3D([snapshot.truth], colors=[TRUTH_COLOR], radii=rr.Radius.ui_points(2)))
 
 
-def _blueprint(entities: Mapping[str, str]) -> rrb.Blueprint:
-    """Return the layout: the frame at the left, and the map and the verdict of each method at the right."""
+def _blueprint(entities: Mapping[str, str], with_map: Set[str]) -> rrb.Blueprint:
+    """Return the layout: frame and log at the left, and the map and the verdict of each method at the right.
+
+    A method without a map has no view of one: its verdict fills the place.
+    """
     import rerun.blueprint as rrb
 
     eye = rrb.EyeControls3D(position=(-0.4, -0.45, -0.65), look_target=(0.0, 0.0, 0.8), eye_up=(0, -1, 0))
     cells = [
         rrb.Vertical(
             rrb.Spatial3DView(origin=f"{entity}/map", name=method, line_grid=False, eye_controls=eye),
-            rrb.TextDocumentView(origin=f"{entity}/verdict", name="verdict"),
-            row_shares=[4, 1],
+            rrb.TextDocumentView(origin=f"{entity}/verdict", name=f"verdict of {method}"),
+            row_shares=[3, 1],
         )
+        if method in with_map
+        else rrb.TextDocumentView(origin=f"{entity}/verdict", name=f"{method}: no map")
         for method, entity in entities.items()
     ]
+    columns = rrb.TextLogColumns(timeline_columns=["frame"], text_log_columns=["Body"])
     root = rrb.Horizontal(
-        rrb.Spatial2DView(origin="frame/image", name="frame and tracks"),
+        rrb.Vertical(
+            rrb.Spatial2DView(origin="frame/image", name="frame and tracks"),
+            rrb.Tabs(
+                rrb.TextLogView(origin="log", name="verdicts", columns=columns),
+                rrb.TextDocumentView(origin="legend", name="legend"),
+            ),
+            row_shares=[1, 1],
+        ),
         rrb.Grid(*cells, grid_columns=2 if len(cells) <= 4 else 3 if len(cells) <= 9 else 4),
         column_shares=[2, 3],
     )

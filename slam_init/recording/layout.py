@@ -277,7 +277,7 @@ def _plots() -> Any:
     }
     time = rrb.TimeSeriesView(
         origin="stats/time",
-        name="ms a frame",
+        name="ms",
         plot_legend=rrb.Corner2D.RightTop,
         # A judgement in one piece takes a second; on its scale the budget would lie on the axis.
         axis_y=rrb.ScalarAxis(range=(0.0, 5 * BUDGET_MS)),

@@ -147,7 +147,7 @@ def legend_markdown(arrow_factor: int) -> str:
         ("rolling shutter", "yellow", "pixels as read"),
         ("rolling shutter", "purple", f"corrected; arrows are {arrow_factor} times as long"),
         ("log10 of the risk", "red", "bound; below it the map is handed over"),
-        ("ms a frame", "red", "time between two frames at 30 Hz"),
+        ("ms", "red", "time between two frames at 30 Hz"),
     )
     return "\n".join(["| view | colour | |", "|---|---|---|", *(f"| {' | '.join(row)} |" for row in rows)])
 
