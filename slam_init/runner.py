@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,7 +18,7 @@ from slam_init.frontend.tracks import History
 from slam_init.methods import make_initializer
 from slam_init.methods.registry import FrontEnd, method_info
 from slam_init.output.folder import OutputFolder
-from slam_init.output.names import INTERRUPTED, RECORDING, RUN_FILES
+from slam_init.output.names import INTERRUPTED, OVERVIEW, RECORDING, RUN_FILES
 from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.provenance import InputHash, provenance_of
 from slam_init.output.results import publish_results
@@ -29,6 +30,7 @@ from slam_init.recording.rerun_recorder import RerunRecorder
 from slam_init.status import Status
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, Source, notes_of
+from slam_init.types.pose import Trajectory
 from slam_init.types.result import Result
 
 __all__ = ["run"]
@@ -96,9 +98,7 @@ def run(
                 story = StoryRecorder(recorder.images) if overview else None
                 result, summary, continued = job.run(recorder if story is None else Several(recorder, story))
             keyframes = continued.keyframes if continued else ()
-            picture = None
-            if story is not None:
-                picture = overview_png(result, summary, story.story(), source.groundtruth)
+            picture = None if story is None else _drawn(result, summary, story, source.groundtruth)
             publish_results(folder, result, summary, config_toml(config), keyframes, picture)
         except SlamInitError:
             raise
@@ -107,6 +107,15 @@ def run(
                 raise KeyboardInterrupt(f"interrupted: {folder.path / INTERRUPTED} shows the run so far") from error
             raise
     return result, summary
+
+
+def _drawn(result: Result, summary: Summary, story: StoryRecorder, truth: Trajectory | None) -> bytes | None:
+    """Draw the overview; None with a warning where this fails, since the results of a run must not be lost by it."""
+    try:
+        return overview_png(result, summary, story.story(), truth)
+    except Exception as error:
+        warnings.warn(f"{OVERVIEW} was not drawn: {error}", RuntimeWarning, stacklevel=2)
+        return None
 
 
 def _keep_recording(folder: OutputFolder) -> bool:

@@ -82,13 +82,25 @@ def test_the_fields_of_the_map_are_consistent(room_run):
 def test_all_files_are_written(room_run):
     assert set(contents(room_run.out)) == {
         "summary.json", "trajectory.txt", "map.ply", "colmap/cameras.txt", "colmap/images.txt", "colmap/points3D.txt",
-        "graph.txt", "values.txt", "continued.txt", "config.toml", "recording.rrd",
+        "graph.txt", "values.txt", "continued.txt", "config.toml", "overview.png", "recording.rrd",
     }  # fmt: skip
     assert json.loads((room_run.out / "summary.json").read_text()) == room_run.summary.as_dict()
     assert load_config(room_run.out / "config.toml") == Config()
     trajectory = np.loadtxt(room_run.out / "trajectory.txt")
     assert len(trajectory) == len(room_run.result.map.keyframes) == len(room_run.summary.keyframes)
     assert room_run.summary.landmarks == len(room_run.result.map.points)
+
+
+@pytest.mark.parametrize("failing", [False, True])
+def test_a_run_without_its_picture_has_all_other_files(tmp_path, monkeypatch, failing):
+    source = synth("static", frames=2, **SMALL)
+    if failing:
+        monkeypatch.setattr("slam_init.runner.overview_png", lambda *_: 1 / 0)
+        with pytest.warns(RuntimeWarning, match=r"overview.png was not drawn: division"):
+            run(source, source.camera, Config(), out=tmp_path)
+    else:
+        run(source, source.camera, Config(), out=tmp_path, overview=False)
+    assert set(contents(tmp_path)) == {"summary.json", "config.toml", "recording.rrd"}
 
 
 def test_the_provenance_holds_the_options_of_the_run(room_run):
@@ -148,7 +160,7 @@ def test_a_camera_that_does_not_translate_never_initializes(tmp_path, scene, rea
     assert result.frames_read == 30
     assert {attempt.verdict for attempt in result.attempts} <= set(REASONS)
     assert json.loads((tmp_path / "summary.json").read_text()) == summary.as_dict()
-    assert set(contents(tmp_path)) == {"summary.json", "config.toml", "recording.rrd"}
+    assert set(contents(tmp_path)) == {"summary.json", "config.toml", "overview.png", "recording.rrd"}
 
 
 def test_frames_beyond_the_maximum_are_not_read(room):

@@ -19,8 +19,13 @@ def test_arguments_reach_the_pipeline(world, pipeline, capsys):
     ((source, camera, config, options),) = pipeline.calls
     assert (source.kind, len(source), camera.fx, config.seed, config.method) == ("images", 3, 60, 5, "quest")
     assert str(options.pop("out")) == "results"
-    assert options == {"start": 1, "max_frames": 2, "continue_frames": 4, "progress": False}
+    assert options == {"start": 1, "max_frames": 2, "continue_frames": 4, "progress": False, "overview": True}
     assert capsys.readouterr() == ("", "")
+
+
+def test_the_overview_can_be_left_out(world, pipeline):
+    assert main(["run", IMAGES, *WITH, "--no-overview", "--quiet"]) == 0
+    assert pipeline.calls[0][3]["overview"] is False
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,101 @@
+"""What a folder of results tells of itself, and that a damaged one is one clear line."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from make_map import make_map, make_result
+from make_summary import summarize
+
+from slam_init.errors import SourceError
+from slam_init.output.result_folder import describe_result, describe_result_text, is_result_folder
+from slam_init.output.results import write_results
+from slam_init.types.reasons import Verdict
+
+
+def written(folder, result):
+    write_results(folder, result, summarize(result), "seed = 0\n")
+    return folder
+
+
+def test_a_map_is_told_with_its_keyframes_and_files(tmp_path):
+    folder = written(tmp_path / "out", make_result(make_map()))
+    assert is_result_folder(folder)
+    info = describe_result(folder)
+    assert (info.status, info.reason, info.risk, info.keyframes) == ("initialized", None, 0.004, (10, 17, 24, 31))
+    assert {one.name: one.bytes for one in info.files}["map.ply"] == (folder / "map.ply").stat().st_size
+    text = describe_result_text(info)
+    assert "initialized after 22 frames" in text.splitlines()[0]
+    assert "4 (frames 10, 17, 24, 31)" in text
+    assert "graph.txt" in text
+
+
+def test_a_refusal_is_told_with_its_advice(tmp_path):
+    info = describe_result(written(tmp_path / "out", make_result(None, Verdict.PURE_ROTATION)))
+    assert (info.reason, info.keyframes) == ("pure_rotation", ())
+    assert Verdict.PURE_ROTATION.advice in describe_result_text(info)
+
+
+def test_a_copy_without_the_hidden_folder_is_still_a_result(tmp_path):
+    folder = written(tmp_path / "out", make_result(make_map()))
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    for name in ("summary.json", "config.toml"):
+        (copy / name).write_bytes((folder / name).read_bytes())
+    assert is_result_folder(copy)
+    assert describe_result(copy).landmarks == 60
+
+
+@pytest.mark.parametrize("name", ["", "missing", "a\0b", "synth:room"])
+def test_other_places_are_no_results(tmp_path, name):
+    (tmp_path / "rgb.txt").write_text("")
+    assert not is_result_folder(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("content", "word"),
+    [
+        (None, "run again"),
+        ("", "damaged"),
+        ("[" * 100_000, "damaged"),
+        ("[]", "not the summary"),
+        ("{}", "status"),
+        ({"method": 3}, "method"),
+        ({"keyframes": [{"frame": "x"}]}, "frame"),
+        ({"keyframes": 7}, "keyframes"),
+        ({"provenance": []}, "provenance"),
+        ({"frames_to_init": True}, "frames_to_init"),
+    ],
+)
+def test_a_damaged_summary_is_one_line(tmp_path, content, word):
+    folder = written(tmp_path / "out", make_result(make_map()))
+    path = folder / "summary.json"
+    if content is None:
+        path.unlink()
+    else:
+        text = content if isinstance(content, str) else json.dumps(json.loads(path.read_text()) | content)
+        path.write_text(text)
+    with pytest.raises(SourceError, match=word) as raised:
+        describe_result(folder)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_summary_that_leads_out_of_the_folder_is_not_read(tmp_path):
+    folder = written(tmp_path / "out", make_result(make_map()))
+    (folder / "summary.json").rename(tmp_path / "elsewhere.json")
+    (folder / "summary.json").symlink_to(tmp_path / "elsewhere.json")
+    with pytest.raises(SourceError, match="leads out"):
+        describe_result(folder)
+
+
+def test_hostile_texts_and_numbers_are_escaped_or_left_out(tmp_path):
+    folder = written(tmp_path / "out", make_result(make_map()))
+    path = folder / "summary.json"
+    fields = json.loads(path.read_text())
+    fields["notes"] = ["a\nforged\x1b[2J"]
+    fields["attempts"][-1]["window"]["risk"] = float("inf")
+    path.write_text(json.dumps(fields))
+    info = describe_result(folder)
+    assert info.risk is None
+    assert r"a\nforged\x1b[2J" in describe_result_text(info)
