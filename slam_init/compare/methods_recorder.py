@@ -129,7 +129,7 @@ def _log_frame(
         attempts = [(verdict, advice) for at, verdict, advice in snapshot.verdicts.tolist() if int(at) == frame]
         if not attempts:
             return
-        said, advice = f"frame {frame}: {_words(attempts[-1][0])}", attempts[-1][1]
+        said, advice = _words(attempts[-1][0]), attempts[-1][1]
     text = f"**{said}**\n\n{plain_line(advice)}" if advice else f"**{said}**"
     rec.log(f"{entity}/verdict", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
     rec.log("log", rr.TextLog(f"{method}: {said}", color=color))

@@ -26,6 +26,8 @@ _GROUND = "#11161d"
 _QUANTILES = (0.01, 0.99)
 #: Size of a frustum as a share of the extent of the view.
 _FRUSTUM, _FRUSTUM_OF_PATH = 0.07, 0.16
+#: Margin around the content as a share of its size, and room for the scale bar as a share of the height of the view.
+_MARGIN, _BAR_ROOM = 0.06, 0.14
 #: Largest number of frusta; more cover one another.
 _MOST_FRUSTA = 12
 
@@ -86,14 +88,18 @@ def _named(view: str) -> str:
 
 
 def _frame(axes: Axes, low: Floats, high: Floats, view: str, title: str) -> None:
-    """Set the extent of a dark view with equal scales in both directions."""
+    """Set the extent of a dark view with equal scales in both directions: the content, over room for the scale bar."""
     right, up, sign = _AXES[view]
-    margin = 0.06 * max(high[right] - low[right], high[up] - low[up], 1e-9)
-    axes.set_facecolor(_GROUND)
-    axes.set_xlim(low[right] - margin, high[right] + margin)
+    left, width = low[right], max(high[right] - low[right], 1e-9)
     below, above = sorted((sign * low[up], sign * high[up]))
-    axes.set_ylim(below - margin, above + margin)
-    axes.set_aspect("equal", adjustable="datalim")
+    height = max(above - below, 1e-9)
+    # Matplotlib's own equal scales may cut the content.
+    box = axes.get_window_extent()
+    scale = (1 + 2 * _MARGIN) * max(width / box.width, height / (box.height * (1 - _BAR_ROOM)))
+    middle_x, middle_y = left + width / 2, (below + above - _BAR_ROOM * scale * box.height) / 2
+    axes.set_xlim(middle_x - scale * box.width / 2, middle_x + scale * box.width / 2)
+    axes.set_ylim(middle_y - scale * box.height / 2, middle_y + scale * box.height / 2)
+    axes.set_facecolor(_GROUND)
     axes.set_xticks([])
     axes.set_yticks([])
     axes.set_title(title, loc="left", color=INK, fontsize=9.5, pad=4)
@@ -129,7 +135,6 @@ def _draw_path(
 
 def _draw_scale_bar(axes: Axes) -> None:
     """A bar of a round length, a fifth to a half of the width of the view."""
-    axes.apply_aspect()
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     width = right - left
     decade = 10.0 ** math.floor(math.log10(0.4 * width))

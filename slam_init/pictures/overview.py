@@ -24,7 +24,7 @@ from slam_init.pictures.style import (
     write,
 )
 from slam_init.types.arrays import Floats, evenly_spaced
-from slam_init.types.gates import Gate
+from slam_init.types.gates import Gate, GateName
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Trajectory
 from slam_init.types.reasons import Verdict
@@ -104,7 +104,7 @@ def _draw_title(axes: Axes, result: Result, summary: Summary) -> None:
 def _subtitle(result: Result) -> str:
     if result.map is None:
         if result.hypotheses:
-            return "Two maps explain the views equally well. Both are kept until further views decide."
+            return "Two maps explain the views, and one of them is right. Both are kept until further views decide."
         return f"{len(result.attempts)} attempts; no map is handed over before its risk is small enough."
     map_ = result.map
     facts = [
@@ -184,17 +184,20 @@ def _draw_twins(figure: Figure, result: Result) -> None:
         draw_map(side, map_, SIDE, f"map {name} from the side")
     box = _blank(figure, (left, bottom - 0.045, width, 0.04))
     color = VERDICT_COLORS[Verdict.AMBIGUOUS_PLANE]
-    write(box, 0.0, 1.0, wrapped("; ".join(_deciding(result)), 85, 2), 11, color, "bold")
+    write(box, 0.0, 1.0, wrapped(" ".join(_deciding(result)), 85, 2), 11, color, "bold")
 
 
 def _deciding(result: Result) -> list[str]:
     """The evidence that has to decide between two maps: their vote, and the risk by another motion."""
     facts = []
     if result.margin is not None:
-        facts.append(f"the tracks prefer A by {result.margin.log_likelihood:.1f} nats")
-    window = next((one.window for one in reversed(result.attempts) if one.window is not None), None)
-    if window is not None:
-        facts.append(f"the risk that it is the other motion is {window.risk_rival:.2g}")
+        facts.append(f"The tracks prefer A by {result.margin.log_likelihood:.1f} nats.")
+    last = next((one for one in reversed(result.attempts) if one.window is not None), None)
+    if last is not None and last.window is not None:
+        bound = next(
+            (f", and {gate.threshold:g} is the bound" for gate in last.gates if gate.name is GateName.RISK), ""
+        )
+        facts.append(f"The risk that it is B is {last.window.risk_rival:.2g}{bound}.")
     return facts
 
 
