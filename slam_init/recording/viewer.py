@@ -31,6 +31,8 @@ _HOST = "127.0.0.1"
 _WEB_PORT, _DATA_PORT = 9090, 9876
 #: A viewer on a software renderer takes 3 s to start on a machine with idle cores.
 _START_S, _PAINT_S, _POLL_S = 60.0, 20.0, 0.25
+#: A viewer that loads nothing for this long has found nothing in the file.
+_EMPTY_S = 8.0
 #: The first bytes of a recording: ``RRF`` and the generation of the format.
 _MAGIC = b"RRF"
 _WINDOW = "1280x720"
@@ -197,13 +199,16 @@ def _taken(client: ViewerClient, path: Path, frames: Sequence[int]) -> dict[int,
 def _range(client: ViewerClient, path: Path) -> tuple[int, int]:
     """First and last frame of the recording, once it is loaded."""
     end = time.monotonic() + _START_S
-    while time.monotonic() < end:
+    idle_since = time.monotonic()
+    while time.monotonic() < min(end, idle_since + _EMPTY_S):
         state = client.get_state()
         timelines: list[Any] = [line for one in state.recordings for line in one.timelines if line.name == "frame"]
-        if not state.loading and timelines and timelines[0].end is not None:
+        if state.loading:
+            idle_since = time.monotonic()
+        elif timelines and timelines[0].end is not None:
             return int(timelines[0].start), int(timelines[0].end)
         time.sleep(_POLL_S)
-    raise ViewerError(f"{path}: the viewer found no frames in it")
+    raise ViewerError(f"{path}: the viewer found no frames in it: it is cut off, or the run read none")
 
 
 def _settled(client: ViewerClient) -> bytes:
