@@ -15,7 +15,7 @@ from pathlib import Path
 
 from slam_init.errors import SourceError, plain_line
 from slam_init.output.folder.marker import read_marker
-from slam_init.output.names import RUN_FILES
+from slam_init.output.names import RECORDING, RUN_FILES
 from slam_init.regular_file import check_inside, read_regular
 
 __all__ = ["FileSize", "ResultDescription", "describe_result", "describe_result_text", "is_result_folder"]
@@ -117,7 +117,7 @@ def is_result_folder(path: str | os.PathLike[str]) -> bool:
         marker = read_marker(folder)
         if marker is not None:
             return marker.command == "run"
-        others = ("config.toml", "recording.rrd")
+        others = ("config.toml", RECORDING)
         return (folder / _SUMMARY).is_file() and any((folder / name).is_file() for name in others)
     except Exception:  # a name that the system does not take, or a damaged marker: the readers tell
         return False

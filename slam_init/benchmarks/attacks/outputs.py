@@ -149,7 +149,7 @@ def _version_0_1(folder: Path) -> Seen:
     (folder / "out" / "notes.md").write_text("mine")
     code = still(folder).code
     after = set(contents(folder / "out"))
-    holds = code == 3 and after == {"summary.json", "config.toml", "recording.rrd", "notes.md"}
+    holds = code == 3 and after == {"summary.json", "config.toml", "overview.png", "recording.rrd", "notes.md"}
     return Seen(holds, f"exit code {code}; {', '.join(sorted(after))}")
 
 

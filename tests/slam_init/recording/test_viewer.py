@@ -1,0 +1,73 @@
+"""Starting the viewer: what it says where it fails, and that no process is left. A stand-in is the viewer."""
+
+import socket
+import urllib.request
+from urllib.parse import urlsplit
+
+import pytest
+
+from slam_init.errors import SourceError, ViewerError
+from slam_init.recording.viewer import check_recording, screenshots, serve, show
+
+SERVER = """
+import sys, http.server
+port = int(sys.argv[sys.argv.index("--web-viewer-port") + 1])
+assert sys.argv[sys.argv.index("--bind") + 1] == "127.0.0.1"
+http.server.HTTPServer(("127.0.0.1", port), http.server.SimpleHTTPRequestHandler).serve_forever()
+"""
+
+
+@pytest.fixture
+def viewer(tmp_path, monkeypatch):
+    """Puts a program in the place of the viewer."""
+
+    def put(code):
+        (tmp_path / "rerun.py").write_text(code)
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+        monkeypatch.chdir(tmp_path)
+
+    return put
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("raise SystemExit('thread panicked: No graphics adapter was found')", "mesa-vulkan-drivers"),
+        ("raise SystemExit('something else\\n')", "something else"),
+        ("import rerun_cli_that_is_missing", "not installed"),
+    ],
+)
+def test_a_viewer_that_does_not_start_is_one_line_with_its_cause(tmp_path, viewer, code, words):
+    viewer(code)
+    with pytest.raises(ViewerError, match=words) as raised:
+        screenshots(tmp_path / "a.rrd", [-1])
+    assert "\n" not in str(raised.value)
+
+
+def test_a_window_that_fails_is_told_and_one_that_is_closed_is_not(tmp_path, viewer):
+    viewer("raise SystemExit(0)")
+    show(tmp_path / "a.rrd")
+    viewer("raise SystemExit('no screen')")
+    with pytest.raises(ViewerError, match=r"code 1 \(no screen\)"):
+        show(tmp_path / "a.rrd")
+
+
+def test_a_served_recording_answers_and_its_process_ends_with_the_block(tmp_path, viewer):
+    viewer(SERVER)
+    with serve(tmp_path / "a.rrd") as served:
+        address = urlsplit(served.url)
+        assert urllib.request.urlopen(f"http://{address.netloc}/", timeout=10).status == 200
+    with socket.socket() as probe:
+        probe.settimeout(1)
+        assert probe.connect_ex((address.hostname, address.port)) != 0
+
+
+def test_only_a_recording_is_opened(tmp_path):
+    (tmp_path / "good.rrd").write_bytes(b"RRF2 and so on")
+    check_recording(tmp_path / "good.rrd")
+    for name, content in (("empty", b""), ("text", b"text")):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(SourceError, match="not a rerun recording"):
+            check_recording(tmp_path / name)
+    with pytest.raises(SourceError, match="a folder"):
+        check_recording(tmp_path)
