@@ -43,8 +43,8 @@ __all__ = [
 INLIER, OUTLIER, MOVING, TRACK = "#2fb45a", "#e64646", "#b478e6", "#ffc828"
 ESTIMATE, TRUTH = "#3ca0ff", "#ff9628"
 INK, PAPER, FAINT = "#1c2430", "#ffffff", "#6b7685"
-#: One colour for what holds the decision: no motion blue, no scene brown, no common motion purple, flat orange, the map
-#: pink, accepted green.
+#: One colour for what holds the decision: no motion blue, no scene brown, no common motion purple, flat orange, unknown
+#: lens yellow, the map pink, accepted green.
 VERDICT_COLORS: dict[Verdict, str] = {
     Verdict.STATIC_CAMERA: "#7d8fa3",
     Verdict.PURE_ROTATION: "#4f7cac",
@@ -54,6 +54,7 @@ VERDICT_COLORS: dict[Verdict, str] = {
     Verdict.NO_CONSISTENT_MOTION: "#8e44ad",
     Verdict.MOVING_BODIES: "#b478e6",
     Verdict.AMBIGUOUS_PLANE: "#f28c28",
+    Verdict.UNKNOWN_FOCAL_LENGTH: "#b8a200",
     Verdict.TOO_FEW_LANDMARKS: "#d9749f",
     Verdict.BUNDLE_ADJUSTMENT_FAILED: "#c2185b",
     Verdict.TOO_FEW_FRAMES: "#777777",
