@@ -195,7 +195,7 @@ def _deciding(result: Result) -> list[str]:
     last = next((one for one in reversed(result.attempts) if one.window is not None), None)
     if last is not None and last.window is not None:
         bound = next(
-            (f", and {gate.threshold:g} is the bound" for gate in last.gates if gate.name is GateName.RISK), ""
+            (f" (bound {gate.threshold:g})" for gate in last.gates if gate.name is GateName.RISK), ""
         )
         facts.append(f"The risk that it is B is {last.window.risk_rival:.2g}{bound}.")
     return facts
