@@ -194,9 +194,7 @@ def _deciding(result: Result) -> list[str]:
         facts.append(f"The tracks prefer A by {result.margin.log_likelihood:.1f} nats.")
     last = next((one for one in reversed(result.attempts) if one.window is not None), None)
     if last is not None and last.window is not None:
-        bound = next(
-            (f" (bound {gate.threshold:g})" for gate in last.gates if gate.name is GateName.RISK), ""
-        )
+        bound = next((f" (bound {gate.threshold:g})" for gate in last.gates if gate.name is GateName.RISK), "")
         facts.append(f"The risk that it is B is {last.window.risk_rival:.2g}{bound}.")
     return facts
 
