@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from slam_init.decision.two_views import Proposer
     from slam_init.decision.window_rule import WindowRule
 
-__all__ = ["Initializer"]
+__all__ = ["Initializer", "load_all"]
 
 
 class Initializer:
@@ -129,7 +129,7 @@ class Initializer:
         self._last_s: float | None = None
         self._timed = True
         if self.config.work_per_frame is not None:
-            _load_all()
+            load_all()
 
     def process(
         self,
@@ -389,7 +389,7 @@ class Initializer:
 
 
 @cache
-def _load_all() -> None:
+def load_all() -> None:
     """Load what judgements need, and compile it on a machine's first run, so that no frame waits for it.
 
     A small scene of its own is initialized in whole frames: 800 points two to four units before a camera that moves

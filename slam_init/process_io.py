@@ -12,7 +12,15 @@ from typing import TypeAlias
 
 from slam_init.errors import OutputError, plain_line
 
-__all__ = ["InterruptsDeferred", "InterruptsNoted", "NativeStderrSilenced", "complain", "fill_closed_streams", "tell"]
+__all__ = [
+    "FirstInterruptTold",
+    "InterruptsDeferred",
+    "InterruptsNoted",
+    "NativeStderrSilenced",
+    "complain",
+    "fill_closed_streams",
+    "tell",
+]
 
 
 def fill_closed_streams() -> None:
@@ -98,6 +106,30 @@ class InterruptsDeferred:
         _restore_handlers(self._before)
         for number in self._seen:
             signal.raise_signal(number)
+
+
+class FirstInterruptTold:
+    """A context manager in which the first interrupt is told to a function; further ones interrupt as before.
+
+    Parameters
+    ----------
+    told : callable
+        Takes nothing. It runs in a signal handler, so that it must not wait for a lock.
+    """
+
+    def __init__(self, told: Callable[[], object]) -> None:
+        self._told = told
+
+    def __enter__(self) -> FirstInterruptTold:
+        self._before = _replace_handlers(self._tell)
+        return self
+
+    def _tell(self, _: int, __: FrameType | None) -> None:
+        _restore_handlers(self._before)
+        self._told()
+
+    def __exit__(self, *_: object) -> None:
+        _restore_handlers(self._before)
 
 
 #: Handlers by the number of the signal.

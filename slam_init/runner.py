@@ -11,6 +11,7 @@ from functools import partial
 
 from slam_init.config import Config, config_toml
 from slam_init.continuation import Continuation, FrameTracker, follow
+from slam_init.datasets.live.address import without_password
 from slam_init.datasets.track_source import KnowsTracks
 from slam_init.errors import OutputError, SlamInitError
 from slam_init.evaluation.metrics import compare_with_groundtruth
@@ -29,7 +30,7 @@ from slam_init.recording.recorder import Recorder, Several
 from slam_init.recording.rerun_recorder import RerunRecorder
 from slam_init.status import Status
 from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame, Observations, Source, notes_of
+from slam_init.types.frame import Frame, Observations, Source, length_of, notes_of
 from slam_init.types.pose import Trajectory
 from slam_init.types.result import Result
 
@@ -48,6 +49,7 @@ def run(
     progress: bool = False,
     notes: tuple[str, ...] = (),
     overview: bool = True,
+    viewer: str | None = None,
 ) -> tuple[Result, Summary]:
     """Initialize from a source, and write the results.
 
@@ -74,6 +76,9 @@ def run(
         Notes for the user; the result contains them.
     overview : bool
         Draw ``overview.png``. An interrupted run has none.
+    viewer : str, optional
+        Address of a Rerun viewer that shows the recording while it is made, as of
+        :func:`slam_init.recording.live_viewer.viewer_url`. It needs ``out``.
 
     Returns
     -------
@@ -94,11 +99,12 @@ def run(
     with OutputFolder(out, "run", RUN_FILES) as folder:
         recording = folder.staging / RECORDING
         try:
-            with RerunRecorder(recording, camera, source.name, source.groundtruth, config.seed) as recorder:
+            truth = source.groundtruth
+            with RerunRecorder(recording, camera, source.name, truth, config.seed, viewer) as recorder:
                 story = StoryRecorder(recorder.images) if overview else None
                 result, summary, continued = job.run(recorder if story is None else Several(recorder, story))
             keyframes = continued.keyframes if continued else ()
-            picture = None if story is None else _drawn(result, summary, story, source.groundtruth)
+            picture = None if story is None else _drawn(result, summary, story, truth)
             publish_results(folder, result, summary, config_toml(config), keyframes, picture)
         except SlamInitError:
             raise
@@ -147,16 +153,18 @@ class _Job:
         initializer = make_initializer(self.config.method, self.camera, self.config, recorder)
         max_frames = None if self.continue_frames else self.max_frames
         frames = hashed.reading(self.source.frames(start=self.start, max_frames=max_frames))
-        available = len(self.source) - self.start
+        length = length_of(self.source)
+        available = None if length is None else length - self.start
         tracker: FrameTracker = initializer.tracker
         process: Callable[[Frame], Status] = initializer.process
         if isinstance(self.source, KnowsTracks):
             tracker = _GivenTracks(self.source, self.camera, hashed)
             process = partial(_process_tracks, initializer, tracker, recorder)
         result = _initialize(initializer, process, frames, available, self.max_frames, self.progress)
+        result, continued = _continue(result, tracker, frames, self.continue_frames, recorder)
+        # What a source has to tell may change with each frame.
         notes = (*self.notes, *notes_of(self.source), *_focal_notes(result, self.camera))
         result = replace(result, notes=(*notes, *result.notes))
-        result, continued = _continue(result, tracker, frames, self.continue_frames, recorder)
         options: dict[str, Json] = {
             "start": self.start, "max_frames": self.max_frames, "continue_frames": self.continue_frames,
         }  # fmt: skip
@@ -201,18 +209,19 @@ def _initialize(
     initializer: FrontEnd,
     process: Callable[[Frame], Status],
     frames: Iterator[Frame],
-    available: int,
+    available: int | None,
     max_frames: int | None,
     progress: bool,
 ) -> Result:
     """Process frames until there is a map."""
-    for frame in _with_progress(frames, min(available, max_frames or available), progress):
+    limits = [limit for limit in (available, max_frames) if limit is not None]
+    for frame in _with_progress(frames, min(limits, default=None), progress):
         if process(frame) or initializer.frames_read == max_frames:
             break
     return initializer.finish()
 
 
-def _with_progress(frames: Iterator[Frame], total: int, show: bool) -> Iterator[Frame]:
+def _with_progress(frames: Iterator[Frame], total: int | None, show: bool) -> Iterator[Frame]:
     """Yield the frames, with a progress bar on stderr."""
     from tqdm import tqdm
 
@@ -248,6 +257,7 @@ def _summary(
     if result.map is not None and source.groundtruth is not None:
         truth = compare_with_groundtruth(result.map.keyframes, source.groundtruth)
     estimated = result.map is not None and result.map.camera.source == "estimated"
+    command = [without_password(word) for word in sys.argv]
     return summary_of(
         result,
         source,
@@ -256,5 +266,5 @@ def _summary(
         config.seed,
         ground_truth=truth,
         continued=None if continued is None else continued.record(),
-        provenance=provenance_of(sys.argv, plain_fields(config) | dict(options), hashed),
+        provenance=provenance_of(command, plain_fields(config) | dict(options), hashed),
     )

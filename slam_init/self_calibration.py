@@ -19,7 +19,7 @@ from slam_init.initializer import Initializer
 from slam_init.status import Status
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import WindowEvidence
-from slam_init.types.frame import Frame, Source
+from slam_init.types.frame import Frame, Source, length_of
 
 __all__ = ["SelfCalibration", "StretchEstimate", "calibrate", "combine"]
 
@@ -114,7 +114,9 @@ def calibrate(
     """
     estimates: list[StretchEstimate] = []
     tried = 0
-    frames = _with_progress(source.frames(start, max_frames), min(len(source) - start, max_frames or 10**9), progress)
+    length = length_of(source)
+    limits = [limit for limit in (None if length is None else length - start, max_frames) if limit is not None]
+    frames = _with_progress(source.frames(start, max_frames), min(limits, default=None), progress)
     for first in frames:
         tried += 1
         found = _stretch(source, first, frames, camera, config or Config())
@@ -197,7 +199,7 @@ def _stretch(
     )
 
 
-def _with_progress(frames: Iterator[Frame], total: int, show: bool) -> Iterator[Frame]:
+def _with_progress(frames: Iterator[Frame], total: int | None, show: bool) -> Iterator[Frame]:
     """Yield the frames, with a progress bar on stderr."""
     from tqdm import tqdm
 

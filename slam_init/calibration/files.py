@@ -14,7 +14,7 @@ YAML is read by PyYAML's safe loader only; the tags ``!!opencv-matrix`` are read
 from __future__ import annotations
 
 import os
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from slam_init.errors import CalibrationError, plain_line
 from slam_init.regular_file import read_regular, user_path
 from slam_init.types.camera import Camera
 
-__all__ = ["load_camera", "load_yaml"]
+__all__ = ["camera_of", "load_camera", "load_yaml"]
 
 # Limits for a file. The largest calibration files in use (Kalibr, of a rig) have 20 kB and four levels. Without the
 # limits a video or a malicious file would keep the parser busy, whose time grows with the square of the depth.
@@ -71,23 +71,52 @@ def load_camera(path: str | os.PathLike[str], image_size: tuple[int, int] | None
         camera = _parse(path, text, image_size)
     except CalibrationError as error:
         raise CalibrationError(f"{path}: {error}") from None
-    if image_size is not None and (camera.width, camera.height) != image_size:
-        ours, theirs = f"{camera.width}x{camera.height}", f"{image_size[0]}x{image_size[1]}"
-        raise CalibrationError(
-            f"{path}: calibration is for {ours} images, but the images are {theirs}: "
-            f"give their calibration, or scale fx, fy, cx, cy if the images are resized"
-        )
-    _check_reach(path, camera)
+    _check(str(path), camera, image_size)
     return replace(camera, source="file")
 
 
-def _check_reach(path: Path, camera: Camera) -> None:
-    """Refuse distortion coefficients that leave most of the image without rays."""
+def camera_of(place: str, content: Mapping[str, object], image_size: tuple[int, int] | None = None) -> Camera:
+    """Make a camera of a calibration that is no file, for example a message.
+
+    Parameters
+    ----------
+    place : str
+        Where the calibration stands, for the message.
+    content : mapping
+        Keys and values as in a YAML file of a known format.
+    image_size : (int, int), optional
+        As of :func:`load_camera`.
+
+    Returns
+    -------
+    Camera
+
+    Raises
+    ------
+    CalibrationError
+        As of :func:`load_camera`.
+    """
+    try:
+        camera = parse_mapping(content, image_size)
+    except CalibrationError as error:
+        raise CalibrationError(f"{place}: {error}") from None
+    _check(place, camera, image_size)
+    return replace(camera, source="file")
+
+
+def _check(place: str, camera: Camera, image_size: tuple[int, int] | None) -> None:
+    """Refuse a calibration of other images, and distortion coefficients that leave most of the image without rays."""
+    if image_size is not None and (camera.width, camera.height) != image_size:
+        ours, theirs = f"{camera.width}x{camera.height}", f"{image_size[0]}x{image_size[1]}"
+        raise CalibrationError(
+            f"{place}: calibration is for {ours} images, but the images are {theirs}: "
+            f"give their calibration, or scale fx, fy, cx, cy if the images are resized"
+        )
     grid = np.stack(np.meshgrid(np.linspace(0, camera.width - 1, 21), np.linspace(0, camera.height - 1, 21)), axis=-1)
     reached = float(np.isfinite(camera.normalize(grid.reshape(-1, 2))).all(axis=1).mean())
     if reached < _MIN_REACHED:
         raise CalibrationError(
-            f"{path}: distortion {list(camera.distortion)} gives rays for {100 * reached:.0f} % of the image only: "
+            f"{place}: distortion {list(camera.distortion)} gives rays for {100 * reached:.0f} % of the image only: "
             "check the coefficients and their order"
         )
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from slam_init.cli.exit_codes import DONE
 from slam_init.cli.parser import OUT_HELP, UsageError, at_least
+from slam_init.cli.source_options import add_topics, with_topics
 from slam_init.process_io import tell
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ def add_compare(commands: Commands) -> None:
     compare.add_argument("--time-limit", type=float, default=300.0, metavar="S", help="of a trial (default: 300 s)")
     compare.add_argument("--memory-limit", type=int, default=6000, metavar="MB", help="of a trial (default: 6000 MB)")
     compare.add_argument("--realtime", action="store_true", help="judge in slices, as for a camera that does not wait")
+    add_topics(compare)
     compare.add_argument("--recordings", action="store_true", help="write a recording of each trial")
     compare.add_argument("--out", metavar="DIR", default=_DEFAULT_COMPARISON, help=OUT_HELP)
 
@@ -74,5 +76,6 @@ def _compare(arguments: argparse.Namespace) -> int:
 
     from slam_init.compare.command import run_command
 
+    arguments.sources = [with_topics(arguments, source) for source in arguments.sources]
     tell(run_command(arguments, out, progress=sys.stderr.isatty()))
     return DONE

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, NoReturn, TypeAlias
+import sys
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from slam_init.errors import SlamInitError
 from slam_init.process_io import tell
@@ -23,7 +25,44 @@ class UsageError(SlamInitError):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, told by :func:`main` like all others."""
+    """A parser whose errors are one line, told by :func:`main` like all others.
+
+    An option in :attr:`bare_values` may stand without a value. A value stands behind ``=``: the next word is never one,
+    so that the option may stand before SOURCE.
+    """
+
+    @cached_property
+    def bare_values(self) -> dict[str, str]:
+        """Values of options that stand bare.
+
+        Returns
+        -------
+        dict of str to str
+            By the name of the option.
+        """
+        return {}
+
+    # The signature of argparse has overloads that say nothing more.
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse words, after the values of options that stand bare were added.
+
+        Parameters
+        ----------
+        args : sequence of str, optional
+            By default those of the process.
+        namespace : argparse.Namespace, optional
+
+        Returns
+        -------
+        namespace : argparse.Namespace
+        rest : list of str
+            Words that are not known.
+        """
+        words = sys.argv[1:] if args is None else list(args)
+        end = words.index("--") if "--" in words else len(words)
+        bare = self.bare_values
+        given = [f"{word}={bare[word]}" if word in bare else word for word in words[:end]]
+        return super().parse_known_args([*given, *words[end:]], namespace)
 
     def print_help(self, file: SupportsWrite[str] | None = None) -> None:
         """Print the help; a closed pipe is no error.

@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from slam_init.cli.exit_codes import DONE, NOT_INITIALIZED
-from slam_init.cli.parser import at_least
+from slam_init.cli.parser import UsageError, at_least
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
 from slam_init.process_io import tell
 from slam_init.regular_file import user_path
 
 if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+    from pathlib import Path
+
     from slam_init.cli.parser import Commands
+    from slam_init.config import Config
+    from slam_init.output.summary import Summary
+    from slam_init.types.frame import Source
 
 __all__ = ["add_run"]
 
@@ -54,7 +61,20 @@ def add_run(commands: Commands) -> None:
         help="then resect the next N frames with the map",
     )
     run.add_argument(
-        "--realtime", action="store_true", help="judge in slices, as for a camera that does not wait for the result"
+        "--realtime",
+        action=argparse.BooleanOptionalAction,
+        help="judge in slices, as for a camera that does not wait for the result (default: for live sources)",
+    )
+    run.add_argument("--no-drop", action="store_true", help="of a live source: let the sender wait, drop no frame")
+    run.add_argument(
+        "--reconnect", type=int, default=3, metavar="N", help="of a live source: attempts to connect again (default: 3)"
+    )
+    run.bare_values["--live"] = "spawn"
+    run.add_argument(
+        "--live",
+        metavar="URL",
+        help="show the run in a Rerun viewer while it goes on: --live starts one, --live=rerun+http://HOST:9876/proxy "
+        "uses one that runs",
     )
     run.add_argument("--refine-focal", action="store_true", help="adjust the focal length with the map")
     run.add_argument("--config", metavar="FILE", help="options in TOML, as in DIR/config.toml")
@@ -69,6 +89,7 @@ def _run(arguments: argparse.Namespace) -> int:
     at_least("--max-frames", arguments.max_frames, 1)
     at_least("--continue", arguments.continue_frames, 0)
     at_least("--seed", arguments.seed, 0)
+    at_least("--reconnect", arguments.reconnect, 0)
     config_path = user_path(arguments.config) if arguments.config is not None else None
     from slam_init.output.folder import chosen_folder
     from slam_init.output.names import RUN_FILES
@@ -78,35 +99,75 @@ def _run(arguments: argparse.Namespace) -> int:
     out = chosen_folder(arguments.out, "run", RUN_FILES, inputs)
 
     from slam_init.config import REALTIME_WORK, load_config
+    from slam_init.datasets.live import is_live
     from slam_init.methods.registry import method_info
 
     config = load_config(config_path, {"method": arguments.method, "seed": arguments.seed})
     method_info(config.method)
-    if arguments.realtime:  # without it the file decides
+    live = is_live(arguments.source)
+    if arguments.realtime is False:
+        config = replace(config, work_per_frame=None)
+    elif arguments.realtime or (live and config.work_per_frame is None):  # without it the file decides
         config = replace(config, work_per_frame=REALTIME_WORK)
     if arguments.refine_focal:
         config = replace(config, map=replace(config.map, refine_focal=True))
-    source = opened_source(arguments, config.seed)
-    camera = chosen_camera(arguments, source, arguments.start)
+    if arguments.live is not None:
+        from slam_init.recording.live_viewer import viewer_url
 
-    from slam_init.output.summary import summary_text
-    from slam_init.runner import run
-
-    _, summary = run(
-        source,
-        camera,
-        config,
-        out=out,
-        start=arguments.start,
-        max_frames=arguments.max_frames,
-        continue_frames=arguments.continue_frames,
-        progress=not arguments.quiet and sys.stderr.isatty(),
-        overview=not arguments.no_overview,
-    )
+        arguments.live = viewer_url(arguments.live)
+    if live:
+        summary = _run_live(arguments, config, out)
+    else:
+        summary = _run_on(opened_source(arguments, config.seed), arguments, config, out)
     if arguments.json:
+        from slam_init.output.summary import summary_text
+
         tell(summary_text(summary))
     elif not arguments.quiet:
         from slam_init.output.report import report_text
 
         tell(report_text(summary, out))
     return DONE if summary.reason is None else NOT_INITIALIZED
+
+
+def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> Summary:
+    """Run on a stream. An interrupt ends it as if its data had ended, and the next one ends the program."""
+    from slam_init.datasets.live import open_live
+    from slam_init.initializer import load_all
+    from slam_init.process_io import FirstInterruptTold
+    from slam_init.recording.rerun_recorder import load_rerun
+
+    if arguments.images is not None:
+        raise UsageError("--images is for a source of matches, and a live source has images: leave it out")
+    source = open_live(arguments.source, keep_all=arguments.no_drop, reconnects=arguments.reconnect)
+    load_rerun()  # before the stream is opened, so that no frame waits for it
+    load_all()
+    with source:
+        return _run_on(source, arguments, config, out, FirstInterruptTold(source.stop))
+
+
+def _run_on(
+    source: Source,
+    arguments: argparse.Namespace,
+    config: Config,
+    out: Path,
+    interrupts: AbstractContextManager[object] | None = None,
+) -> Summary:
+    camera = chosen_camera(arguments, source, arguments.start)
+
+    from slam_init.runner import run
+
+    with interrupts or nullcontext():
+        _, summary = run(
+            source,
+            camera,
+            config,
+            out=out,
+            start=arguments.start,
+            max_frames=arguments.max_frames,
+            continue_frames=arguments.continue_frames,
+            progress=not arguments.quiet and sys.stderr.isatty(),
+            overview=not arguments.no_overview,
+            viewer=arguments.live,
+        )
+    return summary

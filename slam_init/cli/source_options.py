@@ -7,13 +7,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from slam_init.cli.parser import UsageError
+from slam_init.errors import SourceError
 
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
     from slam_init.types.camera import Camera
     from slam_init.types.frame import Source
 
-__all__ = ["add_source", "chosen_camera", "opened_source"]
+__all__ = ["add_source", "add_topics", "chosen_camera", "opened_source", "with_topics"]
 
 
 def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
@@ -30,8 +31,8 @@ def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
         metavar="SOURCE",
         nargs="?" if default else None,
         default=default,
-        help="a folder (images, or a known data set), a video, matches (COLMAP's database, .h5, .npz), or synth:NAME"
-        + (f" (default: {default})" if default else ""),
+        help="a folder (images, or a known data set), a video, a ROS bag, matches (COLMAP's database, .h5, .npz), or "
+        "synth:NAME" + (f" (default: {default})" if default else ""),
     )
     parser.add_argument(
         "--images",
@@ -51,10 +52,52 @@ def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
         help="readout of a rolling shutter in milliseconds, 0 for a global shutter; 25,up or 25,left where rows or "
         "columns are read in another direction than down; 'auto' estimates it (default: that of the calibration)",
     )
+    add_topics(parser)
+
+
+def add_topics(parser: argparse.ArgumentParser) -> None:
+    """Add the options that choose the topics of a ROS bag.
+
+    Parameters
+    ----------
+    parser : Parser
+    """
+    parser.add_argument("--topic", metavar="NAME", help="images of a ROS bag (default: the only topic with images)")
+    parser.add_argument(
+        "--truth-topic",
+        metavar="NAME",
+        help="true poses of a ROS bag, or 'none' (default: the only topic with poses, else tf)",
+    )
+
+
+def with_topics(arguments: argparse.Namespace, source: str) -> str:
+    """Add the chosen topics to the name of a source, where it is a ROS bag.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+    source : str
+
+    Returns
+    -------
+    str
+        The same name where no topic is chosen, or where this is no bag.
+    """
+    if arguments.topic is None and arguments.truth_topic is None:
+        return source
+    from slam_init.datasets import detect_kind
+    from slam_init.datasets.ros import BagName
+
+    try:
+        if not detect_kind(source).startswith("ros"):
+            return source
+    except SourceError:  # told when it is opened; for slam-init compare it may be a folder of sequences
+        return source
+    return str(BagName(source, arguments.topic, arguments.truth_topic))
 
 
 def opened_source(arguments: argparse.Namespace, seed: int) -> TimedSource:
-    """Open the source, with the pictures of ``--images``.
+    """Open the source, with the chosen topics or the pictures of ``--images``.
 
     Parameters
     ----------
@@ -73,7 +116,7 @@ def opened_source(arguments: argparse.Namespace, seed: int) -> TimedSource:
     """
     from slam_init.datasets import open_source
 
-    source = open_source(arguments.source, seed)
+    source = open_source(with_topics(arguments, arguments.source), seed)
     if arguments.images is None:
         return source
     from slam_init.datasets.image_files import ImageFileSource

@@ -26,6 +26,7 @@ __all__ = [
     "MAX_PIXELS",
     "ImageFileSource",
     "check_size",
+    "decode_image",
     "frame_range",
     "holds_image",
     "list_images",
@@ -138,29 +139,50 @@ def read_image(path: str | os.PathLike[str], root: str | os.PathLike[str] | None
         If the file is missing, no regular file, cut off, larger than :data:`MAX_PIXELS`, or not an image of 8 or 16
         bits, or if it lies outside of the folder of the source.
     """
-    import cv2
-
     path = Path(path)
     if root is not None:
         check_inside(path, root)
-    data = read_regular(path, _MAX_BYTES, "an image", SourceError)
-    _check_header(path, data)
+    return decode_image(str(path), read_regular(path, _MAX_BYTES, "an image", SourceError))
+
+
+def decode_image(name: str, data: bytes) -> Image:
+    """Decode the content of an image file; see :func:`read_image`.
+
+    Parameters
+    ----------
+    name : str
+        The name of the image, for the message.
+    data : bytes
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) uint8
+        Grey or BGR.
+
+    Raises
+    ------
+    SourceError
+        If these are no data of an image of 8 or 16 bits, or if they are cut off or larger than :data:`MAX_PIXELS`.
+    """
+    import cv2
+
+    _check_header(name, data)
     # Decoders fill the missing part of a JPEG with grey and only print a warning. The entropy-coded data of a JPEG
     # cannot hold a marker, so that an intact file has an end marker after its last scan marker.
     if data.startswith(b"\xff\xd8") and data.find(b"\xff\xd9", data.rfind(b"\xff\xda")) < 0:
-        raise SourceError(f"{path}: the image is cut off")
+        raise SourceError(f"{name}: the image is cut off")
     if data.startswith(_PNG) and not _has_whole_chunks(data):
-        raise SourceError(f"{path}: the image is cut off")
+        raise SourceError(f"{name}: the image is cut off")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:
         image = None
     if image is None:
-        raise SourceError(f"{path}: not a readable image")
+        raise SourceError(f"{name}: not a readable image")
     if image.dtype == np.uint16:
         image = np.right_shift(image, 8, dtype=np.uint16, casting="unsafe").astype(np.uint8)
     if image.dtype != np.uint8:
-        raise SourceError(f"{path}: pixels are {image.dtype}; convert the image to 8 or 16 bits")
+        raise SourceError(f"{name}: pixels are {image.dtype}; convert the image to 8 or 16 bits")
     if image.ndim == 3:
         image = image[..., :3] if image.shape[2] >= 3 else image[..., 0]
     return cast(Image, np.ascontiguousarray(image))
@@ -176,7 +198,7 @@ def _has_whole_chunks(png: bytes) -> bool:
     return False
 
 
-def _check_header(path: Path, data: bytes) -> None:
+def _check_header(name: str, data: bytes) -> None:
     """Refuse an image by the size that its header states: a few bytes may state one of 40 GB."""
     import imagesize
 
@@ -185,10 +207,10 @@ def _check_header(path: Path, data: bytes) -> None:
     except Exception:  # the library raises what its parsers raise, for headers that are broken
         width, height = -1, -1
     if width < 1 or height < 1:
-        raise SourceError(f"{path}: not a readable image")
+        raise SourceError(f"{name}: not a readable image")
     if width * height > MAX_PIXELS:
         raise SourceError(
-            f"{path}: the header states {width}x{height} pixels, more than {MAX_PIXELS / 1e6:.0f} million: "
+            f"{name}: the header states {width}x{height} pixels, more than {MAX_PIXELS / 1e6:.0f} million: "
             "shrink the image and scale its calibration"
         )
 

@@ -29,7 +29,10 @@ from slam_init.datasets.hololens import find_hololens_index, open_hololens
 from slam_init.datasets.image_files import IMAGE_SUFFIXES, holds_image
 from slam_init.datasets.kitti import find_kitti_images, open_kitti
 from slam_init.datasets.kitti360 import find_kitti360_images, open_kitti360
+from slam_init.datasets.live import is_live
+from slam_init.datasets.live.address import without_password
 from slam_init.datasets.nerf import LLFF_FILE, TRANSFORMS, open_llff, open_transforms
+from slam_init.datasets.ros import BagName, detect_file, is_bag_folder, open_ros
 from slam_init.datasets.synth import PREFIX, open_synth
 from slam_init.datasets.tartanair import find_tartanair, open_tartanair
 from slam_init.datasets.timed import TimedSource
@@ -94,6 +97,7 @@ _FOLDERS: tuple[_Layout, ...] = (
     _Layout("colmap", "cameras and images, .txt or .bin, perhaps in sparse/0 (COLMAP)", find_colmap_model, open_colmap),
     _Layout("llff", f"{LLFF_FILE} (LLFF)", _any_of(LLFF_FILE), open_llff),
     _Layout("trakmark", "a table *extrinsic* (TrakMark)", find_trakmark_extrinsics, open_trakmark),
+    _Layout("ros2", "metadata.yaml, .mcap or .db3 (ROS 2)", is_bag_folder, lambda path: open_ros(path, 2)),
     _Layout("images", "images in it or in images/", _holds_images, open_folder),
 )
 
@@ -101,6 +105,8 @@ _FILES: tuple[_Layout, ...] = (
     _Layout("colmap-database", "a database of COLMAP", is_colmap_database, open_colmap_database),
     _Layout("hloc", "matches of hloc (.h5)", is_hdf5, open_hloc),
     _Layout("tracks", "tracks (.npz)", is_tracks_file, open_tracks_file),
+    _Layout("ros1", "a ROS 1 bag", lambda path: detect_file(path) == "ros1", lambda path: open_ros(path, 1)),
+    _Layout("ros2", "a ROS 2 bag", lambda path: detect_file(path) == "ros2", lambda path: open_ros(path, 2)),
     _Layout("video", "a video", lambda _: True, open_video),
 )
 
@@ -111,7 +117,8 @@ def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:
     Parameters
     ----------
     text : str or path-like
-        A path, or the name of a source in one of the forms above.
+        A path, or the name of a source in one of the forms above. The path of a ROS bag may name topics:
+        ``PATH?topic=/cam0/image_raw&truth_topic=/pose``.
     seed : int
         Seed of a synthetic sequence; ignored for other sources.
 
@@ -129,9 +136,12 @@ def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:
         return open_synth(text, seed)
     if text.startswith(PYTHON):
         return open_python(text)
-    path = user_path(text)
+    layout, bag = _layout_of(text), BagName.parse(text)
+    path = user_path(bag.path if bag else text)
     try:
-        return _layout_of(text).open(path)
+        if bag:
+            return open_ros(path, 1 if layout.kind == "ros1" else 2, bag.topic, bag.truth_topic)
+        return layout.open(path)
     except OSError as error:
         raise SourceError(f"{error.filename or path}: cannot be read ({error.strerror})") from None
 
@@ -164,6 +174,14 @@ def detect_kind(text: str | os.PathLike[str]) -> str:
 
 def _layout_of(text: str) -> _Layout:
     """The first layout that fits a path."""
+    if is_live(text):
+        raise SourceError(f"{without_password(text)!r}: is a live source: it can only be run (slam-init run)")
+    bag = BagName.parse(text)
+    if bag:
+        layout = _layout_of(bag.path)
+        if not layout.kind.startswith("ros"):
+            raise SourceError(f"{bag.path}: is no ROS bag, so that it has no topics")
+        return layout
     path = user_path(text)
     try:
         if path.is_dir():

@@ -11,9 +11,13 @@ __all__ = ["TimedSource"]
 
 
 class TimedSource(Source, Protocol):
-    """A source whose time stamps are known without reading its images."""
+    """A source whose length and time stamps are known without decoding its images."""
 
     @property
     def timestamps_s(self) -> Floats:
         """(N,) float: time stamps of all frames in seconds, strictly increasing."""
+        ...
+
+    def __len__(self) -> int:
+        """Number of frames; for a video, the number in its header."""
         ...

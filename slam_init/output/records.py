@@ -47,7 +47,8 @@ class SourceRecord:
     name : str
         Short name of the source.
     kind : str
-        ``tum``, ``euroc``, ``kitti``, ``images``, ``video``, ``synth`` or ``python``.
+        ``tum``, ``euroc``, ``kitti``, ``images``, ``video``, ``ros1``, ``ros2``, ``synth`` or ``live``; a data set of
+        the user has a word of its own.
     """
 
     name: str

@@ -42,6 +42,8 @@ class RecordingFile:
         The stream. Its data up to now and all further data go to the file.
     layout : rerun.blueprint.Blueprint
         The layout in the viewer.
+    viewer : str or None
+        Address of a viewer that receives the same data.
     patience_s : float
         At the end, a disk that takes no data for this long has failed.
 
@@ -52,7 +54,12 @@ class RecordingFile:
     """
 
     def __init__(
-        self, path: Path, recording: rr.RecordingStream, layout: rrb.Blueprint, patience_s: float = 60.0
+        self,
+        path: Path,
+        recording: rr.RecordingStream,
+        layout: rrb.Blueprint,
+        viewer: str | None = None,
+        patience_s: float = 60.0,
     ) -> None:
         self._path, self._partial = path, path.with_suffix(UNFINISHED)
         self._recording = recording
@@ -70,7 +77,7 @@ class RecordingFile:
             raise self._failure(error) from error
         if not _PIPES.is_dir():  # a system without names for open files: Rerun writes the file
             file.close()
-            recording.save(self._partial, default_blueprint=layout)
+            _send(recording, self._partial, viewer, layout)
             return
         read, write = os.pipe()
         threading.Thread(target=self._read, args=(read,), daemon=True).start()
@@ -78,7 +85,7 @@ class RecordingFile:
         self._file = file  # open until the thread has ended
         self._thread.start()
         try:
-            recording.save(_PIPES / str(write), default_blueprint=layout)
+            _send(recording, _PIPES / str(write), viewer, layout)
         finally:
             os.close(write)  # Rerun has opened the pipe again
 
@@ -160,3 +167,13 @@ class RecordingFile:
     def _failure(self, error: BaseException) -> OutputError:
         cause = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         return OutputError(f"cannot write the recording {self._path}: {cause}: {remedy(error)}, or give another --out")
+
+
+def _send(recording: rr.RecordingStream, path: Path, viewer: str | None, layout: rrb.Blueprint) -> None:
+    """Send the data of a recording to a file, and to a viewer if there is one."""
+    if viewer is None:
+        recording.save(path, default_blueprint=layout)
+        return
+    import rerun as rr
+
+    recording.set_sinks(rr.FileSink(str(path)), rr.GrpcSink(viewer), default_blueprint=layout)

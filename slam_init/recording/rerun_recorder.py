@@ -77,7 +77,7 @@ from slam_init.types.pose import Trajectory
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
-__all__ = ["FRAMES_AT_FULL_RATE", "RerunRecorder"]
+__all__ = ["FRAMES_AT_FULL_RATE", "RerunRecorder", "load_rerun"]
 
 _NOWHERE = np.zeros((0, 2))
 
@@ -91,6 +91,13 @@ FRAMES_AT_FULL_RATE = 300
 _TAIL_FRAMES = 3
 #: A chunk ends after this many bytes, and never after a time, so that two equal runs write equal chunks.
 _CHUNK_BYTES = 1 << 19
+
+
+def load_rerun() -> None:
+    """Load the library of the viewer, which takes half a second."""
+    # Rerun must not send usage data. It reads this variable when it is imported.
+    os.environ.setdefault("RERUN_ANALYTICS", "false")
+    import rerun  # noqa: F401
 
 
 class RerunRecorder(Recorder):
@@ -111,6 +118,9 @@ class RerunRecorder(Recorder):
         It is shown beside the estimate, once there is a map.
     seed : int
         Seed of the run. The id of the recording depends on the name of the source and the seed.
+    viewer : str or None
+        Address of a viewer that shows the recording while it is made. The file then depends on the time, since its
+        data are cut into chunks by time.
 
     Raises
     ------
@@ -125,9 +135,9 @@ class RerunRecorder(Recorder):
         source_name: str,
         groundtruth: Trajectory | None = None,
         seed: int = 0,
+        viewer: str | None = None,
     ) -> None:
-        # Rerun must not send usage data. It reads this variable when it is imported.
-        os.environ.setdefault("RERUN_ANALYTICS", "false")
+        load_rerun()
         import rerun as rr
 
         # The first call takes half a second. It comes before the file is created, in case of an interrupt.
@@ -145,8 +155,9 @@ class RerunRecorder(Recorder):
         self._moving = False
         self._end, self._rolling, self._closed = End.MAP, False, False
 
-        batching = rr.ChunkBatcherConfig.NEVER()
-        batching.flush_num_bytes = _CHUNK_BYTES
+        batching = rr.ChunkBatcherConfig.NEVER() if viewer is None else rr.ChunkBatcherConfig.LOW_LATENCY()
+        if viewer is None:
+            batching.flush_num_bytes = _CHUNK_BYTES
         source_name = plain_line(source_name)
         identity = uuid.uuid5(uuid.NAMESPACE_URL, f"slam-init/{source_name}/{seed}")
         self._rec = rr.RecordingStream(
@@ -155,7 +166,7 @@ class RerunRecorder(Recorder):
         self._rec.set_log_time_enabled(False)
         self._rec.set_log_tick_enabled(False)
         self._map_view = MapView(self._rec, groundtruth, self._scale)
-        self._file = RecordingFile(path, self._rec, layout)
+        self._file = RecordingFile(path, self._rec, layout, viewer)
         self._rec.send_recording_name(f"slam-init {source_name}")
         self._log_text(LEGEND, legend_markdown(ARROW_FACTOR), static=True)
         self._rec.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)

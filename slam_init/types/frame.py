@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sized
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
@@ -15,7 +15,7 @@ from slam_init.types.pose import Trajectory
 if TYPE_CHECKING:
     from slam_init.types.camera import Camera
 
-__all__ = ["Frame", "Observations", "Source", "notes_of"]
+__all__ = ["Frame", "Observations", "Source", "length_of", "notes_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,10 @@ class Frame:
 
 
 class Source(Protocol):
-    """A source of frames in time order: a folder, a video or a synthetic sequence."""
+    """A source of frames in time order: a folder, a video, a synthetic sequence or a live stream.
+
+    A source that knows its number of frames also has ``__len__``; see :func:`length_of`.
+    """
 
     @property
     def name(self) -> str:
@@ -59,7 +62,7 @@ class Source(Protocol):
 
     @property
     def kind(self) -> str:
-        """A layout of ``docs/datasets.md`` as ``tum``, ``video``, ``synth``, ``points``, or a word of the user."""
+        """A layout of ``docs/datasets.md`` as ``tum``, ``video``, ``ros1``, ``live``, or a word of the user."""
         ...
 
     @property
@@ -70,10 +73,6 @@ class Source(Protocol):
     @property
     def groundtruth(self) -> Trajectory | None:
         """The true trajectory that comes with the source, if any."""
-        ...
-
-    def __len__(self) -> int:
-        """Number of frames; for a video, the number in its header."""
         ...
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
@@ -91,6 +90,21 @@ class Source(Protocol):
         Frame
         """
         ...
+
+
+def length_of(source: Source) -> int | None:
+    """Tell how many frames a source has.
+
+    Parameters
+    ----------
+    source : Source
+
+    Returns
+    -------
+    int or None
+        For a video, the number in its header. None for a live stream, whose end is not known.
+    """
+    return len(source) if isinstance(source, Sized) else None
 
 
 def notes_of(source: Source) -> tuple[str, ...]:

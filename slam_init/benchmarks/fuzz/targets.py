@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.types.frame import Source
+from slam_init.datasets import TimedSource
 
 __all__ = ["TARGETS", "Target"]
 
@@ -183,7 +183,7 @@ def _read_source(path: Path) -> None:
         assert frame.image.dtype == np.uint8
 
 
-def _check(source: Source, times_s: np.ndarray) -> None:
+def _check(source: TimedSource, times_s: np.ndarray) -> None:
     assert np.isfinite(times_s).all() and (np.diff(times_s) > 0).all() and len(times_s) == len(source)
     poses = () if source.groundtruth is None else source.groundtruth.world_from_cam
     for pose in poses:

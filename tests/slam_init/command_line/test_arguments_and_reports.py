@@ -19,7 +19,10 @@ def test_arguments_reach_the_pipeline(world, pipeline, capsys):
     ((source, camera, config, options),) = pipeline.calls
     assert (source.kind, len(source), camera.fx, config.seed, config.method) == ("images", 3, 60, 5, "quest")
     assert str(options.pop("out")) == "results"
-    assert options == {"start": 1, "max_frames": 2, "continue_frames": 4, "progress": False, "overview": True}
+    assert options == {"start": 1, "max_frames": 2, "continue_frames": 4, "progress": False} | {
+        "overview": True,
+        "viewer": None,
+    }
     assert capsys.readouterr() == ("", "")
 
 

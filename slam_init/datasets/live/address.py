@@ -1,0 +1,85 @@
+"""The names of live sources, as the user types them."""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+
+from slam_init.datasets.live.capture import open_camera, open_url
+from slam_init.datasets.live.pipe import open_pipe
+from slam_init.datasets.live.source import LiveSource
+from slam_init.errors import SourceError
+
+__all__ = ["is_live", "open_live", "without_password"]
+
+_PIPE = "-"
+_CAMERA = "camera:"
+_URL = re.compile(r"(rtsps?|https?)://[^/\s]", re.IGNORECASE)
+_PASSWORD = re.compile(r"(?<=://)[^/@\s]*@")
+
+
+def is_live(text: str) -> bool:
+    """Tell whether a name is that of a live source.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    bool
+        True for ``camera:N``, ``rtsp://...``, ``http://...``, ``https://...`` and ``-``.
+    """
+    return text == _PIPE or text.startswith(_CAMERA) or _URL.match(text) is not None
+
+
+def open_live(text: str, *, keep_all: bool = False, reconnects: int = 3) -> LiveSource:
+    """Open a live source. Nothing is connected before its frames are asked for.
+
+    Parameters
+    ----------
+    text : str
+        ``camera:N``, ``rtsp://...``, ``http://...``, ``https://...``, or ``-`` for the standard input.
+    keep_all : bool
+        Let the sender wait instead of dropping images.
+    reconnects : int
+        How many times a lost connection is tried again.
+
+    Returns
+    -------
+    LiveSource
+
+    Raises
+    ------
+    SourceError
+        If the text is no name of a live source.
+    """
+    if text == _PIPE:
+        return LiveSource(
+            "standard input", partial(open_pipe, "standard input", 0), pipe=True, keep_all=keep_all, reconnects=0
+        )
+    if text.startswith(_CAMERA):
+        number = text.removeprefix(_CAMERA)
+        if not (number.isascii() and number.isdecimal() and len(number) < 4):
+            raise SourceError(f"{text!r}: give the number of a camera, as in camera:0")
+        connect = partial(open_camera, text, int(number))
+        return LiveSource(text, connect, keep_all=keep_all, reconnects=reconnects)
+    if _URL.match(text) is None:
+        raise SourceError(f"{text!r}: is no live source: give camera:0, an rtsp or http address, or -")
+    name = without_password(text)
+    return LiveSource(name, partial(open_url, name, text), keep_all=keep_all, reconnects=reconnects)
+
+
+def without_password(text: str) -> str:
+    """Remove user and password from the addresses in a text.
+
+    Parameters
+    ----------
+    text : str
+
+    Returns
+    -------
+    str
+        ``rtsp://host/path`` of ``rtsp://user:password@host/path``.
+    """
+    return _PASSWORD.sub("", text)

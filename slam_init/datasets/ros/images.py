@@ -1,0 +1,130 @@
+"""Decodes ``sensor_msgs/Image`` and ``sensor_msgs/CompressedImage``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+
+from slam_init.datasets.image_files import MAX_PIXELS, decode_image
+from slam_init.errors import SourceError
+from slam_init.types.arrays import Image
+
+__all__ = ["COMPRESSED", "RAW", "decode", "is_picture"]
+
+#: The message types.
+RAW, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+
+
+@dataclass(frozen=True)
+class _Encoding:
+    """How pixels are stored.
+
+    Attributes
+    ----------
+    channels : int
+    wide : bool
+        Whether a channel has 16 bits.
+    conversion : str or None
+        Name of the conversion of OpenCV to BGR; None if the pixels are grey or BGR.
+    """
+
+    channels: int
+    wide: bool = False
+    conversion: str | None = None
+
+
+def _encodings() -> dict[str, _Encoding]:
+    """The encodings of ``sensor_msgs/image_encodings`` that are pictures."""
+    known = {
+        "mono8": _Encoding(1), "8uc1": _Encoding(1), "mono16": _Encoding(1, wide=True),
+        "bgr8": _Encoding(3), "8uc3": _Encoding(3), "bgr16": _Encoding(3, wide=True),
+        "rgb8": _Encoding(3, conversion="COLOR_RGB2BGR"),
+        "rgb16": _Encoding(3, wide=True, conversion="COLOR_RGB2BGR"),
+        "bgra8": _Encoding(4, conversion="COLOR_BGRA2BGR"), "8uc4": _Encoding(4, conversion="COLOR_BGRA2BGR"),
+        "rgba8": _Encoding(4, conversion="COLOR_RGBA2BGR"),
+        "yuv422": _Encoding(2, conversion="COLOR_YUV2BGR_UYVY"), "uyvy": _Encoding(2, conversion="COLOR_YUV2BGR_UYVY"),
+        "yuv422_yuy2": _Encoding(2, conversion="COLOR_YUV2BGR_YUY2"),
+        "yuyv": _Encoding(2, conversion="COLOR_YUV2BGR_YUY2"),
+    }  # fmt: skip
+    for mosaic in ("rggb", "bggr", "gbrg", "grbg"):  # the first four pixels; this spelling of OpenCV means the same
+        for bits in (8, 16):
+            known[f"bayer_{mosaic}{bits}"] = _Encoding(1, bits == 16, f"COLOR_Bayer{mosaic.upper()}2BGR")
+    return known
+
+
+_ENCODINGS = _encodings()
+
+
+def is_picture(message: Any) -> bool:
+    """Tell whether a message holds a picture, and no depth.
+
+    Parameters
+    ----------
+    message : sensor_msgs/Image or sensor_msgs/CompressedImage
+        Decoded by ``rosbags``.
+
+    Returns
+    -------
+    bool
+        An unknown encoding is a picture, so that :func:`decode` names it.
+    """
+    if hasattr(message, "format"):
+        return "compresseddepth" not in str(message.format).lower().replace(" ", "")
+    return not str(message.encoding).upper().startswith(("16UC1", "16SC1", "32FC1", "64FC1", "32SC1"))
+
+
+def decode(place: str, message: Any) -> Image:
+    """Decode a message to grey or BGR. Images of 16 bits keep their upper eight bits.
+
+    Parameters
+    ----------
+    place : str
+        The name of the image, for the message.
+    message : sensor_msgs/Image or sensor_msgs/CompressedImage
+        Decoded by ``rosbags``.
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) uint8
+
+    Raises
+    ------
+    SourceError
+        If the encoding is unknown, or the data do not fit to the stated size.
+    """
+    data = np.asarray(message.data).view(np.uint8)
+    if hasattr(message, "format"):
+        return decode_image(place, data.tobytes())
+    encoding = _ENCODINGS.get(str(message.encoding).lower())
+    if encoding is None:
+        raise SourceError(
+            f"{place}: the encoding {str(message.encoding)[:40]!r} is not supported: use one of {', '.join(_ENCODINGS)}"
+        )
+    width, height, step = int(message.width), int(message.height), int(message.step)
+    if width < 1 or height < 1 or width * height > MAX_PIXELS:
+        raise SourceError(
+            f"{place}: {width}x{height} pixels: an image has at least one and at most {MAX_PIXELS / 1e6:.0f} million"
+        )
+    row = width * encoding.channels * (2 if encoding.wide else 1)
+    step = step or row  # some drivers leave it out
+    if step < row or len(data) < step * (height - 1) + row:
+        raise SourceError(
+            f"{place}: {len(data)} bytes in rows of {step} hold no {width}x{height} pixels of {message.encoding}"
+        )
+    data = np.pad(data, (0, max(0, step * height - len(data))))  # the last row may end with its last pixel
+    rows = data[: step * height].reshape(height, step)[:, :row]
+    if encoding.wide:
+        upper = 0 if message.is_bigendian else 1
+        rows = rows[:, upper::2]
+    pixels = rows.reshape(height, width, encoding.channels) if encoding.channels > 1 else rows
+    return _bgr(np.ascontiguousarray(pixels), encoding.conversion)
+
+
+def _bgr(pixels: Image, conversion: str | None) -> Image:
+    import cv2
+
+    if conversion is None:
+        return pixels
+    return cast(Image, np.asarray(cv2.cvtColor(pixels, getattr(cv2, conversion)), np.uint8))

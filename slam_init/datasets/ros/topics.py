@@ -1,0 +1,211 @@
+"""Chooses the topics of a bag: the images, their calibration, and the true poses."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import parse_qsl, urlencode
+
+from slam_init.datasets.ros.bag import Bag, Topic
+from slam_init.datasets.ros.images import COMPRESSED, RAW, is_picture
+from slam_init.errors import SourceError
+from slam_init.regular_file import user_path
+
+__all__ = ["CAMERA_INFO", "NO_TRUTH", "POSES", "TRANSFORMS", "BagName", "image_topic", "info_topic", "truth_topic"]
+
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+#: Types of messages with one pose each.
+POSES = (
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "geometry_msgs/msg/TransformStamped",
+    "nav_msgs/msg/Odometry",
+)
+#: Types of messages with transforms between frames.
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+#: Given as the topic of the ground truth, it means that there is none.
+NO_TRUTH = "none"
+
+_QUERY = "?"
+
+
+@dataclass(frozen=True)
+class BagName:
+    """A bag with the topics that the user has chosen, as text: ``PATH?topic=/cam0/image_raw&truth_topic=/pose``.
+
+    Attributes
+    ----------
+    path : str
+    topic : str or None
+        Of the images.
+    truth_topic : str or None
+        Of the true poses; ``none`` for no ground truth.
+    """
+
+    path: str
+    topic: str | None = None
+    truth_topic: str | None = None
+
+    @staticmethod
+    def parse(text: str) -> BagName | None:
+        """Read the text form.
+
+        Parameters
+        ----------
+        text : str
+
+        Returns
+        -------
+        BagName or None
+            None if the text names no topic.
+        """
+        path, mark, query = text.rpartition(_QUERY)
+        options = dict(parse_qsl(query))
+        if not mark or not options or set(options) - {"topic", "truth_topic"} or _exists(text):
+            return None
+        return BagName(path, options.get("topic"), options.get("truth_topic"))
+
+    def __str__(self) -> str:
+        options = {"topic": self.topic, "truth_topic": self.truth_topic}
+        query = urlencode({key: value for key, value in options.items() if value is not None}, safe="/")
+        return f"{self.path}{_QUERY}{query}" if query else self.path
+
+
+def image_topic(bag: Bag, name: str | None) -> tuple[Topic, tuple[str, ...]]:
+    """Choose the topic of the images.
+
+    Without a name it is the only one that holds pictures. A camera that is recorded both raw and compressed counts
+    once, and its raw images are taken. Depth images are left out.
+
+    Parameters
+    ----------
+    bag : Bag
+    name : str or None
+        The choice of the user.
+
+    Returns
+    -------
+    topic : Topic
+    notes : tuple of str
+        For the user.
+
+    Raises
+    ------
+    SourceError
+        If there is no such topic, or if there are several; the message lists them.
+    """
+    found = [topic for topic in bag.topics if topic.type in (RAW, COMPRESSED) and topic.count]
+    if name is not None:
+        chosen = _named(found, name)
+        if chosen is None:
+            raise SourceError(f"{bag.path}: no images in the topic {name!r}: give --topic {_listed(found)}")
+        return chosen, ()
+    found = [topic for topic in found if _holds_pictures(bag, topic)]
+    if not found:
+        others = ", ".join(topic.name for topic in bag.topics[:20]) or "nothing"
+        raise SourceError(f"{bag.path}: holds no topic with images (sensor_msgs/Image, CompressedImage), but {others}")
+    cameras: dict[str, list[Topic]] = {}
+    for topic in sorted(found, key=lambda topic: (topic.type == COMPRESSED, topic.name)):
+        cameras.setdefault(_camera(topic.name), []).append(topic)
+    if len(cameras) > 1:
+        raise SourceError(f"{bag.path}: holds several topics with images: choose one by --topic {_listed(found)}")
+    (variants,) = cameras.values()
+    left_out = ", ".join(topic.name for topic in variants[1:])
+    return variants[0], (f"images of {variants[0].name}; the same camera is in {left_out}",) if left_out else ()
+
+
+def info_topic(bag: Bag, images: Topic, frame_id: str) -> Topic | None:
+    """Find the calibration of a topic of images.
+
+    It is the ``camera_info`` beside the topic, as ROS names it; else the only one whose messages have the same frame.
+
+    Parameters
+    ----------
+    bag : Bag
+    images : Topic
+    frame_id : str
+        Frame of the images.
+
+    Returns
+    -------
+    Topic or None
+    """
+    infos = [topic for topic in bag.topics if topic.type == CAMERA_INFO and topic.count]
+    beside = f"{_camera(images.name)}/camera_info"
+    for topic in infos:
+        if topic.name == beside:
+            return topic
+    same = []
+    for topic in infos:
+        first = bag.first(topic.name)
+        if first is not None and frame_id and bag.header_of(first, topic).frame_id == frame_id:
+            same.append(topic)
+    return same[0] if len(same) == 1 else None
+
+
+def truth_topic(bag: Bag, name: str | None) -> tuple[Topic | None, tuple[str, ...]]:
+    """Choose the topic of the true poses.
+
+    Without a name it is the only one that holds poses. If there is none, it is the topic of the transforms.
+
+    Parameters
+    ----------
+    bag : Bag
+    name : str or None
+        The choice of the user.
+
+    Returns
+    -------
+    topic : Topic or None
+        None if there is no ground truth.
+    notes : tuple of str
+        For the user: the topics that were not taken.
+
+    Raises
+    ------
+    SourceError
+        If there is no such topic; the message lists those that there are.
+    """
+    poses = [topic for topic in bag.topics if topic.type in POSES and topic.count]
+    transforms = [topic for topic in bag.topics if topic.type in TRANSFORMS and topic.count]
+    if name == NO_TRUTH:
+        return None, ()
+    if name is not None:
+        chosen = _named([*poses, *transforms], name)
+        if chosen is None:
+            listed = _listed([*poses, *transforms]) or NO_TRUTH
+            raise SourceError(f"{bag.path}: no poses in the topic {name!r}: give --truth-topic {listed}")
+        return chosen, ()
+    if len(poses) > 1:
+        return None, (f"no ground truth: several topics hold poses: choose one by --truth-topic {_listed(poses)}",)
+    moving = [topic for topic in transforms if not topic.name.endswith("tf_static")]
+    return next(iter([*poses, *moving]), None), ()
+
+
+def _exists(text: str) -> bool:
+    try:
+        return user_path(text).exists()
+    except (OSError, ValueError):
+        return False
+
+
+def _named(topics: Sequence[Topic], name: str) -> Topic | None:
+    wanted = name.strip("/")
+    return next((topic for topic in topics if topic.name.strip("/") == wanted), None)
+
+
+def _listed(topics: Sequence[Topic]) -> str:
+    return " or ".join(topic.name for topic in topics)
+
+
+def _holds_pictures(bag: Bag, topic: Topic) -> bool:
+    first = bag.first(topic.name)
+    return first is not None and is_picture(bag.decoded(first, topic))
+
+
+def _camera(name: str) -> str:
+    """The name of the camera of a topic: ``/cam0`` of ``/cam0/image_raw`` and of ``/cam0/image_raw/compressed``."""
+    name = re.sub(r"/compressed$", "", name)
+    return str(Path(name).parent.as_posix()).rstrip("/")

@@ -1,0 +1,85 @@
+"""Live sources and the live viewer on the command line."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+from cli_files import IMAGES, WITH
+
+import slam_init.initializer
+import slam_init.recording.live_viewer
+from slam_init.cli import main
+from slam_init.config import REALTIME_WORK
+from slam_init.process_io import FirstInterruptTold
+
+
+@pytest.fixture
+def stdin():
+    """The standard input holds three grey images of 64x48 pixels as Y4M."""
+    frames = b"".join(b"FRAME\n" + np.full(64 * 48, 50 * k, np.uint8).tobytes() for k in range(3))
+    read, write = os.pipe()
+    os.write(write, b"YUV4MPEG2 W64 H48 F30:1 Cmono\n" + frames)
+    os.close(write)
+    before = os.dup(0)
+    os.dup2(read, 0)
+    yield
+    os.dup2(before, 0)
+    os.close(before)
+    os.close(read)
+
+
+@pytest.mark.parametrize(("options", "work"), [([], REALTIME_WORK), (["--no-realtime"], None)])
+def test_a_live_source_is_judged_in_slices_unless_told_otherwise(world, pipeline, stdin, monkeypatch, options, work):
+    monkeypatch.setattr(slam_init.initializer, "load_all", lambda: None)  # of no use for a stand-in
+    assert main(["run", "-", *WITH, *options]) == 0
+    ((source, _, config, _),) = pipeline.calls
+    assert (source.kind, source.name, config.work_per_frame) == ("live", "standard input", work)
+
+
+def test_a_stored_source_is_judged_at_once_unless_told_otherwise(world, pipeline):
+    (world / "c.toml").write_text("work_per_frame = 9000.0\n")
+    for options in ([], ["--realtime"], ["--config", "c.toml"], ["--config", "c.toml", "--no-realtime"]):
+        assert main(["run", IMAGES, *WITH, *options]) == 0
+    assert [config.work_per_frame for _, _, config, _ in pipeline.calls] == [None, REALTIME_WORK, 9000.0, None]
+
+
+@pytest.mark.parametrize("command", [["info", "camera:0"], ["compare", "rtsp://me:secret@host/a"]])
+def test_other_commands_refuse_live_sources_in_one_line(command, capsys):
+    assert main(command) == 2
+    error = capsys.readouterr().err
+    assert "it can only be run" in error and "secret" not in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["--live", IMAGES], "spawn"),
+        ([IMAGES, "--live"], "spawn"),
+        (["--live=rerun+http://host:1/proxy", IMAGES], "rerun+http://host:1/proxy"),
+        ([IMAGES], None),
+    ],
+)
+def test_the_viewer_stands_before_and_behind_the_source(world, pipeline, monkeypatch, words, text):
+    monkeypatch.setattr(slam_init.recording.live_viewer, "viewer_url", lambda asked: f"url of {asked}")
+    assert main(["run", *words, *WITH]) == 0
+    ((source, _, _, options),) = pipeline.calls
+    assert source.kind == "images"
+    assert options["viewer"] == (None if text is None else f"url of {text}")
+
+
+def test_a_viewer_that_is_not_there_ends_the_run_before_it_begins(world, pipeline, capsys):
+    assert main(["run", IMAGES, *WITH, "--live=rerun+http://127.0.0.1:1/proxy"]) == 2
+    assert "no viewer answers there" in capsys.readouterr().err
+    assert pipeline.calls == []
+
+
+def test_the_first_interrupt_is_told_and_the_second_interrupts():
+    told = []
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), FirstInterruptTold(lambda: told.append("stop")):
+        signal.raise_signal(signal.SIGINT)
+        assert told == ["stop"]
+        signal.raise_signal(signal.SIGINT)
+    assert told == ["stop"]
+    assert signal.getsignal(signal.SIGINT) == before

@@ -1,0 +1,138 @@
+"""Cameras and network streams. A capture of a file stands for a device; servers are real where they are installed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from slam_init.datasets.live import LiveSource, open_live
+from slam_init.datasets.live.capture import CaptureStream
+from slam_init.errors import SourceError
+
+SERVER = """
+import sys, gi
+gi.require_version("Gst", "1.0")
+gi.require_version("GstRtspServer", "1.0")
+from gi.repository import GLib, Gst, GstRtspServer
+Gst.init(None)
+server = GstRtspServer.RTSPServer()
+server.set_service("0")
+factory = GstRtspServer.RTSPMediaFactory()
+factory.set_launch("( videotestsrc ! video/x-raw,format=I420,width=64,height=48,framerate=30/1 "
+                   "! jpegenc ! rtpjpegpay name=pay0 pt=26 )")
+server.get_mount_points().add_factory("/test", factory)
+server.attach(None)
+print(server.get_bound_port(), flush=True)
+GLib.timeout_add_seconds(30, sys.exit)
+GLib.MainLoop().run()
+"""
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory):
+    """Twenty images of 64x48 pixels at 30 Hz; image k has the grey value 10 k."""
+    path = tmp_path_factory.mktemp("video") / "video.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (64, 48))
+    if not writer.isOpened():
+        pytest.skip("this OpenCV writes no video")
+    for k in range(20):
+        writer.write(np.full((48, 64, 3), 10 * k, np.uint8))
+    writer.release()
+    return path
+
+
+@contextmanager
+def started(*command: str):
+    """A process that is ended at the end."""
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_capture_stands_for_a_camera(video):
+    source = LiveSource(
+        "camera:0",
+        lambda: CaptureStream("camera:0", cv2.VideoCapture(str(video)), timed=False),
+        keep_all=True,
+        reconnects=0,
+    )
+    with source:
+        frames = list(source.frames())
+    assert [round(frame.image.mean() / 10) for frame in frames] == list(range(20))
+
+
+def test_a_camera_that_is_not_there_is_refused_by_name():
+    with open_live("camera:99") as source, pytest.raises(SourceError, match="camera:99: cannot be opened"):
+        next(source.frames())
+
+
+def test_an_address_that_nobody_answers_is_refused_by_name():
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}/video"
+    with open_live(f"http://me:secret@{address}") as source, pytest.raises(SourceError) as caught:
+        next(source.frames())
+    assert str(caught.value).startswith(f"http://{address}: cannot be opened")
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="needs ffmpeg (Debian: ffmpeg)")
+def test_a_stream_over_http_is_received(video):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        url = f"http://127.0.0.1:{free.getsockname()[1]}/video.ts"
+    coded = ("-c:v", "mpeg2video", "-q:v", "2", "-f", "mpegts")
+    with started("ffmpeg", "-loglevel", "error", "-i", str(video), *coded, "-listen", "1", url):
+        for _ in range(100):  # the server tells nobody that it listens
+            try:
+                with open_live(url, keep_all=True, reconnects=0) as source:
+                    frames = list(source.frames())
+                break
+            except SourceError:
+                time.sleep(0.1)
+        else:
+            pytest.skip("ffmpeg did not start in time")
+    assert len(frames) >= 18
+    assert [round(frame.image.mean() / 10) for frame in frames] == [frame.index for frame in frames]
+    np.testing.assert_allclose(np.diff([frame.timestamp_s for frame in frames]), 1 / 30, atol=2e-5)
+
+
+def rtsp_python() -> str | None:
+    """A Python that has the RTSP server of GStreamer: Debian's own has, an environment has not."""
+    code = "import gi; gi.require_version('GstRtspServer', '1.0'); from gi.repository import GstRtspServer"
+    for python in (sys.executable, "/usr/bin/python3"):
+        if (
+            Path(python).is_file()
+            and not subprocess.run([python, "-c", code], capture_output=True, check=False).returncode
+        ):
+            return python
+    return None
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs Debian's packages")
+def test_a_stream_over_rtsp_is_received():
+    python = rtsp_python()
+    if python is None:
+        pytest.skip("needs GStreamer's RTSP server (Debian: gir1.2-gst-rtsp-server-1.0, python3-gi)")
+    with started(python, "-c", SERVER) as server:
+        assert server.stdout is not None
+        port = server.stdout.readline().decode().strip()
+        if not port:
+            pytest.skip("GStreamer lacks a plugin (Debian: gstreamer1.0-plugins-good)")
+        with open_live(f"rtsp://127.0.0.1:{port}/test", reconnects=0) as source:
+            frames = list(source.frames(0, 10))
+    assert [frame.image.shape for frame in frames] == [(48, 64, 3)] * 10
+    steps = np.diff([frame.timestamp_s for frame in frames])
+    assert (steps > 0).all() and 0.02 < np.median(steps) < 0.05

@@ -1,0 +1,152 @@
+"""True poses in bags: topics of poses, and trees of transforms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from make_bag import ODOMETRY, POSE, TRANSFORM, Messages
+
+from quest.geometry.quaternion import rotation_from_vector
+from slam_init.datasets import open_source
+from slam_init.datasets.ros.transforms import StampedTransform, TransformTree
+from slam_init.errors import SourceError
+from slam_init.types.pose import Pose
+
+pytest.importorskip("rosbags")
+
+
+def pose(*turn_and_place: float) -> Pose:
+    return Pose(rotation_from_vector(np.array(turn_and_place[:3])), np.array(turn_and_place[3:], float))
+
+
+WORLD_FROM_BODY = [pose(0.1 * k, 0.2, -0.1 * k, k, 0.5 * k, 2) for k in range(4)]
+BODY_FROM_MOUNT, MOUNT_FROM_CAM = pose(0.3, 0, 1.2, 0.1, 0, 0.2), pose(-1.5, 0.1, 0, 0, 0.05, 0)
+BODY_FROM_CAM = BODY_FROM_MOUNT @ MOUNT_FROM_CAM
+
+
+def with_images() -> Messages:
+    messages = Messages("mcap")
+    for k in range(4):
+        messages.image("/cam/image_raw", 1 + k / 20, np.zeros((48, 64), np.uint8), "mono8")
+    return messages
+
+
+def fix_camera(messages: Messages, topic: str = "/tf_static") -> None:
+    messages.tf(
+        topic,
+        1.0,
+        messages.transform(1.0, "body", "mount", BODY_FROM_MOUNT),
+        messages.transform(1.0, "mount", "cam", MOUNT_FROM_CAM),
+    )
+
+
+def assert_poses(source, expected) -> None:
+    found = source.groundtruth
+    np.testing.assert_allclose(found.timestamps_s, 1 + np.arange(4) / 20)
+    for a, b in zip(found.world_from_cam, expected, strict=True):
+        np.testing.assert_allclose(a.R, b.R, atol=1e-9)
+        np.testing.assert_allclose(a.t, b.t, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [POSE, ODOMETRY, TRANSFORM])
+def test_the_pose_of_a_body_becomes_that_of_the_camera(tmp_path, kind):
+    messages = with_images()
+    fix_camera(messages)
+    for k, each in enumerate(WORLD_FROM_BODY):
+        messages.pose("/truth", 1 + k / 20, each, kind)
+    source = open_source(messages.write(tmp_path / "bag"))
+    assert_poses(source, [each @ BODY_FROM_CAM for each in WORLD_FROM_BODY])
+    assert any("the pose of body" in note and "to cam" in note for note in source.notes)
+
+
+@pytest.mark.parametrize("kind", [POSE, ODOMETRY])
+def test_without_a_transform_the_pose_is_that_of_the_body_and_a_note_says_so(tmp_path, kind):
+    messages = with_images()
+    for k, each in enumerate(WORLD_FROM_BODY):
+        messages.pose("/truth", 1 + k / 20, each, kind)
+    source = open_source(messages.write(tmp_path / "bag"))
+    assert_poses(source, WORLD_FROM_BODY)
+    assert any("the pose of the body, since the bag has no transform" in note for note in source.notes)
+
+
+def test_a_body_that_is_the_camera_needs_no_transform(tmp_path):
+    messages = with_images()
+    for k, each in enumerate(WORLD_FROM_BODY):
+        messages.pose("/truth", 1 + k / 20, each, ODOMETRY, child="cam")
+    source = open_source(messages.write(tmp_path / "bag"))
+    assert_poses(source, WORLD_FROM_BODY)
+    assert any("the pose of cam" in note for note in source.notes)
+
+
+def test_a_tree_of_transforms_tells_the_motion_of_the_camera(tmp_path):
+    messages = with_images()
+    for k, each in enumerate(WORLD_FROM_BODY):
+        fix_camera(messages, "/tf")  # ROS 1 sends what is fixed again and again
+        messages.tf("/tf", 1 + k / 20, messages.transform(1 + k / 20, "odom", "body", each))
+        messages.tf("/tf", 1 + k / 20, messages.transform(1 + k / 20, "map", "odom", pose(0, 0, 0.5, 3, 0, 0)))
+    source = open_source(messages.write(tmp_path / "bag"))
+    assert_poses(source, [pose(0, 0, 0.5, 3, 0, 0) @ each @ BODY_FROM_CAM for each in WORLD_FROM_BODY])
+    assert any("cam in map" in note for note in source.notes)
+
+
+def test_transforms_that_say_nothing_about_the_camera_are_no_truth(tmp_path):
+    messages = with_images()
+    messages.tf("/tf", 1.0, messages.transform(1.0, "world", "other", WORLD_FROM_BODY[1]))
+    source = open_source(messages.write(tmp_path / "bag"))
+    assert source.groundtruth is None
+    assert any("does not tell how cam moves" in note for note in source.notes)
+
+
+def test_of_several_topics_with_poses_one_must_be_chosen(tmp_path):
+    messages = with_images()
+    for k, each in enumerate(WORLD_FROM_BODY):
+        messages.pose("/a", 1 + k / 20, each)
+        messages.pose("/b", 1 + k / 20, pose(0, 0, 0, 0, 0, k))
+    path = messages.write(tmp_path / "bag")
+    source = open_source(path)
+    assert source.groundtruth is None and any("--truth-topic /a or /b" in note for note in source.notes)
+    assert_poses(open_source(f"{path}?truth_topic=/a"), WORLD_FROM_BODY)
+    assert open_source(f"{path}?truth_topic=none").notes == ()
+    with pytest.raises(SourceError, match="no poses in the topic '/c': give --truth-topic /a or /b"):
+        open_source(f"{path}?truth_topic=/c")
+
+
+def test_a_pose_that_is_none_is_refused_by_place(tmp_path):
+    messages = with_images()
+    broken = pose(0, 0, 0, 0, 0, 0)
+    broken.t[0] = np.nan
+    messages.pose("/truth", 1.0, broken)
+    with pytest.raises(SourceError, match="/truth, message 0: a pose holds a number that is not finite"):
+        _ = open_source(messages.write(tmp_path / "bag")).groundtruth
+
+
+# -- trees ----------------------------------------------------------------------------------------
+
+
+def sent(time_s: float, parent: str, child: str, value: Pose) -> StampedTransform:
+    return StampedTransform(time_s, parent, child, value.t, value.q_wxyz)
+
+
+def test_a_transform_between_fixed_frames_goes_up_and_down():
+    tree = TransformTree.of(
+        [sent(0, "root", "a", pose(0, 0, 1, 1, 0, 0)), sent(0, "root", "b", pose(1, 0, 0, 0, 2, 0))]
+    )
+    there, back = tree.rigid("a", "b"), tree.rigid("b", "a")
+    np.testing.assert_allclose((there @ back).R, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(there.t, pose(0, 0, 1, 1, 0, 0).inverse().apply(np.array([0, 2.0, 0])), atol=1e-12)
+    assert tree.rigid("a", "elsewhere") is None
+
+
+def test_a_slower_edge_is_interpolated_and_a_gap_is_left_out():
+    fast = [sent(k / 20, "odom", "cam", pose(0, 0, 0, k, 0, 0)) for k in range(9)]
+    slow = [sent(time_s, "map", "odom", pose(0, 0, 2 * time_s, 0, 0, 0)) for time_s in (0.05, 0.15, 0.2, 0.4)]
+    root, stamped = TransformTree.of([*fast, *slow]).path_of("cam")
+    assert root == "map"
+    np.testing.assert_allclose([time_s for time_s, _ in stamped], [0.05, 0.1, 0.15, 0.2, 0.4])
+    np.testing.assert_allclose(stamped[1][1].R, rotation_from_vector(np.array([0, 0, 0.2])), atol=1e-12)
+
+
+def test_a_circle_of_frames_ends():
+    tree = TransformTree.of([sent(0, "a", "b", pose(0, 0, 0, 1, 0, 0)), sent(0, "b", "a", pose(0, 0, 0, 1, 0, 0))])
+    assert tree.above("a") == ["a", "b"]
+    assert tree.path_of("a") == ("b", [])

@@ -1,0 +1,47 @@
+"""The address of a viewer, and a recording that goes to a viewer and to a file."""
+
+from __future__ import annotations
+
+import socket
+
+import pytest
+import rerun as rr
+from read_recording import column
+
+from slam_init.errors import OutputError
+from slam_init.recording.layout import blueprint
+from slam_init.recording.live_viewer import SPAWN, viewer_url
+from slam_init.recording.recording_file import RecordingFile
+
+
+@pytest.mark.parametrize(
+    "text", ["", "viewer", "http://127.0.0.1:9876", "rerun+http://", "rerun+http://[", "rerun+http://h:x"]
+)
+def test_a_text_that_is_no_address_is_refused(text):
+    with pytest.raises(OutputError, match="give the address of a viewer"):
+        viewer_url(text)
+
+
+def test_an_address_where_nobody_answers_is_refused():
+    with pytest.raises(OutputError, match="no viewer answers there"):
+        viewer_url("rerun+http://127.0.0.1:1/proxy")
+
+
+def test_a_viewer_that_does_not_start_is_an_error(monkeypatch):
+    monkeypatch.setattr("slam_init.recording.live_viewer.VIEWER_PORT", 1)
+    monkeypatch.setattr(rr, "spawn", lambda **_: None)  # as without a display, after a wait
+    with pytest.raises(OutputError, match="the viewer does not start here"):
+        viewer_url(SPAWN)
+
+
+def test_a_recording_goes_to_a_viewer_and_to_its_file(tmp_path):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    server = rr.RecordingStream("viewer")
+    url = viewer_url(rr.serve_grpc(grpc_port=port, recording=server))
+    stream = rr.RecordingStream("test", recording_id="1", send_properties=False)
+    file = RecordingFile(tmp_path / "a.rrd", stream, blueprint(), viewer=url)
+    stream.log("figure", rr.Scalars(3.0))
+    file.complete()
+    assert column(tmp_path / "a.rrd", "/figure", "Scalars:scalars") == [[3.0]]
