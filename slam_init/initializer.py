@@ -40,6 +40,7 @@ from slam_init.decision.screening import screen
 from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
 from slam_init.frontend.rolling_shutter import VIDEO_INTERVAL_S, RollingShutter, corrected_pixels
+from slam_init.frontend.static_overlay import StaticOverlay
 from slam_init.frontend.tracks import Tracker
 from slam_init.mapping.map_building import MapWithViews
 from slam_init.recording.recorder import Recorder
@@ -113,6 +114,7 @@ class Initializer:
         self.tracker = Tracker(camera, self.config.tracking)
         self.history = self.tracker.history
         self._clock = FrameClock(self.history)
+        self._overlay = StaticOverlay()
         self.shutter = RollingShutter(camera)
         self.keyframes = KeyframeManager(camera, self.config)
         self.stopwatch = Stopwatch(seconds)
@@ -136,6 +138,7 @@ class Initializer:
         image: Image | Frame,
         timestamp_s: float | None = None,
         *,
+        mask: Image | None = None,
         rotation: Floats | None = None,
         rotation_sigma_rad: float = 1e-3,
     ) -> Status:
@@ -150,6 +153,8 @@ class Initializer:
             In seconds, for the trajectory and a rolling shutter. Without it the time of an image is its index. Stamps
             in milliseconds, microseconds or nanoseconds are recognized by size and step, converted, and told in the
             notes of the result (:mod:`slam_init.types.time_stamps`).
+        mask : (H, W) uint8 or bool, optional
+            Pixels that are 0 are ignored: neither an attempt nor the map uses them. By default a frame's own mask.
         rotation : (3, 3) array_like, optional
             How the camera turned since the last frame, by a gyroscope or a robot: it maps directions in the last camera
             to this one. The joint fit takes it as a measurement; without it nothing changes.
@@ -170,7 +175,7 @@ class Initializer:
         """
         if self.map is not None:
             return self.status
-        frame = frame_of(image, timestamp_s, self._next_index, self.camera)
+        frame = frame_of(image, timestamp_s, self._next_index, self.camera, mask)
         turned = None if rotation is None else (checked_rotation(rotation, rotation_sigma_rad), rotation_sigma_rad)
         own_seconds = timestamp_s is None or isinstance(image, Frame)
         # The time of a bare image is its index, which tells nothing about the camera.
@@ -179,6 +184,7 @@ class Initializer:
         with self.stopwatch("frame"):
             with self.stopwatch("track"):
                 current = self.tracker.track(frame)
+                self._overlay.take(frame, current)
             self.recorder.frame(frame, current)
             status = self._step(current, turned=turned)
         self.recorder.frame_time(self.stopwatch.last_ms("frame"))
@@ -364,7 +370,7 @@ class Initializer:
     def _notes(self) -> tuple[str, ...]:
         """All notes for the user."""
         focal = focal_notes(self.map, self.config.map)
-        return (*self._clock.notes, *self._attempts.notes(), *focal, *self._shutter_notes())
+        return (*self._clock.notes, *self._attempts.notes(), *focal, *self._shutter_notes(), *self._overlay.notes)
 
     def _shutter_notes(self) -> tuple[str, ...]:
         """A note about an estimated readout, for people who know their camera."""

@@ -16,6 +16,7 @@ from slam_init.datasets.track_source import KnowsTracks
 from slam_init.errors import OutputError, SlamInitError
 from slam_init.evaluation.metrics import compare_with_groundtruth
 from slam_init.frontend.tracks import History
+from slam_init.mapping.reduction import Reduction
 from slam_init.methods import make_initializer
 from slam_init.methods.registry import FrontEnd, method_info
 from slam_init.output.folder import OutputFolder
@@ -100,7 +101,8 @@ def run(
         recording = folder.staging / RECORDING
         try:
             truth = source.groundtruth
-            with RerunRecorder(recording, camera, source.name, truth, config.seed, viewer) as recorder:
+            seen = _reduction(source, camera).camera
+            with RerunRecorder(recording, seen, source.name, truth, config.seed, viewer) as recorder:
                 story = StoryRecorder(recorder.images) if overview else None
                 result, summary, continued = job.run(recorder if story is None else Several(recorder, story))
             keyframes = continued.keyframes if continued else ()
@@ -150,27 +152,38 @@ class _Job:
     def run(self, recorder: Recorder) -> tuple[Result, Summary, Continuation | None]:
         """Process the frames, and summarize the run."""
         hashed = InputHash(self.camera)
-        initializer = make_initializer(self.config.method, self.camera, self.config, recorder)
+        reduction = _reduction(self.source, self.camera)
+        initializer = make_initializer(self.config.method, reduction.camera, self.config, recorder)
         max_frames = None if self.continue_frames else self.max_frames
-        frames = hashed.reading(self.source.frames(start=self.start, max_frames=max_frames))
-        length = length_of(self.source)
-        available = None if length is None else length - self.start
+        frames = reduction.frames(hashed.reading(self.source.frames(start=self.start, max_frames=max_frames)))
         tracker: FrameTracker = initializer.tracker
         process: Callable[[Frame], Status] = initializer.process
         if isinstance(self.source, KnowsTracks):
             tracker = _GivenTracks(self.source, self.camera, hashed)
             process = partial(_process_tracks, initializer, tracker, recorder)
-        result = _initialize(initializer, process, frames, available, self.max_frames, self.progress)
+        result = _initialize(initializer, process, frames, self._available, self.max_frames, self.progress)
         result, continued = _continue(result, tracker, frames, self.continue_frames, recorder)
         # What a source has to tell may change with each frame.
-        notes = (*self.notes, *notes_of(self.source), *_focal_notes(result, self.camera))
-        result = replace(result, notes=(*notes, *result.notes))
+        notes = (*self.notes, *notes_of(self.source), *reduction.notes, *_focal_notes(result, self.camera))
+        result = reduction.enlarged(replace(result, notes=(*notes, *result.notes)))
         options: dict[str, Json] = {
             "start": self.start, "max_frames": self.max_frames, "continue_frames": self.continue_frames,
         }  # fmt: skip
         summary = _summary(result, self.source, self.camera, self.config, continued, options, hashed)
         recorder.summary(summary)
         return result, summary, continued
+
+    @property
+    def _available(self) -> int | None:
+        """Number of frames from the start frame on; None where nobody knows it."""
+        left = getattr(self.source, "left", None)
+        length = length_of(self.source)
+        return left(self.start) if left is not None else None if length is None else length - self.start
+
+
+def _reduction(source: Source, camera: Camera) -> Reduction:
+    """How the frames are reduced; the tracks of a source that has its own are in original pixels."""
+    return Reduction(camera, 1, camera) if isinstance(source, KnowsTracks) else Reduction.of(camera)
 
 
 def _focal_notes(result: Result, stated: Camera) -> tuple[str, ...]:

@@ -116,8 +116,10 @@ class Status(Described):
         return f"waiting, {self.progress:.0%}: {self.reason}", facts
 
 
-def frame_of(image: Image | Frame, timestamp_s: float | None, index: int, camera: Camera) -> Frame:
-    """Make a frame from an image, which is checked. A frame is returned unchanged, except for a given time stamp.
+def frame_of(
+    image: Image | Frame, timestamp_s: float | None, index: int, camera: Camera, mask: Image | None = None
+) -> Frame:
+    """Make a frame from an image, which is checked. A frame is returned unchanged, but for a given time stamp or mask.
 
     Parameters
     ----------
@@ -129,6 +131,8 @@ def frame_of(image: Image | Frame, timestamp_s: float | None, index: int, camera
         Absolute index that an image gets.
     camera : Camera
         The images have the size of its calibration.
+    mask : (H, W) uint8 or bool, optional
+        Pixels that are 0 are ignored. By default a frame keeps its own mask.
 
     Returns
     -------
@@ -137,7 +141,7 @@ def frame_of(image: Image | Frame, timestamp_s: float | None, index: int, camera
     Raises
     ------
     SlamInitError
-        If the array is not such an image, or the time stamp is not finite.
+        If the array is not such an image, the time stamp is not finite, or the mask has another size.
     """
     if timestamp_s is not None and not (isinstance(timestamp_s, Real) and abs(timestamp_s) <= sys.float_info.max):
         raise SlamInitError(f"time stamp {timestamp_s!r:.60}: give finite seconds, or None")
@@ -149,6 +153,19 @@ def frame_of(image: Image | Frame, timestamp_s: float | None, index: int, camera
             f"image {found}: give uint8, {size} grey or {(*size, 3)} BGR, the size that the camera is calibrated for"
         )
     if isinstance(image, Frame):
-        return image if timestamp_s is None else replace(image, timestamp_s=float(timestamp_s))
+        mask = _checked_mask(image.mask if mask is None else mask, size)
+        if timestamp_s is None and mask is image.mask:
+            return image
+        return replace(image, timestamp_s=image.timestamp_s if timestamp_s is None else float(timestamp_s), mask=mask)
     time_s = float(index) if timestamp_s is None else float(timestamp_s)
-    return Frame(index, time_s, f"frame-{index:06d}", pixels)
+    return Frame(index, time_s, f"frame-{index:06d}", pixels, _checked_mask(mask, size))
+
+
+def _checked_mask(mask: Image | None, size: tuple[int, int]) -> Image | None:
+    if mask is None:
+        return None
+    shape, kind = getattr(mask, "shape", None), getattr(mask, "dtype", None)
+    if not isinstance(mask, np.ndarray) or shape != size or kind not in (np.uint8, np.bool_):
+        found = f"of the type {type(mask).__name__}" if shape is None else f"of shape {shape} and type {kind}"
+        raise SlamInitError(f"mask {found}: give uint8 or bool, {size}, the size of the image; 0 is ignored")
+    return mask if kind == np.uint8 else mask.astype(np.uint8)

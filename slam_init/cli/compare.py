@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from slam_init.cli.exit_codes import DONE
 from slam_init.cli.parser import OUT_HELP, UsageError, at_least
-from slam_init.cli.source_options import add_topics, with_topics
+from slam_init.cli.source_options import add_mask, add_topics, view_of, with_topics
 from slam_init.process_io import tell
 
 if TYPE_CHECKING:
@@ -41,6 +41,9 @@ def add_compare(commands: Commands) -> None:
     )
     compare.add_argument("--methods", metavar="A,B", help="of slam-init run --method (default: all that are installed)")
     compare.add_argument("--every", type=int, default=10, metavar="K", help="start at every K-th frame (default: 10)")
+    compare.add_argument("--use-every", type=int, default=1, metavar="N", help="use every N-th frame of each sequence")
+    compare.add_argument("--fps", type=float, metavar="F", help="use the frames nearest to F a second, by their times")
+    add_mask(compare)
     compare.add_argument(
         "--min-left", type=int, default=3, metavar="N", help="start only where N frames are left (default: 3)"
     )
@@ -63,7 +66,15 @@ def add_compare(commands: Commands) -> None:
 
 def _compare(arguments: argparse.Namespace) -> int:
     """``slam-init compare``."""
-    for option, least in (("every", 1), ("min_left", 2), ("grid", 0), ("limit_frames", 2), ("jobs", 1), ("seed", 0)):
+    for option, least in (
+        ("every", 1),
+        ("use_every", 1),
+        ("min_left", 2),
+        ("grid", 0),
+        ("limit_frames", 2),
+        ("jobs", 1),
+        ("seed", 0),
+    ):
         at_least(f"--{option.replace('_', '-')}", getattr(arguments, option), least)
     at_least("--time-limit", arguments.time_limit, 1)
     at_least("--memory-limit", arguments.memory_limit, 100)
@@ -72,7 +83,9 @@ def _compare(arguments: argparse.Namespace) -> int:
     from slam_init.output.folder import chosen_folder
     from slam_init.output.names import COMPARE_FILES
 
-    out = chosen_folder(arguments.out, "compare", COMPARE_FILES, arguments.sources)
+    arguments.mask = view_of(arguments, arguments.use_every).mask  # absolute: workers have folders of their own
+    inputs = [*arguments.sources, *([arguments.mask] if arguments.mask is not None else [])]
+    out = chosen_folder(arguments.out, "compare", COMPARE_FILES, inputs)
 
     from slam_init.compare.command import run_command
 

@@ -94,7 +94,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from slam_init.output.folder import chosen_folder
     from slam_init.output.names import RUN_FILES
 
-    named = (arguments.images, arguments.camera, config_path)
+    named = (arguments.images, arguments.camera, arguments.mask, config_path)
     inputs = [arguments.source, *(file for file in named if file is not None)]
     out = chosen_folder(arguments.out, "run", RUN_FILES, inputs)
 
@@ -137,6 +137,8 @@ def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> Summa
     from slam_init.process_io import FirstInterruptTold
     from slam_init.recording.rerun_recorder import load_rerun
 
+    if arguments.every != 1 or arguments.fps is not None or arguments.mask is not None:
+        raise UsageError("--every, --fps and --mask are for sources that are read from files")
     if arguments.images is not None:
         raise UsageError("--images is for a source of matches, and a live source has images: leave it out")
     source = open_live(arguments.source, keep_all=arguments.no_drop, reconnects=arguments.reconnect)

@@ -11,10 +11,14 @@ from slam_init.errors import SourceError
 
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
+    from slam_init.datasets.views import SourceView
     from slam_init.types.camera import Camera
     from slam_init.types.frame import Source
 
-__all__ = ["add_source", "add_topics", "chosen_camera", "opened_source", "with_topics"]
+__all__ = ["add_mask", "add_source", "add_topics", "chosen_camera", "opened_source", "view_of", "with_topics"]
+
+#: Kinds of sources whose files may state the focal length.
+_WITH_METADATA = ("images", "video")
 
 
 def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
@@ -34,6 +38,9 @@ def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
         help="a folder (images, or a known data set), a video, a ROS bag, matches (COLMAP's database, .h5, .npz), or "
         "synth:NAME" + (f" (default: {default})" if default else ""),
     )
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="use every N-th frame, from the start on")
+    parser.add_argument("--fps", type=float, metavar="F", help="use the frames nearest to F a second, by their times")
+    add_mask(parser)
     parser.add_argument(
         "--images",
         metavar="FOLDER",
@@ -96,8 +103,47 @@ def with_topics(arguments: argparse.Namespace, source: str) -> str:
     return str(BagName(source, arguments.topic, arguments.truth_topic))
 
 
+def add_mask(parser: argparse.ArgumentParser) -> None:
+    """Add the option of a mask.
+
+    Parameters
+    ----------
+    parser : Parser
+    """
+    parser.add_argument(
+        "--mask",
+        metavar="PATH",
+        help="an image whose black pixels are ignored in all frames, or a folder with NAME.png or NAME.EXT.png a frame",
+    )
+
+
+def view_of(arguments: argparse.Namespace, every: int) -> SourceView:
+    """Return which frames and pixels of a source the options ask for.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+    every : int
+        The option that takes every N-th frame.
+
+    Returns
+    -------
+    SourceView
+
+    Raises
+    ------
+    SlamInitError
+        If an option is impossible.
+    """
+    from slam_init.datasets.views import SourceView
+    from slam_init.regular_file import user_path
+
+    mask = None if arguments.mask is None else str(user_path(arguments.mask).absolute())
+    return SourceView(every, arguments.fps, mask)
+
+
 def opened_source(arguments: argparse.Namespace, seed: int) -> TimedSource:
-    """Open the source, with the chosen topics or the pictures of ``--images``.
+    """Open the source, with the chosen topics or pictures, limited to the frames and pixels that are asked for.
 
     Parameters
     ----------
@@ -112,13 +158,13 @@ def opened_source(arguments: argparse.Namespace, seed: int) -> TimedSource:
     Raises
     ------
     SlamInitError
-        If a file is broken, or if ``--images`` does not fit the source.
+        If a file is broken, an option is impossible, or ``--images`` or ``--mask`` does not fit the source.
     """
     from slam_init.datasets import open_source
 
-    source = open_source(with_topics(arguments, arguments.source), seed)
+    source, view = open_source(with_topics(arguments, arguments.source), seed), view_of(arguments, arguments.every)
     if arguments.images is None:
-        return source
+        return _viewed(source, view, arguments.source)
     from slam_init.datasets.image_files import ImageFileSource
     from slam_init.datasets.track_source import TrackSource, with_pictures
 
@@ -127,7 +173,15 @@ def opened_source(arguments: argparse.Namespace, seed: int) -> TimedSource:
     pictures = open_source(arguments.images)
     if not isinstance(pictures, ImageFileSource):
         raise UsageError(f"--images is {arguments.images!r}: give a folder of images")
-    return with_pictures(source, pictures)
+    return _viewed(with_pictures(source, pictures), view, arguments.source)
+
+
+def _viewed(source: TimedSource, view: SourceView, name: str) -> TimedSource:
+    from slam_init.datasets.track_source import KnowsTracks
+
+    if view.query and isinstance(source, KnowsTracks):
+        raise UsageError(f"{name} has tracks of its own: --every, --fps and --mask are for sources of images")
+    return view.of(source)
 
 
 def chosen_camera(arguments: argparse.Namespace, source: Source, start: int) -> Camera:
@@ -155,9 +209,24 @@ def chosen_camera(arguments: argparse.Namespace, source: Source, start: int) -> 
     camera = source.camera if arguments.camera is None else None
     if camera is None:
         from slam_init.calibration.files import load_camera
+        from slam_init.calibration.prior import AUTO
 
-        camera = load_camera(arguments.camera or "auto", (frame.image.shape[1], frame.image.shape[0]))
+        asked, size = arguments.camera or AUTO[0], (frame.image.shape[1], frame.image.shape[0])
+        if asked in AUTO and source.kind in _WITH_METADATA:
+            camera = _camera_of_metadata(arguments.source, size)
+        camera = camera or load_camera(asked, size)
     return camera if arguments.readout is None else _with_readout(camera, arguments.readout)
+
+
+def _camera_of_metadata(path: str, size: tuple[int, int]) -> Camera | None:
+    """The camera by what a video or photographs state of their lens; None where they state nothing."""
+    from slam_init.calibration.metadata import focal_from_metadata
+    from slam_init.calibration.prior import camera_with_focal
+
+    found = focal_from_metadata(path, size)
+    if found is None:
+        return None
+    return camera_with_focal(size, found.focal_px, found.sigma_px / found.focal_px, "metadata")
 
 
 def _with_readout(camera: Camera, text: str) -> Camera:

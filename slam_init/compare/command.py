@@ -21,13 +21,17 @@ from slam_init.compare.trial_table import LEVELS, PARTS
 from slam_init.compare.trials import Settings
 from slam_init.compare.wait import WaitDifference
 from slam_init.config import REALTIME_WORK, Config
+from slam_init.datasets.views import SourceView
 from slam_init.errors import ConfigError
 from slam_init.output.tables import markdown_table, number
 
 __all__ = ["chosen_methods", "main_table", "run_command"]
 
 #: The options on which the results depend, and their defaults.
-_OPTIONS = (("methods", None), ("every", 10), ("min_left", 3), ("grid", 0), ("limit_frames", 150), ("seed", 0))
+_OPTIONS = (
+    ("methods", None), ("every", 10), ("min_left", 3), ("grid", 0), ("limit_frames", 150), ("seed", 0),
+    ("use_every", 1), ("fps", None), ("mask", None),
+)  # fmt: skip
 
 
 def run_command(arguments: argparse.Namespace, out: str | os.PathLike[str], *, progress: bool) -> str:
@@ -54,8 +58,9 @@ def run_command(arguments: argparse.Namespace, out: str | os.PathLike[str], *, p
     """
     methods = chosen_methods(arguments.methods)
     texts = [*arguments.sources, *grid_sources(arguments.grid, arguments.seed)]
+    view = SourceView(arguments.use_every, arguments.fps, arguments.mask)
     plan = Plan(
-        sources=tuple(describe_sources(texts)),
+        sources=tuple(describe_sources(texts, view)),
         methods=methods,
         every=arguments.every,
         min_left=arguments.min_left,

@@ -21,6 +21,7 @@ from slam_init.compare.rows import TrialRow
 from slam_init.compare.summary import ComparisonSummary
 from slam_init.compare.trials import Settings
 from slam_init.datasets.points import POINTS
+from slam_init.datasets.views import SourceView
 from slam_init.errors import OutputError
 from slam_init.output.folder import OutputFolder, output_error
 from slam_init.output.names import COMPARE_FILES, TRIALS, UNFINISHED
@@ -74,7 +75,7 @@ def compare(
         settings = replace(plan.settings, tracks=tracks, recordings=recorded)
         folder.claim([TRIALS, *(plan.recordings() if recordings else ())])
         _remove_unfinished(folder)
-        with Journal(path / TRIALS, _shared_settings(settings), partial(_is_current, plan)) as journal:
+        with Journal(path / TRIALS, _shared_settings(plan, settings), partial(_is_current, plan)) as journal:
             try:
                 with open_backend(backend, jobs, _paths(plan)) as workers:
                     _run_trials(plan, settings, journal, workers, progress)
@@ -87,7 +88,8 @@ def compare(
 
 def _paths(plan: Plan) -> list[str]:
     """The files and folders that the trials read."""
-    texts = {source.text for source in plan.sources}
+    parsed = [SourceView.parse(source.text) for source in plan.sources]
+    texts = {text for _, text in parsed} | {view.mask for view, _ in parsed if view.mask is not None}
     return sorted(text for text in texts if Path(text).is_absolute())
 
 
@@ -126,9 +128,11 @@ def _tracks_folder(folder: OutputFolder, backend: str) -> Iterator[str]:
         shutil.rmtree(tracks, ignore_errors=True)
 
 
-def _shared_settings(settings: Settings) -> dict[str, Json]:
+def _shared_settings(plan: Plan, settings: Settings) -> dict[str, Json]:
     """Return the settings that must be equal for all rows of a results folder."""
-    return {
+    views = {SourceView.parse(source.text)[0].query for source in plan.sources} - {""}
+    view: dict[str, Json] = {"view": ", ".join(sorted(views))} if views else {}
+    return view | {
         "seed": settings.seed,
         "limit_frames": settings.limit_frames,
         "limit_s": settings.limit_s,

@@ -11,6 +11,8 @@ from urllib.parse import parse_qsl, urlencode
 import numpy as np
 
 from slam_init.compare.judging import NOT_JUDGED, Criteria, criteria_of, group_of_scene
+from slam_init.compare.reduced_source import reduced
+from slam_init.datasets.views import SourceView
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.regular_file import user_path
 from slam_init.types.arrays import Floats
@@ -111,7 +113,8 @@ def open_compared(text: str) -> TimedSource | PointSource:
     ----------
     text : str
         A folder, a video, ``synth:NAME[?...]`` or ``points:NAME[?...]``. The last two also accept the option
-        ``seed=N`` (0 by default).
+        ``seed=N`` (0 by default). Or one of these with a view (:meth:`slam_init.datasets.views.SourceView.text`):
+        then the frames that are used have consecutive indices. Large images are reduced, as for ``run``.
 
     Returns
     -------
@@ -127,16 +130,21 @@ def open_compared(text: str) -> TimedSource | PointSource:
     from slam_init.datasets.points import POINTS, open_points
     from slam_init.datasets.synth import PREFIX
 
+    view, text = SourceView.parse(text)
     if not text.startswith((PREFIX, POINTS)):
-        return open_source(text)
+        return reduced(view.of(open_source(text), renumbered=True))
     name, _, query = text.partition("?")
     options = parse_qsl(query, keep_blank_values=True)
     seeds = [value for key, value in options if key == "seed"] or ["0"]
     if not seeds[-1].isdecimal():
         raise SourceError(f"{text}: the seed is {seeds[-1]!r}: give an integer that is at least 0")
     rest = urlencode([(key, value) for key, value in options if key != "seed"])
-    opener = open_points if name.startswith(POINTS) else open_source
-    return opener(f"{name}?{rest}" if rest else name, int(seeds[-1]))
+    name = f"{name}?{rest}" if rest else name
+    if name.startswith(POINTS):
+        if view.query:
+            raise SourceError(f"{text}: has no images to leave out or to mask: compare it without these options")
+        return open_points(name, int(seeds[-1]))
+    return reduced(view.of(open_source(name, int(seeds[-1])), renumbered=True))
 
 
 def calibration_of(source: TimedSource | PointSource, text: str) -> Camera:
@@ -182,13 +190,15 @@ def focal_error_of(label: str) -> float:
     return float(dict(parse_qsl(query)).get("focal_error", 0.0))
 
 
-def describe_sources(texts: Sequence[str]) -> list[ComparedSource]:
+def describe_sources(texts: Sequence[str], view: SourceView | None = None) -> list[ComparedSource]:
     """Open every source once and describe it.
 
     Parameters
     ----------
     texts : sequence of str
         What the user typed. A folder that is not a sequence stands for all sequences below it.
+    view : SourceView, optional
+        The frames and pixels that are used; by default all.
 
     Returns
     -------
@@ -202,7 +212,7 @@ def describe_sources(texts: Sequence[str]) -> list[ComparedSource]:
     """
     found: list[ComparedSource] = []
     for text in texts:
-        found += [_describe(label, each) for label, each in _expand(text)]
+        found += [_describe(label, (view or SourceView()).text(each)) for label, each in _expand(text)]
     labels = [source.label for source in found]
     for label in labels:
         if labels.count(label) > 1:

@@ -1,17 +1,23 @@
-"""Video files, through OpenCV."""
+"""Video files.
+
+A frame comes upright and at the time that the container states (:mod:`slam_init.datasets.video_decoders`); an
+interlaced video gives one field of each frame (:mod:`slam_init.datasets.interlaced`).
+"""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from slam_init.datasets.image_files import MAX_FRAMES, MAX_PIXELS, check_size, frame_range
+from slam_init.datasets.image_files import MAX_FRAMES, check_size, frame_range
+from slam_init.datasets.interlaced import NOTE, Deinterlacer
+from slam_init.datasets.video_decoders import Decoder, count_frames, decoded, packet_times_s, read_header
 from slam_init.errors import SourceError
 from slam_init.regular_file import open_regular
 from slam_init.types.arrays import Floats, Image
@@ -19,13 +25,17 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.pose import Trajectory
 
-if TYPE_CHECKING:
-    import cv2
-
 __all__ = ["VideoSource", "open_video"]
 
 # Frame rate where the header states none, or one that is impossible.
 _NOMINAL_RATE_HZ = 30.0
+
+# A camera shows noise: so many equal frames are an image that stands still, or no images.
+_EQUAL_FRAMES = 60
+_EQUAL_NOTE = (
+    f"the first {_EQUAL_FRAMES} frames are equal in each pixel: if the video is interlaced, OpenCV cannot convert it; "
+    'pip install "slam-init[video]", or convert it: ffmpeg -i IN -vf bwdif OUT.mp4'
+)
 
 # A file whose first bytes have no control character but white space is a text.
 _TEXT_BYTES = 4096
@@ -34,7 +44,7 @@ _NOT_TEXT = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f]")
 
 @dataclass(frozen=True, eq=False)
 class VideoSource:
-    """A :class:`slam_init.types.frame.Source` over a video file. The time stamp of a frame is its index over the rate.
+    """A :class:`slam_init.types.frame.Source` over a video file. The time stamp of a frame is that of the container.
 
     Attributes
     ----------
@@ -42,18 +52,23 @@ class VideoSource:
     length : int
         Number of frames as the header states, or as counted where the header states none or one that is impossible.
     rate_hz : float
-        Frames per second.
+        Mean number of frames per second. A frame without a possible time in the container comes one interval after the
+        frame before it.
     size : (int, int)
-        Width and height in pixels.
-    notes : tuple of str
-        Whether the frame rate is assumed, for the user.
+        Width and height of the upright frames in pixels.
+    decoder : str
+        ``opencv`` or ``pyav``.
+    header_notes : tuple of str
+        What the header tells the user: whether the frame rate is assumed, or the frames are turned.
     """
 
     path: Path
     length: int
     rate_hz: float
     size: tuple[int, int]
-    notes: tuple[str, ...] = ()
+    decoder: Decoder = "opencv"
+    header_notes: tuple[str, ...] = ()
+    _seen: set[str] = field(default_factory=set, init=False, repr=False)
 
     @property
     def name(self) -> str:
@@ -76,9 +91,22 @@ class VideoSource:
         return None
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know about the video, from its header and from the frames that were read.
+
+        Returns
+        -------
+        tuple of str
+        """
+        return (*self.header_notes, *sorted(self._seen))
+
+    @cached_property
     def timestamps_s(self) -> Floats:
-        """(N,) float: time stamps in seconds, index over frame rate."""
-        return np.arange(self.length) / self.rate_hz
+        """(N,) float: time stamps in seconds. The file is read for them, and nothing is decoded."""
+        times_s = list(_increasing(packet_times_s(self.path, self.decoder)[: self.length], 1 / self.rate_hz))
+        # A container may hold fewer times than frames, or none.
+        nominal = (times_s[-1] if times_s else -1 / self.rate_hz) + np.arange(1, self.length + 1) / self.rate_hz
+        return np.array([*times_s, *nominal[: self.length - len(times_s)]])
 
     def __len__(self) -> int:
         return self.length
@@ -105,21 +133,31 @@ class VideoSource:
             If frame ``start`` cannot be decoded, or if the size of a frame differs from that of the first.
         """
         wanted = frame_range(self.length, start, max_frames, self.name)
-        capture = _capture(self.path)
-        try:
-            for _ in range(wanted.start):
-                if not capture.grab():
-                    break
-            for index in wanted:
-                decoded, image = capture.read()
-                if not decoded:
-                    if index == wanted.start:
-                        raise SourceError(f"{self.path}: the video ends before frame {index}")
-                    return
-                check_size(f"{self.path}, frame {index}", image.shape[1::-1], self.size, "the first frame")
-                yield Frame(index, index / self.rate_hz, f"frame-{index:06d}", _as_bytes(image))
-        finally:
-            capture.release()
+        deinterlacer = Deinterlacer()
+        stream = decoded(self.path, self.decoder, skip=wanted.start)
+        last_s: float | None = None
+        first: Image | None = None
+        equal = 0
+        for index in range(wanted.stop):
+            time_s, image = next(stream, (0.0, None))
+            if image is None and index >= wanted.start:
+                if index == wanted.start:
+                    raise SourceError(f"{self.path}: the video ends before frame {index}")
+                return
+            last_s = _next_time(time_s, last_s, 1 / self.rate_hz)
+            if image is None:
+                continue
+            check_size(f"{self.path}, frame {index}", image.shape[1::-1], self.size, "the first frame")
+            image = deinterlacer.take(image)
+            if deinterlacer.found:
+                self._seen.add(NOTE)
+            if first is None:
+                first = image
+            if self.decoder == "opencv" and equal == index - wanted.start and np.array_equal(first, image):
+                equal += 1
+                if equal == _EQUAL_FRAMES:
+                    self._seen.add(_EQUAL_NOTE)
+            yield Frame(index, last_s, f"frame-{index:06d}", image)
 
 
 def open_video(path: str | os.PathLike[str]) -> VideoSource:
@@ -136,53 +174,47 @@ def open_video(path: str | os.PathLike[str]) -> VideoSource:
     Raises
     ------
     SourceError
-        If this is no regular file, a text (a playlist could name other files), a video that OpenCV cannot read or
-        without a frame, or if its images have more than :data:`~slam_init.datasets.image_files.MAX_PIXELS` pixels.
+        If this is no regular file, a text (a playlist could name other files), a video that no installed decoder can
+        read or without a frame, or if its images have more than :data:`~slam_init.datasets.image_files.MAX_PIXELS`
+        pixels.
     """
-    import cv2
-
     path = Path(path)
-    capture = _capture(path)
-    try:
-        width, height = (capture.get(what) for what in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-        if width * height > MAX_PIXELS:
-            raise SourceError(
-                f"{path}: the header states {width:.0f}x{height:.0f} pixels, more than {MAX_PIXELS / 1e6:.0f} million: "
-                "shrink the video"
-            )
-        decoded, image = capture.read()
-        if not decoded:
-            raise SourceError(f"{path}: not a readable video, or a video without frames")
-        rate_hz = capture.get(cv2.CAP_PROP_FPS)
-        length = _length(path, capture)
-    finally:
-        capture.release()
-    size = image.shape[1::-1]
-    if np.isfinite(rate_hz) and 0 < rate_hz <= 1000:
-        return VideoSource(path, length, rate_hz, size)
-    note = f"the video states no possible frame rate: {_NOMINAL_RATE_HZ:g} frames a second are assumed"
-    return VideoSource(path, length, _NOMINAL_RATE_HZ, size, (note,))
+    _check_file(path)
+    header = read_header(path)
+    notes: list[str] = []
+    if header.turned_deg:
+        notes.append(
+            f"the frames are turned by {header.turned_deg} degrees, as the video states: a calibration has to be that "
+            "of upright images"
+        )
+    rate_hz = header.rate_hz
+    if not (np.isfinite(rate_hz) and 0 < rate_hz <= 1000):
+        rate_hz = _NOMINAL_RATE_HZ
+        notes.append(f"the video states no possible frame rate: {rate_hz:g} frames a second are assumed")
+    # A frame takes at least a byte of the file.
+    if 1 <= header.frames <= min(path.stat().st_size, MAX_FRAMES):
+        length = int(header.frames)
+    else:
+        length = max(count_frames(path, header.decoder), 1)
+    return VideoSource(path, length, rate_hz, header.size, header.decoder, tuple(notes))
 
 
-def _length(path: Path, capture: cv2.VideoCapture) -> int:
-    """Number of frames as the header states, or as counted after the first one where no such number is possible.
-
-    A frame takes at least a byte of the file.
-    """
-    import cv2
-
-    stated = capture.get(cv2.CAP_PROP_FRAME_COUNT)
-    if 1 <= stated <= min(path.stat().st_size, MAX_FRAMES):
-        return int(stated)
-    length = 1
-    while length < MAX_FRAMES and capture.grab():
-        length += 1
-    return length
+def _next_time(time_s: float, last_s: float | None, interval_s: float) -> float:
+    """The time of a frame: later than that of the frame before, also where the container states none or an earlier."""
+    if last_s is None:
+        return time_s if np.isfinite(time_s) and time_s >= 0 else 0.0
+    return time_s if time_s > last_s else last_s + interval_s
 
 
-def _capture(path: Path) -> cv2.VideoCapture:
-    import cv2
+def _increasing(times_s: Iterable[float], interval_s: float) -> Iterator[float]:
+    last_s: float | None = None
+    for time_s in times_s:
+        last_s = _next_time(time_s, last_s, interval_s)
+        yield last_s
 
+
+def _check_file(path: Path) -> None:
+    """Refuse a file that is not to be given to a decoder."""
     try:
         str(path).encode()
     except UnicodeEncodeError:  # OpenCV crashes on such names
@@ -195,14 +227,3 @@ def _capture(path: Path) -> cv2.VideoCapture:
     # A playlist is a text with the names of other files, or of addresses, which OpenCV would read.
     if start and not _NOT_TEXT.search(start):
         raise SourceError(f"{path}: is a text, not a readable video; give a video file, or a folder of images")
-    # FFmpeg alone: the other readers of OpenCV take a name with digits for a pattern of image names.
-    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-    # Calibrations refer to pixels as stored: the orientation that a phone writes into the file is not applied.
-    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
-    if not capture.isOpened():
-        raise SourceError(f"{path}: not a readable video; give a video file, or a folder of images")
-    return capture
-
-
-def _as_bytes(image: object) -> Image:
-    return cast(Image, np.asarray(image, np.uint8))

@@ -167,6 +167,9 @@ class KeyframeManager:
         self.candidates: list[int] = []
         self._steps_px: deque[float] = deque(maxlen=_SECOND_FRAMES)
         self._retry: dict[int, _RetryCondition] = {}  # of each reference whose last pair failed
+        # The indices of a subsampled source are far apart: numbers of frames are multiples of their least step.
+        self._last: int | None = None
+        self._step: int | None = None
 
     def preview(self, history: History, current: Observations) -> list[PairPreview]:
         """Preview the pairs of all candidates with the current frame.
@@ -182,6 +185,10 @@ class KeyframeManager:
         list of PairPreview
             In descending order of ``direction_score``.
         """
+        if self._last is not None and current.frame > self._last:
+            step = current.frame - self._last
+            self._step = step if self._step is None else min(self._step, step)
+        self._last = current.frame
         noise_px = self._config.map.noise_px
         pairs = [preview_pair(self.camera, history[f], current, noise_px) for f in self.candidates]
         return sorted(pairs, key=lambda pair: -pair.direction_score)
@@ -221,9 +228,9 @@ class KeyframeManager:
         # baseline does: after this number of frames it has grown by ``gain``. After each further failure without a
         # higher score the wait is doubled; otherwise a window of hopeless references would be tried on every frame.
         frames = int(np.ceil(round((gain - 1) * (pair.current - pair.reference), 6)))
-        last, wait = self._retry.get(pair.reference), max(1, min(frames, settings.new_after_frames))
+        last, wait = self._retry.get(pair.reference), max(1, min(frames, self._new_after))
         if last is not None and pair.direction_score < last.min_score:
-            wait = min(2 * last.wait_frames, _LONGEST_WAIT * settings.new_after_frames)
+            wait = min(2 * last.wait_frames, _LONGEST_WAIT * self._new_after)
         self._retry[pair.reference] = _RetryCondition(gain * pair.direction_score, pair.current + wait, wait)
 
     def update(self, current: Observations, pairs: list[PairPreview]) -> None:
@@ -243,21 +250,26 @@ class KeyframeManager:
         if self.candidates:
             newest = max(self.candidates)
             to_newest = next(pair for pair in pairs if pair.reference == newest)
-            if to_newest.overlap >= settings.new_overlap and current.frame - newest < settings.new_after_frames:
+            if to_newest.overlap >= settings.new_overlap and current.frame - newest < self._new_after:
                 return
-            if blurred and to_newest.overlap >= _SAME_SCENE and current.frame - newest < 2 * settings.new_after_frames:
+            if blurred and to_newest.overlap >= _SAME_SCENE and current.frame - newest < 2 * self._new_after:
                 return
             # The new candidate sees the same scene as the newest one. So the new candidate waits until it reaches the
             # same score, or until it is ``new_after_frames`` frames old; from then on its score does not matter.
             if newest in self._retry and to_newest.overlap >= _SAME_SCENE:
-                later = current.frame + settings.new_after_frames
+                later = current.frame + self._new_after
                 self._retry[current.frame] = replace(self._retry[newest], from_frame=later)
         # Candidates that lost their tracks are dropped first, then those with the lowest score.
         by_use = sorted(pairs, key=lambda p: (p.matches >= settings.min_matches, p.direction_score, -p.reference))
         dropped = {p.reference for p in by_use[: max(len(pairs) + 1 - settings.window, 0)]}
-        dropped |= {frame for frame in self.candidates if current.frame - frame > _OLDEST_FRAMES}
+        dropped |= {frame for frame in self.candidates if current.frame - frame > _OLDEST_FRAMES * (self._step or 1)}
         self.candidates = [*(frame for frame in self.candidates if frame not in dropped), current.frame]
         self._retry = {frame: retry for frame, retry in self._retry.items() if frame in self.candidates}
+
+    @property
+    def _new_after(self) -> int:
+        """The option ``new_after_frames`` as a difference of indices."""
+        return self._config.keyframes.new_after_frames * (self._step or 1)
 
     def _is_blurred(self, current: Observations) -> bool:
         """Whether the tracks of a frame are noisier than those of the last second."""

@@ -6,9 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slam_init.frontend.masking import Trackable
 from slam_init.types.arrays import Floats, Image, Ints
 
 __all__ = ["SiftFeatures", "detect_sift", "first_per_cell", "match_descriptors"]
+
+
+#: Radius of the blob that makes a keypoint, over its diameter as OpenCV states it: OpenCV's diameter is two standard
+#: deviations of the Gaussian, and the difference of Gaussians is zero beyond three.
+_BLOB = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +33,7 @@ class SiftFeatures:
     descriptors: Floats
 
 
-def detect_sift(gray: Image, limit: int) -> SiftFeatures:
+def detect_sift(gray: Image, limit: int, trackable: Trackable | None = None) -> SiftFeatures:
     """Detect the strongest SIFT keypoints of an image and describe them by RootSIFT [AZ12]_.
 
     Parameters
@@ -35,6 +41,8 @@ def detect_sift(gray: Image, limit: int) -> SiftFeatures:
     gray : (H, W) uint8
     limit : int
         Largest number of keypoints.
+    trackable : Trackable, optional
+        Keypoints whose blob reaches an ignored pixel are left out.
 
     Returns
     -------
@@ -50,6 +58,9 @@ def detect_sift(gray: Image, limit: int) -> SiftFeatures:
     if not keypoints:
         return SiftFeatures(np.zeros((0, 2)), np.zeros((0, 128)))
     pixels = np.array([k.pt for k in keypoints], float)
+    if trackable is not None:
+        clear = trackable.are_clear(pixels, _BLOB * np.array([k.size for k in keypoints]))
+        pixels, descriptors = pixels[clear], descriptors[clear]
     single = first_per_cell(pixels, 1.0)  # OpenCV lists a keypoint with two orientations twice
     # The Euclidean distance of the square roots is the Hellinger distance of the histograms.
     roots = np.sqrt(descriptors[single] / np.maximum(descriptors[single].sum(axis=1, keepdims=True), 1e-9))

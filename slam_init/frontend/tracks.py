@@ -4,6 +4,9 @@ In video, points are followed by Lucas-Kanade flow from frame to frame, with a f
 more than half of the tracks in one step (photographs, a cut, a fast pan), SIFT descriptors link the frame to the last
 few frames. Of flow and descriptors, the one that links more points is used. Both give the same kind of tracks: the
 modules that use the tracks do not know their origin.
+
+Where a frame has a mask, no track begins in an ignored pixel, and tracks that come near one end
+(:mod:`slam_init.frontend.masking`). What the ignored pixels show changes nothing.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ import numpy as np
 from slam_init.config import TrackingConfig
 from slam_init.errors import SlamInitError
 from slam_init.frontend.flow import Drift, Exposure, flow
+from slam_init.frontend.masking import Trackable
 from slam_init.frontend.sift import detect_sift, match_descriptors
 from slam_init.types.arrays import Floats, Image, Ints
 from slam_init.types.attitude import Attitude
@@ -149,10 +153,11 @@ class History:
             Absolute indices of frames that are not dropped.
         """
         wanted = set(keep)
-        newest = max(self._frames, default=0)
-        for frame in [f for f in self._frames if f <= newest - self._limit and f not in wanted]:
-            del self._frames[frame]
-            self._attitudes.pop(frame, None)
+        # Frames are counted, because the indices of a subsampled source are far apart.
+        for frame in sorted(self._frames)[: -self._limit]:
+            if frame not in wanted:
+                del self._frames[frame]
+                self._attitudes.pop(frame, None)
 
     def between(self, first: int, last: int) -> list[Observations]:
         """List the frames strictly between two frames.
@@ -220,6 +225,8 @@ class Tracker:
         self._config = config
         self._last: Observations | None = None
         self._last_gray: Image | None = None
+        self._trackable: Trackable | None = None
+        self._last_trackable: Trackable | None = None
         self._sift_frames: deque[_SiftFrame] = deque(maxlen=config.sift_frames)
         self._drift = Drift()
         self._exposure, self._exposure_s, self._step_px = Exposure(), 0.0, 0.0
@@ -250,7 +257,8 @@ class Tracker:
         Observations
             The tracks in this frame.
         """
-        gray = frame.gray
+        self._trackable = self._trackable_of(frame)
+        gray = frame.gray if self._trackable is None else self._trackable.blanked(frame.gray)
         self.revised = ()
         ids, pixels, by_descriptors = self._link(frame, gray)
         wanted = self._config.max_tracks
@@ -274,9 +282,16 @@ class Tracker:
             step_px=self._step_px,
             exposure_s=self._exposure_s,
         )
-        self._last_gray = gray
+        self._last_gray, self._last_trackable = gray, self._trackable
         self.history.put(self._last)
         return self._last
+
+    def _trackable_of(self, frame: Frame) -> Trackable | None:
+        if frame.mask is None:
+            return None
+        if self._trackable is not None and self._trackable.mask is frame.mask:  # one mask for all frames
+            return self._trackable
+        return Trackable(frame.mask, self._config.window_px)
 
     def _link(self, frame: Frame, gray: Image) -> tuple[Ints, Floats, bool]:
         """Tracks found in this frame: ids, pixels, and whether descriptors linked them (else flow did)."""
@@ -284,16 +299,18 @@ class Tracker:
             return np.zeros(0, np.int64), np.zeros((0, 2)), False
         followed = flow(self._last_gray, gray, self._last.pixels, self._config)
         kept, moved = followed.kept, followed.pixels
+        if self._trackable is not None:
+            kept = kept & self._trackable.patches_are_clear(moved)
         self._step_px = followed.step_px
         self._drift.follow(self._last.track_ids[kept], followed.covariances[kept])
         self._exposure_s = self._exposure.take(followed.trail, frame.timestamp_s - self._last.timestamp_s)
         if kept.sum() >= self._config.flow_survival * len(self._last) and kept.any():
             return self._last.track_ids[kept], moved[kept], False
-        sift = self._detect_sift(frame.index, gray)
+        sift = self._detect_sift(frame.index, gray, self._trackable)
         if not self._sift_frames or self._sift_frames[-1].frame != self._last.frame:
             # The last frame was linked by flow, or not at all. Its keypoints are the first to match with.
             self._sift_frames.clear()
-            self._sift_frames.append(self._detect_sift(self._last.frame, self._last_gray))
+            self._sift_frames.append(self._detect_sift(self._last.frame, self._last_gray, self._last_trackable))
         matches = [
             (old, *match_descriptors(old.descriptors, sift.descriptors, self._config.sift_ratio))
             for old in self._sift_frames
@@ -312,7 +329,7 @@ class Tracker:
         import cv2
 
         distance = self._config.min_distance * gray.shape[1]
-        mask = np.full(gray.shape, 255, np.uint8)
+        mask = np.full(gray.shape, 255, np.uint8) if self._trackable is None else self._trackable.detectable()
         for x, y in np.round(occupied).astype(int):
             cv2.circle(mask, (int(x), int(y)), round(distance), 0, -1)
         # The threshold is 0.2 % of the response of the strongest corner. With a higher one, a checkerboard in view
@@ -320,8 +337,8 @@ class Tracker:
         corners = cv2.goodFeaturesToTrack(gray, count, 0.002, distance, mask=mask, blockSize=5)
         return np.zeros((0, 2)) if corners is None else corners.reshape(-1, 2).astype(float)
 
-    def _detect_sift(self, index: int, gray: Image) -> _SiftFrame:
-        found = detect_sift(gray, self._config.sift_features)
+    def _detect_sift(self, index: int, gray: Image, trackable: Trackable | None) -> _SiftFrame:
+        found = detect_sift(gray, self._config.sift_features, trackable)
         return _SiftFrame(index, found.pixels, found.descriptors, np.full(len(found.pixels), -1, np.int64))
 
     def _join(self, old: _SiftFrame, new: _SiftFrame, i_old: Ints, i_new: Ints) -> None:

@@ -21,7 +21,7 @@ _PACKAGES = ("slam-init", "numpy", "scipy", "opencv-python-headless", "gtsam", "
 
 
 class InputHash:
-    """Hash of the frames that a run reads. Equal pixels, names, time stamps and calibrations have equal hashes.
+    """Hash of the frames that a run reads. Equal pixels, masks, names, time stamps and calibrations have equal hashes.
 
     Parameters
     ----------
@@ -48,6 +48,8 @@ class InputHash:
             header = f"{frame.index} {frame.timestamp_s!r} {frame.name} {frame.image.shape}"
             self._hash.update(header.encode("utf-8", "surrogateescape"))
             self._hash.update(np.ascontiguousarray(frame.image).data)
+            if frame.mask is not None:
+                self._hash.update(np.ascontiguousarray(frame.mask).data)
             yield frame
 
     def observed(self, observations: Observations) -> None:

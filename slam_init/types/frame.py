@@ -32,12 +32,15 @@ class Frame:
         File name relative to the source's image folder, or ``frame-000012`` for videos.
     image : (H, W) or (H, W, 3) uint8
         Grey or BGR, as stored.
+    mask : (H, W) uint8, optional
+        Pixels that are 0 are ignored: no track begins in them or enters them.
     """
 
     index: int
     timestamp_s: float
     name: str
     image: Image
+    mask: Image | None = None
 
     @cached_property
     def gray(self) -> Image:

@@ -5,6 +5,7 @@ from urllib.parse import parse_qsl
 
 import numpy as np
 import pytest
+from make_files import picture, write, write_image
 
 from slam_init.compare.judging import NOT_JUDGED, Criteria
 from slam_init.compare.plan import Plan
@@ -15,6 +16,7 @@ from slam_init.compare.sources import (
     grid_sources,
     open_compared,
 )
+from slam_init.datasets.views import SourceView
 from slam_init.errors import SourceError
 
 
@@ -78,3 +80,24 @@ def test_a_source_without_ground_truth_is_not_judged_unless_its_camera_does_not_
     assert source.criteria == Criteria()
     assert replace(source, has_truth=False).criteria == NOT_JUDGED
     assert replace(source, group="x/V1_01_static", has_truth=False).criteria.no_translation
+
+
+def test_a_view_leaves_frames_out_and_the_rest_is_numbered_from_0():
+    (whole,) = describe_sources(["synth:room?frames=10&width=64&height=64"])
+    (part,) = describe_sources(["synth:room?frames=10&width=64&height=64"], SourceView(every=3))
+    assert (part.label, part.group) == (whole.label, whole.group)
+    assert (whole.frames, part.frames) == (10, 4)
+    assert part.fps == pytest.approx(whole.fps / 3)
+    frames = list(open_compared(part.text).frames(1))
+    assert [frame.index for frame in frames] == [1, 2, 3]
+    assert [frame.name for frame in frames] == ["frame-000003", "frame-000006", "frame-000009"]
+
+
+def test_large_images_are_reduced_as_a_run_reduces_them(tmp_path):
+    for k in range(2):
+        write_image(tmp_path / f"{k}.png", picture(k, (2561, 64), 1))
+    camera = "model: pinhole\nwidth: 2561\nheight: 64\nfx: 2000\nfy: 2000\ncx: 1280\ncy: 31.5\n"
+    write(tmp_path / "camera.yaml", camera)
+    source = open_compared(str(tmp_path))
+    assert (source.camera.width, source.camera.height, source.camera.fx) == (1280, 32, 1000)
+    assert next(source.frames(1)).image.shape == (32, 1280)

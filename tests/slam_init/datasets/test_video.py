@@ -1,9 +1,12 @@
 """Video files."""
 
+import sys
+
 import cv2
 import numpy as np
 import pytest
 from make_files import write
+from make_video import corner_frames, write_by_pyav, write_mp4
 from path_types import PATH_TYPES
 
 from slam_init.datasets import open_source
@@ -62,3 +65,69 @@ def test_a_broken_video_is_refused_by_name(tmp_path, data):
     write(tmp_path / "v.avi", data)
     with pytest.raises(SourceError, match=r"v\.avi"):
         open_source(str(tmp_path / "v.avi"))
+
+
+@pytest.mark.parametrize(("turned_deg", "bright"), [(0, (0, 0)), (90, (0, 1)), (180, (1, 1)), (270, (1, 0))])
+def test_the_frames_of_a_turned_video_come_upright(tmp_path, turned_deg, bright):
+    """The bright corner moves clockwise, and width and height change places."""
+    source = open_video(write_mp4(tmp_path / "v.mp4", corner_frames(), turned_deg=turned_deg))
+    frames = list(source.frames())
+    height, width = (64, 48) if turned_deg % 180 else (48, 64)
+    assert len(frames) == 6 and source.size == (width, height)
+    for frame in frames:
+        assert frame.image.shape == (height, width, 3)
+        quarters = cv2.resize(frame.gray, (2, 2), interpolation=cv2.INTER_AREA)
+        assert np.unravel_index(np.argmax(quarters), (2, 2)) == bright
+    assert any(f"turned by {turned_deg} degrees" in note for note in source.notes) == bool(turned_deg)
+
+
+def test_the_times_of_a_variable_frame_rate_are_those_of_the_container(tmp_path):
+    times_ms = [0, 33, 70, 100, 250, 283]
+    source = open_video(write_by_pyav(tmp_path / "v.mp4", corner_frames(), times_ms=times_ms))
+    expected = [0.001 * ms for ms in times_ms]
+    assert [frame.timestamp_s for frame in source.frames()] == pytest.approx(expected)
+    assert source.timestamps_s == pytest.approx(expected)
+    assert [(f.index, f.timestamp_s) for f in source.frames(3, 2)] == [
+        (3, pytest.approx(0.1)),
+        (4, pytest.approx(0.25)),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("codec", "pixels"), [("libx265", "yuv420p10le"), ("libx264", "yuv420p"), ("libsvtav1", "yuv420p")]
+)
+def test_the_codecs_of_phones_are_read(tmp_path, codec, pixels):
+    """8 and 10 bits; OpenCV has no decoder of AV1, and PyAV takes its place."""
+    frames = corner_frames(4, (128, 96))
+    options = {"x265-params": "log-level=none"} if codec == "libx265" else {"preset": "12"} if "av1" in codec else {}
+    path = write_by_pyav(tmp_path / "v.mp4", frames, codec=codec, pixels=pixels, options=options)
+    source = open_video(path)
+    seen = list(source.frames())
+    assert len(seen) == 4 == len(source.timestamps_s)
+    for frame, image in zip(seen, frames, strict=True):
+        assert abs(frame.image.astype(float) - image).mean() < 8
+    assert (np.diff(source.timestamps_s) > 0).all()
+
+
+def test_without_a_decoder_one_line_says_what_to_install(tmp_path, monkeypatch):
+    path = write_by_pyav(tmp_path / "v.mp4", corner_frames(2), codec="libsvtav1", options={"preset": "12"})
+    capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    if capture.isOpened() and capture.read()[0]:
+        pytest.skip("this OpenCV decodes AV1")
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(SourceError, match=r'codec av01 .*pip install "slam-init\[video\]"') as raised:
+        open_video(path)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_video_that_is_cut_off_ends_early_or_is_refused_in_one_line(tmp_path):
+    whole = write_by_pyav(tmp_path / "whole.mkv", corner_frames(20), codec="mpeg4").read_bytes()
+    for share in (0.2, 0.5, 0.9):
+        path = write(tmp_path / "v.mkv", whole[: int(share * len(whole))])
+        try:
+            source = open_video(path)
+        except SourceError as error:
+            assert "\n" not in str(error)
+            continue
+        assert 1 <= len(list(source.frames())) <= 20
+        assert len(source.timestamps_s) == len(source)

@@ -1,0 +1,81 @@
+"""The factor graph of a map of reduced images, in the pixels of the original ones."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from slam_init.bundle.graph import calibration_key, gtsam_calibration, projection
+from slam_init.types.camera import Camera
+
+if TYPE_CHECKING:
+    import gtsam
+
+__all__ = ["enlarged_graph"]
+
+#: Parameters of a calibration of gtsam that are pixels: fx, fy, skew, cx, cy. The others are distortion.
+_IN_PIXELS = 5
+
+
+def enlarged_graph(
+    graph: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    camera: Camera,
+    stated: Camera,
+    noise_px: float,
+    factor: int,
+) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """Make the graph of the same map for images that are larger by a whole factor.
+
+    Parameters
+    ----------
+    graph : gtsam.NonlinearFactorGraph
+        Made by :func:`slam_init.bundle.graph.build_graph`, without a robust kernel.
+    values : gtsam.Values
+        The estimate.
+    camera : Camera
+        That of the larger images, with the adjusted focal length.
+    stated : Camera
+        That of the larger images as stated, which a prior of the calibration expects.
+    noise_px : float
+        Standard deviation of one coordinate in pixels of the larger images.
+    factor : int
+
+    Returns
+    -------
+    graph : gtsam.NonlinearFactorGraph
+        Each residual over its standard deviation is that of the given graph.
+    values : gtsam.Values
+    """
+    import gtsam
+
+    noise = gtsam.noiseModel.Isotropic.Sigma(2, noise_px)
+    adjusted = values.exists(calibration_key())
+    make = projection(camera, noise, adjusted=adjusted)
+    larger = gtsam.NonlinearFactorGraph()
+    for number in range(graph.size()):
+        one: Any = graph.at(number)  # its type is one of many that gtsam makes from templates
+        name = type(one).__name__
+        if name.startswith(("GenericProjectionFactor", "GeneralSFMFactor2")):
+            pose, landmark = one.keys()[:2]
+            larger.add(make(factor * (np.asarray(one.measured()) + 0.5) - 0.5, pose, landmark))
+        elif name.startswith("PriorFactorCal3"):
+            larger.add(_enlarged_prior(one, stated, factor))
+        else:
+            larger.add(one)
+    enlarged = gtsam.Values(values)
+    if adjusted:
+        enlarged.erase(calibration_key())
+        enlarged.insert(calibration_key(), gtsam_calibration(camera))
+    return larger, enlarged
+
+
+def _enlarged_prior(prior: Any, stated: Camera, factor: int) -> gtsam.NonlinearFactor:
+    import gtsam
+
+    whiten = np.array(prior.noiseModel().R())
+    whiten[:, :_IN_PIXELS] /= factor
+    noise = gtsam.noiseModel.Gaussian.SqrtInformation(whiten)
+    larger: gtsam.NonlinearFactor = type(prior)(calibration_key(), gtsam_calibration(stated), noise)
+    return larger

@@ -1,0 +1,312 @@
+"""The focal length that a photograph or a video states in its metadata.
+
+Three statements lead to pixels, for an image of ``W`` pixels along its longer side and ``D`` along its diagonal:
+
+``35mm-equivalent``
+    ``F`` mm on a film of 36 x 24 mm show the same. By the definition (CIPA DCG-001) "the same" is the diagonal,
+    ``f = F D / 43.27``; some makers compare widths, ``f = F W / 36``. For images of 3:2 both are equal, for 4:3 they
+    differ by 4 %. The mean of both is taken.
+``plane-resolution``
+    The focal length in mm times the stated number of sensor pixels per mm.
+``sensor-table``
+    The focal length in mm over the size of the sensor, by maker and model in the data base of lensfun. Its crop factors
+    compare diagonals.
+
+The standard deviation has these parts, each that of a uniform distribution or half of a difference:
+
+* A focal length is nominal. Makers state a customary value within 5 % of the true one: 2.9 %.
+* 35-mm equivalents are whole millimetres: 0.29 mm, 1.1 % of 26 mm.
+* Diagonal or width: half of the difference, 2 % for 4:3.
+* Videos: the statement is that of the lens for photographs of 3:2 or 4:3. A video of 16:9 uses the whole width of the
+  sensor or less: electronic stabilization cuts off up to a fifth, which lengthens the focal length in pixels by a
+  factor from 1 to 1.25. Its mean is taken, with 6.4 %.
+
+If two statements of one file differ by more than three standard deviations, one of them is wrong, and nobody knows
+which: the difference becomes the standard deviation.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import re
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+from slam_init.errors import CalibrationError, SourceError, plain_line
+from slam_init.regular_file import check_inside, open_regular, user_path
+
+__all__ = ["MetadataFocal", "Origin", "focal_from_metadata"]
+
+#: The statement that a focal length comes from.
+Origin: TypeAlias = Literal["35mm-equivalent", "plane-resolution", "sensor-table"]
+
+#: Width and diagonal of 35-mm film.
+_FILM_WIDTH_MM, _FILM_DIAGONAL_MM = 36.0, math.hypot(36.0, 24.0)
+#: Standard deviation of a uniform distribution over an interval of length 1.
+_UNIFORM = 1 / math.sqrt(12)
+#: A nominal focal length may be off by 5 % in each direction.
+_NOMINAL = 0.10 * _UNIFORM
+#: A video shows at least four fifths of what a photograph shows along its longer side.
+_LARGEST_CROP = 1.25
+#: Sensors have 3:2 or 4:3, whatever the format of a video.
+_SENSOR_ASPECTS = (3 / 2, 4 / 3)
+#: Statements that differ by more standard deviations contradict each other.
+_CONTRADICTION = 3.0
+#: Focal lengths over the longer side: from a fisheye lens to a telescope. Others are errors of the file.
+_RANGE = (0.2, 30.0)
+#: Two sizes have the same aspect ratio if it differs by less: sizes are rounded to 8 or 16 pixels.
+_ASPECT_TOLERANCE = 0.02
+#: Two photographs of a folder have the same focal length if it differs by less.
+_SAME_ZOOM = 0.01
+
+_IMAGE_FORMATS = ("JPEG", "TIFF", "PNG", "WEBP")
+_IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".tif", ".tiff", ".png", ".webp"})
+_MAX_FILES = 1_000_000
+_MAX_NAME = 60
+
+# Numbers of EXIF tags.
+_MAKE, _MODEL, _EXIF_IFD = 0x010F, 0x0110, 0x8769
+_FOCAL_MM, _WIDTH, _HEIGHT = 0x920A, 0xA002, 0xA003
+_PLANE_X, _PLANE_UNIT = 0xA20E, 0xA210
+_ZOOM, _FOCAL_35MM = 0xA404, 0xA405
+#: Millimetres of a unit of the focal plane's resolution, by its number in EXIF.
+_UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
+
+_VIDEO_FOCAL = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
+_VIDEO_MAKERS = ("com.apple.quicktime.make", "com.android.manufacturer", "make")
+_VIDEO_MODELS = ("com.apple.quicktime.model", "com.android.model", "model")
+
+
+@dataclass(frozen=True)
+class MetadataFocal:
+    """A focal length from metadata.
+
+    Attributes
+    ----------
+    focal_px : float
+        In pixels of the image.
+    sigma_px : float
+        Its standard deviation.
+    origin : str
+        ``35mm-equivalent``, ``plane-resolution`` or ``sensor-table``.
+    maker, model : str
+        Of the camera as stated; empty where they are not.
+    """
+
+    focal_px: float
+    sigma_px: float
+    origin: Origin
+    maker: str = ""
+    model: str = ""
+
+
+@dataclass(frozen=True)
+class _Statement:
+    """A focal length in pixels, with the relative standard deviation of what is known besides the nominal value."""
+
+    focal_px: float
+    sigma: float
+    origin: Origin
+
+
+def focal_from_metadata(path: str | os.PathLike[str], size: tuple[int, int]) -> MetadataFocal | None:
+    """Read the focal length that a file states.
+
+    Parameters
+    ----------
+    path : str or path-like
+        A photograph (JPEG, TIFF, PNG or WebP), a video, or a folder of photographs or with a subfolder ``images``.
+        The metadata of a video are read if PyAV is installed, ``slam-init[video]``; the sensor table if lensfunpy is,
+        ``slam-init[exif]``.
+    size : (int, int)
+        Width and height of the images that are used, in pixels. They may have been resized, and turned.
+
+    Returns
+    -------
+    MetadataFocal or None
+        None where the metadata tell no focal length, where the images were cut to another format, or where the first
+        and the last photograph of a folder have different ones (a zoom).
+
+    Raises
+    ------
+    CalibrationError
+        If the size is impossible.
+    SourceError
+        If there is no such file or folder, or it cannot be read.
+    """
+    path = user_path(path)
+    if min(size) < 1:
+        raise CalibrationError(f"images of {size[0]}x{size[1]} pixels: give their width and height")
+    if not path.is_dir():
+        return _of_file(path, size)
+    photographs = _photographs(path)
+    found = [_of_file(one, size) for one in dict.fromkeys([*photographs[:1], *photographs[-1:]])]
+    if not found or any(one is None for one in found):
+        return None
+    first, last = (one for one in (found[0], found[-1]) if one is not None)
+    return first if abs(first.focal_px - last.focal_px) <= _SAME_ZOOM * first.focal_px else None
+
+
+def _photographs(folder: Path) -> list[Path]:
+    """Photographs of a folder in the order of their names; those of its subfolder ``images`` if it has none."""
+    for place in (folder, folder / "images"):
+        try:
+            with os.scandir(place) as entries:
+                names = [e.name for e in itertools.islice(entries, _MAX_FILES) if not e.name.startswith(".")]
+        except OSError as error:
+            if place == folder:
+                raise SourceError(f"{folder}: cannot be read ({error.strerror})") from None
+            continue
+        photographs = [place / name for name in sorted(names) if Path(name).suffix.lower() in _IMAGE_SUFFIXES]
+        if photographs:
+            check_inside(photographs[0], folder)
+            check_inside(photographs[-1], folder)
+            return photographs
+    return []
+
+
+def _of_file(path: Path, size: tuple[int, int]) -> MetadataFocal | None:
+    tags = _exif(path)
+    if tags is not None:
+        maker, model = _text(tags.get(_MAKE)), _text(tags.get(_MODEL))
+        return _best(_statements(tags, maker, model, size), size, maker, model)
+    stated = _video_tags(path)
+    maker, model = (
+        _text(next((stated[k] for k in keys if k in stated), "")) for keys in (_VIDEO_MAKERS, _VIDEO_MODELS)
+    )
+    film_mm = _number((re.match(r"\s*([0-9.]+)", stated.get(_VIDEO_FOCAL, "")) or [None, None])[1])
+    return None if film_mm is None else _best([_video_statement(film_mm, size)], size, maker, model)
+
+
+def _best(found: Iterable[_Statement], size: tuple[int, int], maker: str, model: str) -> MetadataFocal | None:
+    """The surest of several statements; less sure where they contradict each other."""
+    least, most = (limit * max(size) for limit in _RANGE)
+    possible = [one for one in found if least <= one.focal_px <= most]
+    if not possible:
+        return None
+    best = min(possible, key=lambda one: one.sigma)
+    sigma_px = math.hypot(best.sigma, _NOMINAL) * best.focal_px
+    for other in possible:
+        difference_px = abs(other.focal_px - best.focal_px)
+        # Both have the same nominal focal length, so its error is no part of their difference.
+        if difference_px > _CONTRADICTION * math.hypot(best.sigma, other.sigma) * best.focal_px:
+            sigma_px = max(sigma_px, difference_px)
+    return MetadataFocal(best.focal_px, sigma_px, best.origin, maker, model)
+
+
+# -- photographs -----------------------------------------------------------------------------------
+
+
+def _exif(path: Path) -> dict[int, Any] | None:
+    """The EXIF tags of a photograph; None if the file is no photograph."""
+    from PIL import Image, UnidentifiedImageError
+
+    with open_regular(path, SourceError) as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Pillow warns about broken tags and large images; no pixel is decoded here
+        try:
+            with Image.open(file, formats=_IMAGE_FORMATS) as image:
+                exif = image.getexif()
+                return {**exif, **exif.get_ifd(_EXIF_IFD)}
+        except UnidentifiedImageError:
+            return None
+        except Exception:  # Pillow raises what its parsers raise, for files that are broken
+            return {}
+
+
+def _statements(tags: Mapping[int, Any], maker: str, model: str, size: tuple[int, int]) -> Iterator[_Statement]:
+    taken = _number(tags.get(_WIDTH)), _number(tags.get(_HEIGHT))
+    scale = 1.0
+    if taken[0] is not None and taken[1] is not None:
+        if abs(_aspect(taken[0], taken[1]) / _aspect(*size) - 1) > _ASPECT_TOLERANCE:
+            return  # the image was cut, nobody knows where
+        scale = max(size) / max(taken[0], taken[1])
+    film_mm = _number(tags.get(_FOCAL_35MM))
+    if film_mm is not None:
+        yield _film_statement(film_mm, 0.5, size, "35mm-equivalent")
+    focal_mm = _number(tags.get(_FOCAL_MM))
+    if focal_mm is None:
+        return
+    zoomed_mm = focal_mm * max(1.0, _number(tags.get(_ZOOM)) or 1.0)
+    plane, unit_mm = _number(tags.get(_PLANE_X)), _UNIT_MM.get(int(_number(tags.get(_PLANE_UNIT)) or 2))
+    if plane is not None and unit_mm is not None and taken[0] is not None:
+        yield _Statement(zoomed_mm * plane / unit_mm * scale, 0.01, "plane-resolution")
+    crop = _crop_factor(maker, model)
+    if crop is not None:
+        yield _film_statement(zoomed_mm * crop, 0.0, size, "sensor-table")
+
+
+def _film_statement(film_mm: float, rounded_mm: float, size: tuple[int, int], origin: Origin) -> _Statement:
+    by_diagonal = film_mm * math.hypot(*size) / _FILM_DIAGONAL_MM
+    by_width = film_mm * max(size) / _FILM_WIDTH_MM
+    mean = (by_diagonal + by_width) / 2
+    sigma = math.hypot(2 * rounded_mm * _UNIFORM / film_mm, abs(by_diagonal - by_width) / 2 / mean)
+    return _Statement(mean, max(sigma, 0.01), origin)
+
+
+def _crop_factor(maker: str, model: str) -> float | None:
+    """Film diagonal over sensor diagonal, by the data base of lensfun; None where it is not installed or silent."""
+    if not model:
+        return None
+    try:
+        import lensfunpy
+    except ImportError:
+        return None
+    cameras = lensfunpy.Database().find_cameras(maker or None, model, loose_search=False)
+    factors = {float(one.crop_factor) for one in cameras}
+    return _number(factors.pop()) if len(factors) == 1 else None
+
+
+# -- videos ----------------------------------------------------------------------------------------
+
+
+def _video_tags(path: Path) -> dict[str, str]:
+    """The tags of a video and of its stream of images; empty without PyAV, or if the file is no video."""
+    try:
+        import av
+    except ImportError:
+        return {}
+    try:
+        with open_regular(path, SourceError) as file, av.open(file, mode="r", metadata_errors="replace") as container:
+            streams = [stream.metadata for stream in container.streams.video]
+            return {key.lower(): value for tags in (*streams, container.metadata) for key, value in tags.items()}
+    except (av.error.FFmpegError, ValueError):
+        return {}
+
+
+def _video_statement(film_mm: float, size: tuple[int, int]) -> _Statement:
+    width = max(size)
+    # The video has the width of a photograph, which has the format of the sensor.
+    by_diagonal = [film_mm * math.hypot(width, width / aspect) / _FILM_DIAGONAL_MM for aspect in _SENSOR_ASPECTS]
+    mean = sum(by_diagonal) / len(by_diagonal)
+    ambiguity = (max(by_diagonal) - min(by_diagonal)) / 2 / mean
+    crop = (1 + _LARGEST_CROP) / 2
+    crop_sigma = (_LARGEST_CROP - 1) * _UNIFORM / crop
+    sigma = math.sqrt((_UNIFORM / film_mm) ** 2 + ambiguity**2 + crop_sigma**2)
+    return _Statement(crop * mean, sigma, "35mm-equivalent")
+
+
+# -- values of strangers ---------------------------------------------------------------------------
+
+
+def _aspect(a: float, b: float) -> float:
+    """Longer side over shorter side."""
+    return max(a, b) / min(a, b)
+
+
+def _number(value: Any) -> float | None:
+    """A positive finite number, or None. Tags may hold texts, tuples, or fractions with the denominator 0."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
+        return None
+    return number if math.isfinite(number) and number > 0 else None
+
+
+def _text(value: Any) -> str:
+    """A short name in one line."""
+    return plain_line(value.strip("\0 \t\r\n")[:_MAX_NAME]) if isinstance(value, str) else ""

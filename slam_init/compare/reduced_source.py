@@ -1,0 +1,104 @@
+"""A source of large images at the size at which they are tracked, as ``slam-init run`` reduces them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from slam_init.mapping.reduction import Reduction
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, notes_of
+from slam_init.types.pose import Trajectory
+
+if TYPE_CHECKING:
+    from slam_init.datasets import TimedSource
+
+__all__ = ["ReducedSource", "reduced"]
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedSource:
+    """A source whose frames are reduced.
+
+    Attributes
+    ----------
+    source : TimedSource
+    reduction : Reduction
+    """
+
+    source: TimedSource
+    reduction: Reduction
+
+    @property
+    def name(self) -> str:
+        """That of the source."""
+        return self.source.name
+
+    @property
+    def kind(self) -> str:
+        """That of the source."""
+        return self.source.kind
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera of the reduced frames."""
+        return self.reduction.camera
+
+    @property
+    def groundtruth(self) -> Trajectory | None:
+        """That of the source."""
+        return self.source.groundtruth
+
+    @property
+    def timestamps_s(self) -> Floats:
+        """Those of the source."""
+        return self.source.timestamps_s
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Those of the source and of the reduction.
+
+        Returns
+        -------
+        tuple of str
+        """
+        return (*notes_of(self.source), *self.reduction.notes)
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
+        """Read and reduce frames in order.
+
+        Parameters
+        ----------
+        start : int
+            Absolute index of the first frame.
+        max_frames : int, optional
+            Largest number of frames; by default all.
+
+        Yields
+        ------
+        Frame
+        """
+        yield from self.reduction.frames(self.source.frames(start, max_frames))
+
+
+def reduced(source: TimedSource) -> TimedSource:
+    """Reduce the frames of a source if they are large.
+
+    Parameters
+    ----------
+    source : TimedSource
+
+    Returns
+    -------
+    TimedSource
+        The source itself where its images are not large, or have no calibration.
+    """
+    if source.camera is None:
+        return source
+    reduction = Reduction.of(source.camera)
+    return source if reduction.factor == 1 else ReducedSource(source, reduction)

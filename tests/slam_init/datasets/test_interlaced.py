@@ -1,0 +1,66 @@
+"""Interlaced frames: found by their comb, and replaced by one field. Images of one time are never taken for them."""
+
+import numpy as np
+import pytest
+from make_files import picture
+from make_scene import texture
+from make_video import write_by_pyav
+
+from slam_init.datasets.interlaced import Deinterlacer, comb_ratio, first_field
+from slam_init.datasets.video import open_video
+
+TEXTURE = texture(3, 200, 300)
+
+
+def shifted(pixels: int) -> np.ndarray:
+    return TEXTURE[20:160, 20 + pixels : 260 + pixels]
+
+
+def woven(pixels: int) -> np.ndarray:
+    """Two fields; the odd rows show the texture moved by some pixels."""
+    frame = shifted(0).copy()
+    frame[1::2] = shifted(pixels)[1::2]
+    return frame
+
+
+def test_a_moving_image_of_two_fields_has_a_comb_and_one_of_one_field_has_none():
+    assert comb_ratio(woven(6)) > 1.1
+    assert comb_ratio(shifted(6)) < 0.9
+    assert comb_ratio(first_field(woven(6))) < 0.9
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_white_noise_is_no_comb(channels):
+    assert comb_ratio(picture(1, (640, 480), channels)) == pytest.approx(1, abs=0.03)
+    assert comb_ratio(np.full((2, 8), 7, np.uint8)) == comb_ratio(np.full((9, 8), 7, np.uint8)) == 0
+
+
+@pytest.mark.parametrize("shape", [(48, 64, 3), (47, 64), (3, 5), (2, 5), (1, 5)])
+def test_the_rows_of_the_first_field_stay_and_the_others_lie_between_them(shape):
+    image = picture(2, shape[1::-1], 3 if len(shape) == 3 else 1)
+    field = first_field(image)
+    assert np.array_equal(field[::2], image[::2])
+    for row in range(1, shape[0] - 1, 2):
+        between = (image[row - 1].astype(int) + image[row + 1] + 1) // 2
+        assert np.array_equal(field[row], between)
+
+
+def test_once_found_all_frames_give_one_field():
+    """Where the camera rests a frame has no comb, and the sharpness must not change from frame to frame."""
+    deinterlacer = Deinterlacer()
+    assert deinterlacer.take(shifted(0)) is not None and not deinterlacer.found
+    deinterlacer.take(woven(6))
+    assert deinterlacer.found
+    assert np.array_equal(deinterlacer.take(shifted(0)), first_field(shifted(0)))
+
+
+def test_an_interlaced_video_is_read_and_told(tmp_path):
+    """OpenCV makes frames black that are marked as interlaced."""
+    frames = [np.repeat(woven(6)[..., None], 3, axis=2)] * 3
+    options = {"flags": "+ildct+ilme", "x264-params": "tff=1", "crf": "10"}
+    path = write_by_pyav(tmp_path / "v.mp4", frames, codec="libx264", options=options)
+    source = open_video(path)
+    seen = list(source.frames())
+    assert len(seen) >= 2
+    assert all(abs(frame.gray.astype(float) - first_field(woven(6))).mean() < 8 for frame in seen)
+    assert any("interlaced" in note for note in source.notes)

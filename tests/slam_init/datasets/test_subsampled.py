@@ -1,0 +1,79 @@
+"""Every N-th frame, or a lower rate: indices and times stay those of the source."""
+
+import itertools
+
+import numpy as np
+import pytest
+from make_files import picture, write_image
+from make_video import corner_frames, write_mp4
+
+from slam_init.datasets import open_source
+from slam_init.datasets.subsampled import SubsampledSource
+from slam_init.datasets.video import open_video
+from slam_init.datasets.views import SourceView
+from slam_init.errors import SourceError
+
+
+@pytest.fixture(params=["images", "video"])
+def source(request, tmp_path):
+    """Thirty frames at 30 Hz."""
+    if request.param == "video":
+        return open_video(write_mp4(tmp_path / "v.mp4", corner_frames(30)))
+    for i in range(30):
+        write_image(tmp_path / f"{i}.png", picture(i, (16, 12)))
+    return open_source(str(tmp_path))
+
+
+def taken(source, start=0, max_frames=None):
+    frames = list(source.frames(start, max_frames))
+    np.testing.assert_allclose(
+        [frame.timestamp_s for frame in frames], [frame.index / 30 for frame in frames], atol=1e-6
+    )
+    return [frame.index for frame in frames]
+
+
+def test_every_nth_frame_is_counted_from_the_start_frame(source):
+    view = SubsampledSource(source, every=7)
+    assert taken(view) == [0, 7, 14, 21, 28] and len(view) == 5 == len(view.timestamps_s)
+    assert taken(view, 3) == [3, 10, 17, 24] and view.left(3) == 4
+    assert taken(view, 3, 2) == [3, 10]
+
+
+@pytest.mark.parametrize("fps", [1, 4, 10, 12, 29, 30, 60])
+def test_a_rate_takes_the_frames_nearest_to_its_instants(source, fps):
+    indices = taken(SubsampledSource(source, fps=fps))
+    assert indices == sorted(set(indices)) and indices[0] == 0
+    wanted = np.arange(0, 1 - 1e-9, 1 / min(fps, 30))
+    assert len(indices) == pytest.approx(len(wanted), abs=1)
+    for instant, index in zip(wanted, indices, strict=False):
+        assert abs(index / 30 - instant) <= 0.5 / 30 + 1e-6
+    assert taken(SubsampledSource(source, fps=fps), 5, 3) == [5 + i for i in indices[:3]]
+
+
+def test_a_gap_in_the_times_gives_no_frame_twice(tmp_path):
+    """A camera that stops for two seconds: the first frame after it, and then those at the regular instants."""
+    for k in [*range(10), *range(70, 80)]:
+        write_image(tmp_path / f"{1e9 + k / 30:.6f}.png", picture(k, (16, 12)))
+    frames = list(SubsampledSource(open_source(str(tmp_path)), fps=10).frames())
+    assert [frame.index for frame in frames] == [0, 3, 6, 9, 10, 12, 15, 18]
+
+
+def test_renumbered_frames_are_consecutive(source):
+    view = SubsampledSource(source, every=4, renumbered=True)
+    frames = list(view.frames(2, 3))
+    assert [frame.index for frame in frames] == [2, 3, 4]
+    np.testing.assert_allclose([frame.timestamp_s for frame in frames], view.timestamps_s[2:5], atol=1e-9)
+
+
+@pytest.mark.parametrize("options", [{"every": 0}, {"every": -3}, {"fps": 0.0}, {"fps": float("nan")}, {"fps": -1.0}])
+def test_an_impossible_rate_is_an_error(source, options):
+    with pytest.raises(SourceError, match="give"):
+        SubsampledSource(source, **options)
+
+
+def test_a_view_is_carried_by_a_text():
+    views = (SourceView(), SourceView(every=3), SourceView(fps=7.5, mask="/a: b?&é/m.png"))
+    for view, text in itertools.product(views, ("/data/a: b", "synth:room?seed=3")):
+        assert SourceView.parse(view.text(text)) == (view, text)
+    with pytest.raises(SourceError, match="one of both"):
+        SourceView(every=2, fps=3)
