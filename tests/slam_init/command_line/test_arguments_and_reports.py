@@ -83,6 +83,24 @@ def test_without_a_calibration_the_focal_length_is_to_be_estimated(world, pipeli
     assert camera.source == "prior" and camera.focal_sigma > 0.2
 
 
+@pytest.mark.parametrize("tagged", [b"Apple", b""])
+def test_the_metadata_of_photographs_come_before_the_prior(world, pipeline, tagged):
+    from PIL import Image
+
+    folder = world / "photographs"
+    folder.mkdir()
+    for k in range(3):
+        tags = Image.Exif()
+        if tagged:
+            tags.get_ifd(0x8769)[0xA405] = 28  # FocalLengthIn35mmFilm
+        Image.new("L", (66, 44), 90 + k).save(folder / f"{k}.jpg", exif=tags)
+    assert main(["run", "photographs"]) == 0
+    ((_, camera, _, _),) = pipeline.calls
+    assert camera.source == ("metadata" if tagged else "prior")
+    if tagged:
+        assert camera.fx == pytest.approx(66 * 28 / 36, rel=0.02) and camera.focal_sigma < 0.06
+
+
 def test_one_number_is_enough(world, pipeline):
     assert main(["run", IMAGES, "--camera", "f=70"]) == 0
     ((_, camera, _, _),) = pipeline.calls
