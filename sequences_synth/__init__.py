@@ -14,11 +14,14 @@ forward or sideways by 15, 30 or 45 degrees from straight down. In ``handheld`` 
 turns the camera about an axis that changes, with little or no translation; in ``pan`` the camera turns steadily.
 :func:`make_points` makes tracks without images, in scenes of the same kind.
 
+The option ``lens`` renders through a wide lens (:mod:`sequences_synth.lens_camera`).
+
 A frame may have a rolling shutter: a pixel in row y is exposed at ``t_frame + readout (y / height - 1/2)``, and the
 pose and the time stamp of a frame are those of its middle row (:mod:`sequences_synth.shutter`).
 """
 
 from sequences_synth.camera import PinholeCamera
+from sequences_synth.lens_camera import LENSES, LensCamera
 from sequences_synth.points import (
     POINT_SCENES,
     SCENES_WITHOUT_TRANSLATION,
@@ -32,10 +35,12 @@ from sequences_synth.tracking_error import TrackingError
 from sequences_synth.writer import write_tum
 
 __all__ = [
+    "LENSES",
     "POINT_SCENES",
     "SCENES",
     "SCENES_WITHOUT_TRANSLATION",
     "STANDARD_SCENES",
+    "LensCamera",
     "PinholeCamera",
     "PointOptions",
     "PointSequence",

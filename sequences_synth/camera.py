@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from sequences_synth.lens_camera import LensCamera
 
 __all__ = ["PinholeCamera", "stated_camera"]
 
@@ -106,14 +109,16 @@ class PinholeCamera:
         return np.asarray(np.where(distorted > 0, radius / np.where(distorted > 0, distorted, 1.0), 1.0))
 
 
-def stated_camera(
-    true: PinholeCamera, focal_error: float, principal_error: float, rng: np.random.Generator
-) -> PinholeCamera:
-    """Make the camera that the data state, which lacks the distortion and may have wrong values.
+#: Either camera.
+AnyCamera = TypeVar("AnyCamera", bound=PinholeCamera | LensCamera)
+
+
+def stated_camera(true: AnyCamera, focal_error: float, principal_error: float, rng: np.random.Generator) -> AnyCamera:
+    """Make the camera that the data state, which lacks the distortion of a pinhole and may have wrong values.
 
     Parameters
     ----------
-    true : PinholeCamera
+    true : PinholeCamera or LensCamera
     focal_error : float
         The stated focal length is the true one times ``1 + focal_error``.
     principal_error : float
@@ -123,14 +128,15 @@ def stated_camera(
 
     Returns
     -------
-    PinholeCamera
+    PinholeCamera or LensCamera
+        The latter with its true coefficients.
     """
     right, down = rng.choice([-1.0, 1.0], 2).tolist()
+    ideal: AnyCamera = replace(true, k1=0.0) if isinstance(true, PinholeCamera) else true
     return replace(
-        true,
+        ideal,
         fx=true.fx * (1 + focal_error),
         fy=true.fy * (1 + focal_error),
         cx=true.cx + right * principal_error * true.width,
         cy=true.cy + down * principal_error * true.height,
-        k1=0.0,
     )

@@ -1,7 +1,8 @@
 """The sensor: one frame of a world with rolling shutter, lens, motion blur and electronic stabilization.
 
 A frame is rendered by :mod:`sequences_synth.render` where one homography per surface is enough: with a global shutter
-and without distortion. Otherwise each row is rendered with its own pose (:mod:`sequences_synth.render_lines`).
+and without distortion. Otherwise each row is rendered with its own pose (:mod:`sequences_synth.render_lines`), and with
+a :class:`~sequences_synth.lens_camera.LensCamera` each sample by its own ray (:mod:`sequences_synth.render_rays`).
 
 A stabilized frame is rendered on a larger sensor, then warped and cropped. The rows beyond the border of the frame are
 exposed before and after those within it.
@@ -12,15 +13,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sequences_synth.camera import PinholeCamera
+from sequences_synth.lens_camera import LensCamera, sample_rays
 from sequences_synth.noise import blur_along
 from sequences_synth.render import View, render
 from sequences_synth.render_lines import render_lines
+from sequences_synth.render_rays import render_rays
 from sequences_synth.shutter import Shutter
 from sequences_synth.stabilizer import LARGEST_WARP_RAD, virtual_from_cam
 from sequences_synth.textured_quad import Quad
@@ -67,7 +71,7 @@ class Sensor:
 
     Attributes
     ----------
-    camera : PinholeCamera
+    camera : PinholeCamera or LensCamera
         The true camera.
     shutter : Shutter
     fps : float
@@ -77,13 +81,13 @@ class Sensor:
     exposure_s : float
         Exposure time: the frame is the mean of renders along the true path.
     stabilized : bool
-        Whether frames are warped to a smoothed path.
+        Whether frames are warped to a smoothed path; of a pinhole camera only.
     quads : sequence of Quad
         The world.
     path : CameraPath
     """
 
-    camera: PinholeCamera
+    camera: PinholeCamera | LensCamera
     shutter: Shutter
     fps: float
     motion_blur: float
@@ -121,6 +125,7 @@ class Sensor:
         Returns
         -------
         View
+            Its inverse depth is that of :meth:`take`.
         """
         return self._stabilize(frame, self._expose(frame))
 
@@ -135,6 +140,7 @@ class Sensor:
         Returns
         -------
         View
+            With a lens camera its inverse depth is the inverse distance along the ray.
         """
         view = self._expose(frame)
         if self.exposure_s > 0:
@@ -164,16 +170,35 @@ class Sensor:
         poses[:, :3, :3] = poses[:, :3, :3] @ warp.T
         return poses
 
+    def depth(self, view: View) -> Floats32:
+        """Compute the depths of a view.
+
+        Parameters
+        ----------
+        view : View
+            Of this sensor.
+
+        Returns
+        -------
+        (H, W) float32
+            Along the optical axis (z) in metres; 0 where there is no surface, or a surface behind the image plane.
+        """
+        hit = view.inverse_depth > 0
+        depth = np.divide(1, view.inverse_depth, out=np.zeros_like(view.inverse_depth), where=hit)
+        if isinstance(self.camera, LensCamera):
+            depth = np.asarray(depth * np.maximum(sample_rays(self.camera, 1)[..., 2], 0.0), np.float32)
+        return depth
+
     @property
     def _border_px(self) -> int:
         """Width of the border of the larger sensor of a stabilized camera."""
         return math.ceil(_BORDER * LARGEST_WARP_RAD * self.camera.fx) if self.stabilized else 0
 
     @property
-    def _whole(self) -> PinholeCamera:
+    def _whole(self) -> PinholeCamera | LensCamera:
         """The camera with its border."""
         c, border = self.camera, self._border_px
-        if border == 0:
+        if border == 0 or isinstance(c, LensCamera):
             return c
         return replace(c, width=c.width + 2 * border, height=c.height + 2 * border, cx=c.cx + border, cy=c.cy + border)
 
@@ -184,6 +209,9 @@ class Sensor:
     def _expose(self, frame: float) -> View:
         """One sharp view of the whole sensor."""
         camera = self._whole
+        if isinstance(camera, LensCamera):
+            frames_of = partial(self._frames_of, frame)
+            return render_rays(self.quads, camera, self.shutter.by_columns, frames_of, self.path.world_from_cam)
         if self.shutter.readout_s == 0.0 and camera.k1 == 0.0:
             cam_from_world = np.asarray(np.linalg.inv(self.path.world_from_cam(frame)), float)
             return render(self.quads, camera.K, cam_from_world, frame, camera.width, camera.height)
@@ -214,17 +242,16 @@ class Sensor:
         """(H, W, 2) float32: motion of each pixel from the middle of the exposure to its end."""
         import cv2
 
-        simple = self.shutter.readout_s == 0.0 and self.camera.k1 == 0.0
-        if simple and not any(quad.body is not None for quad in self.quads):
-            flow = self._global_flow(frame, view, half_frames)
+        camera, bodies = self._whole, any(quad.body is not None for quad in self.quads)
+        if isinstance(camera, PinholeCamera) and self.shutter.readout_s == 0.0 and camera.k1 == 0.0 and not bodies:
+            flow = self._global_flow(camera.K, frame, view, half_frames)
         else:
             flow = self._line_flow(frame, view, half_frames)
         size = (view.ids.shape[1], view.ids.shape[0])
         return np.asarray(cv2.resize(flow.astype(np.float32), size, interpolation=cv2.INTER_LINEAR), np.float32)
 
-    def _global_flow(self, frame: int, view: View, half_frames: float) -> Floats:
+    def _global_flow(self, K: Floats, frame: int, view: View, half_frames: float) -> Floats:
         """Flow at the nodes, by one homography for the background and one shift for each quad that moves."""
-        K = self._whole.K
         later = self.path.world_from_cam(frame + half_frames)
         later_from_now = np.linalg.inv(later) @ self.path.world_from_cam(frame)
         M, k = K @ later_from_now[:3, :3] @ np.linalg.inv(K), K @ later_from_now[:3, 3]
@@ -262,6 +289,9 @@ class Sensor:
                 X[own] = X[own] @ quad.motion(frame, frame + half_frames).T
         cam = np.asarray(np.linalg.inv(later), float)
         moved = _turn(cam[..., :3, :3], X[..., :3]) + X[..., 3:] * cam[..., :3, 3]
+        if isinstance(camera, LensCamera):
+            # A pixel outside of the field of view does not move.
+            return np.nan_to_num(camera.project(moved) - pixels[..., :2])
         moved[..., 2] = np.maximum(moved[..., 2], 1e-3)
         return camera.project(moved) - pixels[..., :2]
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sequences_synth.camera import PinholeCamera, stated_camera
 from sequences_synth.hand_motion import Handling
+from sequences_synth.lens_camera import LENSES, LensCamera, lens_camera
 from sequences_synth.limits import EFFECT_LIMITS, check_options
 from sequences_synth.noise import expose
 from sequences_synth.scene import SCENES, Motions, World, build_world
@@ -95,6 +96,9 @@ class SynthOptions:
         drawn.
     k1 : float
         Coefficient of radial distortion of the true camera, which the stated camera lacks.
+    lens : str
+        ``pinhole``, or one of :data:`sequences_synth.lens_camera.LENSES`, with usual parameters that the stated camera
+        has as well. It has no ``k1``, and its frames are not ``stabilized``.
     flicker : float
         Relative amplitude of the flicker of lamps, at 100 or 120 Hz, whichever changes more from frame to frame. A
         rolling shutter shows it as bands.
@@ -138,6 +142,7 @@ class SynthOptions:
     body_turn_deg_s: float = 30.0
     principal_error: float = 0.0
     k1: float = 0.0
+    lens: str = "pinhole"
     flicker: float = 0.0
     fade: int = 0
     stabilized: bool = False
@@ -149,6 +154,10 @@ class SynthOptions:
         check_options(self, _LIMITS)
         if self.cut >= self.frames:
             raise ValueError(f"cut is {self.cut}: it must be less than the number of frames, {self.frames}")
+        if self.lens not in ("pinhole", *LENSES):
+            raise ValueError(f"lens is {self.lens!r}: use one of pinhole, {', '.join(LENSES)}")
+        if self.lens != "pinhole" and (self.k1 or self.stabilized):
+            raise ValueError(f"lens is {self.lens!r}: k1 and stabilized need lens=pinhole")
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,9 +169,9 @@ class SynthSequence:
     name : str
     seed : int
     options : SynthOptions
-    camera : PinholeCamera
-        The stated camera, which has the errors of the options and no distortion.
-    true_camera : PinholeCamera
+    camera : PinholeCamera or LensCamera
+        The stated camera, which has the errors of the options and no distortion besides that of the lens.
+    true_camera : PinholeCamera or LensCamera
         The camera by which the images are rendered.
     world : World
         That of the first scene.
@@ -179,8 +188,8 @@ class SynthSequence:
     name: str
     seed: int
     options: SynthOptions
-    camera: PinholeCamera
-    true_camera: PinholeCamera
+    camera: PinholeCamera | LensCamera
+    true_camera: PinholeCamera | LensCamera
     world: World
     poses: Floats
     timestamps_s: Floats
@@ -203,7 +212,7 @@ class SynthSequence:
         image : (H, W, 3) uint8
             BGR.
         depth : (H, W) float32
-            Depth along the optical axis (z) in metres; 0 where there is no surface.
+            Depth along the optical axis (z) in metres; 0 where there is no surface, or one behind the image plane.
 
         Raises
         ------
@@ -217,9 +226,7 @@ class SynthSequence:
         shown = int(self.schedule.content[index])
         rng = np.random.default_rng([self.seed, shown, 1])
         image = expose(view.image, self._gain(shown), self.options.noise, rng)
-        hit = view.inverse_depth > 0
-        depth = np.divide(1, view.inverse_depth, out=np.zeros_like(view.inverse_depth), where=hit)
-        return image, depth
+        return image, sensor.depth(view)
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, float, Image, Floats32, Floats]]:
         """Render frames in order.
@@ -348,7 +355,8 @@ def make_sequence(name: str, seed: int = 0, options: SynthOptions | None = None)
     options = options or SynthOptions()
     width, height = options.width, options.height
     focal = _FOCAL_BY_WIDTH * width
-    true_camera = PinholeCamera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2, options.k1)
+    pinhole = PinholeCamera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2, options.k1)
+    true_camera = pinhole if options.lens == "pinhole" else lens_camera(options.lens, width, height)
     schedule = Schedule.draw(
         np.random.default_rng((seed, *b"schedule ", *name.encode())),
         options.frames,
@@ -359,7 +367,7 @@ def make_sequence(name: str, seed: int = 0, options: SynthOptions | None = None)
     worlds = []
     for number in range(len(schedule.scenes)):
         entropy = (seed, *number * b"after the cut ", *name.encode())
-        worlds.append(build_world(name, entropy, true_camera.K, width, height, _motions(options)))
+        worlds.append(build_world(name, entropy, pinhole.K, width, height, _motions(options)))
     sensors = tuple(_sensor(true_camera, world, options) for world in worlds)
     poses = []
     for sensor, frames in zip(sensors, schedule.scenes, strict=True):
@@ -395,7 +403,7 @@ def _motions(options: SynthOptions) -> Motions:
     )
 
 
-def _sensor(camera: PinholeCamera, world: World, options: SynthOptions) -> Sensor:
+def _sensor(camera: PinholeCamera | LensCamera, world: World, options: SynthOptions) -> Sensor:
     return Sensor(
         camera=camera,
         shutter=Shutter(options.readout_ms / 1000, options.readout_direction, camera.width, camera.height),

@@ -12,6 +12,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from sequences_synth.camera import PinholeCamera
 from sequences_synth.sequence import SynthSequence
 
 __all__ = ["DEPTH_FACTOR", "write_tum"]
@@ -116,11 +117,12 @@ def _depth_factor(sequence: SynthSequence) -> float:
 
 def _camera_text(sequence: SynthSequence, factor: float) -> str:
     camera = sequence.camera
+    model, coefficients = ("pinhole", ()) if isinstance(camera, PinholeCamera) else (camera.model, camera.coefficients)
     return (
-        "model: pinhole\n"
+        f"model: {model}\n"
         f"width: {camera.width}\nheight: {camera.height}\n"
         f"fx: {camera.fx!r}\nfy: {camera.fy!r}\ncx: {camera.cx!r}\ncy: {camera.cy!r}\n"
-        "distortion_model: none\ndistortion: []\n"
+        f"distortion_model: {'none' if model == 'pinhole' else model}\ndistortion: {list(coefficients)!r}\n"
         f"# depth images: metres times {factor:g}, 16 bit, 0 where there is none\n"
     )
 

@@ -19,6 +19,7 @@ from slam_init.frontend.tracks import History
 from slam_init.mapping.reduction import Reduction
 from slam_init.methods import make_initializer
 from slam_init.methods.registry import FrontEnd, method_info
+from slam_init.output.colmap_cameras import colmap_note
 from slam_init.output.folder import OutputFolder
 from slam_init.output.names import INTERRUPTED, OVERVIEW, RECORDING, RUN_FILES
 from slam_init.output.plain_json import Json, plain_fields
@@ -165,7 +166,7 @@ class _Job:
         result, continued = _continue(result, tracker, frames, self.continue_frames, recorder)
         # What a source has to tell may change with each frame.
         notes = (*self.notes, *notes_of(self.source), *reduction.notes, *_focal_notes(result, self.camera))
-        result = reduction.enlarged(replace(result, notes=(*notes, *result.notes)))
+        result = reduction.enlarged(replace(result, notes=(*notes, *result.notes, *_colmap_notes(result))))
         options: dict[str, Json] = {
             "start": self.start, "max_frames": self.max_frames, "continue_frames": self.continue_frames,
         }  # fmt: skip
@@ -194,6 +195,12 @@ def _focal_notes(result: Result, stated: Camera) -> tuple[str, ...]:
         f"the focal length, {stated.focal_px:.0f} +- {stated.focal_sigma_px:.0f} px, is no calibration, and this "
         "method does not estimate it: expect a bent map",
     )
+
+
+def _colmap_notes(result: Result) -> tuple[str, ...]:
+    """What the COLMAP model of the map cannot say about its camera."""
+    note = colmap_note(result.map.camera) if result.map is not None else ""
+    return (note,) if note else ()
 
 
 class _GivenTracks:

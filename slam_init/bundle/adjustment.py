@@ -12,6 +12,9 @@ Focal length: held as stated, or with ``refine_focal`` an unknown. It is adjuste
 2. Continue by Newton's method in the focal length (:mod:`slam_init.bundle.focal`).
 3. If the focal length has changed, start again with the new camera, under which other observations may be outliers.
 
+A lens for which gtsam has no calibration (:mod:`slam_init.bundle.virtual_cameras`) keeps the focal length that the
+window estimated.
+
 The two-view stage comes before bundle adjustment. Its bearings are always those of the stated camera.
 """
 
@@ -26,6 +29,7 @@ from slam_init.bundle.graph import GAUGE, build_graph, marginal_covariances, opt
 from slam_init.bundle.noise import estimate_noise, least_squares_noise, min_parallax_rad
 from slam_init.bundle.points import fit_points
 from slam_init.bundle.problem import BundleFailure, BundleFit, BundleProblem, BundleSolution, FocalPrior
+from slam_init.bundle.virtual_cameras import needs_virtual_cameras
 from slam_init.config import MapConfig
 from slam_init.types.arrays import Bools
 from slam_init.types.camera import Camera
@@ -83,9 +87,12 @@ def _adjusted(
     start = _scale_to_median_depth(problem)
     if start is None:
         return BundleFailure("no landmark lies in front of the first camera")
-    prior = FocalPrior(camera, config.focal_sigma) if config.refine_focal else None
+    # Where each observation has a camera of its own, there is no common calibration to adjust: the first estimate of
+    # the focal length is held then. It is that of the joint fit of the window.
+    held = config.refine_focal and needs_virtual_cameras(camera)
+    stated, prior = camera, FocalPrior(camera, config.focal_sigma) if config.refine_focal and not held else None
     try:
-        first = camera if prior is None else camera_with_focal_factor(camera, focal_factor)
+        first = camera_with_focal_factor(camera, focal_factor) if config.refine_focal else camera
         fit = fit_with_held_camera(first, start, config, poses_known=poses_known)
         if prior is not None and isinstance(fit, BundleFit):
             fit = _fit_focal(prior, start, fit, config, rounds=0 if poses_known else _FOCAL_ROUNDS)
@@ -109,9 +116,14 @@ def _adjusted(
         pose_covariances=covariances,
         camera=camera,
         gauge=GAUGE,
-        focal_factor=1.0 if prior is None else camera.fx / prior.camera.fx,
-        focal_factor_sigma=None if prior is None else float(np.sqrt(focal_variance)) / prior.camera.fx,
+        focal_factor=camera.fx / stated.fx if config.refine_focal else 1.0,
+        focal_factor_sigma=config.focal_sigma if held else _focal_sigma(prior, focal_variance),
     )
+
+
+def _focal_sigma(prior: FocalPrior | None, focal_variance: float) -> float | None:
+    """Relative standard deviation of the adjusted focal length; None if it was held."""
+    return None if prior is None else float(np.sqrt(focal_variance)) / prior.camera.fx
 
 
 def fit_with_held_camera(

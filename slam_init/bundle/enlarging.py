@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slam_init.bundle.graph import calibration_key, gtsam_calibration, projection
+from slam_init.bundle.reprojection import calibration_key, gtsam_calibration, measured_projection
 from slam_init.types.camera import Camera
 
 if TYPE_CHECKING:
@@ -52,14 +52,14 @@ def enlarged_graph(
 
     noise = gtsam.noiseModel.Isotropic.Sigma(2, noise_px)
     adjusted = values.exists(calibration_key())
-    make = projection(camera, noise, adjusted=adjusted)
     larger = gtsam.NonlinearFactorGraph()
     for number in range(graph.size()):
         one: Any = graph.at(number)  # its type is one of many that gtsam makes from templates
         name = type(one).__name__
         if name.startswith(("GenericProjectionFactor", "GeneralSFMFactor2")):
             pose, landmark = one.keys()[:2]
-            larger.add(make(factor * (np.asarray(one.measured()) + 0.5) - 0.5, pose, landmark))
+            pixel = factor * (np.asarray(one.measured(), np.float64) + 0.5) - 0.5
+            larger.add(measured_projection(camera, pixel[None], noise, adjusted=adjusted)(0, pose, landmark))
         elif name.startswith("PriorFactorCal3"):
             larger.add(_enlarged_prior(one, stated, factor))
         else:

@@ -17,6 +17,7 @@ from slam_init.bundle.problem import BundleFit, FocalPrior
 from slam_init.config import MapConfig
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
+from slam_init.types.lenses.models import scaled_coefficients
 
 __all__ = ["adjust_focal", "camera_with_focal_factor"]
 
@@ -32,9 +33,9 @@ _FACTORS = (0.1, 10.0)
 def camera_with_focal_factor(camera: Camera, factor: float) -> Camera:
     """Multiply the focal lengths of a camera by a factor, as the adjustment does.
 
-    Principal point and distortion coefficients are held, except for a camera with k3. Such a camera is adjusted on
-    undistorted pixels, which the factor must not change. Therefore its coefficients are converted to units of the new
-    focal length.
+    Principal point and distortion coefficients are held, except for a camera with k3 or a rational part. Such a camera
+    is adjusted on undistorted pixels, which the factor must not change. Therefore its coefficients are converted to
+    units of the new focal length.
 
     Parameters
     ----------
@@ -54,8 +55,7 @@ def camera_with_focal_factor(camera: Camera, factor: float) -> Camera:
     fx, fy = factor * camera.fx, factor * camera.fy
     if not is_undistorted_first(camera):
         return replace(camera, fx=fx, fy=fy)
-    powers = (2, 4, 1, 1, 6)  # for k1, k2, p1, p2, k3: the degree of the term, less one
-    distortion = tuple(k * factor**power for k, power in zip(camera.distortion, powers, strict=True))
+    distortion = scaled_coefficients(camera.model, camera.distortion, factor)
     return replace(camera, fx=fx, fy=fy, distortion=distortion)
 
 

@@ -1,4 +1,4 @@
-"""The factor graph of bundle adjustment and its optimum. No other module of the pipeline imports gtsam.
+"""The factor graph of bundle adjustment and its optimum.
 
 Variables: ``X(frame)`` are poses world_from_cam, ``L(track)`` are landmarks. ``K(0)`` is the calibration if the focal
 length is adjusted; otherwise the calibration is held.
@@ -9,13 +9,19 @@ farthest from it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slam_init.bundle.problem import BundleProblem, FocalPrior, PosePrior
+from slam_init.bundle.reprojection import (
+    calibration_key,
+    gtsam_calibration,
+    is_undistorted_first,
+    measured_pixels,
+    projection,
+)
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
@@ -23,10 +29,6 @@ from slam_init.work import Prices, spend
 
 if TYPE_CHECKING:
     import gtsam
-
-    _Calibration: TypeAlias = gtsam.Cal3_S2 | gtsam.Cal3DS2 | gtsam.Cal3Fisheye
-    #: Makes a reprojection factor: measured pixel (2,), key of the pose, key of the landmark.
-    _FactorMaker: TypeAlias = Callable[[Floats, int, int], gtsam.NonlinearFactor]
 
 __all__ = [
     "CAUCHY",
@@ -95,101 +97,6 @@ def landmark_key(track_id: int) -> int:
     return int(gtsam.symbol("l", track_id))
 
 
-def calibration_key() -> int:
-    """Make the gtsam key ``K(0)`` of the calibration.
-
-    Returns
-    -------
-    int
-    """
-    import gtsam
-
-    return int(gtsam.symbol("k", 0))
-
-
-def gtsam_calibration(camera: Camera) -> _Calibration:
-    """Convert a camera to a calibration of gtsam.
-
-    gtsam's Cal3DS2 has no k3. A camera with k3 is adjusted on undistorted pixels, as a Cal3_S2.
-
-    Parameters
-    ----------
-    camera : Camera
-
-    Returns
-    -------
-    gtsam.Cal3_S2, gtsam.Cal3DS2 or gtsam.Cal3Fisheye
-    """
-    import gtsam
-
-    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
-    if camera.model == "fisheye":
-        return gtsam.Cal3Fisheye(fx, fy, 0.0, cx, cy, *camera.distortion)
-    if camera.is_distorted and not is_undistorted_first(camera):
-        return gtsam.Cal3DS2(fx, fy, 0.0, cx, cy, *camera.distortion[:4])
-    return gtsam.Cal3_S2(fx, fy, 0.0, cx, cy)
-
-
-def is_undistorted_first(camera: Camera) -> bool:
-    """Tell whether a camera has k3, so that its factors measure undistorted pixels.
-
-    Parameters
-    ----------
-    camera : Camera
-
-    Returns
-    -------
-    bool
-    """
-    return camera.model == "radtan" and len(camera.distortion) == 5 and camera.distortion[4] != 0
-
-
-def measured_pixels(camera: Camera, pixels: Floats) -> Floats:
-    """Convert raw pixels to the pixels that the factors of :func:`projection` measure.
-
-    Parameters
-    ----------
-    camera : Camera
-    pixels : (N, 2) float
-        Raw pixels.
-
-    Returns
-    -------
-    (N, 2) float
-        Undistorted pixels for a camera with k3; otherwise the raw ones.
-    """
-    if not is_undistorted_first(camera):
-        return pixels
-    return camera.normalize(pixels) * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-
-
-def projection(camera: Camera, noise: gtsam.noiseModel.Base, *, adjusted: bool) -> _FactorMaker:
-    """Make a function that makes reprojection factors.
-
-    Parameters
-    ----------
-    camera : Camera
-    noise : gtsam.noiseModel.Base
-        Noise model of a pixel.
-    adjusted : bool
-        Whether the calibration is the variable ``K(0)``; otherwise it is held.
-
-    Returns
-    -------
-    callable
-        Measured pixel (2,), key of the pose, key of the landmark -> factor.
-    """
-    import gtsam
-
-    calibration = gtsam_calibration(camera)
-    name = type(calibration).__name__
-    if adjusted:
-        shared, key = getattr(gtsam, f"GeneralSFMFactor2{name}"), calibration_key()
-        return lambda pixel, pose, landmark: shared(pixel, noise, pose, landmark, key)
-    held = getattr(gtsam, f"GenericProjectionFactor{name}")
-    return lambda pixel, pose, landmark: held(pixel, noise, pose, landmark, calibration, False, False)
-
-
 def build_graph(
     camera: Camera, problem: BundleProblem, noise_px: float, *, robust: bool, prior: FocalPrior | None = None
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
@@ -216,7 +123,7 @@ def build_graph(
     noise: gtsam.noiseModel.Base = gtsam.noiseModel.Isotropic.Sigma(2, noise_px)
     if robust:
         noise = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(CAUCHY), noise)
-    factor = projection(camera, noise, adjusted=prior is not None)
+    factor = projection(camera, problem.pixels, noise, adjusted=prior is not None)
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     pose_keys = [pose_key(frame) for frame in problem.frames]
     point_keys = [landmark_key(track) for track in problem.track_ids.tolist()]
@@ -224,12 +131,12 @@ def build_graph(
         values.insert(key, gtsam.Pose3(gtsam.Rot3(pose.R), pose.t))
     for key, point in zip(point_keys, problem.points, strict=True):
         values.insert(key, point)
-    pixels = measured_pixels(camera, problem.pixels)
-    observed = zip(problem.views.tolist(), problem.landmarks.tolist(), pixels, strict=True)
-    for number, (k, landmark, pixel) in enumerate(observed):
+    observed = zip(problem.views.tolist(), problem.landmarks.tolist(), strict=True)
+    for number, (k, landmark) in enumerate(observed):
         if number % _FACTORS_AT_ONCE == 0:
-            spend(Prices.GRAPH * min(_FACTORS_AT_ONCE, len(pixels) - number))
-        graph.add(factor(pixel, pose_keys[k], point_keys[landmark]))
+            spend(Prices.GRAPH * min(_FACTORS_AT_ONCE, len(problem.pixels) - number))
+        if (made := factor(number, pose_keys[k], point_keys[landmark])) is not None:
+            graph.add(made)
     first = problem.world_from_cam[0]
     fixed = gtsam.noiseModel.Isotropic.Sigma(6, _GAUGE_SIGMA)
     graph.add(gtsam.PriorFactorPose3(pose_keys[0], gtsam.Pose3(gtsam.Rot3(first.R), first.t), fixed))
@@ -369,7 +276,7 @@ def read_focal_factor(camera: Camera, values: gtsam.Values) -> float:
     """
     at = getattr(values, f"at{type(gtsam_calibration(camera)).__name__}")
     calibration = at(calibration_key())
-    return float(np.sqrt(calibration.fx() * calibration.fy()) / camera.focal_px)
+    return float(np.sqrt(calibration.fx() * calibration.fy()) / np.sqrt(camera.fx * camera.fy))
 
 
 def marginal_covariances(

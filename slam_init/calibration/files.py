@@ -4,8 +4,9 @@
   ``distortion``);
 * OpenCV ``FileStorage`` YAML and XML (``camera_matrix`` / ``K``, ``distortion_coefficients`` / ``D``);
 * ORB-SLAM2 and 3 (``Camera.fx``, ``Camera1.fx``; ``Camera.type: KannalaBrandt8`` is fisheye);
-* Kalibr camchain (``cam0: intrinsics``), EuRoC ``sensor.yaml`` (``intrinsics``), ROS ``camera_info`` (``K``,
-  ``D``);
+* Kalibr camchain (``cam0: intrinsics``; pinhole, omni, ds, eucm), EuRoC ``sensor.yaml`` (``intrinsics``), ROS
+  ``camera_info`` (``K``, ``D``);
+* Basalt JSON (``value0``), and the YAML of camodocal and VINS (``model_type``);
 * COLMAP ``cameras.txt``, whose pixel centres lie at .5: half a pixel is subtracted from the principal point.
 
 YAML is read by PyYAML's safe loader only; the tags ``!!opencv-matrix`` are read as plain mappings.
@@ -13,6 +14,7 @@ YAML is read by PyYAML's safe loader only; the tags ``!!opencv-matrix`` are read
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import replace
@@ -33,8 +35,8 @@ __all__ = ["camera_of", "load_camera", "load_yaml"]
 _MAX_BYTES = 200_000
 _MAX_DEPTH = 20
 
-# Least share of the image for which the lens model must give rays. A fisheye of 220 degrees has rays for half of the
-# image, as rays beyond 89 degrees are not used. With a wrong coefficient only a spot in the middle has rays.
+# Least share of the image for which the lens model must give rays. The circle of a fisheye may fill half of the image.
+# With a wrong coefficient only a spot in the middle has rays.
 _MIN_REACHED = 0.2
 
 
@@ -113,7 +115,7 @@ def _check(place: str, camera: Camera, image_size: tuple[int, int] | None) -> No
             f"give their calibration, or scale fx, fy, cx, cy if the images are resized"
         )
     grid = np.stack(np.meshgrid(np.linspace(0, camera.width - 1, 21), np.linspace(0, camera.height - 1, 21)), axis=-1)
-    reached = float(np.isfinite(camera.normalize(grid.reshape(-1, 2))).all(axis=1).mean())
+    reached = float(np.isfinite(camera.bearings(grid.reshape(-1, 2))).all(axis=1).mean())
     if reached < _MIN_REACHED:
         raise CalibrationError(
             f"{place}: distortion {list(camera.distortion)} gives rays for {100 * reached:.0f} % of the image only: "
@@ -147,14 +149,14 @@ def load_yaml(path: str | os.PathLike[str]) -> object:
 
 
 def _read_text(path: Path) -> str:
-    what = "a calibration: give a YAML, XML or COLMAP file, or auto"
+    what = "a calibration: give a YAML, JSON, XML or COLMAP file, or auto"
     data = read_regular(path, _MAX_BYTES, what, CalibrationError)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = "\0"
     if "\0" in text:
-        raise CalibrationError(f"{path}: not a text file: give a YAML, XML or COLMAP calibration")
+        raise CalibrationError(f"{path}: not a text file: give a YAML, JSON, XML or COLMAP calibration")
     if not text.strip():
         raise CalibrationError(f"{path}: the file is empty")
     return text
@@ -165,7 +167,8 @@ def _parse(path: Path, text: str, image_size: tuple[int, int] | None) -> Camera:
         return parse_mapping(_parse_xml(text), image_size)
     if path.suffix.lower() == ".txt":
         return parse_colmap(text)
-    content = _parse_yaml(text)
+    is_json = path.suffix.lower() == ".json"
+    content = _parse_json(text) if is_json else _parse_yaml(text)
     if not isinstance(content, dict):
         raise CalibrationError("not a calibration: expected lines of the form key: value")
     return parse_mapping(content, image_size)
@@ -226,6 +229,19 @@ def _check_structure(tokens: Iterator[object]) -> None:
             raise CalibrationError("broken YAML: aliases are not allowed in a calibration")
         if depth > _MAX_DEPTH:
             raise CalibrationError(f"broken YAML: nested deeper than {_MAX_DEPTH} levels")
+
+
+def _parse_json(text: str) -> object:
+    def unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
+        content = dict(pairs)
+        if len(content) != len(pairs):
+            raise CalibrationError("broken JSON: a key is given twice")
+        return content
+
+    try:
+        return json.loads(text, object_pairs_hook=unique)
+    except (ValueError, RecursionError) as error:
+        raise CalibrationError(f"broken JSON: {_one_line(error)}") from None
 
 
 def _parse_xml(text: str) -> dict[str, object]:

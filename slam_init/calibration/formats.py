@@ -5,33 +5,16 @@ Error messages name the key; the caller adds the name of the file.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 
+from slam_init.calibration.colmap_models import COLMAP_PARAMETERS, camera_of_colmap
+from slam_init.calibration.making import camera_of_values, model_named
+from slam_init.calibration.values import Content, Size, integer_size, mapping_of, number_of, numbers_of
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
 
 __all__ = ["parse_colmap", "parse_mapping"]
-
-Size = tuple[int, int] | None
-#: The keys and values of a file. A value is checked when it is read.
-Content = Mapping[str, object]
-
-#: Names of the distortion models in all formats, lower case -> model of :class:`~slam_init.types.camera.Camera`.
-_MODELS = {
-    "none": "pinhole",
-    "": "pinhole",
-    "pinhole": "pinhole",
-    "radtan": "radtan",
-    "radial-tangential": "radtan",
-    "plumb_bob": "radtan",
-    "rational_polynomial": "radtan",
-    "equidistant": "fisheye",
-    "equi": "fisheye",
-    "fisheye": "fisheye",
-    "kannalabrandt8": "fisheye",
-}
 
 
 def parse_mapping(content: Content, image_size: Size) -> Camera:
@@ -58,7 +41,7 @@ def parse_mapping(content: Content, image_size: Size) -> Camera:
             return _with_readout(content, parse(content, image_size))
     raise CalibrationError(
         "no known calibration format: expected fx, fy, cx, cy; camera_matrix or K; Camera.fx; "
-        "cam0 or intrinsics (Kalibr, EuRoC)"
+        "cam0 or intrinsics (Kalibr, EuRoC); value0 (Basalt); model_type (camodocal)"
     )
 
 
@@ -83,37 +66,32 @@ def parse_colmap(text: str) -> Camera:
     if len(lines) != 1:
         raise CalibrationError(f"{len(lines)} cameras: expected a COLMAP cameras.txt with exactly one")
     fields = lines[0]
-    if len(fields) < 4 or fields[1] not in _COLMAP:
-        raise CalibrationError(f"not a COLMAP camera: id, model of {', '.join(_COLMAP)}, width, height, params")
-    model, names = fields[1], _COLMAP[fields[1]].split()
-    if len(fields) != 4 + len(names):
-        raise CalibrationError(f"{model} takes {len(names)} parameters, found {len(fields) - 4}")
-    values = {name: _number({name: text}, name) for name, text in zip(names, fields[4:], strict=True)}
-    fx = values["f"] if "f" in values else values["fx"]
-    fy = values["f"] if "f" in values else values["fy"]
-    if model == "OPENCV_FISHEYE":
-        kind, distortion = "fisheye", [values[k] for k in ("k1", "k2", "k3", "k4")]
-    else:
-        kind = "radtan"
-        distortion = [values.get(k, 0.0) for k in ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")]
-    size = _size({"width": fields[2], "height": fields[3]}, "width", "height", None)
-    # The pixel centres of COLMAP lie at .5, those of this project at integers.
-    return _camera(kind, size, (fx, fy, values["cx"] - 0.5, values["cy"] - 0.5), distortion)
+    if len(fields) < 4 or fields[1] not in COLMAP_PARAMETERS:
+        raise CalibrationError(
+            f"not a COLMAP camera: id, model of {', '.join(COLMAP_PARAMETERS)}, width, height, params"
+        )
+    size = integer_size({"width": fields[2], "height": fields[3]}, "width", "height", None)
+    names = COLMAP_PARAMETERS[fields[1]].split()
+    names += [f"parameter {i + 1}" for i in range(len(names), len(fields) - 4)]
+    values = [number_of({name: text}, name) for name, text in zip(names, fields[4:], strict=False)]
+    return camera_of_colmap(fields[1], *size, values)
 
 
 def _own(content: Content, image_size: Size) -> Camera:
     """The YAML format of this project."""
     model = _model(content, "distortion_model", "model")
-    size = _size(content, "width", "height", image_size)
-    focal = tuple(_number(content, key) for key in ("fx", "fy", "cx", "cy"))
-    camera = _camera(model, size, focal, _numbers(content, "distortion", default=[]))
-    return replace(camera, focal_sigma=_number(content, "focal_sigma")) if "focal_sigma" in content else camera
+    size = integer_size(content, "width", "height", image_size)
+    names = ("fx", "fy", "cx", "cy")
+    whole_sphere = model == "equirectangular" and not any(name in content for name in names)
+    focal = () if whole_sphere else tuple(number_of(content, name) for name in names)
+    camera = camera_of_values(model, size, focal, numbers_of(content, "distortion", default=[]))
+    return replace(camera, focal_sigma=number_of(content, "focal_sigma")) if "focal_sigma" in content else camera
 
 
 def _opencv(content: Content, image_size: Size) -> Camera:
     """OpenCV's FileStorage, and ROS ``camera_info`` with both spellings of its keys."""
     key = _first(content, "camera_matrix", "Camera_Matrix", "cameraMatrix", "K", "k", "M1", "K1")
-    K = _numbers(content, key)
+    K = numbers_of(content, key)
     if len(K) != 9:
         raise CalibrationError(f"{key}: expected a 3x3 matrix, found {len(K)} numbers")
     if K[8] != 1 or any(K[i] != 0 for i in (1, 3, 6, 7)):
@@ -128,7 +106,7 @@ def _opencv(content: Content, image_size: Size) -> Camera:
         "D1",
     )
     distortion_key = next((name for name in names if name in content), None)
-    distortion = _numbers(content, distortion_key) if distortion_key else []
+    distortion = numbers_of(content, distortion_key) if distortion_key else []
     model = _model(content, "distortion_model", "camera_model", "model", "Camera.type")
     if content.get("fisheye_model") in (1, True):
         model = "fisheye"
@@ -136,7 +114,9 @@ def _opencv(content: Content, image_size: Size) -> Camera:
         next((name for name in pair if name in content), pair[0])
         for pair in (("image_width", "image_Width", "width"), ("image_height", "image_Height", "height"))
     )
-    return _camera(model, _size(content, width, height, image_size), (K[0], K[4], K[2], K[5]), distortion)
+    return camera_of_values(
+        model, integer_size(content, width, height, image_size), (K[0], K[4], K[2], K[5]), distortion
+    )
 
 
 def _orb_slam(content: Content, image_size: Size) -> Camera:
@@ -147,10 +127,10 @@ def _orb_slam(content: Content, image_size: Size) -> Camera:
     if model is None:
         raise CalibrationError(f"Camera.type is {kind!r}: use PinHole, Rectified or KannalaBrandt8")
     names = ("k1", "k2", "k3", "k4") if model == "fisheye" else ("k1", "k2", "p1", "p2", "k3")
-    distortion = [_number(content, prefix + name, default=0.0) for name in names]
-    focal = tuple(_number(content, prefix + name) for name in ("fx", "fy", "cx", "cy"))
-    size = _size(content, "Camera.width", "Camera.height", image_size)
-    return _camera(model, size, focal, [] if model == "pinhole" else distortion)
+    distortion = [number_of(content, prefix + name, default=0.0) for name in names]
+    focal = tuple(number_of(content, prefix + name) for name in ("fx", "fy", "cx", "cy"))
+    size = integer_size(content, "Camera.width", "Camera.height", image_size)
+    return camera_of_values(model, size, focal, [] if model == "pinhole" else distortion)
 
 
 def _kalibr(content: Content, image_size: Size) -> Camera:
@@ -164,22 +144,76 @@ def _kalibr(content: Content, image_size: Size) -> Camera:
 def _sensor(content: Content, image_size: Size, where: str = "") -> Camera:
     """One camera of Kalibr, or EuRoC's ``sensor.yaml``: ``intrinsics: [fu, fv, cu, cv]``."""
     projection = str(content.get("camera_model", "pinhole")).lower()
-    if projection != "pinhole":
-        raise CalibrationError(f"{where}camera_model is {projection!r}: only pinhole is supported")
-    focal = _numbers(content, "intrinsics")
-    if len(focal) != 4:
-        raise CalibrationError(f"{where}intrinsics: expected [fx, fy, cx, cy], found {len(focal)} numbers")
+    if projection not in _KALIBR:
+        raise CalibrationError(f"{where}camera_model is {projection!r}: use one of {', '.join(_KALIBR)}")
+    names = _KALIBR[projection].split()
+    intrinsics = numbers_of(content, "intrinsics")
+    if len(intrinsics) != len(names):
+        raise CalibrationError(f"{where}intrinsics: expected [{', '.join(names)}], found {len(intrinsics)} numbers")
     key = "distortion_coeffs" if "distortion_coeffs" in content else "distortion_coefficients"
-    model = _model(content, "distortion_model")
+    bent, coefficients = _model(content, "distortion_model"), numbers_of(content, key, default=[])
     size = image_size
     if "resolution" in content:
-        resolution = _numbers(content, "resolution")
+        resolution = numbers_of(content, "resolution")
         if len(resolution) != 2:
             raise CalibrationError(f"{where}resolution: expected [width, height]")
-        size = _size({"width": resolution[0], "height": resolution[1]}, "width", "height", None)
+        size = integer_size({"width": resolution[0], "height": resolution[1]}, "width", "height", None)
     if size is None:
         raise CalibrationError(f"{where}resolution is missing")
-    return _camera(model, size, tuple(focal), _numbers(content, key, default=[]))
+    *shape, fx, fy, cx, cy = intrinsics
+    focal = fx, fy, cx, cy
+    if projection == "pinhole":
+        return camera_of_values(bent, size, focal, coefficients)
+    allowed = ("pinhole", "radtan") if projection == "omni" else ("pinhole",)
+    if bent not in allowed or len(coefficients) > 4 or (bent == "pinhole" and any(coefficients)):
+        raise CalibrationError(
+            f"{where}distortion_model of a camera_model {projection} is {content.get('distortion_model')!r} with "
+            f"{len(coefficients)} coefficients: use {'radtan with 4 or none' if projection == 'omni' else 'none'}"
+        )
+    k = [*shape, *coefficients] if any(coefficients) else shape
+    return camera_of_values(model_named(projection, "camera_model"), size, focal, k)
+
+
+def _basalt(content: Content, image_size: Size) -> Camera:
+    """The JSON of Basalt: its first camera."""
+    value = mapping_of(content, "value0", "intrinsics and resolution")
+    cameras, sizes = value.get("intrinsics"), value.get("resolution")
+    if not isinstance(cameras, list) or not cameras or not isinstance(cameras[0], dict):
+        raise CalibrationError("value0: intrinsics is no list of cameras")
+    kind = str(cameras[0].get("camera_type"))
+    if kind not in _BASALT:
+        raise CalibrationError(f"camera_type is {kind[:40]!r}: use one of {', '.join(_BASALT)}")
+    model, names = _BASALT[kind]
+    values = mapping_of(cameras[0], "intrinsics", "fx, fy, cx, cy and so on")
+    focal = tuple(number_of(values, name) for name in ("fx", "fy", "cx", "cy"))
+    size = image_size
+    if isinstance(sizes, list) and sizes:
+        pair = numbers_of({"resolution": sizes[0]}, "resolution")
+        if len(pair) != 2:
+            raise CalibrationError("resolution: expected [width, height] of each camera")
+        size = integer_size({"width": pair[0], "height": pair[1]}, "width", "height", None)
+    if size is None:
+        raise CalibrationError("resolution is missing")
+    k = [number_of(values, name) for name in names.split()]
+    return camera_of_values(model, size, focal, [*k, 1.0] if kind == "ucm" else k)
+
+
+def _camodocal(content: Content, image_size: Size) -> Camera:
+    """The YAML of camodocal, as in VINS-Mono and VINS-Fusion."""
+    kind = str(content["model_type"]).upper()
+    if kind not in _CAMODOCAL:
+        raise CalibrationError(f"model_type is {kind[:40]!r}: use one of {', '.join(_CAMODOCAL)}")
+    model, focal_names = _CAMODOCAL[kind]
+    size = integer_size(content, "image_width", "image_height", image_size)
+    projection = mapping_of(content, "projection_parameters", "focal lengths and principal point")
+    focal = tuple(number_of(projection, name) for name in focal_names.split())
+    if model == "fisheye":
+        return camera_of_values(model, size, focal, [number_of(projection, f"k{i}") for i in range(2, 6)])
+    bent = mapping_of(content, "distortion_parameters", "k1, k2, p1, p2")
+    k = [number_of(bent, name) for name in ("k1", "k2", "p1", "p2")]
+    if model == "omni":
+        k = [number_of(mapping_of(content, "mirror_parameters", "xi"), "xi"), *k]
+    return camera_of_values(model, size, focal, k)
 
 
 def _with_readout(content: Content, camera: Camera) -> Camera:
@@ -189,56 +223,47 @@ def _with_readout(content: Content, camera: Camera) -> Camera:
     """
     direction = str(content.get("readout_direction", camera.readout_direction))
     if "readout_ms" in content:
-        return replace(camera, readout_ms=_number(content, "readout_ms"), readout_direction=direction)
+        return replace(camera, readout_ms=number_of(content, "readout_ms"), readout_direction=direction)
     if "line_delay" in content:
-        readout_ms = 1e3 * _number(content, "line_delay") * camera.height
+        readout_ms = 1e3 * number_of(content, "line_delay") * camera.height
         return replace(camera, readout_ms=abs(readout_ms), readout_direction="up" if readout_ms < 0 else "down")
     return camera
 
 
+#: Intrinsics of the camera models of Kalibr.
+_KALIBR = {
+    "pinhole": "fx fy cx cy",
+    "omni": "xi fx fy cx cy",
+    "ds": "xi alpha fx fy cx cy",
+    "eucm": "alpha beta fx fy cx cy",
+}
+#: Model and names of the coefficients of the camera types of Basalt; its unified model is EUCM with a beta of 1.
+_BASALT = {
+    "ds": ("double-sphere", "xi alpha"),
+    "eucm": ("eucm", "alpha beta"),
+    "ucm": ("eucm", "alpha"),
+    "kb4": ("fisheye", "k1 k2 k3 k4"),
+    "fov": ("fov", "w"),
+    "pinhole": ("pinhole", ""),
+    "pinhole-radtan8": ("radtan", "k1 k2 p1 p2 k3 k4 k5 k6"),
+}
+#: Model and names of focal lengths and principal point of the camera types of camodocal.
+_CAMODOCAL = {
+    "PINHOLE": ("radtan", "fx fy cx cy"),
+    "KANNALA_BRANDT": ("fisheye", "mu mv u0 v0"),
+    "MEI": ("omni", "gamma1 gamma2 u0 v0"),
+}
+
 # The keys of each format, any of which identifies it, and its parser. The first format that fits is taken.
 _FORMATS: tuple[tuple[tuple[str, ...], Callable[[Content, Size], Camera]], ...] = (
     (("cam0",), _kalibr),
+    (("value0",), _basalt),
+    (("model_type",), _camodocal),
     (("Camera.fx", "Camera1.fx"), _orb_slam),
     (("camera_matrix", "Camera_Matrix", "cameraMatrix", "K", "k", "M1", "K1"), _opencv),
     (("intrinsics",), _sensor),
     (("fx", "fy", "cx", "cy", "model", "distortion_model"), _own),
 )
-
-# Parameters of the camera models of COLMAP.
-_COLMAP = {
-    "SIMPLE_PINHOLE": "f cx cy",
-    "PINHOLE": "fx fy cx cy",
-    "SIMPLE_RADIAL": "f cx cy k1",
-    "RADIAL": "f cx cy k1 k2",
-    "OPENCV": "fx fy cx cy k1 k2 p1 p2",
-    "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
-    "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
-}
-
-
-def _camera(model: str, size: tuple[int, int], focal: tuple[float, ...], distortion: list[float]) -> Camera:
-    """Make a camera; trailing zero coefficients are added or removed to get the number that the model takes."""
-    k = list(distortion)
-    if model == "pinhole" and any(k):
-        model = "radtan"  # files of OpenCV have this model and do not name it
-    if model == "pinhole":
-        k = []
-    elif model == "fisheye":
-        if len(k) != 4:
-            raise CalibrationError(f"{len(k)} distortion coefficients for a fisheye camera: give k1, k2, k3, k4")
-    else:
-        if any(k[5:]):
-            raise CalibrationError(
-                "distortion has a rational or thin prism part: calibrate with k1, k2, p1, p2, k3 only"
-            )
-        k = (k[:5] + [0.0] * 4)[: max(4, min(len(k), 5))]
-        if len(k) == 5 and k[4] == 0:
-            k = k[:4]
-        if not any(k):
-            model, k = "pinhole", []
-    fx, fy, cx, cy = focal
-    return Camera(model, *size, fx, fy, cx, cy, tuple(k))
 
 
 def _first(content: Content, *names: str) -> str:
@@ -247,50 +272,5 @@ def _first(content: Content, *names: str) -> str:
 
 def _model(content: Content, *keys: str) -> str:
     """The model under the first key that is present; ``pinhole`` if none is."""
-    for key in keys:
-        if content.get(key) is not None:
-            name = str(content[key]).lower()
-            if name not in _MODELS:
-                known = ", ".join(name for name in _MODELS if name)
-                raise CalibrationError(f"{key} is {content[key]!r}: use one of {known}")
-            return _MODELS[name]
-    return "pinhole"
-
-
-def _number(content: Content, key: str, default: float | None = None) -> float:
-    """A finite number. Text that holds a number is accepted, since YAML 1.1 reads ``1e-5`` as text."""
-    if content.get(key) is None:
-        if default is not None and key not in content:
-            return default
-        raise CalibrationError(f"{key} is missing: give a number")
-    value = content[key]
-    try:
-        number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else math.nan
-    except (ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise CalibrationError(f"{key} is {str(value)[:40]!r}: give a number")
-    return number
-
-
-def _numbers(content: Content, key: str, default: list[float] | None = None) -> list[float]:
-    """A list of finite numbers: flat, nested by rows, or under ``data`` as in files of OpenCV."""
-    value = content.get(key)
-    if isinstance(value, dict):
-        value = value.get("data")
-    if value is None and default is not None:
-        return default
-    if not isinstance(value, list):
-        raise CalibrationError(f"{key} is {str(value)[:40]!r}: give a list of numbers")
-    flat = [item for row in value for item in (row if isinstance(row, list) else [row])]
-    return [_number({key: item}, key) for item in flat]
-
-
-def _size(content: Content, width_key: str, height_key: str, image_size: Size) -> tuple[int, int]:
-    """Width and height of the file, or of the images if the file has none."""
-    if width_key not in content and height_key not in content and image_size is not None:
-        return image_size
-    sides = _number(content, width_key), _number(content, height_key)
-    if any(side != round(side) for side in sides):
-        raise CalibrationError(f"image size {sides[0]}x{sides[1]}: give whole pixels")
-    return round(sides[0]), round(sides[1])
+    key = next((key for key in keys if content.get(key) is not None), None)
+    return "pinhole" if key is None else model_named(content[key], key)

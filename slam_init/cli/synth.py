@@ -25,7 +25,9 @@ def add_synth(commands: Commands) -> None:
     synth = commands.add_parser("synth", help="write a synthetic sequence", allow_abbrev=False)
     synth.description = "Render a synthetic sequence into a folder in the layout of TUM RGB-D."
     synth.set_defaults(command=_synth)
-    synth.add_argument("scene", metavar="NAME", help="room, wall, desk, corridor, ...; a wrong name lists all")
+    synth.add_argument(
+        "scene", metavar="NAME", help="room, wall, desk, ..., or with options 'room?lens=omni'; a wrong name lists all"
+    )
     synth.add_argument("--out", metavar="DIR", required=True, help="a new or empty folder, or one of an earlier synth")
     synth.add_argument("--seed", type=int, default=0, metavar="N", help="of the world (default: 0)")
     synth.add_argument("--frames", type=int, metavar="N", help="number of frames (default: 100)")
@@ -41,11 +43,14 @@ def _synth(arguments: argparse.Namespace) -> int:
 
     from tqdm import tqdm
 
-    from sequences_synth import write_tum
-    from slam_init.datasets.synth import make_synth
+    from sequences_synth import SynthOptions, write_tum
+    from slam_init.datasets.synth import make_synth, option_values
 
-    values = {} if arguments.frames is None else {"frames": arguments.frames}
-    sequence = make_synth(arguments.scene, arguments.seed, values)
+    name, _, query = arguments.scene.partition("?")
+    values = option_values(arguments.scene, query, SynthOptions())
+    if arguments.frames is not None:
+        values["frames"] = arguments.frames
+    sequence = make_synth(name, arguments.seed, values)
     # disable=None: silent where stderr is no terminal.
     with tqdm(total=len(sequence), unit="frame", disable=None, leave=False) as bar:
 

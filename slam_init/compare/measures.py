@@ -177,10 +177,8 @@ def survival(map_: InitialMap, following: Iterable[Step]) -> float | None:
             shares.append(0.0)
             continue
         guess, _ = resected
-        X = guess.apply(map_.points[i])
-        # Points behind the camera have no projection.
-        ahead = X[:, 2] > 0
-        error_px = np.linalg.norm(camera.project(X[ahead]) - observed.pixels[j][ahead], axis=1)
+        # Points that the lens does not see have no projection: their error is NaN.
+        error_px = np.linalg.norm(camera.project(guess.apply(map_.points[i])) - observed.pixels[j], axis=1)
         shares.append(float(np.sum(error_px < _SURVIVAL_PX)) / max(len(map_.points), 1))
     return float(np.median(shares)) if shares else None
 

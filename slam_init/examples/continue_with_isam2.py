@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.bundle.graph import calibration_key, landmark_key, measured_pixels, pose_key, projection
+from slam_init.bundle.graph import calibration_key, landmark_key, pose_key, projection
 from slam_init.datasets import open_source
 from slam_init.errors import SlamInitError
 from slam_init.evaluation.metrics import align_positions
@@ -62,7 +62,7 @@ def continue_with_isam2(map_: InitialMap, tracker: Tracker, frames: Iterable[Fra
 
     camera, calibration = map_.camera, calibration_key()
     adjusted = map_.values.exists(calibration)
-    factor = projection(camera, _robust_noise(map_.noise_px), adjusted=adjusted)
+    noise = _robust_noise(map_.noise_px)
     isam = gtsam.ISAM2(_parameters())
     isam.update(map_.graph, map_.values)
     located: list[Frame] = []
@@ -76,10 +76,10 @@ def continue_with_isam2(map_: InitialMap, tracker: Tracker, frames: Iterable[Fra
             continue
         world_from_cam, inliers = resected[0].inverse(), resected[1]
         graph, values, pose = gtsam.NonlinearFactorGraph(), gtsam.Values(), pose_key(frame.index)
-        for track, pixel in zip(
-            map_.track_ids[i[inliers]], measured_pixels(camera, seen.pixels[j[inliers]]), strict=True
-        ):
-            graph.add(factor(pixel, pose, landmark_key(int(track))))
+        factor = projection(camera, seen.pixels[j[inliers]], noise, adjusted=adjusted)
+        for number, track in enumerate(map_.track_ids[i[inliers]].tolist()):
+            if (made := factor(number, pose, landmark_key(track))) is not None:
+                graph.add(made)
         values.insert(pose, gtsam.Pose3(gtsam.Rot3(world_from_cam.R), world_from_cam.t))
         # Only the pose is eliminated last. By default ISAM2 also eliminates all landmarks of the frame last, which is
         # eight times slower.

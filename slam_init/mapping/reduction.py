@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slam_init.bundle.enlarging import enlarged_graph
+from slam_init.bundle.virtual_cameras import needs_virtual_cameras
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
@@ -57,6 +58,8 @@ class Reduction:
         Reduction
         """
         factor = max(1, max(camera.width, camera.height) // TRACKED_SIDE)
+        if needs_virtual_cameras(camera):  # its factors measure no pixels that could be enlarged
+            factor = 1
         if factor == 1:
             return cls(camera, 1, camera)
         # Rows and columns that do not fill a square at the right and lower border are left out.

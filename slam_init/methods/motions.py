@@ -184,7 +184,7 @@ def check_motions(
     """
     used = np.flatnonzero(inliers)
     x1, x2 = (rays[used] / rays[used, 2:] for rays in (bearings1, bearings2))
-    focal = np.array([camera.fx, camera.fy])
+    focal = np.diagonal(camera.K)[:2]
     with np.errstate(all="ignore"):  # parallel rays meet at infinity: their point is not finite, and not good
         in1 = _midpoints(R, t, bearings1[used], bearings2[used]) if rule.midpoint else _linear(R, t, x1, x2)
         in2 = in1 @ R.swapaxes(-1, -2) + t[:, None, :]

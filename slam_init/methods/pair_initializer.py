@@ -19,7 +19,7 @@ from slam_init.mapping.map_building import initial_map
 from slam_init.methods.two_view import TwoViewMethod, TwoViewOutcome, undistorted_pixels
 from slam_init.recording.recorder import Recorder
 from slam_init.status import Status, frame_of
-from slam_init.types.arrays import Image
+from slam_init.types.arrays import Image, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import MapEvidence
 from slam_init.types.frame import Frame, Observations
@@ -35,6 +35,8 @@ __all__ = ["PairInitializer"]
 #: None of the two-view methods tests the uncertainty of a depth. So their landmarks are kept, unless their depth is
 #: entirely uncertain after bundle adjustment.
 _ANY_DEPTH_SIGMA = 1.0
+#: Least depth of a ray on an image plane: at 89.4 degrees from the axis. The planar lens models end at 89 degrees.
+_LEAST_DEPTH = 0.01
 #: Verdicts after which the reference frame is replaced, because its tracks are lost.
 _NEW_REFERENCE = (Verdict.TOO_FEW_FEATURES, Verdict.TOO_FEW_MATCHES)
 
@@ -179,7 +181,7 @@ class PairInitializer:
 
     def _try(self, reference: Observations, current: Observations) -> Attempt:
         """Run the method on a pair, and set the map if the pair is accepted."""
-        i, j = common_tracks(reference, current)
+        i, j = _matches_ahead(reference, current)
         gates = self._tracks_gates(len(current), len(i))
         attempt = with_gates(Attempt((reference.frame, current.frame), Verdict.ACCEPTED), gates)
         if attempt.failed_gates:
@@ -221,7 +223,7 @@ class PairInitializer:
         self, attempt: Attempt, outcome: TwoViewOutcome, pose: Pose, reference: Observations, current: Observations
     ) -> Attempt:
         """Adjust the accepted pair and set the map. If this fails, drop the reference, as the other systems do."""
-        i, j = common_tracks(reference, current)
+        i, j = _matches_ahead(reference, current)
         kept = np.flatnonzero(outcome.landmarks)
         count = len(kept)
         problem = BundleProblem(
@@ -249,3 +251,10 @@ class PairInitializer:
             return refused(attempt, Verdict.TOO_FEW_LANDMARKS)
         self.map = initial_map(bundle, (reference, current), "planar" if outcome.planar else "general")
         return attempt
+
+
+def _matches_ahead(reference: Observations, current: Observations) -> tuple[Ints, Ints]:
+    """Positions of the common tracks whose rays have a place on the image plane: these methods know no other rays."""
+    i, j = common_tracks(reference, current)
+    ahead = (reference.bearings[i, 2] > _LEAST_DEPTH) & (current.bearings[j, 2] > _LEAST_DEPTH)
+    return i[ahead], j[ahead]

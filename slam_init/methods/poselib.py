@@ -144,11 +144,12 @@ def _estimated(
     """Rotation, unit translation and inliers of PoseLib; None where it finds none."""
     import poselib
 
+    K = camera.K
     pinhole = {
         "model": "PINHOLE",
         "width": camera.width,
         "height": camera.height,
-        "params": [camera.fx, camera.fy, camera.cx, camera.cy],
+        "params": [K[0, 0], K[1, 1], camera.cx, camera.cy],
     }
     options = {"max_epipolar_error": rules.max_epipolar_error_px, "min_iterations": rules.min_iterations, "seed": seed}
     pose, info = poselib.estimate_relative_pose(pixels1, pixels2, pinhole, pinhole, options, {})

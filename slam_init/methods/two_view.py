@@ -186,7 +186,8 @@ def undistorted_pixels(camera: Camera, bearings: Floats) -> Floats:
     -------
     (N, 2) float
     """
-    return np.asarray(bearings[:, :2] / bearings[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy))
+    K = camera.K
+    return np.asarray(bearings[:, :2] / bearings[:, 2:] * (K[0, 0], K[1, 1]) + (camera.cx, camera.cy))
 
 
 def check_matches(pixels1: Floats, pixels2: Floats, bearings1: Floats, bearings2: Floats) -> int:

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 
 import numpy as np
 
 from slam_init.errors import plain_line
-from slam_init.types.arrays import Floats
+from slam_init.output.colmap_cameras import colmap_camera, colmap_view
+from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.initial_map import InitialMap
 
 __all__ = ["colmap_model", "numbers_text"]
+
+#: A pinhole image is stretched by the squared inverse cosine of the angle: 33 times at 80 degrees. Rays beyond are left
+#: out of it.
+_LEAST_DEPTH = math.cos(math.radians(80.0))
 
 
 def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
@@ -21,6 +27,11 @@ def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
     In COLMAP the centre of the first pixel is at (0.5, 0.5), and in this project at (0, 0). Therefore half a pixel is
     added to the principal point and to each observation. Ids begin at 1: images in the order of the keyframes, points
     in the order of the landmarks.
+
+    Some lenses have no model in COLMAP (:func:`~slam_init.output.colmap_cameras.colmap_note`). Their observations are
+    those of a pinhole camera, so the model is one of images that are undistorted to it. COLMAP's models on the plane
+    z = 1 have no place for rays at 89 degrees or more from the optical axis. Those observations are left out, and so
+    are points that less than two images still observe.
 
     Parameters
     ----------
@@ -32,10 +43,11 @@ def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
     cameras, images, points : str
         Contents of ``cameras.txt``, ``images.txt``, ``points3D.txt``.
     """
-    camera = map_.camera
-    model, parameters = _colmap_camera(camera)
+    camera, note = colmap_view(map_.camera)
+    all_pixels, used = _observations(map_, camera)
+    model, parameters = colmap_camera(camera)
     cameras = (
-        "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
+        (f"# {note}\n" if note else "") + "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
         f"1 {model} {camera.width} {camera.height} {numbers_text(parameters)}\n"
     )
 
@@ -46,8 +58,8 @@ def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
     errors_px = np.zeros(len(map_.observation_landmarks))
     positions = np.zeros(len(map_.observation_landmarks), int)  # of an observation among those of its image
     for k, keyframe in enumerate(map_.keyframes):
-        rows = np.flatnonzero(map_.observation_keyframes == k)
-        landmarks, pixels = map_.observation_landmarks[rows], map_.observation_pixels[rows]
+        rows = np.flatnonzero((map_.observation_keyframes == k) & used)
+        landmarks, pixels = map_.observation_landmarks[rows], all_pixels[rows]
         cam_from_world = keyframe.world_from_cam.inverse()
         projected = camera.project(cam_from_world.apply(map_.points[landmarks]))
         errors_px[rows] = np.linalg.norm(projected - pixels, axis=1)
@@ -65,28 +77,33 @@ def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
     starts = np.searchsorted(map_.observation_landmarks[order], np.arange(len(map_.points) + 1))
     for i, (xyz, rgb) in enumerate(zip(map_.points, map_.colors, strict=True)):
         rows = order[starts[i] : starts[i + 1]]
+        rows = rows[used[rows]]
+        if map_.camera.lens is not None and len(rows) < 2:
+            continue
         track = " ".join(f"{map_.observation_keyframes[j] + 1} {positions[j]}" for j in rows)
         error = numbers_text([float(np.mean(errors_px[rows]))])
         points.append(f"{i + 1} {numbers_text(xyz)} {' '.join(map(str, rgb))} {error} {track}")
     return cameras, "\n".join(images) + "\n", "\n".join(points) + "\n"
 
 
+def _observations(map_: InitialMap, camera: Camera) -> tuple[Floats, Bools]:
+    """Pixels (M, 2) of the observations in the camera that is written, and which of them (M,) it has."""
+    pixels, lens = map_.observation_pixels, map_.camera.lens
+    if lens is None:
+        return pixels, np.ones(len(pixels), bool)
+    rays = map_.camera.bearings(pixels)
+    used: Bools = np.asarray(np.isfinite(rays).all(axis=1))
+    if camera.model == "pinhole":
+        used &= np.nan_to_num(rays[:, 2]) > _LEAST_DEPTH
+        pixels = camera.project(np.where(used[:, None], rays, [0.0, 0.0, 1.0]))
+    elif camera.model != "equirectangular":
+        used &= np.isfinite(map_.camera.normalize(pixels)).all(axis=1)
+    counts = np.bincount(map_.observation_landmarks[used], minlength=len(map_.points))
+    return pixels, np.asarray(used & (counts[map_.observation_landmarks] >= 2))
+
+
 def _escaped(found: re.Match[str]) -> str:
     return plain_line(found[0])
-
-
-def _colmap_camera(camera: Camera) -> tuple[str, list[float]]:
-    """Return COLMAP's name and parameters of a camera."""
-    centre = [camera.cx + 0.5, camera.cy + 0.5]
-    parameters = [camera.fx, camera.fy, *centre, *camera.distortion]
-    if camera.model == "pinhole":
-        return "PINHOLE", parameters
-    if camera.model == "fisheye":
-        return "OPENCV_FISHEYE", parameters
-    if len(camera.distortion) == 5 and camera.distortion[4] != 0:
-        # k4, k5, k6: the denominator of the rational model.
-        return "FULL_OPENCV", [*parameters, 0.0, 0.0, 0.0]
-    return "OPENCV", parameters[:8]
 
 
 def numbers_text(values: Sequence[float] | Floats) -> str:

@@ -62,7 +62,7 @@ class CameraRecord:
     Attributes
     ----------
     model : str
-        ``pinhole``, ``radtan`` or ``fisheye``.
+        Name of the lens model: ``pinhole``, ``radtan``, ``fisheye``, ``double-sphere`` and so on (docs/lenses.md).
     width, height : int
         Size of the images, in pixels.
     fx, fy, cx, cy : float

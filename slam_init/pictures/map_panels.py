@@ -118,9 +118,9 @@ def _draw_path(
             truth[:, right], sign * truth[:, up], "--", color=TRUTH, linewidth=2.2, label="ground truth", zorder=3
         )
     axes.plot(path[:, right], sign * path[:, up], "-", color=ESTIMATE, linewidth=1.4, label="cameras", zorder=4)
-    camera = map_.camera
+    camera, K = map_.camera, map_.camera.K
     corners = np.array([[x, y, 1.0] for x in (-1, 1) for y in (-1, 1)])
-    corners *= (size * camera.width / (2 * camera.fx), size * camera.height / (2 * camera.fy), size)
+    corners *= (size * camera.width / (2 * K[0, 0]), size * camera.height / (2 * K[1, 1]), size)
     # The outline of a frustum, seen along an axis: the apex, and the middles of the sides to the left and right, or
     # above and below.
     sides = (corners[:2], corners[2:]) if view == ABOVE else (corners[::2], corners[1::2])

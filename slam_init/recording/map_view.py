@@ -138,9 +138,10 @@ def log_pinhole(rec: Any, entity: str, camera: Camera, color: Color, size: float
     import rerun as rr
 
     thin: Any = rr.Radius.ui_points(1.0)  # its stubs allow numbers only
+    K = camera.K
     pinhole = rr.Pinhole(
         resolution=[camera.width, camera.height],
-        focal_length=[camera.fx, camera.fy],
+        focal_length=[K[0, 0], K[1, 1]],
         principal_point=[camera.cx + 0.5, camera.cy + 0.5],
         image_plane_distance=size,
         color=color,

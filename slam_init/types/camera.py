@@ -1,46 +1,38 @@
 """The camera model, which maps pixels to bearings and points to pixels.
 
-There are three models:
-
-* ``pinhole``: no distortion;
-* ``radtan``: OpenCV's radial-tangential model ``k1, k2, p1, p2[, k3]`` (COLMAP: OPENCV, FULL_OPENCV);
-* ``fisheye``: OpenCV's equidistant model ``k1, k2, k3, k4`` (COLMAP: OPENCV_FISHEYE, Kalibr: equidistant).
-
-Pixels are converted to unit bearings once; all later stages work on bearings.
+The models and their coefficients are those of :mod:`slam_init.types.lenses.models`. Pixels are converted to unit
+bearings once; all later stages work on bearings. Bearings may point behind the image plane.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from slam_init.errors import CalibrationError
 from slam_init.types.arrays import Floats
+from slam_init.types.camera_checks import check_intrinsics
 from slam_init.types.display import Described
+from slam_init.types.lenses.lens import Lens
+from slam_init.types.lenses.models import COEFFICIENTS, bent_coefficients, check_coefficients, lens_of
+from slam_init.types.lenses.planar import (
+    MAX_PLANAR_ANGLE_RAD,
+    distort_fisheye,
+    distort_radtan,
+    polynomial,
+    radial_part,
+    turning_radius,
+    undistort_fisheye,
+    undistort_radtan,
+)
 
 __all__ = ["Camera"]
 
-# Newton's method doubles the number of correct digits in each step. Real lenses need 4 to 8 steps; pixels near the
-# radius at which the lens polynomial stops growing need more.
-_NEWTON_STEPS = 30
-# Largest residual on the plane z = 1 of an undistorted pixel: 1e-7 px for a focal length of 1000 px.
-_SOLVED = 1e-10
-# Rays are represented on the plane z = 1, which ends at 90 degrees.
-_MAX_FISHEYE_ANGLE_RAD = math.radians(89.0)
-
-# Range of the focal length in units of the longer side: a fisheye of 180 degrees has 0.3, a telescope 100. A value
-# outside is in a wrong unit (metres, a fraction of the width), and later numbers would overflow.
-_FOCAL_RANGE = (0.01, 1000.0)
-# Largest distance of the principal point from the centre, in units of the longer side: cropping moves it by less.
-_MAX_OFFSET = 10.0
-# Largest ratio of fx and fy. Anamorphic lenses have 2; a larger ratio is a wrong decimal point.
-_MAX_ASPECT = 5.0
 # Largest distortion coefficient. That of a telescope, whose rays have a tangent of 0.01, may reach thousands.
 _MAX_DISTORTION = 1e6
-# Longest side of an image in pixels: a million is more than any decoder takes.
-_MAX_SIDE = 1_000_000
 
 # Longest readout of a rolling shutter: no frame takes longer than its interval, and no video is slower than this.
 _MAX_READOUT_MS = 1000.0
@@ -52,8 +44,10 @@ _SOURCES = ("stated", "file", "metadata", "prior", "estimated")
 #: Of the logarithm of the focal length: from a fisheye to a telescope. More is no knowledge.
 _MAX_FOCAL_SIGMA = 1.0
 
-# Allowed numbers of distortion coefficients.
-_DISTORTION_SIZES = {"pinhole": (0,), "radtan": (4, 5), "fisheye": (4,)}
+# Least cosine of the angle between the optical axis and a ray that has a place on the plane z = 1.
+_LEAST_DEPTH = math.cos(MAX_PLANAR_ANGLE_RAD)
+# Nodes along each border of the image at which the field of view is measured.
+_BORDER_NODES = 9
 
 
 @dataclass(frozen=True)
@@ -63,13 +57,14 @@ class Camera(Described):
     Attributes
     ----------
     model : str
-        ``pinhole``, ``radtan`` or ``fisheye``.
+        A name of :mod:`slam_init.types.lenses.models`: ``pinhole``, ``radtan``, ``fisheye``, ``double-sphere``, ...
     width, height : int
         Image size in pixels.
     fx, fy, cx, cy : float
-        Focal lengths and principal point in pixels; pixel centres at integer coordinates.
+        Factors of the lens coordinates and principal point in pixels; pixel centres at integer coordinates. For most
+        models the factors are the focal lengths; see :attr:`focal_px`.
     distortion : tuple of float
-        ``()``, ``(k1, k2, p1, p2[, k3])`` or ``(k1, k2, k3, k4)``.
+        The coefficients of the model, ``()`` or ``(k1, k2, p1, p2[, k3])`` for example.
     source : str
         Where the focal length is from: ``stated`` (by the user, or a calibration in code), ``file``, ``metadata`` of
         the images, ``prior`` (nothing is known but what lenses have) or ``estimated`` from the motion.
@@ -102,30 +97,14 @@ class Camera(Described):
     readout_direction: str = "down"
 
     def __post_init__(self) -> None:
-        if self.model not in _DISTORTION_SIZES:
-            raise CalibrationError(f"unknown camera model {self.model!r}: use one of {', '.join(_DISTORTION_SIZES)}")
-        for name in ("fx", "fy"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise CalibrationError(f"focal length {name} is {value!r}: it must be a positive number of pixels")
-        for name in ("cx", "cy"):
-            value = getattr(self, name)
-            if not math.isfinite(value):
-                raise CalibrationError(f"principal point {name} is {value!r}: it must be a finite number of pixels")
-        if self.width <= 0 or self.height <= 0:
-            raise CalibrationError(f"image size {self.width}x{self.height}: both sides must be positive")
-        if max(self.width, self.height) > _MAX_SIDE:
-            raise CalibrationError(f"the image size has more than {_MAX_SIDE} pixels a side: give that of the images")
-        self._check_plausible()
-        if len(self.distortion) not in _DISTORTION_SIZES[self.model]:
-            allowed = " or ".join(str(n) for n in _DISTORTION_SIZES[self.model])
-            raise CalibrationError(
-                f"{len(self.distortion)} distortion coefficients for a {self.model} camera: give {allowed}"
-            )
+        if self.model not in COEFFICIENTS:
+            raise CalibrationError(f"unknown camera model {self.model!r}: use one of {', '.join(COEFFICIENTS)}")
+        check_intrinsics(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
         if not all(abs(k) <= _MAX_DISTORTION for k in self.distortion):
             raise CalibrationError(
                 f"distortion {list(self.distortion)} holds a number that is not finite, or larger than that of any lens"
             )
+        check_coefficients(self.model, self.distortion)
         if self.source not in _SOURCES:
             raise CalibrationError(f"unknown source {self.source!r} of a camera: use one of {', '.join(_SOURCES)}")
         if self.focal_sigma is not None and not 0 < self.focal_sigma <= _MAX_FOCAL_SIGMA:
@@ -142,31 +121,64 @@ class Camera(Described):
                 f"unknown readout direction {self.readout_direction!r}: use one of {', '.join(_READOUT_DIRECTIONS)}"
             )
 
-    def _check_plausible(self) -> None:
-        side = max(self.width, self.height)
-        for name in ("fx", "fy"):
-            if not _FOCAL_RANGE[0] * side <= getattr(self, name) <= _FOCAL_RANGE[1] * side:
-                raise CalibrationError(
-                    f"focal length {name} is {getattr(self, name)!r} for {self.width}x{self.height} images: give pixels"
-                )
-        if not 1 / _MAX_ASPECT <= self.fx / self.fy <= _MAX_ASPECT:
-            raise CalibrationError(f"focal lengths fx = {self.fx!r}, fy = {self.fy!r} are too different: correct one")
-        for name, length in (("cx", self.width), ("cy", self.height)):
-            if abs(getattr(self, name) - length / 2) > _MAX_OFFSET * side:
-                raise CalibrationError(
-                    f"principal point {name} is {getattr(self, name)!r} for {self.width}x{self.height} images: "
-                    "give pixels"
-                )
+    @cached_property
+    def lens(self) -> Lens | None:
+        """The lens, where rays may point behind the image plane or the model is no formula on the plane z = 1.
+
+        Returns
+        -------
+        Lens or None
+            None for ``pinhole`` and ``radtan``, and for ``fisheye`` where the image ends before 89 degrees.
+        """
+        if self.model in ("pinhole", "radtan") or (self.model == "fisheye" and not self._sees_beyond_the_plane()):
+            return None
+        return lens_of(self.model, self.distortion)
+
+    def _sees_beyond_the_plane(self) -> bool:
+        """Whether a corner of a fisheye image is beyond 89 degrees."""
+        if turning_radius(self.distortion, MAX_PLANAR_ANGLE_RAD) < MAX_PLANAR_ANGLE_RAD:
+            return False
+        x, y = (
+            max(centre + 0.5, length - centre) for centre, length in ((self.cx, self.width), (self.cy, self.height))
+        )
+        border, _ = polynomial(self.distortion, np.array([MAX_PLANAR_ANGLE_RAD]))
+        return math.hypot(x / self.fx, y / self.fy) > float(border[0])
+
+    @cached_property
+    def widest_rad(self) -> float:
+        """Largest angle between the optical axis and the rays of the border of the image.
+
+        Returns
+        -------
+        float
+            In rad. Where a border has no rays, the largest angle that the lens sees.
+        """
+        x, y = np.linspace(0, self.width - 1, _BORDER_NODES), np.linspace(0, self.height - 1, _BORDER_NODES)
+        columns, rows = np.meshgrid(x, y)
+        border = (np.abs(columns - x.mean()) == x[-1] / 2) | (np.abs(rows - y.mean()) == y[-1] / 2)
+        rays = self.bearings(np.column_stack([columns[border], rows[border]]))
+        if np.isfinite(rays).all():
+            return float(np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2]).max())
+        return math.atan(self.max_tangent) if self.lens is None else self.lens.max_angle_rad
 
     @property
     def K(self) -> Floats:
-        """(3, 3) calibration matrix."""
-        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]], float)
+        """(3, 3) calibration matrix of a camera without distortion that has the same pixels near the optical axis."""
+        fx, fy = self._focal_lengths
+        return np.array([[fx, 0, self.cx], [0, fy, self.cy], [0, 0, 1]], float)
 
     @property
     def focal_px(self) -> float:
-        """Geometric mean of fx and fy: the number of pixels per radian near the centre."""
-        return math.sqrt(self.fx * self.fy)
+        """Geometric mean of the focal lengths: the number of pixels per radian near the centre."""
+        fx, fy = self._focal_lengths
+        return math.sqrt(fx * fy)
+
+    @property
+    def _focal_lengths(self) -> tuple[float, float]:
+        """Pixels per radian near the optical axis, to the right and down."""
+        if self.lens is None:
+            return self.fx, self.fy
+        return self.fx * self.lens.magnification, self.fy * self.lens.magnification
 
     @property
     def focal_sigma_px(self) -> float | None:
@@ -243,7 +255,8 @@ class Camera(Described):
         Parameters
         ----------
         k1 : float
-            Added to the first coefficient of the radial distortion.
+            Added to the first coefficient of the radial distortion. For models whose lens coordinates have another
+            scale, it is converted to that scale. A panorama is not bent.
 
         Returns
         -------
@@ -253,13 +266,12 @@ class Camera(Described):
             return self
         if self.model == "pinhole":
             return replace(self, model="radtan", distortion=(k1, 0.0, 0.0, 0.0))
-        first, *others = self.distortion or (0.0, 0.0, 0.0, 0.0)
-        return replace(self, distortion=(first + k1, *others))
+        return replace(self, distortion=bent_coefficients(self.model, self.distortion, k1))
 
     @property
     def is_distorted(self) -> bool:
         """True if raw pixels differ from those of a pinhole camera."""
-        return self.model == "fisheye" or any(k != 0 for k in self.distortion)
+        return self.model not in ("pinhole", "radtan") or any(k != 0 for k in self.distortion)
 
     def scaled(self, factor: float) -> Camera:
         """Compute the calibration of the same camera for resized images.
@@ -297,14 +309,18 @@ class Camera(Described):
         Returns
         -------
         (N, 2) float
-            NaN for pixels without a ray: beyond the radius at which the lens polynomial stops growing, and for fisheye
-            cameras beyond 89 degrees from the optical axis.
+            NaN for pixels without a ray: beyond the radius at which the lens polynomial stops growing, and for wide
+            lenses beyond 89 degrees from the optical axis.
         """
         pixels = np.asarray(pixels, float).reshape(-1, 2)
         centred = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
+        if self.lens is not None:
+            rays = self.lens.unproject(centred)
+            with np.errstate(all="ignore"):  # rays behind the plane
+                return np.where((rays[:, 2] >= _LEAST_DEPTH)[:, None], rays[:, :2] / rays[:, 2:], np.nan)
         if self.model == "fisheye":
-            return _undistort_fisheye(centred, self.distortion)
-        return _undistort_radtan(centred, self.distortion) if self.is_distorted else centred
+            return undistort_fisheye(centred, self.distortion)
+        return undistort_radtan(centred, self.distortion) if self.is_distorted else centred
 
     def bearings(self, pixels: Floats) -> Floats:
         """Compute the bearings of raw pixels.
@@ -317,8 +333,11 @@ class Camera(Described):
         Returns
         -------
         (N, 3) float
-            Unit rays in the camera frame; NaN where :meth:`normalize` gives NaN.
+            Unit rays in the camera frame; NaN for pixels without a ray.
         """
+        if self.lens is not None:
+            pixels = np.asarray(pixels, float).reshape(-1, 2)
+            return self.lens.unproject((pixels - (self.cx, self.cy)) / (self.fx, self.fy))
         xy = self.normalize(pixels)
         rays = np.column_stack([xy, np.ones(len(xy))])
         return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
@@ -334,20 +353,22 @@ class Camera(Described):
         Returns
         -------
         (N, 2) float
-            NaN for points that the lens does not see: those not in front of the camera, and those beyond the radius at
+            NaN for points that the lens does not see: those beyond its field of view, and those beyond the radius at
             which the lens polynomial stops growing. The polynomial would map the latter into the image.
         """
         points = np.asarray(points, float).reshape(-1, 3)
+        if self.lens is not None:
+            return np.asarray(self.lens.project(points) * (self.fx, self.fy) + (self.cx, self.cy))
         in_front = points[:, 2] > 0
         xy = points[:, :2] / np.where(in_front, points[:, 2], 1.0)[:, None]
         seen = in_front
         if self.model == "fisheye":
             angle = np.arctan(np.hypot(xy[:, 0], xy[:, 1]))
-            seen = in_front & (angle < _turning_radius(self.distortion, _MAX_FISHEYE_ANGLE_RAD))
-            xy = _distort_fisheye(xy, self.distortion)
+            seen = in_front & (angle < turning_radius(self.distortion, MAX_PLANAR_ANGLE_RAD))
+            xy = distort_fisheye(xy, self.distortion)
         elif self.is_distorted:
-            seen = in_front & (np.hypot(xy[:, 0], xy[:, 1]) < _turning_radius(_radial(self.distortion), np.inf))
-            xy = _distort_radtan(xy, self.distortion)
+            seen = in_front & (np.hypot(xy[:, 0], xy[:, 1]) < turning_radius(radial_part(self.distortion), np.inf))
+            xy = distort_radtan(xy, self.distortion)
         pixels = xy * (self.fx, self.fy) + (self.cx, self.cy)
         pixels[~seen] = np.nan
         return np.asarray(pixels)
@@ -355,9 +376,11 @@ class Camera(Described):
     @property
     def max_tangent(self) -> float:
         """Tangent of the largest angle from the optical axis that the lens sees; infinite where nothing limits it."""
+        if self.lens is not None:
+            return math.tan(self.lens.max_angle_rad) if self.lens.max_angle_rad < math.pi / 2 else math.inf
         if self.model == "fisheye":
-            return math.tan(_turning_radius(self.distortion, _MAX_FISHEYE_ANGLE_RAD))
-        return _turning_radius(_radial(self.distortion), np.inf) if self.is_distorted else math.inf
+            return math.tan(turning_radius(self.distortion, MAX_PLANAR_ANGLE_RAD))
+        return turning_radius(radial_part(self.distortion), np.inf) if self.is_distorted else math.inf
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         known = (
@@ -372,100 +395,3 @@ class Camera(Described):
         if self.readout_ms is not None:
             facts.append(("readout", f"{self.readout_ms:.4g} ms, {self.readout_direction}"))
         return f"{self.model} camera, {self.width}x{self.height}{known}", facts
-
-
-def _radial(distortion: tuple[float, ...]) -> tuple[float, ...]:
-    """``k1, k2[, k3]`` of radtan coefficients."""
-    return (*distortion[:2], *distortion[4:])
-
-
-def _polynomial(k: tuple[float, ...], r: Floats) -> tuple[Floats, Floats]:
-    """Value and derivative of ``r (1 + k1 r^2 + k2 r^4 + ...)``."""
-    value, slope = np.ones_like(r), np.ones_like(r)
-    for i, ki in enumerate(k, start=1):
-        power = r ** (2 * i)
-        value = value + ki * power
-        slope = slope + (2 * i + 1) * ki * power
-    return r * value, slope
-
-
-def _turning_radius(k: tuple[float, ...], limit: float) -> float:
-    """Radius at which ``r (1 + k1 r^2 + ...)`` stops growing, at most ``limit``."""
-    # The slope is a polynomial in s = r^2. At its smallest positive root the distorted radius stops growing.
-    # A coefficient below 1e-100 moves nothing, and a division by it overflows.
-    coefficients = [(2 * i + 1) * ki if abs(ki) > 1e-100 else 0.0 for i, ki in enumerate(k, start=1)]
-    roots = np.roots([*reversed(coefficients), 1.0])
-    real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
-    return min(limit, float(np.sqrt(real.min()))) if len(real) else limit
-
-
-def _distort_radtan(xy: Floats, distortion: tuple[float, ...]) -> Floats:
-    """Distorted coordinates on the plane z = 1 of ideal ones (N, 2), for OpenCV's ``k1, k2, p1, p2[, k3]``."""
-    k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
-    x, y = xy[:, 0], xy[:, 1]
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return np.column_stack(
-        [
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        ]
-    )
-
-
-def _undistort_radtan(distorted: Floats, distortion: tuple[float, ...]) -> Floats:
-    """Inverse of :func:`_distort_radtan`; NaN where it does not exist.
-
-    Newton's method starts from the distorted point. For the radial part alone it converges monotonically, for barrel
-    and for pincushion lenses (the profile is concave or convex). The tangential part is small.
-    """
-    k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
-    xy = distorted.copy()
-    with np.errstate(all="ignore"):  # points without a ray may overflow; they end as NaN
-        for _ in range(_NEWTON_STEPS):
-            x, y = xy[:, 0], xy[:, 1]
-            r2 = x * x + y * y
-            radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-            radial_slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial / d r2, times 2
-            residual = _distort_radtan(xy, distortion) - distorted
-            jxx = radial + x * x * radial_slope + 2 * p1 * y + 6 * p2 * x
-            jxy = x * y * radial_slope + 2 * p1 * x + 2 * p2 * y
-            jyy = radial + y * y * radial_slope + 6 * p1 * y + 2 * p2 * x
-            determinant = jxx * jyy - jxy * jxy
-            step = np.column_stack(
-                [
-                    (jyy * residual[:, 0] - jxy * residual[:, 1]) / determinant,
-                    (jxx * residual[:, 1] - jxy * residual[:, 0]) / determinant,
-                ]
-            )
-            xy = xy - step
-            if np.all(np.abs(step) < 1e-13):
-                break
-        residual = _distort_radtan(xy, distortion) - distorted
-        solved = np.abs(residual).max(axis=1, initial=0.0) < _SOLVED
-        # A root beyond the turning radius is another ray, which the lens polynomial maps to the same pixel.
-        seen = np.hypot(xy[:, 0], xy[:, 1]) < _turning_radius(_radial(distortion), np.inf)
-    xy[~(solved & seen)] = np.nan
-    return xy
-
-
-def _distort_fisheye(xy: Floats, distortion: tuple[float, ...]) -> Floats:
-    """Distorted coordinates on the plane z = 1 of ideal ones (N, 2): their radius is a polynomial of the angle."""
-    radius = np.hypot(xy[:, 0], xy[:, 1])
-    distorted, _ = _polynomial(distortion, np.arctan(radius))
-    return np.asarray(xy * np.where(radius > 1e-12, distorted / np.maximum(radius, 1e-12), 1.0)[:, None])
-
-
-def _undistort_fisheye(distorted: Floats, distortion: tuple[float, ...]) -> Floats:
-    """Inverse of :func:`_distort_fisheye`; NaN where it does not exist."""
-    radius = np.hypot(distorted[:, 0], distorted[:, 1])
-    limit = _turning_radius(distortion, _MAX_FISHEYE_ANGLE_RAD)
-    angle = np.minimum(radius, limit)
-    with np.errstate(all="ignore"):  # points without a ray end as NaN
-        for _ in range(_NEWTON_STEPS):
-            value, slope = _polynomial(distortion, angle)
-            angle = np.clip(angle - (value - radius) / slope, 0.0, limit)
-        value, _ = _polynomial(distortion, angle)
-        solved = (np.abs(value - radius) < _SOLVED) & (angle < limit)
-        scale = np.where(radius > 1e-12, np.tan(angle) / np.maximum(radius, 1e-12), 1.0)
-    return np.where(solved[:, None], distorted * scale[:, None], np.nan)

@@ -248,7 +248,7 @@ def accumulate(
 
     Parameters
     ----------
-    camera : (11,) float
+    camera : (31,) float
         Of :func:`slam_init.window.projection.camera_vector`.
     R, t : (V, 3, 3), (V, 3) float
         cam_from_world; view 0 is held.

@@ -2,8 +2,9 @@
 
 The lens models are those of :class:`slam_init.types.camera.Camera`.
 
-A camera is a vector of eleven numbers: the model (0 pinhole, 1 radtan, 2 fisheye), fx, fy, cx, cy, five coefficients of
-the distortion (0 where the model has fewer), and the largest ``|(x, y) / z|`` that the lens sees.
+A camera is a vector of numbers: the model (0 pinhole, 1 radtan, 2 fisheye, 3 a lens of
+:mod:`slam_init.window.lens_projection`), fx, fy, cx, cy, five coefficients of the distortion (0 where the model has
+fewer), the largest ``|(x, y) / z|`` that the lens sees, and the numbers of the lens.
 """
 
 from __future__ import annotations
@@ -13,10 +14,12 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.window.compiler import compiled
+from slam_init.window.lens_projection import lens_vector, project_ray
 
 __all__ = ["camera_vector", "project_point"]
 
 _MODELS = {"pinhole": 0.0, "radtan": 1.0, "fisheye": 2.0}
+_LENS = 3.0
 
 
 def camera_vector(camera: Camera) -> Floats:
@@ -28,12 +31,12 @@ def camera_vector(camera: Camera) -> Floats:
 
     Returns
     -------
-    (11,) float
+    (31,) float
     """
     coefficients = (*camera.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
-    return np.array(
-        [_MODELS[camera.model], camera.fx, camera.fy, camera.cx, camera.cy, *coefficients, camera.max_tangent], float
-    )
+    model = _MODELS[camera.model] if camera.lens is None else _LENS
+    first = [model, camera.fx, camera.fy, camera.cx, camera.cy, *coefficients, camera.max_tangent]
+    return np.concatenate([np.array(first, float), lens_vector(camera.lens)])
 
 
 @compiled
@@ -52,7 +55,7 @@ def project_point(
 
     Parameters
     ----------
-    camera : (11,) float
+    camera : (31,) float
         Of :func:`camera_vector`.
     scale : float
         Factor of the focal length. The derivative of the pixel by the logarithm of the scale is the pixel less the
@@ -73,6 +76,9 @@ def project_point(
     bool
         Whether the lens sees the point; otherwise nothing is written.
     """
+    if camera[0] == 3.0:
+        fx, fy = scale * camera[1], scale * camera[2]
+        return project_ray(camera[11:], fx, fy, camera[3], camera[4], k1, X, Y, Z, pixel, by_point, by_k1)
     if Z <= 0.0:
         return False
     x, y = X / Z, Y / Z

@@ -1,0 +1,180 @@
+"""The reprojection factors: how the residuals of a lens are told to gtsam.
+
+There are three ways. Where gtsam has a calibration for the lens, the factors measure raw pixels. Radial-tangential
+lenses with a k3 or a rational part are undistorted first. All others have one virtual pinhole camera for each
+observation (:mod:`slam_init.bundle.virtual_cameras`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from slam_init.bundle.virtual_cameras import needs_virtual_cameras, virtual_cameras
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
+
+if TYPE_CHECKING:
+    import gtsam
+
+    _Calibration: TypeAlias = gtsam.Cal3_S2 | gtsam.Cal3DS2 | gtsam.Cal3Fisheye | gtsam.Cal3Unified
+    #: Makes a reprojection factor: number of the pixel, key of the pose, key of the landmark.
+    _FactorMaker: TypeAlias = Callable[[int, int, int], gtsam.NonlinearFactor | None]
+
+__all__ = [
+    "calibration_key",
+    "gtsam_calibration",
+    "is_undistorted_first",
+    "measured_pixels",
+    "measured_projection",
+    "projection",
+]
+
+
+def calibration_key() -> int:
+    """Make the gtsam key ``K(0)`` of the calibration.
+
+    Returns
+    -------
+    int
+    """
+    import gtsam
+
+    return int(gtsam.symbol("k", 0))
+
+
+def gtsam_calibration(camera: Camera) -> _Calibration:
+    """Convert a camera to a calibration of gtsam.
+
+    gtsam's Cal3DS2 has no k3 and no rational part. A camera with one is adjusted on undistorted pixels, as a Cal3_S2.
+
+    Parameters
+    ----------
+    camera : Camera
+        One that needs no virtual cameras.
+
+    Returns
+    -------
+    gtsam.Cal3_S2, gtsam.Cal3DS2, gtsam.Cal3Fisheye or gtsam.Cal3Unified
+    """
+    import gtsam
+
+    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
+    if camera.model == "omni":
+        xi, k1, k2, p1, p2 = (*camera.distortion, 0.0, 0.0, 0.0, 0.0)[:5]
+        return gtsam.Cal3Unified(fx, fy, 0.0, cx, cy, k1, k2, p1, p2, xi)
+    if camera.model == "fisheye":
+        return gtsam.Cal3Fisheye(fx, fy, 0.0, cx, cy, *camera.distortion)
+    if camera.is_distorted and not is_undistorted_first(camera):
+        return gtsam.Cal3DS2(fx, fy, 0.0, cx, cy, *camera.distortion[:4])
+    return gtsam.Cal3_S2(fx, fy, 0.0, cx, cy)
+
+
+def is_undistorted_first(camera: Camera) -> bool:
+    """Tell whether a camera has k3 or a rational part, so that its factors measure undistorted pixels.
+
+    Parameters
+    ----------
+    camera : Camera
+
+    Returns
+    -------
+    bool
+    """
+    if camera.model in ("rational", "thin-prism"):
+        return True
+    return camera.model == "radtan" and len(camera.distortion) == 5 and camera.distortion[4] != 0
+
+
+def measured_pixels(camera: Camera, pixels: Floats) -> Floats:
+    """Convert raw pixels to the pixels that the factors of :func:`projection` measure.
+
+    Parameters
+    ----------
+    camera : Camera
+    pixels : (N, 2) float
+        Raw pixels.
+
+    Returns
+    -------
+    (N, 2) float
+        Undistorted pixels for a camera with k3 or a rational part; otherwise the raw ones.
+    """
+    if not is_undistorted_first(camera):
+        return pixels
+    return camera.normalize(pixels) * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+
+
+def projection(camera: Camera, pixels: Floats, noise: gtsam.noiseModel.Base, *, adjusted: bool) -> _FactorMaker:
+    """Make a function that makes the reprojection factors of pixels.
+
+    Parameters
+    ----------
+    camera : Camera
+    pixels : (N, 2) float
+        Raw pixels.
+    noise : gtsam.noiseModel.Base
+        Noise model of a pixel.
+    adjusted : bool
+        Whether the calibration is the variable ``K(0)``; otherwise it is held.
+
+    Returns
+    -------
+    callable
+        Position of the pixel, key of the pose, key of the landmark -> factor; None for a pixel without a ray.
+    """
+    if needs_virtual_cameras(camera) and not adjusted:
+        return _virtual_projection(camera, pixels, noise)
+    return measured_projection(camera, measured_pixels(camera, pixels), noise, adjusted=adjusted)
+
+
+def measured_projection(
+    camera: Camera, measured: Floats, noise: gtsam.noiseModel.Base, *, adjusted: bool
+) -> Callable[[int, int, int], gtsam.NonlinearFactor]:
+    """Make a function that makes the reprojection factors of what :func:`measured_pixels` gives.
+
+    Parameters
+    ----------
+    camera : Camera
+        One that needs no virtual cameras, or an adjusted one.
+    measured : (N, 2) float
+    noise : gtsam.noiseModel.Base
+        Noise model of a pixel.
+    adjusted : bool
+        Whether the calibration is the variable ``K(0)``; otherwise it is held.
+
+    Returns
+    -------
+    callable
+        Position of the pixel, key of the pose, key of the landmark -> factor.
+    """
+    import gtsam
+
+    calibration = gtsam_calibration(camera)
+    name = type(calibration).__name__
+    if adjusted:
+        shared, key = getattr(gtsam, f"GeneralSFMFactor2{name}"), calibration_key()
+        return lambda i, pose, landmark: shared(measured[i], noise, pose, landmark, key)
+    held = getattr(gtsam, f"GenericProjectionFactor{name}")
+    return lambda i, pose, landmark: held(measured[i], noise, pose, landmark, calibration, False, False)
+
+
+def _virtual_projection(camera: Camera, pixels: Floats, noise: gtsam.noiseModel.Base) -> _FactorMaker:
+    """The factors of pixels by pinhole cameras that look along their rays."""
+    import gtsam
+
+    virtual = virtual_cameras(camera, pixels)
+
+    def factor(i: int, pose: int, landmark: int) -> gtsam.NonlinearFactor | None:
+        if not virtual.known[i]:
+            return None
+        fx, skew, fy = virtual.calibrations[i]
+        calibration = gtsam.Cal3_S2(fx, fy, skew, 0.0, 0.0)
+        turned = gtsam.Pose3(gtsam.Rot3(virtual.cam_from_virtual[i]), np.zeros(3))
+        return gtsam.GenericProjectionFactorCal3_S2(
+            np.zeros(2), noise, pose, landmark, calibration, False, False, turned
+        )
+
+    return factor

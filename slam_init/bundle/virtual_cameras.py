@@ -1,0 +1,103 @@
+"""Virtual pinhole cameras that look along the rays of observations.
+
+gtsam has calibrations for some lenses only, and all of them are formulas on the plane z = 1. For the other lenses, and
+for rays behind the image plane, each observation has a pinhole camera of its own: at the place of the real camera, with
+its optical axis along the measured ray. Its calibration is the derivative of the real lens at this ray, so that a
+residual has the length of the residual in raw pixels, to first order. Residuals are of a few pixels at most.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from slam_init.types.arrays import Bools, Floats
+from slam_init.types.camera import Camera
+
+__all__ = ["VirtualCameras", "needs_virtual_cameras", "virtual_cameras"]
+
+#: Models whose pixels are undistorted to the plane z = 1 for gtsam. There an image is stretched by the squared inverse
+#: cosine of the angle, and so is the noise: by four at 60 degrees.
+_PERSPECTIVE = ("rational", "thin-prism")
+_WIDEST_PERSPECTIVE_RAD = math.radians(60.0)
+#: gtsam's unified model projects from the plane z = 1. Beyond 85 degrees a landmark may be pushed behind the plane.
+_WIDEST_OMNI_RAD = math.radians(85.0)
+#: Half of the step of the numerical derivatives: 1e-6 rad are 1e-3 px, and an error of 1e-9 of the derivative.
+_STEP_RAD = 1e-6
+
+
+class VirtualCameras(NamedTuple):
+    """One pinhole camera for each observation.
+
+    Attributes
+    ----------
+    cam_from_virtual : (N, 3, 3) float
+        Rotations; the third column is the measured ray.
+    calibrations : (N, 3) float
+        fx, skew and fy in pixels; the principal point is 0.
+    known : (N,) bool
+        Whether the pixel has a ray; the other rows hold any numbers.
+    """
+
+    cam_from_virtual: Floats
+    calibrations: Floats
+    known: Bools
+
+
+def needs_virtual_cameras(camera: Camera) -> bool:
+    """Tell whether gtsam has no calibration for a camera, or none that serves.
+
+    Parameters
+    ----------
+    camera : Camera
+
+    Returns
+    -------
+    bool
+    """
+    if camera.lens is None:
+        return False
+    if camera.model in _PERSPECTIVE:
+        return camera.widest_rad > _WIDEST_PERSPECTIVE_RAD
+    return camera.model != "omni" or camera.widest_rad > _WIDEST_OMNI_RAD
+
+
+def virtual_cameras(camera: Camera, pixels: Floats) -> VirtualCameras:
+    """Make the virtual cameras of observations.
+
+    Parameters
+    ----------
+    camera : Camera
+    pixels : (N, 2) float
+        Raw pixels.
+
+    Returns
+    -------
+    VirtualCameras
+    """
+    rays = camera.bearings(pixels)
+    known: Bools = np.asarray(np.isfinite(rays).all(axis=1))
+    rays = np.where(known[:, None], rays, [0.0, 0.0, 1.0])
+    # The axis that is farthest from the ray gives the first direction across it.
+    smallest = np.eye(3)[np.argmin(np.abs(rays), axis=1)]
+    right = np.cross(smallest, rays)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    down = np.cross(rays, right)
+    J = np.stack([_derivative(camera, pixels, rays, across) for across in (right, down)], axis=-1)
+    J = np.where(np.isfinite(J).all(axis=(1, 2), keepdims=True), J, camera.focal_px * np.eye(2))
+    # J = Q R with a rotation or reflection Q, which does not change the length of a residual.
+    fx = np.hypot(J[:, 0, 0], J[:, 1, 0])
+    skew = np.einsum("ni,ni->n", J[:, :, 0], J[:, :, 1]) / fx
+    fy = np.abs(J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]) / fx
+    return VirtualCameras(np.stack([right, down, rays], axis=-1), np.column_stack([fx, skew, fy]), known)
+
+
+def _derivative(camera: Camera, pixels: Floats, rays: Floats, across: Floats) -> Floats:
+    """How the pixels (N, 2) of rays move for a step across (N, 3); one-sided where the other step leaves the field."""
+    ahead, behind = (camera.project(rays + sign * _STEP_RAD * across) for sign in (1, -1))
+    derivative = (ahead - behind) / (2 * _STEP_RAD)
+    for one_sided in ((ahead - pixels) / _STEP_RAD, (pixels - behind) / _STEP_RAD):
+        derivative = np.where(np.isfinite(derivative), derivative, one_sided)
+    return np.asarray(derivative)

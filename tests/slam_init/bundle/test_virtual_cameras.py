@@ -1,0 +1,98 @@
+"""Virtual cameras: their residuals are those of raw pixels, and maps with rays behind the image plane are adjusted."""
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+from make_bundle import FOCAL, MAP, ROTATING, disturbed, map_errors
+from make_lenses import LENSES, directions
+from make_scene import observe
+
+from slam_init.bundle.adjustment import adjust
+from slam_init.bundle.graph import build_graph
+from slam_init.bundle.problem import BundleProblem
+from slam_init.bundle.virtual_cameras import needs_virtual_cameras, virtual_cameras
+
+
+def problem_around(camera, noise_px, rng, poses=ROTATING, count=150):
+    """Points in all directions, and those of their observations that the lens sees in every view."""
+    points = directions(3 * count) * rng.uniform(1.5, 3.0, (3 * count, 1))
+    exact = [camera.project(pose.inverse().apply(points)) for pose in poses]
+    inside = np.all([np.isfinite(p).all(axis=1) & (np.abs(p - 320) < 400).all(axis=1) for p in exact], axis=0)
+    points = points[inside][:count]
+    pixels = np.concatenate([o.pixels for o in observe(camera, poses, points, noise_px, rng)])
+    n = len(points)
+    problem = BundleProblem(
+        frames=tuple(range(len(poses))),
+        world_from_cam=tuple(poses),
+        points=points,
+        track_ids=3 * np.arange(n),
+        views=np.repeat(np.arange(len(poses)), n),
+        landmarks=np.tile(np.arange(n), len(poses)),
+        pixels=pixels,
+    )
+    kept = np.isfinite(camera.bearings(pixels)).all(axis=1)
+    return problem.keep(kept)
+
+
+def test_gtsam_takes_the_lenses_that_it_has_and_all_others_have_virtual_cameras():
+    narrow = {
+        model: replace(lens, fx=1500.0, fy=1500.0) for model, lens in LENSES.items() if model != "equirectangular"
+    }
+    taken = {model for model, lens in narrow.items() if not needs_virtual_cameras(lens)}
+    assert taken == {"rational", "thin-prism", "fisheye", "omni"}
+    assert {model for model in LENSES if not needs_virtual_cameras(LENSES[model])} == {"thin-prism"}
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_the_errors_of_gtsam_are_the_residuals_of_the_raw_pixels(model):
+    camera, rng = LENSES[model], np.random.default_rng(4)
+    problem = problem_around(camera, 0.1, rng, ROTATING[:2], 40)
+    residuals = problem.residuals(camera)
+    graph, values = build_graph(camera, problem, 1.0, robust=False)
+    theirs = np.array([graph.at(i).error(values) for i in range(len(residuals))])
+    ours = 0.5 * np.sum(residuals**2, axis=1)
+    if model == "thin-prism":  # its factors measure undistorted pixels
+        assert np.corrcoef(theirs, ours)[0, 1] > 0.8
+    else:
+        np.testing.assert_allclose(theirs, ours, rtol=0.05, atol=1e-4)
+
+
+def test_a_virtual_camera_looks_along_the_ray_with_the_derivative_of_the_lens():
+    camera, pixels = LENSES["double-sphere"], np.array([[20.0, 30.0], [318.3, 241.7], [600.0, 100.0]])
+    virtual = virtual_cameras(camera, pixels)
+    np.testing.assert_allclose(virtual.cam_from_virtual[:, :, 2], camera.bearings(pixels), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(virtual.cam_from_virtual), 1, atol=1e-12)
+    # On the axis it is the camera itself, up to a rotation of the image.
+    np.testing.assert_allclose(np.abs(virtual.calibrations[1]), [camera.K[0, 0], 0, camera.K[1, 1]], rtol=6e-3, atol=1)
+    assert not virtual_cameras(camera, np.array([[-900.0, -900.0]])).known[0]
+
+
+@pytest.mark.parametrize("model", ["fisheye", "double-sphere", "equirectangular"])
+def test_a_map_with_rays_behind_the_image_plane_is_adjusted_to_the_truth(model):
+    camera, rng = LENSES[model], np.random.default_rng(5)
+    exact = problem_around(camera, 0.1, rng)
+    solution = adjust(camera, disturbed(exact, rng), MAP)
+    assert solution
+    rotation_deg, direction_deg, points = map_errors(solution, exact)
+    assert rotation_deg < 0.05
+    assert direction_deg < 0.3
+    assert points < 0.05
+    assert (solution.problem.points[:, 2] < 0).sum() >= 5
+    assert solution.rmse_px < 0.2
+    again = gtsam.NonlinearFactorGraph()
+    again.deserialize(solution.graph.serialize())
+    assert again.error(solution.values) == pytest.approx(solution.graph.error(solution.values))
+
+
+def test_a_focal_length_that_gtsam_cannot_adjust_stays_at_the_estimate_of_the_window():
+    camera, rng = LENSES["double-sphere"], np.random.default_rng(6)
+    exact = problem_around(camera, 0.1, rng)
+    stated = replace(camera, fx=camera.fx / 1.04, fy=camera.fy / 1.04)
+    solution = adjust(stated, exact, FOCAL, 1.04)
+    assert solution
+    assert solution.focal_factor == pytest.approx(1.04)
+    assert solution.focal_factor_sigma == FOCAL.focal_sigma
+    assert solution.camera.fx == pytest.approx(camera.fx)
+    assert solution.rmse_px < 0.2

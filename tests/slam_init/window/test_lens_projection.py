@@ -1,0 +1,56 @@
+"""Laws of the compiled projection of rays of any angle: it equals :meth:`Camera.project`, with its derivatives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from make_lenses import LENSES, directions
+
+from slam_init.window.projection import camera_vector, project_point
+
+
+def projected(camera, point, scale=1.0, k1=0.0):
+    """Whether the lens sees the point, its pixel, and the derivatives; NaN where nothing was written."""
+    pixel, by_point, by_k1 = np.full(2, np.nan), np.full((2, 3), np.nan), np.full(2, np.nan)
+    seen = project_point(camera_vector(camera), scale, k1, *map(float, point), pixel, by_point, by_k1)
+    return seen, pixel, np.column_stack([by_point, by_k1])
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_the_pixel_is_that_of_the_camera_in_all_directions(model):
+    camera = LENSES[model]
+    points = np.vstack([3.0 * directions(60), [[0, 0, 2.0], [1e-9, -1e-9, 1.0], [0, 0, -1.0], [0, 0, 0.0]]])
+    for point, expected in zip(points, camera.project(points), strict=True):
+        seen, pixel, derivatives = projected(camera, point)
+        assert seen == np.isfinite(expected).all()
+        np.testing.assert_allclose(pixel, expected, atol=1e-9)
+        assert np.isfinite(derivatives).all() == seen
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_the_derivatives_are_central_differences_in_all_directions(model):
+    camera, step = LENSES[model], 1e-6
+    compared = 0
+    for point in np.vstack([2.0 * directions(30), [[0, 0, 2.0], [1e-5, 2e-5, 1.0], [1e-7, 2e-7, 1.0]]]):
+        derivatives = projected(camera, point)[2]
+        moved = [
+            (projected(camera, point + shift)[1] - projected(camera, point - shift)[1]) / (2 * step)
+            for shift in step * np.eye(3)
+        ]
+        moved.append((projected(camera, point, k1=step)[1] - projected(camera, point, k1=-step)[1]) / (2 * step))
+        differences = np.column_stack(moved)
+        if np.isfinite(differences).all():
+            np.testing.assert_allclose(derivatives, differences, rtol=1e-5, atol=1e-4)
+            compared += 1
+    assert compared >= 10
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_a_scaled_and_bent_lens_is_that_of_the_camera(model):
+    camera = LENSES[model]
+    longer = replace(camera, fx=1.03 * camera.fx, fy=1.03 * camera.fy).bent(0.02)
+    rays = directions(30)
+    for ray, expected in zip(rays, longer.project(rays), strict=True):
+        seen, pixel, _ = projected(camera, ray, 1.03, 0.02)
+        if seen and np.isfinite(expected).all():
+            np.testing.assert_allclose(pixel, expected, atol=1e-9)
