@@ -23,7 +23,7 @@ from slam_init.benchmarks.window_tables import (
 from slam_init.errors import SlamInitError
 from slam_init.types.comparison import Margin
 from slam_init.window.risk import WindowRisk
-from slam_init.window.uncertainty import CameraEstimate, DistortionEstimate, ReadoutEstimate
+from slam_init.window.uncertainty import CameraEstimate, DistortionEstimate, FocalEstimate, ReadoutEstimate
 
 RISK = WindowRisk(
     total=0.003,
@@ -38,7 +38,7 @@ RISK = WindowRisk(
     direction_if_rigid=0.0009,
     depth_sigma=0.2,
     field_px=1 / 3,
-    camera=CameraEstimate(DistortionEstimate(0.01, 0.02), None),
+    camera=CameraEstimate(FocalEstimate(0.01, 0.03), DistortionEstimate(0.01, 0.02), None),
     margin=Margin(30.0, 5.0),
     rotation_log_likelihood=200.0,
     direction_of_views=(0.001, 0.02),
