@@ -18,6 +18,7 @@ from sequences_synth.hand_scenes import HandPath, handheld, handheld_wall, pan
 from sequences_synth.indoors import corridor, desk
 from sequences_synth.planes import nadir, nadir_turn, tilted, wall
 from sequences_synth.room_scenes import room, rotate_then_move, rotation, static
+from sequences_synth.tags import tag_board
 from sequences_synth.textured_quad import Quad
 from sequences_synth.trajectory import Path, progress
 
@@ -65,6 +66,8 @@ class Motions:
         Number of these bodies.
     body_turn_deg_s : float
         Root mean square of their angular speed.
+    tag_m : float
+        Side of an AprilTag in the scene, metres; 0 for none. It is at rest.
     """
 
     slow_start: float
@@ -74,6 +77,7 @@ class Motions:
     boards: float
     bodies: int
     body_turn_deg_s: float
+    tag_m: float = 0.0
 
 
 def build_world(name: str, entropy: tuple[int, ...], K: Floats, width: int, height: int, motions: Motions) -> World:
@@ -99,6 +103,8 @@ def build_world(name: str, entropy: tuple[int, ...], K: Floats, width: int, heig
     setup = Setup(rng, entropy, K, width, height, motions.slow_start, motions.fps, motions.handling)
     quads, path = _BUILDERS[name](setup)
     phase = (float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.03, 0.09)))
+    if motions.tag_m > 0:
+        quads = [*quads, tag_board(setup, path.world_from_cam, quads, motions.tag_m)]
     if motions.cards > 0:
         if not isinstance(path, Path):
             raise ValueError(f"moving_objects is {motions.cards}: scene {name} has bodies instead, option moving")

@@ -39,7 +39,7 @@ _LAMPS_HZ = (100.0, 120.0)
 _LIMITS = EFFECT_LIMITS | {
     "frames": (1, 100_000), "width": (64, 4096), "height": (64, 4096), "noise": (0, 100), "motion_blur": (0, 1),
     "exposure_change": (0, 0.9), "moving_objects": (0, 0.8), "slow_start": (0, 100_000), "moving": (0, 0.8),
-    "bodies": (1, 20), "flicker": (0, 0.9), "fade": (0, 100_000), "cut": (0, 100_000),
+    "bodies": (1, 20), "flicker": (0, 0.9), "fade": (0, 100_000), "cut": (0, 100_000), "tag_m": (0, 100),
 }  # fmt: skip
 
 
@@ -115,6 +115,9 @@ class SynthOptions:
     cut : int
         Position of the frame at which another scene of the same kind begins; 0 for none. The poses of the second scene
         have the world frame of the second scene: they have no relation to those before.
+    tag_m : float
+        Side of the black square of an AprilTag (family 36h11, number 7) on a board in front of the scene, metres; 0 for
+        none.
 
     Raises
     ------
@@ -149,6 +152,7 @@ class SynthOptions:
     dropped: float = 0.0
     repeated: float = 0.0
     cut: int = 0
+    tag_m: float = 0.0
 
     def __post_init__(self) -> None:
         check_options(self, _LIMITS)
@@ -400,6 +404,7 @@ def _motions(options: SynthOptions) -> Motions:
         boards=options.moving,
         bodies=options.bodies,
         body_turn_deg_s=options.body_turn_deg_s,
+        tag_m=options.tag_m,
     )
 
 

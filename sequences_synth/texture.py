@@ -14,7 +14,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LOOKS", "Look", "Texture"]
+__all__ = ["LOOKS", "Look", "Texture", "halved"]
 
 Image = NDArray[np.uint8]
 Floats32 = NDArray[np.float32]
@@ -158,13 +158,28 @@ class Texture:
         list of (H, W, 3) uint8
             BGR; texel s of level 0 lies at s / 2^k of level k.
         """
-        import cv2
+        return halved(_paint(np.random.default_rng(list(self.seed)), self.height, self.width, LOOKS[self.look]))
 
-        # pyrDown maps texel 2 s to s, so that a level only scales the coordinates, without a shift by half a texel.
-        levels = [_paint(np.random.default_rng(list(self.seed)), self.height, self.width, LOOKS[self.look])]
-        while min(levels[-1].shape[:2]) > 8:
-            levels.append(cast(Image, cv2.pyrDown(levels[-1])))
-        return levels
+
+def halved(image: Image) -> list[Image]:
+    """Halve an image again and again.
+
+    Parameters
+    ----------
+    image : (H, W, 3) uint8
+
+    Returns
+    -------
+    list of (H, W, 3) uint8
+        The image first. Texel s of level 0 lies at s / 2^k of level k.
+    """
+    import cv2
+
+    # pyrDown maps texel 2 s to s, so that a level only scales the coordinates, without a shift by half a texel.
+    levels = [image]
+    while min(levels[-1].shape[:2]) > 8:
+        levels.append(cast(Image, cv2.pyrDown(levels[-1])))
+    return levels
 
 
 def _paint(rng: np.random.Generator, height: int, width: int, look: Look) -> Image:

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from slam_init.initializer import Initializer
     from slam_init.output.results import load_graph
     from slam_init.runner import run
+    from slam_init.scale.find import find_scale
+    from slam_init.scale.metric_map import in_metres
+    from slam_init.scale.requests import parse_scale
     from slam_init.status import Status
     from slam_init.types.camera import Camera
     from slam_init.types.frame import Frame, Observations
@@ -26,7 +29,8 @@ if TYPE_CHECKING:
     from slam_init.types.initial_map import InitialMap, Keyframe
     from slam_init.types.pose import Pose, Trajectory
     from slam_init.types.reasons import Verdict
-    from slam_init.types.result import Attempt, Result
+    from slam_init.types.result import Attempt, Result, Segment
+    from slam_init.types.scale import Scale
 
     __version__: str
 
@@ -45,16 +49,21 @@ __all__ = [
     "OutputError",
     "Pose",
     "Result",
+    "Scale",
+    "Segment",
     "SlamInitError",
     "SourceError",
     "Status",
     "Trajectory",
     "Verdict",
     "__version__",
+    "find_scale",
+    "in_metres",
     "load_camera",
     "load_config",
     "load_graph",
     "open_source",
+    "parse_scale",
     "run",
 ]
 
@@ -73,15 +82,20 @@ _HOMES = {
     "OutputError": "errors",
     "Pose": "types.pose",
     "Result": "types.result",
+    "Scale": "types.scale",
+    "Segment": "types.result",
     "SlamInitError": "errors",
     "SourceError": "errors",
     "Status": "status",
     "Trajectory": "types.pose",
     "Verdict": "types.reasons",
+    "find_scale": "scale.find",
+    "in_metres": "scale.metric_map",
     "load_camera": "calibration.files",
     "load_config": "config",
     "load_graph": "output.results",
     "open_source": "datasets.opening",
+    "parse_scale": "scale.requests",
     "run": "runner",
 }
 

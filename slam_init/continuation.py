@@ -1,4 +1,11 @@
-"""Locates the frames after the initialization in the map, as a test of the map."""
+"""Locates the frames after the initialization in the map: as a test of the map, or until the map is lost.
+
+The map is not changed, and it gets no new landmarks. The tracker follows the tracks of its landmarks, and each frame is
+located by resection. A track that is lost does not come back, so that the number of landmarks falls while the camera
+leaves the part of the scene that the map shows. The map is lost where fewer than ``min_resected`` tracks of landmarks
+are left, or where no pose agrees with that many landmarks in five frames in a row. The first of these frames is the one
+from which a new map may begin.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
+from slam_init.config import MapConfig
 from slam_init.errors import SourceError
 from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
 from slam_init.frontend.tracks import History
@@ -19,10 +27,12 @@ from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
 
-__all__ = ["Continuation", "FrameTracker", "follow"]
+__all__ = ["Continuation", "Follower", "FrameTracker", "follow"]
 
 #: A landmark counts as observed again where its track lies within this distance of its projection.
 _SURVIVAL_PX = 3.0
+#: A blur or a flash of a sixth of a second loses no map whose tracks go on after it.
+_LOST_AFTER = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +49,15 @@ class Continuation:
         For each of these frames, the share of the landmarks that it observes within 3 px of their projection.
     ended_by : str or None
         The message about a frame that could not be read, if this ended the continuation early.
+    lost_at : int or None
+        Absolute index of the first frame in which the map was lost, if this ended the continuation.
     """
 
     keyframes: tuple[Keyframe, ...]
     frames: int
     survival: tuple[float, ...]
     ended_by: str | None = None
+    lost_at: int | None = None
 
     def record(self) -> ContinuationRecord:
         """Make the record for ``summary.json``.
@@ -80,12 +93,89 @@ class FrameTracker(Protocol):
         ...
 
 
+class Follower:
+    """Locates frames one by one.
+
+    Parameters
+    ----------
+    map_ : InitialMap
+    tracker : FrameTracker
+        That of the initializer, in its state when the map was accepted.
+    recorder : Recorder, optional
+        Receives a report of each frame.
+
+    Attributes
+    ----------
+    located : list of Keyframe
+        The frames that were located.
+    survival : list of float
+        For each frame, the share of the landmarks that it observes within 3 px of their projection.
+    lost_at : int or None
+        Absolute index of the first frame in which the map was lost; None while it is not.
+    """
+
+    def __init__(self, map_: InitialMap, tracker: FrameTracker, recorder: Recorder | None = None) -> None:
+        self.located: list[Keyframe] = []
+        self.survival: list[float] = []
+        self.lost_at: int | None = None
+        self._map = map_
+        self._tracker = tracker
+        self._recorder = recorder or Recorder()
+        self._shutter, self._rays = RollingShutter(map_.camera), History(2)
+        self._guess: Pose | None = None
+        self._misses: list[int] = []
+        self._least = MapConfig().min_resected
+
+    def take(self, frame: Frame) -> Keyframe | None:
+        """Locate the next frame.
+
+        Parameters
+        ----------
+        frame : Frame
+
+        Returns
+        -------
+        Keyframe or None
+            None where it could not be located.
+        """
+        camera, map_ = self._map.camera, self._map
+        observed = self._tracker.track(frame)
+        self._tracker.history.forget(keep=())
+        self._recorder.frame(frame, observed)
+        self._rays.put(_by_camera(camera, observed))
+        self._rays.forget(keep=())
+        seen = self._shutter.take(self._rays, observed.frame)
+        _, i, j = np.intersect1d(map_.track_ids, seen.track_ids, return_indices=True)
+        resected = resect(map_.points[i], seen.bearings[j], _SURVIVAL_PX / camera.focal_px, self._guess)
+        self._judge(frame.index, len(i), 0 if resected is None else int(resected[1].sum()))
+        if resected is None:
+            self.survival.append(0.0)
+            return None
+        self._guess = resected[0]
+        error_px = np.linalg.norm(
+            camera.project(self._guess.apply(map_.points[i])) - corrected_pixels(camera, seen)[j], axis=1
+        )
+        self.survival.append(float(np.sum(error_px < _SURVIVAL_PX)) / len(map_.points))
+        keyframe = Keyframe(frame.index, frame.timestamp_s, frame.name, self._guess.inverse())
+        self.located.append(keyframe)
+        self._recorder.continued(keyframe)
+        return keyframe
+
+    def _judge(self, frame: int, tracked: int, agreeing: int) -> None:
+        """Find out whether the map is lost."""
+        self._misses = [] if agreeing >= self._least else [*self._misses, frame]
+        if tracked < self._least or len(self._misses) >= _LOST_AFTER:
+            self.lost_at = min([frame, *self._misses]) if self.lost_at is None else self.lost_at
+
+
 def follow(
     map_: InitialMap,
     tracker: FrameTracker,
     frames: Iterator[Frame],
-    count: int,
+    count: int | None,
     recorder: Recorder,
+    *,
+    until_lost: bool = False,
 ) -> Continuation:
     """Locate further frames by resection with the landmarks of the map. The map is not changed.
 
@@ -96,22 +186,20 @@ def follow(
         That of the initializer, in its state when the map was accepted.
     frames : iterator of Frame
         The frames that follow.
-    count : int
-        Largest number of frames.
+    count : int or None
+        Largest number of frames; None for all.
     recorder : Recorder
         Receives a report of each frame.
+    until_lost : bool
+        Whether to end where the map is lost. The frames from there on are then not located.
 
     Returns
     -------
     Continuation
     """
-    camera = map_.camera
-    located: list[Keyframe] = []
-    survival: list[float] = []
-    guess: Pose | None = None
-    shutter, rays = RollingShutter(camera), History(2)
+    follower = Follower(map_, tracker, recorder)
     ended_by: str | None = None
-    while len(survival) < count:
+    while count is None or len(follower.survival) < count:
         try:
             frame = next(frames, None)
         except SourceError as error:  # a frame that cannot be read must not lose the map, which exists already
@@ -119,26 +207,12 @@ def follow(
             break
         if frame is None:
             break
-        observed = tracker.track(frame)
-        tracker.history.forget(keep=())
-        recorder.frame(frame, observed)
-        rays.put(_by_camera(camera, observed))
-        rays.forget(keep=())
-        seen = shutter.take(rays, observed.frame)
-        _, i, j = np.intersect1d(map_.track_ids, seen.track_ids, return_indices=True)
-        resected = resect(map_.points[i], seen.bearings[j], _SURVIVAL_PX / camera.focal_px, guess)
-        if resected is None:
-            survival.append(0.0)
-            continue
-        guess, _ = resected
-        error_px = np.linalg.norm(
-            camera.project(guess.apply(map_.points[i])) - corrected_pixels(camera, seen)[j], axis=1
-        )
-        survival.append(float(np.sum(error_px < _SURVIVAL_PX)) / len(map_.points))
-        keyframe = Keyframe(frame.index, frame.timestamp_s, frame.name, guess.inverse())
-        located.append(keyframe)
-        recorder.continued(keyframe)
-    return Continuation(tuple(located), len(survival), tuple(survival), ended_by)
+        follower.take(frame)
+        if until_lost and follower.lost_at is not None:
+            break
+    lost_at = follower.lost_at if until_lost else None
+    located = [keyframe for keyframe in follower.located if lost_at is None or keyframe.frame < lost_at]
+    return Continuation(tuple(located), len(follower.survival), tuple(follower.survival), ended_by, lost_at)
 
 
 def _by_camera(camera: Camera, observed: Observations) -> Observations:

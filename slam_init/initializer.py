@@ -24,6 +24,7 @@ cannot decide between the two motions of a plane, both maps are kept.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, partial
@@ -43,6 +44,7 @@ from slam_init.frontend.rolling_shutter import VIDEO_INTERVAL_S, RollingShutter,
 from slam_init.frontend.static_overlay import StaticOverlay
 from slam_init.frontend.tracks import Tracker
 from slam_init.mapping.map_building import MapWithViews
+from slam_init.output.names import MAX_SEGMENTS
 from slam_init.recording.recorder import Recorder
 from slam_init.status import Status, frame_of
 from slam_init.types.arrays import Floats, Image
@@ -51,7 +53,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.comparison import Margin
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.result import Attempt, ProvisionalMap, Result
+from slam_init.types.result import Attempt, ProvisionalMap, Result, Segment
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.work import Sliced, seconds
 
@@ -123,6 +125,8 @@ class Initializer:
         self._third_view = third_view
         self._propose = propose
         self._next_index = 0
+        self._first_index: int | None = None
+        self._segments: deque[Segment] = deque(maxlen=MAX_SEGMENTS)
         self._focal_check = FocalCheck(camera, self.config)
         self._attempts = AttemptLog()
         self._maps = _MapsSoFar(self.recorder)
@@ -244,8 +248,7 @@ class Initializer:
         if turned is not None:
             self.history.turned(current.frame, *turned)
         current = self.shutter.take(self.history, current.frame)
-        self.frames_read += 1
-        self._next_index = current.frame + 1
+        self._count(current)
         with self.stopwatch("pairs"):
             pairs = self.keyframes.preview(self.history, current)
         with self.stopwatch("judge"):
@@ -289,6 +292,7 @@ class Initializer:
             advice="" if reason is None else self._attempts.advice(reason),
             hypotheses=self._maps.hypotheses,
             margin=self._maps.margin,
+            segments=(*self._segments, *self._current_segment()) if self._segments else (),
         )
 
     def finish(self) -> Result:
@@ -302,7 +306,47 @@ class Initializer:
             self.status = self._status_after(self._go_on(self._judgement, math.inf))
         return self.result
 
+    def reset(self, since: int | None = None) -> None:
+        """Start anew: after a map that was lost, or after a cut.
+
+        The camera, the tracker with its tracks, the clock and an estimated readout stay. Keyframes, attempts and
+        motions are forgotten, and the next map has a world frame of its own. A map that was accepted becomes a segment
+        of :attr:`result`; the last 99 are kept.
+
+        Parameters
+        ----------
+        since : int, optional
+            Absolute index of the first frame whose tracks the next map may use, among those in the history that the
+            tracker has followed. By default the newest frame.
+        """
+        self._segments.extend(self._current_segment())
+        known = [observed.frame for observed in self.history]
+        newest = known[-1:] or [0]
+        self.history.start_at(newest[0] if since is None else min(since, newest[0]))
+        self.keyframes = KeyframeManager(self.camera, self.config)
+        self._focal_check = FocalCheck(self.camera, self.config)
+        self._attempts, self._maps = AttemptLog(), _MapsSoFar(self.recorder)
+        self._window, self._judgement = None, None
+        self.status, self.frames_read, self._first_index = Status(), 0, None
+        for observed in list(self.history):
+            self._clock.took(observed)
+            current = self.shutter.take(self.history, observed.frame)
+            self._count(current)
+            self.keyframes.update(current, self.keyframes.preview(self.history, current))
+        self.recorder.restarted()
+
     # -- parts of the step of a frame -------------------------------------------------------------
+
+    def _count(self, current: Observations) -> None:
+        self.frames_read += 1
+        self._next_index = current.frame + 1
+        self._first_index = current.frame if self._first_index is None else self._first_index
+
+    def _current_segment(self) -> tuple[Segment, ...]:
+        """The accepted map as a segment; empty without one."""
+        if self.map is None or self._first_index is None:
+            return ()
+        return (Segment(self.map, self._first_index, self.frames_read),)
 
     def _status_after(self, attempt: Attempt | None) -> Status:
         if self.map is not None:

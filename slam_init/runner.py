@@ -3,36 +3,23 @@
 from __future__ import annotations
 
 import os
-import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import partial
 
 from slam_init.config import Config, config_toml
-from slam_init.continuation import Continuation, FrameTracker, follow
-from slam_init.datasets.live.address import without_password
-from slam_init.datasets.track_source import KnowsTracks
 from slam_init.errors import OutputError, SlamInitError
-from slam_init.evaluation.metrics import compare_with_groundtruth
-from slam_init.frontend.tracks import History
-from slam_init.mapping.reduction import Reduction
-from slam_init.methods import make_initializer
-from slam_init.methods.registry import FrontEnd, method_info
-from slam_init.output.colmap_cameras import colmap_note
+from slam_init.job import Job, reduction_of
+from slam_init.methods.registry import method_info
 from slam_init.output.folder import OutputFolder
-from slam_init.output.names import INTERRUPTED, OVERVIEW, RECORDING, RUN_FILES
-from slam_init.output.plain_json import Json, plain_fields
-from slam_init.output.provenance import InputHash, provenance_of
+from slam_init.output.names import INTERRUPTED, OVERVIEW, RECORDING, run_files
 from slam_init.output.results import publish_results
-from slam_init.output.summary import Summary, summary_of
+from slam_init.output.summary import Summary
 from slam_init.pictures.overview import overview_png
 from slam_init.pictures.story import StoryRecorder
 from slam_init.recording.recorder import Recorder, Several
 from slam_init.recording.rerun_recorder import RerunRecorder
-from slam_init.status import Status
+from slam_init.scale.requests import ScaleRequest
 from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame, Observations, Source, length_of, notes_of
+from slam_init.types.frame import Source
 from slam_init.types.pose import Trajectory
 from slam_init.types.result import Result
 
@@ -47,11 +34,13 @@ def run(
     out: str | os.PathLike[str] | None = None,
     start: int = 0,
     max_frames: int | None = None,
-    continue_frames: int = 0,
+    continue_frames: int | None = None,
     progress: bool = False,
     notes: tuple[str, ...] = (),
     overview: bool = True,
     viewer: str | None = None,
+    scale: ScaleRequest | None = None,
+    restart: bool = False,
 ) -> tuple[Result, Summary]:
     """Initialize from a source, and write the results.
 
@@ -70,8 +59,9 @@ def run(
         Absolute index of the first frame.
     max_frames : int, optional
         Largest number of frames until the initialization.
-    continue_frames : int
-        Number of frames after the initialization that are located in the map.
+    continue_frames : int, optional
+        Number of frames after the initialization that are located in the map: none by default. With ``restart``, the
+        number of frames that are read after the first map: all by default.
     progress : bool
         Show a progress bar on stderr.
     notes : tuple of str
@@ -81,6 +71,10 @@ def run(
     viewer : str, optional
         Address of a Rerun viewer that shows the recording while it is made, as of
         :func:`slam_init.recording.live_viewer.viewer_url`. It needs ``out``.
+    scale : ScaleRequest, optional
+        What is known of the size of the scene (:mod:`slam_init.scale.requests`): the maps are then in metres.
+    restart : bool
+        Whether to start anew where a map is lost (:mod:`slam_init.continuation`). The result lists all maps.
 
     Returns
     -------
@@ -95,27 +89,29 @@ def run(
         unchanged.
     """
     method_info(config.method)  # an unknown method is an error before anything is written
-    job = _Job(source, camera, config, start, max_frames, continue_frames, progress, notes)
+    described = out is not None
+    job = Job(source, camera, config, start, max_frames, continue_frames, progress, notes, scale, restart, described)
     if out is None:
-        return job.run(Recorder())[:2]
-    with OutputFolder(out, "run", RUN_FILES) as folder:
+        finished = job.run(Recorder())
+        return finished.result, finished.summary
+    with OutputFolder(out, "run", run_files(restart=restart)) as folder:
         recording = folder.staging / RECORDING
         try:
             truth = source.groundtruth
-            seen = _reduction(source, camera).camera
+            seen = reduction_of(source, camera).camera
             with RerunRecorder(recording, seen, source.name, truth, config.seed, viewer) as recorder:
                 story = StoryRecorder(recorder.images) if overview else None
-                result, summary, continued = job.run(recorder if story is None else Several(recorder, story))
-            keyframes = continued.keyframes if continued else ()
-            picture = None if story is None else _drawn(result, summary, story, truth)
-            publish_results(folder, result, summary, config_toml(config), keyframes, picture)
+                done = job.run(recorder if story is None else Several(recorder, story))
+            picture = None if story is None else _drawn(done.result, done.summary, story, truth)
+            toml = config_toml(config)
+            publish_results(folder, done.result, done.summary, toml, done.located, picture, done.descriptors)
         except SlamInitError:
             raise
         except BaseException as error:  # an interrupt, or an error of the program
             if _keep_recording(folder) and isinstance(error, KeyboardInterrupt):
                 raise KeyboardInterrupt(f"interrupted: {folder.path / INTERRUPTED} shows the run so far") from error
             raise
-    return result, summary
+    return done.result, done.summary
 
 
 def _drawn(result: Result, summary: Summary, story: StoryRecorder, truth: Trajectory | None) -> bytes | None:
@@ -135,156 +131,3 @@ def _keep_recording(folder: OutputFolder) -> bool:
     except (OSError, OutputError):  # it ended before the first frame, or the disk is full
         return False
     return True
-
-
-@dataclass(frozen=True, eq=False)
-class _Job:
-    """The arguments of :func:`run`."""
-
-    source: Source
-    camera: Camera
-    config: Config
-    start: int
-    max_frames: int | None
-    continue_frames: int
-    progress: bool
-    notes: tuple[str, ...]
-
-    def run(self, recorder: Recorder) -> tuple[Result, Summary, Continuation | None]:
-        """Process the frames, and summarize the run."""
-        hashed = InputHash(self.camera)
-        reduction = _reduction(self.source, self.camera)
-        initializer = make_initializer(self.config.method, reduction.camera, self.config, recorder)
-        max_frames = None if self.continue_frames else self.max_frames
-        frames = reduction.frames(hashed.reading(self.source.frames(start=self.start, max_frames=max_frames)))
-        tracker: FrameTracker = initializer.tracker
-        process: Callable[[Frame], Status] = initializer.process
-        if isinstance(self.source, KnowsTracks):
-            tracker = _GivenTracks(self.source, self.camera, hashed)
-            process = partial(_process_tracks, initializer, tracker, recorder)
-        result = _initialize(initializer, process, frames, self._available, self.max_frames, self.progress)
-        result, continued = _continue(result, tracker, frames, self.continue_frames, recorder)
-        # What a source has to tell may change with each frame.
-        notes = (*self.notes, *notes_of(self.source), *reduction.notes, *_focal_notes(result, self.camera))
-        result = reduction.enlarged(replace(result, notes=(*notes, *result.notes, *_colmap_notes(result))))
-        options: dict[str, Json] = {
-            "start": self.start, "max_frames": self.max_frames, "continue_frames": self.continue_frames,
-        }  # fmt: skip
-        summary = _summary(result, self.source, self.camera, self.config, continued, options, hashed)
-        recorder.summary(summary)
-        return result, summary, continued
-
-    @property
-    def _available(self) -> int | None:
-        """Number of frames from the start frame on; None where nobody knows it."""
-        left = getattr(self.source, "left", None)
-        length = length_of(self.source)
-        return left(self.start) if left is not None else None if length is None else length - self.start
-
-
-def _reduction(source: Source, camera: Camera) -> Reduction:
-    """How the frames are reduced; the tracks of a source that has its own are in original pixels."""
-    return Reduction(camera, 1, camera) if isinstance(source, KnowsTracks) else Reduction.of(camera)
-
-
-def _focal_notes(result: Result, stated: Camera) -> tuple[str, ...]:
-    """A note if the focal length is no calibration, and the method has not estimated it."""
-    if result.map is None or stated.focal_sigma is None or result.map.camera.source == "estimated":
-        return ()
-    return (
-        f"the focal length, {stated.focal_px:.0f} +- {stated.focal_sigma_px:.0f} px, is no calibration, and this "
-        "method does not estimate it: expect a bent map",
-    )
-
-
-def _colmap_notes(result: Result) -> tuple[str, ...]:
-    """What the COLMAP model of the map cannot say about its camera."""
-    note = colmap_note(result.map.camera) if result.map is not None else ""
-    return (note,) if note else ()
-
-
-class _GivenTracks:
-    """Gives the tracks of a source in the place of a tracker, and adds them to the hash of the input."""
-
-    def __init__(self, source: KnowsTracks, camera: Camera, hashed: InputHash) -> None:
-        self.history = History(1)
-        self._source = source
-        self._camera = camera
-        self._hashed = hashed
-
-    def track(self, frame: Frame) -> Observations:
-        observations = self._source.observed(frame, self._camera)
-        self._hashed.observed(observations)
-        return observations
-
-
-def _process_tracks(initializer: FrontEnd, tracker: FrameTracker, recorder: Recorder, frame: Frame) -> Status:
-    """Process a frame of which the tracks are given."""
-    observations = tracker.track(frame)
-    recorder.frame(frame, observations)
-    return initializer.process_tracks(observations)
-
-
-def _initialize(
-    initializer: FrontEnd,
-    process: Callable[[Frame], Status],
-    frames: Iterator[Frame],
-    available: int | None,
-    max_frames: int | None,
-    progress: bool,
-) -> Result:
-    """Process frames until there is a map."""
-    limits = [limit for limit in (available, max_frames) if limit is not None]
-    for frame in _with_progress(frames, min(limits, default=None), progress):
-        if process(frame) or initializer.frames_read == max_frames:
-            break
-    return initializer.finish()
-
-
-def _with_progress(frames: Iterator[Frame], total: int | None, show: bool) -> Iterator[Frame]:
-    """Yield the frames, with a progress bar on stderr."""
-    from tqdm import tqdm
-
-    with tqdm(total=total, unit="frame", desc="waiting for parallax", disable=not show, leave=False) as bar:
-        for frame in frames:
-            yield frame
-            bar.update()
-
-
-def _continue(
-    result: Result, tracker: FrameTracker, frames: Iterator[Frame], count: int, recorder: Recorder
-) -> tuple[Result, Continuation | None]:
-    """Locate further frames in the map, if there is a map and frames are asked for; note an early end."""
-    if result.map is None or not count:
-        return result, None
-    continued = follow(result.map, tracker, frames, count, recorder)
-    if continued.ended_by is not None:
-        result = replace(result, notes=(*result.notes, f"the continuation ended early: {continued.ended_by}"))
-    return result, continued
-
-
-def _summary(
-    result: Result,
-    source: Source,
-    camera: Camera,
-    config: Config,
-    continued: Continuation | None,
-    options: Mapping[str, Json],
-    hashed: InputHash,
-) -> Summary:
-    """Summarize the run, with its errors against the ground truth and its provenance."""
-    truth = None
-    if result.map is not None and source.groundtruth is not None:
-        truth = compare_with_groundtruth(result.map.keyframes, source.groundtruth)
-    estimated = result.map is not None and result.map.camera.source == "estimated"
-    command = [without_password(word) for word in sys.argv]
-    return summary_of(
-        result,
-        source,
-        result.map.camera if estimated and result.map is not None else camera,
-        config.method,
-        config.seed,
-        ground_truth=truth,
-        continued=None if continued is None else continued.record(),
-        provenance=provenance_of(command, plain_fields(config) | dict(options), hashed),
-    )

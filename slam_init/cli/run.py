@@ -55,10 +55,20 @@ def add_run(commands: Commands) -> None:
     run.add_argument(
         "--continue",
         type=int,
-        default=0,
         metavar="N",
         dest="continue_frames",
-        help="then resect the next N frames with the map",
+        help="then resect the next N frames with the map; with --restart: frames to read after the first map",
+    )
+    run.add_argument(
+        "--restart",
+        action="store_true",
+        help="follow the frames after the map and start anew where it is lost: one map a segment",
+    )
+    run.add_argument(
+        "--scale",
+        metavar="HOW",
+        help="metres by a known length: marker:tag36h11:0.14, board:9x6:0.025, height:1.65[,nadir], "
+        "distance:0.25[,I,J] or groundtruth; a length may have a deviation, as in 1.65+-0.02",
     )
     run.add_argument(
         "--realtime",
@@ -92,11 +102,15 @@ def _run(arguments: argparse.Namespace) -> int:
     at_least("--reconnect", arguments.reconnect, 0)
     config_path = user_path(arguments.config) if arguments.config is not None else None
     from slam_init.output.folder import chosen_folder
-    from slam_init.output.names import RUN_FILES
+    from slam_init.output.names import run_files
+    from slam_init.scale.requests import parse_scale
+
+    if arguments.scale is not None:
+        arguments.scale = parse_scale(arguments.scale)
 
     named = (arguments.images, arguments.camera, arguments.mask, config_path)
     inputs = [arguments.source, *(file for file in named if file is not None)]
-    out = chosen_folder(arguments.out, "run", RUN_FILES, inputs)
+    out = chosen_folder(arguments.out, "run", run_files(restart=arguments.restart), inputs)
 
     from slam_init.config import REALTIME_WORK, load_config
     from slam_init.datasets.live import is_live
@@ -171,5 +185,7 @@ def _run_on(
             progress=not arguments.quiet and sys.stderr.isatty(),
             overview=not arguments.no_overview,
             viewer=arguments.live,
+            scale=arguments.scale,
+            restart=arguments.restart,
         )
     return summary

@@ -35,6 +35,7 @@ __all__ = [
     "ate_rmse",
     "compare_with_groundtruth",
     "relative_pose_errors",
+    "scale_error",
 ]
 
 #: The direction of a baseline shorter than this share of the longest baseline is not compared: noise dominates it.
@@ -232,6 +233,33 @@ def compare_with_groundtruth(
         ate_rmse=ate,
         path_length=_path_length(trajectory, first.timestamp_s, pairs[-1][0].timestamp_s),
     )
+
+
+def scale_error(keyframes: Sequence[Keyframe], trajectory: Trajectory, tolerance_s: float = 0.02) -> float | None:
+    """Compare the lengths of a map in metres with the true ones.
+
+    Parameters
+    ----------
+    keyframes : sequence of Keyframe
+        Of the map, and frames that were located in it.
+    trajectory : Trajectory
+        The true trajectory in metres.
+    tolerance_s : float
+        Largest difference between the time stamps of a keyframe and of its true pose.
+
+    Returns
+    -------
+    float or None
+        Lengths of the map over the true ones, minus 1, by the similarity between the positions. None if fewer than two
+        keyframes have a true pose, or one of the cameras does not move.
+    """
+    pairs = [(k, truth) for k in keyframes if (truth := trajectory.at(k.timestamp_s, tolerance_s)) is not None]
+    if len(pairs) < 2:
+        return None
+    estimated, true = np.array([k.world_from_cam.t for k, _ in pairs]), np.array([truth.t for _, truth in pairs])
+    if not (np.ptp(estimated, axis=0).any() and np.ptp(true, axis=0).max() > _STATIC_PATH):
+        return None
+    return 1 / align_positions(estimated, true).scale - 1
 
 
 def _path_length(trajectory: Trajectory, first_s: float, last_s: float) -> float:

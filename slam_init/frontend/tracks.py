@@ -159,6 +159,17 @@ class History:
                 del self._frames[frame]
                 self._attitudes.pop(frame, None)
 
+    def start_at(self, frame: int) -> None:
+        """Drop the frames before a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Absolute index.
+        """
+        for earlier in [f for f in self._frames if f < frame]:
+            del self._frames[earlier]
+
     def between(self, first: int, last: int) -> list[Observations]:
         """List the frames strictly between two frames.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.tracks import Tracker, common_tracks
 from slam_init.mapping.map_building import initial_map
 from slam_init.methods.two_view import TwoViewMethod, TwoViewOutcome, undistorted_pixels
+from slam_init.output.names import MAX_SEGMENTS
 from slam_init.recording.recorder import Recorder
 from slam_init.status import Status, frame_of
 from slam_init.types.arrays import Image, Ints
@@ -27,7 +29,7 @@ from slam_init.types.gates import Gate, GateName, at_least
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
-from slam_init.types.result import Attempt, Result
+from slam_init.types.result import Attempt, Result, Segment
 from slam_init.types.stopwatch import Stopwatch
 
 __all__ = ["PairInitializer"]
@@ -84,6 +86,8 @@ class PairInitializer:
         self.status = Status()
         self.frames_read = 0
         self._next_index = 0
+        self._first_index: int | None = None
+        self._segments: deque[Segment] = deque(maxlen=MAX_SEGMENTS)
         self._reference: int | None = None
         self._attempts = AttemptLog()
 
@@ -136,6 +140,7 @@ class PairInitializer:
         self._clock.took(current)
         self.frames_read += 1
         self._next_index = current.frame + 1
+        self._first_index = current.frame if self._first_index is None else self._first_index
         attempt = None
         if self._reference is not None:
             attempt = self._try(self.history[self._reference], current)
@@ -177,7 +182,35 @@ class PairInitializer:
             notes=(*self._clock.notes, *self._attempts.notes(), *focal_notes(self.map, self.config.map)),
             advice="" if reason is None else self._attempts.advice(reason),
             hypotheses=() if self.map is None else (self.map,),
+            segments=(*self._segments, *self._current_segment()) if self._segments else (),
         )
+
+    def reset(self, since: int | None = None) -> None:
+        """Start anew; see :meth:`slam_init.initializer.Initializer.reset`.
+
+        Parameters
+        ----------
+        since : int, optional
+            Absolute index of the first frame whose tracks the next map may use; by default the newest one.
+        """
+        self._segments.extend(self._current_segment())
+        known = list(self.history)
+        newest = known[-1].frame if known else 0
+        self.history.start_at(newest if since is None else min(since, newest))
+        known = list(self.history)
+        enough = bool(known) and len(known[0]) >= self.method.pair_rule.min_features
+        self._reference = known[0].frame if enough else None
+        self._attempts, self.map, self.status = AttemptLog(), None, Status()
+        self.frames_read, self._first_index = len(known), known[0].frame if known else None
+        for observed in known:
+            self._clock.took(observed)
+        self.recorder.restarted()
+
+    def _current_segment(self) -> tuple[Segment, ...]:
+        """The accepted map as a segment; empty without one."""
+        if self.map is None or self._first_index is None:
+            return ()
+        return (Segment(self.map, self._first_index, self.frames_read),)
 
     def _try(self, reference: Observations, current: Observations) -> Attempt:
         """Run the method on a pair, and set the map if the pair is accepted."""

@@ -83,6 +83,16 @@ class FrontEnd(Protocol):
         """The result up to now."""
         ...
 
+    def reset(self, since: int | None = None) -> None:
+        """Start anew with the same camera and tracks.
+
+        Parameters
+        ----------
+        since : int, optional
+            Absolute index of the first frame whose tracks the next map may use; by default the newest one.
+        """
+        ...
+
     def finish(self) -> Result:
         """End the sequence.
 

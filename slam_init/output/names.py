@@ -2,7 +2,20 @@
 
 from __future__ import annotations
 
-__all__ = ["COLMAP_FILES", "COMPARE_FILES", "INTERRUPTED", "OVERVIEW", "RECORDING", "RUN_FILES", "TRIALS", "UNFINISHED"]
+__all__ = [
+    "COLMAP_FILES",
+    "COMPARE_FILES",
+    "INTERRUPTED",
+    "MAP_FILES",
+    "MAX_SEGMENTS",
+    "OVERVIEW",
+    "RECORDING",
+    "RUN_FILES",
+    "TRIALS",
+    "UNFINISHED",
+    "run_files",
+    "segment_folder",
+]
 
 #: The text model of COLMAP: cameras, images, points.
 COLMAP_FILES = ("colmap/cameras.txt", "colmap/images.txt", "colmap/points3D.txt")
@@ -14,14 +27,22 @@ INTERRUPTED = "interrupted.rrd"
 OVERVIEW = "overview.png"
 #: End of the name of a recording until it is complete.
 UNFINISHED = ".partial.rrd"
-#: All files that a run can write.
-RUN_FILES = (
+#: The files of a map. A run that starts anew after a loss writes them to a folder for each map.
+MAP_FILES = (
     "trajectory.txt",
     "map.ply",
     *COLMAP_FILES,
     "graph.txt",
     "values.txt",
+    "handover.npz",
+    "transforms.json",
     "continued.txt",
+)
+#: Largest number of maps of a run: a map takes some megabytes of memory.
+MAX_SEGMENTS = 99
+#: All files that a run with one map can write.
+RUN_FILES = (
+    *MAP_FILES,
     "config.toml",
     OVERVIEW,
     RECORDING,
@@ -32,3 +53,37 @@ RUN_FILES = (
 TRIALS = "trials.jsonl"
 #: All files that a comparison can write, without its recordings.
 COMPARE_FILES = (TRIALS, "results.csv", "report.html", "summary.json")
+
+
+def segment_folder(number: int) -> str:
+    """Name the folder of a map of a run that starts anew after a loss.
+
+    Parameters
+    ----------
+    number : int
+        From 1 to :data:`MAX_SEGMENTS`.
+
+    Returns
+    -------
+    str
+    """
+    return f"segment-{number:03d}"
+
+
+def run_files(*, restart: bool) -> tuple[str, ...]:
+    """List all files that a run can write.
+
+    Parameters
+    ----------
+    restart : bool
+        Whether it starts anew after a loss.
+
+    Returns
+    -------
+    tuple of str
+        Relative paths with slashes.
+    """
+    if not restart:
+        return RUN_FILES
+    folders = (segment_folder(number) for number in range(1, MAX_SEGMENTS + 1))
+    return (*RUN_FILES, *(f"{folder}/{name}" for folder in folders for name in MAP_FILES))

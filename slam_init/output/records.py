@@ -18,7 +18,8 @@ from slam_init.types.evidence import (
 from slam_init.types.gates import Direction, Gate, GateName, Stage
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.reasons import Verdict
-from slam_init.types.result import Attempt
+from slam_init.types.result import Attempt, GroundTruthErrors, Segment
+from slam_init.types.scale import Scale, ScaleOrigin
 
 __all__ = [
     "AttemptRecord",
@@ -29,6 +30,8 @@ __all__ = [
     "HypothesisRecord",
     "KeyframeRecord",
     "Provenance",
+    "ScaleRecord",
+    "SegmentRecord",
     "SourceRecord",
 ]
 
@@ -364,6 +367,123 @@ class ContinuationRecord:
     located: int
     survival_median: float | None
     survival_last: float | None
+
+
+@dataclass(frozen=True)
+class ScaleRecord:
+    """Where the scale of a map comes from, or why there is none.
+
+    Attributes
+    ----------
+    origin : ScaleOrigin
+        What was known: ``marker``, ``board``, ``height``, ``distance`` or ``groundtruth``.
+    evidence : str
+        What the scale was found from, in words; empty where none was found.
+    reason : str
+        Why no scale was found; empty where one was.
+    """
+
+    origin: ScaleOrigin
+    evidence: str
+    reason: str
+
+    @staticmethod
+    def of(scale: Scale | None) -> ScaleRecord | None:
+        """Make the record of a scale.
+
+        Parameters
+        ----------
+        scale : Scale or None
+
+        Returns
+        -------
+        ScaleRecord or None
+            None if no scale was looked for.
+        """
+        return None if scale is None else ScaleRecord(scale.origin, scale.evidence, scale.reason)
+
+
+@dataclass(frozen=True)
+class SegmentRecord:
+    """A map of a run that starts anew after a loss.
+
+    Attributes
+    ----------
+    folder : str
+        Folder of its files.
+    first_frame : int
+        Absolute index of the first frame.
+    frames_to_init : int
+        Number of frames from there until the map was accepted.
+    lost_at : int or None
+        Absolute index of the frame at which the map was lost; None where the frames ended before.
+    keyframes : tuple of KeyframeRecord
+        In the world frame of this map.
+    landmarks : int
+        Number of landmarks.
+    median_parallax_deg : float
+        Median over the landmarks of the largest angle between two rays of a landmark.
+    reprojection_rmse_px : float
+        Root mean square of the reprojection errors, in pixels.
+    scale : float or None
+        Metres in a unit of the map of bundle adjustment; None where no scale was found.
+    scale_sigma : float or None
+        Relative standard deviation of the scale.
+    scale_origin : ScaleRecord or None
+        Where the scale comes from; None if none was looked for.
+    ground_truth : GroundTruthErrors or None
+        Errors of the keyframes, if there is ground truth.
+    continued : ContinuationRecord
+        The frames after the initialization.
+    """
+
+    folder: str
+    first_frame: int
+    frames_to_init: int
+    lost_at: int | None
+    keyframes: tuple[KeyframeRecord, ...]
+    landmarks: int
+    median_parallax_deg: float
+    reprojection_rmse_px: float
+    scale: float | None
+    scale_sigma: float | None
+    scale_origin: ScaleRecord | None
+    ground_truth: GroundTruthErrors | None
+    continued: ContinuationRecord
+
+    @staticmethod
+    def of(
+        folder: str, segment: Segment, continued: ContinuationRecord, ground_truth: GroundTruthErrors | None
+    ) -> SegmentRecord:
+        """Make the record of a segment.
+
+        Parameters
+        ----------
+        folder : str
+        segment : Segment
+        continued : ContinuationRecord
+        ground_truth : GroundTruthErrors or None
+
+        Returns
+        -------
+        SegmentRecord
+        """
+        map_, scale = segment.map, segment.scale
+        return SegmentRecord(
+            folder=folder,
+            first_frame=segment.first_frame,
+            frames_to_init=segment.frames_to_init,
+            lost_at=segment.lost_at,
+            keyframes=tuple(KeyframeRecord.of(keyframe) for keyframe in map_.keyframes),
+            landmarks=len(map_.points),
+            median_parallax_deg=map_.median_parallax_deg,
+            reprojection_rmse_px=map_.reprojection_rmse_px,
+            scale=None if scale is None else scale.metres_per_unit,
+            scale_sigma=None if scale is None else scale.sigma,
+            scale_origin=ScaleRecord.of(scale),
+            ground_truth=ground_truth,
+            continued=continued,
+        )
 
 
 @dataclass(frozen=True)

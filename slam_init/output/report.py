@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 
 from slam_init.errors import plain_line
+from slam_init.output.records import ScaleRecord, SegmentRecord
 from slam_init.output.summary import Summary
 
 __all__ = ["report_text"]
@@ -68,6 +69,7 @@ def _map_facts(summary: Summary) -> list[tuple[str, str]]:
         ("reprojection", f"{summary.reprojection_rmse_px:.2f} px (rms)"),
         *_risk_facts(summary),
     ]
+    facts += _scale_facts(summary.scale, summary.scale_sigma, summary.scale_origin)
     if focal := summary.focal_length:
         if summary.camera.source == "estimated":
             sigma_px = summary.camera.focal_sigma_px or 0.0
@@ -87,8 +89,30 @@ def _map_facts(summary: Summary) -> list[tuple[str, str]]:
             ("ATE", truth.ate_rmse, ""),
         )
         errors = [f"{name} {value:.3g}{unit}" for name, value, unit in named if value is not None]
+        if truth.scale_error is not None:
+            errors.append(f"scale {truth.scale_error:+.1%}")
         facts.append(("ground truth", ", ".join(errors) or "too little motion to compare with"))
-    return facts
+    return [*facts, *(_segment_fact(segment) for segment in summary.segments)]
+
+
+def _scale_facts(scale: float | None, sigma: float | None, origin: ScaleRecord | None) -> list[tuple[str, str]]:
+    """Return the line about the scale, where one was looked for."""
+    if origin is None:
+        return []
+    if scale is None or sigma is None:
+        return [("scale", f"none found from {origin.origin}: {origin.reason}")]
+    return [
+        ("scale", f"1 unit = {scale:.4g} m +- {sigma:.1%} ({origin.origin}: {origin.evidence}); all results in metres")
+    ]
+
+
+def _segment_fact(segment: SegmentRecord) -> tuple[str, str]:
+    """Return the line about a map of a run that starts anew after a loss."""
+    frames = f"frames {segment.keyframes[0].frame} to {segment.keyframes[-1].frame}"
+    end = "followed to the end" if segment.lost_at is None else f"lost at frame {segment.lost_at}"
+    scale = "" if segment.scale is None else f", 1 unit = {segment.scale:.4g} m"
+    located = f"{segment.continued.located} further frames located"
+    return (segment.folder, f"{segment.landmarks} landmarks, {frames}{scale}, {located}, {end}")
 
 
 def _attempts(summary: Summary) -> str:

@@ -1,17 +1,22 @@
 """The results of a run on disk.
 
-A folder holds exactly one run::
+A folder holds exactly one run. A run with one map::
 
     summary.json                the summary, as ``--json`` prints it
     trajectory.txt              TUM format: world_from_cam of the keyframes
     map.ply                     the landmarks with their colours, binary
     colmap/                     text model of the original images (cameras.txt, images.txt, points3D.txt)
     graph.txt, values.txt       factor graph and estimate as gtsam's text archives
+    handover.npz                the map as arrays for another system (slam_init.output.handover)
+    transforms.json             the cameras for nerfstudio, in the axes of OpenGL
     continued.txt               TUM format: world_from_cam of the frames that were located after the initialization
     config.toml                 the resolved configuration
     overview.png                the run in one picture
     recording.rrd               the recording
     interrupted.rrd             the recording of a later run that was interrupted, up to its end
+
+A run that starts anew after a loss writes the files of each map to a folder of its own: ``segment-001/trajectory.txt``
+and so on. The summary, the configuration and the recording are those of the run.
 
 :mod:`slam_init.output.folder` tells how the results replace those of an earlier run: all of them, or none. The summary
 is the last file that is put, so a folder with a summary is complete.
@@ -21,6 +26,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +35,11 @@ import numpy as np
 from slam_init.errors import SourceError
 from slam_init.output.colmap import colmap_model, numbers_text
 from slam_init.output.folder import OutputFolder, output_error
-from slam_init.output.names import COLMAP_FILES, OVERVIEW, RECORDING, RUN_FILES
+from slam_init.output.handover import handover_bytes
+from slam_init.output.names import COLMAP_FILES, MAX_SEGMENTS, OVERVIEW, RECORDING, run_files, segment_folder
+from slam_init.output.nerfstudio import transforms_text
 from slam_init.output.summary import Summary, summary_text
+from slam_init.types.arrays import Bools, Image
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.result import Result
 
@@ -67,7 +76,7 @@ def write_results(
     OutputError
         If the folder holds other files, or a file cannot be written.
     """
-    with OutputFolder(out, "run", RUN_FILES) as folder:
+    with OutputFolder(out, "run", run_files(restart=bool(result.segments))) as folder:
         publish_results(folder, result, summary, config_toml, continued)
 
 
@@ -78,6 +87,7 @@ def publish_results(
     config_toml: str | None = None,
     continued: Sequence[Keyframe] = (),
     overview: bytes | None = None,
+    descriptors: Sequence[tuple[Image, Bools]] = (),
 ) -> None:
     """Write all results, and replace those of the earlier run by them and by the staged recording.
 
@@ -91,9 +101,11 @@ def publish_results(
     config_toml : str or None
         The resolved configuration.
     continued : sequence of Keyframe
-        The frames that were located after the initialization.
+        The frames that were located after the initialization; those of segments are in the result.
     overview : bytes, optional
         The picture of the run, a PNG file.
+    descriptors : sequence of ((L, 32) uint8, (L,) bool)
+        Those of the landmarks of each map (:func:`slam_init.frontend.orb.describe_landmarks`); maps beyond have none.
 
     Raises
     ------
@@ -101,11 +113,11 @@ def publish_results(
         If a file cannot be written; the earlier results are then unchanged.
     """
     picture = {} if overview is None else {OVERVIEW: overview}
-    files = picture | _contents(result, summary, config_toml, continued)
+    files = picture | _contents(result, summary, config_toml, continued, descriptors)
     try:
         for name, content in files.items():
             path = folder.staging / name
-            path.parent.mkdir(exist_ok=True)
+            path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
     except OSError as error:
         raise output_error(folder.path, error) from error
@@ -114,25 +126,43 @@ def publish_results(
 
 
 def _contents(
-    result: Result, summary: Summary, config_toml: str | None, continued: Sequence[Keyframe]
+    result: Result,
+    summary: Summary,
+    config_toml: str | None,
+    continued: Sequence[Keyframe],
+    descriptors: Sequence[tuple[Image, Bools]],
 ) -> dict[str, bytes]:
     """Return the content of each file by name, the summary last."""
     files: dict[str, bytes] = {}
-    if result.map is not None:
-        files["trajectory.txt"] = tum_text(result.map.keyframes).encode()
-        files["map.ply"] = ply_bytes(result.map)
-        files |= {
-            # The file system allows names of images that are not Unicode; the bytes are written unchanged.
-            name: text.encode("utf-8", "surrogateescape")
-            for name, text in zip(COLMAP_FILES, colmap_model(result.map), strict=True)
-        }
-        files[_GRAPH] = result.map.graph.serialize().encode()
-        files[_VALUES] = result.map.values.serialize().encode()
-    if continued:
-        files["continued.txt"] = tum_text(continued).encode()
+    maps = [(f"{segment_folder(n)}/", one.map, one.located) for n, one in enumerate(result.segments, start=1)]
+    if not maps and result.map is not None:
+        maps = [("", result.map, tuple(continued))]
+    for (prefix, map_, located), described in zip_longest(maps[:MAX_SEGMENTS], descriptors[: len(maps)]):
+        files |= {f"{prefix}{name}": content for name, content in _map_files(map_, located, described).items()}
     if config_toml is not None:
         files["config.toml"] = config_toml.encode()
     files[_SUMMARY] = summary_text(summary).encode()
+    return files
+
+
+def _map_files(
+    map_: InitialMap, located: Sequence[Keyframe], descriptors: tuple[Image, Bools] | None
+) -> dict[str, bytes]:
+    """Return the content of the files of a map by name."""
+    files = {"trajectory.txt": tum_text(map_.keyframes).encode(), "map.ply": ply_bytes(map_)}
+    files |= {
+        # The file system allows names of images that are not Unicode; the bytes are written unchanged.
+        name: text.encode("utf-8", "surrogateescape")
+        for name, text in zip(COLMAP_FILES, colmap_model(map_), strict=True)
+    }
+    files[_GRAPH] = map_.graph.serialize().encode()
+    files[_VALUES] = map_.values.serialize().encode()
+    files["handover.npz"] = handover_bytes(map_, located, descriptors)
+    transforms = transforms_text(map_, located)
+    if transforms is not None:
+        files["transforms.json"] = transforms.encode()
+    if located:
+        files["continued.txt"] = tum_text(located).encode()
     return files
 
 
@@ -142,7 +172,7 @@ def load_graph(out: str | os.PathLike[str]) -> tuple[Any, Any]:
     Parameters
     ----------
     out : str or path
-        Folder of a run that initialized.
+        Folder of a run that initialized, or of one of its segments.
 
     Returns
     -------
@@ -163,6 +193,8 @@ def load_graph(out: str | os.PathLike[str]) -> tuple[Any, Any]:
         graph.deserialize((out / _GRAPH).read_text())
         values.deserialize((out / _VALUES).read_text())
     except OSError as error:
+        if (out / segment_folder(1)).is_dir():
+            raise SourceError(f"{out} has a graph for each map: give {out / segment_folder(1)}") from error
         raise SourceError(f"no graph in {out}: give the --out folder of a run that initialized") from error
     except RuntimeError as error:  # gtsam cannot parse the archive
         raise SourceError(f"the graph in {out} is damaged: run again") from error
@@ -204,6 +236,7 @@ def ply_bytes(map_: InitialMap) -> bytes:
     header = (
         "ply\nformat binary_little_endian 1.0\n"
         "comment world frame: the first keyframe's camera, x right, y down, z forward\n"
+        f"comment unit: {'the median depth in the first view' if map_.scale is None else 'metre'}\n"
         f"element vertex {len(map_.points)}\n"
         "property float x\nproperty float y\nproperty float z\n"
         "property uchar red\nproperty uchar green\nproperty uchar blue\n"

@@ -21,6 +21,8 @@ from slam_init.output.records import (
     HypothesisRecord,
     KeyframeRecord,
     Provenance,
+    ScaleRecord,
+    SegmentRecord,
     SourceRecord,
 )
 from slam_init.types.camera import Camera
@@ -77,6 +79,13 @@ class Summary:
         ``general`` or ``planar``.
     focal_length : FocalLengthRecord or None
         The focal length, if bundle adjustment adjusted it.
+    scale : float or None
+        Metres in a unit of the map of bundle adjustment, the median depth. Lengths of this summary and of all files are
+        metres where it is given; None where no scale was found or looked for.
+    scale_sigma : float or None
+        Relative standard deviation of the scale.
+    scale_origin : ScaleRecord or None
+        Where the scale comes from, or why none was found; None if none was looked for.
     hypotheses : tuple of HypothesisRecord
         The two maps that the views could not decide between, the better one first; else empty.
     margin : Margin or None
@@ -89,6 +98,8 @@ class Summary:
         Errors of the keyframes, if there is ground truth.
     continued : ContinuationRecord or None
         The frames after the initialization, if the run continued.
+    segments : tuple of SegmentRecord
+        All maps of a run that starts anew after a loss, in time order; the keys above describe the first. Else empty.
     notes : tuple of str
         Notes for the user, e.g. that the calibration was guessed.
     provenance : Provenance or None
@@ -111,12 +122,16 @@ class Summary:
     reprojection_rmse_px: float | None
     scene: str | None
     focal_length: FocalLengthRecord | None
+    scale: float | None
+    scale_sigma: float | None
+    scale_origin: ScaleRecord | None
     hypotheses: tuple[HypothesisRecord, ...]
     margin: Margin | None
     attempts: tuple[AttemptRecord, ...]
     timing_ms: Mapping[str, StageTimes]
     ground_truth: GroundTruthErrors | None
     continued: ContinuationRecord | None
+    segments: tuple[SegmentRecord, ...]
     notes: tuple[str, ...]
     provenance: Provenance | None
 
@@ -145,6 +160,7 @@ def summary_of(
     *,
     ground_truth: GroundTruthErrors | None = None,
     continued: ContinuationRecord | None = None,
+    segments: tuple[SegmentRecord, ...] = (),
     provenance: Provenance | None = None,
 ) -> Summary:
     """Summarize a run.
@@ -161,6 +177,8 @@ def summary_of(
         From :func:`slam_init.evaluation.metrics.compare_with_groundtruth`.
     continued : ContinuationRecord, optional
         From :meth:`slam_init.continuation.Continuation.record`.
+    segments : tuple of SegmentRecord
+        Of a run that starts anew after a loss.
     provenance : Provenance, optional
         From :func:`slam_init.output.provenance.provenance_of`.
 
@@ -186,6 +204,9 @@ def summary_of(
         reprojection_rmse_px=None if map_ is None else map_.reprojection_rmse_px,
         scene=None if map_ is None else map_.scene,
         focal_length=None if map_ is None else FocalLengthRecord.of(map_),
+        scale=None if result.scale is None else result.scale.metres_per_unit,
+        scale_sigma=None if result.scale is None else result.scale.sigma,
+        scale_origin=ScaleRecord.of(result.scale),
         # The hypotheses of an initialized run are the map itself, which the keys above describe.
         hypotheses=() if map_ is not None else tuple(HypothesisRecord.of(kept) for kept in result.hypotheses),
         margin=result.margin,
@@ -193,6 +214,7 @@ def summary_of(
         timing_ms=result.timing_ms,
         ground_truth=ground_truth,
         continued=continued,
+        segments=segments,
         notes=result.notes,
         provenance=provenance,
     )

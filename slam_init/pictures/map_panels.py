@@ -57,7 +57,7 @@ def draw_map(axes: Axes, map_: InitialMap, view: str, title: str, truth: Floats 
     size = _FRUSTUM * float(max(high[right] - low[right], high[up] - low[up]))
     poses = [map_.keyframes[0].world_from_cam, map_.keyframes[-1].world_from_cam]
     _draw_path(axes, map_, poses, path, size, view, truth)
-    _draw_scale_bar(axes)
+    _draw_scale_bar(axes, map_)
 
 
 def draw_cameras(axes: Axes, map_: InitialMap, view: str, truth: Floats | None = None) -> None:
@@ -80,7 +80,7 @@ def draw_cameras(axes: Axes, map_: InitialMap, view: str, truth: Floats | None =
     step = max(1, -(-len(path) // _MOST_FRUSTA))
     poses = [keyframe.world_from_cam for keyframe in map_.keyframes[::step]]
     _draw_path(axes, map_, poses, path, size, view, truth)
-    _draw_scale_bar(axes)
+    _draw_scale_bar(axes, map_)
 
 
 def _named(view: str) -> str:
@@ -133,7 +133,7 @@ def _draw_path(
     )
 
 
-def _draw_scale_bar(axes: Axes) -> None:
+def _draw_scale_bar(axes: Axes, map_: InitialMap) -> None:
     """A bar of a round length, a fifth to a half of the width of the view."""
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     width = right - left
@@ -141,6 +141,5 @@ def _draw_scale_bar(axes: Axes) -> None:
     length = max(step * decade for step in (1, 2, 5) if step * decade <= 0.4 * width)
     x, y = left + 0.05 * width, low + 0.07 * (high - low)
     axes.plot([x, x + length], [y, y], "-", color="white", linewidth=2.5, solid_capstyle="butt", zorder=6)
-    axes.text(
-        x, y + 0.02 * (high - low), f"{length:g} of the median depth", color="white", fontsize=8, va="bottom", zorder=6
-    )
+    label = f"{length:g} of the median depth" if map_.scale is None else f"{length:g} m"
+    axes.text(x, y + 0.02 * (high - low), label, color="white", fontsize=8, va="bottom", zorder=6)

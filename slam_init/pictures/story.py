@@ -170,6 +170,8 @@ class StoryRecorder(Recorder):
         observations : sequence of Observations
             The observations of the keyframes.
         """
+        if self._keyframes:  # those of the first map, which the picture shows
+            return
         chosen = [observations[k] for k in evenly_spaced(len(observations), _MOST_FRAMES)]
         self._keyframes = tuple(shown for seen in chosen if (shown := self._shown(seen)) is not None)
 

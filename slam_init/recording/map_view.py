@@ -89,6 +89,10 @@ class MapView:
         if self._groundtruth is not None and self._world_from_gt is not None:
             self._log_true_path(self._groundtruth, self._world_from_gt, keyframe.timestamp_s)
 
+    def clear(self) -> None:
+        """Forget the map and its paths."""
+        self._path, self._world_from_gt = [], None
+
     def _log_camera(self, world_from_cam: Pose) -> None:
         """Log the pose of the camera, and the estimated path up to it."""
         self._rec.log("world/camera", _transform(world_from_cam))

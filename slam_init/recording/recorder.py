@@ -15,6 +15,7 @@ from slam_init.types.arrays import Floats
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.result import Attempt
+from slam_init.types.scale import Scale
 
 __all__ = ["Recorder", "Several"]
 
@@ -87,6 +88,18 @@ class Recorder:
         ----------
         keyframe : Keyframe
         """
+
+    def scaled(self, scale: Scale) -> None:
+        """Report the scale of the last map.
+
+        Parameters
+        ----------
+        scale : Scale
+            Truthy: it was found.
+        """
+
+    def restarted(self) -> None:
+        """Report that the map was lost, and that the initialization starts anew."""
 
     def summary(self, summary: Summary) -> None:
         """Report the summary at the end of the run.
@@ -191,6 +204,21 @@ class Several(Recorder):
         """
         for recorder in self._recorders:
             recorder.continued(keyframe)
+
+    def scaled(self, scale: Scale) -> None:
+        """Report the scale of the last map.
+
+        Parameters
+        ----------
+        scale : Scale
+        """
+        for recorder in self._recorders:
+            recorder.scaled(scale)
+
+    def restarted(self) -> None:
+        """Report that the map was lost."""
+        for recorder in self._recorders:
+            recorder.restarted()
 
     def summary(self, summary: Summary) -> None:
         """Report the summary at the end of the run.

@@ -60,6 +60,7 @@ from slam_init.recording.pair_view import log_pair
 from slam_init.recording.paths import TWIN_NAMES, log_hypotheses, log_twins
 from slam_init.recording.recorder import Recorder
 from slam_init.recording.recording_file import RecordingFile
+from slam_init.recording.scale_bar import SCALE_BAR, log_scale_bar
 from slam_init.recording.text import (
     advice_markdown,
     attempt_line,
@@ -76,6 +77,7 @@ from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Trajectory
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
+from slam_init.types.scale import Scale
 
 __all__ = ["FRAMES_AT_FULL_RATE", "RerunRecorder", "load_rerun"]
 
@@ -314,6 +316,23 @@ class RerunRecorder(Recorder):
         keyframe : Keyframe
         """
         self._map_view.extend(keyframe)
+
+    def scaled(self, scale: Scale) -> None:
+        """Draw a bar of a round length in metres at the first keyframe; the scene stays in units of the map.
+
+        Parameters
+        ----------
+        scale : Scale
+        """
+        log_scale_bar(self._rec, scale)
+
+    def restarted(self) -> None:
+        """Clear the lost map. The next one has another world frame."""
+        rr, rec = self._rr, self._rec
+        rec.log("log", rr.TextLog("the map was lost: starting anew", level=rr.TextLogLevel.WARN, color=YELLOW))
+        for entity in ("world/keyframes", "world/points", "world/trajectory", SCALE_BAR):
+            rec.log(entity, rr.Clear(recursive=True))
+        self._map_view.clear()
 
     def summary(self, summary: Summary) -> None:
         """Log the summary as a table. Times and provenance are left out, since they differ between equal runs.

@@ -12,6 +12,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.display import Described
 from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
+from slam_init.types.scale import Scale
 
 __all__ = ["InitialMap", "Keyframe"]
 
@@ -42,7 +43,7 @@ class InitialMap(Described):
     """The initial map: keyframes in time order, landmarks, and the observations of the landmarks in the keyframes.
 
     The world frame is the camera frame of the first keyframe. The unit of length is the median depth of the landmarks
-    in this frame.
+    in this frame, or the metre where a scale is known (:func:`slam_init.scale.metric_map.in_metres`).
 
     Attributes
     ----------
@@ -90,6 +91,8 @@ class InitialMap(Described):
     focal_factor_sigma : float or None
         Standard deviation of the factor, from the noise of the tracks and the prior; None if the focal length was held
         fixed.
+    scale : Scale or None
+        The scale that the map was brought to metres with; None for a map in its own unit.
     """
 
     keyframes: tuple[Keyframe, ...]
@@ -113,6 +116,7 @@ class InitialMap(Described):
     camera: Camera
     focal_factor: float = 1.0
     focal_factor_sigma: float | None = None
+    scale: Scale | None = None
 
     def seen_in(self, observed: Observations) -> tuple[Ints, Ints, Floats]:
         """Find the landmarks that a frame sees.
@@ -148,4 +152,5 @@ class InitialMap(Described):
                 f"{len(self.points)}, {self.scene} scene, median parallax {self.median_parallax_deg:.2f} deg",
             ),
             ("reprojection", f"{self.reprojection_rmse_px:.2f} px (rms), noise {self.noise_px:.2f} px"),
+            *([] if self.scale is None else [("scale", str(self.scale).split("\n")[0])]),
         ]

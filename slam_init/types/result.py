@@ -22,11 +22,12 @@ from slam_init.types.evidence import (
     WindowEvidence,
 )
 from slam_init.types.gates import Gate, Stage
-from slam_init.types.initial_map import InitialMap
+from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.reasons import Verdict
+from slam_init.types.scale import Scale
 from slam_init.types.stopwatch import StageTimes
 
-__all__ = ["Attempt", "GroundTruthErrors", "ProvisionalMap", "Result"]
+__all__ = ["Attempt", "GroundTruthErrors", "ProvisionalMap", "Result", "Segment"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -147,12 +148,16 @@ class GroundTruthErrors:
         0 for two keyframes. None if the true camera is static.
     path_length : float
         Length of the true path from the first keyframe to the last, in units of the ground truth.
+    scale_error : float or None
+        Lengths of a map in metres over the true ones, minus 1, by the keyframes and the frames that were located after
+        the initialization. None for a map without a scale, and where the scale is that of the ground truth.
     """
 
     rotation_error_deg: float
     direction_error_deg: float | None
     ate_rmse: float | None
     path_length: float
+    scale_error: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +173,35 @@ class ProvisionalMap:
 
     map: InitialMap
     risk: float
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """A part of the frames with a map of its own. A new one begins where the map of the one before was lost.
+
+    Attributes
+    ----------
+    map : InitialMap
+        Its world frame is the camera frame of its own first keyframe.
+    first_frame : int
+        Absolute index of the first frame.
+    frames_to_init : int
+        Number of frames from there until the map was accepted.
+    located : tuple of Keyframe
+        The frames after the initialization that were located in the map.
+    lost_at : int or None
+        Absolute index of the first frame that could not be located any more; None where the frames ended before, or
+        were not followed.
+    scale : Scale or None
+        What was found of the scale, if it was looked for.
+    """
+
+    map: InitialMap
+    first_frame: int
+    frames_to_init: int
+    located: tuple[Keyframe, ...] = ()
+    lost_at: int | None = None
+    scale: Scale | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -198,6 +232,10 @@ class Result(Described):
     margin : Margin or None
         The last vote between two maps: how much better the first hypothesis is than its rival. None if there was no
         rival.
+    scale : Scale or None
+        What was found of the scale, if it was looked for. The map is in metres where it was found.
+    segments : tuple of Segment
+        All maps in time order, if the initializer started anew; else empty.
     """
 
     map: InitialMap | None
@@ -210,6 +248,8 @@ class Result(Described):
     advice: str = ""
     hypotheses: tuple[InitialMap, ...] = ()
     margin: Margin | None = None
+    scale: Scale | None = None
+    segments: tuple[Segment, ...] = ()
 
     def __bool__(self) -> bool:
         return self.map is not None

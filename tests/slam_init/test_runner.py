@@ -82,7 +82,8 @@ def test_the_fields_of_the_map_are_consistent(room_run):
 def test_all_files_are_written(room_run):
     assert set(contents(room_run.out)) == {
         "summary.json", "trajectory.txt", "map.ply", "colmap/cameras.txt", "colmap/images.txt", "colmap/points3D.txt",
-        "graph.txt", "values.txt", "continued.txt", "config.toml", "overview.png", "recording.rrd",
+        "graph.txt", "values.txt", "continued.txt", "config.toml", "overview.png", "recording.rrd", "handover.npz",
+        "transforms.json",
     }  # fmt: skip
     assert json.loads((room_run.out / "summary.json").read_text()) == room_run.summary.as_dict()
     assert load_config(room_run.out / "config.toml") == Config()

@@ -19,10 +19,10 @@ from typing_extensions import TypedDict
 
 from quest.relative_pose import PoseEvidence
 from slam_init.output import records, summary
-from slam_init.types import comparison, evidence, gates, reasons, result, stopwatch
+from slam_init.types import comparison, evidence, gates, reasons, result, scale, stopwatch
 
 #: Where the types of the schema are defined.
-_MODULES = (records, summary, comparison, evidence, gates, reasons, result, stopwatch)
+_MODULES = (records, summary, comparison, evidence, gates, reasons, result, scale, stopwatch)
 #: Types whose floats may be null: a figure that is not finite is written as null.
 _FIGURES = (
     "AttemptRecord",

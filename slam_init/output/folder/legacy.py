@@ -7,14 +7,18 @@ from pathlib import Path
 from typing import Any
 
 from slam_init.output.folder.marker import Marker
-from slam_init.output.names import COMPARE_FILES, RUN_FILES
+from slam_init.output.names import COLMAP_FILES, COMPARE_FILES, RECORDING
 
 __all__ = ["legacy_marker"]
 
 _VERSION = "0.1"
 #: The keys that the summary of each command had, and the files that the command wrote.
 _RUN_KEYS = {"schema", "method", "seed", "camera", "attempts", "frames_read"}
-_RUN_FILES = (*RUN_FILES, "recording.partial.rrd")
+_RUN_FILES = (
+    *("trajectory.txt", "map.ply", "graph.txt", "values.txt", "continued.txt", "config.toml", "summary.json"),
+    *COLMAP_FILES,
+    *(RECORDING, "recording.partial.rrd", "interrupted.rrd"),
+)
 _COMPARE_KEYS = {"schema", "seed", "trials", "methods", "sources", "parts"}
 _JOURNAL_KEYS = {"schema", "seed", "limit_frames", "options"}
 _RECORDINGS = "recordings/*/*.rrd"

@@ -9,20 +9,33 @@ from cli_files import CAMERA, IMAGES, INITIALIZED, REFUSED, WITH
 
 from slam_init.cli import main
 from slam_init.output.summary import FocalLengthRecord, HypothesisRecord, KeyframeRecord
+from slam_init.scale.requests import parse_scale
 from slam_init.types.comparison import Margin
 from slam_init.types.reasons import Verdict
 
 
 def test_arguments_reach_the_pipeline(world, pipeline, capsys):
-    numbers = ["--start", "1", "--max-frames", "2", "--continue", "4", "--seed", "5"]
+    numbers = [
+        "--start",
+        "1",
+        "--max-frames",
+        "2",
+        "--continue",
+        "4",
+        "--seed",
+        "5",
+        "--restart",
+        "--scale",
+        "height:1.65",
+    ]
     assert main(["run", IMAGES, *WITH, *numbers, "--out", "results", "--quiet"]) == 0
     ((source, camera, config, options),) = pipeline.calls
     assert (source.kind, len(source), camera.fx, config.seed, config.method) == ("images", 3, 60, 5, "quest")
     assert str(options.pop("out")) == "results"
-    assert options == {"start": 1, "max_frames": 2, "continue_frames": 4, "progress": False} | {
-        "overview": True,
-        "viewer": None,
-    }
+    assert options == {
+        "start": 1, "max_frames": 2, "continue_frames": 4, "progress": False, "overview": True, "viewer": None,
+        "restart": True, "scale": parse_scale("height:1.65"),
+    }  # fmt: skip
     assert capsys.readouterr() == ("", "")
 
 

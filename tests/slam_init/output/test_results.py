@@ -33,6 +33,8 @@ FILES_WITH_MAP = {
     "colmap/points3D.txt",
     "graph.txt",
     "values.txt",
+    "handover.npz",
+    "transforms.json",
 }
 
 

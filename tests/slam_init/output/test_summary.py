@@ -48,8 +48,13 @@ def test_the_summary_of_a_map_has_its_figures_and_poses():
         "landmarks": 60,
         "scene": "general",
         "ground_truth": {
-            "rotation_error_deg": 0.25, "direction_error_deg": None, "ate_rmse": 0.01, "path_length": 1.5
+            "rotation_error_deg": 0.25, "direction_error_deg": None, "ate_rmse": 0.01, "path_length": 1.5,
+            "scale_error": None,
         },
+        "scale": None,
+        "scale_sigma": None,
+        "scale_origin": None,
+        "segments": [],
         "timing_ms": result.timing_ms,
         "method": "quest",
         "seed": 0,

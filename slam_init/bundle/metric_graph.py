@@ -1,0 +1,112 @@
+"""The factor graph of a map in another unit, with the standard deviation of its scale; the joint covariance of poses.
+
+A projection factor does not know the unit. Three kinds of factors do: the prior that holds the first pose, the range
+that holds the distance from the first camera to the farthest one, and the priors of further poses. In metres, the range
+is the known distance, and its standard deviation is that of the scale. So the range is the prior of the scale, and
+whoever goes on with the graph keeps what is known of it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from slam_init.bundle.graph import pose_key
+from slam_init.types.arrays import Floats
+
+if TYPE_CHECKING:
+    import gtsam
+
+__all__ = ["joint_pose_covariance", "metric_graph"]
+
+#: The prior of a further pose states a direction, and the range states the length. The deviation of such a prior along
+#: the baseline is so many times that of the scale, so that ten of them change the latter by a twentieth.
+_LOOSE = 10.0
+
+
+def metric_graph(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, factor: float, sigma: float
+) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """Change the unit of a graph of :func:`slam_init.bundle.graph.build_graph`.
+
+    Parameters
+    ----------
+    graph : gtsam.NonlinearFactorGraph
+    values : gtsam.Values
+        Its optimum.
+    factor : float
+        Factor on all lengths.
+    sigma : float
+        Relative standard deviation of the factor; that of the range of the result.
+
+    Returns
+    -------
+    graph : gtsam.NonlinearFactorGraph
+        A copy, with ranges and priors in the new unit.
+    values : gtsam.Values
+    """
+    import gtsam
+
+    scaled = gtsam.Values(values)
+    for key in values.keys():  # noqa: SIM118  # no dictionary
+        kind = chr(gtsam.Symbol(key).chr())
+        if kind == "x":
+            pose = values.atPose3(key)
+            scaled.update(key, gtsam.Pose3(pose.rotation(), factor * pose.translation()))
+        elif kind == "l":
+            scaled.update(key, factor * values.atPoint3(key))
+    changed = gtsam.NonlinearFactorGraph(graph)
+    first = None
+    for position in range(graph.size()):
+        old = graph.at(position)
+        if isinstance(old, gtsam.PriorFactorPose3):
+            first = old.prior() if first is None else first
+            changed.replace(position, _scaled_prior(old, first, factor, sigma))
+        elif isinstance(old, gtsam.RangeFactorPose3):
+            a, b = old.keys()
+            length = factor * float(old.measured())
+            noise = gtsam.noiseModel.Isotropic.Sigma(1, sigma * length)
+            changed.replace(position, gtsam.RangeFactorPose3(a, b, length, noise))
+    return changed, scaled
+
+
+def _scaled_prior(
+    old: gtsam.PriorFactorPose3, first: gtsam.Pose3, factor: float, sigma: float
+) -> gtsam.PriorFactorPose3:
+    """A prior of a pose in the new unit; that of a further pose leaves the length of its baseline to the range."""
+    import gtsam
+
+    mean = gtsam.Pose3(old.prior().rotation(), factor * old.prior().translation())
+    sigmas = np.array(old.noiseModel().sigmas())
+    baseline = mean.rotation().unrotate(mean.translation() - factor * first.translation())
+    length = float(np.linalg.norm(baseline))
+    if length <= sigmas[3:].max() * factor:  # the first pose, which the gauge holds
+        return old if factor == 1.0 else gtsam.PriorFactorPose3(old.keys()[0], mean, old.noiseModel())
+    sigmas[3:] *= factor
+    along = baseline / length
+    covariance = np.diag(sigmas**2)
+    covariance[3:, 3:] += (_LOOSE * sigma * length) ** 2 * np.outer(along, along)
+    return gtsam.PriorFactorPose3(old.keys()[0], mean, gtsam.noiseModel.Gaussian.Covariance(covariance))
+
+
+def joint_pose_covariance(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, frames: tuple[int, ...]) -> Floats:
+    """Compute the joint covariance of poses.
+
+    Parameters
+    ----------
+    graph : gtsam.NonlinearFactorGraph
+    values : gtsam.Values
+        The optimum of the graph.
+    frames : tuple of K int
+        Absolute indices of the keyframes, ascending.
+
+    Returns
+    -------
+    (6 K, 6 K) float
+        In gtsam's tangent order (rotation, translation) in the camera frames, keyframe by keyframe.
+    """
+    import gtsam
+
+    joint = gtsam.Marginals(graph, values).jointMarginalCovariance([pose_key(frame) for frame in frames])
+    return np.asarray(joint.fullMatrix(), float)

@@ -1,0 +1,101 @@
+"""ORB descriptors of the landmarks of a map, for systems that find places again by them (ORB-SLAM, pySLAM).
+
+A landmark has the descriptor of the newest keyframe that sees it and whose image is at hand. The landmarks are corners
+of the full image, so that their octave is 0. Their orientation is that of the intensity centroid [1]_, as in ORB: the
+descriptor of such a corner is that of ORB's own detector at this place.
+
+References
+----------
+.. [1] E. Rublee et al., ORB: an efficient alternative to SIFT or SURF, ICCV 2011.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from slam_init.types.arrays import Bools, Floats, Image
+from slam_init.types.initial_map import InitialMap
+
+__all__ = ["describe_landmarks", "orb_descriptors"]
+
+#: Bytes of a descriptor, and diameter of the patch of its orientation.
+_BYTES, _PATCH = 32, 31
+#: Images that are looked at: each takes 10 ms, and the newest one sees nearly all landmarks.
+_IMAGES = 1
+
+
+def describe_landmarks(map_: InitialMap, images: Mapping[int, Image]) -> tuple[Image, Bools]:
+    """Compute the descriptors of the landmarks.
+
+    Parameters
+    ----------
+    map_ : InitialMap
+    images : mapping of int to (H, W) uint8
+        Grey images by absolute index; those of other frames are ignored.
+
+    Returns
+    -------
+    descriptors : (L, 32) uint8
+        Zero where a landmark has none.
+    described : (L,) bool
+    """
+    descriptors = np.zeros((len(map_.points), _BYTES), np.uint8)
+    described = np.zeros(len(map_.points), bool)
+    looked_at = 0
+    for k in reversed(range(len(map_.keyframes))):
+        image = images.get(map_.keyframes[k].frame)
+        rows = np.flatnonzero((map_.observation_keyframes == k) & ~described[map_.observation_landmarks])
+        if image is None or not len(rows):
+            continue
+        if looked_at == _IMAGES:
+            break
+        looked_at += 1
+        found, known = orb_descriptors(image, map_.observation_pixels[rows])
+        landmarks = map_.observation_landmarks[rows[known]]
+        descriptors[landmarks], described[landmarks] = found[known], True
+    return descriptors, described
+
+
+def orb_descriptors(image: Image, pixels: Floats) -> tuple[Image, Bools]:
+    """Compute ORB descriptors at given pixels of an image.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+    pixels : (N, 2) float
+
+    Returns
+    -------
+    descriptors : (N, 32) uint8
+        Zero where there is none.
+    known : (N,) bool
+        False for pixels on the border of the image. Near it, the image is mirrored.
+    """
+    import cv2
+
+    orb = cv2.ORB.create(nlevels=1, edgeThreshold=1, patchSize=_PATCH)
+    angles = _orientations(image, pixels)
+    points = [
+        cv2.KeyPoint(float(x), float(y), float(_PATCH), float(angle), 0.0, 0, i)
+        for i, ((x, y), angle) in enumerate(zip(pixels, angles, strict=True))
+    ]
+    kept, found = orb.compute(image, points)
+    descriptors, known = np.zeros((len(pixels), _BYTES), np.uint8), np.zeros(len(pixels), bool)
+    if kept:
+        rows = [point.class_id for point in kept]
+        descriptors[rows], known[rows] = found, True
+    return descriptors, known
+
+
+def _orientations(image: Image, pixels: Floats) -> Floats:
+    """Angles in degrees from each pixel to the centroid of the intensities in a disc about it."""
+    half = _PATCH // 2
+    padded = np.pad(image, half + 1, mode="reflect")
+    y, x = np.mgrid[-half : half + 1, -half : half + 1]
+    y, x = (offsets[np.hypot(x, y) <= half + 0.5] for offsets in (y, x))
+    size = (image.shape[1] - 1, image.shape[0] - 1)
+    column, row = np.clip(np.round(pixels).astype(int), 0, size).T + half + 1
+    patch = padded[row[:, None] + y, column[:, None] + x].astype(np.float32)  # exact: all sums are below 2^24
+    return np.asarray(np.degrees(np.arctan2(patch @ y, patch @ x)) % 360.0, float)

@@ -1,0 +1,379 @@
+"""What a run does, between its source and its results: initialize, follow the map, start anew where it is lost."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+from slam_init.config import Config
+from slam_init.continuation import Continuation, FrameTracker, follow
+from slam_init.datasets.live.address import without_password
+from slam_init.datasets.track_source import KnowsTracks
+from slam_init.evaluation.metrics import compare_with_groundtruth, scale_error
+from slam_init.frontend.frame_memory import FrameMemory
+from slam_init.frontend.orb import describe_landmarks
+from slam_init.frontend.tracks import History
+from slam_init.mapping.reduction import Reduction
+from slam_init.methods import make_initializer
+from slam_init.methods.registry import FrontEnd
+from slam_init.output.colmap_cameras import colmap_note
+from slam_init.output.names import MAX_SEGMENTS, segment_folder
+from slam_init.output.plain_json import Json, plain_fields
+from slam_init.output.provenance import InputHash, provenance_of
+from slam_init.output.records import SegmentRecord
+from slam_init.output.summary import Summary, summary_of
+from slam_init.recording.recorder import Recorder
+from slam_init.scale.find import find_scale
+from slam_init.scale.metric_map import in_metres, scaled_keyframes
+from slam_init.scale.requests import KnownBoard, KnownMarkers, ScaleRequest
+from slam_init.status import Status
+from slam_init.types.arrays import Bools, Image
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, Observations, Source, length_of, notes_of
+from slam_init.types.initial_map import Keyframe
+from slam_init.types.result import GroundTruthErrors, Result, Segment
+from slam_init.types.scale import ScaleOrigin
+
+__all__ = ["Finished", "Job", "reduction_of"]
+
+#: Memory for images of keyframes: their descriptors need the newest one, and markers need all of them. 256 MB hold 800
+#: grey images of 640x480, or 30 of 4K.
+_FEW_IMAGE_BYTES, _IMAGE_BYTES = 1 << 25, 1 << 28
+#: Number of last frames of which given tracks are kept: a map is lost after five frames at the latest.
+_GIVEN_FRAMES = 10
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """What came of the frames until a map was lost, or until the end."""
+
+    result: Result
+    first_frame: int
+    continued: Continuation | None
+    descriptors: tuple[Image, Bools] | None
+    truth: GroundTruthErrors | None
+
+    @property
+    def located(self) -> tuple[Keyframe, ...]:
+        return () if self.continued is None else self.continued.keyframes
+
+    @property
+    def lost_at(self) -> int | None:
+        return None if self.continued is None else self.continued.lost_at
+
+    def segment(self) -> Segment:
+        """The map and its frames. There is a map."""
+        map_, frames = self.result.map, self.result.frames_to_init
+        assert map_ is not None
+        assert frames is not None
+        return Segment(map_, self.first_frame, frames, self.located, self.lost_at, self.result.scale)
+
+
+@dataclass(frozen=True, eq=False)
+class Finished:
+    """A run that has ended."""
+
+    result: Result
+    summary: Summary
+    located: tuple[Keyframe, ...]
+    descriptors: tuple[tuple[Image, Bools], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """The arguments of :func:`slam_init.runner.run`; ``described``: whether landmarks get descriptors."""
+
+    source: Source
+    camera: Camera
+    config: Config
+    start: int
+    max_frames: int | None
+    continue_frames: int | None
+    progress: bool
+    notes: tuple[str, ...]
+    scale: ScaleRequest | None
+    restart: bool
+    described: bool
+
+    def run(self, recorder: Recorder) -> Finished:
+        """Process the frames, and summarize the run.
+
+        Parameters
+        ----------
+        recorder : Recorder
+
+        Returns
+        -------
+        Finished
+        """
+        hashed = InputHash(self.camera)
+        memory = FrameMemory(_IMAGE_BYTES if isinstance(self.scale, KnownMarkers | KnownBoard) else _FEW_IMAGE_BYTES)
+        reduction = reduction_of(self.source, self.camera)
+        initializer = make_initializer(self.config.method, reduction.camera, self.config, recorder)
+        goes_on = self.restart or self.continue_frames
+        frames = self.source.frames(start=self.start, max_frames=None if goes_on else self.max_frames)
+        frames = memory.reading(reduction.frames(hashed.reading(frames)))
+        parts = self._parts(_Front(initializer, self, hashed, recorder, reduction), frames, memory)
+        result = _whole(parts, self.restart)
+        # What a source has to tell may change with each frame.
+        notes = (*self.notes, *notes_of(self.source), *reduction.notes, *_focal_notes(result, self.camera))
+        result = replace(result, notes=(*notes, *result.notes, *_colmap_notes(result)))
+        summary = self._summary(result, parts, hashed)
+        recorder.summary(summary)
+        descriptors = tuple(part.descriptors for part in parts if part.descriptors is not None)
+        return Finished(result, summary, parts[0].located, descriptors)
+
+    def _parts(self, front: _Front, frames: Iterator[Frame], memory: FrameMemory) -> list[_Part]:
+        """One part, or one for each map."""
+        counted = _Counted(frames)
+        parts = [self._part(front, counted, memory, self.start, None)]
+        after_first = counted.count - (parts[0].continued.frames if parts[0].continued is not None else 0)
+        while (lost_at := parts[-1].lost_at) is not None and len(parts) < MAX_SEGMENTS:
+            left = None if self.continue_frames is None else self.continue_frames - (counted.count - after_first)
+            if left is not None and left <= 0:
+                break
+            front.reset(lost_at)
+            parts.append(self._part(front, counted, memory, lost_at, left))
+        return parts
+
+    def _part(
+        self,
+        front: _Front,
+        frames: _Counted,
+        memory: FrameMemory,
+        first_frame: int,
+        left: int | None,
+    ) -> _Part:
+        """Process frames until there is a map and, if asked for, until it is lost; at most ``left`` frames."""
+        before = frames.count
+        limits = [
+            limit
+            for limit in (self.max_frames, None if left is None else front.initializer.frames_read + left)
+            if limit
+        ]
+        most = min(limits) if limits else None
+        available = self._available(first_frame)
+        result = _initialize(front.initializer, front.process, frames, available, most, self.progress)
+        result = replace(result, segments=())
+        if result.map is None:
+            return _Part(front.reduction.enlarged(result), first_frame, None, None, None)
+        images = {k.frame: memory[k.frame] for k in result.map.keyframes if k.frame in memory}
+        descriptors = describe_landmarks(result.map, images) if self.described else None
+        count = self.continue_frames if left is None else left - (frames.count - before)
+        result, continued = _continue(result, front.tracker, frames, count, front.recorder, self.restart)
+        if self.scale is not None:
+            result, continued = self._in_metres(self.scale, result, continued, images, front.recorder)
+        result = front.reduction.enlarged(result)
+        return _Part(result, first_frame, continued, descriptors, self._errors(result, continued))
+
+    def _available(self, first_frame: int) -> int | None:
+        """Number of frames from a frame on; None where nobody knows it."""
+        left = getattr(self.source, "left", None)
+        length = length_of(self.source)
+        return left(first_frame) if left is not None else None if length is None else max(length - first_frame, 0)
+
+    def _in_metres(
+        self,
+        request: ScaleRequest,
+        result: Result,
+        continued: Continuation | None,
+        images: Mapping[int, Image],
+        recorder: Recorder,
+    ) -> tuple[Result, Continuation | None]:
+        """Find the scale of a map, and change its unit if there is one."""
+        if result.map is None:
+            return result, continued
+        located = () if continued is None else continued.keyframes
+        truth = self.source.groundtruth
+        scale = find_scale(result.map, request, images=images, located=located, groundtruth=truth)
+        if scale.metres_per_unit is None:
+            return replace(result, scale=scale), continued
+        map_ = in_metres(result.map, scale)
+        recorder.scaled(scale)
+        if continued is not None:
+            continued = replace(continued, keyframes=scaled_keyframes(located, scale.metres_per_unit))
+        return replace(result, map=map_, hypotheses=(map_,), scale=scale), continued
+
+    def _errors(self, result: Result, continued: Continuation | None) -> GroundTruthErrors | None:
+        """The errors of a map against the ground truth."""
+        if result.map is None or self.source.groundtruth is None:
+            return None
+        errors, scale = compare_with_groundtruth(result.map.keyframes, self.source.groundtruth), result.map.scale
+        if errors is None or scale is None or scale.origin == ScaleOrigin.GROUNDTRUTH:
+            return errors
+        located = () if continued is None else continued.keyframes
+        return replace(errors, scale_error=scale_error((*result.map.keyframes, *located), self.source.groundtruth))
+
+    def _summary(self, result: Result, parts: Sequence[_Part], hashed: InputHash) -> Summary:
+        """Summarize the run, with its errors against the ground truth and its provenance."""
+        options: dict[str, Json] = {
+            "start": self.start, "max_frames": self.max_frames, "continue_frames": self.continue_frames,
+            "restart": self.restart, "scale": None if self.scale is None else plain_fields(self.scale),
+        }  # fmt: skip
+        continued = parts[0].continued
+        command = [without_password(word) for word in sys.argv]
+        estimated = result.map is not None and result.map.camera.source == "estimated"
+        return summary_of(
+            result,
+            self.source,
+            result.map.camera if estimated and result.map is not None else self.camera,
+            self.config.method,
+            self.config.seed,
+            ground_truth=parts[0].truth,
+            continued=None if continued is None else continued.record(),
+            segments=tuple(
+                SegmentRecord.of(segment_folder(number), segment, part.continued.record(), part.truth)
+                for number, (segment, part) in enumerate(zip(result.segments, parts, strict=False), start=1)
+                if part.continued is not None
+            ),
+            provenance=provenance_of(command, plain_fields(self.config) | options, hashed),
+        )
+
+
+def _whole(parts: Sequence[_Part], restart: bool) -> Result:
+    """The result of a run: that of its first part, with all maps as segments."""
+    first, last = parts[0].result, parts[-1]
+    if not restart:
+        return first
+    notes = [note for part in parts[1:] for note in part.result.notes if note not in first.notes]
+    if len(parts) > 1 and last.result.map is None:
+        notes.append(f"no further map from frame {last.first_frame} on: {last.result.reason}: {last.result.advice}")
+    if last.lost_at is not None:
+        notes.append(f"the last map was lost at frame {last.lost_at}, and no further one was looked for")
+    segments = tuple(part.segment() for part in parts if part.result.map is not None)
+    return replace(first, notes=(*first.notes, *dict.fromkeys(notes)), segments=segments)
+
+
+class _Front:
+    """An initializer, and what gives the tracks of its frames."""
+
+    def __init__(
+        self, initializer: FrontEnd, job: Job, hashed: InputHash, recorder: Recorder, reduction: Reduction
+    ) -> None:
+        self.initializer = initializer
+        self.reduction = reduction
+        self.recorder = recorder
+        self.tracker: FrameTracker = initializer.tracker
+        self.process: Callable[[Frame], Status] = initializer.process
+        if isinstance(job.source, KnowsTracks):
+            self.tracker = _GivenTracks(job.source, job.camera, hashed)
+            self.process = partial(_process_tracks, initializer, self.tracker, recorder)
+
+    def reset(self, since: int) -> None:
+        """Start anew with the tracks from a frame on, which the initializer did not get where they are given."""
+        for observed in list(self.tracker.history):
+            if observed.frame >= since:
+                self.initializer.history.put(observed)
+        self.initializer.reset(since)
+
+
+class _Counted:
+    """An iterator of frames that counts them."""
+
+    def __init__(self, frames: Iterator[Frame]) -> None:
+        self._frames = frames
+        self.count = 0
+
+    def __iter__(self) -> _Counted:
+        return self
+
+    def __next__(self) -> Frame:
+        frame = next(self._frames)
+        self.count += 1
+        return frame
+
+
+def reduction_of(source: Source, camera: Camera) -> Reduction:
+    """Choose how the frames are reduced; the tracks of a source that has its own are in original pixels.
+
+    Parameters
+    ----------
+    source : Source
+    camera : Camera
+        The calibration of the frames.
+
+    Returns
+    -------
+    Reduction
+    """
+    return Reduction(camera, 1, camera) if isinstance(source, KnowsTracks) else Reduction.of(camera)
+
+
+def _focal_notes(result: Result, stated: Camera) -> tuple[str, ...]:
+    """A note if the focal length is no calibration, and the method has not estimated it."""
+    if result.map is None or stated.focal_sigma is None or result.map.camera.source == "estimated":
+        return ()
+    return (
+        f"the focal length, {stated.focal_px:.0f} +- {stated.focal_sigma_px:.0f} px, is no calibration, and this "
+        "method does not estimate it: expect a bent map",
+    )
+
+
+def _colmap_notes(result: Result) -> tuple[str, ...]:
+    """What the COLMAP model of the map cannot say about its camera."""
+    note = colmap_note(result.map.camera) if result.map is not None else ""
+    return (note,) if note else ()
+
+
+class _GivenTracks:
+    """Gives the tracks of a source in the place of a tracker, and adds them to the hash of the input."""
+
+    def __init__(self, source: KnowsTracks, camera: Camera, hashed: InputHash) -> None:
+        self.history = History(_GIVEN_FRAMES)
+        self._source = source
+        self._camera = camera
+        self._hashed = hashed
+
+    def track(self, frame: Frame) -> Observations:
+        observations = self._source.observed(frame, self._camera)
+        self._hashed.observed(observations)
+        self.history.put(observations)
+        self.history.forget(keep=())
+        return observations
+
+
+def _process_tracks(initializer: FrontEnd, tracker: FrameTracker, recorder: Recorder, frame: Frame) -> Status:
+    """Process a frame of which the tracks are given."""
+    observations = tracker.track(frame)
+    recorder.frame(frame, observations)
+    return initializer.process_tracks(observations)
+
+
+def _initialize(
+    initializer: FrontEnd,
+    process: Callable[[Frame], Status],
+    frames: Iterator[Frame],
+    available: int | None,
+    max_frames: int | None,
+    progress: bool,
+) -> Result:
+    """Process frames until there is a map."""
+    limits = [limit for limit in (available, max_frames) if limit is not None]
+    for frame in _with_progress(frames, min(limits, default=None), progress):
+        if process(frame) or initializer.frames_read == max_frames:
+            break
+    return initializer.finish()
+
+
+def _with_progress(frames: Iterator[Frame], total: int | None, show: bool) -> Iterator[Frame]:
+    """Yield the frames, with a progress bar on stderr."""
+    from tqdm import tqdm
+
+    with tqdm(total=total, unit="frame", desc="waiting for parallax", disable=not show, leave=False) as bar:
+        for frame in frames:
+            yield frame
+            bar.update()
+
+
+def _continue(
+    result: Result, tracker: FrameTracker, frames: Iterator[Frame], count: int | None, recorder: Recorder, restart: bool
+) -> tuple[Result, Continuation | None]:
+    """Locate further frames in the map, if there is a map and frames are asked for; note an early end."""
+    if result.map is None or not (restart or count):
+        return result, None
+    continued = follow(result.map, tracker, frames, count, recorder, until_lost=restart)
+    if continued.ended_by is not None:
+        result = replace(result, notes=(*result.notes, f"the continuation ended early: {continued.ended_by}"))
+    return result, continued

@@ -1,0 +1,139 @@
+"""The map as arrays, for another SLAM system: ``handover.npz``.
+
+The file is read by ``numpy.load(path)`` without pickles, and by every language that reads ``.npy``. K keyframes, L
+points, M observations, F frames that were located after the initialization. Poses are ``world_from_cam``, camera frames
+are optical (x right, y down, z forward), pixel centres are at integers.
+
+=============================  ============  ==============================================================
+array                          shape, type   content
+=============================  ============  ==============================================================
+``format``                     str           ``slam-init-handover``
+``version``                    int           1; raised when an array changes its name or meaning
+``unit``                       str           ``metre``, or ``median depth`` of the points in the first view
+``metres_per_unit``            float         of the map before it was brought to metres; NaN without a scale
+``scale_sigma``                float         relative standard deviation of the scale; NaN without one
+``camera_model``               str           ``pinhole``, ``radtan`` (k1, k2, p1, p2[, k3]) or ``fisheye`` (k1..k4)
+``camera_size``                (2,) int      width, height
+``camera_parameters``          (P,) float    fx, fy, cx, cy, then the distortion
+``noise_px``                   float         standard deviation of a coordinate of an observation
+``keyframe_frames``            (K,) int      absolute index in the source
+``keyframe_times``             (K,) float    seconds
+``keyframe_names``             (K,) str      names of the images
+``keyframe_poses``             (K, 4, 4)     world_from_cam
+``keyframe_covariances``       (K, 6, 6)     (rotation, translation) in the camera frame, as in gtsam
+``point_ids``                  (L,) int      track of the point: ``L(id)`` in ``graph.txt``
+``points``                     (L, 3) float  in the world: the camera frame of the first keyframe
+``point_colors``               (L, 3) uint8  RGB
+``point_descriptors``          (L, 32) uint8 ORB, octave 0, oriented; zero where ``point_described`` is false
+``point_described``            (L,) bool
+``observation_keyframes``      (M,) int      position among the keyframes
+``observation_points``         (M,) int      position among the points
+``observation_pixels``         (M, 2) float  raw pixels
+``located_frames``             (F,) int      absolute index
+``located_times``              (F,) float    seconds
+``located_poses``              (F, 4, 4)     world_from_cam
+=============================  ============  ==============================================================
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from slam_init.types.arrays import Bools, Floats, Image
+from slam_init.types.initial_map import InitialMap, Keyframe
+
+__all__ = ["FORMAT", "VERSION", "handover_arrays", "handover_bytes"]
+
+#: The name of the format, and its version.
+FORMAT, VERSION = "slam-init-handover", 1
+
+
+def handover_arrays(
+    map_: InitialMap, located: Sequence[Keyframe] = (), descriptors: tuple[Image, Bools] | None = None
+) -> dict[str, Any]:
+    """Make the arrays of the handover.
+
+    Parameters
+    ----------
+    map_ : InitialMap
+    located : sequence of Keyframe
+        The frames that were located after the initialization.
+    descriptors : ((L, 32) uint8, (L,) bool), optional
+        From :func:`slam_init.frontend.orb.describe_landmarks`; without them no point is described.
+
+    Returns
+    -------
+    dict of str to array
+        As in the table of this module.
+    """
+    camera, scale, count = map_.camera, map_.scale, len(map_.points)
+    orb, described = descriptors or (np.zeros((count, 32), np.uint8), np.zeros(count, bool))
+    return {
+        "format": np.array(FORMAT),
+        "version": np.array(VERSION),
+        "unit": np.array("median depth" if scale is None else "metre"),
+        "metres_per_unit": np.array(math.nan if scale is None else scale.metres_per_unit, float),
+        "scale_sigma": np.array(math.nan if scale is None else scale.sigma, float),
+        "camera_model": np.array(camera.model),
+        "camera_size": np.array([camera.width, camera.height]),
+        "camera_parameters": np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion], float),
+        "noise_px": np.array(map_.noise_px, float),
+        "keyframe_frames": _frames(map_.keyframes),
+        "keyframe_times": _times(map_.keyframes),
+        "keyframe_names": np.array([keyframe.name for keyframe in map_.keyframes], np.str_),
+        "keyframe_poses": _matrices(map_.keyframes),
+        "keyframe_covariances": map_.pose_covariances,
+        "point_ids": map_.track_ids,
+        "points": map_.points,
+        "point_colors": map_.colors,
+        "point_descriptors": orb,
+        "point_described": described,
+        "observation_keyframes": map_.observation_keyframes,
+        "observation_points": map_.observation_landmarks,
+        "observation_pixels": map_.observation_pixels,
+        "located_frames": _frames(located),
+        "located_times": _times(located),
+        "located_poses": _matrices(located),
+    }
+
+
+def handover_bytes(
+    map_: InitialMap, located: Sequence[Keyframe] = (), descriptors: tuple[Image, Bools] | None = None
+) -> bytes:
+    """Write the handover; see :func:`handover_arrays`.
+
+    Parameters
+    ----------
+    map_ : InitialMap
+    located : sequence of Keyframe
+    descriptors : ((L, 32) uint8, (L,) bool), optional
+
+    Returns
+    -------
+    bytes
+        Of ``handover.npz``; the same for the same map.
+    """
+    buffer = io.BytesIO()
+    np.savez(buffer, **handover_arrays(map_, located, descriptors))
+    return buffer.getvalue()
+
+
+def _frames(keyframes: Sequence[Keyframe]) -> Any:
+    return np.array([keyframe.frame for keyframe in keyframes], np.int64)
+
+
+def _times(keyframes: Sequence[Keyframe]) -> Floats:
+    return np.array([keyframe.timestamp_s for keyframe in keyframes], float)
+
+
+def _matrices(keyframes: Sequence[Keyframe]) -> Floats:
+    """Poses (N, 4, 4)."""
+    matrices = np.tile(np.eye(4), (len(keyframes), 1, 1))
+    for matrix, keyframe in zip(matrices, keyframes, strict=True):
+        matrix[:3, :3], matrix[:3, 3] = keyframe.world_from_cam.R, keyframe.world_from_cam.t
+    return matrices

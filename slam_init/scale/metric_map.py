@@ -1,0 +1,99 @@
+"""A map in metres."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from slam_init.bundle.metric_graph import metric_graph
+from slam_init.errors import SlamInitError
+from slam_init.types.arrays import Floats
+from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.pose import Pose
+from slam_init.types.scale import Scale
+
+__all__ = ["in_metres", "scaled_keyframes"]
+
+#: Relative standard deviation of the range that holds the scale of a map in its own unit, see
+#: :mod:`slam_init.bundle.graph`.
+_HELD_SIGMA = 1e-3
+
+
+def in_metres(map_: InitialMap, scale: Scale) -> InitialMap:
+    """Change the unit of a map to metres.
+
+    The graph keeps the scale: the range factor between the first camera and the one farthest from it measures metres,
+    with the standard deviation of the scale. The covariances of the poses are those of this graph, so that they include
+    it.
+
+    Parameters
+    ----------
+    map_ : InitialMap
+        In its own unit.
+    scale : Scale
+        From :func:`slam_init.scale.find.find_scale`.
+
+    Returns
+    -------
+    InitialMap
+        A new map; the given one does not change.
+
+    Raises
+    ------
+    SlamInitError
+        If the scale was not found, or the map is in metres already.
+    """
+    if scale.metres_per_unit is None or scale.sigma is None:
+        raise SlamInitError(f"the map stays in its own unit: {scale.reason or 'the scale was not found'}")
+    if map_.scale is not None:
+        raise SlamInitError("the map is in metres already: scale the map of the initializer")
+    factor = scale.metres_per_unit
+    graph, values = metric_graph(map_.graph, map_.values, factor, scale.sigma)
+    return replace(
+        map_,
+        keyframes=scaled_keyframes(map_.keyframes, factor),
+        points=factor * map_.points,
+        points_before=factor * map_.points_before,
+        keyframes_before=tuple(Pose(pose.R, factor * pose.t) for pose in map_.keyframes_before),
+        graph=graph,
+        values=values,
+        pose_covariances=_covariances(map_, factor, scale.sigma),
+        gauge=f"first pose fixed; distance from the first camera to the farthest one known to {scale.sigma:.2g} of it",
+        scale=scale,
+    )
+
+
+def _covariances(map_: InitialMap, factor: float, sigma: float) -> Floats:
+    """The covariances of the poses in metres: the variance of the held scale is replaced by that of the known one.
+
+    Nothing but the range factor knows the scale, so that it is independent of all else. It moves a camera along the
+    line from the first one.
+    """
+    unit = np.repeat([1.0, factor], 3)
+    covariances = map_.pose_covariances * np.outer(unit, unit)
+    first = map_.keyframes[0].world_from_cam
+    for k, keyframe in enumerate(map_.keyframes):
+        pose = keyframe.world_from_cam
+        moved = factor * pose.R.T @ (pose.t - first.t)
+        covariances[k, 3:, 3:] += (sigma**2 - _HELD_SIGMA**2) * np.outer(moved, moved)
+    return np.asarray(covariances)
+
+
+def scaled_keyframes(keyframes: tuple[Keyframe, ...], factor: float) -> tuple[Keyframe, ...]:
+    """Change the unit of keyframes.
+
+    Parameters
+    ----------
+    keyframes : tuple of Keyframe
+    factor : float
+        Factor on their positions.
+
+    Returns
+    -------
+    tuple of Keyframe
+    """
+    return tuple(
+        replace(keyframe, world_from_cam=Pose(keyframe.world_from_cam.R, factor * keyframe.world_from_cam.t))
+        for keyframe in keyframes
+    )

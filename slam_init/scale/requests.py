@@ -1,0 +1,249 @@
+"""What is known of the true size of a scene, and how it is written on the command line.
+
+=========================================  ============================================================
+``marker:tag36h11:0.14``                   side of the black square of all markers of this dictionary
+``board:9x6:0.025``                        side of the squares of a checkerboard of 9 x 6 inner corners
+``height:1.65``, ``height:40,nadir``       the camera above the ground; ``nadir`` for a camera that looks down
+``distance:0.25``, ``distance:0.25,10,40``   between the first and the last keyframe, or between two frames
+``groundtruth``                            the true trajectory of the source, by a similarity
+=========================================  ============================================================
+
+A length may state its standard deviation, as in ``height:1.65+-0.02``. All lengths are metres.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from slam_init.errors import ConfigError
+from slam_init.types.scale import ScaleOrigin
+
+__all__ = [
+    "CameraHeight",
+    "KnownBoard",
+    "KnownDistance",
+    "KnownLength",
+    "KnownMarkers",
+    "ScaleRequest",
+    "TrueTrajectory",
+    "origin_of",
+    "parse_scale",
+]
+
+_FORMS = (
+    "marker:tag36h11:0.14, board:9x6:0.025, height:1.65, height:40,nadir, distance:0.25, distance:0.25,10,40 "
+    "or groundtruth"
+)
+#: Lengths outside are in a wrong unit: a marker of 0.1 mm cannot be printed, and no camera is 1000 km above a ground
+#: whose landmarks are told from a plane.
+_LENGTHS_M = (1e-4, 1e6)
+#: The sub-pixel detector needs three corners a side. Boards of a hundred corners a side are not made.
+_BOARD_CORNERS = (3, 100)
+#: A frame number has no more digits than this.
+_DIGITS = 12
+
+
+@dataclass(frozen=True)
+class KnownLength:
+    """A length that somebody measured.
+
+    Attributes
+    ----------
+    metres : float
+    sigma_m : float
+        Its standard deviation in metres; 0 where the length is exact.
+    """
+
+    metres: float
+    sigma_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        least, most = _LENGTHS_M
+        if not least <= self.metres <= most:  # also refuses what is not a number
+            raise ConfigError(f"length {self.metres!r}: give metres from {least:g} to {most:g}")
+        if not 0 <= self.sigma_m < self.metres:
+            raise ConfigError(f"standard deviation {self.sigma_m!r} of a length of {self.metres:g} m: give less metres")
+
+    @property
+    def relative_sigma(self) -> float:
+        """Standard deviation over the length.
+
+        Returns
+        -------
+        float
+        """
+        return self.sigma_m / self.metres
+
+
+@dataclass(frozen=True)
+class KnownMarkers:
+    """Square markers, all of one dictionary and size.
+
+    Attributes
+    ----------
+    dictionary : str
+        A dictionary of OpenCV: ``tag36h11``, ``tag25h9``, ``4x4_50``, ``DICT_5X5_100``, in upper or lower case.
+    side : KnownLength
+        Side of the black square, without the white margin.
+    """
+
+    dictionary: str
+    side: KnownLength
+
+
+@dataclass(frozen=True)
+class KnownBoard:
+    """A checkerboard.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Number of inner corners.
+    square : KnownLength
+        Side of a square.
+    """
+
+    columns: int
+    rows: int
+    square: KnownLength
+
+    def __post_init__(self) -> None:
+        least, most = _BOARD_CORNERS
+        if not (least <= self.columns <= most and least <= self.rows <= most):
+            raise ConfigError(
+                f"board of {self.columns}x{self.rows} inner corners: give {least} to {most} in each direction"
+            )
+
+
+@dataclass(frozen=True)
+class CameraHeight:
+    """The height of the camera above the ground, on average over the keyframes.
+
+    Attributes
+    ----------
+    height : KnownLength
+    nadir : bool
+        Whether the camera looks down, so that the ground lies ahead of it. By default the ground lies below it, in the
+        direction of the lower border of the image.
+    """
+
+    height: KnownLength
+    nadir: bool = False
+
+
+@dataclass(frozen=True)
+class KnownDistance:
+    """The distance between the positions of the camera at two frames.
+
+    Attributes
+    ----------
+    distance : KnownLength
+    frames : (int, int) or None
+        Absolute indices of the frames: keyframes, or frames that were located after the initialization. None for the
+        first and the last keyframe.
+    """
+
+    distance: KnownLength
+    frames: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        if self.frames is not None and not 0 <= self.frames[0] < self.frames[1]:
+            raise ConfigError(f"distance between frames {self.frames[0]} and {self.frames[1]}: give the earlier first")
+
+
+@dataclass(frozen=True)
+class TrueTrajectory:
+    """The true trajectory of the source, in metres."""
+
+
+#: Everything that may be known.
+ScaleRequest: TypeAlias = KnownMarkers | KnownBoard | CameraHeight | KnownDistance | TrueTrajectory
+
+
+def origin_of(request: ScaleRequest) -> ScaleOrigin:
+    """Name the origin of the scale of a request.
+
+    Parameters
+    ----------
+    request : ScaleRequest
+
+    Returns
+    -------
+    ScaleOrigin
+    """
+    match request:
+        case KnownMarkers():
+            return ScaleOrigin.MARKER
+        case KnownBoard():
+            return ScaleOrigin.BOARD
+        case CameraHeight():
+            return ScaleOrigin.HEIGHT
+        case KnownDistance():
+            return ScaleOrigin.DISTANCE
+        case TrueTrajectory():
+            return ScaleOrigin.GROUNDTRUTH
+
+
+def parse_scale(text: str) -> ScaleRequest:
+    """Read a request from its text.
+
+    Parameters
+    ----------
+    text : str
+        As in the table of :mod:`slam_init.scale.requests`.
+
+    Returns
+    -------
+    ScaleRequest
+
+    Raises
+    ------
+    ConfigError
+        If the text has another form, a length is out of range, or OpenCV has no such dictionary.
+    """
+    kind, _, rest = text.strip().partition(":")
+    try:
+        request = _parsed(kind.lower(), rest)
+    except ConfigError as error:
+        raise ConfigError(f"--scale {text[:100]!r}: {error}") from None
+    if request is None:
+        raise ConfigError(f"--scale is {text[:100]!r}: give {_FORMS}")
+    if isinstance(request, KnownMarkers):
+        from slam_init.scale.dictionaries import marker_dictionary
+
+        marker_dictionary(request.dictionary)
+    return request
+
+
+def _parsed(kind: str, rest: str) -> ScaleRequest | None:
+    """The request of a kind; None where the rest has another form."""
+    first, *others = re.split("[:,]", rest) if rest else [""]
+    match kind, others:
+        case "groundtruth", [] if not rest:
+            return TrueTrajectory()
+        case "marker", [side] if first:
+            return KnownMarkers(first, _length(side))
+        case "board", [square] if size := re.fullmatch(rf"(\d{{1,{_DIGITS}}})[xX](\d{{1,{_DIGITS}}})", first):
+            return KnownBoard(int(size[1]), int(size[2]), _length(square))
+        case "height", [] | ["nadir"]:
+            return CameraHeight(_length(first), nadir=bool(others))
+        case "distance", []:
+            return KnownDistance(_length(first))
+        case "distance", [a, b] if all(re.fullmatch(rf"\d{{1,{_DIGITS}}}", number) for number in (a, b)):
+            return KnownDistance(_length(first), (int(a), int(b)))
+    return None
+
+
+def _length(text: str) -> KnownLength:
+    """A length, with or without a standard deviation."""
+    metres, _, sigma = text.partition("+-")
+    try:
+        numbers = float(metres), float(sigma or 0)
+    except ValueError:
+        raise ConfigError(f"{text[:40]!r} is no length: give metres, as in 1.65 or 1.65+-0.02") from None
+    if not all(map(math.isfinite, numbers)):
+        raise ConfigError(f"{text[:40]!r} is no length: give metres, as in 1.65 or 1.65+-0.02")
+    return KnownLength(*numbers)
