@@ -23,6 +23,7 @@ __all__ = [
     "REALTIME_WORK",
     "AcceptanceConfig",
     "Config",
+    "ExternalConfig",
     "KeyframeConfig",
     "MapConfig",
     "TrackingConfig",
@@ -50,6 +51,7 @@ _RANGES: dict[str, tuple[float, float]] = {
     "keyframes.window": (1, 1000),
     "keyframes.retry_gain": (1, 1000),
     "acceptance.max_risk": (0, 1),
+    "external.max_frames": (2, 100_000),
 }
 _RISK_DECIDES = "acceptance.max_risk decides ({max_risk:g} by default)"
 _WINDOW_CHOOSES = "the window chooses its views itself"
@@ -177,6 +179,18 @@ class AcceptanceConfig(_Section):
             raise ConfigError(f"acceptance.max_risk is {self.max_risk!r}: it must be above 0 and at most 1")
 
 
+@dataclass(frozen=True)
+class ExternalConfig(_Section):
+    """Limits of an external method (:mod:`slam_init.methods.external`)."""
+
+    #: The program is killed after this number of seconds: the time of a trial of ``slam-init compare``.
+    time_limit_s: float = 300.0
+    #: Limit of the address space of each of its processes, in MB. A program that uses a GPU reserves more.
+    memory_limit_mb: int = 6000
+    #: Largest number of frames that the program gets: ten seconds of video.
+    max_frames: int = 300
+
+
 @dataclass(frozen=True, repr=False)
 class Config(Described):
     """All options of a run.
@@ -184,7 +198,7 @@ class Config(Described):
     Attributes
     ----------
     method : str
-        Name of the method (``quest``, ``orb-slam3``, ...), or ``package.module:attribute``.
+        Name of the method (``quest``, ``orb-slam3``, ...), ``package.module:attribute``, or ``command:PROGRAM ...``.
     seed : int
         Seed of all random draws and of synthetic worlds.
     work_per_frame : float or None
@@ -202,6 +216,8 @@ class Config(Described):
         Triangulation, further views and bundle adjustment.
     acceptance : AcceptanceConfig
         What a map has to reach.
+    external : ExternalConfig
+        Limits of an external method.
     """
 
     method: str = "quest"
@@ -214,6 +230,7 @@ class Config(Described):
     two_view: TwoViewConfig = field(default_factory=TwoViewConfig)
     map: MapConfig = field(default_factory=MapConfig)
     acceptance: AcceptanceConfig = field(default_factory=AcceptanceConfig)
+    external: ExternalConfig = field(default_factory=ExternalConfig)
 
     def changed(self) -> dict[str, object]:
         """The options that differ from the defaults.

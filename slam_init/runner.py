@@ -8,6 +8,7 @@ import warnings
 from slam_init.config import Config, config_toml
 from slam_init.errors import OutputError, SlamInitError
 from slam_init.job import Job, reduction_of
+from slam_init.methods.external_command import is_external
 from slam_init.methods.registry import method_info
 from slam_init.output.folder import OutputFolder
 from slam_init.output.names import INTERRUPTED, OVERVIEW, RECORDING, run_files
@@ -89,7 +90,16 @@ def run(
         unchanged.
     """
     method_info(config.method)  # an unknown method is an error before anything is written
-    described = out is not None
+    if is_external(config.method):
+        if restart or scale is not None:
+            raise SlamInitError("--restart and --scale need our own map: leave them out for an external program")
+        # Further frames would be read for nothing.
+        most = config.external.max_frames
+        if max_frames is None or max_frames > most:
+            notes = (*notes, f"the external program gets at most {most} frames (external.max_frames)")
+        max_frames = min(max_frames or most, most)
+    # The landmarks of an external program are its own.
+    described = out is not None and not is_external(config.method)
     job = Job(source, camera, config, start, max_frames, continue_frames, progress, notes, scale, restart, described)
     if out is None:
         finished = job.run(Recorder())
@@ -100,7 +110,9 @@ def run(
             truth = source.groundtruth
             seen = reduction_of(source, camera).camera
             with RerunRecorder(recording, seen, source.name, truth, config.seed, viewer) as recorder:
-                story = StoryRecorder(recorder.images) if overview else None
+                # An external program tells neither tracks nor attempts: there is no story to draw.
+                drawn = overview and not is_external(config.method)
+                story = StoryRecorder(recorder.images) if drawn else None
                 done = job.run(recorder if story is None else Several(recorder, story))
             picture = None if story is None else _drawn(done.result, done.summary, story, truth)
             toml = config_toml(config)

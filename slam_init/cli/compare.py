@@ -14,7 +14,7 @@ from slam_init.process_io import tell
 if TYPE_CHECKING:
     from slam_init.cli.parser import Commands
 
-__all__ = ["add_compare"]
+__all__ = ["add_compare", "add_method"]
 
 _DEFAULT_COMPARISON = "slam-init-compare"
 
@@ -40,6 +40,7 @@ def add_compare(commands: Commands) -> None:
         help="a sequence, a folder of sequences, synth:NAME[?seed=N&...] or points:NAME[?seed=N&...]",
     )
     compare.add_argument("--methods", metavar="A,B", help="of slam-init run --method (default: all that are installed)")
+    add_method(compare)
     compare.add_argument("--every", type=int, default=10, metavar="K", help="start at every K-th frame (default: 10)")
     compare.add_argument("--use-every", type=int, default=1, metavar="N", help="use every N-th frame of each sequence")
     compare.add_argument("--fps", type=float, metavar="F", help="use the frames nearest to F a second, by their times")
@@ -62,6 +63,23 @@ def add_compare(commands: Commands) -> None:
     add_topics(compare)
     compare.add_argument("--recordings", action="store_true", help="write a recording of each trial")
     compare.add_argument("--out", metavar="DIR", default=_DEFAULT_COMPARISON, help=OUT_HELP)
+
+
+def add_method(parser: argparse.ArgumentParser) -> None:
+    """Add the option of a further method.
+
+    Parameters
+    ----------
+    parser : Parser
+    """
+    parser.add_argument(
+        "--method",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="a further method; may be repeated. NAME=command:'PROGRAM {images} {times} {camera} {out}' is an external "
+        "program (docs/bench.md)",
+    )
 
 
 def _compare(arguments: argparse.Namespace) -> int:

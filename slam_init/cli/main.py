@@ -1,4 +1,4 @@
-"""The command line: ``slam-init run``, ``view``, ``info``, ``synth``, ``compare`` and ``calibrate``.
+"""The command line: ``slam-init run``, ``view``, ``info``, ``synth``, ``compare``, ``bench`` and ``calibrate``.
 
 Exit codes: 0 initialized (or done), 2 bad usage or input, 3 the data never allowed initialization. An interrupt gives
 128 and the number of the signal: 130 for SIGINT, 143 for SIGTERM, 129 for SIGHUP. Whatever is wrong is told in one line
@@ -14,6 +14,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
+from slam_init.cli.bench import add_bench
 from slam_init.cli.calibrate import add_calibrate
 from slam_init.cli.compare import add_compare
 from slam_init.cli.exit_codes import BAD_INPUT, INTERRUPTED
@@ -85,7 +86,7 @@ def make_parser() -> Parser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(
-        metavar="COMMAND", required=True, dest="run, view, info, synth, compare or calibrate"
+        metavar="COMMAND", required=True, dest="run, view, info, synth, compare, bench or calibrate"
     )
 
     add_run(commands)
@@ -93,6 +94,7 @@ def make_parser() -> Parser:
     add_info(commands)
     add_synth(commands)
     add_compare(commands)
+    add_bench(commands)
     add_calibrate(commands)
     return parser
 

@@ -47,7 +47,10 @@ def add_run(commands: Commands) -> None:
         help="results: a new or empty folder, or one of an earlier run (default: %(default)s)",
     )
     run.add_argument(
-        "--method", metavar="NAME", help="way to initialize: quest (default), orb-slam3, ...; a wrong name lists all"
+        "--method",
+        metavar="NAME",
+        help="way to initialize: quest (default), orb-slam3, ...; a wrong name lists all; or an external program, as "
+        "'command:PROGRAM {images} {times} {camera} {out}'",
     )
     run.add_argument("--seed", type=int, metavar="N", help="of random draws and synthetic worlds (default: 0)")
     run.add_argument("--start", type=int, default=0, metavar="K", help="skip the first K frames")
@@ -114,10 +117,13 @@ def _run(arguments: argparse.Namespace) -> int:
 
     from slam_init.config import REALTIME_WORK, load_config
     from slam_init.datasets.live import is_live
+    from slam_init.methods.external_command import is_external
     from slam_init.methods.registry import method_info
 
     config = load_config(config_path, {"method": arguments.method, "seed": arguments.seed})
     method_info(config.method)
+    if is_external(config.method) and arguments.continue_frames:
+        raise UsageError("--continue needs landmarks, which an external program does not give: leave --continue out")
     live = is_live(arguments.source)
     if arguments.realtime is False:
         config = replace(config, work_per_frame=None)

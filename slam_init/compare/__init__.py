@@ -25,7 +25,8 @@ module               content
 ``measures``         the quality of a map
 ``isolation``        starts a process for trials, with limits of time and memory
 ``messages``         the requests to this process, and its answers
-``worker``           the program that runs in this process; ``answers`` and ``guard`` are its parts
+``worker``           the program that runs in this process; ``answers`` is its other part, and its guard is
+                     :mod:`slam_init.process_guard`
 ``backends``         loky, sequential, Dask
 ``journal``          finished trials on disk
 ``statistics``       intervals and tests
@@ -34,8 +35,11 @@ module               content
 ``trial_table``      all rows as a table of columns
 ``aggregate``        figures from this table
 ``summary``          all figures of a comparison, as in ``summary.json``
+``extras``           the additions of a benchmark; ``trajectories`` in the formats of other tools
 ``results``          the output files; ``recordings`` has the names of the recordings
-``report``           the HTML page; ``report_tables``, ``charts`` and ``failure_gallery`` are its parts
+``report``           the HTML page; ``report_tables``, ``report_gallery``, ``html_table``, ``charts``,
+                     ``failure_gallery`` and ``method_colors`` are its parts
+``trial_recording``  the recording of a trial
 ``side_by_side``     the recording of all methods; ``map_snapshot`` and ``methods_recorder`` are its parts
 ===================  ===============================================================================
 """

@@ -23,10 +23,11 @@ from slam_init.compare.messages import (
     TrialRequest,
     answer_line,
 )
-from slam_init.compare.replay import find_tracks
+from slam_init.compare.replay import find_tracks, replay, tracks_digest
 from slam_init.compare.sources import open_compared
 from slam_init.compare.trials import Settings, error_row, run_trial
 from slam_init.errors import OutputError, SlamInitError
+from slam_init.methods.external_command import is_external
 
 __all__ = ["answer_to", "load_libraries"]
 
@@ -85,19 +86,24 @@ def _trial(request: TrialRequest) -> TrialAnswer:
         exhausted = _is_out_of_memory(error)
         cause = f"{type(error).__name__}: {error}"
         row = error_row(trial, settings, _memory_message(settings) if exhausted else cause)
-    return TrialAnswer(replace(row, peak_memory_mb=_peak_memory_mb()), exhausted)
+    if not is_external(trial.method):  # the memory of this process is not that of an external program
+        row = replace(row, peak_memory_mb=_peak_memory_mb())
+    return TrialAnswer(row, exhausted)
 
 
 def _tracks(request: TracksRequest) -> TracksAnswer:
     begin = time.perf_counter()
     failure: str | None = None
+    digest = ""
     try:
-        find_tracks(open_compared(request.text), request.text, Path(request.settings.tracks))
+        source = open_compared(request.text)
+        find_tracks(source, request.text, Path(request.settings.tracks))
+        digest = tracks_digest(source, replay(source, request.text, 0, Path(request.settings.tracks)))
     except SlamInitError as error:
         failure = str(error)
     except OSError as error:
         failure = f"cannot write the tracks of {request.text} ({error.strerror or error}): make room"
-    return TracksAnswer(failure, 1e3 * (time.perf_counter() - begin))
+    return TracksAnswer(failure, 1e3 * (time.perf_counter() - begin), digest)
 
 
 def _reset_peak_memory() -> None:

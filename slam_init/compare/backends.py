@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from slam_init.compare.backend import Backend
-from slam_init.compare.guard import end_with_parent
 from slam_init.errors import ConfigError
+from slam_init.process_guard import end_with_parent
 
 __all__ = ["DASK", "Backend", "open_backend"]
 

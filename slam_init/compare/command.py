@@ -23,9 +23,10 @@ from slam_init.compare.wait import WaitDifference
 from slam_init.config import REALTIME_WORK, Config
 from slam_init.datasets.views import SourceView
 from slam_init.errors import ConfigError
+from slam_init.methods.external_command import is_external, method_label
 from slam_init.output.tables import markdown_table, number
 
-__all__ = ["chosen_methods", "main_table", "run_command"]
+__all__ = ["chosen_methods", "main_table", "not_applicable_lines", "run_command"]
 
 #: The options on which the results depend, and their defaults.
 _OPTIONS = (
@@ -56,7 +57,7 @@ def run_command(arguments: argparse.Namespace, out: str | os.PathLike[str], *, p
     SlamInitError
         As :func:`slam_init.compare.run.compare`.
     """
-    methods = chosen_methods(arguments.methods)
+    methods = chosen_methods(arguments.methods, arguments.method)
     texts = [*arguments.sources, *grid_sources(arguments.grid, arguments.seed)]
     view = SourceView(arguments.use_every, arguments.fps, arguments.mask)
     plan = Plan(
@@ -81,16 +82,36 @@ def run_command(arguments: argparse.Namespace, out: str | os.PathLike[str], *, p
         progress=progress,
         command=_command(arguments),
     )
-    return f"{main_table(summary)}\n\nreport: {Path(out) / 'report.html'}\n"
+    told = "".join(f"{line}\n" for line in not_applicable_lines(plan))
+    return f"{main_table(summary)}\n\n{told}report: {Path(out) / 'report.html'}\n"
 
 
-def chosen_methods(text: str | None) -> tuple[str, ...]:
-    """Return the methods of the option ``--methods``.
+def not_applicable_lines(plan: Plan) -> list[str]:
+    """Tell which methods were left out on which sources.
+
+    Parameters
+    ----------
+    plan : Plan
+
+    Returns
+    -------
+    list of str
+    """
+    return [
+        f"not applicable: {method_label(method)} on {count} points: sources, because an external program needs images"
+        for method, count in plan.not_applicable().items()
+    ]
+
+
+def chosen_methods(text: str | None, further: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the methods of the options ``--methods`` and ``--method``.
 
     Parameters
     ----------
     text : str or None
         Names, separated by commas; None for all methods whose packages are installed, each under one name.
+    further : sequence of str
+        Further methods. The command of an external program may hold commas.
 
     Returns
     -------
@@ -106,16 +127,20 @@ def chosen_methods(text: str | None) -> tuple[str, ...]:
 
     if text is None:
         installed = (info for info in METHODS.values() if info.needs is None or find_spec(info.needs))
-        return tuple(info.name for info in installed if info.alias_of is None)
-    names = tuple(text.split(","))
+        text = ",".join(info.name for info in installed if info.alias_of is None and info.name not in further)
+    names = (*(text.split(",") if text else ()), *further)
     for name in names:
         info = method_info(name)
         if info.needs is not None and find_spec(info.needs) is None:
             raise ConfigError(f"the method {name} needs the package {info.needs}: pip install {info.needs}")
         if names.count(name) > 1:
             raise ConfigError(f"the method {name} is given twice: give each method once")
+    labels = [method_label(name) for name in names]
+    for label in labels:
+        if labels.count(label) > 1:
+            raise ConfigError(f"two methods are named {label}: name one, as in NAME=command:PROGRAM ...")
     for name in names:
-        if ":" in name:
+        if ":" in name and not is_external(name):
             check_method(name)
     return names
 
@@ -252,4 +277,6 @@ def _command(arguments: argparse.Namespace) -> str:
         value = getattr(arguments, option)
         if value != default:
             words += [f"--{option.replace('_', '-')}", str(value)]
+    for method in arguments.method:
+        words += ["--method", method]
     return shlex.join(words)

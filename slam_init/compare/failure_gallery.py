@@ -1,22 +1,23 @@
-"""The worst trials of a comparison, with pictures of the first and last keyframe: false maps first."""
+"""Pictures of a comparison: its worst trials, trials without a map, and its scenes."""
 
 from __future__ import annotations
 
 import base64
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from slam_init.compare.judging import criteria_of
-from slam_init.compare.sources import open_compared
+from slam_init.compare.sources import ComparedSource, open_compared
 from slam_init.compare.trial_table import TrialTable
-from slam_init.datasets.points import PointSource
+from slam_init.datasets.points import POINTS, PointSource
 from slam_init.errors import SlamInitError
 from slam_init.recording.images import bgr, reduced
 from slam_init.types.arrays import Image
 
-__all__ = ["FailureCase", "failure_cases"]
+__all__ = ["FailureCase", "failure_cases", "thumbnails", "waiting_cases"]
 
 #: Number of cases that a reader can look at.
 _MAX_CASES = 12
@@ -25,6 +26,8 @@ _MAX_ALIKE = 2
 #: Only correct maps with an error above this share of a bound are shown.
 _MIN_ERROR = 0.5
 _THUMBNAIL_PX, _JPEG_QUALITY = 400, 70
+#: Size and number of the pictures of scenes: 40 of them add 150 kB to the page.
+_SMALL_PX, _MAX_THUMBNAILS = 96, 40
 _LINE_BGR, _GAP_PX = (70, 200, 255), 4
 
 
@@ -86,9 +89,65 @@ def failure_cases(table: TrialTable, texts: dict[str, str]) -> list[FailureCase]
     return cases
 
 
-def _picture(text: str, first: int, last: int) -> str:
-    import cv2
+def waiting_cases(table: TrialTable, texts: dict[str, str]) -> list[FailureCase]:
+    """Choose trials without a map in which a map can be correct: one of each method and scene, most frames first.
 
+    Parameters
+    ----------
+    table : TrialTable
+    texts : dict of str to str
+        As of :func:`failure_cases`.
+
+    Returns
+    -------
+    list of FailureCase
+        At most 12.
+    """
+    outcome = table.text["outcome"]
+    waiting = np.flatnonzero(table.solvable & ((outcome == "none") | (outcome == "error")))
+    limits = table.numbers["frames_limit"]
+    seen: set[tuple[str, str]] = set()
+    cases: list[FailureCase] = []
+    for row in waiting[np.argsort(-limits[waiting], kind="stable")].tolist():
+        kind = table.text["method"][row], table.text["group"][row]
+        if kind in seen:
+            continue
+        seen.add(kind)
+        start = int(table.numbers["start"][row])
+        last = start + int(limits[row]) - 1
+        cases.append(FailureCase(row, _picture(texts[table.text["source"][row]], start, last)))
+        if len(cases) == _MAX_CASES:
+            break
+    return cases
+
+
+def thumbnails(sources: Sequence[ComparedSource]) -> dict[str, str]:
+    """Draw a small picture of each scene: the first frame of its first sequence.
+
+    Parameters
+    ----------
+    sources : sequence of ComparedSource
+
+    Returns
+    -------
+    dict of str to str
+        JPEG file in base64 by scene, for the first 40 scenes. Tracks without images have no picture.
+    """
+    first: dict[str, str] = {}
+    for source in sources:
+        if not source.text.startswith(POINTS):
+            first.setdefault(source.group, source.text)
+    drawn = {}
+    for group, text in list(first.items())[:_MAX_THUMBNAILS]:
+        try:
+            image = next(open_compared(text).frames(0, 1)).image
+        except (SlamInitError, StopIteration):  # the source can no longer be read
+            continue
+        drawn[group] = _encoded(bgr(reduced(image, _SMALL_PX)))
+    return drawn
+
+
+def _picture(text: str, first: int, last: int) -> str:
     try:
         source = open_compared(text)
         images = [_thumbnail(next(source.frames(frame, 1)).image) for frame in (first, last)]
@@ -99,7 +158,13 @@ def _picture(text: str, first: int, last: int) -> str:
     height = min(image.shape[0] for image in images)
     gap = np.full((height, _GAP_PX, 3), 128, np.uint8)
     parts = [part for image in images for part in (image[:height], gap)][:-1]
-    _, encoded = cv2.imencode(".jpg", np.concatenate(parts, axis=1), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    return _encoded(np.concatenate(parts, axis=1))
+
+
+def _encoded(image: Image) -> str:
+    import cv2
+
+    _, encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
     return base64.b64encode(encoded.tobytes()).decode()
 
 

@@ -35,6 +35,8 @@ from slam_init.compare.messages import (
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.trials import Settings, Trial, error_row
 from slam_init.errors import ConfigError, OutputError, SlamInitError
+from slam_init.methods.external_command import is_external
+from slam_init.methods.external_run import USER_PYTHONPATH
 
 __all__ = ["TrialProcess", "check_method", "end_process", "isolated_tracks", "isolated_trial"]
 
@@ -45,6 +47,8 @@ _TRACKING_S = 3 * 3600.0
 
 #: Time for importing and making a method.
 _METHOD_S = 60.0
+#: Time for writing the frames of an external program, beyond its own time limit.
+_WRITING_S = 120.0
 #: Longest answer: a row with its texts has less than 10 kB.
 _MAX_ANSWER_BYTES = 1 << 20
 
@@ -75,7 +79,7 @@ def isolated_trial(trial: Trial, settings: Settings) -> TrialRow:
     process = _process(settings)
     failed_row = error_row(trial, settings, "")
     try:
-        answer = process.ask(TrialRequest(trial, settings), TrialAnswer, settings.time_limit_s)
+        answer = process.ask(TrialRequest(trial, settings), TrialAnswer, _limit_s(trial, settings))
     except TimeoutError:
         end_process()
         return replace(failed_row, reason=f"no answer within {settings.time_limit_s:g} s")
@@ -83,14 +87,19 @@ def isolated_trial(trial: Trial, settings: Settings) -> TrialRow:
         code = process.exit_code()
         end_process()
         return replace(failed_row, reason=str(error) or f"the process {_end_text(code)}")
-    if answer.memory_exhausted or ":" in trial.method:
+    if answer.memory_exhausted or (":" in trial.method and not is_external(trial.method)):
         # After a failed allocation, or a method of somebody else, the state of the libraries is unknown.
         end_process()
-    if answer.output_error is not None and settings.recordings is not None:
+    if answer.output_error is not None and (settings.recordings or settings.trajectories) is not None:
         raise OutputError(answer.output_error)
     if _of_trial(answer.row) != _of_trial(failed_row):
         return replace(failed_row, reason="the answer is that of another trial")
     return answer.row
+
+
+def _limit_s(trial: Trial, settings: Settings) -> float:
+    """The time limit of a trial. An external program has the limit for itself, and is killed by this process."""
+    return settings.time_limit_s + (_WRITING_S if is_external(trial.method) else 0.0)
 
 
 def _of_trial(row: TrialRow) -> tuple[str | int | None, ...]:
@@ -98,7 +107,7 @@ def _of_trial(row: TrialRow) -> tuple[str | int | None, ...]:
     return (*row.key, row.group, row.frames_limit, row.injected_cause, row.judged_by)
 
 
-def isolated_tracks(text: str, settings: Settings) -> float:
+def isolated_tracks(text: str, settings: Settings) -> TracksAnswer:
     """Compute and store the tracks of a source in the process of this thread.
 
     Parameters
@@ -110,8 +119,8 @@ def isolated_tracks(text: str, settings: Settings) -> float:
 
     Returns
     -------
-    float
-        Duration in milliseconds.
+    TracksAnswer
+        With the duration and the digest of the tracks.
 
     Raises
     ------
@@ -126,7 +135,7 @@ def isolated_tracks(text: str, settings: Settings) -> float:
         raise SlamInitError(f"{text}: the tracking process died: run slam-init run on this source to see why") from None
     if answer.error is not None:
         raise SlamInitError(answer.error)
-    return answer.tracking_ms
+    return answer
 
 
 def check_method(name: str) -> None:
@@ -186,7 +195,7 @@ class TrialProcess:
 
     The process is started with :mod:`subprocess`. Daemon processes of :mod:`multiprocessing` cannot have children, and
     some backends run in such processes. The process leads a group of its own. The group is killed when the connection
-    is closed or the parent ends (:mod:`slam_init.compare.guard`).
+    is closed or the parent ends (:mod:`slam_init.process_guard`).
 
     Parameters
     ----------
@@ -202,6 +211,7 @@ class TrialProcess:
         command += [str(number) for number in (theirs.fileno(), memory_limit_mb, os.getpid())]
         # One core for each trial. The process can import all modules that its parent can import.
         environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        environment.setdefault(USER_PYTHONPATH, os.environ.get("PYTHONPATH", ""))
         environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
         self._process = subprocess.Popen(
             command, pass_fds=[theirs.fileno()], env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,

@@ -93,10 +93,13 @@ class TracksAnswer:
         Why the source cannot be read to its end; None if the tracks are stored.
     tracking_ms : float
         Time until the tracks were stored, or until the error, in milliseconds.
+    digest : str
+        :func:`slam_init.compare.replay.tracks_digest` of the tracks; empty for an error.
     """
 
     error: str | None
     tracking_ms: float
+    digest: str = ""
 
 
 @dataclass(frozen=True)
@@ -185,7 +188,7 @@ def parse_answer(line: bytes) -> Answer:
         duration = content.get("tracking_ms")
         if not isinstance(duration, float | int):
             raise ValueError("tracking_ms is no number")
-        return TracksAnswer(_text(content.get("error")), float(duration))
+        return TracksAnswer(_text(content.get("error")), float(duration), _text(content.get("digest")) or "")
     if kind == "MethodAnswer":
         return MethodAnswer(_text(content.get("error")))
     raise ValueError("not an answer")

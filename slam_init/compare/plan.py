@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,7 +11,10 @@ from slam_init.compare.judging import Criteria
 from slam_init.compare.recordings import names_of_start
 from slam_init.compare.rows import Key
 from slam_init.compare.sources import ComparedSource
+from slam_init.compare.trajectories import trajectory_names
 from slam_init.compare.trials import Settings, Trial
+from slam_init.datasets.points import POINTS
+from slam_init.methods.external_command import is_external
 
 __all__ = ["Plan"]
 
@@ -49,8 +53,34 @@ class Plan:
         """
         for source in self.sources:
             for start in self.starts(source):
-                for method in self.methods:
+                for method in self.methods_on(source):
                     yield Trial(source, method, start)
+
+    def methods_on(self, source: ComparedSource) -> tuple[str, ...]:
+        """Return the methods that can run on a source. External programs need images.
+
+        Parameters
+        ----------
+        source : ComparedSource
+
+        Returns
+        -------
+        tuple of str
+        """
+        if not source.text.startswith(POINTS):
+            return self.methods
+        return tuple(method for method in self.methods if not is_external(method))
+
+    def not_applicable(self) -> dict[str, int]:
+        """Count the sources on which a method cannot run.
+
+        Returns
+        -------
+        dict of str to int
+            By method; methods that run on all sources are left out.
+        """
+        counts = Counter(m for source in self.sources for m in self.methods if m not in self.methods_on(source))
+        return {method: counts[method] for method in self.methods if counts[method]}
 
     def recordings(self) -> Iterator[str]:
         """Return all files that the trials may write where recordings are asked for.
@@ -62,7 +92,18 @@ class Plan:
         """
         for source in self.sources:
             for start in self.starts(source):
-                yield from names_of_start(source.label, start, self.methods)
+                yield from names_of_start(source.label, start, self.methods_on(source))
+
+    def trajectories(self) -> Iterator[str]:
+        """Return all trajectories that the trials may write where they are asked for.
+
+        Yields
+        ------
+        str
+            Relative to the folder of the results, with slashes.
+        """
+        for source in self.sources:
+            yield from trajectory_names(source.label, self.starts(source), self.methods_on(source))
 
     def holds(self, key: Key) -> bool:
         """Return whether a trial belongs to this comparison. A results folder can hold the trials of a wider one.

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from urllib.parse import quote
 
+from slam_init.methods.external_command import method_label
 from slam_init.output.names import UNFINISHED
 
 __all__ = ["RECORDINGS", "SIDE_BY_SIDE", "names_of_start", "recording_folder", "recording_name", "snapshot_name"]
@@ -98,4 +99,4 @@ def names_of_start(source: str, start: int, methods: Iterable[str]) -> Iterator[
 
 
 def _file_name(method: str) -> str:
-    return quote(method, safe="").replace("%3A", "-")
+    return quote(method_label(method), safe="").replace("%3A", "-")

@@ -7,10 +7,11 @@ well, and they are replayed at the frame at which they were revised.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
     from slam_init.datasets.points import PointSource
 
-__all__ = ["Step", "Tracks", "find_tracks", "replay"]
+__all__ = ["Step", "Tracks", "find_tracks", "replay", "tracks_digest"]
 
 #: Columns of the stored tracks. Each is a raw file that is mapped into memory, so that a trial reads only the part that
 #: it needs.
@@ -42,6 +43,8 @@ _COLUMNS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
 #: How often the tracks are made anew where the folder disappears meanwhile.
 _TRIES = 3
 _INDEX = "index.npz"
+#: Tracks of a frame whose positions are hashed.
+_HASHED_TRACKS = 20
 #: Largest length of a folder name in characters; file systems allow 255 bytes.
 _MAX_NAME = 120
 
@@ -170,6 +173,38 @@ def replay(source: TimedSource | PointSource, text: str, start: int, folder: str
     if isinstance(source, PointSource | TrackSource):
         return (Step(observations) for observations in source.observations(start))
     return find_tracks(source, text, folder).steps(start)
+
+
+def tracks_digest(source: TimedSource | PointSource, steps: Iterable[Step]) -> str:
+    """Hash the tracks of a source, so that two comparisons can tell whether they judged the same input.
+
+    The hash holds the calibration, and of each record its frame, the ids of all tracks, and the positions of about 20
+    tracks, rounded to a hundredth of a pixel. The last bit of a sine differs between processors and libraries, so that
+    a hash of all bits would differ as well. With 20 tracks a rounding differs by chance in one of a million sources.
+
+    Parameters
+    ----------
+    source : TimedSource or PointSource
+    steps : iterable of Step
+        From the first frame on.
+
+    Returns
+    -------
+    str
+        16 hexadecimal digits.
+    """
+    digest = hashlib.sha256()
+    camera = source.camera
+    if camera is not None:
+        numbers = (camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion)
+        digest.update(f"{camera.model} {camera.width} {camera.height} {[f'{n:.6g}' for n in numbers]}".encode())
+    for step in steps:
+        for one in (step.current, *step.revised):
+            sampled = one.pixels[:: max(1, len(one) // _HASHED_TRACKS)]
+            digest.update(f"{one.frame} {len(one)}".encode())
+            digest.update(np.ascontiguousarray(one.track_ids, "<i8").tobytes())
+            digest.update(np.round(100 * sampled).astype("<i8").tobytes())
+    return digest.hexdigest()[:16]
 
 
 def find_tracks(source: TimedSource, text: str, folder: str | os.PathLike[str]) -> Tracks:

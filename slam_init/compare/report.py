@@ -1,4 +1,4 @@
-"""``report.html``: a single page without scripts that loads nothing from other places."""
+"""``report.html``: a single page that loads nothing from other places. Its script only copies tables."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ import numpy as np
 
 from slam_init.compare.aggregate import Figures, figures_of
 from slam_init.compare.charts import Axis, box_chart, curve_chart, interval_chart, stacked_chart
-from slam_init.compare.failure_gallery import failure_cases
+from slam_init.compare.failure_gallery import thumbnails
+from slam_init.compare.method_colors import method_colors
 from slam_init.compare.reliability import Reliability, reliabilities
+from slam_init.compare.report_gallery import gallery_section, waiting_section
 from slam_init.compare.report_tables import (
     coverage_table,
     group_table,
@@ -29,6 +31,7 @@ from slam_init.compare.report_tables import (
 from slam_init.compare.statistics import Interval
 from slam_init.compare.trial_table import LEVELS, PARTS, TrialTable
 from slam_init.compare.wait import wait_differences
+from slam_init.methods.external_command import method_label
 from slam_init.types.arrays import Bools, Floats
 
 if TYPE_CHECKING:
@@ -36,7 +39,7 @@ if TYPE_CHECKING:
 
 __all__ = ["report_html"]
 
-#: Number of colours: one for each method of the project. With more methods the colours repeat.
+#: Number of colours of reasons.
 _COLORS = 10
 #: Ranges of the axes of errors, in degrees.
 _ROTATION_DEG, _DIRECTION_DEG = (0.01, 180.0), (0.1, 180.0)
@@ -84,18 +87,26 @@ def report_html(table: TrialTable, plan: Plan, command: str) -> str:
         for name, mask in table.parts().items()
     ]
     reliability = reliabilities(table, plan.methods)
-    colors = {method: f"c{i % _COLORS}" for i, method in enumerate(plan.methods)}
+    colors = method_colors(plan.methods)
     body = [_header(table, plan, command, parts, stated_risk=bool(reliability))]
     for part in parts:
         body.append(_static_section(part) if part.no_translation else _moving_section(table, plan, part, colors))
     if reliability:
         body.append(_reliability_section(reliability, colors))
-    body += [_groups_section(table, plan), _judging_section(plan), _gallery_section(table, plan), _footer(plan)]
-    css = files("slam_init.compare").joinpath("report.css").read_text(encoding="utf-8")
+    body += [
+        _groups_section(table, plan),
+        _judging_section(plan),
+        gallery_section(table, plan),
+        waiting_section(table, plan),
+    ]
+    body.append(_footer(plan))
+    home = files("slam_init.compare")
+    css, script = (home.joinpath(f"report.{kind}").read_text(encoding="utf-8") for kind in ("css", "js"))
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>slam-init compare</title><style>{css}</style></head><body><main>{''.join(body)}</main></body></html>\n"
+        f"<title>slam-init compare</title><style>{css}</style></head><body><main>{''.join(body)}</main>"
+        f"<script>{script}</script></body></html>\n"
     )
 
 
@@ -110,7 +121,7 @@ def _header(table: TrialTable, plan: Plan, command: str, parts: Sequence[_Part],
     ]
     links = [(part.name, part.title) for part in parts]
     links += [("reliability", "stated risk")] if stated_risk else []
-    links += [("scenes", "by scene"), ("judging", "how judged"), ("worst", "worst cases")]
+    links += [("scenes", "by scene"), ("judging", "how judged"), ("worst", "worst cases"), ("waiting", "no map")]
     return (
         "<h1>Monocular initializers on the same tracks</h1>"
         '<p class="soft">Each trial starts a method at a frame and ends at its first map, or after '
@@ -136,7 +147,7 @@ def _moving_section(table: TrialTable, plan: Plan, part: _Part, colors: dict[str
         + rates_table(part.figures)
         + "<h3>Quality of the correct maps, and time</h3>"
         + quality_table(part.figures)
-        + _legend([(colors[method], method) for method in plan.methods])
+        + _legend([(colors[method], method_label(method)) for method in plan.methods])
         + f'<div class="charts">{"".join(_charts(table, plan, part, colors))}</div>'
         + "<h3>On the same trials</h3>"
         '<p class="soft">Each cell compares two methods: the number of trials in which only the method of the row, and '
@@ -144,9 +155,9 @@ def _moving_section(table: TrialTable, plan: Plan, part: _Part, colors: dict[str
         "the number of pairs (Holm). A cell is coloured if the p-value is below 0.05.</p>"
         + pair_table(table, plan.methods, part.mask)
         + '<p class="soft">Difference of the waits, trial by trial: a negative difference means that '
-        f"{escape(plan.methods[0])} has a correct map earlier. The intervals come from a bootstrap over sequences, "
-        "because trials of one sequence overlap. They are too narrow for fewer than about ten sequences. A cell is "
-        "coloured if its interval does not hold zero.</p>"
+        f"{escape(method_label(plan.methods[0]))} has a correct map earlier. The intervals come from a bootstrap over "
+        "sequences, because trials of one sequence overlap. They are too narrow for fewer than about ten sequences. A "
+        "cell is coloured if its interval does not hold zero.</p>"
         + wait_table(wait_differences(table, plan.methods, part.mask))
     )
 
@@ -165,12 +176,14 @@ def _charts(table: TrialTable, plan: Plan, part: _Part, colors: dict[str, str]) 
         for kind in ("correct", "false")
     )
     most_false = max((float(y[-1]) for _, y in false.values() if len(y)), default=0.0)
-    charts = [
-        ("Correct maps over time", "Share of the trials that have a correct map at this frame.",
-         curve_chart("correct maps over time", correct, time, Axis("share of trials", 0, 1), [])),
-        ("False maps over time", "Share of the trials that have a false map at this frame.",
-         curve_chart("false maps over time", false, time, Axis("share of trials", 0, _above(most_false)), [])),
-    ]  # fmt: skip
+    charts = []
+    for name, kind, curves, top in (
+        ("Delay: correct maps over time", "correct", correct, 1.0),
+        ("False maps over time", "false", false, _above(most_false)),
+    ):
+        title = _described(f"{kind} maps over time", curves, colors)
+        chart = curve_chart(title, curves, time, Axis("share of trials", 0, top), [])
+        charts.append((name, f"Share of the trials that have a {kind} map at this frame.", chart))
     for column, name, (low, high), bounds in (
         ("rotation_error_deg", "Rotation error", _ROTATION_DEG, (1, 5)),
         ("direction_error_deg", "Direction error", _DIRECTION_DEG, (5, 15)),
@@ -184,13 +197,28 @@ def _charts(table: TrialTable, plan: Plan, part: _Part, colors: dict[str, str]) 
         }
         note = "Share of the trials whose map has at most this error. Dashed lines: the bounds of strict and correct."
         axis = Axis(f"worst keyframe (degrees), strict {bounds[0]}, correct {bounds[1]}", low, high, log=True)
-        charts.append((name, note, curve_chart(name, curves, axis, Axis("share of trials", 0, 1), bounds)))
-    boxes = [(method, colors[method], _known(frames[mask & (outcome == "correct")])) for method, mask in masks.items()]
+        charts.append(
+            (
+                name,
+                note,
+                curve_chart(_described(name, curves, colors), curves, axis, Axis("share of trials", 0, 1), bounds),
+            )
+        )
+    boxes = [
+        (method_label(method), colors[method], _known(frames[mask & (outcome == "correct")]))
+        for method, mask in masks.items()
+    ]
     charts.append(
         ("Frames to a correct map", "Trials with a correct map: median, quartiles, 5th and 95th percentile.",
          box_chart("frames to a correct map", boxes, time))
     )  # fmt: skip
     return [_figure(*chart) for chart in charts] + [_reasons(part)]
+
+
+def _described(title: str, curves: Mapping[str, tuple[Floats, Floats]], colors: Mapping[str, str]) -> str:
+    """Return the label of a chart for screen readers: where each curve ends."""
+    ends = [(method_label(method), curves[color][1]) for method, color in colors.items() if color in curves]
+    return f"{title}; at the end " + ", ".join(f"{name} {100 * ys[-1] if len(ys) else 0:.0f} %" for name, ys in ends)
 
 
 def _static_section(part: _Part) -> str:
@@ -214,7 +242,7 @@ def _reasons(part: _Part) -> str:
     for method, f in part.figures.items():
         pieces = [(f"r{i}", 100 * f.reasons.get(name, 0) / max(f.trials, 1)) for i, name in enumerate(shown)]
         rest = sum(f.reasons.get(name, 0) for name in names[_COLORS - 1 :])
-        rows.append((method, [*pieces, ("r9", 100 * rest / max(f.trials, 1))]))
+        rows.append((method_label(method), [*pieces, ("r9", 100 * rest / max(f.trials, 1))]))
     most = max((sum(length for _, length in pieces) for _, pieces in rows), default=0.0)
     legend = [(f"r{i}", name.replace("_", " ")) for i, name in enumerate(shown)]
     if names[_COLORS - 1 :]:
@@ -251,7 +279,7 @@ def _reliability_section(reliability: Mapping[str, Mapping[str, Reliability]], c
             "about 19 of 20 intervals cross this line.",
             interval_chart(f"reliability diagram, {LEVELS[level]}", series, stated, observed),
         )
-        legend = _legend([(colors[method], method) for method in by_method])
+        legend = _legend([(colors[method], method_label(method)) for method in by_method])
         body.append(
             f"<h3>{title}</h3>{risk_table(by_method)}<h3>{title}: coverage of the stated standard deviations</h3>"
             f'{coverage_table(by_method)}{legend}<div class="charts">{chart}</div>'
@@ -263,7 +291,8 @@ def _groups_section(table: TrialTable, plan: Plan) -> str:
     return (
         '<h2 id="scenes">By scene</h2>'
         '<p class="soft">Number of trials with a correct map / a false map / no map (errors included), and the wait '
-        "in frames.</p>" + group_table(table, plan.methods)
+        "in frames. The picture is the first frame of a sequence of the scene.</p>"
+        + group_table(table, plan.methods, thumbnails(plan.sources))
     )
 
 
@@ -273,34 +302,6 @@ def _judging_section(plan: Plan) -> str:
         '<p class="soft">The errors are those of the worst keyframe, relative to the first keyframe. Every map is '
         "false if the camera does not translate. A sequence without ground truth is not judged.</p>"
         + judging_table(plan.judging())
-    )
-
-
-def _gallery_section(table: TrialTable, plan: Plan) -> str:
-    cases = []
-    for case in failure_cases(table, {source.label: source.text for source in plan.sources}):
-        text = {name: str(values[case.row]) for name, values in table.text.items()}
-        rotation, direction = (table.numbers[f"{name}_error_deg"][case.row] for name in ("rotation", "direction"))
-        errors = [f"{name} {v:.1f}&deg;" for name, v in (("rotation", rotation), ("direction", direction)) if v == v]
-        picture = (
-            f'<img alt="first and last keyframe" src="data:image/jpeg;base64,{case.picture}">' if case.picture else ""
-        )
-        frames, outcome = text["keyframes"].split(), text["outcome"]
-        cases.append(
-            f'<div class="case">{picture}<p><span class="tag {outcome}">{outcome}</span> '
-            f"<b>{escape(text['method'])}</b> {', '.join(errors) or 'no true baseline'}<br>"
-            f'<span class="soft">{escape(text["source"])}, start {table.numbers["start"][case.row]:.0f}, '
-            f"keyframes {frames[0]} and {frames[-1]}</span></p></div>"
-        )
-    shown = (
-        f'<div class="cases">{"".join(cases)}</div>'
-        if cases
-        else "<p>None: no map is false, and no error is above half of a bound.</p>"
-    )
-    return (
-        '<h2 id="worst">Worst cases</h2><p class="soft">False maps first, then correct maps with an error above half '
-        "of a bound; at most two maps of a method in a scene. The pictures show the first and the last keyframe, or "
-        "the motion of the tracks between them.</p>" + shown
     )
 
 

@@ -9,11 +9,13 @@ import numpy as np
 
 from slam_init.compare.aggregate import Figures, PairTest, pair_tests
 from slam_init.compare.charts import share_bar
+from slam_init.compare.html_table import html_table, row_heading
 from slam_init.compare.judging import Criteria
 from slam_init.compare.reliability import DIRECTION_SIGMAS, ROTATION_SIGMAS, Coverage, Reliability
 from slam_init.compare.statistics import Interval
 from slam_init.compare.trial_table import TrialTable
 from slam_init.compare.wait import WaitDifference, mean_wait
+from slam_init.methods.external_command import method_label
 from slam_init.types.arrays import Bools
 
 __all__ = [
@@ -61,7 +63,7 @@ def rates_table(figures: Mapping[str, Figures]) -> str:
         ("wait<br>(frames)", lambda f: _mean(f.wait, 2), lambda f: f.wait.value, False),
         ("seconds to<br>first map", lambda f: _mean(f.seconds_to_accept, 2), None, False),
     ]
-    return _table(figures, columns)
+    return _table("outcomes and time by method", figures, columns)
 
 
 def quality_table(figures: Mapping[str, Figures]) -> str:
@@ -100,7 +102,7 @@ def quality_table(figures: Mapping[str, Figures]) -> str:
         ("attempt<br>(ms)", _times("attempt_median_ms"), None, False),
         ("peak<br>(MB)", lambda f: _number(f.peak_memory_mb, 0), None, False),
     ]
-    return _table(figures, columns)
+    return _table("quality of the correct maps, and time, by method", figures, columns)
 
 
 def static_table(figures: Mapping[str, Figures]) -> str:
@@ -129,23 +131,24 @@ def static_table(figures: Mapping[str, Figures]) -> str:
         ("focal error<br>false alarm %", lambda f: _share(f.false_report_rate), None, False),
         ("frame (ms)", lambda f: _number(f.times["frame_median_ms"], 1), None, False),
     ]
-    return _table(figures, columns)
+    return _table("outcomes by method without translation", figures, columns)
 
 
-def group_table(table: TrialTable, methods: Sequence[str]) -> str:
+def group_table(table: TrialTable, methods: Sequence[str], thumbnails: Mapping[str, str]) -> str:
     """Make the table of scenes (rows) and methods (columns) with counts of correct, false and no maps, and the wait.
 
     Parameters
     ----------
     table : TrialTable
     methods : sequence of str
+    thumbnails : mapping of str to str
+        JPEG file in base64 by scene; a scene may lack one.
 
     Returns
     -------
     str
         HTML element.
     """
-    head = "".join(f"<th>{escape(method)}</th>" for method in methods)
     rows = []
     for group in sorted(set(table.text["group"].tolist())):
         in_group = table.where(group=group)
@@ -158,11 +161,12 @@ def group_table(table: TrialTable, methods: Sequence[str]) -> str:
                 f"{counts['correct'] + counts['accepted']} / {counts['false']} / {counts['none'] + counts['error']}"
             )
             cells.append(f"<td>{bar}{figures}{_wait_of_cell(table, mask)}</td>")
-        rows.append(f"<tr><th>{escape(group)}</th>{''.join(cells)}</tr>")
-    return (
-        f'<div class="scroll"><table class="matrix"><thead><tr><th>scene</th>{head}</tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
-    )
+        picture = ""
+        if group in thumbnails:
+            picture = f'<img class="thumb" alt="" src="data:image/jpeg;base64,{thumbnails[group]}">'
+        rows.append(f'<tr><th scope="row">{picture}{escape(group)}</th>{"".join(cells)}</tr>')
+    headings = ["scene", *(escape(method_label(method)) for method in methods)]
+    return html_table("outcomes by scene and method", headings, rows, "matrix")
 
 
 def _wait_of_cell(table: TrialTable, mask: Bools) -> str:
@@ -184,16 +188,14 @@ def wait_table(differences: Sequence[WaitDifference]) -> str:
     """
     if not differences:
         return ""
-    first = escape(differences[0].first)
+    first = method_label(differences[0].first)
     rows = [
-        f"<tr><th>{escape(d.second)}</th><td>{d.trials}</td><td>{d.sequences}</td>"
+        f"<tr>{row_heading(method_label(d.second))}<td>{d.trials}</td><td>{d.sequences}</td>"
         f"<td{_sign_class(d.difference_frames)}>{_mean(d.difference_frames, 2)}</td></tr>"
         for d in differences
     ]
-    return (
-        f'<div class="scroll"><table><thead><tr><th>wait of {first} minus that of</th><th>trials</th>'
-        f"<th>sequences</th><th>frames</th></tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
-    )
+    headings = [f"wait of {escape(first)} minus that of", "trials", "sequences", "frames"]
+    return html_table(f"wait of {first} minus that of each other method", headings, rows)
 
 
 def _sign_class(difference: Interval) -> str:
@@ -217,18 +219,15 @@ def risk_table(by_method: Mapping[str, Reliability]) -> str:
     for method, reliability in by_method.items():
         bins = [(f"{one.low:g} to {one.high:g}", one) for one in reliability.bins if one.maps]
         for k, (name, one) in enumerate([*bins, ("all", reliability.total)]):
-            head = f'<th rowspan="{len(bins) + 1}">{escape(method)}</th>' if k == 0 else ""
+            head = row_heading(method_label(method), len(bins) + 1) if k == 0 else ""
             understated = ' class="lose"' if one.false_rate.low > one.mean_risk else ""
             rows.append(
                 f"<tr>{head}<td>{name}</td><td>{one.maps}</td><td>{_number(one.mean_risk, 3, 100.0)}</td>"
                 f"<td>{_number(one.expected_false, 3)}</td><td>{one.false}</td>"
                 f"<td{understated}>{_share(one.false_rate, 2)}</td></tr>"
             )
-    return (
-        '<div class="scroll"><table><thead><tr><th>method</th><th>stated risk</th><th>maps</th>'
-        "<th>mean stated<br>risk %</th><th>expected<br>false maps</th><th>false maps</th><th>false %</th></tr></thead>"
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
-    )
+    headings = ["method", "stated risk", "maps", "mean stated<br>risk %", "expected<br>false maps"]
+    return html_table("stated risks and false maps", [*headings, "false maps", "false %"], rows)
 
 
 def coverage_table(by_method: Mapping[str, Reliability]) -> str:
@@ -244,15 +243,12 @@ def coverage_table(by_method: Mapping[str, Reliability]) -> str:
         HTML element.
     """
     rows = [
-        f"<tr><th>{escape(method)}</th>{_coverage_cells(one.direction)}{_coverage_cells(one.rotation)}</tr>"
+        f"<tr>{row_heading(method_label(method))}{_coverage_cells(one.direction)}{_coverage_cells(one.rotation)}</tr>"
         for method, one in by_method.items()
     ]
-    return (
-        '<div class="scroll"><table><thead><tr><th>method</th>'
-        f"<th>maps</th><th>direction within<br>{DIRECTION_SIGMAS:.2f} deviations %</th>"
-        f"<th>maps</th><th>rotation within<br>{ROTATION_SIGMAS:.2f} deviations %</th></tr></thead>"
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
-    )
+    headings = ["method", "maps", f"direction within<br>{DIRECTION_SIGMAS:.2f} deviations %"]
+    headings += ["maps", f"rotation within<br>{ROTATION_SIGMAS:.2f} deviations %"]
+    return html_table("coverage of the stated standard deviations", headings, rows)
 
 
 def _coverage_cells(coverage: Coverage) -> str:
@@ -273,14 +269,12 @@ def judging_table(judging: Mapping[str, Criteria]) -> str:
         HTML element.
     """
     rows = [
-        f"<tr><th>{escape(group)}</th><td>{criteria.truth}</td><td>{escape(criteria.rule)}</td>"
+        f"<tr>{row_heading(group)}<td>{criteria.truth}</td><td>{escape(criteria.rule)}</td>"
         f"<td>{criteria.expected_reason or '-'}</td><td>{escape(criteria.note or '-')}</td></tr>"
         for group, criteria in judging.items()
     ]
-    return (
-        '<div class="scroll"><table><thead><tr><th>scene</th><th>ground truth</th><th>correct</th>'
-        f"<th>expected reason</th><th>because</th></tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
-    )
+    headings = ["scene", "ground truth", "correct", "expected reason", "because"]
+    return html_table("how each sequence is judged", headings, rows, "words")
 
 
 def pair_table(table: TrialTable, methods: Sequence[str], mask: Bools) -> str:
@@ -299,7 +293,6 @@ def pair_table(table: TrialTable, methods: Sequence[str], mask: Bools) -> str:
         HTML element.
     """
     tests = {(test.first, test.second): test for test in pair_tests(table, methods, mask)}
-    head = "".join(f"<th>{escape(method)}</th>" for method in methods)
     rows = []
     for first in methods:
         cells = []
@@ -310,11 +303,9 @@ def pair_table(table: TrialTable, methods: Sequence[str], mask: Bools) -> str:
                 cells.append(_pair_cell(tests[first, second], swapped=False))
             else:
                 cells.append(_pair_cell(tests[second, first], swapped=True))
-        rows.append(f"<tr><th>{escape(first)}</th>{''.join(cells)}</tr>")
-    return (
-        f'<div class="scroll"><table class="matrix"><thead><tr><th>only row : only column</th>{head}</tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
-    )
+        rows.append(f"<tr>{row_heading(method_label(first))}{''.join(cells)}</tr>")
+    headings = ["only row : only column", *(escape(method_label(method)) for method in methods)]
+    return html_table("trials that only one of two methods solves", headings, rows, "matrix")
 
 
 def _pair_cell(test: PairTest, *, swapped: bool) -> str:
@@ -330,8 +321,7 @@ def _p_value(p: float) -> str:
     return "&lt; 0.001" if p < 1e-3 else f"= {p:.2g}"
 
 
-def _table(figures: Mapping[str, Figures], columns: Sequence[_Column]) -> str:
-    head = "".join(f"<th>{heading}</th>" for heading, *_ in columns)
+def _table(caption: str, figures: Mapping[str, Figures], columns: Sequence[_Column]) -> str:
     best = [_best(figures, rank, more) for _, _, rank, more in columns]
     rows = []
     for i, (method, of_method) in enumerate(figures.items()):
@@ -340,11 +330,8 @@ def _table(figures: Mapping[str, Figures], columns: Sequence[_Column]) -> str:
             for (_, cell, _, _), winners in zip(columns, best, strict=True)
         ]
         ours = ' class="ours"' if i == 0 else ""
-        rows.append(f"<tr{ours}><th>{escape(method)}</th>{''.join(cells)}</tr>")
-    return (
-        f'<div class="scroll"><table><thead><tr><th>method</th>{head}</tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
-    )
+        rows.append(f"<tr{ours}>{row_heading(method_label(method))}{''.join(cells)}</tr>")
+    return html_table(caption, ["method", *(heading for heading, *_ in columns)], rows)
 
 
 def _best(
@@ -369,7 +356,7 @@ def _outcome_bar(f: Figures) -> str:
 
 def _kept_truth(f: Figures) -> str:
     """Return the share of the ambiguous planes in which one of the stored hypotheses is correct."""
-    return f"{_share(f.kept_truth_rate)} of {f.undecided}" if f.undecided else "-"
+    return _share(f.kept_truth_rate).replace("<span", f" of {f.undecided}<span", 1) if f.undecided else "-"
 
 
 def _share(interval: Interval, digits: int = 1) -> str:

@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
+from slam_init.compare.extras import Digests, Extras
 from slam_init.compare.rows import COLUMNS, TrialRow
 from slam_init.compare.summary import ComparisonSummary, summary_of
 from slam_init.compare.trial_table import TrialTable
@@ -20,7 +21,14 @@ __all__ = ["publish_results"]
 _RESULTS, _SUMMARY, _REPORT = "results.csv", "summary.json", "report.html"
 
 
-def publish_results(folder: OutputFolder, rows: Iterable[TrialRow], plan: Plan, command: str) -> ComparisonSummary:
+def publish_results(
+    folder: OutputFolder,
+    rows: Iterable[TrialRow],
+    plan: Plan,
+    command: str,
+    extras: Extras,
+    digests: Digests,
+) -> ComparisonSummary:
     """Write all result files: either all are replaced, or none. The rows are read once and are not kept in memory.
 
     Parameters
@@ -32,6 +40,10 @@ def publish_results(folder: OutputFolder, rows: Iterable[TrialRow], plan: Plan, 
     plan : Plan
     command : str
         The command line that the report shows; empty for none.
+    extras : Extras
+        Makes further files.
+    digests : mapping of str to str
+        Digest of the tracks by the label of the source.
 
     Returns
     -------
@@ -53,6 +65,7 @@ def publish_results(folder: OutputFolder, rows: Iterable[TrialRow], plan: Plan, 
         summary = summary_of(table, plan)
         texts = {
             _REPORT: report_html(table, plan, command),
+            **extras.texts(table, plan, digests),
             _SUMMARY: json.dumps(summary.as_dict(), indent=2, allow_nan=False) + "\n",
         }
         for name, text in texts.items():

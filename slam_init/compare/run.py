@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from slam_init.compare.backends import DASK, Backend, open_backend
+from slam_init.compare.extras import Extras, StoredDigests
 from slam_init.compare.isolation import end_process, isolated_tracks, isolated_trial
 from slam_init.compare.journal import Journal
 from slam_init.compare.plan import Plan
@@ -19,6 +20,7 @@ from slam_init.compare.recordings import RECORDINGS
 from slam_init.compare.results import publish_results
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.summary import ComparisonSummary
+from slam_init.compare.trajectories import TRAJECTORIES
 from slam_init.compare.trials import Settings
 from slam_init.datasets.points import POINTS
 from slam_init.datasets.views import SourceView
@@ -28,6 +30,8 @@ from slam_init.output.names import COMPARE_FILES, TRIALS, UNFINISHED
 from slam_init.output.plain_json import Json
 
 __all__ = ["compare"]
+
+_NO_EXTRAS = Extras()
 
 
 def compare(
@@ -39,6 +43,7 @@ def compare(
     recordings: bool = False,
     progress: bool = False,
     command: str = "",
+    extras: Extras = _NO_EXTRAS,
 ) -> ComparisonSummary:
     """Run all trials that ``out`` does not hold yet, and write the results.
 
@@ -58,6 +63,8 @@ def compare(
         Show a progress bar on stderr.
     command : str
         The command line that the report shows; empty for none.
+    extras : Extras, optional
+        The additions of a benchmark.
 
     Returns
     -------
@@ -70,20 +77,26 @@ def compare(
         If a source cannot be read, the backend is not available, or ``out`` cannot be written.
     """
     path = Path(out)
-    with OutputFolder(path, "compare", COMPARE_FILES) as folder, _tracks_folder(folder, backend) as tracks:
+    targets = (*COMPARE_FILES, *extras.files, *((extras.digests,) if extras.digests else ()))
+    with OutputFolder(path, extras.command, targets) as folder, _tracks_folder(folder, backend) as tracks:
         recorded = str((path / RECORDINGS).resolve()) if recordings else None
-        settings = replace(plan.settings, tracks=tracks, recordings=recorded)
-        folder.claim([TRIALS, *(plan.recordings() if recordings else ())])
+        posed = str((path / TRAJECTORIES).resolve()) if extras.trajectories else None
+        settings = replace(plan.settings, tracks=tracks, recordings=recorded, trajectories=posed)
+        claimed = [TRIALS, *((extras.digests,) if extras.digests else ())]
+        claimed += plan.recordings() if recordings else ()
+        claimed += plan.trajectories() if extras.trajectories else ()
+        folder.claim(claimed)
         _remove_unfinished(folder)
+        digests = StoredDigests(path / extras.digests if extras.digests else None)
         with Journal(path / TRIALS, _shared_settings(plan, settings), partial(_is_current, plan)) as journal:
             try:
                 with open_backend(backend, jobs, _paths(plan)) as workers:
-                    _run_trials(plan, settings, journal, workers, progress)
+                    _run_trials(plan, settings, journal, workers, progress, digests)
             finally:
                 end_process()  # that of the sequential backend
             if recordings:
                 _side_by_side(plan, settings, journal)
-            return publish_results(folder, journal.rows(plan.holds), plan, command)
+            return publish_results(folder, journal.rows(plan.holds), plan, command, extras, digests.known)
 
 
 def _paths(plan: Plan) -> list[str]:
@@ -136,7 +149,12 @@ def _shared_settings(plan: Plan, settings: Settings) -> dict[str, Json]:
         "seed": settings.seed,
         "limit_frames": settings.limit_frames,
         "limit_s": settings.limit_s,
-        "options": asdict(replace(settings.config, method="", seed=0)),
+        # The limits of external programs do not change the result of a trial, unless it is an error.
+        "options": {
+            name: value
+            for name, value in asdict(replace(settings.config, method="", seed=0)).items()
+            if name != "external"
+        },
     }
 
 
@@ -146,14 +164,18 @@ def _is_current(plan: Plan, row: TrialRow) -> bool:
     return criteria is None or criteria.judged(row.judged_by)
 
 
-def _run_trials(plan: Plan, settings: Settings, journal: Journal, workers: Backend, progress: bool) -> None:
+def _run_trials(
+    plan: Plan, settings: Settings, journal: Journal, workers: Backend, progress: bool, digests: StoredDigests
+) -> None:
     from tqdm import tqdm
 
     missing = sum(trial.key not in journal for trial in plan.trials())
     with tqdm(total=missing, unit="trial", desc="tracks", disable=not progress, leave=False) as bar:
         unfinished = {trial.source.text for trial in plan.trials() if trial.key not in journal}
         tracked = sorted(text for text in unfinished if not text.startswith(POINTS))
-        for _ in workers.run(partial(isolated_tracks, settings=settings), tracked):
+        labels = {source.text: source.label for source in plan.sources}
+        for text, answer in workers.run(partial(isolated_tracks, settings=settings), tracked):
+            digests.add(labels[text], answer.digest)
             bar.refresh()
         bar.set_description("trials")
         trials = (trial for trial in plan.trials() if trial.key not in journal)
@@ -171,4 +193,5 @@ def _side_by_side(plan: Plan, settings: Settings, journal: Journal) -> None:
     for source in plan.sources:
         for start in plan.starts(source):
             of_start = outcomes[source.label, start]
-            write_side_by_side(source, start, settings, {method: of_start[method] for method in plan.methods})
+            shown = {method: of_start[method] for method in plan.methods_on(source)}
+            write_side_by_side(source, start, settings, shown)

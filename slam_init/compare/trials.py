@@ -15,13 +15,13 @@ import numpy as np
 from slam_init.attempt_log import reported_distortion, reported_focal_factor
 from slam_init.compare.judging import Criteria, Truth
 from slam_init.compare.measures import depth_errors, is_correct, is_strict, pose_errors, survival
-from slam_init.compare.recordings import recording_folder, recording_name, snapshot_name
 from slam_init.compare.replay import Step, replay
 from slam_init.compare.rows import Key, Outcome, TrialRow
 from slam_init.compare.sources import ComparedSource, calibration_of, open_compared
-from slam_init.config import Config
-from slam_init.output.folder import output_error
-from slam_init.recording.recorder import Recorder
+from slam_init.compare.trajectories import write_trajectory
+from slam_init.compare.trial_recording import TrialRecording
+from slam_init.config import Config, ExternalConfig
+from slam_init.methods.external_command import is_external
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Result
@@ -29,7 +29,6 @@ from slam_init.types.result import Result
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
     from slam_init.datasets.points import PointSource
-    from slam_init.types.camera import Camera
     from slam_init.types.pose import Trajectory
 
 __all__ = ["Settings", "Trial", "error_row", "result_row", "run_trial"]
@@ -76,6 +75,8 @@ class Settings:
         Folder of the stored tracks.
     recordings : str or None
         Folder of the recordings; None if no recordings are written.
+    trajectories : str or None
+        Folder of the trajectories; None if none are written.
     time_limit_s : float
         A trial that takes longer is stopped and counts as an error.
     memory_limit_mb : int
@@ -89,6 +90,7 @@ class Settings:
     limit_s: float = 5.0
     tracks: str = ""
     recordings: str | None = None
+    trajectories: str | None = None
     time_limit_s: float = 300.0
     memory_limit_mb: int = 6000
     config: Config = field(default_factory=Config)
@@ -134,6 +136,8 @@ def run_trial(trial: Trial, settings: Settings) -> TrialRow:
     from slam_init.methods import make_initializer
 
     begin = time.perf_counter()
+    if is_external(trial.method):
+        return _run_external(trial, settings, begin)
     source = _opened(trial.source.text)
     camera = calibration_of(source, trial.source.text)
     steps = replay(source, trial.source.text, trial.start, Path(settings.tracks))
@@ -141,7 +145,8 @@ def run_trial(trial: Trial, settings: Settings) -> TrialRow:
     pictures = source.frames(trial.start, limit) if settings.recordings is not None else None
     frames_ms: list[float] = []
     attempts_ms: list[float] = []
-    with _recorder(trial, settings, source, camera) as recorder:
+    recording = _recording(trial, settings)
+    with recording.recorder(source, camera) as recorder:
         initializer = make_initializer(trial.method, camera, replace(settings.config, seed=settings.seed), recorder)
         for _, step in zip(range(limit), steps, strict=False):
             if pictures is not None:
@@ -155,13 +160,43 @@ def run_trial(trial: Trial, settings: Settings) -> TrialRow:
                 break
         result = initializer.finish()
         row = result_row(trial, settings, result, source, steps)
-        if settings.recordings is not None:
-            _record_end(trial, settings, result, source, camera, recorder)
+        recording.end(result, source, camera, recorder)
     return replace(
         row,
         frame_median_ms=_quantile(frames_ms, 0.5),
         frame_p95_ms=_quantile(frames_ms, 0.95),
         attempt_median_ms=_quantile(attempts_ms, 0.5),
+        trial_ms=_rounded(1e3 * (time.perf_counter() - begin)),
+    )
+
+
+def _run_external(trial: Trial, settings: Settings, begin: float) -> TrialRow:
+    """Run a trial of an external program, which gets images. The time of a frame is its share of the program's time."""
+    from slam_init.methods.external import ExternalInitializer
+
+    source = _opened(trial.source.text)
+    camera = calibration_of(source, trial.source.text)
+    limit = settings.frames_limit(trial.source, trial.start)
+    limits = ExternalConfig(settings.time_limit_s, settings.memory_limit_mb, max(limit, 2))
+    config = replace(settings.config, seed=settings.seed, external=limits)
+    scratch = settings.tracks if settings.tracks and Path(settings.tracks).is_dir() else None
+    recording = _recording(trial, settings)
+    with recording.recorder(source, camera) as recorder:
+        initializer = ExternalInitializer(trial.method, camera, config, recorder, scratch)
+        try:
+            for frame in source.frames(trial.start, limit):
+                initializer.process(frame)
+            result = initializer.finish()
+        finally:
+            initializer.close()
+        row = result_row(trial, settings, result, source, ())
+        recording.end(result, source, camera, recorder)
+    program = initializer.program
+    frame_ms = None if program is None else _rounded(1e3 * program.seconds / initializer.frames_read)
+    return replace(
+        row,
+        frame_median_ms=frame_ms,
+        frame_p95_ms=frame_ms,
         trial_ms=_rounded(1e3 * (time.perf_counter() - begin)),
     )
 
@@ -182,6 +217,10 @@ def error_row(trial: Trial, settings: Settings, cause: str) -> TrialRow:
         With the outcome ``error``.
     """
     return replace(_blank(trial, settings, "error"), reason=" ".join(cause.split())[:_MAX_CAUSE])
+
+
+def _recording(trial: Trial, settings: Settings) -> TrialRecording:
+    return TrialRecording(settings.recordings, trial.source.label, trial.method, trial.start, settings.seed)
 
 
 @lru_cache(maxsize=1)
@@ -246,21 +285,28 @@ def result_row(
             reason_right=result.reason == expected if expected is not None else None,
             kept_truth=_kept_truth(result, source, criteria),
         )
+    if settings.trajectories is not None:
+        keyframes = result.map.keyframes
+        write_trajectory(
+            settings.trajectories, trial.method, trial.source.label, trial.start, keyframes, source.groundtruth
+        )
     row = replace(
         row,
         frames_to_accept=result.frames_to_init,
         seconds_to_accept=_rounded(_seconds(source, trial.start, result)),
-        landmarks=len(result.map.points),
+        landmarks=len(result.map.points) or None,  # an external program gives none
         keyframes=" ".join(str(keyframe.frame) for keyframe in result.map.keyframes),
-        parallax_deg=_rounded(result.map.median_parallax_deg),
-        reprojection_rmse_px=_rounded(result.map.reprojection_rmse_px),
-        survival=_rounded(survival(result.map, following)),
+        parallax_deg=_finite(result.map.median_parallax_deg),
+        reprojection_rmse_px=_finite(result.map.reprojection_rmse_px),
+        survival=_rounded(survival(result.map, following)) if len(result.map.points) else None,
         # The method accepted a map instead of giving the expected reason.
         reason_right=False if expected is not None else None,
     )
     if source.groundtruth is not None:
         row = _with_pose_errors(row, result.map, source.groundtruth, criteria)
     row = _with_stated_risk(row, result, source.groundtruth, criteria)
+    if not len(result.map.points):  # an external program gives no landmarks
+        return row
     depths = depth_errors(result.map, source)
     return replace(row, depth_error=_rounded(depths.relative), depth_order_error=_rounded(depths.wrong_order))
 
@@ -335,43 +381,3 @@ def _rounded(value: float | None) -> float | None:
 def _finite(value: float) -> float | None:
     """Round a stated figure. A row holds finite numbers only."""
     return _rounded(value) if math.isfinite(value) else None
-
-
-# -- recordings ------------------------------------------------------------------------------------
-
-
-def _recorder(trial: Trial, settings: Settings, source: TimedSource | PointSource, camera: Camera) -> Recorder:
-    if settings.recordings is None:
-        return Recorder()
-    from slam_init.recording.rerun_recorder import RerunRecorder
-
-    folder = recording_folder(settings.recordings, trial.source.label, trial.start)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise output_error(folder, error) from error
-    name = f"{trial.source.label} {trial.method} {trial.start}"
-    path = folder / recording_name(trial.method)
-    return RerunRecorder(path, camera, name, source.groundtruth, settings.seed)
-
-
-def _record_end(
-    trial: Trial,
-    settings: Settings,
-    result: Result,
-    source: TimedSource | PointSource,
-    camera: Camera,
-    recorder: Recorder,
-) -> None:
-    """Finish the recording of the trial, and store a snapshot of the map for the recording of all methods."""
-    from slam_init.compare.map_snapshot import save_snapshot
-    from slam_init.evaluation.metrics import compare_with_groundtruth
-    from slam_init.output.summary import summary_of
-
-    errors = compare_with_groundtruth(result.map.keyframes, source.groundtruth) if result.map is not None else None
-    recorder.summary(summary_of(result, source, camera, trial.method, settings.seed, ground_truth=errors))
-    folder = recording_folder(str(settings.recordings), trial.source.label, trial.start)
-    try:
-        save_snapshot(folder / snapshot_name(trial.method), result, trial.start, source.groundtruth)
-    except OSError as error:
-        raise output_error(folder, error) from error

@@ -142,6 +142,8 @@ class Reduction:
         n, camera = self.factor, replace(self.original, source=map_.camera.source)
         if map_.camera != self.camera:  # its focal length or its distortion was estimated
             camera = replace(map_.camera.scaled(n), width=camera.width, height=camera.height)
+        if map_.graph is None:  # that of an external program: poses only
+            return replace(map_, camera=camera)
         graph, values = enlarged_graph(map_.graph, map_.values, camera, self.original, n * map_.noise_px, n)
         return replace(
             map_,

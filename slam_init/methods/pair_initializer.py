@@ -142,7 +142,8 @@ class PairInitializer:
         self._next_index = current.frame + 1
         self._first_index = current.frame if self._first_index is None else self._first_index
         attempt = None
-        if self._reference is not None:
+        self._replace_distant_reference(current.frame)
+        if self._reference is not None and current.frame - self._reference >= self.method.pair_rule.min_gap:
             attempt = self._try(self.history[self._reference], current)
             self.recorder.attempt(attempt)
             self._attempts.add(attempt)
@@ -156,6 +157,15 @@ class PairInitializer:
         self.history.forget(keep=() if self._reference is None else (self._reference,))
         self.status = self.status.after(attempt, 0.0) if self.map is None else Status.initialized(attempt)
         return self.status
+
+    def _replace_distant_reference(self, frame: int) -> None:
+        """Apply the rule of the largest gap: the frame before becomes the reference, if it has enough features."""
+        gap = self.method.pair_rule.max_gap
+        if gap is None or self._reference is None or frame - self._reference <= gap:
+            return
+        before = next((one for one in self.history if one.frame == frame - 1), None)
+        enough = before is not None and len(before) >= self.method.pair_rule.min_features
+        self._reference = frame - 1 if enough else None
 
     def finish(self) -> Result:
         """End the sequence. The result is the same as :attr:`result`.

@@ -14,6 +14,7 @@ from types import BuiltinFunctionType
 from typing import TYPE_CHECKING, Any, Protocol
 
 from slam_init.errors import ConfigError
+from slam_init.methods.external_command import is_external, parse_external
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -224,6 +225,18 @@ METHODS: dict[str, MethodInfo] = {
             f"{_HERE}.superansac:SupeRansac",
             needs="pysuperansac",
         ),
+        MethodInfo(
+            "opensfm",
+            "rotation-only test, then five-point or plane-based motion by their inliers, 20 points of 1 degree",
+            "OpenSfM, two_view_reconstruction_general; Mapillary",
+            f"{_HERE}.opensfm:OpenSfm",
+        ),
+        MethodInfo(
+            "pyslam",
+            "five-point MAGSAC on pairs of 2 to 5 frames, 150 points, a point in each ninth of the image",
+            "pySLAM, Initializer; Freda 2025, arXiv:2502.11955",
+            f"{_HERE}.pyslam:PySlam",
+        ),
     )
 }
 
@@ -234,7 +247,7 @@ def method_info(name: str) -> MethodInfo:
     Parameters
     ----------
     name : str
-        A name of :data:`METHODS`, or ``package.module:attribute``.
+        A name of :data:`METHODS`, ``package.module:attribute``, or ``command:PROGRAM ...``.
 
     Returns
     -------
@@ -243,13 +256,18 @@ def method_info(name: str) -> MethodInfo:
     Raises
     ------
     ConfigError
-        If there is no such method.
+        If there is no such method, or its command is not valid.
     """
     if name in METHODS:
         return METHODS[name]
+    if is_external(name):
+        return MethodInfo(name, "an external program", " ".join(parse_external(name).words))
     if ":" in name:
         return MethodInfo(name, "a method of your own", name, home=name)
-    raise ConfigError(f"unknown method {name!r}: use one of {', '.join(METHODS)}, or package.module:attribute")
+    raise ConfigError(
+        f"unknown method {name!r}: use one of {', '.join(METHODS)}, package.module:attribute, "
+        "or 'command:PROGRAM {images} {times} {camera} {out}'"
+    )
 
 
 def make_two_view(name: str) -> Any:
@@ -296,7 +314,7 @@ def make_initializer(name: str, camera: Camera, config: Config, recorder: Record
     Parameters
     ----------
     name : str
-        A name of :data:`METHODS`, or ``package.module:attribute``.
+        A name of :data:`METHODS`, ``package.module:attribute``, or ``command:PROGRAM ...``.
     camera : Camera
         The calibration of the images.
     config : Config
@@ -312,6 +330,10 @@ def make_initializer(name: str, camera: Camera, config: Config, recorder: Record
     ConfigError
         If there is no such method, or a package that it needs is not installed.
     """
+    if is_external(name):
+        from slam_init.methods.external import ExternalInitializer
+
+        return ExternalInitializer(name, camera, config, recorder)
     from slam_init.initializer import Initializer
 
     info = method_info(name)

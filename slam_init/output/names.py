@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 __all__ = [
+    "BENCH_FILES",
     "COLMAP_FILES",
     "COMPARE_FILES",
+    "DIGESTS",
     "INTERRUPTED",
     "MAP_FILES",
     "MAX_SEGMENTS",
     "OVERVIEW",
+    "PAGE",
     "RECORDING",
     "RUN_FILES",
+    "SHEET_FILES",
     "TRIALS",
     "UNFINISHED",
     "run_files",
@@ -53,6 +57,14 @@ RUN_FILES = (
 TRIALS = "trials.jsonl"
 #: All files that a comparison can write, without its recordings.
 COMPARE_FILES = (TRIALS, "results.csv", "report.html", "summary.json")
+#: The score sheet of a benchmark.
+SHEET_FILES = ("sheet.json", "sheet.md")
+#: The digests of the tracks, one a line, written as they are known.
+DIGESTS = "tracks.jsonl"
+#: All files that a benchmark can write, without its trajectories.
+BENCH_FILES = (*COMPARE_FILES, *SHEET_FILES, DIGESTS)
+#: The page of several benchmarks.
+PAGE = "leaderboard.html"
 
 
 def segment_folder(number: int) -> str:

@@ -64,9 +64,7 @@ def _map_facts(summary: Summary) -> list[tuple[str, str]]:
     frames = ", ".join(str(keyframe.frame) for keyframe in summary.keyframes)
     facts = [
         ("keyframes", f"{len(summary.keyframes)} (frames {frames})"),
-        ("landmarks", f"{summary.landmarks}, {summary.scene} scene"),
-        ("parallax", f"{summary.median_parallax_deg:.2f} deg (median)"),
-        ("reprojection", f"{summary.reprojection_rmse_px:.2f} px (rms)"),
+        *_landmark_facts(summary),
         *_risk_facts(summary),
     ]
     facts += _scale_facts(summary.scale, summary.scale_sigma, summary.scale_origin)
@@ -113,6 +111,17 @@ def _segment_fact(segment: SegmentRecord) -> tuple[str, str]:
     scale = "" if segment.scale is None else f", 1 unit = {segment.scale:.4g} m"
     located = f"{segment.continued.located} further frames located"
     return (segment.folder, f"{segment.landmarks} landmarks, {frames}{scale}, {located}, {end}")
+
+
+def _landmark_facts(summary: Summary) -> list[tuple[str, str]]:
+    """Return the lines about the landmarks; none for the map of an external program."""
+    if not summary.landmarks:
+        return []
+    return [
+        ("landmarks", f"{summary.landmarks}, {summary.scene} scene"),
+        ("parallax", f"{summary.median_parallax_deg:.2f} deg (median)"),
+        ("reprojection", f"{summary.reprojection_rmse_px:.2f} px (rms)"),
+    ]
 
 
 def _attempts(summary: Summary) -> str:

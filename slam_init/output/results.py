@@ -149,7 +149,11 @@ def _map_files(
     map_: InitialMap, located: Sequence[Keyframe], descriptors: tuple[Image, Bools] | None
 ) -> dict[str, bytes]:
     """Return the content of the files of a map by name."""
-    files = {"trajectory.txt": tum_text(map_.keyframes).encode(), "map.ply": ply_bytes(map_)}
+    files = {"trajectory.txt": tum_text(map_.keyframes).encode()}
+    # The map of an external program has no landmarks, and no graph to go on with.
+    if map_.graph is None:
+        return files
+    files["map.ply"] = ply_bytes(map_)
     files |= {
         # The file system allows names of images that are not Unicode; the bytes are written unchanged.
         name: text.encode("utf-8", "surrogateescape")

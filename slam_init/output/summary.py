@@ -7,6 +7,7 @@ shows the same types (:mod:`slam_init.recording.text`), so that the file and the
 from __future__ import annotations
 
 import json
+import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -200,8 +201,8 @@ def summary_of(
         frames_to_init=result.frames_to_init,
         keyframes=() if map_ is None else tuple(KeyframeRecord.of(keyframe) for keyframe in map_.keyframes),
         landmarks=0 if map_ is None else len(map_.points),
-        median_parallax_deg=None if map_ is None else map_.median_parallax_deg,
-        reprojection_rmse_px=None if map_ is None else map_.reprojection_rmse_px,
+        median_parallax_deg=None if map_ is None else _known(map_.median_parallax_deg),
+        reprojection_rmse_px=None if map_ is None else _known(map_.reprojection_rmse_px),
         scene=None if map_ is None else map_.scene,
         focal_length=None if map_ is None else FocalLengthRecord.of(map_),
         scale=None if result.scale is None else result.scale.metres_per_unit,
@@ -218,6 +219,11 @@ def summary_of(
         notes=result.notes,
         provenance=provenance,
     )
+
+
+def _known(value: float) -> float | None:
+    """The map of an external program has no landmarks, and figures of landmarks are NaN."""
+    return value if math.isfinite(value) else None
 
 
 def summary_text(summary: Summary) -> str:

@@ -55,6 +55,7 @@ VERDICT_COLORS: dict[Verdict, str] = {
     Verdict.MOVING_BODIES: "#b478e6",
     Verdict.AMBIGUOUS_PLANE: "#f28c28",
     Verdict.UNKNOWN_FOCAL_LENGTH: "#b8a200",
+    Verdict.EXTERNAL_METHOD: "#566573",
     Verdict.TOO_FEW_LANDMARKS: "#d9749f",
     Verdict.BUNDLE_ADJUSTMENT_FAILED: "#c2185b",
     Verdict.TOO_FEW_FRAMES: "#777777",

@@ -66,7 +66,8 @@ class InitialMap(Described):
         The quantities that were held fixed, in words.
     graph, values
         ``gtsam.NonlinearFactorGraph`` and ``gtsam.Values``: keys ``X(frame)`` for poses (world_from_cam),
-        ``L(track_id)`` for landmarks and, where the focal length was adjusted, ``K(0)`` for the calibration.
+        ``L(track_id)`` for landmarks and, where the focal length was adjusted, ``K(0)`` for the calibration. None for
+        the map of an external program, which has no landmarks.
     points_before : (L, 3) float
         The landmarks as triangulated, before bundle adjustment, in the same frame and scale.
     keyframes_before : tuple of K Pose

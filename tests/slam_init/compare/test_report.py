@@ -10,7 +10,7 @@ from slam_init.compare.sources import describe_sources
 def test_the_page_loads_nothing_from_other_places(finished):
     page = (finished[0] / "report.html").read_text()
     assert page.startswith("<!DOCTYPE html>")
-    for outside in ("http://", "https://", "<script", "<link", "@import", "url("):
+    for outside in ("http://", "https://", "<script src", "<link", "@import", "url(", "fetch(", "import("):
         assert outside not in page
     for method in METHODS:
         assert method in page

@@ -1,0 +1,22 @@
+"""InitBench: a public benchmark of vision-only initialization with a fixed, named protocol: ``slam-init bench``.
+
+The trials, the judging and the files are those of :mod:`slam_init.compare`. InitBench adds a protocol with a name and
+a version, so that a figure can be cited: fixed worlds and sequences, digests of the tracks that all methods get, one
+score sheet, and a page that ranks the sheets of several runs.
+
+===================  ===============================================================================
+module               content
+===================  ===============================================================================
+``protocol``         name and version; what a run of the benchmark is
+``suites``           the suites ``drawn`` and ``rendered``
+``manifest``         the suite ``video``: public sequences, where to get each, their checksums
+``convert``          converters of the published layouts that no reader takes
+``strata``           difficulty strata: kind of scene, and noise, outliers, baseline, focal length
+``frozen``           digests of the tracks of this version of the protocol
+``sheet``            the score sheet; ``sheet_text`` writes it as Markdown
+``hardware``         the machine
+``command``          runs ``slam-init bench``
+``leaderboard``      runs ``slam-init bench publish``
+``freeze``           a program that writes ``frozen.json`` for a new version
+===================  ===============================================================================
+"""

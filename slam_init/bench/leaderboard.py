@@ -1,0 +1,267 @@
+"""``slam-init bench publish DIR...``: one static page from the score sheets of several runs.
+
+Rows are compared only if their runs had the same protocol: the same suite, worlds, seed, starts and sequences, and the
+same digests of the tracks. Each such group has a table of its own. Nothing in a sheet is trusted: it is read within a
+bound, each value is checked, and every text is escaped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from slam_init.bench.protocol import DEFAULTS, NAME, VERSION
+from slam_init.bench.sheet import SCHEMA
+from slam_init.compare.rows import finite_json
+from slam_init.errors import SourceError
+from slam_init.output.folder import OutputFolder, output_error
+from slam_init.output.names import PAGE, SHEET_FILES
+from slam_init.regular_file import read_regular, user_path
+
+__all__ = ["Entry", "leaderboard_html", "publish", "read_entries"]
+
+#: A sheet of 1,000 worlds and 20 methods has 300 kB.
+_MAX_BYTES = 20_000_000
+#: More sheets than anybody compares on one page.
+_MAX_SHEETS = 1000
+_MAX_TEXT = 2000
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A row of a leaderboard.
+
+    Attributes
+    ----------
+    group : str
+        Rows of one group can be compared.
+    suite : str
+    label, command, about : str
+    trials : int
+    correct, false, none, delay : tuple of (float or None)
+        Value, low and high end.
+    errors : int
+    risk : str
+        Of maps with a stated risk: false ones, and the expected number.
+    frame_ms : float or None
+    machine : str
+    folder : str
+        Where the sheet lies.
+    """
+
+    group: str
+    suite: str
+    label: str
+    command: str
+    about: str
+    trials: int
+    correct: tuple[float | None, ...]
+    false: tuple[float | None, ...]
+    none: tuple[float | None, ...]
+    delay: tuple[float | None, ...]
+    errors: int
+    risk: str
+    frame_ms: float | None
+    machine: str
+    folder: str
+
+    @property
+    def net(self) -> float:
+        """Return the rank: share of correct maps minus share of false maps.
+
+        Returns
+        -------
+        float
+        """
+        return (self.correct[0] or 0.0) - (self.false[0] or 0.0)
+
+
+def publish(folders: Sequence[str], out: Path) -> str:
+    """Write the page.
+
+    Parameters
+    ----------
+    folders : sequence of str
+        Folders of results of ``slam-init bench``.
+    out : Path
+        Folder of the page.
+
+    Returns
+    -------
+    str
+        Text for stdout.
+
+    Raises
+    ------
+    SlamInitError
+        If a folder has no sheet, a sheet is damaged, or the page cannot be written.
+    """
+    if len(folders) > _MAX_SHEETS:
+        raise SourceError(f"{len(folders)} folders: give at most {_MAX_SHEETS}")
+    entries = [entry for folder in folders for entry in read_entries(folder)]
+    page = leaderboard_html(entries)
+    with OutputFolder(out, "bench publish", (PAGE,)) as folder:
+        try:
+            (folder.staging / PAGE).write_bytes(page.encode("utf-8", "backslashreplace"))
+        except OSError as error:
+            raise output_error(out, error) from error
+        folder.publish([PAGE])
+    return f"{len(entries)} rows of {len(folders)} runs: {out / PAGE}\n"
+
+
+def read_entries(folder: str) -> list[Entry]:
+    """Read the score sheet of a run.
+
+    Parameters
+    ----------
+    folder : str
+
+    Returns
+    -------
+    list of Entry
+        One for each method.
+
+    Raises
+    ------
+    SourceError
+        If there is no sheet, or it is damaged.
+    """
+    path = user_path(folder) / SHEET_FILES[0]
+    if not path.exists():
+        raise SourceError(f"{folder} has no {SHEET_FILES[0]}: give folders of results of slam-init bench")
+    try:
+        sheet = finite_json(read_regular(path, _MAX_BYTES, "a score sheet", SourceError))
+        if sheet.get("benchmark") != NAME or sheet.get("version") != VERSION or sheet.get("schema") != SCHEMA:
+            raise SourceError(f"{path} is no score sheet of {NAME} {VERSION}: run slam-init bench again")
+        return _entries(sheet, folder)
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        raise SourceError(f"{path} is damaged: run slam-init bench again") from None
+
+
+def _entries(sheet: Mapping[str, Any], folder: str) -> list[Entry]:
+    run, frozen = sheet["run"], sheet["frozen"]
+    suite = _text(sheet["suite"])
+    if suite not in DEFAULTS:
+        raise ValueError("an unknown suite")
+    sequences = [_text(name) for name in sheet["sequences"]]
+    state = "other tracks than the frozen ones" if frozen["different"] else "frozen tracks"
+    parts = [f"{len(sequences)} {'sequences' if suite == 'video' else 'worlds'}", f"seed {int(run['seed'])}"]
+    parts += [] if suite == "drawn" else [f"every {int(run['every'])} frames"]
+    parts += [state if not frozen["unknown"] or frozen["different"] else "not frozen"]
+    if suite == "video":
+        parts.append(", ".join(sequences))
+    if frozen["different"]:  # such runs can be compared with themselves only
+        parts.append(f"on {_text(sheet['machine'].get('processor', ''))}, {folder}")
+    machine = ", ".join(_text(value) for value in sheet["machine"].values())
+    entries = []
+    for row in sheet["rows"]:
+        risk = row["risk"]
+        frame_ms = sheet["times"][row["method"]]["frame_ms"]
+        entries.append(
+            Entry(
+                group=f"{suite}: {'; '.join(parts)}",
+                suite=suite,
+                label=_text(row["label"]),
+                command=_text(row["command"]),
+                about=_text(row["about"]),
+                trials=int(row["trials"]),
+                correct=_interval(row["correct"]),
+                false=_interval(row["false"]),
+                none=_interval(row["none"]),
+                delay=_interval(row["delay"]),
+                errors=int(row["errors"]),
+                risk="" if risk is None else f"{int(risk['false'])} ({float(risk['expected_false']):.2g})",
+                frame_ms=None if frame_ms is None else float(frame_ms),
+                machine=machine[:_MAX_TEXT],
+                folder=folder,
+            )
+        )
+    return entries
+
+
+def leaderboard_html(entries: Sequence[Entry]) -> str:
+    """Make the page.
+
+    Parameters
+    ----------
+    entries : sequence of Entry
+
+    Returns
+    -------
+    str
+        HTML document that loads nothing.
+    """
+    style = files("slam_init.compare").joinpath("report.css").read_text(encoding="utf-8")
+    script = files("slam_init.compare").joinpath("report.js").read_text(encoding="utf-8")
+    groups: dict[str, list[Entry]] = {}
+    for entry in entries:
+        groups.setdefault(entry.group, []).append(entry)
+    order = list(DEFAULTS)
+    body = [
+        f"<h1>{NAME} {VERSION}</h1>"
+        '<p class="soft">Initialization of monocular SLAM. A trial starts a method at a frame and ends at its first '
+        "map. Correct: share of the trials in which a map can be correct, with a rotation within 5&deg; and a "
+        "direction of the baseline within 15&deg;. False: share of all trials with any other map. Delay: frames until "
+        "the first correct map; a trial without one counts as its limit. Risk: false maps among those with a "
+        "stated risk, and the number that the stated risks promise. Intervals are 95 %. Rows are sorted by the share "
+        "of correct maps minus that of false maps; a click on a heading sorts by its column.</p>"
+    ]
+    for name, rows in sorted(groups.items(), key=lambda item: (order.index(item[1][0].suite), item[0])):
+        body.append(_section(name, sorted(rows, key=lambda entry: (-entry.net, entry.label))))
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{NAME} {VERSION}</title><style>{style}</style></head>"
+        f"<body><main>{''.join(body)}</main><script>{script}</script></body></html>\n"
+    )
+
+
+def _section(name: str, entries: Sequence[Entry]) -> str:
+    columns = ["method", "trials", "correct %", "false %", "none %", "delay<br>(frames)", "error"]
+    columns += ("risk: false<br>(expected)", "frame<br>(ms)", "net")
+    head = "".join(f'<th scope="col">{column}</th>' for column in columns)
+    rows = "".join(
+        f'<tr><th scope="row" title="{escape(entry.about)}">{escape(entry.label)}</th><td>{entry.trials}</td>'
+        f"<td>{_cell(entry.correct, 100, 1)}</td><td>{_cell(entry.false, 100, 1)}</td>"
+        f"<td>{_cell(entry.none, 100, 1)}</td><td>{_cell(entry.delay, 1, 2)}</td><td>{entry.errors}</td>"
+        f"<td>{escape(entry.risk) or '-'}</td><td>{'-' if entry.frame_ms is None else f'{entry.frame_ms:.1f}'}</td>"
+        f"<td>{100 * entry.net:.1f}</td></tr>"
+        for entry in entries
+    )
+    commands = "".join(
+        f"<li><b>{escape(entry.label)}</b> <code>{escape(entry.command)}</code>"
+        f'<br><span class="soft">{escape(entry.machine)}; {escape(entry.folder)}</span></li>'
+        for entry in entries
+    )
+    return (
+        f"<h2>{escape(name)}</h2>"
+        f'<div class="scroll"><table class="sortable"><caption>{escape(name)}</caption>'
+        f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
+        f"<details><summary>Commands that give these rows, and machines</summary><ul>{commands}</ul></details>"
+    )
+
+
+def _cell(interval: Sequence[float | None], scale: float, digits: int) -> str:
+    value, low, high = interval
+    if value is None:
+        return "-"
+    ends = ""
+    if low is not None and high is not None:
+        ends = f'<span class="interval">{scale * low:.{digits}f} to {scale * high:.{digits}f}</span>'
+    return f"{scale * value:.{digits}f}{ends}"
+
+
+def _interval(value: object) -> tuple[float | None, ...]:
+    if not isinstance(value, list) or len(value) != 3:
+        raise ValueError("no interval")
+    return tuple(None if end is None else float(end) for end in value)
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError("not a text")
+    return value[:_MAX_TEXT]

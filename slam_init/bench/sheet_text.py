@@ -1,0 +1,155 @@
+"""The score sheet as Markdown. The columns of times end in ``(ms)``; all else is the same in a second run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from slam_init.bench.sheet import PairedTest, Row, Sheet
+from slam_init.bench.strata import AXES, Stratum
+from slam_init.compare.statistics import Interval
+from slam_init.methods.external_command import method_label
+from slam_init.output.tables import markdown_table
+
+__all__ = ["sheet_text"]
+
+#: Pairs with a larger adjusted p-value are not listed one by one.
+_SIGNIFICANT = 0.05
+
+
+def sheet_text(sheet: Sheet) -> str:
+    """Write a score sheet.
+
+    Parameters
+    ----------
+    sheet : Sheet
+
+    Returns
+    -------
+    str
+        Markdown with a final newline.
+    """
+    first = sheet.rows[0]
+    parts = [
+        f"# {sheet.title}",
+        f"    {sheet.command}",
+        "\n".join(f"* {line}" for line in _facts(sheet)),
+        "## Scores",
+        "Shares in %, with 95 % intervals. Correct, none and delay are over the trials in which a map can be correct "
+        f"({first.solvable} of {first.trials}). False is over all trials: a camera that does not translate has no "
+        "correct map. Delay: frames after the start until the first correct map; a trial without one counts as its "
+        "limit. Risk: false maps among those with a stated risk, and how many the stated risks promise.",
+        _scores(sheet.rows),
+        "## On the same trials",
+        _pairs_text(sheet.pairs),
+        "## Strata",
+        "Correct maps in %, and the number of false maps after the slash.",
+        *(_strata(kind, sheet) for kind in dict.fromkeys(stratum.kind for stratum in sheet.strata)),
+        "## Commands",
+        "\n".join(f"* {row.label}: `{row.command}`" for row in sheet.rows),
+        "## Machine",
+        "\n".join(f"* {name}: {value}" for name, value in (*sheet.machine.items(), *sheet.packages.items())),
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _facts(sheet: Sheet) -> list[str]:
+    whole = "the whole suite" if not sheet.departures else f"a part of the suite: {'; '.join(sheet.departures)}"
+    return [whole, f"tracks: {sheet.frozen.text}", *sheet.notes]
+
+
+def _scores(rows: Sequence[Row]) -> str:
+    header = ["method", "trials", "correct", "strict", "false", "none", "error", "delay (frames)", "reason right"]
+    header += ["risk: false (expected) of maps", "frame (ms)", "p95 (ms)"]
+    return markdown_table(
+        header,
+        [
+            [
+                row.label,
+                str(row.trials) if row.trials else "not applicable",
+                _percent(row.correct),
+                _percent(row.strict),
+                _percent(row.false),
+                _percent(row.none),
+                str(row.errors),
+                _frames(row.delay),
+                _percent(row.reason),
+                _risk(row),
+                _ms(row.times.frame_ms),
+                _ms(row.times.frame_p95_ms),
+            ]
+            for row in rows
+        ],
+    )
+
+
+def _pairs_text(pairs: Sequence[PairedTest]) -> str:
+    """List the pairs that differ; tell the number of the others."""
+    rows = []
+    for pair in pairs:
+        for outcome, one, other, p in (
+            ("correct", pair.only_first_correct, pair.only_second_correct, pair.p_correct),
+            ("false", pair.only_first_false, pair.only_second_false, pair.p_false),
+        ):
+            if p < _SIGNIFICANT:
+                rows.append([f"{pair.first} : {pair.second}", outcome, f"{one} : {other}", _p_value(p)])
+    if not pairs:
+        return ""
+    told = (
+        f"{2 * len(pairs) - len(rows)} of {2 * len(pairs)} comparisons of two methods show no difference "
+        "(sign-flip test by sequence, Holm)."
+    )
+    if not rows:
+        return told
+    header = ["pair", "outcome", "trials in which only one of them has it", "p (Holm)"]
+    return f"{told} The others:\n\n{markdown_table(header, rows)}"
+
+
+def _strata(kind: str, sheet: Sheet) -> str:
+    strata = [stratum for stratum in sheet.strata if stratum.kind == kind]
+    header = [kind, "trials", *(method_label(method) for method in sheet.run.methods)]
+    rows = [[_stratum_name(one), str(max(cell.trials for cell in one.cells)), *_cells(one)] for one in strata]
+    return markdown_table(header, rows)
+
+
+def _stratum_name(stratum: Stratum) -> str:
+    return "all" if stratum.value is None else f"{AXES[stratum.axis]} {stratum.value:g}"
+
+
+def _cells(stratum: Stratum) -> list[str]:
+    cells = []
+    for cell in stratum.cells:
+        known = cell.trials > 0 and not math.isnan(cell.correct.value)
+        share = f"{100 * cell.correct.value:.0f}" if known else "-"
+        cells.append(f"{share} / {cell.false}" if cell.trials else "-")
+    return cells
+
+
+def _risk(row: Row) -> str:
+    if row.risk is None:
+        return "-"
+    verdict = "" if row.risk.reliable else ", understated"
+    return f"{row.risk.false} ({row.risk.expected_false:.2g}) of {row.risk.maps}{verdict}"
+
+
+def _percent(interval: Interval) -> str:
+    if math.isnan(interval.value):
+        return "-"
+    known = not math.isnan(interval.low)
+    ends = f" [{100 * interval.low:.1f}, {100 * interval.high:.1f}]" if known else ""
+    return f"{100 * interval.value:.1f}{ends}"
+
+
+def _frames(interval: Interval) -> str:
+    if math.isnan(interval.value):
+        return "-"
+    known = not math.isnan(interval.low)
+    return f"{interval.value:.2f}" + (f" [{interval.low:.2f}, {interval.high:.2f}]" if known else "")
+
+
+def _ms(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
+
+
+def _p_value(p: float) -> str:
+    return "< 0.001" if p < 1e-3 else f"{p:.2g}"

@@ -1,0 +1,130 @@
+"""Difficulty strata: the kind of the scene, crossed with what makes a world difficult.
+
+A stratum is a value of one axis within one kind of scene, for example a baseline of 0.03 of the depth on a plane.
+Worlds have all axes; a public sequence has its kind only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from urllib.parse import parse_qsl
+
+import numpy as np
+
+from slam_init.bench.manifest import kind_of_sequence
+from slam_init.compare.judging import criteria_of
+from slam_init.compare.sources import ComparedSource
+from slam_init.compare.statistics import Interval, cluster_share
+from slam_init.compare.trial_table import TrialTable
+from slam_init.types.arrays import Bools
+
+__all__ = ["AXES", "Cell", "Stratum", "strata_of"]
+
+#: Options of a world that are strata, and their headings.
+AXES = {
+    "baseline": "baseline / depth",
+    "noise_px": "noise (px)",
+    "outliers": "outliers",
+    "focal_error": "focal error",
+}
+_PLANES = ("wall", "nadir", "tilted", "handheld-wall")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A method in a stratum.
+
+    Attributes
+    ----------
+    method : str
+    trials : int
+    correct : Interval
+        Share of the trials with a correct map. NaN if no map can be correct.
+    false : int
+        Number of false maps.
+    """
+
+    method: str
+    trials: int
+    correct: Interval
+    false: int
+
+
+@dataclass(frozen=True)
+class Stratum:
+    """Trials of equal difficulty.
+
+    Attributes
+    ----------
+    kind : str
+        Kind of the scene.
+    axis : str
+        A name of :data:`AXES`; empty for all trials of the kind.
+    value : float or None
+        Value on the axis; None for all trials of the kind.
+    cells : tuple of Cell
+        One for each method.
+    """
+
+    kind: str
+    axis: str
+    value: float | None
+    cells: tuple[Cell, ...]
+
+
+def strata_of(table: TrialTable, sources: Sequence[ComparedSource], methods: Sequence[str]) -> list[Stratum]:
+    """Count the trials of each stratum.
+
+    Parameters
+    ----------
+    table : TrialTable
+    sources : sequence of ComparedSource
+    methods : sequence of str
+
+    Returns
+    -------
+    list of Stratum
+        For each kind, all its trials first, then the values of each axis. Empty strata are left out.
+    """
+    kinds = {source.label: _kind(source) for source in sources}
+    values = {source.label: _values(source) for source in sources}
+    labels = table.text["source"].tolist()
+    kind_of_row = np.array([kinds[label] for label in labels], object)
+    axes = {axis: np.array([values[label].get(axis, np.nan) for label in labels], float) for axis in AXES}
+    strata = []
+    for kind in sorted(set(kinds.values())):
+        of_kind = kind_of_row == kind
+        strata.append(_stratum(table, methods, of_kind, kind, "", None))
+        for axis, of_row in axes.items():
+            for value in sorted(set(of_row[of_kind & np.isfinite(of_row)].tolist())):
+                strata.append(_stratum(table, methods, of_kind & (of_row == value), kind, axis, value))
+    return strata
+
+
+def _stratum(
+    table: TrialTable, methods: Sequence[str], mask: Bools, kind: str, axis: str, value: float | None
+) -> Stratum:
+    cells = []
+    for method in methods:
+        chosen = mask & table.where(method=method)
+        solvable = chosen & table.solvable
+        correct = cluster_share(table.text["outcome"][solvable] == "correct", table.text["source"][solvable])
+        false = int(np.sum(table.text["outcome"][chosen] == "false"))
+        cells.append(Cell(method, int(chosen.sum()), correct, false))
+    return Stratum(kind, axis, value, tuple(cells))
+
+
+def _kind(source: ComparedSource) -> str:
+    prefix, colon, name = source.label.partition("?")[0].partition(":")
+    if not colon or prefix not in ("points", "synth"):
+        return kind_of_sequence(source.label)
+    if criteria_of(source.group).no_translation:
+        return "no translation"
+    return "plane" if name.startswith(_PLANES) else "general"
+
+
+def _values(source: ComparedSource) -> dict[str, float]:
+    if not source.label.startswith("points:"):
+        return {}
+    return {name: float(value) for name, value in parse_qsl(source.label.partition("?")[2]) if name in AXES}

@@ -1,0 +1,395 @@
+"""An initializer that is an external program: it gets the frames as files, and writes a trajectory or nothing.
+
+The program gets these files in a new folder, by the placeholders of its command
+(:mod:`slam_init.methods.external_command`):
+
+===========  ========================================================================================================
+``{images}``  folder of the frames: ``000000.png``, ``000001.png``, ..., as stored (8 bit grey or BGR, not undistorted)
+``{times}``   text file with a line ``timestamp filename`` for each frame, in seconds, as ``rgb.txt`` of TUM RGB-D
+``{camera}``  the calibration, in the YAML of this project
+``{out}``     empty folder for the results
+``{count}``   number of frames
+===========  ========================================================================================================
+
+and may write these files to ``{out}``:
+
+===================  ================================================================================================
+``trajectory.txt``    ``timestamp tx ty tz qx qy qz qw``, world_from_cam, for the keyframes of its initial map
+``frames_read.txt``   number of frames that the program had read when it had this map; without it all frames count
+``reason.txt``        why there is no trajectory: one of :data:`slam_init.types.reasons.REASONS`
+===================  ================================================================================================
+
+A program that exits with 0 and writes no trajectory has no map. Any other end is an error of the program. A map from a
+program has keyframes and no landmarks, so that nothing can be continued from it.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from slam_init.calibration.writing import camera_yaml
+from slam_init.datasets.text import read_tum_trajectory
+from slam_init.errors import OutputError, SlamInitError
+from slam_init.frontend.tracks import Tracker
+from slam_init.methods.external_command import parse_external
+from slam_init.methods.external_run import ProgramRun, run_program
+from slam_init.recording.recorder import Recorder
+from slam_init.regular_file import check_inside, read_regular
+from slam_init.status import Status, frame_of
+from slam_init.types.frame import Frame, Observations
+from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.pose import Pose
+from slam_init.types.reasons import REASONS, Verdict
+from slam_init.types.result import Result
+from slam_init.types.stopwatch import Stopwatch
+
+if TYPE_CHECKING:
+    from slam_init.config import Config
+    from slam_init.types.arrays import Image
+    from slam_init.types.camera import Camera
+    from slam_init.types.pose import Trajectory
+
+__all__ = ["ExternalInitializer"]
+
+_TRAJECTORY, _FRAMES_READ, _REASON = "trajectory.txt", "frames_read.txt", "reason.txt"
+#: Length of a number or of a reason.
+_MAX_WORD_BYTES = 200
+#: Kept length of the last line of the output of a program that failed.
+_MAX_LINE = 300
+#: Zlib level 1: higher levels take five times as long for a tenth of the size.
+_PNG_COMPRESSION = 1
+
+
+@dataclass(frozen=True)
+class _Given:
+    """A frame that the program gets."""
+
+    index: int
+    timestamp_s: float
+    name: str
+    file: str
+
+
+class ExternalInitializer:
+    """Takes frames, and runs the program at the end; has the interface of :class:`slam_init.initializer.Initializer`.
+
+    Parameters
+    ----------
+    method : str
+        ``command:PROGRAM ...``.
+    camera : Camera
+        The calibration of the images.
+    config : Config
+        With the limits of the program (:attr:`Config.external`).
+    recorder : Recorder, optional
+        Receives each frame.
+    scratch : path, optional
+        An existing folder in which the folder of the program is made; that of temporary files by default.
+
+    Attributes
+    ----------
+    map : InitialMap or None
+        The map of the program: keyframes without landmarks.
+    status : Status
+        The status after the last frame. There is no map before :meth:`finish`.
+    frames_read : int
+        Number of frames that the program gets.
+    tracker : Tracker
+        Not used by the program.
+    history : History
+        Empty.
+    program : ProgramRun or None
+        How the program ended; None before :meth:`finish`.
+
+    Raises
+    ------
+    ConfigError
+        If the command is not valid.
+    """
+
+    def __init__(
+        self,
+        method: str,
+        camera: Camera,
+        config: Config,
+        recorder: Recorder | None = None,
+        scratch: str | os.PathLike[str] | None = None,
+    ) -> None:
+        self._command = parse_external(method)
+        self._limits = config.external
+        self.camera = camera
+        self.recorder = recorder or Recorder()
+        self.tracker = Tracker(camera, config.tracking)
+        self.history = self.tracker.history
+        self.stopwatch = Stopwatch()
+        self.map: InitialMap | None = None
+        self.status = Status()
+        self.frames_read = 0
+        self.program: ProgramRun | None = None
+        self._scratch = scratch
+        self._folder: Path | None = None
+        self._given: list[_Given] = []
+        self._result: Result | None = None
+
+    def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
+        """Write the next frame to the folder of the program.
+
+        Parameters
+        ----------
+        image : (H, W) or (H, W, 3) uint8, or Frame
+            Grey or BGR, or a frame of a source.
+        timestamp_s : float, optional
+            In seconds.
+
+        Returns
+        -------
+        Status
+            Without a map. Frames beyond the limit of the configuration are not taken.
+
+        Raises
+        ------
+        OutputError
+            If the frame cannot be written.
+        """
+        if self._result is not None or self.frames_read >= self._limits.max_frames:
+            return self.status
+        frame = frame_of(image, timestamp_s, self._given[-1].index + 1 if self._given else 0, self.camera)
+        self.recorder.frame(frame, _without_tracks(frame))
+        with self.stopwatch("write"):
+            self._write(frame)
+        self.frames_read += 1
+        return self.status
+
+    def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
+        """Refuse tracks: an external program needs images.
+
+        Parameters
+        ----------
+        current : Observations
+        revised : sequence of Observations, optional
+
+        Returns
+        -------
+        Status
+
+        Raises
+        ------
+        SlamInitError
+        """
+        raise SlamInitError(f"{self._command.label} is an external program, which needs images: give no points: source")
+
+    def reset(self, since: int | None = None) -> None:
+        """Refuse to start anew: the program gets all frames at once.
+
+        Parameters
+        ----------
+        since : int, optional
+            Ignored.
+
+        Raises
+        ------
+        SlamInitError
+        """
+        raise SlamInitError(f"{self.method}: an external program cannot start anew after a loss")
+
+    def finish(self) -> Result:
+        """Run the program, and read its trajectory.
+
+        Returns
+        -------
+        Result
+
+        Raises
+        ------
+        SlamInitError
+            If the program fails or writes a file that cannot be read.
+        """
+        if self._result is None:
+            self._result = self._run() if self.frames_read > 1 else self._without_map(Verdict.TOO_FEW_FRAMES)
+        return self._result
+
+    @property
+    def result(self) -> Result:
+        """Result up to now: before :meth:`finish`, that there is no map yet."""
+        return self._result or self._without_map(Verdict.TOO_FEW_FRAMES)
+
+    def close(self) -> None:
+        """Remove the folder of the program, if the program was not run."""
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder = None
+
+    def __del__(self) -> None:
+        self.close()
+
+    def _write(self, frame: Frame) -> None:
+        import cv2
+
+        try:
+            if self._folder is None:
+                self._folder = Path(tempfile.mkdtemp(prefix="slam-init-external-", dir=self._scratch))
+                for name in ("images", "out"):
+                    (self._folder / name).mkdir()
+            file = f"{len(self._given):06d}.png"
+            _, encoded = cv2.imencode(".png", frame.image, [cv2.IMWRITE_PNG_COMPRESSION, _PNG_COMPRESSION])
+            (self._folder / "images" / file).write_bytes(encoded.tobytes())
+        except OSError as error:
+            raise OutputError(
+                f"cannot write the frames for {self._command.label} ({error.strerror}): make room, or set TMPDIR"
+            ) from None
+        self._given.append(_Given(frame.index, frame.timestamp_s, frame.name, file))
+
+    def _run(self) -> Result:
+        assert self._folder is not None
+        try:
+            self._write_lists(self._folder)
+            values = {
+                "images": str(self._folder / "images"),
+                "times": str(self._folder / "times.txt"),
+                "camera": str(self._folder / "camera.yaml"),
+                "out": str(self._folder / "out"),
+                "count": str(len(self._given)),
+            }
+            with self.stopwatch("program"):
+                self.program = run_program(
+                    self._command.filled(values), self._limits.time_limit_s, self._limits.memory_limit_mb
+                )
+            if self.program.failure:
+                lines = [line.strip() for line in self.program.output.splitlines() if line.strip()]
+                told = f": {lines[-1][-_MAX_LINE:]}" if lines else ", without a message"
+                raise SlamInitError(f"{self._command.label} {self.program.failure}{told}")
+            return self._read(self._folder / "out")
+        finally:
+            self.close()
+
+    def _write_lists(self, folder: Path) -> None:
+        lines = [f"{given.timestamp_s:.9f} {given.file}" for given in self._given]
+        try:
+            (folder / "times.txt").write_text("\n".join(lines) + "\n", encoding="ascii")
+            (folder / "camera.yaml").write_text(camera_yaml(self.camera), encoding="ascii")
+        except OSError as error:
+            raise OutputError(
+                f"cannot write the frames for {self._command.label} ({error.strerror}): make room"
+            ) from None
+
+    def _read(self, out: Path) -> Result:
+        if not (out / _TRAJECTORY).exists():
+            word = self._word(out, _REASON)
+            return self._without_map(Verdict(word) if word in REASONS else Verdict.EXTERNAL_METHOD)
+        trajectory = read_tum_trajectory(out / _TRAJECTORY, out)
+        keyframes, unmatched = self._keyframes(trajectory)
+        notes = [f"{self._command.label}: an external program; its map has no landmarks"]
+        if unmatched:
+            notes.append(f"{self._command.label}: {unmatched} poses have the time stamp of no frame and are left out")
+        if len(keyframes) < 2:
+            if unmatched:
+                raise SlamInitError(
+                    f"{self._command.label}: {unmatched} poses of its trajectory have the time stamp of no frame: "
+                    "write those of {times}"
+                )
+            return self._without_map(Verdict.EXTERNAL_METHOD)
+        self.map = _map_of(keyframes, self.camera)
+        self.status = Status.initialized(None)
+        return Result(
+            map=self.map,
+            reason=None,
+            frames_read=self.frames_read,
+            frames_to_init=self._frames_to_init(out, keyframes),
+            attempts=(),
+            timing_ms=self.stopwatch.summary(),
+            notes=tuple(notes),
+            hypotheses=(self.map,),
+        )
+
+    def _keyframes(self, trajectory: Trajectory | None) -> tuple[list[Keyframe], int]:
+        """Match the poses with the frames by their time stamps; return the number of poses without a frame."""
+        if trajectory is None:
+            return [], 0
+        stamps = np.array([given.timestamp_s for given in self._given])
+        # Half of a step: a program may round its stamps, and no stamp is then nearer to another frame.
+        tolerance_s = 0.5 * float(np.min(np.diff(stamps)))
+        found: dict[int, Pose] = {}
+        unmatched = 0
+        for stamp, pose in zip(trajectory.timestamps_s.tolist(), trajectory.world_from_cam, strict=True):
+            position = int(np.argmin(np.abs(stamps - stamp)))
+            if abs(stamps[position] - stamp) < tolerance_s:
+                found.setdefault(position, pose)
+            else:
+                unmatched += 1
+        first = found[min(found)].inverse() if found else Pose.identity()
+        given = self._given
+        return [
+            Keyframe(given[i].index, given[i].timestamp_s, given[i].name, first @ pose)
+            for i, pose in sorted(found.items())
+        ], unmatched
+
+    def _frames_to_init(self, out: Path, keyframes: Sequence[Keyframe]) -> int:
+        """The number of frames that the program says it has read; at least those up to its last keyframe."""
+        word = self._word(out, _FRAMES_READ)
+        if not word:
+            return self.frames_read
+        last = next(i for i, given in enumerate(self._given) if given.index == keyframes[-1].frame)
+        if not (word.isdecimal() and last + 1 <= int(word) <= self.frames_read):
+            raise SlamInitError(
+                f"{self._command.label}: {_FRAMES_READ} holds {word!r}: "
+                f"write a number from {last + 1} (its last keyframe) to {self.frames_read}"
+            )
+        return int(word)
+
+    def _word(self, out: Path, name: str) -> str:
+        if not (out / name).exists():
+            return ""
+        check_inside(out / name, out)
+        return read_regular(out / name, _MAX_WORD_BYTES, "one word", SlamInitError).decode("ascii", "replace").strip()
+
+    def _without_map(self, reason: Verdict) -> Result:
+        return Result(
+            map=None,
+            reason=reason,
+            frames_read=self.frames_read,
+            frames_to_init=None,
+            attempts=(),
+            timing_ms=self.stopwatch.summary(),
+            notes=(),
+            advice=reason.advice,
+        )
+
+
+def _without_tracks(frame: Frame) -> Observations:
+    return Observations(
+        frame.index, frame.timestamp_s, frame.name, np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 3))
+    )
+
+
+def _map_of(keyframes: Sequence[Keyframe], camera: Camera) -> InitialMap:
+    """A map of keyframes without landmarks."""
+    none = np.zeros(0, np.int64)
+    return InitialMap(
+        keyframes=tuple(keyframes),
+        points=np.zeros((0, 3)),
+        track_ids=none,
+        observation_keyframes=none,
+        observation_landmarks=none,
+        observation_pixels=np.zeros((0, 2)),
+        colors=np.zeros((0, 3), np.uint8),
+        pose_covariances=np.full((len(keyframes), 6, 6), np.nan),
+        gauge="that of the external program",
+        graph=None,
+        values=None,
+        points_before=np.zeros((0, 3)),
+        keyframes_before=tuple(keyframe.world_from_cam for keyframe in keyframes),
+        bundle_errors=(),
+        reprojection_rmse_px=float("nan"),
+        median_parallax_deg=float("nan"),
+        noise_px=float("nan"),
+        scene="general",
+        camera=camera,
+    )

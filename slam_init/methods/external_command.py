@@ -1,0 +1,148 @@
+"""The text of an external method: ``command:PROGRAM {images} {times} {camera} {out}``.
+
+The program may be in any language. ``NAME=command:PROGRAM ...`` gives the method a name for tables and charts.
+Otherwise it has the name of its script or program. The text is split into words by the rules of a shell
+(:mod:`shlex`), but no shell runs. The placeholders are replaced after the split, so that a folder with spaces remains
+one word.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import PurePath
+
+from slam_init.errors import ConfigError
+
+__all__ = ["COMMAND", "PLACEHOLDERS", "ExternalCommand", "is_external", "method_label", "parse_external"]
+
+COMMAND = "command:"
+#: Folder of the frames, file of their time stamps, calibration, folder of the results, number of frames.
+PLACEHOLDERS = ("images", "times", "camera", "out", "count")
+#: Without these two a program can neither read frames nor return a trajectory.
+_NEEDED = ("images", "out")
+_NAMED = re.compile(r"([A-Za-z0-9_.+-]{1,40})=command:")
+#: Programs that run a script: the script names the method.
+_INTERPRETERS = re.compile(
+    r"(python|pypy|ruby|perl|node|bash|sh|dash|zsh|env|julia|Rscript|java|docker|pixi|uv|run)[\d.]*"
+)
+_LONGEST_LABEL = 40
+
+
+@dataclass(frozen=True)
+class ExternalCommand:
+    """An external program that initializes from a folder of frames.
+
+    Attributes
+    ----------
+    label : str
+        Name in tables and charts.
+    words : tuple of str
+        Program and arguments, with placeholders.
+    """
+
+    label: str
+    words: tuple[str, ...]
+
+    def filled(self, values: Mapping[str, str]) -> list[str]:
+        """Replace the placeholders.
+
+        Parameters
+        ----------
+        values : mapping of str to str
+            A value for each of :data:`PLACEHOLDERS`.
+
+        Returns
+        -------
+        list of str
+            Program and arguments.
+        """
+        pattern = re.compile("{(" + "|".join(PLACEHOLDERS) + ")}")
+        return [pattern.sub(lambda found: values[found[1]], word) for word in self.words]
+
+
+def is_external(method: str) -> bool:
+    """Return whether a method is an external program.
+
+    Parameters
+    ----------
+    method : str
+        As of ``--method``.
+
+    Returns
+    -------
+    bool
+    """
+    return method.startswith(COMMAND) or _NAMED.match(method) is not None
+
+
+def method_label(method: str) -> str:
+    """Return the name of a method for tables and charts.
+
+    Parameters
+    ----------
+    method : str
+        As of ``--method``.
+
+    Returns
+    -------
+    str
+        The label of an external program; other methods have their own name.
+    """
+    if not is_external(method):
+        return method
+    try:
+        return _split(method).label
+    except ConfigError:  # a journal of somebody else
+        return method[:_LONGEST_LABEL]
+
+
+def parse_external(method: str) -> ExternalCommand:
+    """Parse and check the text of an external method.
+
+    Parameters
+    ----------
+    method : str
+        ``command:PROGRAM ...`` or ``NAME=command:PROGRAM ...``.
+
+    Returns
+    -------
+    ExternalCommand
+
+    Raises
+    ------
+    ConfigError
+        If the text cannot be split, lacks ``{images}`` or ``{out}``, or names a program that is not found.
+    """
+    command = _split(method)
+    missing = [f"{{{name}}}" for name in _NEEDED if not any(f"{{{name}}}" in word for word in command.words)]
+    if missing:
+        raise ConfigError(f"the method {method!r} lacks {' and '.join(missing)}: give {_usage()}")
+    if shutil.which(command.words[0]) is None:
+        raise ConfigError(f"the method {method!r}: the program {command.words[0]!r} is not found, or is not executable")
+    return command
+
+
+def _split(method: str) -> ExternalCommand:
+    prefix, _, text = method.partition(COMMAND)
+    try:
+        words = shlex.split(text)
+    except ValueError as error:
+        raise ConfigError(f"the method {method!r} cannot be split into words ({error}): check its quotes") from None
+    if not words or "\0" in text:
+        raise ConfigError(f"the method {method!r} names no program: give {_usage()}")
+    return ExternalCommand(prefix.removesuffix("=") or _label(words), tuple(words))
+
+
+def _label(words: Sequence[str]) -> str:
+    """Return the name of the script, or of the program."""
+    named = (PurePath(word).name for word in words if not word.startswith("-") and not set(word) & set("{ \t\n"))
+    names = [name for name in named if name and not _INTERPRETERS.fullmatch(name)]
+    return (names[0] if names else PurePath(words[0]).name)[:_LONGEST_LABEL]
+
+
+def _usage() -> str:
+    return "'command:PROGRAM {images} {times} {camera} {out}'"
