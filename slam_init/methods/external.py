@@ -198,7 +198,7 @@ class ExternalInitializer:
         ------
         SlamInitError
         """
-        raise SlamInitError(f"{self.method}: an external program cannot start anew after a loss")
+        raise SlamInitError("an external program gets all frames at once: it cannot start anew after a loss")
 
     def finish(self) -> Result:
         """Run the program, and read its trajectory.
