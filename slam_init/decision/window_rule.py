@@ -67,6 +67,8 @@ _INSIGNIFICANT = 0.05
 #: A focal length is suspected only if it is off by a hundredth or more, the error of a careless calibration, and by
 #: five of its standard deviations: errors that the tracks share double them. Five hundredths have to be told.
 _LEAST_FOCAL_ERROR, _DOUBTFUL_SIGMAS, _TOLD_FOCAL_ERROR = 0.01, 5.0, 0.05
+#: A calibration is left where the focal length is off by so many of its standard deviations: once in 400 by chance.
+_CERTAIN_FOCAL_SIGMAS = 3.0
 #: In slices, motions are proposed from so many matches of a pair: an estimate cannot be divided, and takes 10 ms then.
 #: Its samples need inliers and not numbers, and the window fits the motions to tracks of its own.
 _MATCHES_IN_SLICES = 400
@@ -355,8 +357,10 @@ class WindowRule:
             table = replace(table, bearings=np.array([camera.bearings(pixels) for pixels in table.pixels]))
             return map_of_poses(camera, self._config, table, poses, self._threshold_rad, prior), table
         options = self._config.map
-        # A focal length that the window found to be off would bend the map.
-        if abs(state.log_scale) > CALIBRATED_SIGMA:
+        # A focal length that is certain to be off would bend the map. An estimate within its own standard deviation is
+        # no reason to leave a calibration: errors that neighbouring tracks share pull it by a tenth on a board.
+        sigma = self._last.risk.camera.focal.sigma if self._last is not None else math.inf
+        if abs(state.log_scale) > max(CALIBRATED_SIGMA, _CERTAIN_FOCAL_SIGMAS * sigma):
             options = replace(options, refine_focal=True, focal_sigma=CALIBRATED_SIGMA)
         config = replace(self._config, map=options)
         factor = math.exp(state.log_scale)
