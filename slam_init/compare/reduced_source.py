@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from slam_init.datasets.derived import DerivedSource
 from slam_init.mapping.reduction import Reduction
-from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, notes_of
-from slam_init.types.pose import Trajectory
 
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
@@ -19,7 +18,7 @@ __all__ = ["ReducedSource", "reduced"]
 
 
 @dataclass(frozen=True, eq=False)
-class ReducedSource:
+class ReducedSource(DerivedSource):
     """A source whose frames are reduced.
 
     Attributes
@@ -28,33 +27,12 @@ class ReducedSource:
     reduction : Reduction
     """
 
-    source: TimedSource
     reduction: Reduction
-
-    @property
-    def name(self) -> str:
-        """That of the source."""
-        return self.source.name
-
-    @property
-    def kind(self) -> str:
-        """That of the source."""
-        return self.source.kind
 
     @property
     def camera(self) -> Camera | None:
         """The camera of the reduced frames."""
         return self.reduction.camera
-
-    @property
-    def groundtruth(self) -> Trajectory | None:
-        """That of the source."""
-        return self.source.groundtruth
-
-    @property
-    def timestamps_s(self) -> Floats:
-        """Those of the source."""
-        return self.source.timestamps_s
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -65,9 +43,6 @@ class ReducedSource:
         tuple of str
         """
         return (*notes_of(self.source), *self.reduction.notes)
-
-    def __len__(self) -> int:
-        return len(self.source)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Read and reduce frames in order.

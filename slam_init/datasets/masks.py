@@ -13,21 +13,20 @@ from pathlib import Path
 
 import numpy as np
 
+from slam_init.datasets.derived import DerivedSource
 from slam_init.datasets.image_files import read_image
 from slam_init.datasets.subsampled import SubsampledSource
 from slam_init.datasets.timed import TimedSource
 from slam_init.errors import SourceError
 from slam_init.regular_file import user_path
-from slam_init.types.arrays import Floats, Image
-from slam_init.types.camera import Camera
+from slam_init.types.arrays import Image
 from slam_init.types.frame import Frame, notes_of
-from slam_init.types.pose import Trajectory
 
 __all__ = ["MaskedSource", "read_mask"]
 
 
 @dataclass(frozen=True, eq=False)
-class MaskedSource:
+class MaskedSource(DerivedSource):
     """A source whose frames have masks.
 
     Attributes
@@ -40,7 +39,6 @@ class MaskedSource:
         The mask of all frames; None for a folder.
     """
 
-    source: TimedSource
     path: Path
     of_all: Image | None
 
@@ -71,31 +69,6 @@ class MaskedSource:
         return cls(source, path, read_mask(path))
 
     @property
-    def name(self) -> str:
-        """That of the source."""
-        return self.source.name
-
-    @property
-    def kind(self) -> str:
-        """That of the source."""
-        return self.source.kind
-
-    @property
-    def camera(self) -> Camera | None:
-        """That of the source."""
-        return self.source.camera
-
-    @property
-    def groundtruth(self) -> Trajectory | None:
-        """That of the source."""
-        return self.source.groundtruth
-
-    @property
-    def timestamps_s(self) -> Floats:
-        """Those of the source."""
-        return self.source.timestamps_s
-
-    @property
     def notes(self) -> tuple[str, ...]:
         """Those of the source, and what the mask ignores.
 
@@ -107,9 +80,6 @@ class MaskedSource:
         if self.of_all is None:
             return (*notes, f"the masks in {self.path.name} are ignored pixels of the frames")
         return (*notes, f"the mask {self.path.name} ignores {np.mean(self.of_all == 0):.1%} of each image")
-
-    def __len__(self) -> int:
-        return len(self.source)
 
     def left(self, start: int) -> int:
         """Count the frames from a frame on.

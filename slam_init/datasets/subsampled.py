@@ -8,14 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
+from slam_init.datasets.derived import DerivedSource
 from slam_init.datasets.image_files import ImageFileSource, frame_range
 from slam_init.datasets.synth import SynthSource
-from slam_init.datasets.timed import TimedSource
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats, Ints
-from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, notes_of
-from slam_init.types.pose import Trajectory
 
 __all__ = ["SubsampledSource"]
 
@@ -48,7 +46,7 @@ class _Pace:
 
 
 @dataclass(frozen=True, eq=False)
-class SubsampledSource:
+class SubsampledSource(DerivedSource):
     """A part of the frames of a source. Frames keep their time stamps and, unless renumbered, their indices.
 
     Attributes
@@ -63,7 +61,6 @@ class SubsampledSource:
         Whether the frames that are taken from frame 0 on get consecutive indices, as a comparison needs them.
     """
 
-    source: TimedSource
     every: int = 1
     fps: float | None = None
     renumbered: bool = False
@@ -73,26 +70,6 @@ class SubsampledSource:
             raise SourceError(f"every {self.every} frames: give 1 or more")
         if self.fps is not None and not 0 < self.fps < np.inf:
             raise SourceError(f"{self.fps!r} frames a second: give a positive number")
-
-    @property
-    def name(self) -> str:
-        """That of the source."""
-        return self.source.name
-
-    @property
-    def kind(self) -> str:
-        """That of the source."""
-        return self.source.kind
-
-    @property
-    def camera(self) -> Camera | None:
-        """That of the source."""
-        return self.source.camera
-
-    @property
-    def groundtruth(self) -> Trajectory | None:
-        """That of the source."""
-        return self.source.groundtruth
 
     @property
     def notes(self) -> tuple[str, ...]:
