@@ -114,6 +114,8 @@ def draw_pair(axes: Axes, pair: MatchedImages, width: int) -> None:
         label = f"{np.count_nonzero(chosen)} {name}"
         axes.plot(dots[:, 0], dots[:, 1], ".", color=color, markersize=2.2, markeredgewidth=0, label=label)
     axes.set_title(f"the pair: frames {pair.frames[0]} and {pair.frames[1]}", loc="left", color=INK, weight="bold")
+    if not axes.get_legend_handles_labels()[0]:
+        return
     axes.legend(
         loc="upper center", bbox_to_anchor=(0.5, -0.01), ncol=3, fontsize=9, frameon=False, markerscale=5, borderpad=0.2
     )
