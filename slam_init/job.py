@@ -9,12 +9,14 @@ from functools import partial
 
 from slam_init.config import Config
 from slam_init.continuation import Continuation, FrameTracker, follow
+from slam_init.datasets.gyroscope import StepRotations, gyroscope_of
 from slam_init.datasets.live.address import without_password
 from slam_init.datasets.track_source import KnowsTracks
 from slam_init.evaluation.metrics import compare_with_groundtruth, scale_error
 from slam_init.frontend.frame_memory import FrameMemory
 from slam_init.frontend.orb import describe_landmarks
 from slam_init.frontend.tracks import History
+from slam_init.initializer import Initializer
 from slam_init.mapping.reduction import Reduction
 from slam_init.methods import make_initializer
 from slam_init.methods.registry import FrontEnd
@@ -83,7 +85,10 @@ class Finished:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """The arguments of :func:`slam_init.runner.run`; ``described``: whether landmarks get descriptors."""
+    """The arguments of :func:`slam_init.runner.run`.
+
+    ``described``: whether landmarks get descriptors.
+    """
 
     source: Source
     camera: Camera
@@ -96,6 +101,7 @@ class Job:
     scale: ScaleRequest | None
     restart: bool
     described: bool
+    imu: bool
 
     def run(self, recorder: Recorder) -> Finished:
         """Process the frames, and summarize the run.
@@ -112,14 +118,15 @@ class Job:
         memory = FrameMemory(_IMAGE_BYTES if isinstance(self.scale, KnownMarkers | KnownBoard) else _FEW_IMAGE_BYTES)
         reduction = reduction_of(self.source, self.camera)
         initializer = make_initializer(self.config.method, reduction.camera, self.config, recorder)
+        front = _Front(initializer, self, hashed, recorder, reduction)
         goes_on = self.restart or self.continue_frames
         frames = self.source.frames(start=self.start, max_frames=None if goes_on else self.max_frames)
         frames = memory.reading(reduction.frames(hashed.reading(frames)))
-        parts = self._parts(_Front(initializer, self, hashed, recorder, reduction), frames, memory)
+        parts = self._parts(front, front.turns.reading(frames), memory)
         result = _whole(parts, self.restart)
         # What a source has to tell may change with each frame.
         notes = (*self.notes, *notes_of(self.source), *reduction.notes, *_focal_notes(result, self.camera))
-        result = replace(result, notes=(*notes, *result.notes, *_colmap_notes(result)))
+        result = replace(result, notes=(*notes, *front.turns.notes, *result.notes, *_colmap_notes(result)))
         summary = self._summary(result, parts, hashed)
         recorder.summary(summary)
         descriptors = tuple(part.descriptors for part in parts if part.descriptors is not None)
@@ -210,7 +217,7 @@ class Job:
         """Summarize the run, with its errors against the ground truth and its provenance."""
         options: dict[str, Json] = {
             "start": self.start, "max_frames": self.max_frames, "continue_frames": self.continue_frames,
-            "restart": self.restart, "scale": None if self.scale is None else plain_fields(self.scale),
+            "restart": self.restart, "imu": self.imu, "scale": None if self.scale is None else plain_fields(self.scale),
         }  # fmt: skip
         continued = parts[0].continued
         command = [without_password(word) for word in sys.argv]
@@ -257,6 +264,11 @@ class _Front:
         self.recorder = recorder
         self.tracker: FrameTracker = initializer.tracker
         self.process: Callable[[Frame], Status] = initializer.process
+        # Other methods take no rotations.
+        used = job.imu and isinstance(initializer, Initializer)
+        self.turns = StepRotations(gyroscope_of(job.source) if used else None)
+        if isinstance(initializer, Initializer):
+            self.process = partial(_process_turned, initializer, self.turns, hashed)
         if isinstance(job.source, KnowsTracks):
             self.tracker = _GivenTracks(job.source, job.camera, hashed)
             self.process = partial(_process_tracks, initializer, self.tracker, recorder)
@@ -339,6 +351,15 @@ def _process_tracks(initializer: FrontEnd, tracker: FrameTracker, recorder: Reco
     observations = tracker.track(frame)
     recorder.frame(frame, observations)
     return initializer.process_tracks(observations)
+
+
+def _process_turned(initializer: Initializer, turns: StepRotations, hashed: InputHash, frame: Frame) -> Status:
+    """Process a frame with the rotation that a gyroscope measured since the frame before."""
+    if turns.latest is None:
+        return initializer.process(frame)
+    rotation, sigma_rad = turns.latest
+    hashed.turned(rotation, sigma_rad)
+    return initializer.process(frame, rotation=rotation, rotation_sigma_rad=sigma_rad)
 
 
 def _initialize(

@@ -42,6 +42,7 @@ def run(
     viewer: str | None = None,
     scale: ScaleRequest | None = None,
     restart: bool = False,
+    imu: bool = True,
 ) -> tuple[Result, Summary]:
     """Initialize from a source, and write the results.
 
@@ -76,6 +77,8 @@ def run(
         What is known of the size of the scene (:mod:`slam_init.scale.requests`): the maps are then in metres.
     restart : bool
         Whether to start anew where a map is lost (:mod:`slam_init.continuation`). The result lists all maps.
+    imu : bool
+        Whether to use the gyroscope of the source, if it has one (:mod:`slam_init.datasets.gyroscope`).
 
     Returns
     -------
@@ -100,7 +103,9 @@ def run(
         max_frames = min(max_frames or most, most)
     # The landmarks of an external program are its own.
     described = out is not None and not is_external(config.method)
-    job = Job(source, camera, config, start, max_frames, continue_frames, progress, notes, scale, restart, described)
+    job = Job(
+        source, camera, config, start, max_frames, continue_frames, progress, notes, scale, restart, described, imu
+    )
     if out is None:
         finished = job.run(Recorder())
         return finished.result, finished.summary

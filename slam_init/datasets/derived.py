@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of
 from slam_init.datasets.timed import TimedSource
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
@@ -44,6 +45,11 @@ class DerivedSource:
     def groundtruth(self) -> Trajectory | None:
         """That of the source."""
         return self.source.groundtruth
+
+    @property
+    def gyroscope(self) -> Gyroscope | None:
+        """That of the source."""
+        return gyroscope_of(self.source)
 
     @property
     def timestamps_s(self) -> Floats:

@@ -6,13 +6,15 @@ import io
 import itertools
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
+from slam_init.datasets.gyroscope import Gyroscope
 from slam_init.errors import SourceError
 from slam_init.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats, Image
@@ -316,6 +318,8 @@ class ImageFileSource:
         What the user should know about the source, for example the unit of its time stamps.
     root : Path or None
         The folder that no image may lie outside of; None for any.
+    imu : callable or None
+        Reads the gyroscope; None for a sequence without one.
     """
 
     name: str
@@ -326,9 +330,15 @@ class ImageFileSource:
     groundtruth: Trajectory | None = None
     notes: tuple[str, ...] = ()
     root: Path | None = None
+    imu: Callable[[], Gyroscope] | None = None
 
     def __len__(self) -> int:
         return len(self.paths)
+
+    @cached_property
+    def gyroscope(self) -> Gyroscope | None:
+        """The gyroscope that is fixed to the camera; None without one. Its file is read when it is asked for."""
+        return None if self.imu is None else self.imu()
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Read frames in order; each file is read when its frame is requested.

@@ -11,6 +11,7 @@ import numpy as np
 
 from slam_init.output.plain_json import Json
 from slam_init.output.records import Provenance
+from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 
@@ -62,6 +63,17 @@ class InputHash:
         """
         self._hash.update(np.ascontiguousarray(observations.track_ids).data)
         self._hash.update(np.ascontiguousarray(observations.pixels).data)
+
+    def turned(self, rotation: Floats, sigma_rad: float) -> None:
+        """Add a measured rotation to the hash.
+
+        Parameters
+        ----------
+        rotation : (3, 3) float
+        sigma_rad : float
+        """
+        self._hash.update(np.ascontiguousarray(rotation).data)
+        self._hash.update(repr(sigma_rad).encode())
 
     def hexdigest(self) -> str:
         """Return the hash of the frames that were read up to now.

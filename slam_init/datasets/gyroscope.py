@@ -1,0 +1,285 @@
+"""The record of a gyroscope that is fixed to the camera, and the rotations between frames that it measures.
+
+The rate ``w`` is the angular velocity of the gyroscope in its own axes. With ``world_from_imu`` as its attitude,
+``d/dt world_from_imu = world_from_imu [w]x``. Over a short step the attitude becomes ``world_from_imu exp(w dt)``, so
+that the new axes from the old ones are ``exp(-w dt)``. The product of all steps from ``t0`` to ``t1`` is brought to the
+camera by the rotation between the two::
+
+    cam1_from_cam0 = cam_from_imu  exp(-w_n dt_n) ... exp(-w_1 dt_1)  cam_from_imu^T
+
+Rates are interpolated linearly between two samples; the mean rate of each step is taken, which is exact for a constant
+rate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+
+from quest.geometry.quaternion import rotation_from_vector
+from slam_init.errors import SourceError
+from slam_init.types.arrays import Floats
+from slam_init.types.frame import Frame, Source
+
+__all__ = ["Gyroscope", "StepRotations", "gyroscope_of", "made_gyroscope"]
+
+#: Longest step between two samples. A hand turns by 1 rad/s at up to 2 Hz, so that the second derivative of the rate is
+#: at most 160 rad/s^3. The integral of the interpolated rate is then off by 160 dt^3 / 12, which is 1 mrad for 0.04 s,
+#: as much as the noise of other measurements.
+_LONGEST_STEP_S = 0.04
+#: The initializer adds the variances of the steps of a chain, but the errors of bias and scale are the same in all
+#: steps. A step therefore gets the variance that makes the sum right for a chain of this length: a window of a video
+#: has one or two seconds. A shorter chain is then more certain than it is told, never less.
+_CHAIN_S = 2.0
+#: Relative error of the rate: data sheets of MEMS gyroscopes state 0.5 to 3 % of scale and cross-axis sensitivity.
+_SCALE_ERROR = 0.01
+#: Zero-rate offset of a MEMS gyroscope that is not calibrated. Data sheets state 0.01 to 0.35 rad/s; the one of EuRoC
+#: has 0.08 rad/s.
+_RAW_BIAS_RAD_S = 0.1
+#: What is left of the offset once it is measured at rest: acceleration moves it by 0.002 rad/s for each g, and warming
+#: by as much.
+_RESTED_BIAS_RAD_S = 0.005
+#: Noise density where none is stated: 0.01 deg/s/sqrt(Hz), that of the gyroscopes in phones.
+_NOISE_DENSITY = 2e-4
+#: At rest the rate scatters by the noise alone: 0.003 rad/s at 200 Hz. A hand that holds a camera scatters by 0.02.
+_REST_S, _REST_SCATTER_RAD_S = 1.0, 0.01
+#: A uniform turn scatters as little as rest. It is told by its rate, which differs from that of other calm seconds, or
+#: by a record that is calm for nearly all of its time.
+_SAME_REST_RAD_S, _MOST_REST = 0.01, 0.9
+#: What :func:`slam_init.types.attitude.checked_rotation` takes.
+_SIGMAS_RAD = (1e-6, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Gyroscope:
+    """Angular rates over time.
+
+    Attributes
+    ----------
+    timestamps_s : (N,) float
+        Strictly increasing, on the clock of the frames.
+    rates_rad_s : (N, 3) float
+        Angular velocity of the gyroscope in its own axes, without its known bias.
+    R_cam_from_imu : (3, 3) float
+        Maps directions of the axes of the gyroscope to the camera.
+    noise_density : float
+        White noise of the rate in rad/s/sqrt(Hz).
+    bias_sigma_rad_s : float
+        Standard deviation of the constant error of the rate.
+    clock_sigma_s : float
+        Standard deviation of the delay between the clocks of gyroscope and camera.
+    name : str
+        For messages.
+
+    Raises
+    ------
+    SourceError
+        If the shapes do not fit, a number is not finite or a deviation negative, the time stamps do not increase, or
+        the matrix is no rotation.
+    """
+
+    timestamps_s: Floats
+    rates_rad_s: Floats
+    R_cam_from_imu: Floats
+    noise_density: float = _NOISE_DENSITY
+    bias_sigma_rad_s: float = _RAW_BIAS_RAD_S
+    clock_sigma_s: float = 0.0
+    name: str = "the gyroscope"
+
+    def __post_init__(self) -> None:
+        times, rates, R = (np.asarray(a, float) for a in (self.timestamps_s, self.rates_rad_s, self.R_cam_from_imu))
+        if times.ndim != 1 or len(times) < 2 or rates.shape != (len(times), 3):
+            raise SourceError(f"{self.name}: {times.shape} times and {rates.shape} rates: give (N,) and (N, 3), N >= 2")
+        if not (np.isfinite(times).all() and np.isfinite(rates).all()):
+            raise SourceError(f"{self.name}: a time stamp or a rate is not a finite number")
+        late = np.flatnonzero(np.diff(times) <= 0)
+        if len(late):
+            raise SourceError(f"{self.name}: sample {late[0] + 2} does not come after the one before: sort them")
+        if R.shape != (3, 3) or not (np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0):
+            raise SourceError(f"{self.name}: the matrix from the gyroscope to the camera is no rotation")
+        sigmas = (self.noise_density, self.bias_sigma_rad_s, self.clock_sigma_s)
+        if not all(math.isfinite(sigma) and sigma >= 0 for sigma in sigmas):
+            raise SourceError(f"{self.name}: a standard deviation or noise density is negative or not finite")
+
+    def between(self, t0_s: float, t1_s: float) -> tuple[Floats, float] | None:
+        """Integrate the rotation of the camera between two times.
+
+        Parameters
+        ----------
+        t0_s, t1_s : float
+            In seconds, ascending.
+
+        Returns
+        -------
+        R : (3, 3) float
+            The camera at ``t1_s`` from that at ``t0_s``.
+        sigma_rad : float
+            Standard deviation of each component of its rotation vector.
+        None
+            Instead of both, where a time lies outside of the record, two samples are more than 0.04 s apart, or the
+            rotation would be uncertain by more than 1 rad.
+        """
+        times = self.timestamps_s
+        if not times[0] <= t0_s < t1_s <= times[-1]:
+            return None
+        first, last = np.searchsorted(times, t0_s, "right") - 1, np.searchsorted(times, t1_s, "left")
+        if np.diff(times[first : last + 1]).max() > _LONGEST_STEP_S:
+            return None
+        knots = np.concatenate([[t0_s], times[first + 1 : last], [t1_s]])
+        near = slice(first, last + 1)
+        rates = np.stack([np.interp(knots, times[near], rate) for rate in self.rates_rad_s[near].T], axis=1)
+        angles = 0.5 * (rates[1:] + rates[:-1]) * np.diff(knots)[:, None]
+        imu1_from_imu0 = reduce(lambda before, step: step @ before, rotation_from_vector(-angles), np.eye(3))
+        duration_s = t1_s - t0_s
+        constant_rad_s = math.hypot(
+            self.bias_sigma_rad_s, _SCALE_ERROR * float(np.linalg.norm(angles.sum(axis=0))) / duration_s
+        )
+        sigma_rad = math.hypot(
+            self.noise_density * math.sqrt(duration_s),
+            constant_rad_s * math.sqrt(duration_s * max(duration_s, _CHAIN_S)),
+            self.clock_sigma_s * float(np.linalg.norm(rates[-1] - rates[0])),
+        )
+        if sigma_rad > _SIGMAS_RAD[1]:
+            return None
+        R = self.R_cam_from_imu @ imu1_from_imu0 @ self.R_cam_from_imu.T
+        return R, max(sigma_rad, _SIGMAS_RAD[0])
+
+
+def made_gyroscope(
+    timestamps_s: Floats,
+    rates_rad_s: Floats,
+    R_cam_from_imu: Floats,
+    *,
+    noise_density: float | None = None,
+    clock_sigma_s: float = 0.0,
+    name: str = "the gyroscope",
+) -> Gyroscope:
+    """Make a gyroscope from a raw record. Its bias is measured where the record shows that it was at rest.
+
+    Parameters
+    ----------
+    timestamps_s : (N,) float
+    rates_rad_s : (N, 3) float
+        As the sensor gives them.
+    R_cam_from_imu : (3, 3) float
+    noise_density : float, optional
+        In rad/s/sqrt(Hz); by default that of the gyroscopes in phones.
+    clock_sigma_s : float
+    name : str
+        For messages.
+
+    Returns
+    -------
+    Gyroscope
+
+    Raises
+    ------
+    SourceError
+        As :class:`Gyroscope`.
+    """
+    density = _NOISE_DENSITY if noise_density is None else noise_density
+    raw = Gyroscope(timestamps_s, rates_rad_s, R_cam_from_imu, density, _RAW_BIAS_RAD_S, clock_sigma_s, name)
+    bias = _bias_at_rest(timestamps_s, rates_rad_s)
+    if bias is None:
+        return raw
+    rates = rates_rad_s - bias
+    return Gyroscope(timestamps_s, rates, R_cam_from_imu, density, _RESTED_BIAS_RAD_S, clock_sigma_s, name)
+
+
+def _bias_at_rest(times_s: Floats, rates: Floats) -> Floats | None:
+    """The mean rate of the seconds at rest; None where there are none, or where they may be uniform turns."""
+    count = math.ceil(_REST_S / float(np.median(np.diff(times_s))))
+    if count < 2 or len(rates) < 2 * count:
+        return None
+    windows = len(rates) // count
+    seconds = rates[: windows * count].reshape(windows, count, 3)
+    # A second with missing samples is longer and counts as any other: at rest nothing changes.
+    means, scatter = seconds.mean(axis=1), seconds.std(axis=1).max(axis=1)
+    calm = (scatter < _REST_SCATTER_RAD_S) & (np.linalg.norm(means, axis=1) < 2 * _RAW_BIAS_RAD_S)
+    if not calm.any() or calm.mean() > _MOST_REST or np.ptp(means[calm], axis=0).max() > _SAME_REST_RAD_S:
+        return None
+    return np.asarray(means[calm].mean(axis=0))
+
+
+def gyroscope_of(source: Source) -> Gyroscope | None:
+    """Return the gyroscope of a source.
+
+    Parameters
+    ----------
+    source : Source
+        The attribute ``gyroscope`` is optional. It may be read from a file when it is asked for.
+
+    Returns
+    -------
+    Gyroscope or None
+
+    Raises
+    ------
+    SourceError
+        If its file is broken, or if the attribute is something else.
+    """
+    found = getattr(source, "gyroscope", None)
+    if found is not None and not isinstance(found, Gyroscope):
+        raise SourceError(f"{source.name}: its attribute gyroscope is no slam_init.datasets.gyroscope.Gyroscope")
+    return found
+
+
+class StepRotations:
+    """Measures the rotation of each frame since the one before, as the frames are read.
+
+    Parameters
+    ----------
+    gyroscope : Gyroscope or None
+        None measures nothing.
+
+    Attributes
+    ----------
+    latest : tuple of (3, 3) float and float, or None
+        The rotation of the newest frame since the one before, and its standard deviation; None where nothing measured
+        it.
+    """
+
+    def __init__(self, gyroscope: Gyroscope | None) -> None:
+        self.latest: tuple[Floats, float] | None = None
+        self._gyroscope = gyroscope
+        self._steps = self._measured = 0
+
+    def reading(self, frames: Iterator[Frame]) -> Iterator[Frame]:
+        """Pass frames through, and measure the rotation of each.
+
+        Parameters
+        ----------
+        frames : iterator of Frame
+
+        Yields
+        ------
+        Frame
+            The same frame.
+        """
+        last_s: float | None = None
+        for frame in frames:
+            if self._gyroscope is not None and last_s is not None:
+                self.latest = self._gyroscope.between(last_s, frame.timestamp_s)
+                self._steps += 1
+                self._measured += self.latest is not None
+            last_s = frame.timestamp_s
+            yield frame
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """How many rotations were measured, for the user.
+
+        Returns
+        -------
+        tuple of str
+        """
+        if self._gyroscope is None or not self._steps:
+            return ()
+        name, bias = self._gyroscope.name, self._gyroscope.bias_sigma_rad_s
+        if not self._measured:
+            return (f"{name} measured no rotation between the frames: its samples are at other times or too far apart",)
+        return (f"{name} measured {self._measured} of {self._steps} rotations between frames (bias +- {bias:g} rad/s)",)
