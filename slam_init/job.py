@@ -85,10 +85,7 @@ class Finished:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """The arguments of :func:`slam_init.runner.run`.
-
-    ``described``: whether landmarks get descriptors.
-    """
+    """The arguments of :func:`slam_init.runner.run`; ``described``: whether landmarks get descriptors."""
 
     source: Source
     camera: Camera

@@ -46,9 +46,10 @@ _RESTED_BIAS_RAD_S = 0.005
 #: Noise density where none is stated: 0.01 deg/s/sqrt(Hz), that of the gyroscopes in phones.
 _NOISE_DENSITY = 2e-4
 #: At rest the rate scatters by the noise alone: 0.003 rad/s at 200 Hz. A hand that holds a camera scatters by 0.02.
-_REST_S, _REST_SCATTER_RAD_S = 1.0, 0.01
-#: A uniform turn scatters as little as rest. It is told by its rate, which differs from that of other calm seconds, or
-#: by a record that is calm for nearly all of its time.
+#: A moving hand may be calm for one second by chance.
+_REST_S, _REST_SCATTER_RAD_S, _LEAST_RESTS = 1.0, 0.01, 2
+#: A uniform turn scatters as little as rest. It is told by its rate, which is above the offset of most gyroscopes or
+#: differs from that of other calm seconds; or by a record that is calm for nearly all of its time.
 _SAME_REST_RAD_S, _MOST_REST = 0.01, 0.9
 #: What :func:`slam_init.types.attitude.checked_rotation` takes.
 _SIGMAS_RAD = (1e-6, 1.0)
@@ -199,8 +200,10 @@ def _bias_at_rest(times_s: Floats, rates: Floats) -> Floats | None:
     seconds = rates[: windows * count].reshape(windows, count, 3)
     # A second with missing samples is longer and counts as any other: at rest nothing changes.
     means, scatter = seconds.mean(axis=1), seconds.std(axis=1).max(axis=1)
-    calm = (scatter < _REST_SCATTER_RAD_S) & (np.linalg.norm(means, axis=1) < 2 * _RAW_BIAS_RAD_S)
-    if not calm.any() or calm.mean() > _MOST_REST or np.ptp(means[calm], axis=0).max() > _SAME_REST_RAD_S:
+    calm = (scatter < _REST_SCATTER_RAD_S) & (np.linalg.norm(means, axis=1) < _RAW_BIAS_RAD_S)
+    if calm.sum() < _LEAST_RESTS or calm.mean() > _MOST_REST:
+        return None
+    if np.ptp(means[calm], axis=0).max() > _SAME_REST_RAD_S:
         return None
     return np.asarray(means[calm].mean(axis=0))
 

@@ -499,7 +499,8 @@ class Provenance:
     options : mapping of str to JSON
         The resolved configuration and the options of the run.
     input_blake2b : str
-        Hash of the calibration and of the frames that were read: pixels, names and time stamps, in order.
+        Hash of the calibration and of the frames that were read: pixels, names, time
+        stamps and measured rotations, in order.
     """
 
     packages: Mapping[str, str]

@@ -1,0 +1,198 @@
+"""Laws of a gyroscope: it measures how the camera turns between two frames, or says that it does not."""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from make_files import picture, write, write_image
+from make_source import GivenFrames
+
+from quest.geometry.quaternion import rotation_angle, rotation_from_vector
+from slam_init.config import Config
+from slam_init.datasets import open_source
+from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of, made_gyroscope
+from slam_init.datasets.views import SourceView
+from slam_init.errors import SourceError
+from slam_init.initializer import Initializer
+from slam_init.runner import run
+
+TIMES = np.arange(0, 2, 0.005)
+CAM_FROM_IMU = rotation_from_vector(np.array([0.4, -1.3, 0.8]))
+RATE = np.array([0.3, -0.5, 0.2])
+
+
+def gyroscope(rates=RATE, times=TIMES, R=CAM_FROM_IMU, **more):
+    return Gyroscope(times, np.broadcast_to(rates, (len(times), 3)), R, **more)
+
+
+def attitude(t):
+    """A smooth attitude world_from_imu."""
+    wobble = rotation_from_vector(np.array([0.3 * np.sin(4 * t), 0.2 * np.cos(3 * t), 0.0]))
+    return wobble @ rotation_from_vector(np.array([0.1, 0.7, -0.4]) * t)
+
+
+def measured_rates(times, step=1e-5):
+    """Angular velocities of the attitude in its own axes, by differences."""
+    turns = [attitude(t - step).T @ attitude(t + step) for t in times]
+    return np.array([[R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]] for R in turns]) / (4 * step)
+
+
+def test_a_constant_rate_is_exact_between_samples_too():
+    R, _ = gyroscope().between(0.1234, 1.4567)
+    np.testing.assert_allclose(R, rotation_from_vector(-CAM_FROM_IMU @ RATE * (1.4567 - 0.1234)), atol=1e-12)
+
+
+def test_it_is_the_rotation_between_the_cameras_of_a_trajectory():
+    measured = gyroscope(measured_rates(TIMES))
+    for t0, t1 in [(0.1, 0.15), (0.3021, 0.4777), (0.0, 1.9)]:
+        world_from_cam = [attitude(t) @ CAM_FROM_IMU.T for t in (t0, t1)]
+        R, sigma_rad = measured.between(t0, t1)
+        assert rotation_angle(R @ (world_from_cam[1].T @ world_from_cam[0]).T) < min(1e-4, sigma_rad)
+
+
+def test_rotations_of_consecutive_intervals_compose():
+    measured = gyroscope(measured_rates(TIMES))
+    first, second, both = (measured.between(*times)[0] for times in [(0.2, 0.333), (0.333, 0.7), (0.2, 0.7)])
+    np.testing.assert_allclose(second @ first, both, atol=1e-5)
+
+
+@pytest.mark.parametrize("interval_s", [0.05, 0.2, 1.0])
+def test_the_stated_deviation_of_a_chain_covers_a_bias_of_one_sigma(interval_s):
+    """The initializer adds the variances of steps although their bias is the same."""
+    measured = gyroscope(np.zeros(3), bias_sigma_rad_s=0.02)
+    steps = np.arange(0.1, 1.9, interval_s)
+    variance = sum(measured.between(a, b)[1] ** 2 for a, b in pairwise(steps))
+    assert np.sqrt(variance) >= 0.02 * (steps[-1] - steps[0])
+
+
+def test_noise_bias_and_an_unknown_delay_make_it_less_certain():
+    exact = gyroscope(RATE * TIMES[:, None], noise_density=0.0, bias_sigma_rad_s=0.0)
+    least = exact.between(0.5, 0.6)[1]
+    for more in ({"noise_density": 5e-3}, {"bias_sigma_rad_s": 0.05}, {"clock_sigma_s": 0.1}):
+        assert replace(exact, **more).between(0.5, 0.6)[1] > 1.2 * least
+
+
+@pytest.mark.parametrize("times", [(-0.1, 0.1), (1.9, 2.1), (0.5, 0.5), (0.6, 0.5), (0.9, 1.1), (np.nan, 1.0)])
+def test_nothing_is_measured_outside_of_the_record_across_a_gap_or_backwards(times):
+    gap = (TIMES < 0.97) | (TIMES > 1.03)
+    assert gyroscope(times=TIMES[gap]).between(*times) is None
+    assert gyroscope(times=TIMES[gap]).between(1.1, 1.2) is not None
+
+
+@pytest.mark.parametrize(
+    "broken",
+    [
+        {"timestamps_s": TIMES[::-1]},
+        {"timestamps_s": TIMES[:-1]},
+        {"rates_rad_s": np.full((len(TIMES), 3), np.nan)},
+        {"R_cam_from_imu": np.diag([1.0, 1.0, -1.0])},
+        {"noise_density": -1.0},
+    ],
+)
+def test_what_is_no_record_is_refused(broken):
+    with pytest.raises(SourceError):
+        replace(gyroscope(), **broken)
+
+
+def test_the_bias_is_measured_at_rest_and_a_uniform_turn_is_no_rest():
+    times, rng = np.arange(0, 10, 0.005), np.random.default_rng(0)
+    bias = np.array([-0.002, 0.02, 0.08])
+    noise = 0.003 * rng.normal(size=(len(times), 3))
+    moving = (times > 4)[:, None] * np.sin(3 * times)[:, None] * RATE
+    rested = made_gyroscope(times, bias + noise + moving, np.eye(3))
+    assert rotation_angle(rested.between(0.1, 2.9)[0]) < 2e-3
+    raw = made_gyroscope(times, bias + noise, np.eye(3))  # all of it may be a slow pan
+    assert raw.bias_sigma_rad_s > rested.bias_sigma_rad_s
+    np.testing.assert_array_equal(raw.rates_rad_s, bias + noise)
+    two_rates = bias + noise + moving - (times < 1.5)[:, None] * (0.0, 0.0, 0.05)
+    assert made_gyroscope(times, two_rates, np.eye(3)).bias_sigma_rad_s == raw.bias_sigma_rad_s
+
+
+@pytest.fixture
+def euroc(tmp_path):
+    """Six images at 20 Hz, and a gyroscope at 200 Hz that turns at a constant rate."""
+    mav = tmp_path / "seq" / "mav0"
+    stamps = [1403636579763555584 + 50_000_000 * k for k in range(6)]
+    for k, stamp in enumerate(stamps):
+        write_image(mav / "cam0" / "data" / f"{stamp}.png", picture(k, channels=1))
+    write(mav / "cam0" / "data.csv", "#t,f\n" + "".join(f"{s},{s}.png\n" for s in stamps))
+    body_from_cam, body_from_imu = np.eye(4), np.eye(4)
+    body_from_cam[:3, :3] = rotation_from_vector(np.array([0.0, 0.0, 1.5]))
+    body_from_imu[:3, :3] = body_from_cam[:3, :3] @ CAM_FROM_IMU
+    lens = "intrinsics: [60, 61, 31, 23]\nresolution: [64, 48]\ndistortion_model: radial-tangential\n"
+    write(mav / "cam0" / "sensor.yaml", f"T_BS:\n  data: {body_from_cam.ravel().tolist()}\n{lens}")
+    pose = body_from_imu.ravel().tolist()
+    write(mav / "imu0" / "sensor.yaml", f"T_BS:\n  data: {pose}\ngyroscope_noise_density: 2e-4\n")
+    rates = ",".join(map(str, RATE))
+    rows = "".join(f"{stamps[0] - 10_000_000 + 5_000_000 * k},{rates},0,0,9.8\n" for k in range(60))
+    write(mav / "imu0" / "data.csv", "#timestamp [ns],w_x,...\n" + rows)
+    return mav
+
+
+@pytest.mark.parametrize("view", [SourceView(), SourceView(every=2), SourceView(fps=10)])
+def test_the_gyroscope_of_euroc_is_that_of_the_camera_for_each_view_of_it(euroc, view):
+    source = view.of(open_source(euroc))
+    times_s = [frame.timestamp_s for frame in source.frames()]
+    R, _ = gyroscope_of(source).between(times_s[0], times_s[1])
+    np.testing.assert_allclose(R, rotation_from_vector(-CAM_FROM_IMU @ RATE * (times_s[1] - times_s[0])), atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "message"),
+    [
+        ("data.csv", "#t\n140363657976355", r"data\.csv:2: expected timestamp,w_x"),
+        ("data.csv", "#t\n", "less than two samples"),
+        ("data.csv", "2,0,0,0\n1,0,0,0\n", r"data\.csv:2: time stamp 1 does not come after"),
+        ("data.csv", "1,0,0,inf\n", r"data\.csv:1"),
+        ("sensor.yaml", "rate_hz: 200\n", "T_BS"),
+        ("sensor.yaml", f"T_BS: {np.eye(4).ravel().tolist()}\ngyroscope_noise_density: much\n", "noise_density"),
+    ],
+)
+def test_a_broken_gyroscope_of_euroc_is_refused_with_its_file_where_it_is_used(euroc, file, text, message):
+    write(euroc / "imu0" / file, text)
+    source = open_source(euroc)
+    run(source, source.camera, Config(), max_frames=1, imu=False)
+    with pytest.raises(SourceError, match=message):
+        run(source, source.camera, Config(), max_frames=1)
+
+
+def test_without_the_rotation_of_the_camera_or_the_gyroscope_there_is_none_and_a_note_says_so(euroc):
+    (euroc / "imu0" / "sensor.yaml").unlink()
+    source = open_source(euroc)
+    assert gyroscope_of(source) is None
+    assert any("imu0 is not used" in note for note in source.notes)
+
+
+def test_a_run_gives_the_rotation_since_the_last_frame_that_is_used(euroc, monkeypatch):
+    given, process = [], Initializer.process
+
+    def spy(self, image, *arguments, **more):
+        given.append(more.get("rotation"))
+        return process(self, image, *arguments, **more)
+
+    monkeypatch.setattr(Initializer, "process", spy)
+    source = SourceView(every=2).of(open_source(euroc))
+    result, summary = run(source, source.camera, Config(), start=1)
+    assert given[0] is None and len(given) == 3
+    for R in given[1:]:
+        np.testing.assert_allclose(R, rotation_from_vector(-CAM_FROM_IMU @ RATE * 0.1), atol=1e-6)
+    assert any("imu0 measured 2 of 2 rotations" in note for note in result.notes)
+    ignored, without = run(source, source.camera, Config(), start=1, imu=False)
+    assert not any("imu0" in note for note in ignored.notes)
+    assert without.provenance.input_blake2b != summary.provenance.input_blake2b
+
+
+def test_other_methods_take_no_rotation_and_say_nothing_of_it(euroc):
+    source = open_source(euroc)
+    result, _ = run(source, source.camera, Config(method="orb-slam3"))
+    assert not any("imu0" in note for note in result.notes)
+
+
+def test_an_attribute_of_the_user_that_is_no_gyroscope_is_refused():
+    @dataclass(frozen=True)
+    class Wrong(GivenFrames):
+        gyroscope: str = "mpu6050"
+
+    with pytest.raises(SourceError, match="gyroscope"):
+        gyroscope_of(Wrong(None, ()))
