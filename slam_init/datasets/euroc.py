@@ -122,11 +122,15 @@ def _read_gyroscope(folder: Path, root: Path, body_from_cam: Pose, unit: TimeUni
         raise SourceError(f"{sensor}: no T_BS, the pose of the gyroscope: add it, or give --no-imu")
     stamps: list[float] = []
     rates: list[list[float]] = []
+    columns = 0
     for row in read_rows(table, root):
         fields = [field.strip() for field in row[1].split(",")]
         stamp = stamp_of(row, fields, _STAMP)
         if stamps and stamp <= stamps[-1]:
             raise SourceError(f"{row[0]}: time stamp {fields[0][:40]} does not come after the one before")
+        columns = columns or len(fields)
+        if len(fields) != columns:  # a line that is cut off may end in the middle of a number
+            raise SourceError(f"{row[0]}: has {len(fields)} fields, the first line {columns}: copy it again")
         stamps.append(stamp)
         rates.append(numbers(row, fields[1:], 3, "timestamp,w_x,w_y,w_z (rad/s)"))
     if len(stamps) < 2:
