@@ -48,7 +48,12 @@ class DerivedSource:
 
     @property
     def gyroscope(self) -> Gyroscope | None:
-        """That of the source."""
+        """That of the source.
+
+        Returns
+        -------
+        Gyroscope or None
+        """
         return gyroscope_of(self.source)
 
     @property

@@ -337,7 +337,12 @@ class ImageFileSource:
 
     @cached_property
     def gyroscope(self) -> Gyroscope | None:
-        """The gyroscope that is fixed to the camera; None without one. Its file is read when it is asked for."""
+        """The gyroscope that is fixed to the camera; None without one. Its file is read when it is asked for.
+
+        Returns
+        -------
+        Gyroscope or None
+        """
         return None if self.imu is None else self.imu()
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from slam_init.datasets.gyroscope import Gyroscope
 from slam_init.datasets.image_files import MAX_FRAMES, check_size, frame_range
 from slam_init.datasets.ros.bag import Bag, Message
 from slam_init.datasets.ros.camera_info import camera_of_info
 from slam_init.datasets.ros.images import decode
+from slam_init.datasets.ros.imu import BagGyroscope, read_gyroscope
 from slam_init.datasets.ros.topics import image_topic, info_topic, truth_topic
 from slam_init.datasets.ros.truth import Truth, read_truth
 from slam_init.errors import SourceError
@@ -82,6 +84,7 @@ class RosSource:
     def __init__(self, path: Path, version: int, topic: str | None = None, truth: str | None = None) -> None:
         self.path, self._version = path, version
         self._left_out: set[int] = set()
+        self._imu: BagGyroscope | None = None
         with Bag(path, version) as bag:
             self.topic, self._notes = image_topic(bag, topic)
             if self.topic.count > MAX_FRAMES:
@@ -127,6 +130,19 @@ class RosSource:
         """The poses of the camera; None if no topic tells them."""
         return self._truth.trajectory
 
+    @property
+    def gyroscope(self) -> Gyroscope | None:
+        """The gyroscope of the only topic of ``Imu``; None if nothing tells its rotation against the camera.
+
+        Returns
+        -------
+        Gyroscope or None
+        """
+        if self._imu is None:
+            with Bag(self.path, self._version) as bag:
+                self._imu = read_gyroscope(bag, self._frame_id, by_header=self._by_header)
+        return self._imu.gyroscope
+
     @cached_property
     def timestamps_s(self) -> Floats:
         """(N,) float: time stamps of the frames in seconds, strictly increasing."""
@@ -144,7 +160,7 @@ class RosSource:
         """
         count = len(self._left_out)
         late = (f"{count} images whose time stamps do not come after the one before were left out",) if count else ()
-        return (*self._notes, *self._truth.notes, *late)
+        return (*self._notes, *self._truth.notes, *(self._imu.notes if self._imu else ()), *late)
 
     def __len__(self) -> int:
         return self.topic.count

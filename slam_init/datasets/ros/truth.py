@@ -24,7 +24,7 @@ from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose, Trajectory
 
-__all__ = ["Truth", "read_truth"]
+__all__ = ["Truth", "read_transforms", "read_truth"]
 
 #: Most poses and transforms that are read: nine hours of one at 30 Hz, or an hour of nine at 30 Hz.
 MAX_POSES = 1_000_000
@@ -75,7 +75,7 @@ def read_truth(bag: Bag, topic: Topic, camera_frame: str) -> Truth:
         decoded = bag.decoded(message, topic)
         body = str(getattr(decoded, "child_frame_id", "")).lstrip("/") or body
         stamped.append((_time_s(bag, message, topic), _pose(place, decoded)))
-    tree, notes = _tree(bag)
+    tree, notes = read_transforms(bag)
     named = bool(body)
     body = body or tree.rigid_above(camera_frame)[-1]
     if body == camera_frame and named:
@@ -92,7 +92,7 @@ def read_truth(bag: Bag, topic: Topic, camera_frame: str) -> Truth:
 
 
 def _of_transforms(bag: Bag, topic: Topic, camera_frame: str) -> Truth:
-    tree, notes = _tree(bag)
+    tree, notes = read_transforms(bag)
     root, stamped = tree.path_of(camera_frame)
     if not stamped:
         what = f"does not tell how {camera_frame} moves" if camera_frame else "cannot be used: the images name no frame"
@@ -101,8 +101,25 @@ def _of_transforms(bag: Bag, topic: Topic, camera_frame: str) -> Truth:
     return Truth(trajectory(stamped), (*notes, told))
 
 
-def _tree(bag: Bag) -> tuple[TransformTree, tuple[str, ...]]:
-    """All transforms of a bag."""
+def read_transforms(bag: Bag) -> tuple[TransformTree, tuple[str, ...]]:
+    """Read all transforms of a bag.
+
+    Parameters
+    ----------
+    bag : Bag
+
+    Returns
+    -------
+    tree : TransformTree
+        Empty where there are more than a million.
+    notes : tuple of str
+        For the user.
+
+    Raises
+    ------
+    SourceError
+        If a transform is broken.
+    """
     topics = [topic for topic in bag.topics if topic.type in TRANSFORMS]
     transforms: list[StampedTransform] = []
     for topic in topics:
