@@ -42,7 +42,7 @@ def run(
     viewer: str | None = None,
     scale: ScaleRequest | None = None,
     restart: bool = False,
-    imu: bool = True,
+    imu: bool = False,
 ) -> tuple[Result, Summary]:
     """Initialize from a source, and write the results.
 

@@ -89,7 +89,7 @@ def add_run(commands: Commands) -> None:
         help="show the run in a Rerun viewer while it goes on: --live starts one, --live=rerun+http://HOST:9876/proxy "
         "uses one that runs",
     )
-    run.add_argument("--no-imu", action="store_true", help="ignore the gyroscope of the source (EuRoC, ROS bags)")
+    run.add_argument("--imu", action="store_true", help="use the gyroscope of the source (EuRoC, ROS bags)")
     run.add_argument("--refine-focal", action="store_true", help="adjust the focal length with the map")
     run.add_argument("--config", metavar="FILE", help="options in TOML, as in DIR/config.toml")
     run.add_argument("--no-overview", action="store_true", help="do not draw DIR/overview.png")
@@ -194,6 +194,6 @@ def _run_on(
             viewer=arguments.live,
             scale=arguments.scale,
             restart=arguments.restart,
-            imu=not arguments.no_imu,
+            imu=arguments.imu,
         )
     return summary

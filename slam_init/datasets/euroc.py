@@ -119,7 +119,7 @@ def _read_gyroscope(folder: Path, root: Path, body_from_cam: Pose, unit: TimeUni
     check_inside(sensor, root)
     body_from_imu = _read_extrinsics(sensor)
     if body_from_imu is None:
-        raise SourceError(f"{sensor}: no T_BS, the pose of the gyroscope: add it, or give --no-imu")
+        raise SourceError(f"{sensor}: no T_BS, the pose of the gyroscope: add it, or leave --imu out")
     stamps: list[float] = []
     rates: list[list[float]] = []
     columns = 0
@@ -134,7 +134,7 @@ def _read_gyroscope(folder: Path, root: Path, body_from_cam: Pose, unit: TimeUni
         stamps.append(stamp)
         rates.append(numbers(row, fields[1:], 3, "timestamp,w_x,w_y,w_z (rad/s)"))
     if len(stamps) < 2:
-        raise SourceError(f"{table}: holds less than two samples of the gyroscope: copy it again, or give --no-imu")
+        raise SourceError(f"{table}: holds less than two samples of the gyroscope: copy it again, or leave --imu out")
     return made_gyroscope(
         in_seconds(np.array(stamps), unit),
         np.array(rates),

@@ -79,7 +79,7 @@ def read_gyroscope(bag: Bag, camera_frame: str, *, by_header: bool) -> BagGyrosc
         rate = bag.decoded(message, topic).angular_velocity
         time_s = bag.header_of(message, topic).stamp_s if by_header else message.received_s
         if not all(map(math.isfinite, (time_s, rate.x, rate.y, rate.z))):
-            raise SourceError(f"{bag.path}: {topic.name}, message {number}: a rate is not finite: give --no-imu")
+            raise SourceError(f"{bag.path}: {topic.name}, message {number}: a rate is not finite: leave --imu out")
         samples.setdefault(time_s, (rate.x, rate.y, rate.z))
     if len(samples) < 2:
         return BagGyroscope(None, (f"the gyroscope {topic.name} is not used: its messages have no time stamps",))

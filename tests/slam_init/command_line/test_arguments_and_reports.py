@@ -34,7 +34,7 @@ def test_arguments_reach_the_pipeline(world, pipeline, capsys):
     assert str(options.pop("out")) == "results"
     assert options == {
         "start": 1, "max_frames": 2, "continue_frames": 4, "progress": False, "overview": True, "viewer": None,
-        "restart": True, "scale": parse_scale("height:1.65"),
+        "restart": True, "scale": parse_scale("height:1.65"), "imu": False,
     }  # fmt: skip
     assert capsys.readouterr() == ("", "")
 

@@ -153,9 +153,9 @@ def test_the_gyroscope_of_euroc_is_that_of_the_camera_for_each_view_of_it(euroc,
 def test_a_broken_gyroscope_of_euroc_is_refused_with_its_file_where_it_is_used(euroc, file, text, message):
     write(euroc / "imu0" / file, text)
     source = open_source(euroc)
-    run(source, source.camera, Config(), max_frames=1, imu=False)
+    run(source, source.camera, Config(), max_frames=1)
     with pytest.raises(SourceError, match=message):
-        run(source, source.camera, Config(), max_frames=1)
+        run(source, source.camera, Config(), max_frames=1, imu=True)
 
 
 def test_without_the_rotation_of_the_camera_or_the_gyroscope_there_is_none_and_a_note_says_so(euroc):
@@ -174,19 +174,19 @@ def test_a_run_gives_the_rotation_since_the_last_frame_that_is_used(euroc, monke
 
     monkeypatch.setattr(Initializer, "process", spy)
     source = SourceView(every=2).of(open_source(euroc))
-    result, summary = run(source, source.camera, Config(), start=1)
+    result, summary = run(source, source.camera, Config(), start=1, imu=True)
     assert given[0] is None and len(given) == 3
     for R in given[1:]:
         np.testing.assert_allclose(R, rotation_from_vector(-CAM_FROM_IMU @ RATE * 0.1), atol=1e-6)
     assert any("imu0 measured 2 of 2 rotations" in note for note in result.notes)
-    ignored, without = run(source, source.camera, Config(), start=1, imu=False)
+    ignored, without = run(source, source.camera, Config(), start=1)
     assert not any("imu0" in note for note in ignored.notes)
     assert without.provenance.input_blake2b != summary.provenance.input_blake2b
 
 
 def test_other_methods_take_no_rotation_and_say_nothing_of_it(euroc):
     source = open_source(euroc)
-    result, _ = run(source, source.camera, Config(method="orb-slam3"))
+    result, _ = run(source, source.camera, Config(method="orb-slam3"), imu=True)
     assert not any("imu0" in note for note in result.notes)
 
 
