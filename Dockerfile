@@ -6,18 +6,18 @@ FROM python:3.12-slim AS tested
 ENV PIP_NO_CACHE_DIR=1 PIP_ROOT_USER_ACTION=ignore
 WORKDIR /src
 COPY . .
-RUN python -m pip install . && slam-init run --out /tmp/out
+RUN python -m pip install . && slam-init run --out first
 RUN python -m pip install ".[test]" && python -m pytest && touch /tested
 
 FROM python:3.12-slim
-ENV PIP_NO_CACHE_DIR=1 PIP_ROOT_USER_ACTION=ignore NUMBA_CACHE_DIR=/tmp/numba
+ENV PIP_NO_CACHE_DIR=1 PIP_ROOT_USER_ACTION=ignore
 COPY --from=tested /src /src
 # The stage is built only if the tests passed.
-COPY --from=tested /tested /tmp/tested
+COPY --from=tested /tested /
 RUN python -m pip install /src && rm -r /src && useradd --create-home user
 USER user
 WORKDIR /home/user
-# What numba compiles at the first run is kept in the image.
-RUN slam-init run --quiet --out /tmp/first && rm -r /tmp/first
+# What numba compiles at the first run is kept in the image, below the home of the user.
+RUN slam-init run --quiet --out first && rm -r first
 ENTRYPOINT ["slam-init"]
 CMD ["--help"]

@@ -113,9 +113,9 @@ def options() -> str:
             text = f"{described[item.name]} {comments.get(('Config', item.name), '')}"
             lines.append(f"| `{item.name}` | `{_toml(item.default)}` | {_cell(text)} |")
     for section in dataclasses.fields(config.Config):
-        if section.default is not dataclasses.MISSING:
+        if section.default_factory is dataclasses.MISSING:
             continue
-        value = section.default_factory()  # type: ignore[misc]
+        value = section.default_factory()
         cls = type(value)
         lines += [
             "",

@@ -31,6 +31,7 @@ from slam_init.pictures.style import (
     TRACK,
     VERDICT_COLORS,
     canvas,
+    drawn,
     write,
 )
 from slam_init.types.camera import Camera
@@ -70,10 +71,9 @@ def main() -> None:
     with canvas(_WIDTH_PX, _HEIGHT_PX) as figure:
         _draw_room(figure, found, story, room.camera)
         _draw_wall(figure, twins, decided, twins_story, camera)
-        figure.canvas.draw()
-        rgba = np.asarray(figure.canvas.buffer_rgba())  # type: ignore[attr-defined]
+        rgb = drawn(figure)
     out.parent.mkdir(parents=True, exist_ok=True)
-    _write(out, rgba[..., :3])
+    _write(out, rgb)
     print(f"{out}: {out.stat().st_size / 1000:.0f} kB")
 
 

@@ -30,8 +30,8 @@ def make_node() -> Any:
 
     Returns
     -------
-    rclpy.node.Node
-        It has the attribute ``initializer``: None before the first calibration.
+    object
+        With ``node``, a rclpy.node.Node, and ``initializer``: None before the first calibration.
     """
     from geometry_msgs.msg import PoseStamped
     from nav_msgs.msg import Path
@@ -41,16 +41,16 @@ def make_node() -> Any:
     from sensor_msgs_py import point_cloud2
     from std_msgs.msg import Header
 
-    class InitializerNode(Node):  # type: ignore[misc]
+    class InitializerNode:
         """Takes images until there is a map."""
 
         def __init__(self) -> None:
-            super().__init__("slam_init")
+            self.node = Node("slam_init")
             latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-            self.path = self.create_publisher(Path, "path", latched)
-            self.points = self.create_publisher(PointCloud2, "points", latched)
-            self.create_subscription(CameraInfo, "camera_info", self._on_info, qos_profile_sensor_data)
-            self.create_subscription(Image, "image", self._on_image, qos_profile_sensor_data)
+            self.path = self.node.create_publisher(Path, "path", latched)
+            self.points = self.node.create_publisher(PointCloud2, "points", latched)
+            self.node.create_subscription(CameraInfo, "camera_info", self._on_info, qos_profile_sensor_data)
+            self.node.create_subscription(Image, "image", self._on_image, qos_profile_sensor_data)
             self.initializer: Initializer | None = None
 
         def _on_info(self, info: Any) -> None:
@@ -66,9 +66,9 @@ def make_node() -> Any:
             try:
                 status = self.initializer.process(decode("image", message), stamp.sec + stamp.nanosec * 1e-9)
             except SlamInitError as error:  # an image that comes too late, or of another size: leave it out
-                self.get_logger().warning(str(error))
+                self.node.get_logger().warning(str(error))
                 return
-            self.get_logger().info(f"{status.progress:.0%} {status.advice}", throttle_duration_sec=1.0)
+            self.node.get_logger().info(f"{status.progress:.0%} {status.advice}", throttle_duration_sec=1.0)
             if self.initializer.map is not None:
                 self._publish(self.initializer.map, Header(stamp=stamp, frame_id="map"))
 
@@ -97,7 +97,7 @@ def main() -> int:
     import rclpy
 
     rclpy.init()
-    node = make_node()
+    node = make_node().node
     try:
         rclpy.spin(node)
     except KeyboardInterrupt:

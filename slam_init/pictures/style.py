@@ -31,6 +31,7 @@ __all__ = [
     "TRUTH",
     "VERDICT_COLORS",
     "canvas",
+    "drawn",
     "gate_words",
     "in_words",
     "png_of",
@@ -118,11 +119,30 @@ def png_of(figure: Figure) -> bytes:
     """
     import cv2
 
-    figure.canvas.draw()
-    rgba = np.asarray(figure.canvas.buffer_rgba())  # type: ignore[attr-defined]
-    bgr = np.ascontiguousarray(rgba[..., 2::-1])
+    bgr = np.ascontiguousarray(drawn(figure)[..., ::-1])
     _, encoded = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, _COMPRESSION])
     return encoded.tobytes()
+
+
+def drawn(figure: Figure) -> Image:
+    """Draw a figure.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        From :func:`canvas`.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        RGB.
+    """
+    from io import BytesIO
+
+    raw = BytesIO()
+    figure.savefig(raw, format="rgba", dpi="figure")
+    height = round(figure.get_figheight() * figure.dpi)
+    return np.frombuffer(raw.getvalue(), np.uint8).reshape(height, -1, 4)[..., :3]
 
 
 def write(axes: Axes, x: float, y: float, text: str, size: float, color: str = INK, weight: str = "normal") -> None:

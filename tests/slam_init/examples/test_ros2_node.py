@@ -81,20 +81,21 @@ def test_the_node_feeds_its_images_and_publishes_the_map(ros, monkeypatch):
     # The scene allows no map; one appears with the third image.
     monkeypatch.setattr(Initializer, "map", property(lambda self: found if self.frames_read == 3 else None))
     monkeypatch.setattr("slam_init.initializer.load_all", lambda: None)
-    node = make_node()
+    made = make_node()
+    node = made.node
     node.callbacks["image"](image(0.0))
-    assert node.initializer is None, "an image without a calibration"
+    assert made.initializer is None, "an image without a calibration"
     K = np.array([60, 0, 31.5, 0, 61, 23.5, 0, 0, 1.0])
     info = SimpleNamespace(k=0 * K, d=np.zeros(5), p=np.zeros(12), width=64, height=48, distortion_model="plumb_bob")
     node.callbacks["camera_info"](info)
-    assert node.initializer is None, "a driver without a calibration"
+    assert made.initializer is None, "a driver without a calibration"
     info.k = K
     node.callbacks["camera_info"](info)
-    assert node.initializer.camera == Camera("pinhole", 64, 48, 60.0, 61.0, 31.5, 23.5)
+    assert made.initializer.camera == Camera("pinhole", 64, 48, 60.0, 61.0, 31.5, 23.5)
     for time_s, size in ((0.1, (64, 48)), (0.05, (64, 48)), (0.2, (32, 24)), (0.2, (64, 48))):
         node.callbacks["image"](image(time_s, size))
     assert ["does not come after" in warning for warning in node.warnings] == [True, False]
-    assert node.initializer.frames_read == 2 and node.published == {}
+    assert made.initializer.frames_read == 2 and node.published == {}
     node.callbacks["image"](image(0.3))
     path, points = node.published["path"], node.published["points"]
     assert len(path.poses) == len(found.keyframes) and len(points.points) == len(found.points)
@@ -104,4 +105,4 @@ def test_the_node_feeds_its_images_and_publishes_the_map(ros, monkeypatch):
         np.testing.assert_array_equal([place.x, place.y, place.z], keyframe.world_from_cam.t)
         np.testing.assert_array_equal([turn.w, turn.x, turn.y, turn.z], keyframe.world_from_cam.q_wxyz)
     node.callbacks["image"](image(0.4))
-    assert node.initializer.frames_read == 3, "images after the map are of no use"
+    assert made.initializer.frames_read == 3, "images after the map are of no use"
