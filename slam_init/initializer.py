@@ -36,6 +36,7 @@ from quest.geometry.quaternion import rotation_from_vector
 from slam_init.attempt_log import AttemptLog, focal_notes
 from slam_init.config import Config
 from slam_init.decision.focal_check import FocalCheck
+from slam_init.decision.maps_so_far import MapsSoFar
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.screening import screen
 from slam_init.frontend.frame_clock import FrameClock
@@ -43,14 +44,12 @@ from slam_init.frontend.keyframes import KeyframeManager, PairPreview
 from slam_init.frontend.rolling_shutter import VIDEO_INTERVAL_S, RollingShutter, corrected_pixels
 from slam_init.frontend.static_overlay import StaticOverlay
 from slam_init.frontend.tracks import Tracker
-from slam_init.mapping.map_building import MapWithViews
 from slam_init.output.names import MAX_SEGMENTS
 from slam_init.recording.recorder import Recorder
 from slam_init.status import Status, frame_of
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.attitude import checked_rotation
 from slam_init.types.camera import Camera
-from slam_init.types.comparison import Margin
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.result import Attempt, ProvisionalMap, Result, Segment
@@ -129,7 +128,7 @@ class Initializer:
         self._segments: deque[Segment] = deque(maxlen=MAX_SEGMENTS)
         self._focal_check = FocalCheck(camera, self.config)
         self._attempts = AttemptLog()
-        self._maps = _MapsSoFar(self.recorder)
+        self._maps = MapsSoFar(self.recorder)
         self._window: WindowRule | None = None
         self._judgement: _Judgement | None = None
         self._last_s: float | None = None
@@ -325,7 +324,7 @@ class Initializer:
         self.history.start_at(newest[0] if since is None else min(since, newest[0]))
         self.keyframes = KeyframeManager(self.camera, self.config)
         self._focal_check = FocalCheck(self.camera, self.config)
-        self._attempts, self._maps = AttemptLog(), _MapsSoFar(self.recorder)
+        self._attempts, self._maps = AttemptLog(), MapsSoFar(self.recorder)
         self._window, self._judgement = None, None
         self.status, self.frames_read, self._first_index = Status(), 0, None
         for observed in list(self.history):
@@ -476,45 +475,3 @@ class _Judgement:
     pairs: tuple[PairPreview, ...]
     current: Observations
     frames: tuple[int, ...]
-
-
-class _MapsSoFar:
-    """The maps of the attempts up to now: an accepted map, or two undecided maps.
-
-    Parameters
-    ----------
-    recorder : Recorder
-        Receives a report when a map is accepted, and when the undecided maps change.
-
-    Attributes
-    ----------
-    accepted : InitialMap or None
-    hypotheses : tuple of InitialMap
-        The accepted map, or the two undecided ones.
-    margin : Margin or None
-        The vote of the accepted map, if it had one. Before that, the last vote between two maps.
-    """
-
-    def __init__(self, recorder: Recorder) -> None:
-        self._recorder = recorder
-        self.accepted: InitialMap | None = None
-        self.hypotheses: tuple[InitialMap, ...] = ()
-        self.margin: Margin | None = None
-
-    def take(self, outcome: Outcome) -> None:
-        """Keep the maps of an attempt, and drop the maps that it contradicts."""
-        if outcome.margin is not None or outcome.accepted is not None:
-            self.margin = outcome.margin
-        if outcome.accepted is not None:
-            self._accept(outcome.accepted)
-            return
-        # Two undecided maps are kept until two other maps replace them, or a vote decides.
-        decided = outcome.margin is not None and outcome.margin.decides()
-        if outcome.hypotheses or decided:
-            self.hypotheses = outcome.hypotheses
-            self._recorder.undecided(self.hypotheses)
-
-    def _accept(self, built: MapWithViews) -> None:
-        self.accepted = built.map
-        self.hypotheses = (built.map,)
-        self._recorder.initialized(built.map, built.views)

@@ -37,7 +37,6 @@ from slam_init.benchmarks.window_log import Accuracy, Window, read_log, write_lo
 from slam_init.benchmarks.window_tables import window_report
 from slam_init.compare.judging import Truth, criteria_of
 from slam_init.config import TrackingConfig
-from slam_init.decision.lens import CALIBRATED_SIGMA
 from slam_init.errors import SlamInitError
 from slam_init.frontend.tracks import Tracker, common_tracks
 from slam_init.output.tables import markdown_table
@@ -61,7 +60,7 @@ SCENES = ("room", "corridor", *PLANES, *TILTED, *WITHOUT_TRANSLATION)
 BASELINES = (0.03, 0.05, 0.1)
 VIEWS = tuple(range(2, 13))
 #: Of a calibrated camera.
-_PRIORS = Priors(focal_sigma=CALIBRATED_SIGMA)
+_PRIORS = Priors()
 
 
 @dataclass(frozen=True)

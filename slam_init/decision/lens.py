@@ -9,13 +9,11 @@ estimate, and the prior stays where it was: an estimate is never the prior of th
 from __future__ import annotations
 
 from slam_init.types.camera import Camera
-from slam_init.window.state import Priors
+from slam_init.window.state import CALIBRATED_SIGMA, Priors
 from slam_init.window.uncertainty import CameraEstimate
 
-__all__ = ["CALIBRATED_SIGMA", "WindowLens"]
+__all__ = ["WindowLens"]
 
-#: Relative standard deviation of the focal length of a calibration: they are better than two per cent.
-CALIBRATED_SIGMA = 0.02
 #: Standard deviation of the first coefficient of the radial distortion. A calibration that states a distortion knows it
 #: to a hundredth. Without one, most images are rectified or those of a good lens; those of phones and wide angles have
 #: up to 0.3.

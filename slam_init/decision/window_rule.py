@@ -17,7 +17,7 @@ from quest.estimate import NoPose, RelativePose
 from quest.geometry.epipolar import depths_from_pose
 from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.config import Config
-from slam_init.decision.lens import CALIBRATED_SIGMA, WindowLens
+from slam_init.decision.lens import WindowLens
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
 from slam_init.decision.screening import LEAST_PARALLAX_SHARE, preview_evidence
@@ -29,6 +29,7 @@ from slam_init.decision.two_views import (
     pose_at_fitting_threshold,
     pose_evidence,
 )
+from slam_init.decision.window_evidence import rotation_evidence, window_evidence
 from slam_init.frontend.keyframes import PairPreview
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.frontend.tracks import History
@@ -37,7 +38,7 @@ from slam_init.mapping.map_building import MapWithViews, map_with_views
 from slam_init.mapping.views import TrackTable, table_of, voting_views
 from slam_init.types.arrays import Bools, Ints, evenly_spaced
 from slam_init.types.camera import Camera
-from slam_init.types.evidence import MapEvidence, RotationOnlyEvidence, WindowEvidence
+from slam_init.types.evidence import MapEvidence
 from slam_init.types.frame import Observations
 from slam_init.types.gates import GateName, Stage, at_least, at_most
 from slam_init.types.initial_map import InitialMap
@@ -49,6 +50,7 @@ from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import MERE_ROTATION, WindowRisk, risk_of
+from slam_init.window.state import CALIBRATED_SIGMA
 from slam_init.window.tracks import MAX_TRACKS, MAX_TRACKS_IN_SLICES, MAX_VIEWS
 from slam_init.work import Prices, spend
 
@@ -64,9 +66,6 @@ _READOUT_SIGMA_S = 1 / 60
 #: A gain over the rotation-only camera that chance exceeds more often than this is no evidence of a translation. A
 #: direction without a translation is uncertain too, so that its term would hide the cause.
 _INSIGNIFICANT = 0.05
-#: A focal length is suspected only if it is off by a hundredth or more, the error of a careless calibration, and by
-#: five of its standard deviations: errors that the tracks share double them. Five hundredths have to be told.
-_LEAST_FOCAL_ERROR, _DOUBTFUL_SIGMAS, _TOLD_FOCAL_ERROR = 0.01, 5.0, 0.05
 #: A calibration is left where the focal length is off by so many of its standard deviations: once in 400 by chance.
 _CERTAIN_FOCAL_SIGMAS = 3.0
 #: In slices, motions are proposed from so many matches of a pair: an estimate cannot be divided, and takes 10 ms then.
@@ -267,7 +266,7 @@ class WindowRule:
         pair = self._with_readout(pair, risk)
         attempt = replace(
             attempt,
-            window=_evidence(hypotheses, risk, self.lens),
+            window=window_evidence(hypotheses, risk, self.lens),
             inliers=_inliers(pair, hypotheses.motions[0].cam2_from_cam1, self._threshold_rad),
             moving=np.isin(pair.track_ids, risk.moving_tracks),
         )
@@ -288,7 +287,7 @@ class WindowRule:
         if not all(gate.passes() for gate in gates):
             refused = refused_by(attempt, Stage.MAP, gates)
             if refused.verdict == Verdict.PURE_ROTATION:
-                refused = replace(refused, rotation_only=_rotation_evidence(hypotheses))
+                refused = replace(refused, rotation_only=rotation_evidence(hypotheses))
             return Outcome(refused, hypotheses=self._undecided(refused, pair, hypotheses), margin=risk.margin)
         # The stated risk is that of the pair. Each further view adds no more than what is not modelled; a view that is
         # left out costs some landmarks only.
@@ -432,50 +431,6 @@ def _moved_frames(bundle: BundleSolution | BundleFailure, motion: FittedMotion) 
         if rotation_deg > _ADJUSTED_ROTATION_DEG or direction_deg > _ADJUSTED_DIRECTION_DEG:
             moved.append(frame)
     return tuple(moved)
-
-
-def _evidence(hypotheses: WindowHypotheses, risk: WindowRisk, lens: WindowLens) -> WindowEvidence:
-    best = hypotheses.motions[0]
-    distortion, readout = risk.camera.distortion, risk.camera.readout
-    rolling = None if readout is None else lens.camera.with_readout(readout.seconds)
-    return WindowEvidence(
-        views=len(best.rows),
-        hypotheses=len(hypotheses.motions),
-        planar=hypotheses.planar,
-        risk=risk.total,
-        risk_direction=risk.direction,
-        risk_rival=risk.rival,
-        risk_rotation=risk.rotation,
-        risk_moving=risk.moving,
-        risk_floor=risk.floor,
-        direction_sigma_deg=risk.direction_sigma_deg,
-        rotation_sigma_deg=risk.rotation_sigma_deg,
-        depth_sigma=risk.depth_sigma,
-        noise_px=hypotheses.tracks.noise_px,
-        field_px=risk.field_px,
-        rotation_log_likelihood=risk.rotation_log_likelihood,
-        focal_factor=math.exp(lens.log_scale + risk.camera.focal.log_scale),
-        focal_sigma=risk.camera.focal.sigma,
-        readout_ms=None if rolling is None else rolling.readout_ms,
-        readout_direction=None if rolling is None else rolling.readout_direction,
-        readout_sigma_ms=None if readout is None else 1e3 * readout.sigma_s,
-        distortion_k1=lens.k1 + distortion.k1,
-        distortion_sigma=distortion.sigma,
-        suspected_distortion=None if lens.is_unknown else distortion.suspected,
-    )
-
-
-def _rotation_evidence(hypotheses: WindowHypotheses) -> RotationOnlyEvidence | None:
-    """The focal length of the rotation-only camera, and whether it casts doubt on the stated one.
-
-    None where the camera rotated too little to tell a focal length that is off by five hundredths.
-    """
-    log_scale, sigma = hypotheses.focal_of_rotation
-    doubtful = abs(log_scale) >= _LEAST_FOCAL_ERROR and abs(log_scale) > _DOUBTFUL_SIGMAS * sigma
-    if not doubtful and _DOUBTFUL_SIGMAS * sigma > _TOLD_FOCAL_ERROR:
-        return None
-    factor = math.exp(log_scale)
-    return RotationOnlyEvidence(factor, factor if doubtful else None)
 
 
 def _certain_frames(hypotheses: WindowHypotheses, risk: WindowRisk, most: float) -> tuple[int, ...]:

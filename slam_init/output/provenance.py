@@ -5,17 +5,41 @@ from __future__ import annotations
 import hashlib
 import platform
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
 from slam_init.output.plain_json import Json
-from slam_init.output.records import Provenance
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 
-__all__ = ["InputHash", "provenance_of"]
+__all__ = ["InputHash", "Provenance", "provenance_of"]
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """The versions, options and input of a run.
+
+    Attributes
+    ----------
+    packages : mapping of str to str
+        Versions of Python and of the packages that a result depends on.
+    command : tuple of str
+        The command line.
+    options : mapping of str to JSON
+        The resolved configuration and the options of the run.
+    input_blake2b : str
+        Hash of the calibration and of the frames that were read: pixels, names, time
+        stamps and measured rotations, in order.
+    """
+
+    packages: Mapping[str, str]
+    command: tuple[str, ...]
+    options: Mapping[str, Json]
+    input_blake2b: str
+
 
 #: The versions of these packages may change a result.
 _PACKAGES = ("slam-init", "numpy", "scipy", "opencv-python-headless", "gtsam", "rerun-sdk", "numba")

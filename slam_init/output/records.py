@@ -1,4 +1,4 @@
-"""The parts of ``summary.json``: source, camera, keyframes, attempts, continuation, provenance."""
+"""The parts of ``summary.json``: source, camera, keyframes, attempts, continuation, segments."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from slam_init.output.plain_json import Json
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import (
     MapEvidence,
@@ -29,7 +28,6 @@ __all__ = [
     "GateRecord",
     "HypothesisRecord",
     "KeyframeRecord",
-    "Provenance",
     "ScaleRecord",
     "SegmentRecord",
     "SourceRecord",
@@ -484,26 +482,3 @@ class SegmentRecord:
             ground_truth=ground_truth,
             continued=continued,
         )
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """The versions, options and input of a run.
-
-    Attributes
-    ----------
-    packages : mapping of str to str
-        Versions of Python and of the packages that a result depends on.
-    command : tuple of str
-        The command line.
-    options : mapping of str to JSON
-        The resolved configuration and the options of the run.
-    input_blake2b : str
-        Hash of the calibration and of the frames that were read: pixels, names, time
-        stamps and measured rotations, in order.
-    """
-
-    packages: Mapping[str, str]
-    command: tuple[str, ...]
-    options: Mapping[str, Json]
-    input_blake2b: str

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 
 from slam_init.output.plain_json import Json, plain_fields
+from slam_init.output.provenance import Provenance
 from slam_init.output.records import (
     AttemptRecord,
     CameraRecord,
@@ -21,7 +22,6 @@ from slam_init.output.records import (
     FocalLengthRecord,
     HypothesisRecord,
     KeyframeRecord,
-    Provenance,
     ScaleRecord,
     SegmentRecord,
     SourceRecord,

@@ -37,6 +37,7 @@ from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, marginalize_
 from slam_init.window.motion import FittedMotion
 from slam_init.window.neighbours import variance_by_neighbours
 from slam_init.window.other_motion import OtherMotion, explained_tracks, other_motion
+from slam_init.window.state import CALIBRATED_SIGMA
 from slam_init.window.tracker_errors import gain_of_lasting_errors, gain_of_shared_errors, gain_of_turning_errors
 from slam_init.window.uncertainty import (
     CameraEstimate,
@@ -172,7 +173,8 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         for sigmas_deg in of_views
     )
     direction, direction_deg = direction_risks[0], float(np.sqrt(weights @ of_views[0] ** 2))
-    known_lens = sigma_with_known_lens(expanded) * of_views[0]
+    calibrated = hypotheses.priors.focal_sigma <= CALIBRATED_SIGMA
+    known_lens = (1.0 if calibrated else sigma_with_known_lens(expanded)) * of_views[0]
     with_known_lens = float(weights @ _exceeds(_WRONG_DIRECTION_DEG, known_lens))
     if_rigid = float(weights @ _exceeds(_WRONG_DIRECTION_DEG, rigid * of_views[0]))
     margins = [_margin(hypotheses, best, rival) for rival in rivals]

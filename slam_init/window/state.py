@@ -11,7 +11,11 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.window.kernels import FIELD_TERMS
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["Priors", "WindowState", "start_at"]
+__all__ = ["CALIBRATED_SIGMA", "Priors", "WindowState", "start_at"]
+
+
+#: Relative standard deviation of the focal length of a calibration: they are better than two per cent.
+CALIBRATED_SIGMA = 0.02
 
 
 @dataclass(frozen=True)
@@ -38,7 +42,7 @@ class Priors:
         where the camera of the window is an estimate already, and the prior is that of an earlier camera.
     """
 
-    focal_sigma: float = 0.02
+    focal_sigma: float = CALIBRATED_SIGMA
     k1_sigma: float = 0.05
     field_sigma_px: float = 0.0
     gate_sigmas: float = 3.0

@@ -18,11 +18,11 @@ from pydantic.json_schema import GenerateJsonSchema
 from typing_extensions import TypedDict
 
 from quest.relative_pose import PoseEvidence
-from slam_init.output import records, summary
+from slam_init.output import provenance, records, summary
 from slam_init.types import comparison, evidence, gates, reasons, result, scale, stopwatch
 
 #: Where the types of the schema are defined.
-_MODULES = (records, summary, comparison, evidence, gates, reasons, result, scale, stopwatch)
+_MODULES = (provenance, records, summary, comparison, evidence, gates, reasons, result, scale, stopwatch)
 #: Types whose floats may be null: a figure that is not finite is written as null.
 _FIGURES = (
     "AttemptRecord",
@@ -45,7 +45,7 @@ def summary_json_schema() -> dict[str, Any]:
     """The JSON Schema (draft 2020-12) of :class:`Summary`, with descriptions from its docstrings."""
     # pydantic reads TypedDict of typing_extensions only (before Python 3.12), and has a type of its own for JSON.
     stage_times = TypedDict("StageTimes", get_type_hints(stopwatch.StageTimes))
-    with patch.object(summary, "StageTimes", stage_times), patch.object(records, "Json", JsonValue):
+    with patch.object(summary, "StageTimes", stage_times), patch.object(provenance, "Json", JsonValue):
         schema = TypeAdapter(summary.Summary).json_schema(mode="serialization")
     for name, one in [("Summary", schema), *schema["$defs"].items()]:
         _describe(one, name)
