@@ -35,22 +35,31 @@ class Prices:
     """
 
     #: The best pair: fixed, and for each match.
-    PAIR, PAIR_MATCH = 7000.0, 18.0
-    #: The tracks of a window, for each observation.
-    GATHER = 1.7
-    #: The rotation between two views; a view that is located by points; points by two views and more.
-    ALIGN, LOCATE, TRIANGULATE = 220.0, 1700.0, 3500.0
+    PAIR, PAIR_MATCH = 7000.0, 9.0
+    #: The tracks of a window: for each observation, and for each view. Rays that are corrected for another readout.
+    GATHER, GATHER_VIEW, CORRECTION = 0.1, 300.0, 0.1
+    #: The rotation between two views; a view that is located by points, and the poses that are drawn where a guess does
+    #: not suffice; points by two views and more: fixed, and for each ray.
+    ALIGN, LOCATE, DRAW, TRIANGULATE, TRIANGULATE_RAY = 110.0, 180.0, 1300.0, 450.0, 0.6
     #: The cost of a state and its equations: fixed, and for each observation.
     COST, COST_OBSERVATION = 130.0, 0.13
     EQUATIONS, EQUATIONS_OBSERVATION = 500.0, 0.62
-    #: The parts of the risk, each for a motion; the uncertainty of a direction for a view.
-    LINEARIZE, MARGINALIZE, CHANCE, NEIGHBOURS, DISTANCES, OTHER_MOTION, DIRECTION = (
-        400.0, 4000.0, 400.0, 4500.0, 2700.0, 1500.0, 650.0,
-    )  # fmt: skip
-    #: Bundle adjustment, for each observation: the points alone, a factor of the graph, an iteration.
-    POINTS, GRAPH, ITERATION = 3.5, 3.5, 4.5
-    #: The covariance of a pose; the map that is handed over.
-    COVARIANCE, MAP = 400.0, 1500.0
+    #: The expansion of a fit about its equations: fixed, and for each view. The fields integrated out: fixed, and for
+    #: each pair of views.
+    LINEARIZE, LINEARIZE_VIEW, MARGINALIZE, MARGINALIZE_VIEWS = 40.0, 11.0, 350.0, 14.0
+    #: The other parts of the risk, each for a motion; the uncertainty of a direction for a view.
+    CHANCE, NEIGHBOURS, DISTANCES, ROTATION, DIRECTION = 150.0, 550.0, 600.0, 700.0, 150.0
+    #: What a judgement says besides its risk.
+    EVIDENCE = 600.0
+    #: Bundle adjustment, for each observation: the table of the tracks, the points alone, residuals and outliers, a
+    #: virtual camera, the equations.
+    TABLE, POINTS, RESIDUALS, LENS, MAP_EQUATIONS = 0.1, 0.35, 0.5, 0.5, 0.07
+    #: Its error: fixed, and for each observation. Its step: fixed, and for each point and pair of views.
+    MAP_ERROR, MAP_ERROR_OBSERVATION, MAP_STEP, MAP_ELIMINATION = 60.0, 0.02, 380.0, 0.012
+    #: gtsam, for each observation: a factor of the graph, an iteration. The covariance of a pose.
+    GRAPH, ITERATION, COVARIANCE = 1.3, 3.0, 400.0
+    #: The map that is handed over.
+    MAP = 900.0
 
 
 class _Stack(greenlet.greenlet):

@@ -19,6 +19,7 @@ module imports them only after it has set that number.
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 import time
@@ -238,7 +239,8 @@ def prices_table(sources: Sequence[tuple[str, Source]], max_frames: int | None =
             vars(module)["spend"] = spend
         for _, source in sources:
             assert source.camera is not None
-            initializer = Initializer(source.camera, Config(work_per_frame=None))
+            # One slice without an end: with as many tracks as in slices.
+            initializer = Initializer(source.camera, Config(work_per_frame=math.inf))
             for frame in islice(source.frames(), max_frames):
                 done = initializer.process(frame)
                 last.clear()

@@ -10,10 +10,10 @@ import numpy as np
 
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_angle
 from slam_init.benchmarks.window_log import Accuracy
+from slam_init.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.linear_algebra import single_threaded
 from slam_init.window.motion import FittedMotion
 from slam_init.window.risk import WindowRisk
 from slam_init.window.uncertainty import (

@@ -26,6 +26,7 @@ import numpy as np
 
 from slam_init.bundle.focal import adjust_focal, camera_with_focal_factor
 from slam_init.bundle.graph import GAUGE, build_graph, marginal_covariances, optimize
+from slam_init.bundle.least_squares import minimize, pose_covariances, with_lenses
 from slam_init.bundle.noise import estimate_noise, least_squares_noise, min_parallax_rad
 from slam_init.bundle.points import fit_points
 from slam_init.bundle.problem import BundleFailure, BundleFit, BundleProblem, BundleSolution, FocalPrior
@@ -102,7 +103,10 @@ def _adjusted(
         residuals = final.residuals(camera)
         noise_px = least_squares_noise(final, residuals, config)
         graph, values = build_graph(camera, final, noise_px, robust=False, prior=prior)
-        covariances, focal_variance = marginal_covariances(graph, values, final.frames, prior)
+        if prior is None:
+            covariances, focal_variance = pose_covariances(final, noise_px), 0.0
+        else:
+            covariances, focal_variance = marginal_covariances(graph, values, final.frames, prior)
     except RuntimeError as error:  # how gtsam reports singular systems and cheirality
         return BundleFailure(" ".join(str(error).split())[:160])
     return BundleSolution(
@@ -152,6 +156,7 @@ def fit_with_held_camera(
         By gtsam, for a singular system or a landmark behind a camera.
     """
     if poses_known:
+        start = with_lenses(camera, start)
         spend(Prices.POINTS * len(start.views))
         points = fit_points(camera, start, config.noise_px)
         return _least_squares(camera, points, (_rms_px(start, camera),), config, _FEW_ITERATIONS)
@@ -164,6 +169,7 @@ def _least_squares(
     camera: Camera, robust: BundleProblem, errors: tuple[float, ...], config: MapConfig, iterations: int
 ) -> BundleFit | BundleFailure:
     """The least-squares fit without the outliers of a robust fit."""
+    spend(Prices.RESIDUALS * len(robust.views))
     residuals = robust.residuals(camera)
     noise_px = estimate_noise(robust, residuals, config)
     if noise_px > _WORST_NOISE * config.noise_px:
@@ -176,7 +182,10 @@ def _least_squares(
     cleaned = cleaned.keep(certain[cleaned.landmarks])
     if (failure := _cannot_be_solved(cleaned)) is not None:
         return failure
-    polished, more = optimize(camera, cleaned, noise_px, robust=False, iterations=iterations, tolerance=1e-5)
+    if cleaned.lenses is None:
+        cleaned = with_lenses(camera, cleaned)
+    polished, more = minimize(cleaned, noise_px, iterations=iterations, tolerance=1e-5)
+    spend(Prices.RESIDUALS * len(polished.views))
     final = _scale_to_median_depth(polished)
     if final is None:
         return BundleFailure("no landmark lies in front of the first camera")

@@ -11,13 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam_init.bundle.graph import build_graph, is_undistorted_first, optimize, read_focal_factor, read_problem
+from slam_init.bundle.graph import build_graph, is_undistorted_first, read_focal_factor, read_problem
+from slam_init.bundle.least_squares import minimize, with_lenses
 from slam_init.bundle.noise import least_squares_noise
 from slam_init.bundle.problem import BundleFit, FocalPrior
 from slam_init.config import MapConfig
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
 from slam_init.types.lenses.models import scaled_coefficients
+from slam_init.work import Prices, spend
 
 __all__ = ["adjust_focal", "camera_with_focal_factor"]
 
@@ -86,6 +88,7 @@ def adjust_focal(prior: FocalPrior, fit: BundleFit, config: MapConfig) -> Bundle
     error = float(graph.error(values))
     for _ in range(_NEWTON_STEPS):
         try:
+            spend(Prices.ITERATION * len(problem.views))
             # The step in all unknowns; its component in the focal length is the Newton step.
             step = graph.linearize(values).optimize()
         except RuntimeError:  # how gtsam reports singular systems and cheirality
@@ -97,9 +100,8 @@ def adjust_focal(prior: FocalPrior, fit: BundleFit, config: MapConfig) -> Bundle
                 continue
             try:
                 tried = camera_with_focal_factor(prior.camera, factor)
-                polished, more = optimize(
-                    tried, read_problem(moved, problem), noise_px, robust=False, iterations=15, tolerance=1e-6
-                )
+                there = with_lenses(tried, read_problem(moved, problem))
+                polished, more = minimize(there, noise_px, iterations=15, tolerance=1e-6)
             except (RuntimeError, CalibrationError):  # the step is too long: try a shorter one
                 continue
             # Checked before the graph is evaluated: gtsam prints a message to the standard output for each landmark

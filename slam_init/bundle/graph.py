@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 __all__ = [
     "CAUCHY",
     "GAUGE",
+    "PoseTerms",
     "build_graph",
     "calibration_key",
     "gtsam_calibration",
@@ -137,20 +138,93 @@ def build_graph(
             spend(Prices.GRAPH * min(_FACTORS_AT_ONCE, len(problem.pixels) - number))
         if (made := factor(number, pose_keys[k], point_keys[landmark])) is not None:
             graph.add(made)
-    first = problem.world_from_cam[0]
-    fixed = gtsam.noiseModel.Isotropic.Sigma(6, _GAUGE_SIGMA)
-    graph.add(gtsam.PriorFactorPose3(pose_keys[0], gtsam.Pose3(gtsam.Rot3(first.R), first.t), fixed))
-    baselines = [float(np.linalg.norm(pose.t - first.t)) for pose in problem.world_from_cam]
-    far = int(np.argmax(baselines))
-    range_noise = gtsam.noiseModel.Isotropic.Sigma(1, _SCALE_SIGMA * baselines[far])
-    graph.add(gtsam.RangeFactorPose3(pose_keys[0], pose_keys[far], baselines[far], range_noise))
-    if problem.prior is not None:
-        for key, pose in zip(pose_keys[1:], problem.expected[1:], strict=True):
-            graph.add(_pose_prior(problem.prior, key, pose, float(np.linalg.norm(pose.t - first.t))))
+    graph.push_back(_pose_factors(problem))
     if prior is not None:
         values.insert(calibration_key(), gtsam_calibration(camera))
         graph.add(_calibration_prior(prior))
     return graph, values
+
+
+def _pose_factors(problem: BundleProblem) -> gtsam.NonlinearFactorGraph:
+    """The factors of poses alone: gauge, baseline range, and the priors that there are."""
+    import gtsam
+
+    graph = gtsam.NonlinearFactorGraph()
+    keys = [pose_key(frame) for frame in problem.frames]
+    first = problem.world_from_cam[0]
+    fixed = gtsam.noiseModel.Isotropic.Sigma(6, _GAUGE_SIGMA)
+    graph.add(gtsam.PriorFactorPose3(keys[0], gtsam.Pose3(gtsam.Rot3(first.R), first.t), fixed))
+    baselines = [float(np.linalg.norm(pose.t - first.t)) for pose in problem.world_from_cam]
+    far = int(np.argmax(baselines))
+    range_noise = gtsam.noiseModel.Isotropic.Sigma(1, _SCALE_SIGMA * baselines[far])
+    graph.add(gtsam.RangeFactorPose3(keys[0], keys[far], baselines[far], range_noise))
+    if problem.prior is not None:
+        for key, pose in zip(keys[1:], problem.expected[1:], strict=True):
+            graph.add(_pose_prior(problem.prior, key, pose, float(np.linalg.norm(pose.t - first.t))))
+    return graph
+
+
+class PoseTerms:
+    """The terms of the poses alone in the error of a problem: gauge, baseline range, and the priors that there are.
+
+    Parameters
+    ----------
+    problem : BundleProblem
+        Its poses are the start, which the gauge holds.
+    """
+
+    def __init__(self, problem: BundleProblem) -> None:
+        self._graph = _pose_factors(problem)
+        self._keys = [pose_key(frame) for frame in problem.frames]
+        keys: set[int] = set()
+        for number in range(self._graph.size()):
+            keys.update(self._graph.at(number).keys())
+        # gtsam sorts the unknowns of a matrix by their keys.
+        places = [self._keys.index(key) for key in sorted(keys)]
+        self._columns = np.concatenate([np.arange(6 * place, 6 * place + 6) for place in places])
+
+    def error(self, R: Floats, t: Floats) -> float:
+        """The error at some poses.
+
+        Parameters
+        ----------
+        R, t : (K, 3, 3), (K, 3) float
+            world_from_cam.
+
+        Returns
+        -------
+        float
+            Half of the sum of the squares.
+        """
+        return float(self._graph.error(self._values(R, t)))
+
+    def equations(self, R: Floats, t: Floats) -> tuple[Floats, Floats]:
+        """The equations of a Gauss-Newton step at some poses.
+
+        Parameters
+        ----------
+        R, t : (K, 3, 3), (K, 3) float
+            world_from_cam.
+
+        Returns
+        -------
+        information, gradient : (6 K, 6 K), (6 K,) float
+            In gtsam's tangent order (rotation, translation), in the camera frames.
+        """
+        hessian, descent = self._graph.linearize(self._values(R, t)).hessian()
+        size = 6 * len(self._keys)
+        information, gradient = np.zeros((size, size)), np.zeros(size)
+        information[np.ix_(self._columns, self._columns)] = hessian
+        gradient[self._columns] = -np.asarray(descent)
+        return information, gradient
+
+    def _values(self, R: Floats, t: Floats) -> gtsam.Values:
+        import gtsam
+
+        values = gtsam.Values()
+        for key, rotation, centre in zip(self._keys, R, t, strict=True):
+            values.insert(key, gtsam.Pose3(gtsam.Rot3(rotation), centre))
+        return values
 
 
 def _pose_prior(prior: PosePrior, key: int, mean: Pose, baseline: float) -> gtsam.NonlinearFactor:

@@ -2,7 +2,7 @@
 
 The joint fit of a window knows its poses from a robust estimate already. What bundle adjustment would find in a first,
 robust stage are the points, and the observations that are outliers. For held poses the points are independent of each
-other, so that this takes some milliseconds for thousands of observations.
+other, so that this takes a millisecond for thousands of observations.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import numpy as np
 
 from slam_init.bundle.graph import CAUCHY
 from slam_init.bundle.problem import BundleProblem
-from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 
 __all__ = ["fit_points"]
@@ -41,32 +40,14 @@ def fit_points(camera: Camera, problem: BundleProblem, noise_px: float) -> Bundl
     BundleProblem
         With other points. A point that a step would move behind a camera stays where it is.
     """
-    rays = camera.bearings(problem.pixels)
+    from slam_init.bundle.kernel import fit_points_to_rays
+
+    rays = camera.bearings(problem.pixels) if problem.lenses is None else problem.lenses[:, 2]
     R = np.array([pose.R for pose in problem.world_from_cam])[problem.views]
-    rays = np.einsum("mij,mj->mi", R, rays)
-    centres = np.array([pose.t for pose in problem.world_from_cam])[problem.views]
-    points, landmarks = problem.points, problem.landmarks
-    scale_rad = CAUCHY * noise_px / camera.focal_px
-    for _ in range(_STEPS):
-        offsets = points[landmarks] - centres
-        distances = np.maximum(np.linalg.norm(offsets, axis=1), 1e-300)
-        # The part of the offset across the ray, as an angle. Its derivative is the projector over the distance.
-        along = np.einsum("mi,mi->m", offsets, rays)
-        errors = (offsets - along[:, None] * rays) / distances[:, None]
-        weights = 1 / (1 + np.einsum("mi,mi->m", errors, errors) / scale_rad**2)
-        weights = np.where(np.isfinite(weights), weights, 0.0) / distances**2
-        projectors = np.eye(3) - rays[:, :, None] * rays[:, None, :]
-        A = _sums(landmarks, (weights[:, None, None] * projectors).reshape(-1, 9), len(points)).reshape(-1, 3, 3)
-        b = _sums(landmarks, (weights * distances)[:, None] * errors, len(points))
-        A += _DAMPING * np.trace(A, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-300 * np.eye(3)
-        moved = points - np.linalg.solve(A, b[..., None])[..., 0]
-        ahead = np.einsum("mi,mi->m", moved[landmarks] - centres, rays) > 0
-        ahead |= along <= 0
-        keeps = np.bincount(landmarks, weights=~ahead, minlength=len(points)) == 0
-        points = np.where((keeps & np.isfinite(moved).all(axis=1))[:, None], moved, points)
+    order = np.argsort(problem.landmarks, kind="stable")
+    world = np.einsum("mij,mj->mi", R, rays)[order]
+    starts = np.concatenate([[0], np.cumsum(np.bincount(problem.landmarks, minlength=len(problem.points)))])
+    centres = np.array([pose.t for pose in problem.world_from_cam])
+    points, scale_rad = np.array(problem.points, np.float64), CAUCHY * noise_px / camera.focal_px
+    fit_points_to_rays(points, starts, problem.views[order], centres, world, scale_rad, _DAMPING, _STEPS)
     return replace(problem, points=points)
-
-
-def _sums(groups: Ints, values: Floats, count: int) -> Floats:
-    """Sums (count, K) of values (M, K) by group."""
-    return np.stack([np.bincount(groups, weights=column, minlength=count) for column in values.T], axis=1)

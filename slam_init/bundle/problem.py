@@ -54,6 +54,10 @@ class BundleProblem:
         Of the poses that the adjustment starts from.
     expected : tuple of K Pose
         The mean of the prior, world_from_cam; empty without one.
+    lenses : (M, 3, 3) float or None
+        Of :func:`slam_init.bundle.least_squares.with_lenses`: maps a point in the camera to homogeneous coordinates in
+        the virtual camera of the observation, in pixels. Its third row is the measured ray. NaN for a pixel without a
+        ray.
     """
 
     frames: tuple[int, ...]
@@ -65,6 +69,7 @@ class BundleProblem:
     pixels: Floats
     prior: PosePrior | None = None
     expected: tuple[Pose, ...] = ()
+    lenses: Floats | None = None
 
     def with_prior(self, prior: PosePrior) -> BundleProblem:
         """Take the poses as the mean of a prior.
@@ -136,6 +141,7 @@ class BundleProblem:
             views=self.views[chosen],
             landmarks=renumbered[self.landmarks[chosen]],
             pixels=self.pixels[chosen],
+            lenses=None if self.lenses is None else self.lenses[chosen],
         )
 
     def scaled(self, factor: float) -> BundleProblem:

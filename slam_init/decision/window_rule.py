@@ -263,6 +263,7 @@ class WindowRule:
         if hypotheses is None or risk is None:
             self._last = None
             return Outcome(refused_at(attempt, Verdict.NO_CONSISTENT_MOTION, Stage.MAP))
+        spend(Prices.EVIDENCE)
         pair = self._with_readout(pair, risk)
         attempt = replace(
             attempt,
@@ -346,6 +347,7 @@ class WindowRule:
     ) -> tuple[BundleSolution | BundleFailure, TrackTable]:
         """The bundle-adjusted map of a fitted motion, on all tracks of the pair and in the given frames."""
         views = [self._history[frame] for frame in (motion.frames if frames is None else frames)[2:]]
+        spend(Prices.TABLE * (len(pair.reference) + len(pair.current) + sum(len(view) for view in views)))
         table = table_of(pair.reference, pair.current, views)
         if self._shutter.readout_s:
             pixels = np.array([self.lens.camera.project(bearings) for bearings in table.bearings])

@@ -16,12 +16,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quest.geometry.quaternion import rotation_from_vector, vector_from_rotation
+from quest.geometry.quaternion import vector_from_rotation
 from quest.robust.rotation import refine_rotation_compiled
 from slam_init.frontend.tracks import History, common_tracks
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.work import Prices, spend
 
 __all__ = ["VIDEO_INTERVAL_S", "RollingShutter", "corrected_pixels", "image_flow", "readout_places", "turning_flow"]
 
@@ -42,7 +43,7 @@ _STEP_S = 1e-4
 _SAME_READOUT_S = 2e-4
 
 
-def turning_flow(camera: Camera, observations: Observations) -> Floats:
+def turning_flow(camera: Camera, observations: Observations, rows: Ints | None = None) -> Floats:
     """How the pixels of a frame move by the turning of the camera.
 
     Times :func:`readout_places` this is the derivative of the raw pixels by the readout.
@@ -51,6 +52,8 @@ def turning_flow(camera: Camera, observations: Observations) -> Floats:
     ----------
     camera : Camera
     observations : Observations
+    rows : (N,) int, optional
+        Positions of the wanted observations; by default all.
 
     Returns
     -------
@@ -58,9 +61,10 @@ def turning_flow(camera: Camera, observations: Observations) -> Floats:
         In px/s. Zero where the turning of the frame is not known.
     """
     turn = observations.turn_rad_s
+    bearings = observations.bearings if rows is None else observations.bearings[rows]
     if turn is None:
-        return np.zeros((len(observations), 2))
-    return image_flow(camera, observations.bearings, np.cross(turn, observations.bearings))
+        return np.zeros((len(bearings), 2))
+    return image_flow(camera, bearings, np.cross(turn, bearings))
 
 
 def image_flow(camera: Camera, rays: Floats, rays_per_s: Floats) -> Floats:
@@ -194,6 +198,7 @@ class RollingShutter:
         """
         if abs(readout_s - self.readout_s) <= _SAME_READOUT_S:
             return False
+        spend(Prices.CORRECTION * sum(len(one) for one in history))
         self.readout_s = readout_s
         self._correct_all(history)
         return True
@@ -219,7 +224,10 @@ class RollingShutter:
     def _correct_all(self, history: History) -> None:
         for one in history:
             if one.turn_rad_s is not None and one.readout_s != self.readout_s:
-                history.put(self._corrected(one, one.turn_rad_s))
+                # Both corrections turn about the same axis.
+                rest_s = one.readout_s - self.readout_s
+                bearings = _turned(self._camera, one, one.bearings, one.turn_rad_s, rest_s)
+                history.put(replace(one, bearings=bearings, readout_s=self.readout_s))
 
     def _corrected(self, observations: Observations, turn_rad_s: Floats) -> Observations:
         raw = observations.bearings
@@ -259,5 +267,11 @@ def _turned(
     camera: Camera, observations: Observations, bearings: Floats, turn_rad_s: Floats, readout_s: float
 ) -> Floats:
     """Rays (N, 3) that turn with the camera for the time between the middle and their own place."""
-    times_s = readout_places(camera, observations.pixels) * readout_s
-    return np.asarray(np.einsum("nij,nj->ni", rotation_from_vector(times_s[:, None] * turn_rad_s), bearings))
+    speed = float(np.linalg.norm(turn_rad_s))
+    axis = turn_rad_s / max(speed, 1e-300)
+    angles = (readout_places(camera, observations.pixels) * (readout_s * speed))[:, None]
+    # The formula of Rodrigues for one axis and many angles, without a matrix for each ray.
+    x, y, z = bearings.T
+    across = np.column_stack([axis[1] * z - axis[2] * y, axis[2] * x - axis[0] * z, axis[0] * y - axis[1] * x])
+    along = (bearings @ axis)[:, None] * axis
+    return np.asarray(along + np.cos(angles) * (bearings - along) + np.sin(angles) * across)

@@ -54,7 +54,7 @@ def map_of_poses(
     """
     rows = [row for row, frame in enumerate(table.frames) if frame in cam_from_world]
     poses = {row: cam_from_world[table.frames[row]].inverse() for row in rows}
-    spend(Prices.TRIANGULATE)
+    spend(Prices.TRIANGULATE + Prices.TRIANGULATE_RAY * len(rows) * len(table.track_ids))
     points = triangulate(list(poses.values()), table.bearings[rows])
     usable = _before_all(points, {row: poses[row] for row in (0, 1)}, table)
     for row in (0, 1):

@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from quest.estimate import RelativePose
+from slam_init.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
-from slam_init.window.linear_algebra import single_threaded
 from slam_init.window.motion import Motion
 from slam_init.window.state import Priors
 from slam_init.window.tracks import MAX_TRACKS, gather_tracks
-from slam_init.work import Prices, spend
 
 __all__ = ["LiveHypotheses"]
 
@@ -120,7 +119,6 @@ class LiveHypotheses:
             return self._fitted(views, attitudes)
 
     def _fitted(self, views: Sequence[Observations], attitudes: Sequence[Attitude | None]) -> WindowHypotheses | None:
-        spend(Prices.GATHER * sum(len(seen) for seen in views))
         tracks = gather_tracks(self._camera, views, self._noise_px, self._least_noise_px, self._max_tracks, attitudes)
         motions = [*self._motions, *self._proposed]
         # Where no turning is known, the readout moves no pixel.

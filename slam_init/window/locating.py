@@ -106,7 +106,7 @@ def _resected(tracks: WindowTracks, motion: Motion, bearings: Floats, rotations:
         return known
     threshold_rad = _RESECTION_SIGMAS * tracks.noise_px / tracks.camera.focal_px
     rows = list(known)
-    spend(Prices.TRIANGULATE)
+    spend(Prices.TRIANGULATE + Prices.TRIANGULATE_RAY * len(rows) * bearings.shape[1])
     points = triangulate([pose.inverse() for pose in known.values()], bearings[rows])
     usable = _explained(points, list(known.values()), bearings[rows], threshold_rad)
     for row in range(len(bearings)):

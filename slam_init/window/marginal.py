@@ -12,6 +12,7 @@ decomposition serves all scales.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -72,10 +73,20 @@ class FieldMarginal:
     coupling: Floats
     axes: Floats
 
+    @cached_property
+    def spread(self) -> Floats:
+        """Variances of the coefficients along the eigenvectors for each scale, given the tracks.
+
+        Returns
+        -------
+        (S, F) float
+        """
+        return _prior_variances(self.strength)
+
     @property
     def lowered_cost(self) -> Floats:
         """(S,) how much the fields lower the cost."""
-        return np.array([float(np.sum(_prior_variance(s, self.strength) * self.pull**2)) for s in FIELD_SCALES_PX])
+        return np.asarray(self.spread @ self.pull**2)
 
     @staticmethod
     def expected_scale_px(weights: Floats) -> float:
@@ -107,12 +118,9 @@ class FieldMarginal:
         covariances : (S, M, M) float
         """
         follow = J @ self.coupling
-        shifts, covariances = [], []
-        for scale in FIELD_SCALES_PX:
-            spread = _prior_variance(scale, self.strength)
-            shifts.append(J @ self.shift + follow @ (spread * self.pull))
-            covariances.append(J @ self.covariance @ J.T + (follow * spread) @ follow.T)
-        return np.array(shifts), np.array(covariances)
+        shifts = J @ self.shift + (self.spread * self.pull) @ follow.T
+        covariances = J @ self.covariance @ J.T + (follow * self.spread[:, None]) @ follow.T
+        return np.asarray(shifts), np.asarray(covariances)
 
     def without_chance(self, by_chance: Floats) -> FieldMarginal:
         """The marginal if a part of the information is none.
@@ -165,10 +173,9 @@ class FieldMarginal:
         """
         # The sign is that of the coupling: a function falls along an eigenvector by this.
         follow = J @ self.coupling - J_fields @ self.axes
-        spread = np.array([_prior_variance(scale, self.strength) for scale in FIELD_SCALES_PX])
-        shifts = J @ self.shift + (spread * self.pull) @ follow.T
+        shifts = J @ self.shift + (self.spread * self.pull) @ follow.T
         without = np.einsum("mx,xy,my->m", J, self.covariance, J, optimize=True)
-        return np.asarray(without + follow**2 @ (weights @ spread) + weights @ shifts**2)
+        return np.asarray(without + follow**2 @ (weights @ self.spread) + weights @ shifts**2)
 
 
 def marginalize_fields(
@@ -196,12 +203,9 @@ def marginalize_fields(
     largest = largest_pull_sigmas * np.sqrt(strength * (1 + FIELD_SCALES_PX.max() ** 2 * strength))
     pull = np.asarray(np.clip(vectors.T @ (g[field] - follow.T @ g[other]), -largest, largest), np.float64)
     shift = np.asarray(-covariance @ g[other], np.float64)
-    evidence = [
-        0.5 * float(np.sum(_prior_variance(s, strength) * pull**2) - np.sum(np.log1p(s**2 * strength)))
-        for s in FIELD_SCALES_PX
-    ]
+    unknowns = np.log1p(FIELD_SCALES_PX[:, None] ** 2 * strength).sum(axis=1)
     return FieldMarginal(
-        np.array(evidence),
+        np.asarray(0.5 * (_prior_variances(strength) @ pull**2 - unknowns)),
         strength,
         pull,
         covariance,
@@ -212,6 +216,7 @@ def marginalize_fields(
     )
 
 
-def _prior_variance(scale: float, strength: Floats) -> Floats:
-    """Variance of the coefficients along the eigenvectors, given the tracks."""
-    return np.asarray(scale**2 / (1 + scale**2 * strength))
+def _prior_variances(strength: Floats) -> Floats:
+    """Variances (S, F) of the coefficients along the eigenvectors for each scale, given the tracks."""
+    squares = FIELD_SCALES_PX[:, None] ** 2
+    return np.asarray(squares / (1 + squares * strength))

@@ -59,8 +59,9 @@ def _neighbours(places: Floats, used: Bools) -> Floats:
     count = min(max(round(_NEIGHBOURHOOD * len(index)), 1), len(index) - 1)
     if count < 1:
         return near
-    distances = np.linalg.norm(places[index][:, None] - places[index][None], axis=2)
-    np.fill_diagonal(distances, np.inf)
-    nearest = np.argpartition(distances, count - 1, axis=1)[:, :count]
+    x, y = places[index].T
+    squares = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
+    np.fill_diagonal(squares, np.inf)
+    nearest = np.argpartition(squares, count - 1, axis=1)[:, :count]
     near[index[:, None], index[nearest]] = 1.0
     return near

@@ -27,11 +27,11 @@ import numpy as np
 
 from quest.robust.spatial_blocks import regions_of
 from quest.uncertainty.tails import gaussian_tail
+from slam_init.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.comparison import Margin
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import fit_window
-from slam_init.window.linear_algebra import single_threaded
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, marginalize_fields
 from slam_init.window.motion import FittedMotion
@@ -81,6 +81,8 @@ _SHARE_OF_BODIES, _BODIES_MOVE = 0.25, 0.05
 #: A rival with a larger probability is undecided, however precisely it is known; a scale of the fields with a smaller
 #: one changes nothing.
 _UNDECIDED, _UNLIKELY = 0.05, 0.01
+#: A direction that is wrong with a larger probability is unknown, however far behind the rivals are.
+_UNKNOWN = 0.2
 #: Largest number of Gauss-Newton steps from a fit without fields to one with fields: they converge quadratically.
 _STEPS_WITH_FIELDS = 5
 #: A rival that is further behind than this is not looked at with error fields: they explain less.
@@ -177,19 +179,24 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     known_lens = (1.0 if calibrated else sigma_with_known_lens(expanded)) * of_views[0]
     with_known_lens = float(weights @ _exceeds(_WRONG_DIRECTION_DEG, known_lens))
     if_rigid = float(weights @ _exceeds(_WRONG_DIRECTION_DEG, rigid * of_views[0]))
-    margins = [_margin(hypotheses, best, rival) for rival in rivals]
-    nearest = min(margins, key=Margin.decision_ratio, default=None)
-    spread_deg = factor * direction_deg
-    odds = [
-        max(_rival_probability(hypotheses, expanded, rival, margin), _rival_by_bodies(hypotheses, best, rival))
-        * _wrong_if_right(best, rival, spread_deg)
-        for rival, margin in zip(rivals, margins, strict=True)
-    ]
-    rival = min(1.0, _LOOKS * sum(odds))
     gain, rotation, camera = _rotation_probability(hypotheses, expanded)
     if rotation <= MERE_ROTATION:
         camera = camera_estimate(expanded, factor)
     rotation = max(rotation, _bodies_probability(hypotheses))
+    margins = [_margin(hypotheses, best, rival) for rival in rivals]
+    nearest = min(margins, key=Margin.decision_ratio, default=None)
+    spread_deg = factor * direction_deg
+    refused = rotation > _UNDECIDED or direction > _UNKNOWN
+    costs = _CostsWithFields(hypotheses)
+    odds = [
+        max(
+            _rival_probability(costs, expanded, rival, margin, fit=not refused),
+            _rival_by_bodies(hypotheses, best, rival),
+        )
+        * _wrong_if_right(best, rival, spread_deg)
+        for rival, margin in zip(rivals, margins, strict=True)
+    ]
+    rival = min(1.0, _LOOKS * sum(odds))
     other = other_motion(hypotheses) if rotation <= MERE_ROTATION else OtherMotion()
     total = min(1.0, direction + rival + rotation + other.probability + _FLOOR)
     depth_sigmas = inverse_distances(expanded).relative_sigmas
@@ -269,8 +276,14 @@ def _rival_by_bodies(hypotheses: WindowHypotheses, best: FittedMotion, rival: Fi
     return _BODIES_MOVE / (1 + math.exp(min(float(votes.sum()), _FAR_BEHIND_NATS)))
 
 
-def _rival_probability(hypotheses: WindowHypotheses, best: ExpandedFit, rival: FittedMotion, margin: Margin) -> float:
-    """Probability that the rival is right after all: the odds of the votes, less what error fields explain of them."""
+def _rival_probability(
+    costs: _CostsWithFields, best: ExpandedFit, rival: FittedMotion, margin: Margin, *, fit: bool
+) -> float:
+    """Probability that the rival is right after all: the odds of the votes, less what error fields explain of them.
+
+    Without ``fit``, by the expansions alone.
+    """
+    hypotheses = costs.hypotheses
     behind = margin.log_likelihood
     if behind <= 0.0 or behind > _FAR_BEHIND_NATS:
         return 0.5 if behind <= 0.0 else 0.0
@@ -285,15 +298,15 @@ def _rival_probability(hypotheses: WindowHypotheses, best: ExpandedFit, rival: F
     both = np.sqrt(best.scale_weights * expanded.scale_weights)
     explained = expanded.marginal.log_evidence - best.marginal.log_evidence
     probability = float(both @ _odds(margin, 1 - explained / ahead))
-    if _LOOKS * probability > _UNDECIDED:
+    if not fit or _LOOKS * probability > _UNDECIDED:
         return probability
     # Fields may move a fit so far that its expansion does not hold: the fits are repeated with the likeliest fields.
     scales = [(np.argmax(best.scale_weights), np.argmax(expanded.scale_weights), 1.0)]
     if both.max() > _UNLIKELY:
         scales.append((np.argmax(both), np.argmax(both), float(both.max())))
     for of_best, of_rival, weight in scales:
-        cost = _cost_with_fields(hypotheses, motion, best, float(FIELD_SCALES_PX[of_best]))
-        rival_cost = _cost_with_fields(hypotheses, rival, expanded, float(FIELD_SCALES_PX[of_rival]))
+        cost = costs.of(motion, best, float(FIELD_SCALES_PX[of_best]))
+        rival_cost = costs.of(rival, expanded, float(FIELD_SCALES_PX[of_rival]))
         left = 0.5 * (rival_cost + outliers - cost) / ahead
         probability = max(probability, weight * float(_odds(margin, np.array([left]))[0]))
     return probability
@@ -306,16 +319,25 @@ def _odds(margin: Margin, left: Floats) -> Floats:
     return np.asarray(np.maximum(1 / (1 + np.exp(margin.log_likelihood * left)), twin))
 
 
-def _cost_with_fields(
-    hypotheses: WindowHypotheses, motion: FittedMotion, expanded: ExpandedFit, scale_px: float
-) -> float:
-    """Cost of a motion that is fitted with fields of a scale, with the cost of that many unknowns and of the scale."""
-    unknowns = float(np.log1p(scale_px**2 * expanded.marginal.strength).sum())
-    unknowns -= 2 * math.log(float(FIELD_PRIOR[scale_px == FIELD_SCALES_PX][0]))
-    if scale_px == 0.0:
-        return motion.fit.cost + unknowns
-    priors = replace(hypotheses.priors, field_sigma_px=scale_px)
-    return fit_window(motion.tracks, motion.fit.state, priors, max_steps=_STEPS_WITH_FIELDS).cost + unknowns
+class _CostsWithFields:
+    """Costs of motions that are fitted with fields of a scale, with the cost of that many unknowns and of the scale."""
+
+    def __init__(self, hypotheses: WindowHypotheses) -> None:
+        self.hypotheses = hypotheses
+        self._known: dict[tuple[int, float], float] = {}
+
+    def of(self, motion: FittedMotion, expanded: ExpandedFit, scale_px: float) -> float:
+        """The cost of a motion; each motion is fitted once with the fields of a scale."""
+        unknowns = float(np.log1p(scale_px**2 * expanded.marginal.strength).sum())
+        unknowns -= 2 * math.log(float(FIELD_PRIOR[scale_px == FIELD_SCALES_PX][0]))
+        if scale_px == 0.0:
+            return motion.fit.cost + unknowns
+        key = (id(motion), scale_px)
+        if key not in self._known:
+            priors = replace(self.hypotheses.priors, field_sigma_px=scale_px)
+            fit = fit_window(motion.tracks, motion.fit.state, priors, max_steps=_STEPS_WITH_FIELDS)
+            self._known[key] = fit.cost
+        return self._known[key] + unknowns
 
 
 def _wrong_if_right(best: FittedMotion, rival: FittedMotion, sigma_deg: float) -> float:
@@ -330,11 +352,12 @@ def _wrong_if_right(best: FittedMotion, rival: FittedMotion, sigma_deg: float) -
 def _rotation_probability(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> tuple[float, float, CameraEstimate]:
     """Gain over the rotation-only camera (nats), the probability of it if the camera only rotates, and that camera."""
     gain, freedom = hypotheses.gain_over_rotation
-    spend(Prices.LINEARIZE)
+    views = len(hypotheses.tracks.frames)
+    spend(Prices.LINEARIZE + Prices.LINEARIZE_VIEW * views)
     rotation = linearize_with_fields(
         hypotheses.tracks, hypotheses.rotation_only, hypotheses.rotation_priors, rotation_only=True
     )
-    spend(Prices.MARGINALIZE)
+    spend(Prices.MARGINALIZE + Prices.MARGINALIZE_VIEWS * views**2 + Prices.ROTATION)
     marginal = marginalize_fields(rotation)
     explained = marginal.lowered_cost - expanded.marginal.lowered_cost
     tracks, state = hypotheses.tracks, hypotheses.rotation_only.state

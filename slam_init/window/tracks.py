@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.work import Prices, spend
 
 __all__ = ["MAX_TRACKS", "MAX_TRACKS_IN_SLICES", "MAX_VIEWS", "WindowTracks", "gather_tracks"]
 
@@ -178,7 +180,7 @@ class WindowTracks:
             *_turned_from_first(attitudes or [None] * len(frames)),
         )
 
-    @property
+    @cached_property
     def noise_px(self) -> float:
         """Standard deviation of a coordinate of a pixel: the median of the observations."""
         return float(np.median(self.sigma_px[self.seen])) if self.seen.any() else float(np.median(self.sigma_px))
@@ -317,22 +319,26 @@ def gather_tracks(
     WindowTracks
         Its first view is the reference, whose frame is the world.
     """
-    track_ids, pixels, seen, sweep_px_s, drifts, slides_px = _table(camera, views)
+    spend(Prices.GATHER * sum(len(view) for view in views))
+    track_ids, pixels, seen, rows = _table(camera, views)
     # A track of both views of the pair binds all views to the pair.
     score = seen.sum(axis=0) + len(views) * (seen[0] & seen[1])
     chosen = _spread(camera, pixels, seen, score, max_tracks)
+    pixels, seen, rows = pixels[:, chosen], seen[:, chosen], rows[:, chosen]
+    spend(Prices.GATHER_VIEW * len(views))
+    sweep_px_s, drifts, slides_px = _motion_of_pixels(camera, views, seen, rows)
     frames = tuple(view.frame for view in views)
     since_anchor = None
     if drifts.any() or slides_px.any():
-        since_anchor = _since_anchor(seen[:, chosen], drifts[:, chosen], slides_px[:, chosen])
+        since_anchor = _since_anchor(seen, drifts, slides_px)
     return WindowTracks.gather(
         camera,
         frames,
         track_ids[chosen],
-        pixels[:, chosen],
-        seen[:, chosen],
+        pixels,
+        seen,
         max(noise_px, 1e-3),
-        sweep_px_s[:, chosen],
+        sweep_px_s,
         _common_readout(views),
         np.array([view.timestamp_s for view in views]),
         least_noise_px,
@@ -358,24 +364,37 @@ def _common_readout(views: Sequence[Observations]) -> float:
     return next((view.readout_s for view in views if view.turn_rad_s is not None), 0.0)
 
 
-def _table(camera: Camera, views: Sequence[Observations]) -> tuple[Ints, Floats, Bools, Floats, Floats, Floats]:
-    """The tracks that two views or more see: ids (T,), pixels, visibility, sweeps, drifts and slides (V, T, ...)."""
+def _table(camera: Camera, views: Sequence[Observations]) -> tuple[Ints, Floats, Bools, Ints]:
+    """The tracks that two views or more see: ids (T,), pixels (V, T, 2), visibility and row in the view (V, T)."""
     track_ids, counts = np.unique(np.concatenate([view.track_ids for view in views]), return_counts=True)
     track_ids = track_ids[counts >= 2]
     pixels = np.zeros((len(views), len(track_ids), 2))
     seen = np.zeros((len(views), len(track_ids)), bool)
-    sweep_px_s = np.zeros_like(pixels)
-    drifts, slides_px = np.zeros((*seen.shape, 2, 2)), np.zeros_like(pixels)
+    rows = np.zeros(seen.shape, np.int64)
+    for k, view in enumerate(views if len(track_ids) else ()):
+        at = np.minimum(np.searchsorted(track_ids, view.track_ids), len(track_ids) - 1)
+        of = np.flatnonzero(track_ids[at] == view.track_ids)
+        pixels[k, at[of]], seen[k, at[of]], rows[k, at[of]] = corrected_pixels(camera, view)[of], True, of
+    return track_ids, pixels, seen, rows
+
+
+def _motion_of_pixels(
+    camera: Camera, views: Sequence[Observations], seen: Bools, rows: Ints
+) -> tuple[Floats, Floats, Floats]:
+    """Sweeps (V, T, 2), drifts (V, T, 2, 2) and slides (V, T, 2) of the tracks; 0 where a view does not see one."""
+    sweep_px_s, slides_px = np.zeros((*seen.shape, 2)), np.zeros((*seen.shape, 2))
+    drifts = np.zeros((*seen.shape, 2, 2))
     for k, view in enumerate(views):
-        _, at, of = np.intersect1d(track_ids, view.track_ids, assume_unique=True, return_indices=True)
-        pixels[k, at], seen[k, at] = corrected_pixels(camera, view)[of], True
-        flow_px_s = turning_flow(camera, view)
-        sweep_px_s[k, at] = (flow_px_s * readout_places(camera, view.pixels)[:, None])[of]
+        at, of = seen[k], rows[k, seen[k]]
         if len(view.drifts):
             drifts[k, at] = view.drifts[of]
+        if view.turn_rad_s is None:
+            continue
+        flow_px_s = turning_flow(camera, view, of)
+        sweep_px_s[k, at] = flow_px_s * readout_places(camera, view.pixels[of])[:, None]
         if view.exposure_s:
-            slides_px[k, at] = _INSTANT * view.exposure_s * flow_px_s[of]
-    return track_ids, pixels, seen, sweep_px_s, drifts, slides_px
+            slides_px[k, at] = _INSTANT * view.exposure_s * flow_px_s
+    return sweep_px_s, drifts, slides_px
 
 
 def _since_anchor(seen: Bools, drifts: Floats, slides_px: Floats) -> Floats:

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -81,7 +82,7 @@ class ExpandedFit:
     linearization: Linearization
     marginal: FieldMarginal
 
-    @property
+    @cached_property
     def scale_weights(self) -> Floats:
         """Posterior probability of each scale of the fields.
 
@@ -100,6 +101,24 @@ class ExpandedFit:
         float
         """
         return float(np.logaddexp.reduce(self.marginal.log_evidence + np.log(FIELD_PRIOR)))
+
+    @cached_property
+    def scores(self) -> Floats:
+        """How the unknowns follow the scores of each region of the image, for their scatter.
+
+        Returns
+        -------
+        (12, X) float
+            Its squares, summed over the regions, are the variances of the unknowns by the scatter.
+        """
+        used = np.flatnonzero(self.tracks.anchor >= 0)
+        region = regions_of(places_of(self.fit), _SCORE_REGIONS)[used]
+        member = np.zeros((math.prod(_SCORE_REGIONS), len(used)))
+        member[region, np.arange(len(used))] = 1.0
+        sums = member @ self.linearization.shares[np.ix_(used, ~self.linearization.is_field)]
+        # As many sums are used up as a direction has unknowns.
+        count = int(member.any(axis=1).sum())
+        return np.asarray(math.sqrt(count / max(count - 2, 1)) * (sums @ self.marginal.response.T))
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,13 +268,15 @@ def expand(hypotheses: WindowHypotheses, motion: FittedMotion, *, evidence_only:
     -------
     ExpandedFit
     """
-    spend(Prices.LINEARIZE)
+    views = len(motion.rows)
+    spend(Prices.LINEARIZE + Prices.LINEARIZE_VIEW * views)
     linearization = linearize_with_fields(motion.tracks, motion.fit, hypotheses.priors)
-    spend(Prices.MARGINALIZE)
+    spend(Prices.MARGINALIZE + Prices.MARGINALIZE_VIEWS * views**2)
     marginal = marginalize_fields(linearization)
     if not evidence_only:
         spend(Prices.CHANCE)
-        marginal = marginal.without_chance(information_by_chance(motion.tracks, motion.fit, hypotheses.priors))
+        by_chance = information_by_chance(motion.tracks, motion.fit, hypotheses.priors)
+        marginal = marginal.without_chance(by_chance)
     return ExpandedFit(motion.tracks, motion.fit, linearization, marginal)
 
 
@@ -437,12 +458,5 @@ def _direction_derivatives(expanded: ExpandedFit, view: int) -> tuple[Floats, Fl
 
 def _scattered_sigma(expanded: ExpandedFit, J: Floats) -> float:
     """Standard deviation of the direction by the scatter of the scores over regions (a sandwich estimate)."""
-    lin, marginal = expanded.linearization, expanded.marginal
-    influence = lin.shares[:, ~lin.is_field] @ marginal.response.T @ J.T
-    region = regions_of(places_of(expanded.fit), _SCORE_REGIONS)
-    used = expanded.tracks.anchor >= 0
-    sums = np.array([np.bincount(region[used], weights=column[used], minlength=12) for column in influence.T])
-    count = len(np.unique(region[used]))
-    # As many sums are used up as the direction has unknowns.
-    scatter = sums @ sums.T * count / max(count - 2, 1)
-    return float(np.sqrt(max(np.linalg.eigvalsh(scatter)[-1], 0.0)))
+    sums = expanded.scores @ J.T
+    return float(np.sqrt(max(np.linalg.eigvalsh(sums.T @ sums)[-1], 0.0)))

@@ -180,7 +180,7 @@ def test_no_frame_is_given_more_than_its_work(monkeypatch):
         frames[-1].append(amount)
 
     monkeypatch.setattr(work_module.Sliced, "run", noted)
-    for name in ("window.equations", "window.locating", "window.live", "window.uncertainty", "bundle.graph"):
+    for name in ("window.equations", "window.locating", "window.tracks", "window.uncertainty", "bundle.graph"):
         monkeypatch.setattr(f"slam_init.{name}.spend", noted_spend)
     for observed in source.observations():
         initializer.process_tracks(observed)

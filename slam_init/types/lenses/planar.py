@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -63,6 +64,7 @@ def polynomial(k: tuple[float, ...], r: Floats) -> tuple[Floats, Floats]:
     return r * value, slope
 
 
+@lru_cache(maxsize=1024)
 def turning_radius(k: tuple[float, ...], limit: float) -> float:
     """Find the radius at which ``r (1 + k1 r^2 + ...)`` stops growing.
 

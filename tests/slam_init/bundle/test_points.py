@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import reference_points
 from make_map import CAMERAS
 from make_scene import CAMERA, cloud, problem
 
+from slam_init.bundle.least_squares import with_lenses
 from slam_init.bundle.points import fit_points
 
 
@@ -48,3 +50,19 @@ def test_no_point_moves_behind_a_camera_or_to_infinity():
     for k, pose in enumerate(found.world_from_cam):
         seen = found.landmarks[found.views == k]
         assert (pose.inverse().apply(found.points[seen])[:, 2] > 0).all()
+
+
+@pytest.mark.parametrize("model", CAMERAS)
+@pytest.mark.parametrize("noise_px", [0.5, 40.0])
+def test_the_compiled_loop_moves_the_points_as_numpy_does(model, noise_px):
+    """With 40 px many a step is refused, since it would move its point behind a camera."""
+    rng = np.random.default_rng(3)
+    exact = problem(CAMERAS[model], cloud(rng))
+    noisy = moved(replace(exact, pixels=exact.pixels + noise_px * rng.normal(size=exact.pixels.shape)), rng, 0.2)
+    noisy = noisy.keep(
+        np.isfinite(CAMERAS[model].bearings(noisy.pixels)).all(axis=1) & (rng.random(len(noisy.views)) < 0.8)
+    )
+    expected = reference_points.fit_points(CAMERAS[model], noisy, 0.5)
+    for start in (noisy, with_lenses(CAMERAS[model], noisy)):
+        found = fit_points(CAMERAS[model], start, 0.5)
+        np.testing.assert_allclose(found.points, expected.points, rtol=1e-6, atol=1e-8)

@@ -9,6 +9,7 @@ from make_scene import CAMERA, cloud, observe
 from reference_resection import refine_absolute_pose as readable_refinement
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
+from slam_init.mapping import resection
 from slam_init.mapping.resection import resect
 from slam_init.mapping.resection_kernel import refine_absolute_pose
 from slam_init.mapping.triangulation import triangulate
@@ -142,6 +143,22 @@ def test_too_few_or_unrelated_points_have_no_pose():
     unrelated = CAMERA.bearings(rng.uniform((0, 0), (640, 480), (len(points), 2)))
     found = resect(points, unrelated, 0.1 * THRESHOLD_RAD)
     assert found is None or found[1].mean() < 0.2
+
+
+def test_no_pose_is_drawn_where_the_guess_explains_four_fifths_of_the_points(monkeypatch):
+    """With fewer, the drawn pose is compared with it."""
+    rng = np.random.default_rng(4)
+    points, truth = cloud(rng), make_poses(2)[1]
+    bearings = observe(CAMERA, [truth], points)[0].bearings.copy()
+    drawn = []
+    monkeypatch.setattr(resection, "_minimal_pose", lambda *arguments: drawn.append(arguments))
+    guess = Pose(truth.inverse().R @ rotation_from_vector(np.array([0.0, 0.01, 0.0])), truth.inverse().t)
+    for outliers, draws in ((0, 0), (20, 0), (40, 1)):
+        bearings[:outliers] = bearings[-outliers - 1 : -1] if outliers else bearings[:0]
+        pose, inliers = resect(points, bearings, THRESHOLD_RAD, guess=guess)
+        assert_near(pose, truth.inverse(), 1e-5, 1e-5)
+        assert inliers.sum() == len(points) - outliers
+        assert len(drawn) == draws
 
 
 def test_resection_is_reproducible():

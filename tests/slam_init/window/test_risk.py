@@ -11,6 +11,7 @@ from quest.robust.spatial_blocks import regions_of
 from sequences_synth.points import PointOptions, make_points
 from slam_init.config import AcceptanceConfig
 from slam_init.datasets.points import PointSource
+from slam_init.window import risk as risk_module
 from slam_init.window.risk import risk_of
 from slam_init.window.state import Priors
 
@@ -264,3 +265,41 @@ def test_the_stated_size_of_the_error_fields_grows_with_that_of_the_tracks(seed)
     assert none < 0.12
     assert none < some < large
     assert large > 0.5
+
+
+def fits_with_fields(monkeypatch):
+    """The numbers of steps of the fits with fields that the risk asks for, as they are made."""
+    steps, real = [], risk_module.fit_window
+
+    def noted(*arguments, **options):
+        fit = real(*arguments, **options)
+        steps.append(fit.iterations)
+        return fit
+
+    monkeypatch.setattr(risk_module, "fit_window", noted)
+    return steps
+
+
+def test_rivals_are_not_fitted_with_fields_where_the_direction_is_unknown(monkeypatch):
+    steps, unknown = fits_with_fields(monkeypatch), 0
+    for seed in range(6):
+        found = hypotheses("wall", seed, 4, baseline=0.01)
+        steps.clear()
+        if found is not None and risk_of(found).direction > 0.2:
+            unknown += 1
+            assert not steps
+    assert unknown
+
+
+def test_a_motion_is_fitted_once_with_the_fields_of_a_scale(monkeypatch):
+    steps = fits_with_fields(monkeypatch)
+    found = next(one for one in (hypotheses("wall", seed, 3, baseline=0.1) for seed in range(4)) if one is not None)
+    best, rival = found.motions[:2]
+    best_and_rival = replace(found, motions=(best, rival))
+    twice = replace(found, motions=(best, rival, rival))
+    once = risk_of(best_and_rival)
+    count = len(steps)
+    steps.clear()
+    again = risk_of(twice)
+    assert len(steps) == count > 0
+    assert again.rival == pytest.approx(min(2 * once.rival, 1.0))

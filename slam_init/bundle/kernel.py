@@ -1,0 +1,253 @@
+"""The compiled loops of bundle adjustment: the equations of poses and points, and the points alone.
+
+The observations are in the order of their landmarks. Each one has a pinhole camera that looks along its measured ray
+(:mod:`slam_init.bundle.virtual_cameras`), as one matrix ``L`` (3, 3): rotation and calibration, over the noise. So all
+lenses share one residual. With a point ``X`` and the pose ``R, t`` (world_from_cam) of the view ::
+
+    p = R^T (X - t)          q = L p          e = (q_x, q_y) / q_z
+
+The tangent of a pose is that of gtsam, rotation vector w and translation v in the camera frame: ``R exp([w]x)`` and
+``t + R v``. With the derivatives ``D = de/dp`` the rows of the Jacobians are ``(D x p, -D)`` for the pose and ``R D``
+for the point.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from quest.robust.kernels.compiler import compiler_of
+from slam_init.types.arrays import Floats, Ints
+
+__all__ = ["eliminate_points", "fit_points_to_rays", "squared_error"]
+
+compiled = compiler_of(Path(__file__).parent)
+
+#: Error of an observation whose point is not in front of its virtual camera: no step may move a point there.
+_BEHIND = 1e12
+
+
+@compiled
+def _project(L: Floats, R: Floats, t: Floats, X: Floats, p: Floats, D: Floats, e: Floats) -> bool:
+    """The point in the camera, the residual (2,) and its derivatives (2, 3); False for a point behind the camera."""
+    x, y, z = X[0] - t[0], X[1] - t[1], X[2] - t[2]
+    for i in range(3):
+        p[i] = R[0, i] * x + R[1, i] * y + R[2, i] * z
+    depth = L[2, 0] * p[0] + L[2, 1] * p[1] + L[2, 2] * p[2]
+    if not depth > 0.0:
+        return False
+    inverse = 1.0 / depth
+    for j in range(2):
+        e[j] = (L[j, 0] * p[0] + L[j, 1] * p[1] + L[j, 2] * p[2]) * inverse
+        for i in range(3):
+            D[j, i] = (L[j, i] - e[j] * L[2, i]) * inverse
+    return True
+
+
+@compiled
+def squared_error(R: Floats, t: Floats, points: Floats, starts: Ints, views: Ints, lenses: Floats) -> float:
+    """Sum of the squared residuals.
+
+    Parameters
+    ----------
+    R, t : (K, 3, 3), (K, 3) float
+        world_from_cam.
+    points : (L, 3) float
+    starts : (L + 1,) int
+        The observations of landmark l are those from ``starts[l]`` up to ``starts[l + 1]``.
+    views : (M,) int
+        View of each observation.
+    lenses : (M, 3, 3) float
+        The virtual camera of each observation, over the noise.
+
+    Returns
+    -------
+    float
+        In units of the noise. A point behind a camera makes it huge.
+    """
+    p, D, e = np.empty(3), np.empty((2, 3)), np.empty(2)
+    total = 0.0
+    for landmark in range(len(points)):
+        for m in range(starts[landmark], starts[landmark + 1]):
+            k = views[m]
+            if _project(lenses[m], R[k], t[k], points[landmark], p, D, e):
+                total += e[0] * e[0] + e[1] * e[1]
+            else:
+                total += _BEHIND
+    return total
+
+
+@compiled
+def eliminate_points(
+    R: Floats,
+    t: Floats,
+    points: Floats,
+    starts: Ints,
+    views: Ints,
+    lenses: Floats,
+    damping: float,
+    blocks: Floats,
+    gradient: Floats,
+    roots: Floats,
+    solved: Floats,
+    coupling: Floats,
+) -> None:
+    """The equations of a Gauss-Newton step, prepared for the elimination of the points.
+
+    A point has the equations ``A``, the gradient ``b`` and the coupling ``W`` to the poses. With the Cholesky factor
+    ``A = C C^T`` the equations of the poses are ``H - Y^T Y`` with ``Y = C^-1 W`` and the gradient ``g - Y^T z`` with
+    ``z = C^-1 b``, and the point follows a step x of the poses by ``-C^-T (z + Y x)``.
+
+    Parameters
+    ----------
+    R, t, points, starts, views, lenses : ndarray
+        As for :func:`squared_error`.
+    damping : float
+        Added to the diagonal of the equations of each point.
+    blocks : (K, 6, 6) float
+        Receives the part of each view in H.
+    gradient : (6 K,) float
+        Receives g.
+    roots : (L, 6) float
+        Receives C of each point: its diagonal, then the elements (1, 0), (2, 0), (2, 1).
+    solved : (3 L,) float
+        Receives z.
+    coupling : (3 L, 6 K) float
+        Receives Y.
+    """
+    p, D, e = np.empty(3), np.empty((2, 3)), np.empty(2)
+    J, JX = np.empty((2, 6)), np.empty((2, 3))
+    A, b = np.empty((3, 3)), np.empty(3)
+    blocks[:], gradient[:], coupling[:] = 0.0, 0.0, 0.0
+    for landmark in range(len(points)):
+        A[:], b[:] = 0.0, 0.0
+        row = 3 * landmark
+        for m in range(starts[landmark], starts[landmark + 1]):
+            k = views[m]
+            if not _project(lenses[m], R[k], t[k], points[landmark], p, D, e):
+                continue
+            first = 6 * k
+            for j in range(2):
+                J[j, 0] = D[j, 1] * p[2] - D[j, 2] * p[1]
+                J[j, 1] = D[j, 2] * p[0] - D[j, 0] * p[2]
+                J[j, 2] = D[j, 0] * p[1] - D[j, 1] * p[0]
+                for i in range(3):
+                    J[j, 3 + i] = -D[j, i]
+                    JX[j, i] = R[k, i, 0] * D[j, 0] + R[k, i, 1] * D[j, 1] + R[k, i, 2] * D[j, 2]
+            for i in range(6):
+                gradient[first + i] += J[0, i] * e[0] + J[1, i] * e[1]
+                for q in range(i + 1):
+                    blocks[k, i, q] += J[0, i] * J[0, q] + J[1, i] * J[1, q]
+            for i in range(3):
+                b[i] += JX[0, i] * e[0] + JX[1, i] * e[1]
+                for q in range(i + 1):
+                    A[i, q] += JX[0, i] * JX[0, q] + JX[1, i] * JX[1, q]
+                for q in range(6):  # a view may see a point twice
+                    coupling[row + i, first + q] += JX[0, i] * J[0, q] + JX[1, i] * J[1, q]
+        c00 = np.sqrt(A[0, 0] + damping)
+        c10, c20 = A[1, 0] / c00, A[2, 0] / c00
+        c11 = np.sqrt(A[1, 1] + damping - c10 * c10)
+        c21 = (A[2, 1] - c20 * c10) / c11
+        c22 = np.sqrt(A[2, 2] + damping - c20 * c20 - c21 * c21)
+        roots[landmark, 0], roots[landmark, 1], roots[landmark, 2] = c00, c11, c22
+        roots[landmark, 3], roots[landmark, 4], roots[landmark, 5] = c10, c20, c21
+        solved[row] = b[0] / c00
+        solved[row + 1] = (b[1] - c10 * solved[row]) / c11
+        solved[row + 2] = (b[2] - c20 * solved[row] - c21 * solved[row + 1]) / c22
+        for m in range(starts[landmark], starts[landmark + 1]):
+            if m > starts[landmark] and views[m] == views[m - 1]:
+                continue
+            for q in range(6 * views[m], 6 * views[m] + 6):
+                y0 = coupling[row, q] / c00
+                y1 = (coupling[row + 1, q] - c10 * y0) / c11
+                coupling[row, q], coupling[row + 1, q] = y0, y1
+                coupling[row + 2, q] = (coupling[row + 2, q] - c20 * y0 - c21 * y1) / c22
+    for k in range(len(blocks)):
+        for i in range(6):
+            for q in range(i):
+                blocks[k, q, i] = blocks[k, i, q]
+
+
+@compiled
+def fit_points_to_rays(
+    points: Floats,
+    starts: Ints,
+    views: Ints,
+    centres: Floats,
+    rays: Floats,
+    scale_rad: float,
+    share: float,
+    steps: int,
+) -> None:
+    """Fit points to their rays with a Cauchy kernel, each one for itself.
+
+    The residual is the part of the offset from the camera that is across the ray, as an angle. Its derivative is the
+    projector over the distance.
+
+    Parameters
+    ----------
+    points : (L, 3) float
+        The start; overwritten by the result. A point that a step would move behind a camera stays where it is.
+    starts, views : (L + 1,), (M,) int
+        As for :func:`squared_error`.
+    centres : (K, 3) float
+        Of the cameras, in the world frame.
+    rays : (M, 3) float
+        Unit rays of the observations, in the world frame.
+    scale_rad : float
+        Scale of the kernel.
+    share : float
+        Damping, as a share of the trace of the equations of a point.
+    steps : int
+        Number of Gauss-Newton steps.
+    """
+    scale2 = scale_rad * scale_rad
+    A, b, d, moved = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
+    for landmark in range(len(points)):
+        X = points[landmark]
+        for _ in range(steps):
+            A[:], b[:] = 0.0, 0.0
+            for m in range(starts[landmark], starts[landmark + 1]):
+                ray, centre = rays[m], centres[views[m]]
+                for i in range(3):
+                    d[i] = X[i] - centre[i]
+                distance = max(np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]), 1e-300)
+                along = d[0] * ray[0] + d[1] * ray[1] + d[2] * ray[2]
+                r2 = 0.0
+                for i in range(3):
+                    d[i] = (d[i] - along * ray[i]) / distance
+                    r2 += d[i] * d[i]
+                weight = 1.0 / ((1.0 + r2 / scale2) * distance * distance)
+                if not np.isfinite(weight):
+                    continue
+                for i in range(3):
+                    b[i] += weight * distance * d[i]
+                    for q in range(i + 1):
+                        A[i, q] -= weight * ray[i] * ray[q]
+                    A[i, i] += weight
+            extra = share * (A[0, 0] + A[1, 1] + A[2, 2]) + 1e-300
+            c00 = np.sqrt(A[0, 0] + extra)
+            c10, c20 = A[1, 0] / c00, A[2, 0] / c00
+            c11 = np.sqrt(A[1, 1] + extra - c10 * c10)
+            c21 = (A[2, 1] - c20 * c10) / c11
+            c22 = np.sqrt(A[2, 2] + extra - c20 * c20 - c21 * c21)
+            z0 = b[0] / c00
+            z1 = (b[1] - c10 * z0) / c11
+            x2 = (b[2] - c20 * z0 - c21 * z1) / (c22 * c22)
+            x1 = (z1 - c21 * x2) / c11
+            x0 = (z0 - c10 * x1 - c20 * x2) / c00
+            moved[0], moved[1], moved[2] = X[0] - x0, X[1] - x1, X[2] - x2
+            stays = not (np.isfinite(moved[0]) and np.isfinite(moved[1]) and np.isfinite(moved[2]))
+            for m in range(starts[landmark], starts[landmark + 1]):
+                ray, centre = rays[m], centres[views[m]]
+                before, after = 0.0, 0.0
+                for i in range(3):
+                    before += (X[i] - centre[i]) * ray[i]
+                    after += (moved[i] - centre[i]) * ray[i]
+                if before > 0.0 and not after > 0.0:
+                    stays = True
+            if stays:
+                break  # the same step would be refused again
+            for i in range(3):
+                X[i] = moved[i]
