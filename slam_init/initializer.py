@@ -112,7 +112,7 @@ class Initializer:
         self.camera = camera
         self.config = config or Config()
         self.recorder = recorder or Recorder()
-        self.tracker = Tracker(camera, self.config.tracking)
+        self.tracker = Tracker(camera, self.config.tracking_in_use)
         self.history = self.tracker.history
         self._clock = FrameClock(self.history)
         self._overlay = StaticOverlay()
@@ -186,7 +186,7 @@ class Initializer:
         frame = self._clock.stamped(frame, in_seconds_by_type=own_seconds)
         with self.stopwatch("frame"):
             with self.stopwatch("track"):
-                current = self.tracker.track(frame)
+                current = self.tracker.track(frame, by_flow_alone=self._must_not_wait(frame))
                 self._overlay.take(frame, current)
             self.recorder.frame(frame, current)
             status = self._step(current, turned=turned)
@@ -352,10 +352,17 @@ class Initializer:
             return Status.initialized(attempt)
         return self.status.after(attempt, self._attempts.best_progress(self.keyframes.candidates))
 
+    def _interval_s(self, time_s: float) -> float:
+        """Time since the last frame; 0 where there was none, and where the times are not known."""
+        return 0.0 if self._last_s is None or not self._timed else time_s - self._last_s
+
+    def _must_not_wait(self, frame: Frame) -> bool:
+        """Whether the time for the tracks of a frame is bounded; photographs leave more time."""
+        return self.config.work_per_frame is not None and self._interval_s(frame.timestamp_s) <= VIDEO_INTERVAL_S
+
     def _work_for(self, current: Observations) -> float:
         """The work that may be spent on a frame besides its tracks; photographs leave more time, in proportion."""
-        work = self.config.work_per_frame
-        interval_s = 0.0 if self._last_s is None or not self._timed else current.timestamp_s - self._last_s
+        work, interval_s = self.config.work_per_frame, self._interval_s(current.timestamp_s)
         self._last_s = current.timestamp_s
         return math.inf if work is None else work * max(1.0, interval_s / VIDEO_INTERVAL_S)
 

@@ -22,7 +22,7 @@ from slam_init.config import TrackingConfig
 from slam_init.frontend.sift import first_per_cell
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 
-__all__ = ["Drift", "Exposure", "Flow", "flow"]
+__all__ = ["Drift", "Exposure", "Flow", "flow", "gradient_products"]
 
 #: Standard deviation of a step over the mean absolute difference of the patches by the root of the mean squared
 #: gradient, measured on rendered images. With independent errors of the pixels it would be 0.06: 1.25 over the root of
@@ -108,23 +108,27 @@ def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig) ->
     end, found, remainder = cv2.calcOpticalFlowPyrLK(
         before, after, start, np.empty_like(start), winSize=window, maxLevel=config.pyramid_levels, criteria=criteria
     )
-    # The backward flow starts from its expected end, so that it needs no coarse pyramid levels.
-    back, found_back, _ = cv2.calcOpticalFlowPyrLK(
-        after, before, end, start.copy(), winSize=window, maxLevel=1, criteria=criteria,
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-    )  # fmt: skip
     height, width = after.shape
-    closed = np.linalg.norm(back - start, axis=1) < config.forward_backward_px
     inside = (end >= 0).all(axis=1) & (end[:, 0] <= width - 1) & (end[:, 1] <= height - 1)
-    kept = (found.ravel() > 0) & (found_back.ravel() > 0) & closed & inside
+    # A point that is lost already needs no check.
+    reached = np.flatnonzero((found.ravel() > 0) & inside)
+    closed = np.zeros(0, bool)
+    if len(reached):
+        # The backward flow starts from its expected end, so that it needs no coarse pyramid levels.
+        back, found_back, _ = cv2.calcOpticalFlowPyrLK(
+            after, before, end[reached], start[reached], winSize=window, maxLevel=1, criteria=criteria,
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        )  # fmt: skip
+        misses_px = np.linalg.norm(back - start[reached], axis=1)
+        closed = (found_back.ravel() > 0) & (misses_px < config.forward_backward_px)
+    survivors = reached[closed]
     moved = end.astype(float)
     # Of two tracks that meet in one place only the older is kept.
-    survivors = np.flatnonzero(kept)
-    kept[:] = False
+    kept = np.zeros(len(start), bool)
     kept[survivors[first_per_cell(moved[survivors], 0.5 * config.min_distance * width)]] = True
     # Nothing is known of a point that is lost.
     covariances = np.broadcast_to(np.eye(2), (len(pixels), 2, 2)).copy()
-    products = _gradient_products(after, moved[kept], config.window_px)
+    products = gradient_products(after, moved[kept], config.window_px)
     sigmas = _SCALE * remainder.ravel()[kept].astype(float)
     covariances[kept] = sigmas[:, None, None] ** 2 * np.linalg.inv(products)
     return Flow(kept, moved, covariances, _trail(products, (moved - pixels)[kept]))
@@ -164,17 +168,37 @@ def _gain(before: Image, after: Image) -> float:
     return (float(ahead.sum()) + 1) / (float(behind.sum()) + 1)
 
 
-def _gradient_products(image: Image, pixels: Floats, window_px: int) -> Floats:
-    """Mean products (N, 2, 2) of the gradients over the patches around pixels, grey levels squared by px^2."""
+def gradient_products(image: Image, pixels: Floats, window_px: int) -> Floats:
+    """Mean products of the gradients over the patches around pixels, at every second pixel of each row and column.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+    pixels : (N, 2) float
+    window_px : int
+        Side of the patches.
+
+    Returns
+    -------
+    (N, 2, 2) float
+        Grey levels squared by px^2.
+    """
     import cv2
 
-    dx, dy = (part[::_STEP_PX, ::_STEP_PX].astype(np.float32) / 8 for part in cv2.spatialGradient(image))
-    size = 2 * (window_px // (2 * _STEP_PX)) + 1
-    row, column = (np.round(pixels[:, ::-1] / _STEP_PX).astype(int)).T
-    row, column = np.clip(row, 0, dx.shape[0] - 1), np.clip(column, 0, dx.shape[1] - 1)
-    xx, xy, yy = (
-        cv2.boxFilter(one, -1, (size, size))[row, column].astype(float) for one in (dx * dx, dx * dy, dy * dy)
-    )
+    radius = window_px // (2 * _STEP_PX)
+    side = 2 * radius + 1
+    last = (np.array(image.shape) - 1) // _STEP_PX
+    row, column = np.clip(np.round(pixels[:, ::-1] / _STEP_PX).astype(int), 0, last).T
+    patches = []
+    for gradient in cv2.spatialGradient(image):
+        sampled = np.ascontiguousarray(gradient[::_STEP_PX, ::_STEP_PX])
+        padded = cv2.copyMakeBorder(sampled, radius, radius, radius, radius, cv2.BORDER_REFLECT_101)
+        around = np.lib.stride_tricks.sliding_window_view(padded, (side, side))[row, column]
+        patches.append(around.reshape(len(pixels), side**2).astype(np.int64))
+    dx, dy = patches
+    # Sums of integers are exact. OpenCV's gradients are eight times the slope.
+    sums = (np.einsum("ni,ni->n", *pair) for pair in ((dx, dx), (dx, dy), (dy, dy)))
+    xx, xy, yy = ((one / 64 * (1 / side**2)).astype(np.float32).astype(float) for one in sums)
     return np.stack([np.stack([xx + _ROUNDING, xy], axis=1), np.stack([xy, yy + _ROUNDING], axis=1)], axis=1)
 
 

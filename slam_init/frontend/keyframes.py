@@ -10,6 +10,7 @@ image.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from quest.geometry.quaternion import rotation_angle
 from quest.robust.rotation import refine_rotation_compiled
 from slam_init.config import Config
 from slam_init.frontend.tracks import History, common_tracks
+from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 
@@ -25,6 +27,8 @@ __all__ = ["KeyframeManager", "PairPreview", "difference_gate", "preview_pair"]
 
 #: The spread of the tracks is counted in the cells of this grid over the image.
 _GRID = (8, 6)
+#: Makes one number of the column and row of a cell: rows of an array take ten times as long to compare.
+_ONE_NUMBER = (1 << 32, 1)
 #: Longest wait after repeated failures, in units of ``new_after_frames``: after some seconds of video the rest of the
 #: scene may have changed.
 _LONGEST_WAIT = 8
@@ -110,29 +114,47 @@ def preview_pair(camera: Camera, reference: Observations, current: Observations,
     PairPreview
         With zero motion and parallax if there are fewer than 3 common tracks.
     """
+    return _previewed(camera, [reference], current, noise_px)[0]
+
+
+def _previewed(
+    camera: Camera, references: Sequence[Observations], current: Observations, noise_px: float
+) -> list[PairPreview]:
+    """The previews of a frame with some references, without their order."""
+    aligned = [_align(camera, reference, current, noise_px) for reference in references]
+    # The angles of all rotations at once take as long as that of one.
+    angles_deg = np.degrees(rotation_angle(np.array([R for _, R in aligned]).reshape(-1, 3, 3))).tolist()
+    return [replace(pair, rotation_deg=angle) for (pair, _), angle in zip(aligned, angles_deg, strict=True)]
+
+
+def _align(
+    camera: Camera, reference: Observations, current: Observations, noise_px: float
+) -> tuple[PairPreview, Floats]:
+    """The preview of a pair without the angle of its rotation, and the rotation."""
     i, j = common_tracks(reference, current)
-    if len(i) < 3:
-        return PairPreview(reference.frame, current.frame, len(i), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    m, n = reference.bearings[i], current.bearings[j]
-    motion_px = float(np.percentile(np.linalg.norm(current.pixels[j] - reference.pixels[i], axis=1), 90))
-    gate_px = difference_gate(noise_px)
     R = np.eye(3)
+    if len(i) < 3:
+        return PairPreview(reference.frame, current.frame, len(i), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), R
+    m, n, pixels = reference.bearings[i], current.bearings[j], current.pixels[j]
+    motion_px = float(np.percentile(np.linalg.norm(pixels - reference.pixels[i], axis=1), 90))
+    gate_px = difference_gate(noise_px)
     # The scale of the robust kernel starts wide, so that every track counts, and decreases to the noise gate.
     for scale_px in (0.1 * camera.focal_px, 8 * gate_px, gate_px):
         R = refine_rotation_compiled(R, m, n, scale_px / camera.focal_px, iterations=4)
     left_px = np.linalg.norm(n - m @ R.T, axis=1) * camera.focal_px
-    cells = (current.pixels[j] / (camera.width, camera.height) * _GRID).astype(int)
-    return PairPreview(
+    cells = (pixels / (camera.width, camera.height) * _GRID).astype(int)
+    pair = PairPreview(
         reference=reference.frame,
         current=current.frame,
         matches=len(i),
         overlap=len(i) / max(len(reference), len(current)),
         motion_px=motion_px,
-        rotation_deg=float(np.degrees(rotation_angle(R))),
+        rotation_deg=0.0,
         parallax_px=float(np.median(left_px)),
         parallax_share=float(np.mean(left_px > gate_px)),
-        spread=len(np.unique(cells, axis=0)) / (_GRID[0] * _GRID[1]),
+        spread=len(np.unique(cells @ _ONE_NUMBER)) / (_GRID[0] * _GRID[1]),
     )
+    return pair, R
 
 
 @dataclass(frozen=True)
@@ -190,7 +212,7 @@ class KeyframeManager:
             self._step = step if self._step is None else min(self._step, step)
         self._last = current.frame
         noise_px = self._config.map.noise_px
-        pairs = [preview_pair(self.camera, history[f], current, noise_px) for f in self.candidates]
+        pairs = _previewed(self.camera, [history[frame] for frame in self.candidates], current, noise_px)
         return sorted(pairs, key=lambda pair: -pair.direction_score)
 
     def best_pair_to_try(self, pairs: list[PairPreview]) -> PairPreview | None:

@@ -169,6 +169,9 @@ def _at_border(cells: Image) -> Bools:
     black = (cells <= _BLACK).astype(np.uint8)
     if not black.any():
         return black > 0
-    _, labels = cv2.connectedComponents(black, connectivity=4)
-    at_border = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
-    return np.asarray(np.isin(labels, at_border[at_border > 0]), bool)
+    count, labels = cv2.connectedComponents(black, connectivity=4)
+    at_border = np.zeros(count, bool)
+    for side in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
+        at_border[side] = True
+    at_border[0] = False  # the label of what is not black
+    return np.asarray(at_border[labels], bool)

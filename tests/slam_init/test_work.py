@@ -11,11 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from make_map import bytes_of
+from make_scene import texture
 from make_window import point_source
 
 from slam_init import Config, Initializer, SlamInitError
 from slam_init import work as work_module
+from slam_init.config import MAX_TRACKS_IN_SLICES, TrackingConfig
 from slam_init.decision import window_rule
+from slam_init.types.camera import Camera
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.work import Sliced, seconds, spend
 
@@ -209,6 +212,39 @@ def test_photographs_have_more_time_than_the_frames_of_a_video(interval_s, share
     for k, observed in enumerate(source.observations()):
         initializer.process_tracks(replace(observed, timestamp_s=k * interval_s))
     assert given_work[1] == pytest.approx(1_000.0 * share)
+
+
+@pytest.mark.parametrize(
+    ("work", "interval_s", "alone"),
+    [
+        (1_000.0, 1 / 30, True),
+        (1_000.0, 0.15, True),
+        (1_000.0, 0.2, False),
+        (1_000.0, None, True),
+        (None, 1 / 30, False),
+    ],
+)
+def test_the_frames_of_a_video_that_must_not_wait_are_linked_by_flow_alone(work, interval_s, alone, monkeypatch):
+    """Photographs leave the time for descriptors. Images without a time are those of a video."""
+    initializer = Initializer(Camera("pinhole", 320, 240, 260.0, 260.0, 159.5, 119.5), Config(work_per_frame=work))
+    asked, real = [], initializer.tracker.track
+
+    def noted(frame, *, by_flow_alone=False):
+        asked.append(by_flow_alone)
+        return real(frame, by_flow_alone=by_flow_alone)
+
+    monkeypatch.setattr(initializer.tracker, "track", noted)
+    image = texture(1, 240, 320)
+    for k in range(4):
+        initializer.process(image, None if interval_s is None else k * interval_s)
+    assert asked[1:] == [alone] * 3
+
+
+@pytest.mark.parametrize(("work", "most"), [(None, 800), (1_000.0, MAX_TRACKS_IN_SLICES)])
+def test_frames_that_must_not_wait_follow_fewer_tracks(work, most):
+    assert Config(work_per_frame=work).tracking_in_use.max_tracks == most
+    few = Config(work_per_frame=work, tracking=TrackingConfig(max_tracks=100, sift_frames=2))
+    assert few.tracking_in_use == few.tracking
 
 
 def test_an_initializer_that_is_left_in_a_judgement_is_freed():

@@ -100,16 +100,17 @@ def distort_radtan(xy: Floats, distortion: tuple[float, ...]) -> Floats:
     -------
     (N, 2) float
     """
+    return np.column_stack(_distorted(xy[:, 0], xy[:, 1], distortion)[:2])
+
+
+def _distorted(x: Floats, y: Floats, distortion: tuple[float, ...]) -> tuple[Floats, Floats, Floats, Floats]:
+    """Both coordinates of distorted points, the squares of their ideal radii and the radial factors."""
     k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
-    x, y = xy[:, 0], xy[:, 1]
     r2 = x * x + y * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    return np.column_stack(
-        [
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        ]
-    )
+    distorted_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    distorted_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return distorted_x, distorted_y, r2, radial
 
 
 def undistort_radtan(distorted: Floats, distortion: tuple[float, ...]) -> Floats:
@@ -129,27 +130,23 @@ def undistort_radtan(distorted: Floats, distortion: tuple[float, ...]) -> Floats
         NaN where the inverse does not exist.
     """
     k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
-    xy = distorted.copy()
+    wanted_x, wanted_y = np.ascontiguousarray(distorted.T)
+    x, y = wanted_x, wanted_y
     with np.errstate(all="ignore"):  # points without a ray may overflow; they end as NaN
         for _ in range(_NEWTON_STEPS):
-            x, y = xy[:, 0], xy[:, 1]
-            r2 = x * x + y * y
-            radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+            distorted_x, distorted_y, r2, radial = _distorted(x, y, distortion)
+            left_x, left_y = distorted_x - wanted_x, distorted_y - wanted_y
             radial_slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial / d r2, times 2
-            residual = distort_radtan(xy, distortion) - distorted
             jxx = radial + x * x * radial_slope + 2 * p1 * y + 6 * p2 * x
             jxy = x * y * radial_slope + 2 * p1 * x + 2 * p2 * y
             jyy = radial + y * y * radial_slope + 6 * p1 * y + 2 * p2 * x
             determinant = jxx * jyy - jxy * jxy
-            step = np.column_stack(
-                [
-                    (jyy * residual[:, 0] - jxy * residual[:, 1]) / determinant,
-                    (jxx * residual[:, 1] - jxy * residual[:, 0]) / determinant,
-                ]
-            )
-            xy = xy - step
-            if np.all(np.abs(step) < 1e-13):
+            step_x = (jyy * left_x - jxy * left_y) / determinant
+            step_y = (jxx * left_y - jxy * left_x) / determinant
+            x, y = x - step_x, y - step_y
+            if np.all(np.abs(step_x) < 1e-13) and np.all(np.abs(step_y) < 1e-13):
                 break
+        xy = np.column_stack([x, y])
         residual = distort_radtan(xy, distortion) - distorted
         solved = np.abs(residual).max(axis=1, initial=0.0) < _SOLVED
         # A root beyond the turning radius is another ray, which the lens polynomial maps to the same pixel.

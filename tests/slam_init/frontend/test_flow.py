@@ -6,7 +6,7 @@ import pytest
 from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
-from slam_init.frontend.flow import Drift, Exposure, flow
+from slam_init.frontend.flow import Drift, Exposure, flow, gradient_products
 from slam_init.frontend.tracks import Tracker
 from slam_init.types.camera import Camera
 
@@ -31,6 +31,20 @@ def corners(gray):
 def followed(before, after):
     start = corners(before)
     return start, flow(before, after, start, CONFIG)
+
+
+@pytest.mark.parametrize("window_px", [5, 21, 60])
+@pytest.mark.parametrize("size", [SIZE, (61, 43)])
+def test_the_gradients_of_the_patches_are_those_of_a_filter_over_the_whole_image(window_px, size):
+    """Equal to the byte, at the border and beyond it too, where the image is mirrored."""
+    gray = np.random.default_rng(0).integers(0, 256, size[::-1], dtype=np.uint8)
+    pixels = np.random.default_rng(1).uniform(-1, 1.01, (300, 2)) * size
+    dx, dy = (part[::2, ::2].astype(np.float32) / 8 for part in cv2.spatialGradient(gray))
+    side = 2 * (window_px // 4) + 1
+    xx, xy, yy = (cv2.boxFilter(one, -1, (side, side)).astype(float) for one in (dx * dx, dx * dy, dy * dy))
+    column, row = np.clip(np.round(pixels / 2).astype(int), 0, np.array(dx.shape[::-1]) - 1).T
+    expected = np.array([[xx + 0.1, xy], [xy, yy + 0.1]])[:, :, row, column].transpose(2, 0, 1)
+    np.testing.assert_array_equal(gradient_products(gray, pixels, window_px), expected)
 
 
 def test_the_errors_of_a_step_have_the_order_of_the_stated_deviations():

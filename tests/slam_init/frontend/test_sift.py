@@ -1,8 +1,12 @@
-"""SIFT features and their matches."""
+"""SIFT features and their matches; one point in each cell."""
+
+import math
 
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
 
-from slam_init.frontend.sift import detect_sift, match_descriptors
+from slam_init.frontend.sift import detect_sift, first_per_cell, match_descriptors
 
 
 def test_a_descriptor_with_two_similar_candidates_is_not_matched():
@@ -15,3 +19,10 @@ def test_a_descriptor_with_two_similar_candidates_is_not_matched():
 
 def test_a_blank_image_has_no_features():
     assert len(detect_sift(np.zeros((60, 80), np.uint8), 100).pixels) == 0
+
+
+@given(st.lists(st.tuples(st.floats(-20, 700), st.floats(-20, 700)), max_size=30), st.floats(0.5, 50.0))
+def test_of_the_points_in_a_cell_the_first_is_kept(points, cell_px):
+    cells = [(math.floor(x / cell_px), math.floor(y / cell_px)) for x, y in points]
+    kept = [k for k, cell in enumerate(cells) if cell not in cells[:k]]
+    assert first_per_cell(np.array(points).reshape(-1, 2), cell_px).tolist() == kept
