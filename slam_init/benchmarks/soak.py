@@ -21,7 +21,7 @@ from slam_init.benchmarks.options import positive, show
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 
-__all__ = ["Tenth", "main", "soak", "soak_table"]
+__all__ = ["Tenth", "main", "memory_mb", "soak", "soak_table"]
 
 _SOURCE = "synth:static"
 _TENTHS = 10
@@ -68,10 +68,10 @@ def soak(images: Sequence[Image], camera: Camera, seconds: float, rate_hz: float
             frame += 1
             time.sleep(max(0.0, begin + frame / rate_hz - time.monotonic()))
         median_ms, p95_ms = np.percentile(times_ms, [50, 95])
-        yield Tenth(time.monotonic() - begin, len(times_ms), _memory_mb(), float(median_ms), float(p95_ms))
+        yield Tenth(time.monotonic() - begin, len(times_ms), memory_mb(), float(median_ms), float(p95_ms))
 
 
-def _memory_mb() -> float:
+def memory_mb() -> float:
     """The resident memory now; where the system does not tell it, the largest one up to now."""
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[1])

@@ -6,10 +6,11 @@ import logging
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module, metadata
+from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 from slam_init.compare.backend import Backend
@@ -21,6 +22,9 @@ __all__ = ["WorkerFacts", "open_cluster", "worker_facts"]
 _CONNECT = "10s"
 #: A cluster may replace its workers, but not for longer than this. It is looked at this often.
 _WITHOUT_WORKERS_S, _POLL_S = 60.0, 5.0
+#: Trials of one source in one task. A worker that has no tracks of the source computes them, which takes as long as ten
+#: or more trials on a sequence of 1000 frames. A comparison that is killed runs the trials of open batches again.
+_LARGEST_BATCH = 50
 #: The packages whose versions have to be equal: arguments and answers are pickled.
 _SAME_VERSIONS = ("distributed", "python")
 
@@ -116,12 +120,15 @@ def _check_certificates(distributed: Any, address: str) -> None:
 
 
 class _Cluster(Backend):
-    """The workers of a cluster; a lost cluster is an error."""
+    """The workers of a cluster, whose number may change; a lost cluster is an error."""
+
+    largest_batch = _LARGEST_BATCH
 
     def __init__(self, client: Any, executor: Any, address: str) -> None:
         super().__init__(executor, sum(client.nthreads().values()))
         self._client = client
         self._address = address
+        self._looked = self._seen = time.monotonic()
 
     def run(self, function: Callable[[_Task], _Answer], tasks: Iterable[_Task]) -> Iterator[tuple[_Task, _Answer]]:
         try:
@@ -131,17 +138,26 @@ class _Cluster(Backend):
         except RuntimeError as error:  # KilledWorker; a closed client
             raise _lost(f"the Dask cluster at {self._address} gave a trial up", error) from None
 
-    def _done(self, running: Iterable[Future[Any]]) -> set[Future[Any]]:
-        waiting = set(running)
-        last = time.monotonic()
+    def _next(self, ended: SimpleQueue[Future[Any]]) -> Future[Any]:
+        self._seen = time.monotonic()
         while True:
-            done, _ = wait(waiting, timeout=_POLL_S, return_when=FIRST_COMPLETED)
-            if done:
-                return done
-            if self._client.nthreads():
-                last = time.monotonic()
-            elif time.monotonic() - last > _WITHOUT_WORKERS_S:
-                raise _lost(f"the Dask scheduler at {self._address} has lost its workers", None)
+            self._count_workers()
+            try:
+                return ended.get(timeout=_POLL_S)
+            except Empty:
+                continue
+
+    def _count_workers(self) -> None:
+        """Look at the number of workers now and then: a cluster grows and shrinks."""
+        now = time.monotonic()
+        if now - self._looked < _POLL_S:
+            return
+        self._looked = now
+        found = sum(self._client.nthreads().values())
+        if found:
+            self.workers, self._seen = found, now
+        elif now - self._seen > _WITHOUT_WORKERS_S:
+            raise _lost(f"the Dask scheduler at {self._address} has lost its workers", None)
 
 
 def _lost(what: str, error: BaseException | None) -> SlamInitError:

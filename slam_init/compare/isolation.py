@@ -15,6 +15,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import Pipe
@@ -38,7 +39,7 @@ from slam_init.errors import ConfigError, OutputError, SlamInitError
 from slam_init.methods.external_command import is_external
 from slam_init.methods.external_run import USER_PYTHONPATH
 
-__all__ = ["TrialProcess", "check_method", "end_process", "isolated_tracks", "isolated_trial"]
+__all__ = ["TrialProcess", "check_method", "end_process", "isolated_tracks", "isolated_trial", "isolated_trials"]
 
 #: Time for loading the libraries on a busy machine.
 _START_S = 120.0
@@ -95,6 +96,28 @@ def isolated_trial(trial: Trial, settings: Settings) -> TrialRow:
     if _of_trial(answer.row) != _of_trial(failed_row):
         return replace(failed_row, reason="the answer is that of another trial")
     return answer.row
+
+
+def isolated_trials(trials: Sequence[Trial], settings: Settings) -> list[TrialRow]:
+    """Run trials one after the other in the process of this thread.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+    settings : Settings
+        As for :func:`isolated_trial`.
+
+    Returns
+    -------
+    list of TrialRow
+        In the order of the trials.
+
+    Raises
+    ------
+    OutputError
+        As for :func:`isolated_trial`.
+    """
+    return [isolated_trial(trial, settings) for trial in trials]
 
 
 def _limit_s(trial: Trial, settings: Settings) -> float:

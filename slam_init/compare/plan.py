@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import groupby, islice
 
 from slam_init.compare.judging import Criteria
 from slam_init.compare.recordings import names_of_start
@@ -55,6 +56,26 @@ class Plan:
             for start in self.starts(source):
                 for method in self.methods_on(source):
                     yield Trial(source, method, start)
+
+    def batches(self, wanted: Callable[[Key], bool], largest: int) -> Iterator[tuple[Trial, ...]]:
+        """Yield trials in batches of one source, so that a worker opens the source once for a batch.
+
+        Parameters
+        ----------
+        wanted : callable
+            Takes the key of a trial and returns whether it is yielded.
+        largest : int
+            Largest number of trials of a batch.
+
+        Yields
+        ------
+        tuple of Trial
+            Consecutive trials of one source.
+        """
+        trials = (trial for trial in self.trials() if wanted(trial.key))
+        for _, of_source in groupby(trials, key=lambda trial: trial.source.label):
+            while batch := tuple(islice(of_source, largest)):
+                yield batch
 
     def methods_on(self, source: ComparedSource) -> tuple[str, ...]:
         """Return the methods that can run on a source. External programs need images.

@@ -14,6 +14,7 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
@@ -123,10 +124,10 @@ class Tracks:
         Step
             One for each frame from ``start`` on. Revised frames before ``start`` are left out.
         """
-        at, frames = self.at, self.frame
-        for frame in range(start, int(at[-1]) + 1 if len(at) else 0):
-            records = np.flatnonzero(at == frame)
-            found = [self._record(int(r)) for r in records if frames[r] >= start]
+        at, frames = self.at, self.frame  # the records are in the order of `at`
+        first = int(np.searchsorted(at, start))
+        for frame, records in groupby(range(first, len(at)), key=at.__getitem__):
+            found = [self._record(r) for r in records if frames[r] >= start]
             current = [one for one in found if one.frame == frame]
             if current:
                 yield Step(current[0], tuple(one for one in found if one.frame != frame))

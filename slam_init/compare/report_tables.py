@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
 
@@ -14,9 +15,9 @@ from slam_init.compare.judging import Criteria
 from slam_init.compare.reliability import DIRECTION_SIGMAS, ROTATION_SIGMAS, Coverage, Reliability
 from slam_init.compare.statistics import Interval
 from slam_init.compare.trial_table import TrialTable
-from slam_init.compare.wait import WaitDifference, mean_wait
+from slam_init.compare.wait import WaitDifference, waits
 from slam_init.methods.external_command import method_label
-from slam_init.types.arrays import Bools
+from slam_init.types.arrays import Bools, Floats
 
 __all__ = [
     "coverage_table",
@@ -150,17 +151,18 @@ def group_table(table: TrialTable, methods: Sequence[str], thumbnails: Mapping[s
         HTML element.
     """
     rows = []
+    of_cell, outcomes, wait_of_trial = table.cells(), table.text["outcome"], waits(table)
+    nothing = np.zeros(0, np.int64)
     for group in sorted(set(table.text["group"].tolist())):
-        in_group = table.where(group=group)
         cells = []
         for method in methods:
-            mask = in_group & table.where(method=method)
-            counts = {name: int(np.sum(mask & (table.text["outcome"] == name))) for name in _OUTCOMES}
+            trials = of_cell.get((group, method), nothing)
+            counts = Counter(outcomes[trials].tolist())
             bar = share_bar([(name, counts[name]) for name in _OUTCOMES])
             figures = (
                 f"{counts['correct'] + counts['accepted']} / {counts['false']} / {counts['none'] + counts['error']}"
             )
-            cells.append(f"<td>{bar}{figures}{_wait_of_cell(table, mask)}</td>")
+            cells.append(f"<td>{bar}{figures}{_wait_of_cell(wait_of_trial[trials])}</td>")
         picture = ""
         if group in thumbnails:
             picture = f'<img class="thumb" alt="" src="data:image/jpeg;base64,{thumbnails[group]}">'
@@ -169,9 +171,9 @@ def group_table(table: TrialTable, methods: Sequence[str], thumbnails: Mapping[s
     return html_table("outcomes by scene and method", headings, rows, "matrix")
 
 
-def _wait_of_cell(table: TrialTable, mask: Bools) -> str:
-    wait = mean_wait(table, mask).value
-    return f'<span class="interval">wait {wait:.2f}</span>' if wait == wait else ""
+def _wait_of_cell(waits_of_trials: Floats) -> str:
+    known = waits_of_trials[np.isfinite(waits_of_trials)]
+    return f'<span class="interval">wait {known.mean():.2f}</span>' if len(known) else ""
 
 
 def wait_table(differences: Sequence[WaitDifference]) -> str:

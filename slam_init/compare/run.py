@@ -6,14 +6,14 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
 from slam_init.compare.backends import DASK, Backend, open_backend
 from slam_init.compare.extras import Extras, StoredDigests
-from slam_init.compare.isolation import end_process, isolated_tracks, isolated_trial
+from slam_init.compare.isolation import end_process, isolated_tracks, isolated_trials
 from slam_init.compare.journal import Journal
 from slam_init.compare.plan import Plan
 from slam_init.compare.recordings import RECORDINGS
@@ -32,13 +32,15 @@ from slam_init.output.plain_json import Json
 __all__ = ["compare"]
 
 _NO_EXTRAS = Extras()
+#: Least number of batches for each worker.
+_BATCHES_PER_WORKER = 8
 
 
 def compare(
     plan: Plan,
     out: str | os.PathLike[str],
     *,
-    backend: str = "loky",
+    backend: str | Backend = "loky",
     jobs: int = 1,
     recordings: bool = False,
     progress: bool = False,
@@ -53,8 +55,9 @@ def compare(
     out : str or os.PathLike
         Folder of ``trials.jsonl``, ``results.csv``, ``summary.json``, ``report.html`` and the recordings: a new or an
         empty one, or one of an earlier comparison. Earlier results stay until all trials have ended.
-    backend : str
-        ``loky``, ``sequential`` or ``dask:ADDRESS``; see :func:`slam_init.compare.backends.open_backend`.
+    backend : str or Backend
+        ``loky``, ``sequential`` or ``dask:ADDRESS``, see :func:`slam_init.compare.backends.open_backend`; or workers of
+        your own on this machine.
     jobs : int
         Number of processes of the backend loky.
     recordings : bool
@@ -90,7 +93,8 @@ def compare(
         digests = StoredDigests(path / extras.digests if extras.digests else None)
         with Journal(path / TRIALS, _shared_settings(plan, settings), partial(_is_current, plan)) as journal:
             try:
-                with open_backend(backend, jobs, _paths(plan)) as workers:
+                opened = open_backend(backend, jobs, _paths(plan)) if isinstance(backend, str) else nullcontext(backend)
+                with opened as workers:
                     _run_trials(plan, settings, journal, workers, progress, digests)
             finally:
                 end_process()  # that of the sequential backend
@@ -117,12 +121,12 @@ def _remove_unfinished(folder: OutputFolder) -> None:
 
 
 @contextmanager
-def _tracks_folder(folder: OutputFolder, backend: str) -> Iterator[str]:
+def _tracks_folder(folder: OutputFolder, backend: str | Backend) -> Iterator[str]:
     """Make the folder of the tracks: below that of the results, which the next command clears after a kill.
 
     The workers of a cluster may be on other machines, where only the folder of temporary files is sure to be there.
     """
-    if not backend.startswith(DASK):
+    if isinstance(backend, Backend) or not backend.startswith(DASK):
         tracks_folder = (folder.staging / "tracks").resolve()
         try:
             # A worker that finds none makes it, and takes it away when it ends, while others read from it.
@@ -178,10 +182,19 @@ def _run_trials(
             digests.add(labels[text], answer.digest)
             bar.refresh()
         bar.set_description("trials")
-        trials = (trial for trial in plan.trials() if trial.key not in journal)
-        for _, row in workers.run(partial(isolated_trial, settings=settings), trials):
-            journal.append(row)
-            bar.update()
+        batches = plan.batches(lambda key: key not in journal, _batch_size(missing, workers))
+        for _, rows in workers.run(partial(isolated_trials, settings=settings), batches):
+            for row in rows:
+                journal.append(row)
+            bar.update(len(rows))
+
+
+def _batch_size(trials: int, workers: Backend) -> int:
+    """Choose the number of trials in a task: no more than the backend wants, and few enough to keep all workers busy.
+
+    A worker that gets its last batch when all others end keeps them waiting for one eighth of the time at most.
+    """
+    return max(1, min(workers.largest_batch, trials // (_BATCHES_PER_WORKER * workers.workers)))
 
 
 def _side_by_side(plan: Plan, settings: Settings, journal: Journal) -> None:

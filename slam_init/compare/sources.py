@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -213,9 +214,8 @@ def describe_sources(texts: Sequence[str], view: SourceView | None = None) -> li
     found: list[ComparedSource] = []
     for text in texts:
         found += [_describe(label, (view or SourceView()).text(each)) for label, each in _expand(text)]
-    labels = [source.label for source in found]
-    for label in labels:
-        if labels.count(label) > 1:
+    for label, count in Counter(source.label for source in found).items():
+        if count > 1:
             raise SourceError(f"{label} is given twice: give each source once")
     return found
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from sys import intern
@@ -14,7 +15,7 @@ from slam_init.compare.judging import NOT_JUDGED, Truth, criteria_of
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.sources import focal_error_of
 from slam_init.datasets.points import POINTS
-from slam_init.types.arrays import Bools, Floats
+from slam_init.types.arrays import Bools, Floats, Ints
 
 __all__ = ["LEVELS", "NUMBERS", "PARTS", "TrialTable"]
 
@@ -25,6 +26,10 @@ NUMBERS = (
     "depth_order_error", "landmarks", "frame_median_ms", "frame_p95_ms", "attempt_median_ms", "trial_ms",
     "peak_memory_mb", "suspected_focal_factor", "reported_focal_factor", "reported_distortion", "risk",
     "rotation_sigma_deg", "direction_sigma_deg", "pair_rotation_error_deg", "pair_direction_error_deg",
+)  # fmt: skip
+#: Columns of the table that are true or false.
+_FLAGS = (
+    "strict", "reason_expected", "reason_right", "ambiguous", "kept_truth", "wrong_focal", "solvable", "sound",
 )  # fmt: skip
 #: Trials that are counted together, and the heading of each part. Images and tracks without images (points) are counted
 #: separately. So are the trials in which the camera does not translate (static or rotation-only), because no map can be
@@ -106,11 +111,9 @@ class TrialTable:
         """
         names = ("source", "method", "group", "outcome", "reason", "keyframes")
         text: dict[str, list[str]] = {name: [] for name in names}
-        numbers: dict[str, list[float]] = {name: [] for name in NUMBERS}
-        flag_names = (
-            "strict", "reason_expected", "reason_right", "ambiguous", "kept_truth", "wrong_focal", "solvable", "sound",
-        )  # fmt: skip
-        flags: dict[str, list[bool]] = {name: [] for name in flag_names}
+        # Of a trial an array takes 8 bytes for each number and 1 for each flag; lists took 32 and 8.
+        numbers = {name: array("d") for name in NUMBERS}
+        flags = {name: bytearray() for name in _FLAGS}
         for row in rows:
             for name in names:
                 text[name].append(intern(getattr(row, name) or ""))
@@ -128,7 +131,7 @@ class TrialTable:
         return TrialTable(
             text={name: np.array(values, object) for name, values in text.items()},
             numbers={name: np.array(values, float) for name, values in numbers.items()},
-            **{name: np.array(values, bool) for name, values in flags.items()},
+            **{name: np.frombuffer(values, bool) for name, values in flags.items()},
         )
 
     def __len__(self) -> int:
@@ -151,6 +154,38 @@ class TrialTable:
         for name, value in wanted.items():
             mask &= self.text[name] == value
         return mask
+
+    def at(self, rows: Ints) -> TrialTable:
+        """Take some trials out.
+
+        Parameters
+        ----------
+        rows : (K,) int
+            Rows of the trials.
+
+        Returns
+        -------
+        TrialTable
+            These trials, in the order of the rows.
+        """
+        return TrialTable(
+            text={name: values[rows] for name, values in self.text.items()},
+            numbers={name: values[rows] for name, values in self.numbers.items()},
+            **{name: getattr(self, name)[rows] for name in _FLAGS},
+        )
+
+    def cells(self) -> dict[tuple[str, str], Ints]:
+        """Find the trials of each method in each scene, in one pass: a comparison may have a thousand scenes.
+
+        Returns
+        -------
+        dict of (str, str) to (K,) int
+            Rows of the trials by group and method; a pair without trials is left out.
+        """
+        found: dict[tuple[str, str], list[int]] = {}
+        for row, cell in enumerate(zip(self.text["group"].tolist(), self.text["method"].tolist(), strict=True)):
+            found.setdefault(cell, []).append(row)
+        return {cell: np.array(rows, np.int64) for cell, rows in found.items()}
 
     def knows_direction(self) -> Bools:
         """Select the trials whose direction is judged.

@@ -10,6 +10,8 @@ from typing import TypedDict
 
 import numpy as np
 
+from slam_init.types.arrays import Ints
+
 __all__ = ["StageTimes", "Stopwatch"]
 
 
@@ -51,18 +53,28 @@ class StageTimes(TypedDict):
 _EDGES_MS = (1.0, 2.0, 5.0, 10.0, 20.0, 33.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 
 
+#: Calls whose times are kept one by one: an hour of video at 30 Hz, in 1.7 MB for each stage.
+_KEPT = 108_000
+
+
 class Stopwatch:
     """Collects wall-clock times by stage: ``with stopwatch("track"): ...``.
+
+    The quantiles are those of the last calls: an hour of video at least. The number, the sum, the largest time and the
+    histogram are those of all calls. So the memory is bounded for a video of any length.
 
     Parameters
     ----------
     clock : callable, optional
         Seconds since any instant.
+    kept : int
+        Calls of a stage whose times are kept; up to twice as many until the oldest are dropped.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+    def __init__(self, clock: Callable[[], float] = time.perf_counter, kept: int = _KEPT) -> None:
         self._clock = clock
-        self._samples_ms: dict[str, array[float]] = {}  # an array takes eight bytes per call
+        self._kept = kept
+        self._stages: dict[str, _Stage] = {}
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
@@ -71,7 +83,8 @@ class Stopwatch:
         try:
             yield
         finally:
-            self._samples_ms.setdefault(stage, array("d")).append(1e3 * (self._clock() - begin))
+            times = self._stages.setdefault(stage, _Stage(self._kept))
+            times.add(1e3 * (self._clock() - begin))
 
     def last_ms(self, stage: str) -> float:
         """Time of the last call of a stage.
@@ -86,7 +99,7 @@ class Stopwatch:
         float
             In milliseconds.
         """
-        return self._samples_ms[stage][-1]
+        return self._stages[stage].samples_ms[-1]
 
     def summary(self) -> dict[str, StageTimes]:
         """Summarize the times so far.
@@ -96,17 +109,44 @@ class Stopwatch:
         dict of str to StageTimes
             By stage.
         """
+        return {name: stage.summary() for name, stage in self._stages.items()}
+
+
+class _Stage:
+    """The times of a stage: the last ones one by one, and counts of those before."""
+
+    def __init__(self, kept: int) -> None:
+        self._kept = kept
+        self.samples_ms: array[float] = array("d")  # eight bytes for a call
+        self._calls = 0
+        self._total_ms = self._largest_ms = 0.0
+        self._histogram = np.zeros(len(_EDGES_MS) + 1, np.int64)
+
+    def add(self, time_ms: float) -> None:
+        self.samples_ms.append(time_ms)
+        if len(self.samples_ms) >= 2 * self._kept:
+            self._calls, self._total_ms, self._largest_ms, self._histogram = self._counts(self.samples_ms[: self._kept])
+            del self.samples_ms[: self._kept]
+
+    def _counts(self, samples_ms: array[float]) -> tuple[int, float, float, Ints]:
+        """Number, sum, maximum and histogram of the calls that were dropped and of some more."""
+        bins = np.searchsorted(_EDGES_MS, samples_ms, side="right")
+        return (
+            self._calls + len(samples_ms),
+            self._total_ms + float(np.sum(samples_ms)),
+            max(self._largest_ms, float(np.max(samples_ms))),
+            self._histogram + np.bincount(bins, minlength=len(_EDGES_MS) + 1),
+        )
+
+    def summary(self) -> StageTimes:
+        calls, total_ms, largest_ms, histogram = self._counts(self.samples_ms)
+        median_ms, p95_ms, p99_ms = (float(one) for one in np.percentile(self.samples_ms, (50, 95, 99)))
         return {
-            stage: {
-                "median": round(float(np.median(samples)), 3),
-                "p95": round(float(np.percentile(samples, 95)), 3),
-                "p99": round(float(np.percentile(samples, 99)), 3),
-                "largest": round(float(np.max(samples)), 3),
-                "total": round(float(np.sum(samples)), 3),
-                "calls": len(samples),
-                "histogram": np.bincount(
-                    np.searchsorted(_EDGES_MS, samples, side="right"), minlength=len(_EDGES_MS) + 1
-                ).tolist(),
-            }
-            for stage, samples in self._samples_ms.items()
+            "median": round(median_ms, 3),
+            "p95": round(p95_ms, 3),
+            "p99": round(p99_ms, 3),
+            "largest": round(largest_ms, 3),
+            "total": round(total_ms, 3),
+            "calls": calls,
+            "histogram": histogram.tolist(),
         }

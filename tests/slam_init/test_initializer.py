@@ -1,9 +1,12 @@
 """Laws of the initializer, frame by frame: status, images and tracks, undecided maps, bounded memory."""
 
+import gc
 import inspect
 import pickle
+import sys
 from dataclasses import replace
 from itertools import zip_longest
+from types import FunctionType, ModuleType
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from make_scene import CAMERA, CONFIG, cloud, observe, plane, texture, window
 from make_summary import summarize
 
 from quest.geometry.quaternion import rotation_from_vector
+from slam_init.attempt_log import AttemptLog
 from slam_init.compare.measures import pose_errors
 from slam_init.config import Config, TrackingConfig
 from slam_init.errors import SlamInitError
@@ -325,3 +329,34 @@ def test_the_history_does_not_grow_with_the_number_of_frames_whose_tracks_are_gi
         initializer.process_tracks(replace(observed, frame=k, timestamp_s=k / 30))
     assert len(initializer.history) <= HISTORY < frames
     assert len(initializer.result.attempts) == frames - 1
+
+
+def _bytes_reached(root):
+    """Memory of all that an object refers to, without modules, classes and functions."""
+    seen, waiting, total = set(), [root], 0
+    while waiting:
+        one = waiting.pop()
+        if id(one) in seen or isinstance(one, ModuleType | type | FunctionType):
+            continue
+        seen.add(id(one))
+        total += sys.getsizeof(one)
+        waiting += gc.get_referents(one)
+    return total
+
+
+@pytest.mark.parametrize("turn_rad", [0.0, 2e-3])
+def test_the_memory_of_a_waiting_initializer_does_not_grow_but_for_a_few_bytes_of_statistics(turn_rad):
+    """A camera that stands, and one that turns to and fro, for longer than frames and candidates are kept."""
+    period, frames = 100, 400
+    turns = [rotation_from_vector(np.array([0.0, turn_rad * abs(k - period // 2), 0.0])) for k in range(period)]
+    shown = seen_from([Pose(turn, np.zeros(3)) for turn in turns], count=40)
+    initializer = Initializer(CAMERA)
+    initializer._attempts = AttemptLog(100)  # the last thousand would take half a minute
+    sizes = []
+    for k in range(2 * frames):
+        observed = replace(shown[k % period], frame=k, timestamp_s=k / 30)
+        assert not initializer.process_tracks(observed)
+        if (k + 1) % frames == 0:
+            sizes.append(_bytes_reached(initializer))
+    # Three stages of eight bytes and a verdict a frame; arrays are allocated with some room to grow.
+    assert sizes[1] - sizes[0] < 1.5 * 25 * frames + 0.02 * sizes[0]

@@ -71,3 +71,12 @@ def test_a_tls_address_without_certificates_is_one_line(files, told):
     names |= {f"distributed.comm.tls.client.{kind}": files.get("ca-file") for kind in ("cert", "key")}
     with dask.config.set(names), pytest.raises(ConfigError, match=told), open_backend("dask:tls://127.0.0.1:1", 1, ()):
         pass
+
+
+def test_workers_that_come_later_get_tasks_as_well(cluster, monkeypatch):
+    with opened(cluster) as backend:
+        assert backend.workers == 1
+        backend._looked -= 60.0  # a minute passes
+        monkeypatch.setattr(backend._client, "nthreads", lambda: {"one": 1, "two": 2})
+        assert len(list(backend.run(abs, range(5)))) == 5
+        assert backend.workers == 3

@@ -1,0 +1,166 @@
+"""Times of the frames and of the stages of sequences.
+
+Images are given to an :class:`~slam_init.initializer.Initializer` that judges in slices, without reading or rendering
+them. All frames before the one that hands over the map are *waiting* frames. The same sequence is also judged in whole
+frames. The seconds to the map are those of a camera whose frames wait in a queue while one is judged.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from slam_init.initializer import Initializer
+    from slam_init.types.frame import Frame, Source
+    from slam_init.types.stopwatch import StageTimes
+
+__all__ = ["Frames", "frames_table", "measure", "stages_table"]
+
+#: A camera at 30 Hz delivers a frame in this time.
+_FRAME_MS = 33.3
+
+
+@dataclass
+class Frames:
+    """Times of a sequence, in milliseconds.
+
+    Attributes
+    ----------
+    name : str
+    waiting_ms : list of float
+        Time of each frame before the one that hands over the map.
+    handover_ms : float or None
+        Time of the frame that hands over the map; None without one.
+    frames, seconds : int and float, or None
+        Frames and seconds until the map, for a camera whose frames wait in a queue; None without a map.
+    frames_whole, seconds_whole : int and float, or None
+        The same where every frame is judged at once.
+    stages_ms : dict
+        Times of each stage.
+    """
+
+    name: str
+    waiting_ms: list[float] = field(default_factory=list)
+    handover_ms: float | None = None
+    frames: int | None = None
+    seconds: float | None = None
+    frames_whole: int | None = None
+    seconds_whole: float | None = None
+    stages_ms: dict[str, StageTimes] = field(default_factory=dict)
+
+
+def measure(name: str, source: Source, max_frames: int | None = None) -> Frames:
+    """Measure a sequence.
+
+    Parameters
+    ----------
+    name : str
+    source : Source
+        With a calibration.
+    max_frames : int, optional
+        Largest number of frames; by default all.
+
+    Returns
+    -------
+    Frames
+    """
+    from slam_init.config import REALTIME_WORK, Config
+    from slam_init.initializer import Initializer
+
+    if source.camera is None:
+        raise ValueError(f"{name}: no camera; the benchmark runs on calibrated sequences only")
+    images = list(islice(source.frames(), max_frames))
+    arrivals_s = [image.timestamp_s - images[0].timestamp_s for image in images]
+    whole, _, times_ms = _processed(Initializer(source.camera, Config(work_per_frame=None)), images)
+    measured = Frames(name)
+    if whole:
+        measured.frames_whole, measured.seconds_whole = len(times_ms), _queued_s(arrivals_s, times_ms)
+    sliced = Initializer(source.camera, Config(work_per_frame=REALTIME_WORK))
+    mapped, stages_ms, times_ms = _processed(sliced, images)
+    if mapped:
+        measured.frames, measured.seconds = len(times_ms), _queued_s(arrivals_s, times_ms)
+        measured.handover_ms = times_ms.pop()
+    measured.waiting_ms, measured.stages_ms = times_ms, stages_ms
+    return measured
+
+
+def _processed(initializer: Initializer, images: Sequence[Frame]) -> tuple[bool, dict[str, StageTimes], list[float]]:
+    """Whether an initializer has a map after some images, the times of its stages, and those of the frames (ms)."""
+    times_ms: list[float] = []
+    for image in images:
+        begin = time.perf_counter()
+        mapped = bool(initializer.process(image))
+        times_ms.append(1e3 * (time.perf_counter() - begin))
+        if mapped:
+            return True, initializer.stopwatch.summary(), times_ms
+    return False, initializer.stopwatch.summary(), times_ms
+
+
+def _queued_s(arrivals_s: Sequence[float], times_ms: Sequence[float]) -> float:
+    """When the last of some frames is processed, each after the one before it and not before it arrives."""
+    end_s = 0.0
+    for arrival_s, time_ms in zip(arrivals_s, times_ms, strict=False):
+        end_s = max(end_s, arrival_s) + 1e-3 * time_ms
+    return end_s
+
+
+def frames_table(measured: Sequence[Frames], flow_ms: float) -> str:
+    """The table of the frames.
+
+    Parameters
+    ----------
+    measured : sequence of Frames
+    flow_ms : float
+        Time of the fixed piece of work.
+
+    Returns
+    -------
+    str
+        In markdown.
+    """
+    import numpy as np
+
+    from slam_init.output.tables import markdown_table, number
+
+    header = [
+        "ms (ratio to the flow)", "waiting frames", "median", "99th percentile", "largest", "above 33 ms",
+        "hand-over", "to the map", "in whole frames",
+    ]  # fmt: skip
+    rows = []
+    for one in measured:
+        waiting = np.array(one.waiting_ms or [np.nan])
+        times = [float(np.median(waiting)), float(np.percentile(waiting, 99)), float(waiting.max())]
+        shown = [f"{number(ms, 1)} ({ms / flow_ms:.1f})" for ms in times]
+        handover = "-" if one.handover_ms is None else f"{one.handover_ms:.1f} ({one.handover_ms / flow_ms:.1f})"
+        ends = ((one.frames, one.seconds), (one.frames_whole, one.seconds_whole))
+        counts = ["-" if count is None else f"{count} frames, {seconds:.2f} s" for count, seconds in ends]
+        late = f"{float((waiting > _FRAME_MS).mean()):.1%}"
+        rows.append([one.name, str(len(one.waiting_ms)), *shown, late, handover, *counts])
+    return markdown_table(header, rows)
+
+
+def stages_table(measured: Sequence[Frames]) -> str:
+    """The table of the stages.
+
+    Parameters
+    ----------
+    measured : sequence of Frames
+
+    Returns
+    -------
+    str
+        In markdown.
+    """
+    from slam_init.output.tables import markdown_table
+
+    stages = list(dict.fromkeys(stage for one in measured for stage in one.stages_ms))
+    rows = []
+    for one in measured:
+        cells = [one.stages_ms.get(stage) for stage in stages]
+        shown = [f"{cell['median']:.1f} / {cell['p95']:.1f} ({cell['calls']:.0f})" if cell else "-" for cell in cells]
+        rows.append([one.name, *shown])
+    return markdown_table(["ms a call: median / 95th percentile (calls)", *stages], rows)
