@@ -18,7 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.geometry.quaternion import canonical, matrix_from_quaternion
+from quest.geometry.quaternion import canonical
 from quest.relative_pose import Hypothesis
 from quest.robust.plane import PlaneFit
 from quest.robust.pose_modes import same_mode
@@ -121,9 +121,11 @@ def has_larger_residuals(
     r2, behind = problem.residuals(np.stack([model, other]))
     r2[behind] = np.inf
     difference = (np.minimum(r2[0], gate_rad**2) - np.minimum(r2[1], gate_rad**2)) / noise_rad**2
+    larger = float(difference.sum())
+    if larger <= least:
+        return False
     differs = difference != 0
-    scatter = scatter_of_sum(difference[differs], directions_of(problem.m[differs]))
-    return bool(difference.sum() > max(least, deviations * scatter))
+    return larger > deviations * scatter_of_sum(difference[differs], directions_of(problem.m[differs]))
 
 
 def explained_by_plane(
@@ -200,17 +202,25 @@ def equivalent_motions(
         known = [best, *(np.concatenate([h.q_wxyz, h.t]) for h in alternatives)]
         if any(same_mode(model, other) for other in known):
             continue
-        for_best, against = inliers & ~explained, explained & ~inliers
-        # The regions divide the part of the view that either motion explains: a poster that fills a part of the view
-        # has as many regions as a wall that fills all of it.
-        either = inliers | explained
-        scatter = scatter_of_sum(for_best[either].astype(float) - against[either], where[either])
-        if decides(int(for_best.sum()), int(against.sum()), int(inliers.sum()), scatter):
+        if _has_more_inliers(inliers, explained, where):
             continue
         if noise_rad is not None and has_larger_residuals(problem, model, best, gate_rad, noise_rad, RIVAL_LEVEL):
             continue
         alternatives.append(as_hypothesis(model, explained))
     return sorted(alternatives, key=lambda h: -int(h.inliers.sum()))
+
+
+def _has_more_inliers(inliers: Bools, explained: Bools, where: Floats) -> bool:
+    """Whether significantly more matches at given places (N, 2) are inliers than are explained by another motion."""
+    for_best, against = inliers & ~explained, explained & ~inliers
+    counts = int(for_best.sum()), int(against.sum()), int(inliers.sum())
+    # The scatter raises the bound, so that it is computed only where the votes decide without it.
+    if not decides(*counts, 0.0):
+        return False
+    # The regions divide the part of the view that either motion explains: a poster that fills a part of the view has as
+    # many regions as a wall that fills all of it.
+    either = inliers | explained
+    return decides(*counts, scatter_of_sum(for_best[either].astype(float) - against[either], where[either]))
 
 
 def as_hypothesis(model: Floats, inliers: Bools) -> Hypothesis:
@@ -228,5 +238,7 @@ def as_hypothesis(model: Floats, inliers: Bools) -> Hypothesis:
     Hypothesis
         With w >= 0.
     """
-    q = canonical(model[:4])
-    return Hypothesis(q, matrix_from_quaternion(q), model[4:], inliers)
+    from quest.robust import kernels
+
+    q = canonical(model[:4]) if model[0] <= 0 else model[:4]
+    return Hypothesis(q, kernels.rotation_of_model(model), model[4:], inliers)

@@ -10,7 +10,12 @@ from quest.geometry.refine import sampson_jacobian, tangent_basis
 from quest.noise import GATE_SIGMAS
 from quest.relative_pose import Hypothesis
 
-__all__ = ["planar_pose_covariance", "pose_covariance"]
+__all__ = [
+    "planar_pose_covariance",
+    "planar_pose_covariance_compiled",
+    "pose_covariance",
+    "pose_covariance_compiled",
+]
 
 Floats = NDArray[np.float64]
 
@@ -37,6 +42,66 @@ def pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: flo
     inliers = hypothesis.inliers
     r, J = sampson_jacobian(hypothesis.R, hypothesis.t, m[inliers], n[inliers])
     return np.asarray(_spread(r, noise_rad, J.shape[1]) * np.linalg.pinv(J.T @ J, hermitian=True))
+
+
+def pose_covariance_compiled(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: float) -> Floats:
+    """Covariance of an M-estimate as :func:`pose_covariance`, compiled.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        A refined pose.
+    m, n : (N, 3) float
+        Unit bearings of its inliers in camera 1 and camera 2.
+    noise_rad : float
+        Standard deviation of a bearing.
+
+    Returns
+    -------
+    (5, 5) float
+        In rad^2, in the unknowns of :attr:`quest.RelativePose.covariance`.
+    """
+    from quest.robust import kernels
+
+    information, _, psi2, slope = kernels.pose_information(m, n, hypothesis.R, hypothesis.t, GATE_SIGMAS * noise_rad)
+    return _spread_of_means(len(m), 5, psi2 / len(m), slope / len(m)) * _pseudo_inverse(information)
+
+
+def planar_pose_covariance_compiled(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: float) -> Floats:
+    """Covariance of the pose of a plane as :func:`planar_pose_covariance`, compiled.
+
+    Parameters
+    ----------
+    hypothesis : Hypothesis
+        A pose of the homography.
+    m, n : (N, 3) float
+        Unit bearings of its inliers in camera 1 and camera 2.
+    noise_rad : float
+        Standard deviation of a bearing.
+
+    Returns
+    -------
+    (5, 5) float
+        In rad^2, in the unknowns of :attr:`quest.RelativePose.covariance`.
+    """
+    from quest.robust import kernels
+
+    gate_rad = GATE_SIGMAS * noise_rad
+    information, psi2, slope = kernels.planar_information(m, n, hypothesis.R, hypothesis.t, gate_rad)
+    residuals = 2 * len(m)
+    spread = _spread_of_means(residuals, 8, psi2 / residuals, slope / residuals)
+    return spread * _pseudo_inverse(information)[:5, :5]
+
+
+def _pseudo_inverse(information: Floats) -> Floats:
+    """The pseudo-inverse of a symmetric matrix (N, N), which is overwritten; numpy takes 50 us for it."""
+    from quest.robust import kernels
+
+    vectors = np.empty_like(information)
+    kernels.eigen_in_place(information, vectors)
+    values = information.diagonal()
+    used = np.abs(values) > 1e-15 * np.abs(values).max()
+    return np.asarray((vectors[:, used] / values[used]) @ vectors[:, used].T)
 
 
 def planar_pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: float) -> Floats:
@@ -87,7 +152,13 @@ def planar_pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_r
 def _spread(r: Floats, noise_rad: float, unknowns: int) -> float:
     """Variance of a residual as an M-estimate of a number of unknowns has it."""
     u = (r / (GATE_SIGMAS * noise_rad)) ** 2
+    means = float(np.mean((r / (1 + u) ** 2) ** 2)), float(np.mean((1 - 3 * u) / (1 + u) ** 3))
+    return _spread_of_means(len(r), unknowns, *means)
+
+
+def _spread_of_means(count: int, unknowns: int, psi2: float, slope: float) -> float:
+    """The same from the means of psi^2 and psi' over a number of residuals."""
     # The mean of psi' is at least 0.1, so that the covariance stays finite where the residuals are not Gaussian. The
     # estimate has adapted to the residuals by as many of them as it has unknowns.
-    freedom = len(r) / max(len(r) - unknowns, 1)
-    return freedom * float(np.mean((r / (1 + u) ** 2) ** 2)) / max(float(np.mean((1 - 3 * u) / (1 + u) ** 3)), 0.1) ** 2
+    freedom = count / max(count - unknowns, 1)
+    return freedom * psi2 / max(slope, 0.1) ** 2

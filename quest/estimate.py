@@ -21,19 +21,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quest.alternatives import as_hypothesis, equivalent_motions, explained_by_plane
-from quest.covariance import planar_pose_covariance, pose_covariance
+from quest.covariance import planar_pose_covariance_compiled, pose_covariance_compiled
 from quest.errors import InputError, as_floats, as_index, as_positive
-from quest.geometry.epipolar import as_matches, depths_along_epipolar_lines
+from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import quaternion_from_matrix
-from quest.noise import GATE_SIGMAS, chance_inliers, refine_with_noise, settle
+from quest.noise import GATE_SIGMAS, chance_inliers, refine_with_noise_compiled, settle_compiled
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
-from quest.robust.lo_ransac import lo_ransac_five_point
-from quest.robust.plane import PlaneFit, fit_plane, off_line_rad
+from quest.robust.lo_ransac import lo_ransac
+from quest.robust.plane import PlaneFit, fit_plane_compiled, off_line_rad_compiled
 from quest.robust.pose_modes import same_mode, spread_out
 from quest.robust.pose_problem import SAMPLERS, CompiledPoseProblem, RelativePoseProblem
 from quest.robust.ransac import RansacReport, ransac
-from quest.robust.rotation import fit_rotation
-from quest.uncertainty.parallax import ParallaxStatement, parallax_statement
+from quest.robust.rotation import propose_rotation, settle_rotation
+from quest.uncertainty.parallax import ParallaxStatement, statement_of_inliers
 from quest.uncertainty.tails import poisson_tail
 
 __all__ = ["Hypothesis", "NoPose", "PoseEvidence", "RelativePose", "estimate_relative_pose"]
@@ -54,6 +54,8 @@ _FITTED, _CHANCE_LEVEL = 5, 1e-6
 #: Points along a line allow a whole family of motions. Over 48 strips of points the pose was wrong by degrees wherever
 #: their half width was under ten times the noise, and it was among the returned ones from fifteen times on.
 _LINE_SIGMAS = 10.0
+#: The solvers whose search is compiled, and the number of matches in their samples.
+_COMPILED = {"five": 5, "quest6": 6}
 #: Any six numbers without a relation between them.
 _GENERIC_AXIS = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
 
@@ -69,18 +71,13 @@ class _Options(NamedTuple):
     solver: str
 
 
-class _RotationFit(NamedTuple):
-    """The rotation that explains most matches by itself, and its squared residuals (N,) in rad^2."""
-
-    R: Floats
-    r2: Floats
-
-
 class _Motion(NamedTuple):
-    """The best motion (q_wxyz, t), the matches that it explains, the noise and the gate of its inliers."""
+    """The best motion (q_wxyz, t), the matches (m, n) that it explains, the noise and the gate of its inliers."""
 
     model: Floats
     inliers: Bools
+    m: Floats
+    n: Floats
     noise_rad: float
     gate_rad: float
 
@@ -110,14 +107,15 @@ def estimate_relative_pose(
     confidence : float
         Probability with which RANSAC finds the best motion.
     max_samples : int
-        Bound on the number of samples, hence on the time: about ten microseconds each. 50 000 samples find a motion
+        Bound on the number of samples, hence on the time: three to ten microseconds each. 50 000 samples find a motion
         among 80 % of outliers.
     scores : (N,) array_like, optional
         Quality of the matches, higher is better (for example minus the descriptor distance). Better matches are drawn
-        first. Only the solver "five" uses the scores.
+        first. The solver "quest7" does not use the scores.
     solver : {"five", "quest6", "quest7"}
-        What proposes motions. "five": Newton's method on five matches, compiled. The others: the eigenproblems of QuEst
-        on six or seven matches, in plain numpy, at some hundred microseconds a sample.
+        What proposes motions. "five": Newton's method on five matches. "quest6": the solutions of QuEst on six matches;
+        its machine code is compiled at the first use. Both are compiled and take about ten microseconds a sample.
+        "quest7": the eigenproblem of QuEst on seven matches, in plain numpy, at some hundred microseconds a sample.
 
     Returns
     -------
@@ -142,34 +140,46 @@ def estimate_relative_pose(
     distinct = _distinct(m, n)
     if distinct < _MIN_MATCHES:
         return NoPose("too_few_matches", PoseEvidence(distinct, needed=_MIN_MATCHES))
-    rotation = _RotationFit(*fit_rotation(m, n, threshold_rad, rng))
-    problem, report = _search(m, n, options, rotation.R, rng)
+    rotation = propose_rotation(m, n, threshold_rad, rng)
+    problem = CompiledPoseProblem(m, n, threshold_rad)
+    report = _search(problem, options, rotation, rng)
     if report is None:
         # Every sample was singular, as for an exact rotation-only camera.
-        return _rotation_or_no_pose(rotation, threshold_rad, PoseEvidence(total))
+        return _rotation_or_no_pose(problem, rotation, threshold_rad, PoseEvidence(total))
 
-    best, noise_rad = refine_with_noise(problem, report.models[0])
+    best, noise_rad = refine_with_noise_compiled(problem, report.models[0])
     gate_rad = min(threshold_rad, GATE_SIGMAS * noise_rad)
-    motion = _Motion(best, problem.explained(best, gate_rad), noise_rad, gate_rad)
-    count = int(motion.inliers.sum())
+    inliers = problem.explained(best, gate_rad)
+    motion = _Motion(best, inliers, m[inliers], n[inliers], noise_rad, gate_rad)
+    count = len(motion.m)
     evidence = PoseEvidence(total, samples=report.samples, inliers=count, noise_rad=noise_rad)
     if count < 6:
-        return _rotation_or_no_pose(rotation, gate_rad, evidence)
+        return _rotation_or_no_pose(problem, rotation, gate_rad, evidence)
     chance = chance_inliers(problem, best, gate_rad, rng)
-    parallax = _tested_parallax(m, n, motion, chance, threshold_rad, rotation.R)
+    parallax = _tested_parallax(problem, motion, chance, rotation)
     evidence = replace(evidence, chance_inliers=chance, parallax_z=parallax.test_value, parallax_p=parallax.p_value)
     if not parallax.observable(_ERROR_RATE):
-        return _rotation_or_no_pose(rotation, gate_rad, evidence, parallax, _unobserved_motions(problem, motion))
+        return _rotation_or_no_pose(
+            problem, rotation, gate_rad, evidence, parallax, _unobserved_motions(problem, motion)
+        )
     if count < _MIN_MATCHES or poisson_tail(count - _FITTED, chance) > _CHANCE_LEVEL:
         return NoPose("no_consistent_motion", evidence)
-    spread = max(off_line_rad(m[motion.inliers]), off_line_rad(n[motion.inliers]))
+    spread = max(off_line_rad_compiled(motion.m), off_line_rad_compiled(motion.n))
     if spread < _LINE_SIGMAS * noise_rad:
         return NoPose("no_consistent_motion", replace(evidence, off_line_rad=spread))
     return _pose_with_alternatives(problem, report, motion, evidence, parallax)
 
 
 def _unit_bearings(bearings1: ArrayLike, bearings2: ArrayLike) -> tuple[Floats, Floats]:
-    m, n = as_matches(bearings1, bearings2, at_least=0)
+    from quest.robust import kernels
+
+    rays1, rays2 = as_floats(bearings1, "bearings"), as_floats(bearings2, "bearings")
+    if rays1.shape == rays2.shape and rays1.ndim == 2 and rays1.shape[1] == 3:
+        # Copies, so that the compiled loop meets one kind of array: writable, with contiguous rows.
+        m, n = np.array(rays1, order="C"), np.array(rays2, order="C")
+        if kernels.unit_rows(m, m) and kernels.unit_rows(n, n):
+            return m, n
+    m, n = as_matches(rays1, rays2, at_least=0)
     if m.ndim != 2:
         raise InputError(f"bearings have shape {m.shape}: give two arrays (N, 3)")
     return m, n
@@ -191,7 +201,7 @@ def _checked_options(
         raise InputError(f"confidence is {confidence!r}: give a probability between 0 and 1")
     max_samples = as_index(max_samples, "max_samples", 0)
     ranking = None if scores is None else _checked_scores(scores, count)
-    if not (isinstance(solver, str) and solver in ("five", *SAMPLERS)):
+    if not (isinstance(solver, str) and solver in (*_COMPILED, *SAMPLERS)):
         raise InputError(f"solver is {solver!r:.60}: give one of five, {', '.join(SAMPLERS)}")
     return _Options(threshold_rad, as_index(seed, "seed", 0), confidence, max_samples, ranking, solver)
 
@@ -204,46 +214,51 @@ def _checked_scores(scores: ArrayLike, count: int) -> Floats:
 
 
 def _distinct(m: Floats, n: Floats) -> int:
-    """Number of different matches: a repeated match is no additional evidence."""
+    """Number of different matches, at most as many as are needed: a repeated match is no additional evidence."""
     # Equal rows have equal projections. Different rows have practically never the same projection on a generic axis.
-    return len(np.unique(np.concatenate([m, n], axis=1) @ _GENERIC_AXIS))
+    places = m @ _GENERIC_AXIS[:3] + n @ _GENERIC_AXIS[3:]
+    some = len(set(places[: 4 * _MIN_MATCHES].tolist()))
+    return some if some >= _MIN_MATCHES else len(np.unique(places))
 
 
 def _search(
-    m: Floats, n: Floats, options: _Options, rotation: Floats, rng: np.random.Generator
-) -> tuple[RelativePoseProblem, RansacReport | None]:
-    """Run RANSAC with the chosen solver; the report is None where no sample has a solution."""
-    if options.solver == "five":
-        compiled = CompiledPoseProblem(m, n, options.threshold_rad)
-        return compiled, lo_ransac_five_point(
-            compiled.m,
-            compiled.n,
-            options.threshold_rad,
+    problem: CompiledPoseProblem, options: _Options, rotation: Floats, rng: np.random.Generator
+) -> RansacReport | None:
+    """Run RANSAC with the chosen solver; None where no sample has a solution."""
+    m, n, threshold_rad = problem.m, problem.n, problem.threshold_rad
+    if options.solver in _COMPILED:
+        return lo_ransac(
+            m,
+            n,
+            threshold_rad,
             rng,
             rotation,
             confidence=options.confidence,
             max_samples=options.max_samples,
             scores=options.scores,
+            sample_size=_COMPILED[options.solver],
         )
-    problem = RelativePoseProblem(m, n, options.threshold_rad, options.solver)
-    return problem, ransac(problem, rng, confidence=options.confidence, max_samples=options.max_samples)
+    readable = RelativePoseProblem(m, n, threshold_rad, options.solver)
+    return ransac(readable, rng, confidence=options.confidence, max_samples=options.max_samples)
 
 
 def _tested_parallax(
-    m: Floats, n: Floats, motion: _Motion, chance: float, threshold_rad: float, rotation: Floats
+    problem: CompiledPoseProblem, motion: _Motion, chance: float, rotation: Floats
 ) -> ParallaxStatement:
     """Test whether the translation of a motion is observable on its inliers."""
-    inliers, least_noise_rad = motion.inliers, _LEAST_NOISE * threshold_rad
-    return parallax_statement(
-        motion.model[:4],
+    from quest.robust import kernels
+
+    least_noise_rad = _LEAST_NOISE * problem.threshold_rad
+    return statement_of_inliers(
+        kernels.rotation_of_model(motion.model),
         motion.model[4:],
-        m[inliers],
-        n[inliers],
+        motion.m,
+        motion.n,
         least_noise_rad if motion.noise_rad < least_noise_rad else None,
         chance_matches=chance,
-        wrong_matches=len(m) - int(inliers.sum()),
+        wrong_matches=len(problem) - len(motion.m),
         rotation=rotation,
-        stated_noise_rad=threshold_rad / GATE_SIGMAS,
+        stated_noise_rad=problem.threshold_rad / GATE_SIGMAS,
     )
 
 
@@ -255,11 +270,12 @@ def _pose_with_alternatives(
     parallax: ParallaxStatement,
 ) -> RelativePose | NoPose:
     """The pose of a motion with observable translation, its kind, and the motions that explain the matches as well."""
-    m, n, gate_rad, noise_rad = problem.m, problem.n, motion.gate_rad, motion.noise_rad
-    best, inliers = motion.model, motion.inliers
-    plane = fit_plane(best, m[inliers], n[inliers], noise_rad)
+    from quest.robust import kernels
+
+    gate_rad, noise_rad, best, inliers = motion.gate_rad, motion.noise_rad, motion.model, motion.inliers
+    plane = fit_plane_compiled(best, motion.m, motion.n, noise_rad)
     evidence = replace(evidence, on_plane=plane.on, off_plane=plane.off)
-    planar = explained_by_plane(problem, plane, best, int(inliers.sum()), gate_rad, noise_rad)
+    planar = explained_by_plane(problem, plane, best, len(motion.m), gate_rad, noise_rad)
     if planar:
         # The two poses of the homography: with the constraint of the plane they are several times more accurate than
         # poses from epipolar lines alone. They have the same residuals, so only the signs of the depths order them.
@@ -274,22 +290,24 @@ def _pose_with_alternatives(
         candidates = _rivals(problem, report, motion, plane)
     alternatives = equivalent_motions(problem, candidates, best, inliers, gate_rad, None if planar else noise_rad)
     first = as_hypothesis(best, inliers)
-    depths1, depths2 = depths_along_epipolar_lines(first.R, first.t, m, n)
-    cosine = np.einsum("ij,ij->i", m[inliers] @ first.R.T, n[inliers])
-    covariance_of = planar_pose_covariance if planar else pose_covariance
+    depths, parallax_rad = kernels.depths_and_parallax(problem.m, problem.n, first.R, first.t, inliers)
+    if planar:
+        covariance = planar_pose_covariance_compiled(first, problem.m[inliers], problem.n[inliers], noise_rad)
+    else:
+        covariance = pose_covariance_compiled(first, motion.m, motion.n, noise_rad)
     return RelativePose(
         q_wxyz=first.q_wxyz,
         R=first.R,
         t=first.t,
         inliers=inliers,
-        depths1=np.where(inliers, depths1, np.nan),
-        depths2=np.where(inliers, depths2, np.nan),
+        depths1=depths[0],
+        depths2=depths[1],
         kind="planar" if planar else "general",
         alternatives=tuple(alternatives[: 1 if planar else 3]),
         noise_rad=noise_rad,
-        parallax_rad=float(np.median(np.arccos(np.clip(cosine, -1, 1)))),
+        parallax_rad=parallax_rad,
         parallax=parallax,
-        covariance=covariance_of(first, m, n, noise_rad),
+        covariance=covariance,
         evidence=evidence,
     )
 
@@ -298,16 +316,15 @@ def _rivals(problem: RelativePoseProblem, report: RansacReport, motion: _Motion,
     """Other motions of a scene that is no plane, each refined to its optimum on all matches."""
     # A raw model that misses half of the inliers is discarded. This is safe: before refinement, even the raw model of
     # the right motion missed at most a third of the inliers.
-    near = (report.costs[1:] - report.costs[0]) / problem.threshold_rad**2 < 0.5 * motion.inliers.sum()
+    near = (report.costs[1:] - report.costs[0]) / problem.threshold_rad**2 < 0.5 * len(motion.m)
     raw = spread_out(report.models[1:][near], motion.model)
-    rivals = [*plane.poses[1:], *(problem.polish(model) for model in raw)]
-    return [settle(problem, rival, motion.noise_rad) for rival in rivals]
+    rivals = [settle_compiled(problem, pose, motion.noise_rad, raw=False) for pose in plane.poses[1:]]
+    return rivals + [settle_compiled(problem, model, motion.noise_rad, raw=True) for model in raw]
 
 
 def _unobserved_motions(problem: RelativePoseProblem, motion: _Motion) -> tuple[Hypothesis, ...]:
     """The best motion and those of its plane, although the matches do not show their translation."""
-    inliers = motion.inliers
-    plane = fit_plane(motion.model, problem.m[inliers], problem.n[inliers], motion.noise_rad)
+    plane = fit_plane_compiled(motion.model, motion.m, motion.n, motion.noise_rad)
     different: list[Floats] = []
     for model in (*plane.poses, motion.model):
         if not any(same_mode(model, other) for other in different):
@@ -316,16 +333,19 @@ def _unobserved_motions(problem: RelativePoseProblem, motion: _Motion) -> tuple[
 
 
 def _rotation_or_no_pose(
-    rotation: _RotationFit,
+    problem: CompiledPoseProblem,
+    rotation: Floats,
     gate_rad: float,
     evidence: PoseEvidence,
     parallax: ParallaxStatement | None = None,
     unobserved: tuple[Hypothesis, ...] = (),
 ) -> RelativePose | NoPose:
     """The pose of kind "rotation" where the rotation explains a quarter of the matches."""
-    total = len(rotation.r2)
+    total = len(problem)
+    R = settle_rotation(rotation, problem.m, problem.n, problem.threshold_rad)
+    r2 = 0.5 * np.sum((problem.n - problem.m @ R.T) ** 2, axis=1)
     # The residual of a rotation has two components, the Sampson error has one: the gate per component is the same.
-    inliers = rotation.r2 < 2 * gate_rad**2
+    inliers = r2 < 2 * gate_rad**2
     count = int(inliers.sum())
     evidence = replace(evidence, rotation_inliers=count)
     # Two matches fix a rotation, and a random match agrees with it in two components: even a tenth of the matches does
@@ -333,10 +353,10 @@ def _rotation_or_no_pose(
     if count < max(_MIN_MATCHES, 0.25 * total):
         return NoPose("no_consistent_motion", evidence)
     nan = np.full(total, np.nan)
-    noise_rad = float(np.sqrt(np.median(rotation.r2[inliers]) / (2 * np.log(2))))  # Rayleigh: median^2 = 2 ln 2 sigma^2
+    noise_rad = float(np.sqrt(np.median(r2[inliers]) / (2 * np.log(2))))  # Rayleigh: median^2 = 2 ln 2 sigma^2
     return RelativePose(
-        q_wxyz=quaternion_from_matrix(rotation.R),
-        R=rotation.R,
+        q_wxyz=quaternion_from_matrix(R),
+        R=R,
         t=np.zeros(3),
         inliers=inliers,
         depths1=nan,

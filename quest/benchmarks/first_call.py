@@ -2,7 +2,7 @@
 
 Each repetition is two fresh processes that share a new folder for machine code: the first process compiles, the second
 finds the machine code on disk. Each process imports quest and estimates the same pair several times, then with
-``solver="quest6"``, the search in plain numpy (which uses compiled loops for rotations and parallax too). The
+``solver="quest7"``, the search in plain numpy (which uses compiled loops for rotations and parallax too). The
 break-even is the number of calls after which the compiled search, first call included, has taken less time than the
 search in numpy. The table shows medians over the repetitions.
 """
@@ -45,15 +45,15 @@ def call(solver):
     return time.perf_counter() - start
 times["first"] = call("five")
 times["later"] = float(numpy.median([call("five") for _ in range(later)]))
-call("quest6")
-times["quest6"] = float(numpy.median([call("quest6") for _ in range(later)]))
+call("quest7")
+times["quest7"] = float(numpy.median([call("quest7") for _ in range(later)]))
 print(json.dumps({name: 1e3 * seconds for name, seconds in times.items()}))
 """
 _LATER_CALLS = 5
 
 
 def measure(folder: Path, matches: int, outliers: float) -> dict[str, float]:
-    """Times of a fresh process in ms, with the machine code in a folder. Keys: numpy, quest, first, later, quest6."""
+    """Times of a fresh process in ms, with the machine code in a folder. Keys: numpy, quest, first, later, quest7."""
     done = subprocess.run(
         [sys.executable, "-c", _CHILD, str(matches), str(outliers), str(_LATER_CALLS)],
         env=os.environ | {"NUMBA_CACHE_DIR": str(folder)},
@@ -77,10 +77,10 @@ def table(cold: Sequence[dict[str, float]], warm: Sequence[dict[str, float]]) ->
     rows = []
     for title, runs in (("no machine code on disk", cold), ("machine code on disk", warm)):
         middle = {name: float(np.median([run[name] for run in runs])) for name in runs[0]}
-        calls = break_even(middle["first"], middle["later"], middle["quest6"])
-        times = [number(middle[name], 1) for name in ("numpy", "quest", "first", "later", "quest6")]
+        calls = break_even(middle["first"], middle["later"], middle["quest7"])
+        times = [number(middle[name], 1) for name in ("numpy", "quest", "first", "later", "quest7")]
         rows.append([title, *times, f"{calls:.0f}"])
-    header = ["ms", "import numpy", "import quest", "first call", "later call", "quest6 call", "break-even (calls)"]
+    header = ["ms", "import numpy", "import quest", "first call", "later call", "quest7 call", "break-even (calls)"]
     return markdown_table(header, rows) + "\n"
 
 

@@ -103,28 +103,39 @@ def decompose_homography(H: Floats, m: Floats) -> list[tuple[Floats, Floats, Flo
     if not S[1] > _SINGULAR * S[0]:
         return []
     H = H / S[1]
-    if np.linalg.det(H) < 0:
+    if _determinant(H) < 0:
         H = -H
     s1, s3 = (S[0] / S[1]) ** 2, (S[2] / S[1]) ** 2
     if s1 - s3 < 1e-12:
         return []
     v1, v2, v3 = Vt
-    if np.linalg.det(Vt) < 0:
+    if _determinant(Vt) < 0:
         v1, v2, v3 = -Vt
     solutions = []
     spread1, spread3 = np.sqrt(max(1 - s3, 0.0)), np.sqrt(max(s1 - 1, 0.0))
     for sign in (1.0, -1.0):
         u = (spread1 * v1 + sign * spread3 * v3) / np.sqrt(s1 - s3)
         Hv, Hu = H @ v2, H @ u
-        frame1 = np.column_stack([v2, u, np.cross(v2, u)])
-        frame2 = np.column_stack([Hv, Hu, np.cross(Hv, Hu)])
-        R = frame2 @ frame1.T
+        k = _cross(v2, u)
+        frame1, frame2 = np.array([v2, u, k]), np.array([Hv, Hu, _cross(Hv, Hu)])
+        R = frame2.T @ frame1
         # H is known to a few digits: bring R back to a rotation exactly.
         A, _, Bt = np.linalg.svd(R)
-        R = A @ np.diag([1.0, 1.0, np.linalg.det(A @ Bt)]) @ Bt
-        k = np.cross(v2, u)
+        R = (A * [1.0, 1.0, _determinant(A @ Bt)]) @ Bt
         t = (H - R) @ k
-        if np.median(m @ k) < 0:
+        if 2 * np.count_nonzero(m @ k < 0) > len(m):
             k, t = -k, -t
         solutions.append((R, t, k))
     return solutions
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """``a x b`` of two vectors (3,); numpy takes 20 us for it."""
+    a0, a1, a2 = a.tolist()
+    b0, b1, b2 = b.tolist()
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
+
+
+def _determinant(A: Floats) -> float:
+    """Determinant of a matrix (3, 3)."""
+    return float(A[0] @ _cross(A[1], A[2]))

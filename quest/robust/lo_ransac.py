@@ -1,4 +1,4 @@
-"""The search for the motion that explains most matches: locally optimized RANSAC over samples of five.
+"""The search for the motion that explains most matches: locally optimized RANSAC over samples of five or six.
 
 numpy draws the samples in chunks. The compiled loops of :mod:`quest.robust.kernels` solve and score them. The best
 model of each chunk is refined on its inliers. The readable counterpart is :func:`quest.robust.ransac.ransac` with
@@ -20,22 +20,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.geometry.quaternion import quaternion_from_matrix
 from quest.robust.prosac import progressive_samples, subset_size
-from quest.robust.ransac import RansacReport, draw_samples, samples_needed
+from quest.robust.ransac import RansacReport, samples_needed
 
-__all__ = ["lo_ransac_five_point"]
+__all__ = ["YIELDS", "lo_ransac"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_SAMPLE_SIZE = 5
+#: Number of matches in a sample -> share of the samples without outliers that lead to the motion, under noise. Five:
+#: from two starts, 0.2 to 0.5 over general and planar scenes, with baselines from 0.03 to 0.5 of the depth and 0.7 px
+#: at a focal length of 458 px; refinement raises the share. Six: 0.3 to 0.9 (quest.benchmarks.six_matches).
+YIELDS = {5: 0.35, 6: 0.5}
 #: The chunks grow: easy data stop after the first chunk, hard data need few calls.
 _FIRST_CHUNK, _LARGEST_CHUNK = 64, 1024
-#: Share of the samples without outliers from which two starts lead next to the motion, under noise: 0.2 to 0.5 over
-#: general and planar scenes, with baselines from 0.03 to 0.5 of the depth and 0.7 px at a focal length of 458 px.
-#: Refinement raises the share.
-_YIELD = 0.35
 #: Number of modes in the pool: at most three alternatives are reported, and several modes may be refined into one.
 #: Number of the best modes, and of the refits, that are refined in the end: each takes one to two tenths of a
 #: millisecond.
@@ -44,7 +42,15 @@ _POOL, _RUNNERS_UP = 8, 2
 #: determine the five unknowns better than five matches do, and leave out the matches that hold the result in a local
 #: optimum.
 _REFITS, _REFIT_SIZE = 20, 14
-#: Smallest number of inliers among the best-scored matches that is no chance: the five of the sample, and five others.
+#: Number of matches that a model is refined on in the search. The pose of 500 matches differs from that of all matches
+#: by less than the modes of the search differ, and all inliers refine the result afterwards.
+_MOST_NEAR = 500
+#: Number of matches by which the refits are compared: a difference of a few inliers among them decides nothing.
+_MOST_COMPARED = 1000
+#: Largest number of steps of a refinement in the search; the result is refined to the end afterwards.
+_STEPS = 6
+#: Smallest number of inliers among the best-scored matches that is no chance: those of the sample, and four or five
+#: others.
 _LEAST_DRAWN_INLIERS = 10
 
 
@@ -75,10 +81,16 @@ class _Matches:
         by_score = None if scores is None else np.argsort(-scores[order], kind="stable")
         return cls(np.ascontiguousarray(m[order]), np.ascontiguousarray(n[order]), threshold_rad, by_score)
 
-    def draw(self, rng: np.random.Generator, drawn: int, batch: int) -> Ints:
-        if self.by_score is None:
-            return draw_samples(rng, len(self.m), _SAMPLE_SIZE, batch)
-        return np.asarray(self.by_score[progressive_samples(rng, len(self.m), _SAMPLE_SIZE, drawn, batch)])
+    def draw(self, rng: np.random.Generator, size: int, drawn: int, batch: int, starts: int) -> tuple[Ints, Floats]:
+        """Samples (batch, size), and a direction for each start of a sample (batch, starts, 3)."""
+        from quest.robust import kernels
+
+        samples, directions = np.empty((batch, size), np.int64), np.empty((batch, starts, 3))
+        if self.by_score is not None:
+            samples[:] = self.by_score[progressive_samples(rng, len(self.m), size, drawn, batch)]
+        uniform = rng.random((batch, size + 2 * starts))
+        kernels.draw_starts(uniform, len(self.m) if self.by_score is None else 0, samples, directions)
+        return samples, directions
 
 
 @dataclass(eq=False)
@@ -108,8 +120,24 @@ class _Pool:
             self.chance,
         )
 
+    def try_samples_of_six(self, matches: _Matches, samples: Ints) -> None:
+        from quest.robust.kernels import six_point  # compiled by searches over samples of six only
 
-def lo_ransac_five_point(
+        six_point.try_samples_of_six(
+            matches.m,
+            matches.n,
+            samples,
+            matches.threshold_rad,
+            six_point.STEPS,
+            self.R,
+            self.t,
+            self.costs,
+            self.inliers,
+            self.chance,
+        )
+
+
+def lo_ransac(
     m: Floats,
     n: Floats,
     threshold_rad: float,
@@ -119,26 +147,31 @@ def lo_ransac_five_point(
     confidence: float,
     max_samples: int,
     scores: Floats | None = None,
+    sample_size: int = 5,
 ) -> RansacReport | None:
     """Search for the motion of least truncated cost.
 
     Parameters
     ----------
     m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2, N >= 5.
+        Unit bearings in camera 1 and camera 2, N >= ``sample_size``.
     threshold_rad : float
         Sampson error above which a match is an outlier.
     rng : numpy.random.Generator
         The only source of randomness.
     rotation : (3, 3) float
-        The rotation that explains most matches by itself. Samples are solved from this rotation and from the identity,
-        since a rotation that is fitted to matches contains a part of the translation.
+        The rotation that explains most matches by itself. Samples of five are solved from this rotation and from the
+        identity, since a rotation that is fitted to matches contains a part of the translation. Samples of six need no
+        start.
     confidence : float
         Probability with which the best motion is found.
     max_samples : int
         Bound on the number of samples.
     scores : (N,) float, optional
         Quality of the matches, higher is better: better matches are drawn earlier.
+    sample_size : {5, 6}
+        Number of matches in a sample. 5: Newton's method, :func:`quest.robust.kernels.newton_five`. 6: the solutions of
+        QuEst 6, :func:`quest.robust.kernels.six_point.solve_six`.
 
     Returns
     -------
@@ -150,6 +183,8 @@ def lo_ransac_five_point(
     ----------
     See [1]_ and [2]_ of the module docstring; the order of the samples is that of :mod:`quest.robust.prosac`.
     """
+    from quest.robust import kernels
+
     matches = _Matches.shuffled(m, n, threshold_rad, scores, rng)
     rotations = np.stack([np.eye(3), rotation])
     pool = _Pool()
@@ -158,12 +193,13 @@ def lo_ransac_five_point(
     drawn, chunk = 0, _FIRST_CHUNK
     while drawn < max_samples:
         chunk = min(chunk, max_samples - drawn)
-        samples = matches.draw(rng, drawn, chunk)
-        directions = rng.normal(size=(chunk, len(rotations), 3))
-        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-        pool.try_samples(matches, samples, rotations, directions)
+        samples, directions = matches.draw(rng, sample_size, drawn, chunk, len(rotations) if sample_size == 5 else 0)
+        if sample_size == 5:
+            pool.try_samples(matches, samples, rotations, directions)
+        else:
+            pool.try_samples_of_six(matches, samples)
         drawn += chunk
-        # A raw model from five noisy matches is worse than the same model refined, so each new leader is refined.
+        # A raw model from few noisy matches is worse than the same model refined, so each new leader is refined.
         if pool.costs[0] < leading_cost:
             leading_cost = pool.costs[0]
             refined = _polish(matches, pool.R[0], pool.t[0])
@@ -172,9 +208,9 @@ def lo_ransac_five_point(
         share = 0.0 if best is None else best.inliers / len(m)
         if matches.by_score is not None and best is not None:
             # The samples so far came from the best-scored matches, and the share of inliers is higher among those.
-            drawn_from = matches.by_score[: subset_size(len(m), _SAMPLE_SIZE, drawn)]
+            drawn_from = matches.by_score[: subset_size(len(m), sample_size, drawn)]
             share = max(share, _share_of_rows(matches, best, drawn_from))
-        needed = samples_needed(share, _SAMPLE_SIZE, confidence, _YIELD)
+        needed = samples_needed(share, sample_size, confidence, YIELDS[sample_size])
         if drawn >= needed:
             break
         chunk = min(2 * chunk, _LARGEST_CHUNK, max(_FIRST_CHUNK, math.ceil(min(needed, max_samples)) - drawn))
@@ -182,15 +218,15 @@ def lo_ransac_five_point(
         return None
     best = _best_of_neighbours(matches, pool, best, rng)
     found = np.isfinite(pool.costs)
-    rest = np.concatenate([quaternion_from_matrix(pool.R[found]), pool.t[found]], axis=1)
-    first = np.concatenate([quaternion_from_matrix(best.R), best.t])
-    return RansacReport(np.vstack([first, rest]), np.concatenate([[best.cost], pool.costs[found]]), drawn)
+    poses = [(best.R, best.t), *zip(pool.R[found], pool.t[found], strict=True)]
+    costs = np.concatenate([[best.cost], pool.costs[found]])
+    return RansacReport(np.array([kernels.model_of_pose(R, t) for R, t in poses]), costs, drawn)
 
 
 def _best_of_neighbours(matches: _Matches, pool: _Pool, best: _Refined, rng: np.random.Generator) -> _Refined:
     """The best of the refined motion, other modes near its cost, and refits to subsets of its inliers.
 
-    The noise of five matches may lead to a model beside the best optimum, which refinement takes to a local one.
+    The noise of a sample may lead to a model beside the best optimum, which refinement takes to a local one.
     """
     # A mode whose raw model misses half of the inliers is not beside the best optimum.
     near = np.isfinite(pool.costs) & (pool.costs < pool.costs[0] + 0.5 * best.inliers * matches.threshold_rad**2)
@@ -216,34 +252,20 @@ def _refits(matches: _Matches, motion: _Refined, rng: np.random.Generator) -> li
     """The best two of the models that are fitted to random subsets of the inliers."""
     from quest.robust import kernels
 
+    R, t = np.empty((_RUNNERS_UP, 3, 3)), np.empty((_RUNNERS_UP, 3))
+    uniform = rng.random((_REFITS, _REFIT_SIZE))
     m, n, threshold_rad = matches.m, matches.n, matches.threshold_rad
-    r2, behind = kernels.residuals(m, n, motion.R, motion.t, threshold_rad)
-    inliers = np.flatnonzero((r2 < threshold_rad**2) & ~behind)
-    if len(inliers) <= _REFIT_SIZE:
-        return []
-    refits = []
-    for subset in inliers[draw_samples(rng, len(inliers), _REFIT_SIZE, _REFITS)]:
-        R, t = motion.R.copy(), motion.t.copy()
-        every = np.ones(_REFIT_SIZE, bool)
-        kernels.refine(m[subset], n[subset], every, R, t, 2 * threshold_rad, 6)
-        cost, _ = kernels.score(m, n, R, t, threshold_rad, np.inf)
-        refits.append((cost, R, t))
-    refits.sort(key=lambda refit: refit[0])
-    return [(R, t) for _, R, t in refits[:_RUNNERS_UP]]
+    count = kernels.refit(m, n, motion.R, motion.t, threshold_rad, uniform, _MOST_COMPARED, _STEPS, R, t)
+    return [(R[k], t[k]) for k in range(count)]
 
 
 def _polish(matches: _Matches, R: Floats, t: Floats) -> _Refined:
     """Refine a model on the matches near it."""
     from quest.robust import kernels
 
-    m, n, threshold_rad = matches.m, matches.n, matches.threshold_rad
     R, t = R.copy(), t.copy()
-    # First twice the threshold: a model from five noisy matches misses many of its own inliers by a little.
-    for gate_rad, scale_rad in ((2 * threshold_rad, threshold_rad), (threshold_rad, 0.5 * threshold_rad)):
-        r2, behind = kernels.residuals(m, n, R, t, threshold_rad)
-        near = (r2 < gate_rad**2) & ~behind
-        if near.sum() < _SAMPLE_SIZE + 1:
-            break
-        kernels.refine(m, n, near, R, t, scale_rad, 6)
-    cost, inliers = kernels.score(m, n, R, t, threshold_rad, np.inf)
+    threshold_rad = matches.threshold_rad
+    # First twice the threshold: a model from few noisy matches misses many of its own inliers by a little.
+    stages = np.array([[2 * threshold_rad, threshold_rad], [threshold_rad, 0.5 * threshold_rad]])
+    cost, inliers = kernels.climb(matches.m, matches.n, R, t, threshold_rad, stages, _MOST_NEAR, _STEPS)
     return _Refined(R, t, cost, inliers)

@@ -5,6 +5,8 @@ Models are rows (q_wxyz, t) of seven numbers, unit norm each.
 
 from __future__ import annotations
 
+from math import acos
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,9 +24,8 @@ _CLEARLY_ELSEWHERE_RAD = np.deg2rad(15.0)
 
 def _distances(a: Floats, b: Floats) -> tuple[float, float]:
     """Angle between the rotations and angle between the directions of two models, radians."""
-    rotation = 2 * np.arccos(min(1.0, abs(float(a[:4] @ b[:4]))))
-    direction = np.arccos(np.clip(float(a[4:] @ b[4:]), -1, 1))
-    return float(rotation), float(direction)
+    rotation = 2 * acos(min(1.0, abs(float(a[:4] @ b[:4]))))
+    return rotation, acos(max(-1.0, min(1.0, float(a[4:] @ b[4:]))))
 
 
 def same_mode(a: Floats, b: Floats) -> bool:

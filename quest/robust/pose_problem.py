@@ -40,7 +40,8 @@ class Sampler(NamedTuple):
 
 
 #: The solvers that :func:`quest.robust.ransac.ransac` may run. QuEst 6 solves one of its three eigenproblems: the other
-#: two triple its time and save less than that in samples.
+#: two triple its time and save less than that in samples. Its compiled counterpart is
+#: :func:`quest.robust.kernels.six_point.solve_six`.
 SAMPLERS = {
     "quest6": Sampler(6, lambda m, n: quest6(m, n, lambdas="x")),
     "quest7": Sampler(7, quest7),
@@ -271,5 +272,6 @@ class CompiledPoseProblem(RelativePoseProblem):
         """
         from quest.robust import kernels
 
-        pose = kernels.refine_model(self.m, self.n, use, model, scale_rad, 12)
-        return np.concatenate([quaternion_from_matrix(pose[:9].reshape(3, 3)), pose[9:]])
+        R, t = kernels.rotation_of_model(model), model[4:].copy()
+        kernels.refine(self.m, self.n, use, R, t, scale_rad, 12)
+        return kernels.model_of_pose(R, t)

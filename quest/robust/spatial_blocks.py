@@ -50,9 +50,22 @@ def regions_of(where: Floats, shape: tuple[int, int] = _REGIONS) -> Ints:
     """
     if len(where) == 0:
         return np.zeros(0, np.int64)
-    low, high = np.percentile(where, [1, 99], axis=0)
+    low, high = _percentiles(where)
     cells = np.clip((where - low) / np.maximum(high - low, 1e-12) * shape, 0, np.array(shape) - 1).astype(int)
     return np.asarray(cells[:, 0] * shape[1] + cells[:, 1])
+
+
+def _percentiles(values: Floats) -> tuple[Floats, Floats]:
+    """The 1st and the 99th percentile of each column, as ``numpy.percentile``, which takes ten times as long."""
+    last = len(values) - 1
+    ordered = np.sort(values, axis=0)
+    found = []
+    for share in (0.01, 0.99):
+        below = int(share * last)
+        a, b, part = ordered[below], ordered[min(below + 1, last)], share * last - below
+        # Rounded as numpy does: from the nearer of the two neighbours.
+        found.append(a + (b - a) * part if part < 0.5 else b - (b - a) * (1 - part))
+    return found[0], found[1]
 
 
 def scatter_of_sum(values: Floats, where: Floats) -> float:

@@ -56,10 +56,18 @@ from quest.errors import InputError, as_floats, as_index, as_positive
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import matrix_from_quaternion
 from quest.geometry.refine import sampson_jacobian, tangent_basis
-from quest.robust.rotation import refine_rotation_compiled
 from quest.uncertainty.tails import gaussian_tail, poisson_tail
 
-__all__ = ["ParallaxStatement", "parallax_statement", "typical_ratios"]
+__all__ = [
+    "LEAST_SINE2",
+    "RATIO_MADS",
+    "ParallaxStatement",
+    "anisotropy_of",
+    "parallax_statement",
+    "ratio_of",
+    "statement_of_inliers",
+    "typical_ratios",
+]
 
 Floats = NDArray[np.float64]
 
@@ -73,12 +81,14 @@ _FAR_SIGMAS = 5.0
 _FAVOURED_DEVIATE = 4.4
 #: Ratios farther than this many median absolute deviations from the median belong to outliers. Where half of the depths
 #: of a scene lie within a factor of two, all depths from a seventh of the median to infinity are within the bound.
-_RATIO_MADS = 6.0
+RATIO_MADS = 6.0
 #: A ray nearer than 1e-6 rad to t has no usable epipolar line.
-_LEAST_SINE2 = 1e-12
+LEAST_SINE2 = 1e-12
 #: Exact bearings have residuals of a few 1e-16 after the fit of a rotation. These are rounding errors, and their
 #: direction is not random.
 _LEAST_NOISE_RAD = 1e-13
+#: Steps of the fit of the rotation at one scale.
+_ROTATION_STEPS = 4
 
 
 @dataclass(frozen=True)
@@ -194,31 +204,76 @@ def parallax_statement(
     chance = as_positive(chance_matches, "chance_matches", "an expected count, zero or more", or_zero=True)
     wrong = as_index(wrong_matches, "wrong_matches", at_least=0)
 
-    residuals, J = sampson_jacobian(R, t, m, n)
-    squares = float(residuals @ residuals)
+    if stated_noise_rad is not None:
+        stated_noise_rad = as_positive(stated_noise_rad, "stated_noise_rad", "a positive angle in radians, or None")
+    return statement_of_inliers(
+        R,
+        t,
+        m,
+        n,
+        noise_rad,
+        chance_matches=chance,
+        wrong_matches=wrong,
+        rotation=R if rotation is None else _as_rotation(rotation),
+        stated_noise_rad=stated_noise_rad,
+    )
+
+
+def statement_of_inliers(
+    R: Floats,
+    t: Floats,
+    m: Floats,
+    n: Floats,
+    noise_rad: float | None,
+    *,
+    chance_matches: float,
+    wrong_matches: int,
+    rotation: Floats,
+    stated_noise_rad: float | None,
+) -> ParallaxStatement:
+    """Make the statement of :func:`parallax_statement` from arguments that were checked.
+
+    Parameters
+    ----------
+    R : (3, 3) float
+        Rotation of the motion.
+    t : (3,) float
+        Its translation, unit norm.
+    m, n : (N, 3) float
+        Unit bearings of its inliers, N >= 6.
+    noise_rad, chance_matches, wrong_matches, rotation, stated_noise_rad
+        See :func:`parallax_statement`.
+
+    Returns
+    -------
+    ParallaxStatement
+    """
+    from quest.robust import kernels
+
+    information, squares, _, _ = kernels.pose_information(m, n, R, t, 1.0)
     noise = noise_rad if noise_rad is not None else max(sqrt(squares / (len(m) - 5)), _LEAST_NOISE_RAD)
     limit = _upper_noise(squares, len(m))
     if stated_noise_rad is not None:
-        limit = min(limit, as_positive(stated_noise_rad, "stated_noise_rad", "a positive angle in radians, or None"))
+        limit = min(limit, stated_noise_rad)
     largest_noise = noise_rad if noise_rad is not None else max(noise, limit)
 
-    a, d = _displacements(R if rotation is None else _as_rotation(rotation), m, n, noise)
-    length2 = np.einsum("ij,ij->i", d, d)
-    near = length2 < 2 * (_NEAR_SIGMAS * noise) ** 2
-    far = int((length2 > 2 * (_FAR_SIGMAS * largest_noise) ** 2).sum())
-    z = _anisotropy(a[near], d[near], t)
-    p_near = _chance_of_maximum(z, int(near.sum()))
+    R0 = rotation.copy()
+    kernels.rotation_of_all(m, n, R0, noise, _ROTATION_STEPS)
+    near_rad, far_rad = _NEAR_SIGMAS * noise, _FAR_SIGMAS * largest_noise
+    sums, count, near, far = kernels.anisotropy_sums(m, n, R0, t, near_rad, far_rad, LEAST_SINE2, _LEAST_NOISE_RAD)
+    z = _anisotropy_of_sums(sums, count)
+    p_near = _chance_of_maximum(z, near)
     by_noise = len(m) * exp(-(_FAR_SIGMAS**2) / 2)
     # Under the null hypothesis the far matches themselves are outliers.
-    pairs = comb(min(max(wrong, far, 2), 2**53), 2)  # bounded to the range of a double; p_far is 1 long before that
-    p_far = pairs * poisson_tail(far - 2, chance + by_noise)
-    ratio, ratio_sigma = _ratio(R, t, m, n, J, noise)
+    pairs = comb(min(max(wrong_matches, far, 2), 2**53), 2)  # the range of a double; p_far is 1 long before that
+    p_far = pairs * poisson_tail(far - 2, chance_matches + by_noise)
+    ratio, sigma = _ratio_of_sums(*kernels.ratio_sums(m, n, R, t, RATIO_MADS, LEAST_SINE2), information, noise)
     return ParallaxStatement(
         ratio=ratio,
-        ratio_sigma=ratio_sigma,
+        ratio_sigma=sigma,
         test_value=z,
         p_value=min(1.0, 2 * min(p_near, p_far)),
-        near=int(near.sum()),
+        near=near,
         far=far,
         noise_rad=noise,
     )
@@ -256,26 +311,26 @@ def _upper_noise(squares: float, count: int) -> float:
     return sqrt(squares / least) if least > 0 else inf
 
 
-def _displacements(R: Floats, m: Floats, n: Floats, noise_rad: float) -> tuple[Floats, Floats]:
-    """Bearings a = R0 m (N, 3) and displacements d (N, 3), tangent to them; R0 is the best rotation."""
-    # The scale falls from the median residual to the noise, so that a scene with parallax is first fitted as a whole.
-    last = inf
-    for _ in range(8):
-        median = sqrt(0.5 * float(np.median(np.sum((n - m @ R.T) ** 2, axis=1))))
-        scale = max(2 * noise_rad, median)
-        if scale > 0.99 * last:  # the scale falls no further
-            break
-        R, last = refine_rotation_compiled(R, m, n, scale, iterations=4), scale
-    a = m @ R.T
-    d = n - a
-    return a, d - np.einsum("ij,ij->i", d, a)[:, None] * a
+def anisotropy_of(a: Floats, d: Floats, t: Floats) -> float:
+    """The z of the module docstring, in plain numpy.
 
+    Parameters
+    ----------
+    a : (N, 3) float
+        Unit bearings R0 m of the near matches.
+    d : (N, 3) float
+        Their displacements, tangent to a.
+    t : (3,) float
+        The translation, unit norm.
 
-def _anisotropy(a: Floats, d: Floats, t: Floats) -> float:
-    """The z of the module docstring; 0 where fewer than four matches can be compared."""
+    Returns
+    -------
+    float
+        0 where fewer than four matches can be compared.
+    """
     across = np.cross(a, t)
     length = np.linalg.norm(across, axis=1)
-    some = length**2 > _LEAST_SINE2
+    some = length**2 > LEAST_SINE2
     a, d, across = a[some], d[some], across[some] / length[some, None]
     if len(a) < 4:
         return 0.0
@@ -288,6 +343,28 @@ def _anisotropy(a: Floats, d: Floats, t: Floats) -> float:
     rest = y - J @ w
     variance = total / (2 * len(a) - 3)
     return float(total - 2 * (rest @ rest) - 6 * variance) / spread
+
+
+def _anisotropy_of_sums(sums: Floats, count: int) -> float:
+    """The z of the module docstring, from the sums of ``kernels.anisotropy_sums``."""
+    if count < 4:
+        return 0.0
+    total, fourth, across2 = sums[4].tolist()
+    values, vectors = _eigen(sums[:3])
+    parts = sums[3] @ vectors
+    used = values > 1e-12 * values.max()
+    # What the best rotation leaves of the squares across: |y|^2 - y^T J (J^T J)^-1 J^T y.
+    rest = max(across2 - float(np.sum(parts[used] ** 2 / values[used])), 0.0)
+    return float((total - 2 * rest - 6 * total / (2 * count - 3)) / sqrt(0.5 * fourth))
+
+
+def _eigen(A: Floats) -> tuple[Floats, Floats]:
+    """Eigenvalues (N,) and eigenvectors (N, N), as columns, of a small symmetric matrix; numpy takes 20 us a call."""
+    from quest.robust import kernels
+
+    A, vectors = A.copy(), np.empty_like(A)
+    kernels.eigen_in_place(A, vectors)
+    return A.diagonal(), vectors
 
 
 def _chance_of_maximum(z: float, count: int) -> float:
@@ -313,12 +390,12 @@ def typical_ratios(R: Floats, t: Floats, m: Floats, n: Floats) -> NDArray[np.boo
     (N,) bool
     """
     shift, sine2, _, _ = _shifts(R, t, m, n)
-    known = sine2 > _LEAST_SINE2
+    known = sine2 > LEAST_SINE2
     if not known.any():
         return np.asarray(known)
     ratios = shift / np.where(known, sine2, 1.0)
     distance = np.abs(ratios - np.median(ratios[known]))
-    return np.asarray(known & (distance <= _RATIO_MADS * np.median(distance[known])))
+    return np.asarray(known & (distance <= RATIO_MADS * np.median(distance[known])))
 
 
 def _shifts(R: Floats, t: Floats, m: Floats, n: Floats) -> tuple[Floats, Floats, Floats, Floats]:
@@ -328,8 +405,26 @@ def _shifts(R: Floats, t: Floats, m: Floats, n: Floats) -> tuple[Floats, Floats,
     return np.einsum("ij,ij->i", n - a, along), np.einsum("ij,ij->i", along, along), along, a
 
 
-def _ratio(R: Floats, t: Floats, m: Floats, n: Floats, J: Floats, noise_rad: float) -> tuple[float, float]:
-    """The weighted mean of |t| / depth and its standard deviation."""
+def ratio_of(R: Floats, t: Floats, m: Floats, n: Floats, noise_rad: float) -> tuple[float, float]:
+    """The weighted mean of |t| / depth and its standard deviation, in plain numpy.
+
+    Parameters
+    ----------
+    R, t : (3, 3) float, (3,) float
+        The motion, |t| = 1.
+    m, n : (N, 3) float
+        Unit bearings in camera 1 and camera 2.
+    noise_rad : float
+        Standard deviation of a bearing.
+
+    Returns
+    -------
+    ratio : float
+        NaN where all rays lie along t.
+    sigma : float
+        Infinite where the direction of t is not determined.
+    """
+    _, J = sampson_jacobian(R, t, m, n)
     typical = typical_ratios(R, t, m, n)
     if not typical.any():
         return float("nan"), inf
@@ -341,14 +436,30 @@ def _ratio(R: Floats, t: Floats, m: Floats, n: Floats, J: Floats, noise_rad: flo
     by_direction = (n - a - 2 * ratio * along)[typical].sum(axis=0) @ tangent_basis(t) / weight
     gradient = np.concatenate([by_rotation, by_direction])
     raw = J.T @ J
-    information = raw - _information_of_noise(R, t, m, n, noise_rad)
-    values, vectors = np.linalg.eigh(information)
-    if values[0] <= 1e-12 * values[-1]:
-        return ratio, inf
+    return ratio, _ratio_sigma(gradient, raw, _information_of_noise(R, t, m, n, noise_rad), weight, noise_rad)
+
+
+def _ratio_of_sums(
+    shift: float, weight: float, sums: Floats, by_noise: Floats, raw: Floats, noise_rad: float
+) -> tuple[float, float]:
+    """The result of :func:`ratio_of` from the sums of ``kernels.ratio_sums`` and from J^T J (5, 5)."""
+    if weight == 0:
+        return float("nan"), inf
+    ratio = shift / weight
+    added = np.zeros((5, 5))
+    added[3:, 3:] = 2 * noise_rad**2 * by_noise
+    gradient = np.concatenate([-sums[:3], sums[3:5] - 2 * ratio * sums[5:]]) / weight
+    return ratio, _ratio_sigma(gradient, raw, added, weight, noise_rad)
+
+
+def _ratio_sigma(gradient: Floats, raw: Floats, by_noise: Floats, weight: float, noise_rad: float) -> float:
+    """Standard deviation of the ratio, from its derivatives by the motion and the information about the motion."""
+    values, vectors = _eigen(raw - by_noise)
+    if values.min() <= 1e-12 * values.max():
+        return inf
     image = (vectors / values) @ (vectors.T @ gradient)
-    variance = float(image @ raw @ image) + 2 / weight
-    sigma = noise_rad * sqrt(variance)
-    return ratio, sigma if isfinite(sigma) else inf
+    sigma = noise_rad * sqrt(float(image @ raw @ image) + 2 / weight)
+    return sigma if isfinite(sigma) else inf
 
 
 def _information_of_noise(R: Floats, t: Floats, m: Floats, n: Floats, noise_rad: float) -> Floats:

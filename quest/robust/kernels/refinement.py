@@ -6,69 +6,92 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.robust.kernels.compiler import compiled
-from quest.robust.kernels.small_algebra import copy_pose, rotation_of_model, shift, solve_in_place, tangents, turn
+from quest.robust.kernels.small_algebra import copy_pose, shift, solve_in_place, tangents, turn
 
-__all__ = ["refine", "refine_model", "refine_rotation"]
+__all__ = ["normal_equations", "refine", "refine_rotation"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 #: A smaller step changes nothing that the data can show: a thousandth of the noise of the best features.
 _SETTLED_RAD = 1e-8
+#: A step that lowers the cost by a smaller share is the last one. Against a share of 1e-9, the pose of 60 matches
+#: differed by 0.02 of its standard deviation at most.
+_SETTLED_GAIN = 1e-7
 
 
 @compiled
-def _normal_equations(
-    m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale2: float, A: Floats, g: Floats
-) -> float:
-    """Write the weighted normal equations A (5, 5), g (5,) of the Sampson errors and return the robust cost.
+def normal_equations(rays: Floats, R: Floats, t: Floats, scale2: float, rows: Floats, A: Floats, g: Floats) -> float:
+    """Write the weighted normal equations of the Sampson errors.
 
-    The derivatives are those of :mod:`quest.geometry.refine`.
+    The derivatives are those of :func:`quest.geometry.refine.sampson_jacobian`.
+
+    Parameters
+    ----------
+    rays : (6, N) float
+        Unit bearings: three rows of camera 1 and three rows of camera 2.
+    R, t : (3, 3) float, (3,) float
+        The pose.
+    scale2 : float
+        Squared scale of the Geman-McClure kernel.
+    rows : (7, N) float
+        Overwritten: the derivatives by the rotation (0 to 2) and by the direction (3, 4), the error, and the root of
+        its weight.
+    A, g : (5, 5) float, (5,) float
+        Overwritten by the equations ``A x = -g``.
+
+    Returns
+    -------
+    float
+        The robust cost in units of the squared scale.
     """
     x, y, z, u, v, w = tangents(t)
-    for j in range(5):
-        g[j] = 0.0
-        for k in range(5):
-            A[j, k] = 0.0
-    J = np.empty(5)
-    cost = 0.0
-    for i in range(len(m)):
-        if not use[i]:
-            continue
-        a0 = R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2]
-        a1 = R[1, 0] * m[i, 0] + R[1, 1] * m[i, 1] + R[1, 2] * m[i, 2]
-        a2 = R[2, 0] * m[i, 0] + R[2, 1] * m[i, 1] + R[2, 2] * m[i, 2]
-        n0, n1, n2 = n[i, 0], n[i, 1], n[i, 2]
-        p, s = a0 * t[0] + a1 * t[1] + a2 * t[2], n0 * t[0] + n1 * t[1] + n2 * t[2]
+    R00, R01, R02, R10, R11, R12 = R[0, 0], R[0, 1], R[0, 2], R[1, 0], R[1, 1], R[1, 2]
+    R20, R21, R22, t0, t1, t2 = R[2, 0], R[2, 1], R[2, 2], t[0], t[1], t[2]
+    count = rays.shape[1]
+    # This loop has no sum, so that the compiler treats several matches at once.
+    for i in range(count):
+        m0, m1, m2, n0, n1, n2 = rays[0, i], rays[1, i], rays[2, i], rays[3, i], rays[4, i], rays[5, i]
+        a0, a1, a2 = R00 * m0 + R01 * m1 + R02 * m2, R10 * m0 + R11 * m1 + R12 * m2, R20 * m0 + R21 * m1 + R22 * m2
+        p, s = a0 * t0 + a1 * t1 + a2 * t2, n0 * t0 + n1 * t1 + n2 * t2
         cosine = a0 * n0 + a1 * n1 + a2 * n2
         c0, c1, c2 = a1 * n2 - a2 * n1, a2 * n0 - a0 * n2, a0 * n1 - a1 * n0
-        e = c0 * t[0] + c1 * t[1] + c2 * t[2]
-        D = max(2 - p * p - s * s - 2 * e * e, 1e-12)
-        root = np.sqrt(D)
-        r = e / root
-        # Derivatives by the rotation (J0 to J2), then by the direction (J3, J4).
-        along = 1 / root + 2 * e * e / (D * root)
-        by_p, by_s = e * p / (D * root), e * s / (D * root)
-        J[0] = along * (n0 * p - t[0] * cosine) + by_p * (a1 * t[2] - a2 * t[1])
-        J[1] = along * (n1 * p - t[1] * cosine) + by_p * (a2 * t[0] - a0 * t[2])
-        J[2] = along * (n2 * p - t[2] * cosine) + by_p * (a0 * t[1] - a1 * t[0])
-        J[3] = (
-            along * (c0 * x + c1 * y + c2 * z) + by_p * (a0 * x + a1 * y + a2 * z) + by_s * (n0 * x + n1 * y + n2 * z)
-        )
-        J[4] = (
-            along * (c0 * u + c1 * v + c2 * w) + by_p * (a0 * u + a1 * v + a2 * w) + by_s * (n0 * u + n1 * v + n2 * w)
-        )
-        share = scale2 / (scale2 + r * r)
-        cost += r * r / scale2 * share
+        e = c0 * t0 + c1 * t1 + c2 * t2
+        D = 2 - p * p - s * s - 2 * e * e
+        inverse = 1 / np.sqrt(D if D > 1e-12 else 1e-12)
+        r = e * inverse
+        slope = r * inverse
+        along, by_p, by_s = inverse + 2 * e * slope * inverse, slope * p * inverse, slope * s * inverse
+        rows[0, i] = along * (n0 * p - t0 * cosine) + by_p * (a1 * t2 - a2 * t1)
+        rows[1, i] = along * (n1 * p - t1 * cosine) + by_p * (a2 * t0 - a0 * t2)
+        rows[2, i] = along * (n2 * p - t2 * cosine) + by_p * (a0 * t1 - a1 * t0)
+        d0, d1 = along * c0 + by_p * a0 + by_s * n0, along * c1 + by_p * a1 + by_s * n1
+        d2 = along * c2 + by_p * a2 + by_s * n2
+        rows[3, i], rows[4, i] = d0 * x + d1 * y + d2 * z, d0 * u + d1 * v + d2 * w
+        rows[5, i], rows[6, i] = r, scale2 / (scale2 + r * r)
+    A00 = A01 = A02 = A03 = A04 = A11 = A12 = A13 = A14 = A22 = A23 = A24 = A33 = A34 = A44 = 0.0
+    g0 = g1 = g2 = g3 = g4 = cost = 0.0
+    # Sums in local variables stay in registers; sums in A and g do not.
+    for i in range(count):
+        J0, J1, J2, J3, J4 = rows[0, i], rows[1, i], rows[2, i], rows[3, i], rows[4, i]
+        r, share = rows[5, i], rows[6, i]
+        cost += r * r * share
         weight = share * share
-        for j in range(5):
-            g[j] += weight * J[j] * r
-            for k in range(j, 5):
-                A[j, k] += weight * J[j] * J[k]
+        w0, w1, w2, w3, w4 = weight * J0, weight * J1, weight * J2, weight * J3, weight * J4
+        g0, g1, g2, g3, g4 = g0 + w0 * r, g1 + w1 * r, g2 + w2 * r, g3 + w3 * r, g4 + w4 * r
+        A00, A01, A02, A03, A04 = A00 + w0 * J0, A01 + w0 * J1, A02 + w0 * J2, A03 + w0 * J3, A04 + w0 * J4
+        A11, A12, A13, A14 = A11 + w1 * J1, A12 + w1 * J2, A13 + w1 * J3, A14 + w1 * J4
+        A22, A23, A24, A33, A34, A44 = (
+            A22 + w2 * J2, A23 + w2 * J3, A24 + w2 * J4, A33 + w3 * J3, A34 + w3 * J4, A44 + w4 * J4,
+        )  # fmt: skip
+    g[0], g[1], g[2], g[3], g[4] = g0, g1, g2, g3, g4
+    A[0, 0], A[0, 1], A[0, 2], A[0, 3], A[0, 4] = A00, A01, A02, A03, A04
+    A[1, 1], A[1, 2], A[1, 3], A[1, 4], A[2, 2], A[2, 3], A[2, 4] = A11, A12, A13, A14, A22, A23, A24
+    A[3, 3], A[3, 4], A[4, 4] = A33, A34, A44
     for j in range(5):
         for k in range(j):
             A[j, k] = A[k, j]
-    return cost
+    return cost / scale2
 
 
 @compiled
@@ -88,9 +111,18 @@ def refine(m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale_rad: fl
     iterations : int
         Largest number of steps.
     """
+    count = at = 0
+    for i in range(len(m)):
+        count += use[i]
+    rays, rows = np.empty((6, count)), np.empty((7, count))
+    for i in range(len(m)):
+        if use[i]:
+            for k in range(3):
+                rays[k, at], rays[3 + k, at] = m[i, k], n[i, k]
+            at += 1
     scale2 = scale_rad * scale_rad
     A, g, damped, step = np.empty((5, 5)), np.empty(5), np.empty((5, 5)), np.empty(5)
-    cost, damping = _normal_equations(m, n, use, R, t, scale2, A, g), 1e-4
+    cost, damping = normal_equations(rays, R, t, scale2, rows, A, g), 1e-4
     R_new, t_new = np.empty((3, 3)), np.empty(3)
     for _ in range(iterations):
         trace = A[0, 0] + A[1, 1] + A[2, 2] + A[3, 3] + A[4, 4]
@@ -113,52 +145,19 @@ def refine(m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale_rad: fl
         x, y, z, u, v, w = tangents(t)
         turn(R_new, step[0], step[1], step[2])
         shift(t_new, step[3], step[4], x, y, z, u, v, w)
-        cost_new = _normal_equations(m, n, use, R_new, t_new, scale2, damped, step)
+        cost_new = normal_equations(rays, R_new, t_new, scale2, rows, damped, step)
         if cost_new <= cost:
             gain, cost = cost - cost_new, cost_new
             copy_pose(R_new, t_new, R, t)
             A, damped = damped, A
             g, step = step, g
             damping = max(damping * 0.1, 1e-9)
-            if gain <= 1e-9 * max(cost, 1e-30):
+            if gain <= _SETTLED_GAIN * max(cost, 1e-30):
                 return
         else:
             damping *= 10
             if damping > 1e4:
                 return
-
-
-@compiled
-def refine_model(m: Floats, n: Floats, use: Bools, model: Floats, scale_rad: float, iterations: int) -> Floats:
-    """Refine a pose as :func:`refine`, given and returned in one row.
-
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    use : (N,) bool
-        The matches to refine on.
-    model : (7,) float
-        The start (q_wxyz, t), unit norm each.
-    scale_rad : float
-        Scale of the Geman-McClure kernel.
-    iterations : int
-        Largest number of steps.
-
-    Returns
-    -------
-    (12,) float
-        The nine entries of R, row by row, then t.
-    """
-    R, t, pose = rotation_of_model(model), np.empty(3), np.empty(12)
-    for i in range(3):
-        t[i] = model[4 + i]
-    refine(m, n, use, R, t, scale_rad, iterations)
-    for i in range(3):
-        pose[9 + i] = t[i]
-        for j in range(3):
-            pose[3 * i + j] = R[i, j]
-    return pose
 
 
 @compiled

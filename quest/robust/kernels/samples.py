@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from quest.robust.kernels.compiler import compiled
 from quest.robust.kernels.five_point import newton_five
-from quest.robust.kernels.scoring import score_or_refute
+from quest.robust.kernels.scoring import rays_by_row, score_or_refute
 from quest.robust.kernels.small_algebra import copy_pose
 
-__all__ = ["SAME_MODE_RAD", "mode_distance", "try_samples"]
+__all__ = ["SAME_MODE_RAD", "enter_if_better", "mode_distance", "try_samples"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -78,7 +78,7 @@ def try_samples(
         The share of matches that a model explains, summed over all models so far, and the number of models; updated
         in place.
     """
-    size = len(pool_costs)
+    rays = rays_by_row(m, n)
     R, t = np.empty((3, 3)), np.empty(3)
     found_R, found_t = np.empty((len(rotations), 3, 3)), np.empty((len(rotations), 3))
     for i in range(len(samples)):
@@ -94,17 +94,47 @@ def try_samples(
                 continue
             copy_pose(R, t, found_R[found], found_t[found])
             found += 1
-            # A model from five noisy matches explains at least half of the matches that it explains after refinement.
-            # Nearly all models so far were bad, so the mean share over them is the share of a bad model.
-            good = 0.5 * pool_inliers[0] / len(m)
-            cost, inliers, share = score_or_refute(
-                m, n, R, t, threshold_rad, pool_costs[size - 1], good, chance[0] / max(chance[1], 1.0)
-            )
-            chance[0] += share
-            chance[1] += 1
-            if not cost < pool_costs[size - 1]:
-                continue
-            _enter_pool(R, t, cost, inliers, pool_R, pool_t, pool_costs, pool_inliers)
+            enter_if_better(rays, R, t, threshold_rad, pool_R, pool_t, pool_costs, pool_inliers, chance)
+
+
+@compiled
+def enter_if_better(
+    rays: Floats,
+    R: Floats,
+    t: Floats,
+    threshold_rad: float,
+    pool_R: Floats,
+    pool_t: Floats,
+    pool_costs: Floats,
+    pool_inliers: Ints,
+    chance: Floats,
+) -> None:
+    """Score a model, and enter it into the pool where it is better than the last of the pool.
+
+    Parameters
+    ----------
+    rays : (6, N) float
+        Unit bearings in random order, see :func:`quest.robust.kernels.scoring.rays_by_row`.
+    R, t : (3, 3) float, (3,) float
+        The model.
+    threshold_rad : float
+        Sampson error above which a match is an outlier.
+    pool_R, pool_t, pool_costs, pool_inliers : (P, 3, 3), (P, 3), (P,) float, (P,) int
+        The pool, see :func:`try_samples`.
+    chance : (2,) float
+        See :func:`try_samples`.
+    """
+    size = len(pool_costs)
+    # A model from a few noisy matches explains at least half of the matches that it explains after refinement. Nearly
+    # all models so far were bad, so the mean share over them is the share of a bad model.
+    good = 0.5 * pool_inliers[0] / rays.shape[1]
+    cost, inliers, share = score_or_refute(
+        rays, R, t, threshold_rad, pool_costs[size - 1], good, chance[0] / max(chance[1], 1.0)
+    )
+    chance[0] += share
+    chance[1] += 1
+    if cost < pool_costs[size - 1]:
+        _enter_pool(R, t, cost, inliers, pool_R, pool_t, pool_costs, pool_inliers)
 
 
 @compiled

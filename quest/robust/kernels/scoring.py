@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from quest.robust.kernels.compiler import compiled
 from quest.robust.kernels.small_algebra import rotation_of_model
 
-__all__ = ["residuals", "residuals_of_model", "score", "score_or_refute"]
+__all__ = ["match_residual", "rays_by_row", "residuals", "residuals_of_model", "score", "score_or_refute"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -22,18 +22,40 @@ Bools = NDArray[np.bool_]
 #: A model is given up where the logarithm of the likelihood ratio falls below this value. One good model in a hundred
 #: is given up.
 _REFUTED = -4.6
+#: Number of matches whose errors are computed at once. A bad model is refuted after ten to thirty matches.
+_BLOCK = 32
 
 
 @compiled
-def _residual(m: Floats, n: Floats, i: int, R: Floats, t: Floats, flat: float) -> tuple[float, bool]:
-    """Squared Sampson error of match i, and whether the match lies behind a camera beyond doubt.
+def match_residual(m: Floats, i: int, n: Floats, j: int, R: Floats, t: Floats, flat: float) -> tuple[float, bool]:
+    """Squared Sampson error of a match, and whether the match lies behind a camera beyond doubt.
 
-    The sign of a depth is beyond doubt where the squared sine of the parallax exceeds ``flat``.
+    Parameters
+    ----------
+    m : (N, 3) float
+        Unit bearings in camera 1.
+    i : int
+        Row of the match.
+    n : (N, 3) float
+        Unit bearings in camera 2.
+    j : int
+        Row of the match.
+    R, t : (3, 3) float, (3,) float
+        The pose.
+    flat : float
+        The sign of a depth is beyond doubt where the squared sine of the parallax exceeds this value.
+
+    Returns
+    -------
+    r2 : float
+        Squared Sampson error, rad^2.
+    behind : bool
+        Whether the match lies behind a camera.
     """
     a0 = R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2]
     a1 = R[1, 0] * m[i, 0] + R[1, 1] * m[i, 1] + R[1, 2] * m[i, 2]
     a2 = R[2, 0] * m[i, 0] + R[2, 1] * m[i, 1] + R[2, 2] * m[i, 2]
-    n0, n1, n2 = n[i, 0], n[i, 1], n[i, 2]
+    n0, n1, n2 = n[j, 0], n[j, 1], n[j, 2]
     p, s = a0 * t[0] + a1 * t[1] + a2 * t[2], n0 * t[0] + n1 * t[1] + n2 * t[2]
     c0, c1, c2 = a1 * n2 - a2 * n1, a2 * n0 - a0 * n2, a0 * n1 - a1 * n0
     e = c0 * t[0] + c1 * t[1] + c2 * t[2]
@@ -66,7 +88,7 @@ def residuals(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float) 
     """
     r2, behind = np.empty(len(m)), np.empty(len(m), np.bool_)
     for i in range(len(m)):
-        r2[i], behind[i] = _residual(m, n, i, R, t, 2 * threshold_rad * threshold_rad)
+        r2[i], behind[i] = match_residual(m, i, n, i, R, t, 2 * threshold_rad * threshold_rad)
     return r2, behind
 
 
@@ -116,13 +138,34 @@ def score(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, bail
     inliers : int
         0 where the loop stopped.
     """
-    cost, inliers, _ = score_or_refute(m, n, R, t, threshold_rad, bail, 0.0, 0.0)
+    cost, inliers, _ = score_or_refute(rays_by_row(m, n), R, t, threshold_rad, bail, 0.0, 0.0)
     return cost, inliers
 
 
 @compiled
+def rays_by_row(m: Floats, n: Floats) -> Floats:
+    """Matches with one row for each coordinate, so that the compiler treats several matches at once.
+
+    Parameters
+    ----------
+    m, n : (N, 3) float
+        Unit bearings in camera 1 and camera 2.
+
+    Returns
+    -------
+    (6, N) float
+        Three rows of camera 1 and three rows of camera 2.
+    """
+    rays = np.empty((6, len(m)))
+    for i in range(len(m)):
+        for k in range(3):
+            rays[k, i], rays[3 + k, i] = m[i, k], n[i, k]
+    return rays
+
+
+@compiled
 def score_or_refute(
-    m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, bail: float, good: float, bad: float
+    rays: Floats, R: Floats, t: Floats, threshold_rad: float, bail: float, good: float, bad: float
 ) -> tuple[float, int, float]:
     """Score as :func:`score`, and stop as well where the matches refute a good pose.
 
@@ -132,8 +175,8 @@ def score_or_refute(
 
     Parameters
     ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2, in random order.
+    rays : (6, N) float
+        Unit bearings by row, see :func:`rays_by_row`, in random order.
     R, t : (3, 3) float, (3,) float
         The pose.
     threshold_rad : float
@@ -157,15 +200,39 @@ def score_or_refute(
     tested = good > 1.5 * bad and bad > 0
     for_hit = np.log(good / bad) if tested else 0.0
     for_miss = np.log((1 - good) / (1 - bad)) if tested else 0.0
-    for i in range(len(m)):
-        r2, behind = _residual(m, n, i, R, t, 2 * limit)
-        if r2 < limit and not behind:
-            cost += r2
-            inliers += 1
-            evidence += for_hit
-        else:
-            cost += limit
-            evidence += for_miss
-            if cost > bail or evidence < _REFUTED:
-                return np.inf, 0, inliers / (i + 1)
-    return cost, inliers, inliers / len(m)
+    values, count = np.empty(_BLOCK), rays.shape[1]
+    for start in range(0, count, _BLOCK):
+        _truncated(rays, start, R, t, limit, values)
+        for j in range(min(_BLOCK, count - start)):
+            value = values[j]
+            cost += value
+            if value < limit:
+                inliers += 1
+                evidence += for_hit
+            else:
+                evidence += for_miss
+                if cost > bail or evidence < _REFUTED:
+                    return np.inf, 0, inliers / (start + j + 1)
+    return cost, inliers, inliers / count
+
+
+@compiled
+def _truncated(rays: Floats, start: int, R: Floats, t: Floats, limit: float, values: Floats) -> None:
+    """Write the truncated squared errors of a block of matches from ``start`` on; the limit for an outlier.
+
+    The loop has no branch and no sum, so that the compiler treats several matches at once.
+    """
+    R00, R01, R02, R10, R11, R12 = R[0, 0], R[0, 1], R[0, 2], R[1, 0], R[1, 1], R[1, 2]
+    R20, R21, R22, t0, t1, t2 = R[2, 0], R[2, 1], R[2, 2], t[0], t[1], t[2]
+    for j in range(min(_BLOCK, rays.shape[1] - start)):
+        i = start + j
+        m0, m1, m2, n0, n1, n2 = rays[0, i], rays[1, i], rays[2, i], rays[3, i], rays[4, i], rays[5, i]
+        a0, a1, a2 = R00 * m0 + R01 * m1 + R02 * m2, R10 * m0 + R11 * m1 + R12 * m2, R20 * m0 + R21 * m1 + R22 * m2
+        p, s = a0 * t0 + a1 * t1 + a2 * t2, n0 * t0 + n1 * t1 + n2 * t2
+        c0, c1, c2 = a1 * n2 - a2 * n1, a2 * n0 - a0 * n2, a0 * n1 - a1 * n0
+        e = c0 * t0 + c1 * t1 + c2 * t2
+        D = 2 - p * p - s * s - 2 * e * e
+        r2 = e * e / (D if D > 1e-12 else 1e-12)
+        cosine = a0 * n0 + a1 * n1 + a2 * n2
+        behind = (c0 * c0 + c1 * c1 + c2 * c2 > 2 * limit) & ((cosine * s < p) | (s < cosine * p))
+        values[j] = limit if behind | (r2 >= limit) else r2

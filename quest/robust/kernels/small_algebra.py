@@ -1,4 +1,4 @@
-"""Linear algebra of three to five unknowns: tangents, rotations, elimination."""
+"""Linear algebra of three to nine unknowns: tangents, rotations, elimination, eigenvectors; the median."""
 
 from __future__ import annotations
 
@@ -7,9 +7,23 @@ from numpy.typing import NDArray
 
 from quest.robust.kernels.compiler import compiled
 
-__all__ = ["copy_pose", "rotation_of_model", "shift", "solve_in_place", "tangents", "turn"]
+__all__ = [
+    "copy_pose",
+    "eigen_in_place",
+    "median_in_place",
+    "model_of_pose",
+    "rotation_of_model",
+    "shift",
+    "solve_in_place",
+    "tangents",
+    "turn",
+    "unit_rows",
+]
 
 Floats = NDArray[np.float64]
+
+#: Jacobi's method settles in four to eight sweeps; the bound ends the loop on numbers that are not finite.
+_SWEEPS = 30
 
 
 @compiled
@@ -162,3 +176,161 @@ def rotation_of_model(model: Floats) -> Floats:
     R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
     R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
     return R
+
+
+@compiled
+def model_of_pose(R: Floats, t: Floats) -> Floats:
+    """Row of a pose, see :func:`quest.geometry.quaternion.quaternion_from_matrix`.
+
+    Parameters
+    ----------
+    R, t : (3, 3) float, (3,) float
+        The pose.
+
+    Returns
+    -------
+    (7,) float
+        (q_wxyz, t), q of canonical sign and unit norm.
+    """
+    model = np.empty(7)
+    a, b, c = R[0, 0], R[1, 1], R[2, 2]
+    u, v, w = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    d, e, f = R[0, 1] + R[1, 0], R[0, 2] + R[2, 0], R[1, 2] + R[2, 1]
+    largest = max(max(a + b + c, a - b - c), max(b - a - c, c - a - b))
+    # The largest of the four squared components is the pivot, so that no small number divides.
+    if largest == a + b + c:
+        model[0], model[1], model[2], model[3] = 1 + largest, u, v, w
+    elif largest == a - b - c:
+        model[0], model[1], model[2], model[3] = u, 1 + largest, d, e
+    elif largest == b - a - c:
+        model[0], model[1], model[2], model[3] = v, d, 1 + largest, f
+    else:
+        model[0], model[1], model[2], model[3] = w, e, f, 1 + largest
+    norm = np.sqrt(model[0] ** 2 + model[1] ** 2 + model[2] ** 2 + model[3] ** 2)
+    first = 0
+    while first < 3 and model[first] == 0:
+        first += 1
+    if model[first] < 0:
+        norm = -norm
+    for i in range(4):
+        model[i] /= norm
+    for i in range(3):
+        model[4 + i] = t[i]
+    return model
+
+
+@compiled
+def eigen_in_place(A: Floats, V: Floats) -> int:
+    """Eigenvalues and eigenvectors of a symmetric matrix, by Jacobi's rotations.
+
+    Parameters
+    ----------
+    A : (N, N) float
+        Symmetric; its diagonal is overwritten by the eigenvalues, in no order.
+    V : (N, N) float
+        Overwritten: column k is the eigenvector of ``A[k, k]``.
+
+    Returns
+    -------
+    int
+        Column of the smallest eigenvalue.
+    """
+    size = len(A)
+    for i in range(size):
+        for j in range(size):
+            V[i, j] = 1.0 if i == j else 0.0
+    for _ in range(_SWEEPS):
+        settled = True
+        for p in range(size - 1):
+            for q in range(p + 1, size):
+                # An entry this small changes no eigenvalue beyond the last digit.
+                if not A[p, q] * A[p, q] > 1e-34 * abs(A[p, p] * A[q, q]):
+                    continue
+                settled = False
+                ratio = 0.5 * (A[q, q] - A[p, p]) / A[p, q]
+                tangent = 1 / (abs(ratio) + np.sqrt(1 + ratio * ratio))
+                if ratio < 0:
+                    tangent = -tangent
+                c = 1 / np.sqrt(1 + tangent * tangent)
+                s = c * tangent
+                for k in range(size):
+                    A[k, p], A[k, q] = c * A[k, p] - s * A[k, q], s * A[k, p] + c * A[k, q]
+                for k in range(size):
+                    A[p, k], A[q, k] = c * A[p, k] - s * A[q, k], s * A[p, k] + c * A[q, k]
+                for k in range(size):
+                    V[k, p], V[k, q] = c * V[k, p] - s * V[k, q], s * V[k, p] + c * V[k, q]
+        if settled:
+            break
+    least = 0
+    for k in range(1, size):
+        if A[k, k] < A[least, least]:
+            least = k
+    return least
+
+
+@compiled
+def median_in_place(values: Floats) -> float:
+    """Median, by quickselect.
+
+    Parameters
+    ----------
+    values : (N,) float
+        At least one, finite; they are reordered.
+
+    Returns
+    -------
+    float
+        The mean of the two middle values where N is even, as ``numpy.median``.
+    """
+    count = len(values)
+    middle, low, high = count // 2, 0, count - 1
+    while low < high:
+        pivot = values[(low + high) // 2]
+        i, j = low, high
+        while i <= j:
+            while values[i] < pivot:
+                i += 1
+            while values[j] > pivot:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i += 1
+                j -= 1
+        if j < middle:
+            low = i
+        if middle < i:
+            high = j
+    upper: float = values[middle]
+    if count % 2 == 1:
+        return upper
+    # All values before the middle one are at most as large.
+    lower: float = values[0]
+    for i in range(1, middle):
+        lower = max(lower, values[i])
+    return 0.5 * (lower + upper)
+
+
+@compiled
+def unit_rows(rays: Floats, unit: Floats) -> bool:
+    """Scale rays to unit norm.
+
+    Parameters
+    ----------
+    rays : (N, 3) float
+        Rays of any norm.
+    unit : (N, 3) float
+        Overwritten by the rays of unit norm.
+
+    Returns
+    -------
+    bool
+        False where a ray is not finite, zero, or so long or short that its square has no exact double.
+    """
+    for i in range(len(rays)):
+        x, y, z = rays[i, 0], rays[i, 1], rays[i, 2]
+        square = x * x + y * y + z * z
+        if not 1e-200 < square < 1e200:
+            return False
+        norm = np.sqrt(square)
+        unit[i, 0], unit[i, 1], unit[i, 2] = x / norm, y / norm, z / norm
+    return True

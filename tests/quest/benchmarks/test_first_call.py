@@ -27,7 +27,7 @@ def test_the_break_even_is_the_first_number_of_calls_that_saves_time(first, late
 
 
 def test_the_table_of_first_calls_has_medians_with_and_without_machine_code_on_disk():
-    cold = [{"numpy": 1.0, "quest": 2.0, "first": first, "later": 10.0, "quest6": 60.0} for first in (1e9, 1010.0, 0.0)]
+    cold = [{"numpy": 1.0, "quest": 2.0, "first": first, "later": 10.0, "quest7": 60.0} for first in (1e9, 1010.0, 0.0)]
     rows = table(cold, [run | {"first": 60.0} for run in cold]).splitlines()
     assert [cell.strip() for cell in rows[2].strip("| ").split("|")][1:] == [
         "1.0",

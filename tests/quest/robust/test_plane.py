@@ -9,13 +9,20 @@ from hypothesis import strategies as st
 from make_views import unit
 
 from quest import estimate_relative_pose
+from quest.covariance import (
+    planar_pose_covariance,
+    planar_pose_covariance_compiled,
+    pose_covariance,
+    pose_covariance_compiled,
+)
 from quest.geometry.quaternion import (
     matrix_from_quaternion,
     quaternion_from_matrix,
     rotation_angle,
     rotation_from_vector,
 )
-from quest.robust.plane import fit_plane, off_line_rad
+from quest.relative_pose import Hypothesis
+from quest.robust.plane import fit_plane, fit_plane_compiled, off_line_rad, off_line_rad_compiled
 
 SEEDS = st.integers(0, 2**32 - 1)
 NOISE_RAD = 5e-4
@@ -197,3 +204,52 @@ def test_the_same_translation_is_observable_with_less_noise_only():
     assert sharp.kind == "general"
     assert sharp.parallax.observable(1e-9)
     assert sharp.parallax.p_value < noisy.parallax.p_value
+
+
+# --- compiled against readable ---
+
+
+@laws
+@given(seed=SEEDS, on_plane=st.sampled_from([0.0, 0.2, 0.7, 1.0]))
+def test_the_compiled_plane_equals_the_readable_one(seed, on_plane):
+    m, n = views(points(seed, on_plane=on_plane), seed=seed)
+    readable, compiled = fit_plane(MODEL, m, n, NOISE_RAD), fit_plane_compiled(MODEL, m, n, NOISE_RAD)
+    assert len(compiled.poses) == len(readable.poses)
+    if not readable.poses:
+        return
+    # Both begin with other samples, and a match at the gate may be on one plane and not on the other.
+    assert abs(compiled.on - readable.on) <= 3
+    assert compiled.on + compiled.off == 200
+    assert compiled.along_rad == pytest.approx(readable.along_rad, rel=0.05)
+    assert compiled.relief == pytest.approx(readable.relief, rel=0.05)
+    for ours, theirs in zip(compiled.poses, readable.poses, strict=True):
+        angle = rotation_angle(matrix_from_quaternion(ours[:4]) @ matrix_from_quaternion(theirs[:4]).T)
+        assert angle < np.radians(0.3)
+        assert ours[4:] @ theirs[4:] > np.cos(np.radians(3))
+
+
+def test_few_matches_and_equal_matches_have_no_compiled_plane():
+    m, n = views(points(0, 7, on_plane=1.0))
+    assert fit_plane_compiled(MODEL, m, n, NOISE_RAD).poses == []
+    m, n = (np.repeat(rays[:1], 20, axis=0) for rays in (m, n))
+    assert fit_plane_compiled(MODEL, m, n, NOISE_RAD).poses == []
+
+
+@laws
+@given(seed=SEEDS, half_width_rad=st.sampled_from([0.0, 1e-4, 1e-2, 0.5]))
+def test_the_compiled_width_of_a_line_equals_the_readable_one(seed, half_width_rad):
+    rays = strip(seed, half_width_rad)
+    assert off_line_rad_compiled(rays) == pytest.approx(off_line_rad(rays), rel=1e-6, abs=1e-12)
+
+
+@laws
+@given(seed=SEEDS, on_plane=st.sampled_from([0.0, 1.0]))
+def test_the_compiled_covariances_equal_the_readable_ones(seed, on_plane):
+    m, n = views(points(seed, on_plane=on_plane), seed=seed)
+    every = Hypothesis(MODEL[:4], R_TRUE, MODEL[4:], np.ones(len(m), bool))
+    for readable, compiled in (
+        (pose_covariance, pose_covariance_compiled),
+        (planar_pose_covariance, planar_pose_covariance_compiled),
+    ):
+        expected = readable(every, m, n, NOISE_RAD)
+        assert compiled(every, m, n, NOISE_RAD) == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())

@@ -29,3 +29,12 @@ def test_neighbouring_rays_stay_neighbours_in_all_directions():
     moved = np.linalg.norm(directions_of(near) - directions_of(rays), axis=1)
     # The scale of the projection at a ray is 1 / (1 + z).
     assert (moved * (1 + rays[:, 2]) < 1e-3).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 49, 50, 51, 100, 101, 997])
+def test_the_view_is_the_rectangle_between_the_percentiles_of_numpy(count):
+    rng = np.random.default_rng(count)
+    where = rng.normal(size=(count, 2))
+    low, high = np.percentile(where, [1, 99], axis=0)
+    cells = np.clip((where - low) / np.maximum(high - low, 1e-12) * (8, 6), 0, (7, 5)).astype(int)
+    assert (regions_of(where) == 6 * cells[:, 0] + cells[:, 1]).all()

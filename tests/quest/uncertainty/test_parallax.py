@@ -10,7 +10,12 @@ from scipy import stats
 
 from quest import InputError, parallax_statement
 from quest.benchmarks.parallax_calibration import Scene, draw_views, fitted_motion, true_ratio
+from quest.geometry.epipolar import depths_along_epipolar_lines
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
+from quest.geometry.refine import sampson_jacobian
+from quest.robust import kernels
+from quest.robust.rotation import refine_rotation_compiled
+from quest.uncertainty.parallax import anisotropy_of, ratio_of
 from quest.uncertainty.tails import gaussian_tail, poisson_tail
 
 NOISE_RAD = 1.5e-3
@@ -119,3 +124,64 @@ def test_wrong_arguments_are_named(change, message):
     good = {"q_or_R": two.R, "t": two.t, "m": two.m, "n": two.n}
     with pytest.raises(InputError, match=message):
         parallax_statement(**{**good, **change})
+
+
+# --- compiled against readable ---
+
+
+def best_rotation(m, n, R, noise_rad):
+    """The best rotation of matches with parallax: the scale falls from the median residual."""
+    last = np.inf
+    for _ in range(8):
+        median = np.sqrt(0.5 * np.median(np.sum((n - m @ R.T) ** 2, axis=1)))
+        scale = max(2 * noise_rad, median)
+        if scale > 0.99 * last:
+            break
+        R, last = refine_rotation_compiled(R, m, n, scale, iterations=4), scale
+    return R
+
+
+@pytest.mark.parametrize("shape", ["box", "plane", "wall"])
+@pytest.mark.parametrize("ratio", [0.0, 0.005, 0.1])
+def test_the_statement_follows_from_the_readable_parts(shape, ratio):
+    for seed in range(5):
+        two = views(seed, shape=shape, ratio=ratio)
+        t = two.t if ratio else np.array([0.6, 0.0, 0.8])
+        statement = parallax_statement(two.R, t, two.m, two.n, NOISE_RAD)
+        R = best_rotation(two.m, two.n, two.R, NOISE_RAD)
+        a = two.m @ R.T
+        d = two.n - a - np.sum((two.n - a) * a, axis=1, keepdims=True) * a
+        near = np.sum(d * d, axis=1) < 2 * (3 * NOISE_RAD) ** 2
+        expected_ratio, expected_sigma = ratio_of(two.R, t, two.m, two.n, NOISE_RAD)
+        assert statement.near == near.sum()
+        assert statement.test_value == pytest.approx(anisotropy_of(a[near], d[near], t), abs=1e-6)
+        assert statement.ratio == pytest.approx(expected_ratio, rel=1e-9)
+        assert statement.ratio_sigma == pytest.approx(expected_sigma, rel=1e-6)
+
+
+@pytest.mark.parametrize("count", [4, 5, 40])
+def test_the_test_value_of_given_displacements_is_the_readable_one(count):
+    two = views(3, ratio=0.002, count=count)
+    sums, compared, near, far = kernels.anisotropy_sums(two.m, two.n, two.R, two.t, 1.0, 1.0, 1e-12, 1e-13)
+    a = two.m @ two.R.T
+    d = two.n - a - np.sum((two.n - a) * a, axis=1, keepdims=True) * a
+    y = np.sum(d * np.cross(a, two.t) / np.linalg.norm(np.cross(a, two.t), axis=1, keepdims=True), axis=1)
+    assert (compared, near, far) == (count, count, 0)
+    assert sums[4] == pytest.approx([np.sum(d * d), np.sum(np.sum(d * d, axis=1) ** 2), y @ y], rel=1e-9)
+
+
+def test_the_information_and_the_depths_are_the_readable_ones():
+    two = views(1)
+    information, squares, psi2, slope = kernels.pose_information(two.m, two.n, two.R, two.t, 2 * NOISE_RAD)
+    r, J = sampson_jacobian(two.R, two.t, two.m, two.n)
+    u = (r / (2 * NOISE_RAD)) ** 2
+    assert information == pytest.approx(J.T @ J, rel=1e-9)
+    expected = [r @ r, np.sum((r / (1 + u) ** 2) ** 2), np.sum((1 - 3 * u) / (1 + u) ** 3)]
+    assert [squares, psi2, slope] == pytest.approx(expected, rel=1e-9)
+    inliers = np.random.default_rng(0).random(len(two.m)) < 0.5
+    depths, parallax_rad = kernels.depths_and_parallax(two.m, two.n, two.R, two.t, inliers)
+    for found, expected_depths in zip(depths, depths_along_epipolar_lines(two.R, two.t, two.m, two.n), strict=True):
+        assert found[inliers] == pytest.approx(expected_depths[inliers], rel=1e-9)
+        assert np.isnan(found[~inliers]).all()
+    cosines = np.sum((two.m @ two.R.T * two.n)[inliers], axis=1)
+    assert parallax_rad == pytest.approx(np.median(np.arccos(cosines)), rel=1e-6)

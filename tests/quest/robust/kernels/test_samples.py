@@ -91,6 +91,6 @@ def test_input_arrays_are_not_changed():
     kernels.residuals(m, n, R, t, THRESHOLD_RAD)
     kernels.refine(m, n, use, R.copy(), t.copy(), THRESHOLD_RAD, 5)
     kernels.refine_rotation(m, n, R.copy(), THRESHOLD_RAD, 5)
-    kernels.refine_model(m, n, use, model, THRESHOLD_RAD, 5)
+    kernels.rotation_of_model(model)
     assert [a.tobytes() for a in read] == before
     assert np.array_equal(R, pose_and_matches(0, wrong=10)[0])

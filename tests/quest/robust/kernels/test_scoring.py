@@ -11,7 +11,7 @@ from make_views import unit
 
 from quest.geometry.quaternion import matrix_from_quaternion
 from quest.robust import kernels
-from quest.robust.kernels.scoring import score_or_refute
+from quest.robust.kernels.scoring import rays_by_row, score_or_refute
 from quest.robust.pose_problem import CompiledPoseProblem, RelativePoseProblem
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -82,7 +82,7 @@ def test_the_sequential_test_rejects_bad_models_and_almost_no_good_one():
         for _ in range(trials):
             wrong = rng.random(len(n)) >= explained
             seen = np.where(wrong[:, None], np.cross(np.cross(t, m @ R.T), n), n)  # across its epipolar line
-            cost, _, _ = score_or_refute(m, unit(seen), R, t, THRESHOLD_RAD, np.inf, 0.4, 0.1)
+            cost, _, _ = score_or_refute(rays_by_row(m, unit(seen)), R, t, THRESHOLD_RAD, np.inf, 0.4, 0.1)
             given_up += not np.isfinite(cost)
         return given_up / trials
 

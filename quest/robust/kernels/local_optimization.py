@@ -1,0 +1,188 @@
+"""Local optimization of the search: refinement of a model on the matches near it, and refits to small subsets."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quest.robust.kernels.compiler import compiled
+from quest.robust.kernels.refinement import refine
+from quest.robust.kernels.scoring import match_residual, rays_by_row, score_or_refute
+from quest.robust.kernels.small_algebra import copy_pose
+
+__all__ = ["climb", "draw_starts", "draw_subset", "refit"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Fewer matches do not determine a motion: it has five unknowns.
+_LEAST_NEAR = 6
+
+
+@compiled
+def draw_subset(uniform: Floats, count: int, subset: Ints) -> None:
+    """Draw a subset of ``range(count)``, each with the same probability, by Floyd's method.
+
+    Parameters
+    ----------
+    uniform : (K,) float
+        Uniform random numbers from 0 to below 1.
+    count : int
+        At least the size of the subset.
+    subset : (S,) int
+        Overwritten by distinct numbers, S <= K.
+    """
+    size = len(subset)
+    for k in range(size):
+        end = count - size + k
+        number = min(int(uniform[k] * (end + 1)), end)
+        for j in range(k):
+            # The end of the range replaces a number drawn before: no earlier range reached it.
+            if subset[j] == number:
+                number = end
+                break
+        subset[k] = number
+
+
+@compiled
+def draw_starts(uniform: Floats, count: int, samples: Ints, directions: Floats) -> None:
+    """Draw samples of matches, and directions that are uniform on the sphere.
+
+    Parameters
+    ----------
+    uniform : (S, 5 + 2 K) float
+        Uniform random numbers from 0 to below 1.
+    count : int
+        Number of matches; 0 leaves the samples as they are.
+    samples : (S, 5) int
+        Overwritten by rows of distinct numbers below ``count``.
+    directions : (S, K, 3) float
+        Overwritten by unit vectors.
+    """
+    for i in range(len(samples)):
+        if count > 0:
+            draw_subset(uniform[i], count, samples[i])
+        for k in range(directions.shape[1]):
+            # The height of a random point of the sphere is uniform (Archimedes).
+            height, angle = 2 * uniform[i, 5 + 2 * k] - 1, 2 * np.pi * uniform[i, 6 + 2 * k]
+            radius = np.sqrt(1 - height * height)
+            directions[i, k, 0], directions[i, k, 1] = radius * np.cos(angle), radius * np.sin(angle)
+            directions[i, k, 2] = height
+
+
+@compiled
+def climb(
+    m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, stages: Floats, most: int, iterations: int
+) -> tuple[float, int]:
+    """Refine a model in place in stages, each on the matches near it, and score it on all matches.
+
+    Parameters
+    ----------
+    m, n : (N, 3) float
+        Unit bearings in camera 1 and camera 2, in random order where there are more than ``most``.
+    R, t : (3, 3) float, (3,) float
+        The pose; overwritten by the refined pose.
+    threshold_rad : float
+        Sampson error above which a match is an outlier.
+    stages : (S, 2) float
+        For each stage the largest Sampson error of a match that is near, and the scale of the Geman-McClure kernel.
+    most : int
+        Largest number of matches to refine on.
+    iterations : int
+        Largest number of steps of a stage.
+
+    Returns
+    -------
+    cost : float
+        Truncated sum of squared Sampson errors, rad^2, of all matches.
+    inliers : int
+        Number of inliers.
+    """
+    near = np.empty(len(m), np.bool_)
+    for k in range(len(stages)):
+        gate2, count = stages[k, 0] * stages[k, 0], 0
+        for i in range(len(m)):
+            near[i] = False
+            if count < most:
+                r2, behind = match_residual(m, i, n, i, R, t, 2 * threshold_rad * threshold_rad)
+                if r2 < gate2 and not behind:
+                    near[i] = True
+                    count += 1
+        if count < _LEAST_NEAR:
+            break
+        refine(m, n, near, R, t, stages[k, 1], iterations)
+    cost, inliers, _ = score_or_refute(rays_by_row(m, n), R, t, threshold_rad, np.inf, 0.0, 0.0)
+    return cost, inliers
+
+
+@compiled
+def refit(
+    m: Floats,
+    n: Floats,
+    R: Floats,
+    t: Floats,
+    threshold_rad: float,
+    uniform: Floats,
+    most: int,
+    iterations: int,
+    R_out: Floats,
+    t_out: Floats,
+) -> int:
+    """Fit a pose to random subsets of its inliers, and keep the fits of least cost.
+
+    Parameters
+    ----------
+    m, n : (N, 3) float
+        Unit bearings in camera 1 and camera 2, in random order where there are more than ``most``.
+    R, t : (3, 3) float, (3,) float
+        The pose.
+    threshold_rad : float
+        Sampson error above which a match is an outlier.
+    uniform : (S, K) float
+        Uniform random numbers from 0 to below 1: S subsets of K inliers.
+    most : int
+        Number of matches, from the first, by which the fits are made and compared.
+    iterations : int
+        Largest number of steps of a fit.
+    R_out, t_out : (P, 3, 3) float, (P, 3) float
+        Overwritten by the best fits, in order of their cost.
+
+    Returns
+    -------
+    int
+        Number of fits in ``R_out`` and ``t_out``; zero where there are no more than K inliers.
+    """
+    limit, size, places, total = threshold_rad * threshold_rad, uniform.shape[1], len(R_out), min(most, len(m))
+    inliers, count = np.empty(total, np.int64), 0
+    for i in range(total):
+        r2, behind = match_residual(m, i, n, i, R, t, 2 * limit)
+        if r2 < limit and not behind:
+            inliers[count] = i
+            count += 1
+    inliers = inliers[:count]
+    if count <= size:
+        return 0
+    rays = rays_by_row(m[:total], n[:total])
+    costs, subset, every = np.empty(places), np.empty(size, np.int64), np.empty(size, np.bool_)
+    some_m, some_n, R_fit, t_fit = np.empty((size, 3)), np.empty((size, 3)), np.empty((3, 3)), np.empty(3)
+    for k in range(places):
+        costs[k] = np.inf
+    for i in range(len(uniform)):
+        draw_subset(uniform[i], len(inliers), subset)
+        for j in range(size):
+            every[j] = True
+            for k in range(3):
+                some_m[j, k], some_n[j, k] = m[inliers[subset[j]], k], n[inliers[subset[j]], k]
+        copy_pose(R, t, R_fit, t_fit)
+        refine(some_m, some_n, every, R_fit, t_fit, 2 * threshold_rad, iterations)
+        cost, _, _ = score_or_refute(rays, R_fit, t_fit, threshold_rad, costs[places - 1], 0.0, 0.0)
+        if not cost < costs[places - 1]:
+            continue
+        at = places - 1
+        while at > 0 and cost < costs[at - 1]:
+            copy_pose(R_out[at - 1], t_out[at - 1], R_out[at], t_out[at])
+            costs[at] = costs[at - 1]
+            at -= 1
+        copy_pose(R_fit, t_fit, R_out[at], t_out[at])
+        costs[at] = cost
+    return min(places, len(uniform))

@@ -1,0 +1,150 @@
+"""The inliers of a motion, their noise, and the matches that a motion explains by chance."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quest.robust.kernels.compiler import compiled
+from quest.robust.kernels.scoring import match_residual
+from quest.robust.kernels.small_algebra import median_in_place, rotation_of_model
+
+__all__ = ["chance_inliers", "mark_typical", "typical_inliers"]
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@compiled
+def mark_typical(m: Floats, n: Floats, R: Floats, t: Floats, mads: float, least_sine2: float, use: Bools) -> None:
+    """Unmark the matches of untypical depth, as :func:`quest.uncertainty.parallax.typical_ratios`.
+
+    Parameters
+    ----------
+    m, n : (N, 3) float
+        Unit bearings in camera 1 and camera 2.
+    R, t : (3, 3) float, (3,) float
+        The motion.
+    mads : float
+        Largest distance of a typical ratio from the median, in median absolute deviations.
+    least_sine2 : float
+        Least squared sine of the angle between a usable ray and t.
+    use : (N,) bool
+        The matches that count; of these, those of untypical depth are set to False.
+    """
+    ratios, values, count = np.empty(len(m)), np.empty(len(m)), 0
+    for i in range(len(m)):
+        if not use[i]:
+            continue
+        n0, n1, n2 = n[i, 0], n[i, 1], n[i, 2]
+        d0 = n0 - (R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2])
+        d1 = n1 - (R[1, 0] * m[i, 0] + R[1, 1] * m[i, 1] + R[1, 2] * m[i, 2])
+        d2 = n2 - (R[2, 0] * m[i, 0] + R[2, 1] * m[i, 1] + R[2, 2] * m[i, 2])
+        s = n0 * t[0] + n1 * t[1] + n2 * t[2]
+        l0, l1, l2 = t[0] - s * n0, t[1] - s * n1, t[2] - s * n2
+        sine2 = l0 * l0 + l1 * l1 + l2 * l2
+        if sine2 > least_sine2:
+            ratios[i] = (d0 * l0 + d1 * l1 + d2 * l2) / sine2
+            values[count] = ratios[i]
+            count += 1
+        else:
+            use[i] = False
+    if count == 0:
+        return
+    middle = median_in_place(values[:count])
+    count = 0
+    for i in range(len(m)):
+        if use[i]:
+            values[count] = abs(ratios[i] - middle)
+            count += 1
+    largest = mads * median_in_place(values[:count])
+    for i in range(len(m)):
+        if use[i]:
+            use[i] = abs(ratios[i] - middle) <= largest
+
+
+@compiled
+def typical_inliers(
+    m: Floats,
+    n: Floats,
+    R: Floats,
+    t: Floats,
+    threshold_rad: float,
+    mads: float,
+    least_sine2: float,
+    use: Bools,
+) -> tuple[int, int, float]:
+    """Mark the inliers of typical depth, and find the median of their residuals.
+
+    Parameters
+    ----------
+    m, n : (N, 3) float
+        Unit bearings in camera 1 and camera 2.
+    R, t : (3, 3) float, (3,) float
+        The motion.
+    threshold_rad : float
+        Sampson error above which a match is an outlier.
+    mads, least_sine2 : float
+        See :func:`mark_typical`.
+    use : (N,) bool
+        Overwritten: the inliers of typical depth.
+
+    Returns
+    -------
+    count : int
+        Number of these matches.
+    changed : int
+        Number of matches whose mark has changed.
+    median : float
+        Median absolute Sampson error of these matches, radians; 0 without such a match.
+    """
+    limit, total = threshold_rad * threshold_rad, len(m)
+    r2, values, before = np.empty(total), np.empty(total), np.empty(total, np.bool_)
+    for i in range(total):
+        before[i] = use[i]
+        r2[i], behind = match_residual(m, i, n, i, R, t, 2 * limit)
+        use[i] = r2[i] < limit and not behind
+    mark_typical(m, n, R, t, mads, least_sine2, use)
+    count, changed = 0, 0
+    for i in range(total):
+        if use[i]:
+            values[count] = r2[i]
+            count += 1
+        if use[i] != before[i]:
+            changed += 1
+    return count, changed, np.sqrt(median_in_place(values[:count])) if count > 0 else 0.0
+
+
+@compiled
+def chance_inliers(m: Floats, n: Floats, model: Floats, threshold_rad: float, gate_rad: float, trials: int) -> int:
+    """Number of wrong matches that a motion explains.
+
+    Match i of camera 1 is compared with match i + 1 of camera 2, then with match i + 2 and so on.
+
+    Parameters
+    ----------
+    m, n : (N, 3) float
+        Unit bearings in camera 1 and camera 2, in random order.
+    model : (7,) float
+        The motion (q_wxyz, t).
+    threshold_rad : float
+        Below a parallax of sqrt(2) times this angle the sign of a depth is left open.
+    gate_rad : float
+        Sampson error above which a match is not explained.
+    trials : int
+        Number of comparisons.
+
+    Returns
+    -------
+    int
+    """
+    R, t = rotation_of_model(model), model[4:]
+    limit, explained, total = 2 * threshold_rad * threshold_rad, 0, len(m)
+    for trial in range(trials):
+        i = trial % total
+        # No match is compared with itself.
+        j = (i + 1 + (trial // total) % max(total - 1, 1)) % total
+        r2, behind = match_residual(m, i, n, j, R, t, limit)
+        if r2 < gate_rad * gate_rad and not behind:
+            explained += 1
+    return explained

@@ -1,0 +1,96 @@
+"""Compiled local optimization: subsets, refinement in stages, refits."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from make_pose_matches import NOISE_RAD, THRESHOLD_RAD, as_model, disturbed, pose_and_matches
+
+from quest.geometry.quaternion import matrix_from_quaternion
+from quest.noise import settle, settle_compiled
+from quest.robust import kernels
+from quest.robust.kernels.local_optimization import draw_subset
+from quest.robust.pose_problem import RelativePoseProblem
+
+SEEDS = st.integers(0, 2**32 - 1)
+#: The first call compiles, so there is no deadline.
+laws = settings(deadline=None, max_examples=40)
+
+
+def test_all_subsets_are_drawn_equally_often():
+    rng, subset = np.random.default_rng(0), np.empty(3, np.int64)
+    counts = dict.fromkeys(combinations(range(6), 3), 0)
+    for uniform in rng.random((10_000, 3)):
+        draw_subset(uniform, 6, subset)
+        counts[tuple(sorted(subset.tolist()))] += 1
+    mean = 10_000 / len(counts)
+    assert np.abs(np.array(list(counts.values())) - mean).max() < 5 * np.sqrt(mean)
+
+
+@laws
+@given(seed=SEEDS, count=st.integers(5, 40), starts=st.integers(1, 3))
+def test_samples_are_distinct_rows_and_directions_have_unit_norm(seed, count, starts):
+    samples, directions = np.empty((30, 5), np.int64), np.empty((30, starts, 3))
+    uniform = np.random.default_rng(seed).random((30, 5 + 2 * starts))
+    kernels.draw_starts(uniform, count, samples, directions)
+    assert ((samples >= 0) & (samples < count)).all()
+    assert all(len(set(row)) == 5 for row in samples.tolist())
+    assert np.linalg.norm(directions, axis=-1) == pytest.approx(np.ones((30, starts)))
+    given_samples = samples.copy()
+    kernels.draw_starts(uniform, 0, samples, directions)
+    assert (samples == given_samples).all()
+
+
+def test_directions_are_uniform_on_the_sphere():
+    directions = np.empty((20_000, 1, 3))
+    uniform = np.random.default_rng(0).random((len(directions), 7))
+    kernels.draw_starts(uniform, 5, np.empty((len(directions), 5), np.int64), directions)
+    second_moments = np.einsum("nki,nkj->ij", directions, directions) / len(directions)
+    assert directions.mean(axis=0) == pytest.approx(np.zeros((1, 3)), abs=0.02)
+    assert second_moments == pytest.approx(np.eye(3) / 3, abs=0.01)
+
+
+@laws
+@given(seed=SEEDS, angle_rad=st.floats(0, 2e-3), wrong=st.integers(0, 20), raw=st.booleans())
+def test_a_motion_settles_where_the_readable_one_does(seed, angle_rad, wrong, raw):
+    R, t, m, n = pose_and_matches(seed, wrong=wrong)
+    problem, start = RelativePoseProblem(m, n, THRESHOLD_RAD), as_model(*disturbed(R, t, seed, angle_rad))
+    expected = settle(problem, problem.polish(start) if raw else start, NOISE_RAD)
+    found = settle_compiled(problem, start, NOISE_RAD, raw)
+    assert matrix_from_quaternion(found[:4]) == pytest.approx(matrix_from_quaternion(expected[:4]), abs=1e-5)
+    assert found[4:] == pytest.approx(expected[4:], abs=1e-4)
+
+
+@laws
+@given(seed=SEEDS, most=st.integers(0, 80))
+def test_the_score_of_a_climb_is_that_of_its_pose(seed, most):
+    R, t, m, n = pose_and_matches(seed, wrong=20)
+    R, t = disturbed(R, t, seed, 1e-3)
+    before = R.copy()
+    stages = np.array([[2 * THRESHOLD_RAD, THRESHOLD_RAD], [THRESHOLD_RAD, 0.5 * THRESHOLD_RAD]])
+    score = kernels.climb(m, n, R, t, THRESHOLD_RAD, stages, most, 6)
+    assert score == kernels.score(m, n, R, t, THRESHOLD_RAD, np.inf)
+    assert (before == R).all() == (most < 6)
+
+
+@laws
+@given(seed=SEEDS)
+def test_refits_come_in_order_of_cost(seed):
+    R, t, m, n = pose_and_matches(seed, wrong=20)
+    R_out, t_out = np.empty((3, 3, 3)), np.empty((3, 3))
+    uniform = np.random.default_rng(seed).random((20, 14))
+    assert kernels.refit(m, n, R, t, THRESHOLD_RAD, uniform, len(m), 6, R_out, t_out) == 3
+    costs = [kernels.score(m, n, *pose, THRESHOLD_RAD, np.inf)[0] for pose in zip(R_out, t_out, strict=True)]
+    assert costs == sorted(costs)
+    # The noise of 14 matches moves a fit by a few standard deviations.
+    assert costs[0] < 2 * kernels.score(m, n, R, t, THRESHOLD_RAD, np.inf)[0]
+
+
+def test_too_few_inliers_give_no_refit():
+    R, t, m, n = pose_and_matches(0, 14, noise_rad=0.0)
+    uniform = np.random.default_rng(0).random((20, 14))
+    assert kernels.refit(m, n, R, t, THRESHOLD_RAD, uniform, 14, 6, np.empty((2, 3, 3)), np.empty((2, 3))) == 0

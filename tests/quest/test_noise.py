@@ -1,0 +1,72 @@
+"""The noise of a motion: the compiled loops equal the readable ones, and chance is that of shuffled matches."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from make_pose_matches import NOISE_RAD, THRESHOLD_RAD, as_model, disturbed, matches_of_all_kinds, pose_and_matches
+
+from quest.geometry.quaternion import matrix_from_quaternion
+from quest.noise import chance_inliers, refine_with_noise, refine_with_noise_compiled
+from quest.robust import kernels
+from quest.robust.pose_problem import RelativePoseProblem
+from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS, typical_ratios
+
+SEEDS = st.integers(0, 2**32 - 1)
+#: The first call compiles, so there is no deadline.
+laws = settings(deadline=None, max_examples=40)
+
+
+@laws
+@given(seed=SEEDS, angle_rad=st.floats(0, 1e-3), wrong=st.integers(0, 25))
+def test_the_compiled_refinement_ends_where_the_readable_one_does(seed, angle_rad, wrong):
+    R, t, m, n = pose_and_matches(seed, 80, wrong=wrong)
+    problem, start = RelativePoseProblem(m, n, THRESHOLD_RAD), as_model(*disturbed(R, t, seed, angle_rad))
+    expected, expected_noise_rad = refine_with_noise(problem, start)
+    model, noise_rad = refine_with_noise_compiled(problem, start)
+    assert noise_rad == pytest.approx(expected_noise_rad, rel=1e-3)
+    assert matrix_from_quaternion(model[:4]) == pytest.approx(matrix_from_quaternion(expected[:4]), abs=1e-5)
+    assert model[4:] == pytest.approx(expected[4:], abs=1e-4)
+    assert (start == as_model(*disturbed(R, t, seed, angle_rad))).all()
+
+
+def test_fewer_than_six_inliers_are_not_refined():
+    R, t, m, n = pose_and_matches(0, 5)
+    model, noise_rad = refine_with_noise_compiled(RelativePoseProblem(m, n, THRESHOLD_RAD), as_model(R, t))
+    assert model == pytest.approx(as_model(R, t), abs=1e-14)
+    assert noise_rad == THRESHOLD_RAD / 3
+
+
+@laws
+@given(seed=SEEDS)
+def test_matches_of_typical_depth_are_those_of_the_readable_test(seed):
+    R, t, m, n = matches_of_all_kinds(seed)
+    n[40] = t
+    use = np.random.default_rng(seed).random(len(m)) < 0.8
+    expected = use.copy()
+    expected[use] = typical_ratios(R, t, m[use], n[use])
+    kernels.mark_typical(m, n, R, t, RATIO_MADS, LEAST_SINE2, use)
+    assert (use == expected).all()
+
+
+def test_the_noise_is_that_of_the_matches():
+    for seed in range(5):
+        R, t, m, n = pose_and_matches(seed, 400, wrong=100)
+        _, noise_rad = refine_with_noise_compiled(RelativePoseProblem(m, n, THRESHOLD_RAD), as_model(R, t))
+        assert noise_rad == pytest.approx(NOISE_RAD, rel=0.2)
+
+
+@pytest.mark.parametrize("count", [30, 400, 4000])
+def test_chance_is_the_mean_over_shuffles(count):
+    R, t, m, n = pose_and_matches(1, count)
+    model = as_model(R, t)
+    problem, rng = RelativePoseProblem(m, n, THRESHOLD_RAD), np.random.default_rng(0)
+    found = np.mean([chance_inliers(problem, model, THRESHOLD_RAD, rng) for _ in range(20)])
+    shuffled = []
+    for _ in range(200):
+        order = rng.permutation(count)
+        rolled = RelativePoseProblem(m[order], n[np.roll(order, 1)], THRESHOLD_RAD)
+        shuffled.append(rolled.explained(model, THRESHOLD_RAD).sum())
+    assert found == pytest.approx(np.mean(shuffled), rel=0.15)
