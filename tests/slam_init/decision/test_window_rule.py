@@ -198,7 +198,7 @@ def test_an_initializer_that_ends_undecided_returns_both_maps():
 
 
 def test_two_motions_of_a_room_leave_no_map():
-    outcome = tried(point_source("room", 12, baseline=0.05), (0, 1))
+    outcome = tried(point_source("room", 13, baseline=0.05), (0, 1))
     assert outcome.attempt.window.hypotheses > 1
     assert not outcome.attempt.window.planar
     assert outcome.attempt.verdict in (Verdict.LOW_PARALLAX, Verdict.PURE_ROTATION)
@@ -206,7 +206,7 @@ def test_two_motions_of_a_room_leave_no_map():
 
 
 def test_a_pair_with_an_uncertain_direction_is_low_parallax():
-    outcome = tried(point_source("wall", 7, baseline=0.08), (0, 2))
+    outcome = tried(point_source("wall", 16, baseline=0.08), (0, 2))
     window = outcome.attempt.window
     assert window.risk_direction > max(window.risk_rival, window.risk_rotation)
     assert outcome.attempt.verdict == Verdict.LOW_PARALLAX
