@@ -26,7 +26,8 @@ _TEXELS_PER_MARK = 450
 _RADII = (2.0, 140.0)
 # Marks are drawn at positions with 4 binary places below the texel.
 _SHIFT = 4
-_GLYPHS = "ABCDEFGHJKLMNPQRSTUVWXYZ0123456789&%?#@"
+_GLYPHS = np.array(list("ABCDEFGHJKLMNPQRSTUVWXYZ0123456789&%?#@"))
+_SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
 @dataclass(frozen=True)
@@ -187,15 +188,21 @@ def _paint(rng: np.random.Generator, height: int, width: int, look: Look) -> Ima
     import cv2
 
     base = np.asarray(look.base[rng.integers(len(look.base))]) + rng.normal(0, 8) + rng.normal(0, 4, 3)
-    clouds = look.clouds * _fractal_noise(rng, height, width, octaves=8)
+    clouds = _fractal_noise(rng, height, width, octaves=8)
+    clouds *= look.clouds
     ground = base.astype(np.float32)
     if look.patch_texels:
         ground = ground + _patches(rng, height, width, look)
-    canvas = np.clip(clouds[..., None] + ground, 0, 255).astype(np.uint8)
+    canvas = np.empty((height, width, 3), np.uint8)
+    channel = np.empty_like(clouds)  # one buffer for all: arrays of this size are dear to allocate
+    for i in range(3):
+        np.clip(np.add(clouds, ground[..., i], out=channel), 0, 255, out=channel)
+        canvas[..., i] = channel
     _draw_marks(rng, canvas, base, look)
     # A lens blurs every edge, and bilinear sampling is accurate only on smooth textures.
     canvas = cast(Image, cv2.GaussianBlur(canvas, (0, 0), 0.7))
-    grain = look.grain * _fractal_noise(rng, height, width, octaves=3)
+    grain = _fractal_noise(rng, height, width, octaves=3)
+    grain *= look.grain
     return cast(Image, cv2.add(canvas, cv2.merge([grain, grain, grain]), dtype=cv2.CV_8U))  # saturates
 
 
@@ -229,9 +236,12 @@ def _fractal_noise(rng: np.random.Generator, height: int, width: int, octaves: i
     for octave in reversed(range(octaves)):
         shape = (-(-height // 2**octave) + 1, -(-width // 2**octave) + 1)
         detail = rng.standard_normal(shape, np.float32)
-        noise = cast(Floats32, cv2.resize(noise, shape[::-1], interpolation=cv2.INTER_LINEAR)) + 1.4**octave * detail
+        detail *= 1.4**octave
+        detail += cast(Floats32, cv2.resize(noise, shape[::-1], interpolation=cv2.INTER_LINEAR))
+        noise = detail
     noise = noise[:height, :width]
-    return noise / np.float32(max(float(noise.std()), 1e-6))
+    noise /= np.float32(max(float(noise.std()), 1e-6))
+    return noise
 
 
 def _draw_marks(rng: np.random.Generator, canvas: Image, base: NDArray[np.float64], look: Look) -> None:
@@ -264,7 +274,7 @@ def _draw_mark(
     import cv2
 
     if kind == "glyph" and radius > 4:
-        text = "".join(rng.choice(list(_GLYPHS), rng.integers(1, 5)))
+        text = "".join(rng.choice(_GLYPHS, rng.integers(1, 5)))
         scale = min(radius, 60.0) / 22
         origin = (int(centre[0]), int(centre[1]))
         cv2.putText(
@@ -291,11 +301,14 @@ def _draw_mark(
         return
     if kind == "polygon":
         turns = angle + np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 7))))
-        outline = radius * np.column_stack([np.cos(turns), np.sin(turns)]) * rng.uniform(0.6, 1, (len(turns), 1))
+        outline = np.empty((len(turns), 2))
+        outline[:, 0], outline[:, 1] = np.cos(turns), np.sin(turns)
+        outline = radius * outline * rng.uniform(0.6, 1, (len(turns), 1))
     else:
         # Rectangles, and glyphs too small to be letters. Six of ten are nearly upright, as man-made objects are.
         tilt = rng.normal(0, 0.05) if rng.random() < 0.6 else angle
-        half = radius * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * rng.uniform(0.3, 1, 2)
-        outline = half @ np.array([[np.cos(tilt), np.sin(tilt)], [-np.sin(tilt), np.cos(tilt)]])
-    points = np.round((centre + outline) * 2**_SHIFT).astype(np.int32)
+        half = radius * _SQUARE * rng.uniform(0.3, 1, 2)
+        cosine, sine = np.cos(tilt), np.sin(tilt)
+        outline = half @ np.array([[cosine, sine], [-sine, cosine]])
+    points = np.rint((centre + outline) * 2**_SHIFT).astype(np.int32)
     cv2.fillPoly(canvas, [points], color, cv2.LINE_AA, _SHIFT)

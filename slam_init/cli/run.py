@@ -178,6 +178,9 @@ def _run_on(
 ) -> Summary:
     camera = chosen_camera(arguments, source, arguments.start)
 
+    from slam_init.cli.loading import load_libraries
+
+    load_libraries(pictures=not arguments.no_overview)
     from slam_init.runner import run
 
     with interrupts or nullcontext():

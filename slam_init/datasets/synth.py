@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qsl
 
 from slam_init.datasets.image_files import frame_range
 from slam_init.datasets.text import pose_from_matrix
 from slam_init.errors import SourceError
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.pose import Trajectory
@@ -35,6 +35,8 @@ class SynthSource:
     """
 
     sequence: SynthSequence
+    #: The newest image by its index: a command reads the first frame before its run, to check it.
+    _newest: dict[int, Image] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def name(self) -> str:
@@ -90,8 +92,12 @@ class SynthSource:
             If the source has no such frame.
         """
         for index in frame_range(len(self), start, max_frames, self.name):
-            image, _ = self.sequence.render(index)
-            yield Frame(index, float(self.sequence.timestamps_s[index]), f"frame-{index:06d}", image)
+            if index not in self._newest:
+                image, _ = self.sequence.render(index)
+                self._newest.clear()
+                self._newest[index] = image
+            copied = self._newest[index].copy()
+            yield Frame(index, float(self.sequence.timestamps_s[index]), f"frame-{index:06d}", copied)
 
 
 def open_synth(text: str, seed: int) -> SynthSource:

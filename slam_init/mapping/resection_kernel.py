@@ -43,8 +43,9 @@ def refine_absolute_pose(R: Floats, t: Floats, points: Floats, bearings: Floats,
     tried_R, tried_t = np.empty((3, 3)), np.empty(3)
     tried_A, tried_g = np.zeros((6, 6)), np.zeros(6)
     for _ in range(steps):
-        tried_A[:] = A
-        for i in range(6):
+        for i in range(6):  # not by slices: their assignment takes the compiler three seconds
+            for j in range(6):
+                tried_A[i, j] = A[i, j]
             tried_A[i, i] += damping * A[i, i] + 1e-300
             tried_g[i] = -g[i]
         if not solve_in_place(tried_A, tried_g):
@@ -62,7 +63,8 @@ def refine_absolute_pose(R: Floats, t: Floats, points: Floats, bearings: Floats,
         if lower <= cost:
             gain, cost = cost - lower, lower
             copy_pose(tried_R, tried_t, R, t)
-            A[:], g[:] = tried_A, tried_g
+            A, tried_A = tried_A, A
+            g, tried_g = tried_g, g
             damping = max(damping / _RAISE, _LEAST_DAMPING)
             if gain <= _TOLERANCE * cost:
                 return

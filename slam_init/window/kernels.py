@@ -416,7 +416,13 @@ def accumulate(
             if hold and r == 0.0 and not on_plane[i] and b[2] > 0.0:
                 free[i], b[2], W[2] = False, 0.0, 0.0
             _invert(A, 2 if (on_plane[i] or not free[i]) else 3)
-            back[i, :, 0], back[i, :, 1:4], back[i, :, 4:] = b, A, W
+            # Not by slices: their assignment takes the compiler three seconds.
+            for p in range(3):
+                back[i, p, 0] = b[p]
+                for q in range(3):
+                    back[i, p, 1 + q] = A[p, q]
+                for q in range(G):
+                    back[i, p, 4 + q] = W[p, q]
     for p in range(G if fill else 0):
         for q in range(p):
             normal[q, p] = normal[p, q]

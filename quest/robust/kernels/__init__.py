@@ -20,7 +20,7 @@ than these loops. Each loop has a readable counterpart in numpy, and the tests c
 :func:`off_line`            :func:`quest.robust.plane.off_line_rad`
 =========================== =====================================================================================
 
-numba compiles a loop at its first call and keeps the machine code on disk. numba is imported in
+numba compiles a loop at its first call; :mod:`quest.robust.kernels.machine_code` keeps the result. numba is imported in
 :mod:`quest.robust.kernels.compiler` and nowhere else, and this package is imported where an estimation starts. The
 loops use neither fast-math nor threads: the same input gives the same bytes.
 
