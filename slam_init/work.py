@@ -35,15 +35,16 @@ class Prices:
     """
 
     #: The best pair: fixed, and for each match.
-    PAIR, PAIR_MATCH = 7000.0, 9.0
+    PAIR, PAIR_MATCH = 1500.0, 3.0
     #: The tracks of a window: for each observation, and for each view. Rays that are corrected for another readout.
     GATHER, GATHER_VIEW, CORRECTION = 0.1, 300.0, 0.1
     #: The rotation between two views; a view that is located by points, and the poses that are drawn where a guess does
     #: not suffice; points by two views and more: fixed, and for each ray.
     ALIGN, LOCATE, DRAW, TRIANGULATE, TRIANGULATE_RAY = 110.0, 180.0, 1300.0, 450.0, 0.6
-    #: The cost of a state and its equations: fixed, and for each observation.
-    COST, COST_OBSERVATION = 130.0, 0.13
-    EQUATIONS, EQUATIONS_OBSERVATION = 500.0, 0.62
+    #: The cost of a state and its equations, with the step that follows: fixed, and for each observation; with error
+    #: fields in all views for each observation.
+    COST, COST_OBSERVATION = 40.0, 0.05
+    EQUATIONS, EQUATIONS_OBSERVATION, EQUATIONS_FIELDS = 110.0, 0.24, 1.3
     #: The expansion of a fit about its equations: fixed, and for each view. The fields integrated out: fixed, and for
     #: each pair of views.
     LINEARIZE, LINEARIZE_VIEW, MARGINALIZE, MARGINALIZE_VIEWS = 40.0, 11.0, 350.0, 14.0

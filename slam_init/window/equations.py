@@ -2,24 +2,67 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from quest.geometry.quaternion import vector_from_rotation
 from slam_init.types.arrays import Bools, Floats, Ints
-from slam_init.window.kernels import FIELD_TERMS, accumulate, eliminate, step_tracks
+from slam_init.window.kernels import accumulate
 from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState
+from slam_init.window.steps import step_poses, step_tracks
+from slam_init.window.track_equations import FIELD_TERMS, collect, eliminate
 from slam_init.window.tracks import WindowTracks
 from slam_init.work import Prices, spend
 
-__all__ = ["OFF_PLANE_COST", "WindowEquations", "explained_at_most", "tangent_bases"]
+__all__ = ["OFF_PLANE_COST", "Records", "WindowEquations", "explained_at_most", "tangent_bases"]
 
 #: Cost of a track that leaves the plane: three nats, as much as a track may vote for or against a hypothesis.
 OFF_PLANE_COST = 6.0
 #: Stiffness of the held baseline over that of its view.
 _GAUGE = 1e4
+_NO_PLANE: Floats = np.zeros(3)
+
+
+@dataclass(frozen=True, eq=False)
+class Records:
+    """The observations of the tracks that take part, track by track.
+
+    Attributes
+    ----------
+    observed : (N, 9) float
+        See :func:`slam_init.window.kernels.accumulate`.
+    view : (N,) int
+        The view of each observation.
+    first : (T + 1,) int
+        The first observation of each track, and their number.
+    """
+
+    observed: Floats
+    view: Ints
+    first: Ints
+
+    @staticmethod
+    def of(tracks: WindowTracks) -> Records:
+        """Collect the observations of some tracks.
+
+        Parameters
+        ----------
+        tracks : WindowTracks
+
+        Returns
+        -------
+        Records
+        """
+        count = int(tracks.seen[:, tracks.anchor >= 0].sum())
+        observed, view = np.empty((count, 9)), np.empty(count, np.int64)
+        first = np.empty(len(tracks.anchor) + 1, np.int64)
+        collect(
+            tracks.pixels, tracks.sigma_px, tracks.whitening, tracks.sweep_px_s, tracks.seen, tracks.anchor,
+            observed, view, first,
+        )  # fmt: skip
+        return Records(observed, view, first)
 
 
 class WindowEquations:
@@ -33,6 +76,8 @@ class WindowEquations:
     priors : Priors
     rotation_only : bool
         Whether all points are at infinity.
+    with_shares : bool
+        Whether the share of each track in the gradient is wanted.
 
     Attributes
     ----------
@@ -48,7 +93,7 @@ class WindowEquations:
     gradient : (G,) float
         Of the common unknowns, tracks eliminated.
     shares : (T, G) float
-        The share of each track in it.
+        The share of each track in it; empty where they are not wanted.
     back : (T, 3, 4 + G) float
         What the steps of the tracks need: gradient, inverse and coupling.
     free : (T,) bool
@@ -60,7 +105,15 @@ class WindowEquations:
         View whose baseline is held.
     """
 
-    def __init__(self, tracks: WindowTracks, start: WindowState, priors: Priors, rotation_only: bool = False) -> None:
+    def __init__(
+        self,
+        tracks: WindowTracks,
+        start: WindowState,
+        priors: Priors,
+        rotation_only: bool = False,
+        *,
+        with_shares: bool = True,
+    ) -> None:
         self.tracks, self.priors, self.rotation_only = tracks, priors, rotation_only
         self._camera = camera_vector(tracks.camera)
         self._has_plane = start.plane is not None
@@ -72,15 +125,20 @@ class WindowEquations:
         self._readout_size = 1 if priors.readout_sigma_s > 0 else 0
         self._principal_size = 2 if priors.principal_sigma_px > 0 else 0
         size = self.focal + 2 + self._readout_size + self._principal_size + (3 if self._has_plane else 0)
-        self._normal, self.gradient, self.shares = np.zeros((size, size)), np.zeros(size), np.zeros((count, size))
-        self.back, self.costs = np.zeros((count, 3, 4 + size)), np.zeros(count)
-        self.residuals, self.across = np.zeros((views, count, 2)), np.zeros(count)
+        self._normal, self.gradient = np.zeros((size, size)), np.zeros(size)
+        self.shares = np.zeros((count if with_shares else 0, size))
+        self.back, self._halves = np.zeros((count, 3, 4 + size)), np.zeros((count, 3, size + 1))
+        self.costs, self.across = np.zeros(count), np.zeros(count)
+        self.residuals = np.zeros((views, count, 2))
         firsts = self._field_size + self._block * np.arange(views - 1)
         self._pose_columns = firsts[:, None] + np.arange(6)
         self.held_view = int(np.argmax(np.linalg.norm(start.t, axis=1)))
         self.free = np.ones(count, bool)
         self._turned = bool(tracks.turned_weights.any())
-        self._observations = int(tracks.seen[:, tracks.anchor >= 0].sum())
+        self._used = tracks.anchor >= 0
+        self._records = Records.of(tracks)
+        self._observations = len(self._records.view)
+        self._prior_weights = self._weights_of_priors()
 
     @property
     def normal(self) -> Floats:
@@ -207,7 +265,7 @@ class WindowEquations:
         first = self._field_size + self._block * (self.held_view - 1) + 3
         own = slice(first, first + 3)
         along = state.t[self.held_view] / max(float(np.linalg.norm(state.t[self.held_view])), 1e-300)
-        normal[own, own] += _GAUGE * max(1.0, float(np.trace(normal[own, own]))) * np.outer(along, along)
+        normal[own, own] += _GAUGE * max(1.0, float(normal[own, own].trace())) * np.outer(along, along)
         return normal
 
     def moved(self, state: WindowState, step: Floats, length: float = 1.0) -> WindowState:
@@ -224,86 +282,87 @@ class WindowEquations:
         -------
         WindowState
         """
-        free = self.free & ~state.on_plane
-        rays, inverse = step_tracks(self.back, step, length, state.rays, state.inverse_distances, free)
-        step = length * step
-        R, t, field = state.R.copy(), state.t.copy(), state.field.copy()
-        poses = step[self._pose_columns]
-        R[1:] = _rotations(poses[:, :3]) @ R[1:]
-        t[1:] += poses[:, 3:]
-        if self._field_size:
-            for k in range(self._views):
-                field[k] += step[self._field_columns(k)]
-        plane = None if state.plane is None else state.plane + step[-3:]
-        readout_s = state.readout_s + (float(step[self.focal + 2]) if self._readout_size else 0.0)
-        principal_px = state.principal_px + (step[self._principal_columns] if self._principal_size else 0.0)
-        return replace(
-            state,
+        coupled = self.back.reshape(-1, self.back.shape[2])[:, 4:] @ step
+        rays, inverse = step_tracks(
+            self.back, coupled.reshape(-1, 3), length, state.rays, state.inverse_distances, self.free, state.on_plane,
+            self._camera, np.array([state.log_scale, state.k1]), step[self.focal : self.focal + 2],
+        )  # fmt: skip
+        R, t, field = step_poses(step, length, self._field_size, state.R, state.t, state.field)
+        readout_s, principal_px = state.readout_s, state.principal_px
+        if self._readout_size:
+            readout_s += length * float(step[self.focal + 2])
+        if self._principal_size:
+            principal_px = principal_px + length * step[self._principal_columns]
+        return WindowState(
             R=R,
             t=t,
             rays=rays,
             inverse_distances=inverse,
-            log_scale=state.log_scale + float(step[self.focal]),
-            k1=state.k1 + float(step[self.focal + 1]),
+            log_scale=state.log_scale + length * float(step[self.focal]),
+            k1=state.k1 + length * float(step[self.focal + 1]),
             readout_s=readout_s,
             principal_px=principal_px,
             field=field,
-            plane=plane,
+            plane=None if state.plane is None else state.plane + length * step[-3:],
+            on_plane=state.on_plane,
         )
 
     def _accumulate(self, state: WindowState, *, fill: bool, hold: bool = False) -> float:
         tracks, priors = self.tracks, self.priors
         if fill:
-            spend(Prices.EQUATIONS + Prices.EQUATIONS_OBSERVATION * self._observations)
+            each = Prices.EQUATIONS_FIELDS if self._field_size else Prices.EQUATIONS_OBSERVATION
+            spend(Prices.EQUATIONS + each * self._observations)
         else:
             spend(Prices.COST + Prices.COST_OBSERVATION * self._observations)
-        plane = np.zeros(3) if state.plane is None else state.plane
-        readout_s = state.readout_s - tracks.readout_s
         cost = accumulate(
-            self._camera, state.R, state.t, state.log_scale, state.k1, plane, state.on_plane, state.field,
-            self._field_size, readout_s, self._readout_size, state.principal_px, self._principal_size,
-            tracks.sweep_px_s, tracks.pixels, tracks.sigma_px, tracks.whitening, tracks.places, tracks.seen,
-            tracks.anchor, state.rays, state.inverse_distances, self.free,
-            priors.gate_sigmas**2, self._normal, self.shares, self.back, self.costs, self.residuals, self.across,
+            self._camera, state.R, state.t, state.log_scale, state.k1,
+            _NO_PLANE if state.plane is None else state.plane, state.on_plane, state.field,
+            self._field_size, state.readout_s - tracks.readout_s, self._readout_size, state.principal_px,
+            self._principal_size, self._records.observed, self._records.view, self._records.first, tracks.places,
+            tracks.anchor, state.rays, state.inverse_distances, self.free, priors.gate_sigmas**2,
+            self._normal, self.gradient, self.shares, self.back, self._halves, self.costs, self.residuals, self.across,
             fill, hold,
         )  # fmt: skip
         if self._has_plane:
-            off = ~state.on_plane & (tracks.anchor >= 0)
+            off = self._used & ~state.on_plane
             self.costs[off] += OFF_PLANE_COST
-            cost += OFF_PLANE_COST * float(off.sum())
-        by_focal, by_k1 = priors.lens_pulls(state)
-        cost += by_focal**2 + by_k1**2
+            cost += OFF_PLANE_COST * int(np.count_nonzero(off))
+        pulls = self._pulls(state)
+        weighted = self._prior_weights * pulls
+        cost += float(weighted @ pulls)
         if fill:
-            self.gradient[:] = eliminate(self._normal, self.shares, self.back)
-            self._normal[self.focal, self.focal] += 1 / priors.focal_sigma**2
-            self.gradient[self.focal] += by_focal / priors.focal_sigma
-            self._normal[self.focal + 1, self.focal + 1] += 1 / priors.k1_sigma**2
-            self.gradient[self.focal + 1] += by_k1 / priors.k1_sigma
-        if self._readout_size:
-            cost += (state.readout_s / priors.readout_sigma_s) ** 2
-            if fill:
-                self._normal[self.focal + 2, self.focal + 2] += 1 / priors.readout_sigma_s**2
-                self.gradient[self.focal + 2] += state.readout_s / priors.readout_sigma_s**2
-        if self._principal_size:
-            cost += float(np.sum(state.principal_px**2)) / priors.principal_sigma_px**2
-            if fill:
-                own = self._principal_columns
-                self._normal[own, own] += 1 / priors.principal_sigma_px**2
-                self.gradient[own] += state.principal_px / priors.principal_sigma_px**2
-        if self._turned:
-            weights, pulls = tracks.turned_weights, self.turned_pulls(state)
-            cost += float(weights @ np.einsum("vi,vi->v", pulls, pulls))
-            if fill:
-                columns = self._pose_columns[:, :3]
-                self._normal[columns, columns] += weights[1:, None]
-                self.gradient[columns] += weights[1:, None] * pulls[1:]
-        if self._field_size:
-            cost += float(np.sum(state.field**2)) / priors.field_sigma_px**2
-            for k in range(self._views if fill else 0):
-                own = self._field_columns(k)
-                self._normal[own, own] += 1 / priors.field_sigma_px**2
-                self.gradient[own] += state.field[k] / priors.field_sigma_px**2
+            eliminate(self._normal, self.gradient, self._halves)
+            self.gradient += weighted
+            self._normal.flat[:: len(weighted) + 1] += self._prior_weights
         return cost
+
+    def _weights_of_priors(self) -> Floats:
+        """One over the variance of each common unknown before the tracks are seen."""
+        priors, weights = self.priors, np.zeros(len(self.gradient))
+        weights[self.focal], weights[self.focal + 1] = 1 / priors.focal_sigma**2, 1 / priors.k1_sigma**2
+        if self._readout_size:
+            weights[self.focal + 2] = 1 / priors.readout_sigma_s**2
+        if self._principal_size:
+            weights[self._principal_columns] = 1 / priors.principal_sigma_px**2
+        if self._field_size:
+            weights[self.columns_of_fields()] = 1 / priors.field_sigma_px**2
+        weights[self._pose_columns[:, :3]] += self.tracks.turned_weights[1:, None]
+        return weights
+
+    def _pulls(self, state: WindowState) -> Floats:
+        """How far each common unknown is from what is expected of it; 0 where nothing is."""
+        priors, pulls = self.priors, np.zeros(len(self.gradient))
+        pulls[self.focal], pulls[self.focal + 1] = state.log_scale - priors.log_scale_mean, state.k1 - priors.k1_mean
+        if self._readout_size:
+            pulls[self.focal + 2] = state.readout_s
+        if self._principal_size:
+            pulls[self._principal_columns] = state.principal_px
+        if self._field_size:
+            for k in range(self._views):
+                pulls[self._field_columns(k)] = state.field[k]
+        if self._turned:
+            pulls[self._pose_columns[:, :3]] = self.turned_pulls(state)[1:]
+        return pulls
 
     @property
     def _principal_columns(self) -> Ints:
@@ -332,17 +391,6 @@ def explained_at_most(freedom: Ints) -> Floats:
     (T,) float
     """
     return np.asarray(freedom + 5 * np.sqrt(2.0 * freedom))
-
-
-def _rotations(vectors: Floats) -> Floats:
-    """Rotation matrices (V, 3, 3) of rotation vectors (V, 3): the formula of Rodrigues."""
-    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
-    x, y, z = vectors.T
-    cross = np.zeros((len(vectors), 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -z, y, -x
-    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = z, -y, x
-    sine, versine = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
-    return np.asarray(np.eye(3) + sine * cross + versine * (cross @ cross))
 
 
 def tangent_bases(rays: Floats) -> tuple[Floats, Floats]:

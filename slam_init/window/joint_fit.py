@@ -120,7 +120,7 @@ def fit_window(
     -------
     JointFit
     """
-    equations = WindowEquations(tracks, start, priors, rotation_only)
+    equations = WindowEquations(tracks, start, priors, rotation_only, with_shares=False)
     fit = _optimized(equations, start, max_steps, tolerance, hopeless)
     lens = start
     for _ in range(_LENS_ROUNDS):
@@ -159,7 +159,7 @@ def start_noise_factor(
     float
         From 1 to 30.
     """
-    equations = WindowEquations(tracks, start, priors, rotation_only)
+    equations = WindowEquations(tracks, start, priors, rotation_only, with_shares=False)
     equations.build(start)
     equations.cost(equations.moved(start, np.zeros(len(equations.gradient))))
     used = tracks.seen & (tracks.anchor >= 0)
@@ -185,7 +185,7 @@ def costs_off_plane(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floa
         Without the cost of leaving the plane. The rays and the distances are those of one Gauss-Newton step.
     """
     state = fit.state
-    equations = WindowEquations(tracks, state, priors)
+    equations = WindowEquations(tracks, state, priors, with_shares=False)
     return _costs_off_plane(equations, state, _measured(tracks, state))
 
 
@@ -214,7 +214,7 @@ def information_of_relief(tracks: WindowTracks, fit: JointFit, priors: Priors) -
     centre = -np.einsum("tji,tj->ti", state.R[anchor], state.t[anchor])
     inverse = (world @ state.plane) / (1 - centre @ state.plane)
     on_plane = state.on_plane & (tracks.anchor >= 0) & (inverse > 0)
-    equations = WindowEquations(tracks, state, priors)
+    equations = WindowEquations(tracks, state, priors, with_shares=False)
     nowhere = np.zeros(len(inverse), bool)
     free = replace(state, on_plane=nowhere, inverse_distances=np.where(on_plane, inverse, 0.0))
     equations.build(free, hold=False)

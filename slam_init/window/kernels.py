@@ -29,6 +29,11 @@ adds two or three unknowns of its own: two of its ray, and rho. :func:`eliminate
 that a step solves for the views, the camera and the plane only. The order of the unknowns is: field of view 0; pose
 (rotation vector, translation) and field of views 1, 2, ...; logarithm of the focal scale; k1, which is added to the
 first coefficient of the radial distortion; readout, where it is unknown; principal point, where it is unknown; plane.
+
+Let ``M`` be the derivatives of a residual by the point in the axes of the anchor, and ``v = d - rho t_a``. The
+derivatives by the pose of view k, turned into the axes of the anchor, are ``M B`` with ``B = [-[v]x, rho I]``. Those by
+the pose of the anchor are ``-M B``. ``B`` is the same in all views of a track. So each pair of anchor and view has sums
+over its tracks (:mod:`slam_init.window.pair_sums`), which are turned into the view once.
 """
 
 from __future__ import annotations
@@ -38,175 +43,15 @@ import numpy as np
 from quest.robust.kernels.small_algebra import tangents
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.compiler import compiled
+from slam_init.window.pair_sums import assemble, pose_products, relative_poses
 from slam_init.window.projection import project_point
+from slam_init.window.track_equations import add_field, by_pose, clear_track, depth_on_plane, solve_track
 
-__all__ = ["FIELD_TERMS", "TUKEY_GATES", "accumulate", "eliminate", "step_tracks"]
+__all__ = ["TUKEY_GATES", "accumulate"]
 
-#: Coefficients of the error field of a view: 1, u, v, u^2, uv, v^2 for each component of the pixel.
-FIELD_TERMS = 12
 #: An observation whose square is this many squared gates has no influence. With 3 the cost of a small residual is its
 #: square.
 TUKEY_GATES = 3.0
-
-
-@compiled
-def _depth_on_plane(R: Floats, t: Floats, a: int, d: Floats, plane: Floats, out: Floats) -> float:
-    """Inverse distance of a ray; out (12,) receives its derivatives by plane, ray, rotation and translation."""
-    u0 = R[a, 0, 0] * d[0] + R[a, 1, 0] * d[1] + R[a, 2, 0] * d[2]
-    u1 = R[a, 0, 1] * d[0] + R[a, 1, 1] * d[1] + R[a, 2, 1] * d[2]
-    u2 = R[a, 0, 2] * d[0] + R[a, 1, 2] * d[1] + R[a, 2, 2] * d[2]
-    c0 = -(R[a, 0, 0] * t[a, 0] + R[a, 1, 0] * t[a, 1] + R[a, 2, 0] * t[a, 2])
-    c1 = -(R[a, 0, 1] * t[a, 0] + R[a, 1, 1] * t[a, 1] + R[a, 2, 1] * t[a, 2])
-    c2 = -(R[a, 0, 2] * t[a, 0] + R[a, 1, 2] * t[a, 1] + R[a, 2, 2] * t[a, 2])
-    ku = plane[0] * u0 + plane[1] * u1 + plane[2] * u2
-    den = 1.0 - (plane[0] * c0 + plane[1] * c1 + plane[2] * c2)
-    f = ku / (den * den)
-    out[0] = u0 / den + f * c0
-    out[1] = u1 / den + f * c1
-    out[2] = u2 / den + f * c2
-    k0 = R[a, 0, 0] * plane[0] + R[a, 0, 1] * plane[1] + R[a, 0, 2] * plane[2]
-    k1 = R[a, 1, 0] * plane[0] + R[a, 1, 1] * plane[1] + R[a, 1, 2] * plane[2]
-    k2 = R[a, 2, 0] * plane[0] + R[a, 2, 1] * plane[1] + R[a, 2, 2] * plane[2]
-    out[3] = k0 / den
-    out[4] = k1 / den
-    out[5] = k2 / den
-    out[6] = (k1 * d[2] - k2 * d[1]) / den - f * (k1 * t[a, 2] - k2 * t[a, 1])
-    out[7] = (k2 * d[0] - k0 * d[2]) / den - f * (k2 * t[a, 0] - k0 * t[a, 2])
-    out[8] = (k0 * d[1] - k1 * d[0]) / den - f * (k0 * t[a, 1] - k1 * t[a, 0])
-    out[9] = -f * k0
-    out[10] = -f * k1
-    out[11] = -f * k2
-    return float(ku / den)
-
-
-@compiled
-def _by_anchor_point(D: Floats, R: Floats, k: int, a: int, DM: Floats) -> None:
-    """Turn derivatives by a point of view k (2, 3) into derivatives by a point of the anchor: ``DM = D R_k R_a^T``."""
-    for j in range(2):
-        w0 = D[j, 0] * R[k, 0, 0] + D[j, 1] * R[k, 1, 0] + D[j, 2] * R[k, 2, 0]
-        w1 = D[j, 0] * R[k, 0, 1] + D[j, 1] * R[k, 1, 1] + D[j, 2] * R[k, 2, 1]
-        w2 = D[j, 0] * R[k, 0, 2] + D[j, 1] * R[k, 1, 2] + D[j, 2] * R[k, 2, 2]
-        for q in range(3):
-            DM[j, q] = w0 * R[a, q, 0] + w1 * R[a, q, 1] + w2 * R[a, q, 2]
-
-
-@compiled
-def _pose_columns(first: int, x: Floats, r: float, D: Floats, sign: float, idx: Ints, Jg: Floats, n: int) -> int:
-    """Derivatives by a pose: ``sign (x X D)`` by its rotation vector, ``sign r D`` by its translation."""
-    for q in range(6):
-        idx[n + q] = first + q
-    for j in range(2):
-        Jg[j, n] = sign * (x[1] * D[j, 2] - x[2] * D[j, 1])
-        Jg[j, n + 1] = sign * (x[2] * D[j, 0] - x[0] * D[j, 2])
-        Jg[j, n + 2] = sign * (x[0] * D[j, 1] - x[1] * D[j, 0])
-        for q in range(3):
-            Jg[j, n + 3 + q] = sign * r * D[j, q]
-    return n + 6
-
-
-@compiled
-def _depth_columns(
-    t: Floats,
-    k: int,
-    a: int,
-    D: Floats,
-    DM: Floats,
-    on_plane: bool,
-    free: bool,
-    by: Floats,
-    d: Floats,
-    first: int,
-    Jl: Floats,
-    idx: Ints,
-    Jg: Floats,
-    n: int,
-) -> int:
-    """Derivatives by the inverse distance: of a free point, or through the plane, the ray and the anchor's pose."""
-    x0, x1, x2, y0, y1, y2 = tangents(d)
-    for j in range(2):
-        by_depth = 0.0
-        for q in range(3):
-            by_depth += D[j, q] * t[k, q] - DM[j, q] * t[a, q]
-        if on_plane:
-            Jl[j, 0] += by_depth * (by[3] * x0 + by[4] * x1 + by[5] * x2)
-            Jl[j, 1] += by_depth * (by[3] * y0 + by[4] * y1 + by[5] * y2)
-            for q in range(6 if a > 0 else 0):
-                Jg[j, n - 6 + q] += by_depth * by[6 + q]
-            for q in range(3):
-                Jg[j, n + q] = by_depth * by[q]
-                idx[n + q] = first + q
-        elif free:
-            Jl[j, 2] = by_depth
-    return n + (3 if on_plane else 0)
-
-
-@compiled
-def _field_columns(first: int, half: int, place: Floats, w: Floats, idx: Ints, Jg: Floats, n: int) -> int:
-    """Derivatives by the error field of a view."""
-    for q in range(half):
-        idx[n + q] = first + q
-        idx[n + half + q] = first + half + q
-        for j in range(2):
-            Jg[j, n + q] = w[j, 0] * place[q]
-            Jg[j, n + half + q] = w[j, 1] * place[q]
-    return n + 2 * half
-
-
-@compiled
-def _add_observation(
-    weight: float,
-    e: Floats,
-    Jl: Floats,
-    Jg: Floats,
-    idx: Ints,
-    n: int,
-    A: Floats,
-    b: Floats,
-    W: Floats,
-    share: Floats,
-    normal: Floats,
-) -> None:
-    """Add an observation to the equations of its track (A, b, W) and to the common ones; the lower half of normal."""
-    for j in range(2):
-        for p in range(3):
-            x = weight * Jl[j, p]
-            b[p] += x * e[j]
-            for q in range(3):
-                A[p, q] += x * Jl[j, q]
-    for p in range(n):
-        column = idx[p]
-        g0, g1 = weight * Jg[0, p], weight * Jg[1, p]
-        share[column] += g0 * e[0] + g1 * e[1]
-        for q in range(3):
-            W[q, column] += g0 * Jl[0, q] + g1 * Jl[1, q]
-        for q in range(n):
-            other = idx[q]
-            if other <= column:
-                normal[column, other] += g0 * Jg[0, q] + g1 * Jg[1, q]
-
-
-@compiled
-def _invert(A: Floats, unknowns: int) -> None:
-    """Invert the equations of a track in place; without its inverse distance where it has two unknowns."""
-    for q in range(unknowns):
-        A[q, q] = A[q, q] * (1 + 1e-9) + 1e-9
-    if unknowns == 2:
-        det = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
-        i00, i11, i01 = A[1, 1] / det, A[0, 0] / det, -A[0, 1] / det
-        A[:] = 0.0
-        A[0, 0], A[1, 1], A[0, 1], A[1, 0] = i00, i11, i01, i01
-        return
-    c00 = A[1, 1] * A[2, 2] - A[1, 2] * A[1, 2]
-    c01 = A[1, 2] * A[0, 2] - A[0, 1] * A[2, 2]
-    c02 = A[0, 1] * A[1, 2] - A[0, 2] * A[1, 1]
-    det = A[0, 0] * c00 + A[0, 1] * c01 + A[0, 2] * c02
-    c11 = A[0, 0] * A[2, 2] - A[0, 2] * A[0, 2]
-    c12 = A[0, 1] * A[0, 2] - A[0, 0] * A[1, 2]
-    c22 = A[0, 0] * A[1, 1] - A[0, 1] * A[0, 1]
-    A[0, 0], A[1, 1], A[2, 2] = c00 / det, c11 / det, c22 / det
-    A[0, 1] = A[1, 0] = c01 / det
-    A[0, 2] = A[2, 0] = c02 / det
-    A[1, 2] = A[2, 1] = c12 / det
 
 
 @compiled
@@ -224,20 +69,20 @@ def accumulate(
     readout_size: int,
     principal_px: Floats,
     principal_size: int,
-    sweep_px_s: Floats,
-    pixels: Floats,
-    sigma_px: Floats,
-    whitening: Floats,
+    observed: Floats,
+    view: Ints,
+    first: Ints,
     places: Floats,
-    seen: Bools,
     anchor: Ints,
     d: Floats,
     rho: Floats,
     free: Bools,
     gate2: float,
     normal: Floats,
+    gradient: Floats,
     shares: Floats,
     back: Floats,
+    halves: Floats,
     costs: Floats,
     residuals: Floats,
     across: Floats,
@@ -272,18 +117,17 @@ def accumulate(
         Added to the principal point.
     principal_size : int
         2, or 0 where it is known.
-    sweep_px_s : (V, T, 2) float
-        Derivatives of the pixels by the readout.
-    pixels : (V, T, 2) float
-        Measured pixels.
-    sigma_px : (V, T) float
-        Standard deviation of a pixel in the direction in which it is best known.
-    whitening : (V, T, 2, 2) float
-        Symmetric; makes the noise equal in all directions.
+    observed : (N, 9) float
+        The observations, track by track: measured pixel, one over the standard deviation in the direction in which the
+        pixel is best known, the matrix that makes the noise equal in all directions (row by row, symmetric), and the
+        derivative of the pixel by the readout. One record each, since reading them from arrays by view and track took
+        as long as the arithmetic.
+    view : (N,) int
+        The view of each observation.
+    first : (T + 1,) int
+        The first observation of each track, and their number.
     places : (V, T, 6) float
         The polynomials of the field at the measured pixels, over sigma_px.
-    seen : (V, T) bool
-        Which view sees which track.
     anchor : (T,) int
         First view of a track; negative for a track that is left out.
     d : (T, 3) float
@@ -296,12 +140,16 @@ def accumulate(
     gate2 : float
         Squared outlier gate, in units of the noise.
     normal : (G, G) float
-        Receives the equations of the common unknowns, before the tracks are eliminated. With tracks on the plane the
-        last three unknowns are those of the plane.
-    shares : (T, G) float
-        Receives the share of each track in their gradient.
+        Receives the lower half of the equations of the common unknowns, before the tracks are eliminated. With tracks
+        on the plane the last three unknowns are those of the plane.
+    gradient : (G,) float
+        Receives their gradient, before the tracks are eliminated.
+    shares : (T, G) or (0, G) float
+        Receives the share of each track in the gradient, the track eliminated; empty where the shares are not wanted.
     back : (T, 3, 4 + G) float
         Receives what the steps of the tracks need: gradient, inverse and coupling.
+    halves : (T, 3, G + 1) float
+        Receives what :func:`eliminate` needs: coupling and gradient of each track, over a root of its equations.
     costs : (T,) float
         Receives the cost of each track.
     residuals : (V, T, 2) float
@@ -319,183 +167,278 @@ def accumulate(
     float
         The sum of the costs.
     """
-    V, T = seen.shape
+    V, T = len(R), len(anchor)
     half = field_size // 2
     block = 6 + field_size
     focal = block * (V - 1) + field_size  # view 0 has a field and no pose
-    plane_first = focal + 2 + readout_size + principal_size
-    G = shares.shape[1]
+    lens = 2 + readout_size + principal_size
+    at_plane, G = focal + lens, len(gradient)
+    pairs = V if fill else 0
+    turn, shift, pose_sums = np.empty((pairs, pairs, 9)), np.empty((pairs, pairs, 3)), np.zeros((pairs, pairs, 21))
+    lens_sums, plane_sums = np.zeros((pairs, pairs, 5, 6)), np.zeros((pairs, pairs, 9, 6))
     if fill:
-        normal[:], shares[:] = 0.0, 0.0
-    idx, Jg, Jl = np.empty(2 * block + 17, np.int64), np.zeros((2, 2 * block + 17)), np.zeros((2, 3))
-    A, b, W = np.zeros((3, 3)), np.zeros(3), np.zeros((3, G))
-    D, DM, pixel, e = np.empty((2, 3)), np.empty((2, 3)), np.empty(2), np.empty(2)
-    by_k1 = np.empty(2)
-    by, v, Y, x = np.zeros(12), np.empty(3), np.empty(3), np.empty(3)
-    total, focal_scale = 0.0, np.exp(log_scale)
+        for p in range(G):
+            gradient[p] = 0.0
+            for q in range(G):
+                normal[p, q] = 0.0
+        relative_poses(R, t, turn, shift)
+    A, b, share, by_lens, Jc = np.zeros((3, 3)), np.zeros(3), np.zeros(G), np.zeros(5), np.zeros((2, 5))
+    coupled, by_depth, rows, by = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 7)), np.zeros(12)
+    total, focal_scale, flats, share_gate = 0.0, np.exp(log_scale), False, 1.0 / (TUKEY_GATES * gate2)
     for i in range(T):
         costs[i] = 0.0
         a = anchor[i]
-        if a < 0:
-            if fill:
-                back[i], across[i] = 0.0, 0.0
-            continue
-        r = _depth_on_plane(R, t, a, d[i], plane, by) if on_plane[i] else rho[i]
-        behind = on_plane[i] and r <= 0.0
-        x0, x1, x2, y0, y1, y2 = tangents(d[i])
-        for q in range(3):
-            v[q] = d[i, q] - r * t[a, q]
-        for q in range(3):
-            Y[q] = R[a, 0, q] * v[0] + R[a, 1, q] * v[1] + R[a, 2, q] * v[2]
-        W[:], A[:], b[:] = 0.0, 0.0, 0.0
-        slope, curvature = 0.0, 0.0
-        for k in range(V):
-            if not seen[k, i]:
-                continue
-            for q in range(3):
-                x[q] = R[k, q, 0] * Y[0] + R[k, q, 1] * Y[1] + R[k, q, 2] * Y[2]
-            P0, P1, P2 = x[0] + r * t[k, 0], x[1] + r * t[k, 1], x[2] + r * t[k, 2]
-            if behind or not project_point(camera, focal_scale, k1, P0, P1, P2, pixel, D, by_k1):
-                costs[i] += gate2
-                residuals[k, i] = np.inf
-                continue
-            for j in range(2):
-                predicted = pixel[j] + principal_px[j] + readout_s * sweep_px_s[k, i, j]
-                e[j] = (predicted - pixels[k, i, j]) / sigma_px[k, i]
-                for q in range(half):
-                    e[j] += places[k, i, q] * field[k, j * half + q]
-            w = whitening[k, i]
-            e[0], e[1] = w[0, 0] * e[0] + w[0, 1] * e[1], w[1, 0] * e[0] + w[1, 1] * e[1]
-            r2 = e[0] * e[0] + e[1] * e[1]
-            residuals[k, i, 0], residuals[k, i, 1] = e[0], e[1]
-            left = max(1.0 - r2 / (TUKEY_GATES * gate2), 0.0)
-            costs[i] += gate2 * (1.0 - left * left * left)
-            if not fill:
-                continue
-            for q in range(3):
-                D0, D1 = D[0, q] / sigma_px[k, i], D[1, q] / sigma_px[k, i]
-                D[0, q], D[1, q] = w[0, 0] * D0 + w[0, 1] * D1, w[1, 0] * D0 + w[1, 1] * D1
-            _by_anchor_point(D, R, k, a, DM)
-            n = 0
-            for j in range(2):
-                Jl[j, 0] = DM[j, 0] * x0 + DM[j, 1] * x1 + DM[j, 2] * x2
-                Jl[j, 1] = DM[j, 0] * y0 + DM[j, 1] * y1 + DM[j, 2] * y2
-                Jl[j, 2] = 0.0
-            if k != a:
-                if k > 0:
-                    n = _pose_columns(field_size + block * (k - 1), x, r, D, 1.0, idx, Jg, n)
-                if a > 0:
-                    n = _pose_columns(field_size + block * (a - 1), v, r, DM, -1.0, idx, Jg, n)
-                n = _depth_columns(t, k, a, D, DM, on_plane[i], free[i], by, d[i], plane_first, Jl, idx, Jg, n)
-            if field_size:
-                n = _field_columns(field_size + block * (k - 1) + 6 if k else 0, half, places[k, i], w, idx, Jg, n)
-            camera_columns = n
-            idx[n] = focal
-            Jg[0, n] = (pixel[0] - camera[3]) / sigma_px[k, i]
-            Jg[1, n] = (pixel[1] - camera[4]) / sigma_px[k, i]
-            idx[n + 1] = focal + 1
-            Jg[0, n + 1], Jg[1, n + 1] = by_k1[0] / sigma_px[k, i], by_k1[1] / sigma_px[k, i]
-            n += 2
-            if readout_size:
-                idx[n] = focal + 2
-                Jg[0, n] = sweep_px_s[k, i, 0] / sigma_px[k, i]
-                Jg[1, n] = sweep_px_s[k, i, 1] / sigma_px[k, i]
-                n += 1
-            for q in range(principal_size):
-                idx[n] = focal + 2 + readout_size + q
-                Jg[q, n], Jg[1 - q, n] = 1.0 / sigma_px[k, i], 0.0
-                n += 1
-            for q in range(camera_columns, n):
-                Jg[0, q], Jg[1, q] = w[0, 0] * Jg[0, q] + w[0, 1] * Jg[1, q], w[1, 0] * Jg[0, q] + w[1, 1] * Jg[1, q]
-            slope += left * left * (Jl[0, 2] * e[1] - Jl[1, 2] * e[0])
-            curvature += left * left * (Jl[0, 2] * Jl[0, 2] + Jl[1, 2] * Jl[1, 2])
-            _add_observation(left * left, e, Jl, Jg, idx, n, A, b, W, shares[i], normal)
-        total += costs[i]
         if fill:
-            across[i] = slope * slope / curvature if curvature > 0.0 else 0.0
-            if hold and r == 0.0 and not on_plane[i] and b[2] > 0.0:
-                free[i], b[2], W[2] = False, 0.0, 0.0
-            _invert(A, 2 if (on_plane[i] or not free[i]) else 3)
-            # Not by slices: their assignment takes the compiler three seconds.
+            across[i] = 0.0
+            clear_track(i, back, halves, shares, share, A, b, coupled, by_depth, by_lens)
+        if a < 0:
+            continue
+        flat = on_plane[i]
+        flats |= flat
+        r = depth_on_plane(R, t, a, d[i], plane, by) if flat else rho[i]
+        behind = flat and r <= 0.0
+        x0, x1, x2, y0, y1, y2 = tangents(d[i])
+        by_x, by_y = 0.0, 0.0
+        if flat:
+            by_x, by_y = by[3] * x0 + by[4] * x1 + by[5] * x2, by[3] * y0 + by[4] * y1 + by[5] * y2
+        of_depth = 1.0 if free[i] and not flat else 0.0
+        v0, v1, v2 = d[i, 0] - r * t[a, 0], d[i, 1] - r * t[a, 1], d[i, 2] - r * t[a, 2]
+        Y0 = R[a, 0, 0] * v0 + R[a, 1, 0] * v1 + R[a, 2, 0] * v2
+        Y1 = R[a, 0, 1] * v0 + R[a, 1, 1] * v1 + R[a, 2, 1] * v2
+        Y2 = R[a, 0, 2] * v0 + R[a, 1, 2] * v1 + R[a, 2, 2] * v2
+        E0, E1, E2, slope, curvature, depth_gradient, depth_curvature = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        cost = 0.0
+        for n in range(first[i], first[i + 1]):
+            k = view[n]
+            z0 = R[k, 0, 0] * Y0 + R[k, 0, 1] * Y1 + R[k, 0, 2] * Y2
+            z1 = R[k, 1, 0] * Y0 + R[k, 1, 1] * Y1 + R[k, 1, 2] * Y2
+            z2 = R[k, 2, 0] * Y0 + R[k, 2, 1] * Y1 + R[k, 2, 2] * Y2
+            sees, px, py, a0, a1, a2, b0, b1, b2, f0, f1 = project_point(
+                camera, focal_scale, k1, z0 + r * t[k, 0], z1 + r * t[k, 1], z2 + r * t[k, 2]
+            )
+            if behind or not sees:
+                cost += gate2
+                residuals[k, i, 0] = residuals[k, i, 1] = np.inf
+                continue
+            inverse = observed[n, 2]
+            w00, w01, w10, w11 = observed[n, 3], observed[n, 4], observed[n, 5], observed[n, 6]
+            g0 = (px + principal_px[0] + readout_s * observed[n, 7] - observed[n, 0]) * inverse
+            g1 = (py + principal_px[1] + readout_s * observed[n, 8] - observed[n, 1]) * inverse
+            for q in range(half):
+                g0 += places[k, i, q] * field[k, q]
+                g1 += places[k, i, q] * field[k, half + q]
+            e0, e1 = w00 * g0 + w01 * g1, w10 * g0 + w11 * g1
+            r2 = e0 * e0 + e1 * e1
+            residuals[k, i, 0], residuals[k, i, 1] = e0, e1
+            left = max(1.0 - r2 * share_gate, 0.0)
+            cost += gate2 * (1.0 - left * left * left)
+            if not fill or left == 0.0:
+                continue
+            weight = left * left
+            # Derivatives by the point, in units of the noise: in the axes of the view, then in those of the anchor.
+            w00, w01, w10, w11 = w00 * inverse, w01 * inverse, w10 * inverse, w11 * inverse
+            a0, b0 = w00 * a0 + w01 * b0, w10 * a0 + w11 * b0
+            a1, b1 = w00 * a1 + w01 * b1, w10 * a1 + w11 * b1
+            a2, b2 = w00 * a2 + w01 * b2, w10 * a2 + w11 * b2
+            c0 = a0 * turn[a, k, 0] + a1 * turn[a, k, 3] + a2 * turn[a, k, 6]
+            c1 = a0 * turn[a, k, 1] + a1 * turn[a, k, 4] + a2 * turn[a, k, 7]
+            c2 = a0 * turn[a, k, 2] + a1 * turn[a, k, 5] + a2 * turn[a, k, 8]
+            d0 = b0 * turn[a, k, 0] + b1 * turn[a, k, 3] + b2 * turn[a, k, 6]
+            d1 = b0 * turn[a, k, 1] + b1 * turn[a, k, 4] + b2 * turn[a, k, 7]
+            d2 = b0 * turn[a, k, 2] + b1 * turn[a, k, 5] + b2 * turn[a, k, 8]
+            # Derivatives by the ray and by the inverse distance, then weighted.
+            s0, s1 = 0.0, 0.0
+            if k != a:
+                s0 = c0 * shift[a, k, 0] + c1 * shift[a, k, 1] + c2 * shift[a, k, 2]
+                s1 = d0 * shift[a, k, 0] + d1 * shift[a, k, 1] + d2 * shift[a, k, 2]
+            l00, l10 = c0 * x0 + c1 * x1 + c2 * x2 + s0 * by_x, d0 * x0 + d1 * x1 + d2 * x2 + s1 * by_x
+            l01, l11 = c0 * y0 + c1 * y1 + c2 * y2 + s0 * by_y, d0 * y0 + d1 * y1 + d2 * y2 + s1 * by_y
+            l02, l12 = s0 * of_depth, s1 * of_depth
+            j00, j10 = weight * l00, weight * l10
+            j01, j11 = weight * l01, weight * l11
+            j02, j12 = weight * l02, weight * l12
+            h0, h1 = weight * e0, weight * e1
+            b[0] += l00 * h0 + l10 * h1
+            b[1] += l01 * h0 + l11 * h1
+            b[2] += l02 * h0 + l12 * h1
+            A[0, 0] += j00 * l00 + j10 * l10
+            A[1, 0] += j01 * l00 + j11 * l10
+            A[1, 1] += j01 * l01 + j11 * l11
+            A[2, 0] += j02 * l00 + j12 * l10
+            A[2, 1] += j02 * l01 + j12 * l11
+            A[2, 2] += j02 * l02 + j12 * l12
+            slope += l02 * h1 - l12 * h0
+            curvature += weight * (l02 * l02 + l12 * l12)
+            # Derivatives by the lens.
+            Jc[0, 0], Jc[1, 0], Jc[0, 1], Jc[1, 1] = px - camera[3], py - camera[4], f0, f1
+            if readout_size:
+                Jc[0, 2], Jc[1, 2] = observed[n, 7], observed[n, 8]
+            if principal_size:
+                Jc[0, lens - 2], Jc[1, lens - 2], Jc[0, lens - 1], Jc[1, lens - 1] = 1.0, 0.0, 0.0, 1.0
+            for c in range(lens):
+                g0, g1 = w00 * Jc[0, c] + w01 * Jc[1, c], w10 * Jc[0, c] + w11 * Jc[1, c]
+                Jc[0, c], Jc[1, c] = g0, g1
+                share[focal + c] += g0 * h0 + g1 * h1
+                back[i, 0, 4 + focal + c] += j00 * g0 + j10 * g1
+                back[i, 1, 4 + focal + c] += j01 * g0 + j11 * g1
+                back[i, 2, 4 + focal + c] += j02 * g0 + j12 * g1
+                g0, g1 = weight * g0, weight * g1
+                for q in range(c + 1):
+                    normal[focal + c, focal + q] += g0 * Jc[0, q] + g1 * Jc[1, q]
+                if k != a:
+                    m0, m1, m2 = c0 * g0 + d0 * g1, c1 * g0 + d1 * g1, c2 * g0 + d2 * g1
+                    lens_sums[a, k, c, 0] += v1 * m2 - v2 * m1
+                    lens_sums[a, k, c, 1] += v2 * m0 - v0 * m2
+                    lens_sums[a, k, c, 2] += v0 * m1 - v1 * m0
+                    lens_sums[a, k, c, 3] += r * m0
+                    lens_sums[a, k, c, 4] += r * m1
+                    lens_sums[a, k, c, 5] += r * m2
+                    if flat:
+                        by_lens[c] += s0 * g0 + s1 * g1
+            if k != a:
+                E0, E1, E2 = E0 + c0 * h0 + d0 * h1, E1 + c1 * h0 + d1 * h1, E2 + c2 * h0 + d2 * h1
+                if a > 0:
+                    coupled[0, 0] += j00 * c0 + j10 * d0
+                    coupled[0, 1] += j00 * c1 + j10 * d1
+                    coupled[0, 2] += j00 * c2 + j10 * d2
+                    coupled[1, 0] += j01 * c0 + j11 * d0
+                    coupled[1, 1] += j01 * c1 + j11 * d1
+                    coupled[1, 2] += j01 * c2 + j11 * d2
+                    coupled[2, 0] += j02 * c0 + j12 * d0
+                    coupled[2, 1] += j02 * c1 + j12 * d1
+                    coupled[2, 2] += j02 * c2 + j12 * d2
+                m0, n0 = weight * c0, weight * d0
+                m1, n1 = weight * c1, weight * d1
+                m2, n2 = weight * c2, weight * d2
+                sums = pose_products(
+                    m0 * c0 + n0 * d0, m0 * c1 + n0 * d1, m0 * c2 + n0 * d2,
+                    m1 * c1 + n1 * d1, m1 * c2 + n1 * d2, m2 * c2 + n2 * d2, v0, v1, v2, r,
+                )  # fmt: skip
+                pose_sums[a, k, 0] += sums[0]
+                pose_sums[a, k, 1] += sums[1]
+                pose_sums[a, k, 2] += sums[2]
+                pose_sums[a, k, 3] += sums[3]
+                pose_sums[a, k, 4] += sums[4]
+                pose_sums[a, k, 5] += sums[5]
+                pose_sums[a, k, 6] += sums[6]
+                pose_sums[a, k, 7] += sums[7]
+                pose_sums[a, k, 8] += sums[8]
+                pose_sums[a, k, 9] += sums[9]
+                pose_sums[a, k, 10] += sums[10]
+                pose_sums[a, k, 11] += sums[11]
+                pose_sums[a, k, 12] += sums[12]
+                pose_sums[a, k, 13] += sums[13]
+                pose_sums[a, k, 14] += sums[14]
+                pose_sums[a, k, 15] += sums[15]
+                pose_sums[a, k, 16] += sums[16]
+                pose_sums[a, k, 17] += sums[17]
+                pose_sums[a, k, 18] += sums[18]
+                pose_sums[a, k, 19] += sums[19]
+                pose_sums[a, k, 20] += sums[20]
+                if flat:
+                    # What moves the distance moves the point along s.
+                    g0, g1 = weight * s0, weight * s1
+                    m0, m1, m2 = c0 * g0 + d0 * g1, c1 * g0 + d1 * g1, c2 * g0 + d2 * g1
+                    depth_gradient += s0 * h0 + s1 * h1
+                    depth_curvature += g0 * s0 + g1 * s1
+                    by_depth[0] += l00 * g0 + l10 * g1
+                    by_depth[1] += l01 * g0 + l11 * g1
+                    m0, m1, m2, n0, n1, n2 = (
+                        v1 * m2 - v2 * m1,
+                        v2 * m0 - v0 * m2,
+                        v0 * m1 - v1 * m0,
+                        r * m0,
+                        r * m1,
+                        r * m2,
+                    )
+                    for q in range(9 if a > 0 else 3):
+                        c = by[q if q < 3 else q + 3]
+                        plane_sums[a, k, q, 0] += m0 * c
+                        plane_sums[a, k, q, 1] += m1 * c
+                        plane_sums[a, k, q, 2] += m2 * c
+                        plane_sums[a, k, q, 3] += n0 * c
+                        plane_sums[a, k, q, 4] += n1 * c
+                        plane_sums[a, k, q, 5] += n2 * c
+                if k > 0:
+                    at = field_size + block * (k - 1)
+                    g0, g1 = z1 * a2 - z2 * a1, z1 * b2 - z2 * b1
+                    share[at] = g0 * h0 + g1 * h1
+                    back[i, 0, 4 + at] = j00 * g0 + j10 * g1
+                    back[i, 1, 4 + at] = j01 * g0 + j11 * g1
+                    back[i, 2, 4 + at] = j02 * g0 + j12 * g1
+                    g0, g1 = z2 * a0 - z0 * a2, z2 * b0 - z0 * b2
+                    share[at + 1] = g0 * h0 + g1 * h1
+                    back[i, 0, 5 + at] = j00 * g0 + j10 * g1
+                    back[i, 1, 5 + at] = j01 * g0 + j11 * g1
+                    back[i, 2, 5 + at] = j02 * g0 + j12 * g1
+                    g0, g1 = z0 * a1 - z1 * a0, z0 * b1 - z1 * b0
+                    share[at + 2] = g0 * h0 + g1 * h1
+                    back[i, 0, 6 + at] = j00 * g0 + j10 * g1
+                    back[i, 1, 6 + at] = j01 * g0 + j11 * g1
+                    back[i, 2, 6 + at] = j02 * g0 + j12 * g1
+                    g0, g1 = r * a0, r * b0
+                    share[at + 3] = g0 * h0 + g1 * h1
+                    back[i, 0, 7 + at] = j00 * g0 + j10 * g1
+                    back[i, 1, 7 + at] = j01 * g0 + j11 * g1
+                    back[i, 2, 7 + at] = j02 * g0 + j12 * g1
+                    g0, g1 = r * a1, r * b1
+                    share[at + 4] = g0 * h0 + g1 * h1
+                    back[i, 0, 8 + at] = j00 * g0 + j10 * g1
+                    back[i, 1, 8 + at] = j01 * g0 + j11 * g1
+                    back[i, 2, 8 + at] = j02 * g0 + j12 * g1
+                    g0, g1 = r * a2, r * b2
+                    share[at + 5] = g0 * h0 + g1 * h1
+                    back[i, 0, 9 + at] = j00 * g0 + j10 * g1
+                    back[i, 1, 9 + at] = j01 * g0 + j11 * g1
+                    back[i, 2, 9 + at] = j02 * g0 + j12 * g1
+            if field_size:
+                rows[0, 0], rows[0, 1], rows[0, 2], rows[0, 3], rows[0, 4], rows[0, 5] = c0, c1, c2, l00, l01, l02
+                rows[1, 0], rows[1, 1], rows[1, 2], rows[1, 3], rows[1, 4], rows[1, 5] = d0, d1, d2, l10, l11, l12
+                rows[0, 6], rows[1, 6], rows[2, 0], rows[2, 1], rows[2, 2], rows[2, 3] = s0, s1, h0, h1, weight, r
+                add_field(
+                    n, k, i, a, flat, observed, places, rows, Jc, by, turn, v0, v1, v2, focal, lens, back, share, normal
+                )
+        costs[i] = cost
+        total += cost
+        if not fill:
+            continue
+        across[i] = slope * slope / curvature if curvature > 0.0 else 0.0
+        if hold and r == 0.0 and not flat and b[2] > 0.0:
+            free[i], b[2], coupled[2, 0], coupled[2, 1], coupled[2, 2] = False, 0.0, 0.0, 0.0, 0.0
+            for q in range(G):
+                back[i, 2, 4 + q] = 0.0
+        at_a = field_size + block * (a - 1)
+        if a > 0:
+            by_anchor = by_pose(E0, E1, E2, v0, v1, v2, r)
+            for q in range(6):
+                share[at_a + q] = -by_anchor[q] + (depth_gradient * by[6 + q] if flat else 0.0)
             for p in range(3):
-                back[i, p, 0] = b[p]
+                by_anchor = by_pose(coupled[p, 0], coupled[p, 1], coupled[p, 2], v0, v1, v2, r)
+                for q in range(6):
+                    back[i, p, 4 + at_a + q] = -by_anchor[q] + (by_depth[p] * by[6 + q] if flat else 0.0)
+        if flat:
+            for p in range(3):
+                share[at_plane + p] = depth_gradient * by[p]
                 for q in range(3):
-                    back[i, p, 1 + q] = A[p, q]
-                for q in range(G):
-                    back[i, p, 4 + q] = W[p, q]
-    for p in range(G if fill else 0):
-        for q in range(p):
-            normal[q, p] = normal[p, q]
+                    back[i, q, 4 + at_plane + p] = by_depth[q] * by[p]
+                    normal[at_plane + p, at_plane + q] += depth_curvature * by[p] * by[q]
+                for c in range(lens):
+                    normal[at_plane + p, focal + c] += by[p] * by_lens[c]
+            for q in range(6 if a > 0 else 0):
+                for p in range(6):
+                    normal[at_a + p, at_a + q] += depth_curvature * by[6 + p] * by[6 + q]
+                for p in range(3):
+                    normal[at_plane + p, at_a + q] += depth_curvature * by[p] * by[6 + q]
+                for c in range(lens):
+                    normal[focal + c, at_a + q] += by_lens[c] * by[6 + q]
+        unknowns = 2 if (flat or not free[i]) else 3
+        solve_track(i, A, b, unknowns, back, halves)
+        for q in range(G):
+            gradient[q] += share[q]
+        if len(shares):
+            for q in range(G):
+                own = halves[i, 0, q] * halves[i, 0, G] + halves[i, 1, q] * halves[i, 1, G]
+                shares[i, q] = share[q] - own - halves[i, 2, q] * halves[i, 2, G]
+    if fill:
+        assemble(turn, pose_sums, lens_sums, plane_sums, field_size, lens, flats, normal)
     return total
-
-
-@compiled
-def step_tracks(
-    back: Floats, step: Floats, length: float, rays: Floats, rho: Floats, free: Bools
-) -> tuple[Floats, Floats]:
-    """How the rays and inverse distances of the tracks follow a step of the common unknowns.
-
-    Parameters
-    ----------
-    back : (T, 3, 4 + G) float
-        Of :func:`accumulate`.
-    step : (G,) float
-        Of the common unknowns.
-    length : float
-        Factor on the steps of all unknowns.
-    rays : (T, 3) float
-        Unit rays.
-    rho : (T,) float
-        Inverse distances.
-    free : (T,) bool
-        Tracks whose inverse distance is an unknown.
-
-    Returns
-    -------
-    rays, rho : (T, 3), (T,) float
-        Unit rays, and inverse distances that are not negative.
-    """
-    moved, lengths = np.empty_like(rays), np.empty_like(rho)
-    g, local = np.empty(3), np.empty(3)
-    for i in range(len(rays)):
-        for p in range(3):
-            g[p] = back[i, p, 0]
-            for q in range(len(step)):
-                g[p] += back[i, p, 4 + q] * step[q]
-        for p in range(3):
-            local[p] = -length * (back[i, p, 1] * g[0] + back[i, p, 2] * g[1] + back[i, p, 3] * g[2])
-        x0, x1, x2, y0, y1, y2 = tangents(rays[i])
-        r0 = rays[i, 0] + local[0] * x0 + local[1] * y0
-        r1 = rays[i, 1] + local[0] * x1 + local[1] * y1
-        r2 = rays[i, 2] + local[0] * x2 + local[1] * y2
-        norm = max(np.sqrt(r0 * r0 + r1 * r1 + r2 * r2), 1e-300)
-        moved[i, 0], moved[i, 1], moved[i, 2] = r0 / norm, r1 / norm, r2 / norm
-        lengths[i] = max(rho[i] + local[2], 0.0) if free[i] else max(rho[i], 0.0)
-    return moved, lengths
-
-
-def eliminate(normal: Floats, shares: Floats, back: Floats) -> Floats:
-    """Take the tracks out of the common equations, in place (Schur complement).
-
-    It is one product of matrices, for which the linear algebra library of numpy is several times as fast as a loop.
-
-    Parameters
-    ----------
-    normal : (G, G) float
-        Of :func:`accumulate`.
-    shares : (T, G) float
-        Of :func:`accumulate`.
-    back : (T, 3, 4 + G) float
-        Of :func:`accumulate`.
-
-    Returns
-    -------
-    (G,) float
-        The gradient: the sum of the shares.
-    """
-    size = len(normal)
-    coupling = back[:, :, 4:]
-    solved = back[:, :, 1:4] @ coupling
-    normal -= solved.reshape(-1, size).T @ coupling.reshape(-1, size)
-    shares -= np.einsum("tpg,tp->tg", solved, back[:, :, 0])
-    return np.asarray(shares.sum(axis=0))

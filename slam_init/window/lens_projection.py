@@ -38,24 +38,26 @@ def lens_vector(lens: Lens | None) -> Floats:
 
 
 @compiled
-def _profile(lens: Floats, X: float, Y: float, Z: float, out: Floats) -> bool:
-    """Whether the lens sees a ray; out (8,) receives u, v and the derivatives of u, then of v, by X, Y, Z."""
-    kind, s = lens[0], X * X + Y * Y
+def _profile(
+    camera: Floats, X: float, Y: float, Z: float
+) -> tuple[bool, float, float, float, float, float, float, float, float]:
+    """Whether the lens sees a ray; then u, v and the derivatives of u, then of v, by X, Y, Z."""
+    kind, s = camera[11], X * X + Y * Y
     if kind == 3.0:
         level2 = X * X + Z * Z
         level, all2 = np.sqrt(level2), level2 + Y * Y
-        out[0], out[1] = np.arctan2(X, Z), np.arctan2(Y, level)
-        if level == 0.0 or abs(out[0]) > lens[17] or abs(out[1]) > lens[18]:
-            return False
-        out[2], out[3], out[4] = Z / level2, 0.0, -X / level2
-        out[5], out[6], out[7] = -X * Y / (level * all2), level / all2, -Z * Y / (level * all2)
-        return True
+        u, v = np.arctan2(X, Z), np.arctan2(Y, level)
+        if level == 0.0 or abs(u) > camera[28] or abs(v) > camera[29]:
+            return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        return (
+            True, u, v, Z / level2, 0.0, -X / level2, -X * Y / (level * all2), level / all2, -Z * Y / (level * all2),
+        )  # fmt: skip
     r = np.sqrt(s)
-    if np.arctan2(r, Z) > lens[17] or (s == 0.0 and Z <= 0.0):
-        return False
+    if np.arctan2(r, Z) > camera[28] or (s == 0.0 and Z <= 0.0):
+        return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     # The coordinates are (X, Y) g; the derivatives of g by s = X^2 + Y^2 and by Z follow.
     if kind == 0.0:
-        xi, a, b = lens[1], lens[2], lens[3]
+        xi, a, b = camera[12], camera[13], camera[14]
         length = np.sqrt(s + Z * Z)
         z = xi * length + Z
         d = np.sqrt(b * s + z * z)
@@ -66,7 +68,7 @@ def _profile(lens: Floats, X: float, Y: float, Z: float, out: Floats) -> bool:
     else:
         steep, gain = 1.0, 1.0
         if kind == 2.0:
-            steep, gain = 2.0 * np.tan(0.5 * lens[1]), 1.0 / lens[1]
+            steep, gain = 2.0 * np.tan(0.5 * camera[12]), 1.0 / camera[12]
         if s <= 1e-12 * Z * Z:
             g = gain * steep / Z
             g_s, g_Z = -gain * steep**3 / (3.0 * Z**3), -g / Z
@@ -75,58 +77,41 @@ def _profile(lens: Floats, X: float, Y: float, Z: float, out: Floats) -> bool:
             g = gain * angle / r
             g_s = 0.5 * gain * (steep * Z / all2 - angle / r) / s
             g_Z = -gain * steep / all2
-    out[0], out[1] = X * g, Y * g
-    out[2], out[3], out[4] = g + 2.0 * X * X * g_s, 2.0 * X * Y * g_s, X * g_Z
-    out[5], out[6], out[7] = 2.0 * X * Y * g_s, g + 2.0 * Y * Y * g_s, Y * g_Z
-    return True
+    return (
+        True, X * g, Y * g, g + 2.0 * X * X * g_s, 2.0 * X * Y * g_s, X * g_Z,
+        2.0 * X * Y * g_s, g + 2.0 * Y * Y * g_s, Y * g_Z,
+    )  # fmt: skip
 
 
 @compiled
 def project_ray(
-    lens: Floats,
-    fx: float,
-    fy: float,
-    cx: float,
-    cy: float,
-    k1: float,
-    X: float,
-    Y: float,
-    Z: float,
-    pixel: Floats,
-    by_point: Floats,
-    by_k1: Floats,
-) -> bool:
+    camera: Floats, scale: float, k1: float, X: float, Y: float, Z: float
+) -> tuple[bool, float, float, float, float, float, float, float, float, float, float]:
     """Project a point in any direction, and differentiate its pixel by the point and by the distortion.
 
     Parameters
     ----------
-    lens : (20,) float
-        Of :func:`lens_vector`.
-    fx, fy, cx, cy : float
-        In pixels.
+    camera : (31,) float
+        Of :func:`slam_init.window.projection.camera_vector`; the last twenty are those of the lens.
+    scale : float
+        Factor of the focal length.
     k1 : float
         Radial distortion that is added.
     X, Y, Z : float
         The point in the camera frame, in any scale.
-    pixel : (2,) float
-        Receives the pixel.
-    by_point : (2, 3) float
-        Receives the derivatives by X, Y and Z.
-    by_k1 : (2,) float
-        Receives the derivatives by k1.
 
     Returns
     -------
-    bool
-        Whether the lens sees the point; otherwise nothing is written.
+    bool, then 10 times float
+        Of :func:`slam_init.window.projection.project_point`.
     """
-    place = np.empty(8)
-    if not _profile(lens, X, Y, Z, place):
-        return False
-    u, v = place[0], place[1]
-    n1, n2, n3, n4 = lens[4] + k1 * lens[19], lens[5], lens[6], lens[7]
-    d1, d2, d3 = lens[8], lens[9], lens[10]
-    p1, p2, s1, s2, s3, s4 = lens[11], lens[12], lens[13], lens[14], lens[15], lens[16]
+    seen, u, v, u0, u1, u2, v0, v1, v2 = _profile(camera, X, Y, Z)
+    if not seen:
+        return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    fx, fy = scale * camera[1], scale * camera[2]
+    n1, n2, n3, n4 = camera[15] + k1 * camera[30], camera[16], camera[17], camera[18]
+    d1, d2, d3 = camera[19], camera[20], camera[21]
+    p1, p2, s1, s2, s3, s4 = camera[22], camera[23], camera[24], camera[25], camera[26], camera[27]
     s = u * u + v * v
     N, D = 1.0 + s * (n1 + s * (n2 + s * (n3 + s * n4))), 1.0 + s * (d1 + s * (d2 + s * d3))
     N_s, D_s = n1 + s * (2.0 * n2 + s * (3.0 * n3 + s * 4.0 * n4)), d1 + s * (2.0 * d2 + s * 3.0 * d3)
@@ -136,11 +121,12 @@ def project_ray(
     uu = ratio + 2.0 * u * u * change + 2.0 * p1 * v + 6.0 * p2 * u + prism_u * u
     uv, vu = across + prism_u * v, across + prism_v * u
     vv = ratio + 2.0 * v * v * change + 6.0 * p1 * v + 2.0 * p2 * u + prism_v * v
-    pixel[0] = fx * (u * ratio + 2.0 * p1 * u * v + p2 * (s + 2.0 * u * u) + s * (s1 + s * s2)) + cx
-    pixel[1] = fy * (v * ratio + p1 * (s + 2.0 * v * v) + 2.0 * p2 * u * v + s * (s3 + s * s4)) + cy
-    by_k1[0] = fx * lens[19] * u * s / D
-    by_k1[1] = fy * lens[19] * v * s / D
-    for q in range(3):
-        by_point[0, q] = fx * (uu * place[2 + q] + uv * place[5 + q])
-        by_point[1, q] = fy * (vu * place[2 + q] + vv * place[5 + q])
-    return True
+    x = u * ratio + 2.0 * p1 * u * v + p2 * (s + 2.0 * u * u) + s * (s1 + s * s2)
+    y = v * ratio + p1 * (s + 2.0 * v * v) + 2.0 * p2 * u * v + s * (s3 + s * s4)
+    by_k1 = camera[30] * s / D
+    return (
+        True, fx * x + camera[3], fy * y + camera[4],
+        fx * (uu * u0 + uv * v0), fx * (uu * u1 + uv * v1), fx * (uu * u2 + uv * v2),
+        fy * (vu * u0 + vv * v0), fy * (vu * u1 + vv * v1), fy * (vu * u2 + vv * v2),
+        fx * by_k1 * u, fy * by_k1 * v,
+    )  # fmt: skip

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats
-from slam_init.window.kernels import FIELD_TERMS
+from slam_init.window.measured_rays import triangulated
+from slam_init.window.track_equations import FIELD_TERMS
 from slam_init.window.tracks import WindowTracks
 
 __all__ = ["CALIBRATED_SIGMA", "Priors", "WindowState", "start_at"]
@@ -148,18 +149,9 @@ def start_at(
     bearings = tracks.bearings(log_scale, readout_s, k1, principal_px)
     rays = bearings[anchor, np.arange(len(anchor))]
     rays = np.where(np.isfinite(rays), rays, tracks.rays)
-    world = np.einsum("tji,tj->ti", R[anchor], rays)
-    centre = np.einsum("tji,tj->ti", R[anchor], t[anchor])
-    numerator, denominator = np.zeros(len(anchor)), np.full(len(anchor), 1e-12)
-    for k in range(len(R)):
-        measured = bearings[k]
-        along, by_depth = world @ R[k].T, t[k] - centre @ R[k].T
-        # n x (along + rho by_depth) = 0
-        a, b = np.cross(measured, along), np.cross(measured, by_depth)
-        used = tracks.seen[k] & (anchor != k) & np.isfinite(measured).all(axis=1)
-        numerator -= np.where(used, np.einsum("ij,ij->i", a, b), 0.0)
-        denominator += np.where(used, np.einsum("ij,ij->i", b, b), 0.0)
-    inverse = np.maximum(np.nan_to_num(numerator / denominator), 0.0) * (not at_infinity)
+    inverse = np.zeros(len(rays))
+    if not at_infinity:
+        inverse = triangulated(R, t, bearings, tracks.seen, tracks.anchor, rays)
     fields, on_plane = np.zeros((len(R), FIELD_TERMS)), np.full(len(anchor), plane is not None)
     return WindowState(
         R.copy(), t.copy(), rays, inverse, log_scale, fields, plane, on_plane, readout_s, k1, principal_px

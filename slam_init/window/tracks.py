@@ -13,6 +13,7 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.window.measured_rays import measured_rays
 from slam_init.work import Prices, spend
 
 __all__ = ["MAX_TRACKS", "MAX_TRACKS_IN_SLICES", "MAX_VIEWS", "WindowTracks", "gather_tracks"]
@@ -207,10 +208,11 @@ class WindowTracks:
             Unit rays in the cameras; any rays where a view does not see a track.
         """
         centre = np.array([self.camera.cx, self.camera.cy])
-        moved = self.pixels - (readout_s - self.readout_s) * self.sweep_px_s - np.asarray(principal_px)
-        pixels = centre + (moved - centre) / np.exp(log_scale)
-        rays = self.camera.bent(k1).bearings(pixels.reshape(-1, 2))
-        return rays.reshape(*self.seen.shape, 3)
+        moved = self.pixels - np.asarray(principal_px)
+        if readout_s != self.readout_s:
+            moved -= (readout_s - self.readout_s) * self.sweep_px_s
+        pixels = centre + (moved - centre) / np.exp(log_scale) if log_scale else moved
+        return measured_rays(self.camera.bent(k1), pixels, self.seen)
 
     def with_noise(self, noise_px: float) -> WindowTracks:
         """The same tracks with another noise.

@@ -8,7 +8,9 @@ from make_map import CAMERAS
 from make_window import cost_at, equations, make_window, moved
 
 from slam_init.window.equations import tangent_bases
-from slam_init.window.kernels import eliminate, step_tracks
+from slam_init.window.projection import camera_vector
+from slam_init.window.steps import step_tracks
+from slam_init.window.track_equations import eliminate
 
 #: Far from all residuals of noise, near enough that the robust weights differ from 1.
 GATE = 5.0
@@ -131,10 +133,9 @@ def test_a_step_of_the_eliminated_equations_is_that_of_all_unknowns():
     full, e = J.T @ J, rng.normal(size=len(J))
     right = J.T @ e
     own = [slice(size + 3 * i, size + 3 * i + 3) for i in range(count)]
-    back = np.array([np.column_stack([right[i], np.linalg.inv(full[i, i]), full[i, :size]]) for i in own])
-    normal, shares = full[:size, :size].copy(), np.outer(np.arange(count) / 10.0, right[:size])
-    gradient = eliminate(normal, shares, back)
-    np.testing.assert_allclose(shares.sum(axis=0), gradient)
+    halves = [np.linalg.solve(np.linalg.cholesky(full[i, i]), np.column_stack([full[i, :size], right[i]])) for i in own]
+    normal, gradient = np.tril(full[:size, :size]), right[:size].copy()
+    eliminate(normal, gradient, np.array(halves))
     np.testing.assert_allclose(np.linalg.solve(normal, gradient), np.linalg.solve(full, right)[:size], rtol=1e-8)
 
 
@@ -214,6 +215,10 @@ def test_tracks_follow_a_step_as_the_readable_formula_says():
     first, second = tangent_bases(rays)
     expected = rays + first * local[:, :1] + second * local[:, 1:2]
     expected /= np.linalg.norm(expected, axis=1, keepdims=True)
-    moved, lengths = step_tracks(back, step, length, rays, rho, free)
+    on_plane = rng.random(count) < 0.3
+    camera = camera_vector(CAMERAS["radtan"])
+    moved, lengths = step_tracks(
+        back, back[:, :, 4:] @ step, length, rays, rho, free, on_plane, camera, np.zeros(2), np.zeros(2)
+    )
     np.testing.assert_allclose(moved, expected, atol=1e-12)
-    np.testing.assert_allclose(lengths, np.maximum(rho + np.where(free, local[:, 2], 0.0), 0.0), atol=1e-12)
+    np.testing.assert_allclose(lengths, np.maximum(rho + np.where(free & ~on_plane, local[:, 2], 0.0), 0.0), atol=1e-12)

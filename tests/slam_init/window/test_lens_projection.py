@@ -10,10 +10,10 @@ from slam_init.window.projection import camera_vector, project_point
 
 
 def projected(camera, point, scale=1.0, k1=0.0):
-    """Whether the lens sees the point, its pixel, and the derivatives; NaN where nothing was written."""
-    pixel, by_point, by_k1 = np.full(2, np.nan), np.full((2, 3), np.nan), np.full(2, np.nan)
-    seen = project_point(camera_vector(camera), scale, k1, *map(float, point), pixel, by_point, by_k1)
-    return seen, pixel, np.column_stack([by_point, by_k1])
+    """Whether the lens sees the point, its pixel, and the derivatives; NaN where it does not."""
+    seen, *numbers = project_point(camera_vector(camera), scale, k1, *map(float, point))
+    numbers = np.array(numbers) if seen else np.full(10, np.nan)
+    return seen, numbers[:2], np.column_stack([numbers[2:8].reshape(2, 3), numbers[8:]])
 
 
 @pytest.mark.parametrize("model", LENSES)
