@@ -241,8 +241,16 @@ def statement_of_inliers(
         Its translation, unit norm.
     m, n : (N, 3) float
         Unit bearings of its inliers, N >= 6.
-    noise_rad, chance_matches, wrong_matches, rotation, stated_noise_rad
-        See :func:`parallax_statement`.
+    noise_rad : float or None
+        As for :func:`parallax_statement`.
+    chance_matches : float
+        As for :func:`parallax_statement`.
+    wrong_matches : int
+        As for :func:`parallax_statement`.
+    rotation : (3, 3) float
+        Of the camera that only rotates.
+    stated_noise_rad : float or None
+        As for :func:`parallax_statement`.
 
     Returns
     -------

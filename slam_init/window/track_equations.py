@@ -38,8 +38,12 @@ def collect(
 
     Parameters
     ----------
-    pixels, sigma_px, whitening, sweep_px_s, seen, anchor
+    pixels, sigma_px, whitening, sweep_px_s : (V, T, 2), (V, T), (V, T, 2, 2), (V, T, 2) float
         Of :class:`slam_init.window.tracks.WindowTracks`.
+    seen : (V, T) bool
+        Of the same.
+    anchor : (T,) int
+        Of the same.
     observed, view, first : (N, 9), (N,), (T + 1,)
         Receive the arguments of :func:`slam_init.window.kernels.accumulate`.
     """
