@@ -51,10 +51,8 @@ def compiler_of(folder: Path) -> Callable[[Function], Function]:
     folders = machine_code.folders_of(folder)
 
     def _compiled(function: Function) -> Function:
-        # Private loops are called by compiled loops only: they need no wrapper for calls from Python. No loop is called
-        # through a pointer.
-        private = function.__name__.startswith("_")
-        dispatcher = _njit(error_model="numpy", no_cfunc_wrapper=True, no_cpython_wrapper=private)(function)
+        # No loop is called through a pointer.
+        dispatcher = _njit(error_model="numpy", no_cfunc_wrapper=True)(function)
         if dispatcher is not function:  # NUMBA_DISABLE_JIT is not set
             dispatcher._cache = _Cache(f"{function.__module__}.{function.__qualname__}", sources, folders)
             dispatcher._compiler.compile = _without_collector(dispatcher._compiler.compile)
