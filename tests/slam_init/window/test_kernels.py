@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from make_map import CAMERAS
 from make_window import cost_at, equations, make_window, moved
+from window_reference import reference_equations
 
 from slam_init.window.equations import tangent_bases
-from slam_init.window.projection import camera_vector
+from slam_init.window.projection import camera_vector, project_point
 from slam_init.window.steps import step_tracks
 from slam_init.window.track_equations import eliminate
 
@@ -148,6 +149,21 @@ def test_a_track_that_is_left_out_has_no_cost_and_no_equations():
     assert not fewer.back[3].any()
 
 
+@pytest.mark.parametrize("unknowns", ["", "field", "readout", "principal", "field readout principal"])
+@pytest.mark.parametrize("kind", ["free", "plane"])
+def test_the_equations_are_those_of_the_readable_reference(kind, unknowns):
+    tracks, state = world(kind, views=4, camera=CAMERAS["radtan"], drift_px=2.0)
+    options = {f"with_{name}": name in unknowns for name in ("field", "readout", "principal")}
+    found, expected = equations(tracks, state, GATE, **options), reference_equations(tracks, state, GATE, **options)
+    assert found.cost == pytest.approx(expected.cost)
+    scale = np.sqrt(np.diag(expected.normal)) + 1.0
+    np.testing.assert_allclose(
+        found.normal / np.outer(scale, scale), expected.normal / np.outer(scale, scale), atol=1e-9
+    )
+    np.testing.assert_allclose(found.gradient / scale, expected.gradient / scale, atol=1e-8)
+    np.testing.assert_allclose(found.shares / scale, expected.shares / scale, atol=1e-8)
+
+
 @pytest.mark.parametrize("camera", ["pinhole", "fisheye"])
 @pytest.mark.parametrize("unknowns", ["", "field", "readout", "principal", "field readout principal"])
 @pytest.mark.parametrize("kind", ["free", "plane"])
@@ -222,3 +238,30 @@ def test_tracks_follow_a_step_as_the_readable_formula_says():
     )
     np.testing.assert_allclose(moved, expected, atol=1e-12)
     np.testing.assert_allclose(lengths, np.maximum(rho + np.where(free & ~on_plane, local[:, 2], 0.0), 0.0), atol=1e-12)
+
+
+@pytest.mark.parametrize("model", ["pinhole", "radtan", "fisheye"])
+@pytest.mark.parametrize("by_lens", [(0.1, 0.0), (0.0, 0.1), (-0.1, 0.05)])
+def test_the_pixel_of_a_ray_follows_a_large_step_of_the_lens_to_first_order(model, by_lens):
+    camera, lens, by_lens = camera_vector(CAMERAS[model]), np.array([0.02, -0.01]), np.array(by_lens)
+    rays = np.array([[0.0, 0.0, 1.0], [0.1, -0.05, 1.0], [0.4, 0.3, 1.0], [-0.3, 0.2, 1.0]])
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    none, still, no = np.zeros((4, 3, 4)), np.zeros((4, 3)), np.zeros(4, bool)
+    moved, _ = step_tracks(none, still, 1.0, rays, np.zeros(4), no, no, camera, lens, by_lens)
+    for before, after in zip(rays, moved, strict=True):
+        _, x, y, *_, x_k1, y_k1 = project_point(camera, np.exp(lens[0]), lens[1], *before)
+        expected = (
+            np.array([x, y]) + (np.array([x, y]) - camera[3:5]) * by_lens[0] + np.array([x_k1, y_k1]) * by_lens[1]
+        )
+        _, u, v, *_ = project_point(camera, np.exp(lens[0] + by_lens[0]), lens[1] + by_lens[1], *after)
+        # A ray that stays would be off by 2 to 30 pixels away from the centre.
+        np.testing.assert_allclose([u, v], expected, atol=0.05)
+
+
+def test_a_ray_that_the_lens_does_not_see_takes_its_step():
+    camera, behind = camera_vector(CAMERAS["radtan"]), np.array([[0.0, 0.6, -0.8]])
+    back, no = np.zeros((1, 3, 4)), np.zeros(1, bool)
+    moved, _ = step_tracks(
+        back, np.zeros((1, 3)), 1.0, behind, np.zeros(1), no, no, camera, np.zeros(2), np.array([0.1, 0.1])
+    )
+    np.testing.assert_allclose(moved, behind)
