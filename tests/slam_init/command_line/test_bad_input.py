@@ -195,10 +195,10 @@ def interrupting(monkeypatch, at_frame):
 
     track = Tracker.track
 
-    def interrupted(self, frame):
+    def interrupted(self, frame, **options):
         if frame.index == at_frame or at_frame < 0:
             raise KeyboardInterrupt
-        return track(self, frame)
+        return track(self, frame, **options)
 
     monkeypatch.setattr(Tracker, "track", interrupted)
 

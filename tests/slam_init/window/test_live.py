@@ -29,7 +29,7 @@ def propose(live, source, views):
 
 
 @pytest.mark.parametrize(("scene", "baseline"), [("room", 0.15), ("wall", 0.3)])
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, 2])
 def test_a_carried_motion_is_that_of_the_last_window_fitted_from_its_own_pair(scene, baseline, seed):
     source = point_source(scene, seed, baseline=baseline)
     observations = list(source.observations())
