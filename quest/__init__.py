@@ -26,7 +26,6 @@ References
 
 from quest.errors import InputError
 from quest.estimate import estimate_relative_pose
-from quest.moved import QUEST_MODULES, MovedModules
 from quest.pixels import estimate_relative_pose_px
 from quest.registry import SOLVERS, Solver
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
@@ -57,8 +56,6 @@ __all__ = [
     "questn",
     "translation_and_depths",
 ]
-
-MovedModules(QUEST_MODULES).install()
 
 
 def __getattr__(name: str) -> str:

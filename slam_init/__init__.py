@@ -9,8 +9,6 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from slam_init import moved
-
 if TYPE_CHECKING:
     from slam_init.calibration.files import load_camera
     from slam_init.config import Config, load_config
@@ -22,7 +20,6 @@ if TYPE_CHECKING:
     from slam_init.scale.find import find_scale
     from slam_init.scale.metric_map import in_metres
     from slam_init.scale.requests import parse_scale
-    from slam_init.status import Status
     from slam_init.types.camera import Camera
     from slam_init.types.frame import Frame, Observations
     from slam_init.types.gates import Gate
@@ -31,6 +28,7 @@ if TYPE_CHECKING:
     from slam_init.types.reasons import Verdict
     from slam_init.types.result import Attempt, Result, Segment
     from slam_init.types.scale import Scale
+    from slam_init.types.status import Status
 
     __version__: str
 
@@ -86,7 +84,7 @@ _HOMES = {
     "Segment": "types.result",
     "SlamInitError": "errors",
     "SourceError": "errors",
-    "Status": "status",
+    "Status": "types.status",
     "Trajectory": "types.pose",
     "Verdict": "types.reasons",
     "find_scale": "scale.find",
@@ -98,8 +96,6 @@ _HOMES = {
     "parse_scale": "scale.requests",
     "run": "runner",
 }
-
-moved.install()
 
 
 def __getattr__(name: str) -> object:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Self, TypeVar, get_type_hints
 
 from slam_init.errors import ConfigError
-from slam_init.regular_file import read_regular
+from slam_init.system.regular_file import read_regular
 from slam_init.types.display import Described
 
 __all__ = [

@@ -33,8 +33,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.attempt_log import AttemptLog, focal_notes
 from slam_init.config import Config
+from slam_init.decision.attempt_log import AttemptLog, focal_notes
 from slam_init.decision.focal_check import FocalCheck
 from slam_init.decision.maps_so_far import MapsSoFar
 from slam_init.decision.outcome import Outcome
@@ -46,13 +46,13 @@ from slam_init.frontend.static_overlay import StaticOverlay
 from slam_init.frontend.tracks import Tracker
 from slam_init.output.names import MAX_SEGMENTS
 from slam_init.recording.recorder import Recorder
-from slam_init.status import Status, frame_of
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.attitude import checked_rotation
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.result import Attempt, ProvisionalMap, Result, Segment
+from slam_init.types.status import Status, frame_of
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.work import Sliced, seconds
 

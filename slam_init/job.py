@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from slam_init.config import Config
-from slam_init.continuation import Continuation, FrameTracker, follow
 from slam_init.datasets.gyroscope import StepRotations, gyroscope_of
 from slam_init.datasets.live.address import without_password
 from slam_init.datasets.track_source import KnowsTracks
@@ -17,6 +16,7 @@ from slam_init.frontend.frame_memory import FrameMemory
 from slam_init.frontend.orb import describe_landmarks
 from slam_init.frontend.tracks import History
 from slam_init.initializer import Initializer
+from slam_init.mapping.follower import Continuation, FrameTracker, follow
 from slam_init.mapping.reduction import Reduction
 from slam_init.methods import make_initializer
 from slam_init.methods.registry import FrontEnd
@@ -30,13 +30,13 @@ from slam_init.recording.recorder import Recorder
 from slam_init.scale.find import find_scale
 from slam_init.scale.metric_map import in_metres, scaled_keyframes
 from slam_init.scale.requests import KnownBoard, KnownMarkers, ScaleRequest
-from slam_init.status import Status
 from slam_init.types.arrays import Bools, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, Source, length_of, notes_of
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.result import GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
+from slam_init.types.status import Status
 
 __all__ = ["Finished", "Job", "reduction_of"]
 

@@ -76,7 +76,7 @@ def run(
     scale : ScaleRequest, optional
         What is known of the size of the scene (:mod:`slam_init.scale.requests`): the maps are then in metres.
     restart : bool
-        Whether to start anew where a map is lost (:mod:`slam_init.continuation`). The result lists all maps.
+        Whether to start anew where a map is lost (:mod:`slam_init.mapping.follower`). The result lists all maps.
     imu : bool
         Whether to use the gyroscope of the source, if it has one (:mod:`slam_init.datasets.gyroscope`).
 

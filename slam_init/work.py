@@ -7,7 +7,7 @@ until the next frame.
 
 Slices are counted in work and not in seconds. So the same frames give the same results on a slow and on a fast machine.
 The unit is a microsecond on one core of the machine that the prices were measured on
-(``python -m slam_init.benchmarks.speed``).
+(``python -m tests.benchmarks.speed``).
 
 greenlet switches between the call stacks in a microsecond. A thread would need locks around all that both sides use,
 and generators would turn every function between the initializer and the equations into one.
@@ -31,7 +31,7 @@ _Value = TypeVar("_Value")
 class Prices:
     """What the parts of a judgement take, in microseconds on one core of the machine that they were measured on.
 
-    ``python -m slam_init.benchmarks.speed`` measures them again.
+    ``python -m tests.benchmarks.speed`` measures them again.
     """
 
     #: The best pair: fixed, and for each match.

@@ -35,7 +35,7 @@ DOCUMENTS = {
     "CHANGELOG.md": "changelog.md",
     "quest/README.md": "quest.md",
 }
-MEASURED = ("slam_init/benchmarks/measured", "quest/benchmarks/measured")
+MEASURED = ("tests/benchmarks/measured", "tests/benchmarks/quest/measured")
 
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>[^\]\[]*)\]\((?P<target>[^)\s]+)\)")
 _FENCE = re.compile(r"^(```.*?^```)$", re.DOTALL | re.MULTILINE)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam_init import Initializer, InitialMap, open_source
-from slam_init.continuation import follow
+from slam_init.mapping.follower import follow
 from slam_init.recording.recorder import Recorder
 
 Floats = NDArray[np.float64]

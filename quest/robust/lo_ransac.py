@@ -30,7 +30,7 @@ Ints = NDArray[np.int64]
 
 #: Number of matches in a sample -> share of the samples without outliers that lead to the motion, under noise. Five:
 #: from two starts, 0.2 to 0.5 over general and planar scenes, with baselines from 0.03 to 0.5 of the depth and 0.7 px
-#: at a focal length of 458 px; refinement raises the share. Six: 0.3 to 0.9 (quest.benchmarks.six_matches).
+#: at a focal length of 458 px; refinement raises the share. Six: 0.3 to 0.9 (tests.benchmarks.quest.six_matches).
 YIELDS = {5: 0.35, 6: 0.5}
 #: The chunks grow: easy data stop after the first chunk, hard data need few calls.
 _FIRST_CHUNK, _LARGEST_CHUNK = 64, 1024

@@ -23,7 +23,8 @@ is the problem of size 12. It is exact for general points and for planes: V then
 none of them. As in :mod:`quest.solvers.quest6`, q follows from ``x1 = V y`` by ratios of monomials, the unknown is
 ``q' = p q``, so that rotations by 180 degrees are no special case, and the real part of a complex pair is a candidate.
 
-What was tried (100 to 200 problems of :mod:`quest.benchmarks.paper_protocol` a level; mean error of the first ranked)
+What was tried (100 to 200 problems of ``tests/benchmarks/quest/paper_protocol.py`` a level; mean error of the first
+ranked)
 
 * 8 dimensions in place of 12 are no better on general points (.030 against .034 at 0.5 px, .080 against .071 at 2 px)
   and wrong on exact planes, where 12 solutions exist; 15, without the products, take longer and rank worse (.045).

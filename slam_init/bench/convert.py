@@ -37,7 +37,7 @@ from slam_init.datasets.text import numbers, pose_from_matrix, pose_from_quatern
 from slam_init.errors import ConfigError, SourceError
 from slam_init.output.folder import OutputFolder, output_error, staged_names
 from slam_init.output.results import tum_text
-from slam_init.regular_file import check_inside, user_path
+from slam_init.system.regular_file import check_inside, user_path
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.initial_map import Keyframe

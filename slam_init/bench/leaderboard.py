@@ -20,7 +20,7 @@ from slam_init.compare.rows import finite_json
 from slam_init.errors import SourceError
 from slam_init.output.folder import OutputFolder, output_error
 from slam_init.output.names import PAGE, SHEET_FILES
-from slam_init.regular_file import read_regular, user_path
+from slam_init.system.regular_file import read_regular, user_path
 
 __all__ = ["Entry", "leaderboard_html", "publish", "read_entries"]
 

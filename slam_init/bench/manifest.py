@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slam_init.errors import SourceError
-from slam_init.regular_file import check_inside, read_regular
+from slam_init.system.regular_file import check_inside, read_regular
 
 __all__ = [
     "BY_HAND",

@@ -20,7 +20,7 @@ from slam_init.bundle.graph import PoseTerms
 from slam_init.bundle.problem import BundleProblem
 from slam_init.bundle.reprojection import is_undistorted_first, measured_pixels
 from slam_init.bundle.virtual_cameras import needs_virtual_cameras, virtual_cameras
-from slam_init.linear_algebra import single_threaded
+from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose

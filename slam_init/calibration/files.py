@@ -25,7 +25,7 @@ import numpy as np
 from slam_init.calibration.formats import parse_colmap, parse_mapping
 from slam_init.calibration.prior import AUTO, NUMBERS, camera_of_number, prior_camera
 from slam_init.errors import CalibrationError, plain_line
-from slam_init.regular_file import read_regular, user_path
+from slam_init.system.regular_file import read_regular, user_path
 from slam_init.types.camera import Camera
 
 __all__ = ["camera_of", "load_camera", "load_yaml"]

@@ -38,7 +38,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from slam_init.errors import CalibrationError, SourceError, plain_line
-from slam_init.regular_file import check_inside, open_regular, user_path
+from slam_init.system.regular_file import check_inside, open_regular, user_path
 
 __all__ = ["MetadataFocal", "Origin", "focal_from_metadata"]
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 from slam_init.cli.exit_codes import DONE, NOT_INITIALIZED
 from slam_init.cli.parser import OUT_HELP, at_least
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
-from slam_init.process_io import tell
+from slam_init.system.process_io import tell
 
 if TYPE_CHECKING:
     from slam_init.cli.parser import Commands
-    from slam_init.self_calibration import SelfCalibration
+    from slam_init.methods.self_calibration import SelfCalibration
 
 __all__ = ["add_calibrate"]
 
@@ -54,8 +54,8 @@ def _calibrate(arguments: argparse.Namespace) -> int:
 
     from slam_init.calibration.writing import camera_yaml
     from slam_init.config import Config
+    from slam_init.methods.self_calibration import calibrate
     from slam_init.output.plain_json import plain
-    from slam_init.self_calibration import calibrate
 
     source = opened_source(arguments, arguments.seed)
     arguments.camera = arguments.camera or "auto"

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from slam_init.cli.exit_codes import DONE
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
-from slam_init.process_io import tell
-from slam_init.regular_file import user_path
+from slam_init.system.process_io import tell
+from slam_init.system.regular_file import user_path
 
 if TYPE_CHECKING:
     from slam_init.cli.parser import Commands

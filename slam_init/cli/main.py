@@ -24,7 +24,7 @@ from slam_init.cli.run import add_run
 from slam_init.cli.synth import add_synth
 from slam_init.cli.view import add_view
 from slam_init.errors import SlamInitError
-from slam_init.process_io import InterruptsNoted, NativeStderrSilenced, complain, fill_closed_streams, tell
+from slam_init.system.process_io import InterruptsNoted, NativeStderrSilenced, complain, fill_closed_streams, tell
 
 __all__ = ["entry_point", "main", "make_parser"]
 

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from slam_init.errors import SlamInitError
-from slam_init.process_io import tell
+from slam_init.system.process_io import tell
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite

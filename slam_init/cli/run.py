@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from slam_init.cli.exit_codes import DONE, NOT_INITIALIZED
 from slam_init.cli.parser import UsageError, at_least
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
-from slam_init.process_io import tell
-from slam_init.regular_file import user_path
+from slam_init.system.process_io import tell
+from slam_init.system.regular_file import user_path
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -155,8 +155,8 @@ def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> Summa
     """Run on a stream. An interrupt ends it as if its data had ended, and the next one ends the program."""
     from slam_init.datasets.live import open_live
     from slam_init.initializer import load_all
-    from slam_init.process_io import FirstInterruptTold
     from slam_init.recording.rerun_recorder import load_rerun
+    from slam_init.system.process_io import FirstInterruptTold
 
     if arguments.every != 1 or arguments.fps is not None or arguments.mask is not None:
         raise UsageError("--every, --fps and --mask are for sources that are read from files")

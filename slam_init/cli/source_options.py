@@ -136,7 +136,7 @@ def view_of(arguments: argparse.Namespace, every: int) -> SourceView:
         If an option is impossible.
     """
     from slam_init.datasets.views import SourceView
-    from slam_init.regular_file import user_path
+    from slam_init.system.regular_file import user_path
 
     mask = None if arguments.mask is None else str(user_path(arguments.mask).absolute())
     return SourceView(every, arguments.fps, mask)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from slam_init.cli.exit_codes import DONE
 from slam_init.cli.parser import at_least
-from slam_init.process_io import tell
+from slam_init.system.process_io import tell
 
 if TYPE_CHECKING:
     from slam_init.cli.parser import Commands

@@ -26,7 +26,7 @@ module               content
 ``isolation``        starts a process for trials, with limits of time and memory
 ``messages``         the requests to this process, and its answers
 ``worker``           the program that runs in this process; ``answers`` is its other part, and its guard is
-                     :mod:`slam_init.process_guard`
+                     :mod:`slam_init.system.process_guard`
 ``backends``         loky, sequential, Dask
 ``journal``          finished trials on disk
 ``statistics``       intervals and tests

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 
 from slam_init.compare.backend import Backend
 from slam_init.errors import ConfigError
-from slam_init.process_guard import end_with_parent
+from slam_init.system.process_guard import end_with_parent
 
 __all__ = ["DASK", "Backend", "open_backend"]
 

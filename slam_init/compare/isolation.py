@@ -218,7 +218,7 @@ class TrialProcess:
 
     The process is started with :mod:`subprocess`. Daemon processes of :mod:`multiprocessing` cannot have children, and
     some backends run in such processes. The process leads a group of its own. The group is killed when the connection
-    is closed or the parent ends (:mod:`slam_init.process_guard`).
+    is closed or the parent ends (:mod:`slam_init.system.process_guard`).
 
     Parameters
     ----------

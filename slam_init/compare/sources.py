@@ -15,7 +15,7 @@ from slam_init.compare.judging import NOT_JUDGED, Criteria, criteria_of, group_o
 from slam_init.compare.reduced_source import reduced
 from slam_init.datasets.views import SourceView
 from slam_init.errors import CalibrationError, SourceError
-from slam_init.regular_file import user_path
+from slam_init.system.regular_file import user_path
 from slam_init.types.arrays import Floats
 
 if TYPE_CHECKING:

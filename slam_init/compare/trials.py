@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.attempt_log import reported_distortion, reported_focal_factor
 from slam_init.compare.judging import Criteria, Truth
 from slam_init.compare.measures import depth_errors, is_correct, is_strict, pose_errors, survival
 from slam_init.compare.replay import Step, replay
@@ -21,6 +20,7 @@ from slam_init.compare.sources import ComparedSource, calibration_of, open_compa
 from slam_init.compare.trajectories import write_trajectory
 from slam_init.compare.trial_recording import TrialRecording
 from slam_init.config import Config, ExternalConfig
+from slam_init.decision.attempt_log import reported_distortion, reported_focal_factor
 from slam_init.methods.external_command import is_external
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.reasons import Verdict

@@ -11,7 +11,7 @@ import sys
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from slam_init.process_guard import guarded
+from slam_init.system.process_guard import guarded
 
 __all__ = ["main"]
 

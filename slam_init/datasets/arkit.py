@@ -30,7 +30,7 @@ from slam_init.datasets.text import numbers, pose_from_quaternion, read_rows, tr
 from slam_init.datasets.timed import TimedSource
 from slam_init.datasets.video import VideoSource, open_video
 from slam_init.errors import CalibrationError, SourceError
-from slam_init.regular_file import check_inside
+from slam_init.system.regular_file import check_inside
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam_init.errors import SourceError
-from slam_init.regular_file import check_inside, open_regular, read_regular
+from slam_init.system.regular_file import check_inside, open_regular, read_regular
 from slam_init.types.arrays import Floats
 
 __all__ = ["JsonObject", "json_array", "json_number", "read_json", "read_npy", "read_npz"]
@@ -35,7 +35,7 @@ def read_json(path: str | os.PathLike[str], root: str | os.PathLike[str], what: 
     ----------
     path : str or path-like
     root : str or path-like
-        The folder of the source; see :func:`slam_init.regular_file.check_inside`.
+        The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
     what : str
         What the file should be, for the message.
 

@@ -14,7 +14,7 @@ from slam_init.datasets.colmap_files import ColmapImage, model_files, read_camer
 from slam_init.datasets.image_files import ImageFileSource
 from slam_init.datasets.posed_images import PosedImage, posed_source
 from slam_init.errors import SourceError
-from slam_init.regular_file import check_inside
+from slam_init.system.regular_file import check_inside
 
 __all__ = ["find_colmap_model", "open_colmap"]
 

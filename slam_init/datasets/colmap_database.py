@@ -21,7 +21,7 @@ from slam_init.datasets.match_chains import PairMatches, chain_matches
 from slam_init.datasets.posed_images import common_camera
 from slam_init.datasets.track_source import TrackSource, by_name, track_source
 from slam_init.errors import SourceError
-from slam_init.regular_file import open_regular
+from slam_init.system.regular_file import open_regular
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 

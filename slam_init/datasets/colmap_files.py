@@ -15,7 +15,7 @@ from pathlib import Path
 from slam_init.calibration.formats import parse_colmap
 from slam_init.datasets.text import Row, numbers, pose_from_quaternion, read_lines, read_rows
 from slam_init.errors import CalibrationError, SourceError
-from slam_init.regular_file import check_inside, read_regular
+from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
@@ -77,7 +77,7 @@ def read_cameras(path: Path, root: Path) -> dict[int, Camera]:
     ----------
     path : Path
     root : Path
-        The folder of the source; see :func:`slam_init.regular_file.check_inside`.
+        The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
 
     Returns
     -------

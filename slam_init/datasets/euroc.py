@@ -24,7 +24,7 @@ from slam_init.datasets.image_files import ImageFileSource, read_image
 from slam_init.datasets.stamps import image_times, stamp_of, truth_on_clock
 from slam_init.datasets.text import numbers, pose_from_matrix, pose_from_quaternion, read_rows, trajectory
 from slam_init.errors import SourceError
-from slam_init.regular_file import check_inside
+from slam_init.system.regular_file import check_inside
 from slam_init.types.pose import Pose, Trajectory
 from slam_init.types.time_stamps import TimeUnit, in_seconds, time_unit
 

@@ -20,7 +20,7 @@ import numpy as np
 from slam_init.datasets.match_chains import PairMatches, chain_matches
 from slam_init.datasets.track_source import TrackSource, by_name, track_source
 from slam_init.errors import SourceError
-from slam_init.regular_file import check_inside, open_regular
+from slam_init.system.regular_file import check_inside, open_regular
 from slam_init.types.arrays import Floats, Ints
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ import numpy as np
 
 from slam_init.datasets.gyroscope import Gyroscope
 from slam_init.errors import SourceError
-from slam_init.regular_file import check_inside, read_regular
+from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
@@ -128,7 +128,7 @@ def read_image(path: str | os.PathLike[str], root: str | os.PathLike[str] | None
     ----------
     path : str or path-like
     root : str or path-like, optional
-        The folder of the source; see :func:`slam_init.regular_file.check_inside`.
+        The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
 
     Returns
     -------

@@ -18,7 +18,7 @@ from slam_init.datasets.image_files import ImageFileSource, list_images, read_im
 from slam_init.datasets.stamps import image_times, stamp_of
 from slam_init.datasets.text import numbers, pose_from_matrix, read_rows, trajectory
 from slam_init.errors import SourceError
-from slam_init.regular_file import check_inside
+from slam_init.system.regular_file import check_inside
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose, Trajectory
@@ -111,7 +111,7 @@ def read_projection(path: Path, root: Path, key: str) -> Floats:
     path : Path
         Lines of ``key: numbers``.
     root : Path
-        The folder of the source; see :func:`slam_init.regular_file.check_inside`.
+        The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
     key : str
         Name of the matrix, for example ``P0``.
 

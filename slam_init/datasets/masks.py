@@ -18,7 +18,7 @@ from slam_init.datasets.image_files import read_image
 from slam_init.datasets.subsampled import SubsampledSource
 from slam_init.datasets.timed import TimedSource
 from slam_init.errors import SourceError
-from slam_init.regular_file import user_path
+from slam_init.system.regular_file import user_path
 from slam_init.types.arrays import Image
 from slam_init.types.frame import Frame, notes_of
 

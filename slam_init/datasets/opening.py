@@ -43,7 +43,7 @@ from slam_init.datasets.user import PYTHON, open_python
 from slam_init.datasets.uzh_fpv import UZH_FPV_INDEX, open_uzh_fpv
 from slam_init.datasets.video import open_video
 from slam_init.errors import SourceError
-from slam_init.regular_file import kind_problem, user_path
+from slam_init.system.regular_file import kind_problem, user_path
 
 __all__ = ["detect_kind", "open_source"]
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from quest.geometry.quaternion import quaternion_from_matrix
 from slam_init.errors import SourceError
-from slam_init.regular_file import check_inside, read_regular
+from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose, Trajectory
 
@@ -44,7 +44,7 @@ def read_rows(path: str | os.PathLike[str], root: str | os.PathLike[str] | None 
     ----------
     path : str or path-like
     root : str or path-like, optional
-        The folder of the source; see :func:`slam_init.regular_file.check_inside`.
+        The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
 
     Yields
     ------
@@ -70,7 +70,7 @@ def read_lines(path: str | os.PathLike[str], root: str | os.PathLike[str] | None
     ----------
     path : str or path-like
     root : str or path-like, optional
-        The folder of the source; see :func:`slam_init.regular_file.check_inside`.
+        The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
 
     Yields
     ------
@@ -207,7 +207,7 @@ def read_tum_trajectory(path: str | os.PathLike[str], root: str | os.PathLike[st
     ----------
     path : str or path-like
     root : str or path-like, optional
-        The folder of the source; see :func:`slam_init.regular_file.check_inside`.
+        The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
 
     Returns
     -------

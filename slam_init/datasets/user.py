@@ -1,16 +1,16 @@
-"""Data sets of the user: ``python:package.module:attribute``, see :mod:`slam_init.examples.add_a_data_set`."""
+"""Data sets of the user: ``python:package.module:attribute``, see ``docs/examples/add_a_data_set.py``."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slam_init.datasets.stamps import image_times, truth_on_clock
 from slam_init.errors import SourceError
+from slam_init.system.user_code import attribute_of
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
@@ -23,6 +23,7 @@ __all__ = ["PYTHON", "ConvertedSource", "open_python"]
 
 #: Prefix of the name of such a source.
 PYTHON = "python:"
+_FORM = "give python:package.module:attribute or python:FILE.py:attribute"
 #: Attributes of a :class:`slam_init.datasets.timed.TimedSource`.
 _REQUIRED_ATTRIBUTES = ("name", "kind", "camera", "groundtruth", "timestamps_s", "frames", "__len__")
 
@@ -33,7 +34,8 @@ def open_python(text: str) -> TimedSource:
     Parameters
     ----------
     text : str
-        ``python:package.module:attribute``; the call returns a :class:`~slam_init.datasets.timed.TimedSource`.
+        ``python:package.module:attribute`` or ``python:FILE.py:attribute``; the call returns a
+        :class:`~slam_init.datasets.timed.TimedSource`.
 
     Returns
     -------
@@ -45,11 +47,10 @@ def open_python(text: str) -> TimedSource:
         If the attribute cannot be imported or called, if it does not return a source, or if the time stamps of the
         source do not increase or are no times.
     """
-    module, _, attribute = text.removeprefix(PYTHON).partition(":")
     try:
-        source: TimedSource = getattr(import_module(module), attribute)()
+        source: TimedSource = attribute_of(text.removeprefix(PYTHON))()
     except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise SourceError(f"{text}: cannot be opened ({error}): give python:package.module:attribute") from error
+        raise SourceError(f"{text}: cannot be opened ({error}): {_FORM}") from error
     if missing := [name for name in _REQUIRED_ATTRIBUTES if not hasattr(source, name)]:
         raise SourceError(f"{text}: the returned object is not a source: it has no {missing[0]}")
     return _with_checked_times(text, source)

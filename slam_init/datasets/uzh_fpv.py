@@ -19,7 +19,7 @@ from slam_init.datasets.image_files import ImageFileSource, read_image, stored_c
 from slam_init.datasets.stamps import image_times, stamp_of, truth_on_clock
 from slam_init.datasets.text import pose_from_matrix, read_rows, read_tum_trajectory
 from slam_init.errors import CalibrationError, SourceError
-from slam_init.regular_file import check_inside
+from slam_init.system.regular_file import check_inside
 from slam_init.types.pose import Pose, Trajectory
 
 __all__ = ["UZH_FPV_INDEX", "open_uzh_fpv"]

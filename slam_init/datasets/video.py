@@ -19,7 +19,7 @@ from slam_init.datasets.image_files import MAX_FRAMES, check_size, frame_range
 from slam_init.datasets.interlaced import NOTE, Deinterlacer
 from slam_init.datasets.video_decoders import Decoder, count_frames, decoded, packet_times_s, read_header
 from slam_init.errors import SourceError
-from slam_init.regular_file import open_regular
+from slam_init.system.regular_file import open_regular
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame

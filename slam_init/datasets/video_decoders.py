@@ -20,7 +20,7 @@ import numpy as np
 
 from slam_init.datasets.image_files import MAX_FRAMES, MAX_PIXELS
 from slam_init.errors import SourceError
-from slam_init.regular_file import open_regular
+from slam_init.system.regular_file import open_regular
 from slam_init.types.arrays import Image
 
 if TYPE_CHECKING:

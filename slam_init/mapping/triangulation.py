@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from quest.moved import moved_names
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
 
 __all__ = ["triangulate"]
-
-# A name that this module had; dropped in version 0.3.
-__getattr__ = moved_names(__name__, {"resect": "slam_init.mapping.resection"})
 
 
 def triangulate(world_from_cam: list[Pose], bearings: Floats) -> Floats:

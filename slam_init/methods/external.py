@@ -42,13 +42,13 @@ from slam_init.frontend.tracks import Tracker
 from slam_init.methods.external_command import parse_external
 from slam_init.methods.external_run import ProgramRun, run_program
 from slam_init.recording.recorder import Recorder
-from slam_init.regular_file import check_inside, read_regular
-from slam_init.status import Status, frame_of
+from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import REASONS, Verdict
 from slam_init.types.result import Result
+from slam_init.types.status import Status, frame_of
 from slam_init.types.stopwatch import Stopwatch
 
 if TYPE_CHECKING:

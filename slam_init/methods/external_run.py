@@ -1,7 +1,7 @@
 """Runs an external program with limits of time, memory and output.
 
-The program leads a process group under a guard (:mod:`slam_init.process_guard`). The whole group is killed at the
-end of the program, at the time limit, and when this process ends. Of the output only the end is kept.
+The program leads a process group under a guard (:mod:`slam_init.system.process_guard`). The whole group is killed at
+the end of the program, at the time limit, and when this process ends. Of the output only the end is kept.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from slam_init import process_guard
 from slam_init.errors import SlamInitError
+from slam_init.system import process_guard
 
 __all__ = ["USER_PYTHONPATH", "ProgramRun", "run_program"]
 

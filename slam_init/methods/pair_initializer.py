@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam_init.attempt_log import AttemptLog, focal_notes
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.problem import BundleProblem, BundleSolution
 from slam_init.config import Config
+from slam_init.decision.attempt_log import AttemptLog, focal_notes
 from slam_init.decision.refusal import refused, with_gates
 from slam_init.errors import SlamInitError
 from slam_init.frontend.frame_clock import FrameClock
@@ -20,7 +20,6 @@ from slam_init.mapping.map_building import initial_map
 from slam_init.methods.two_view import TwoViewMethod, TwoViewOutcome, undistorted_pixels
 from slam_init.output.names import MAX_SEGMENTS
 from slam_init.recording.recorder import Recorder
-from slam_init.status import Status, frame_of
 from slam_init.types.arrays import Image, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import MapEvidence
@@ -30,6 +29,7 @@ from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, Result, Segment
+from slam_init.types.status import Status, frame_of
 from slam_init.types.stopwatch import Stopwatch
 
 __all__ = ["PairInitializer"]

@@ -1,20 +1,20 @@
 """The names of the methods, their descriptions, and how they are made.
 
 The module imports no heavy library, because the command line reads it. A method of your own needs no entry here:
-``--method package.module:Class`` takes any :class:`~slam_init.methods.two_view.TwoViewMethod` that Python can import
-(see :mod:`slam_init.examples.add_a_method`).
+``--method package.module:Class`` or ``--method FILE.py:Class`` takes any
+:class:`~slam_init.methods.two_view.TwoViewMethod` (see ``docs/examples/add_a_method.py``).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import import_module
 from importlib.util import find_spec
 from types import BuiltinFunctionType
 from typing import TYPE_CHECKING, Any, Protocol
 
 from slam_init.errors import ConfigError
 from slam_init.methods.external_command import is_external, parse_external
+from slam_init.system.user_code import attribute_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from slam_init.config import Config
     from slam_init.frontend.tracks import History, Tracker
     from slam_init.recording.recorder import Recorder
-    from slam_init.status import Status
     from slam_init.types.arrays import Image
     from slam_init.types.camera import Camera
     from slam_init.types.frame import Frame, Observations
     from slam_init.types.initial_map import InitialMap
     from slam_init.types.result import Result
+    from slam_init.types.status import Status
 
 __all__ = ["METHODS", "FrontEnd", "MethodInfo", "make_initializer", "make_two_view", "method_info"]
 
@@ -265,7 +265,7 @@ def method_info(name: str) -> MethodInfo:
     if ":" in name:
         return MethodInfo(name, "a method of your own", name, home=name)
     raise ConfigError(
-        f"unknown method {name!r}: use one of {', '.join(METHODS)}, package.module:attribute, "
+        f"unknown method {name!r}: use one of {', '.join(METHODS)}, package.module:attribute, FILE.py:attribute, "
         "or 'command:PROGRAM {images} {times} {camera} {out}'"
     )
 
@@ -292,9 +292,8 @@ def make_two_view(name: str) -> Any:
         raise ConfigError(f"{name} is not a two-view method: use make_initializer")
     if info.needs is not None and find_spec(info.needs) is None:
         raise ConfigError(f"the method {name} needs the package {info.needs}: pip install {info.needs}")
-    module, _, attribute = info.home.partition(":")
     try:
-        make = getattr(import_module(module), attribute)
+        make = attribute_of(info.home)
         if isinstance(make, BuiltinFunctionType) or not callable(make):  # sys:exit
             raise ConfigError(f"{name!r} is not a two-view method: give package.module:Class")
         method = make()

@@ -16,7 +16,7 @@ from pathlib import Path
 from slam_init.errors import SourceError, plain_line
 from slam_init.output.folder.marker import read_marker
 from slam_init.output.names import RECORDING, RUN_FILES
-from slam_init.regular_file import check_inside, read_regular
+from slam_init.system.regular_file import check_inside, read_regular
 
 __all__ = ["FileSize", "ResultDescription", "describe_result", "describe_result_text", "is_result_folder"]
 

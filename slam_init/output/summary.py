@@ -177,7 +177,7 @@ def summary_of(
     ground_truth : GroundTruthErrors, optional
         From :func:`slam_init.evaluation.metrics.compare_with_groundtruth`.
     continued : ContinuationRecord, optional
-        From :meth:`slam_init.continuation.Continuation.record`.
+        From :meth:`slam_init.mapping.follower.Continuation.record`.
     segments : tuple of SegmentRecord
         Of a run that starts anew after a loss.
     provenance : Provenance, optional

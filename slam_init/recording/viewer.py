@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from slam_init.errors import SourceError, ViewerError
-from slam_init.regular_file import open_regular
+from slam_init.system.regular_file import open_regular
 
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient

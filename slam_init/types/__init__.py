@@ -9,25 +9,3 @@ Conventions, stated once for the whole project:
 * Two views obey ``u R m + t = v n`` (see :mod:`quest`) with ``R, t = cam2_from_cam1``.
 * Pixel centres lie at integer coordinates. Units are suffixes: ``_px``, ``_deg``, ``_rad``, ``_s``, ``_ms``.
 """
-
-from quest.moved import moved_names
-
-# Names that the module of this name had; dropped in version 0.3.
-__getattr__ = moved_names(
-    __name__,
-    {
-        "Attempt": "slam_init.types.result",
-        "Bools": "slam_init.types.arrays",
-        "Floats": "slam_init.types.arrays",
-        "Frame": "slam_init.types.frame",
-        "Image": "slam_init.types.arrays",
-        "InitialMap": "slam_init.types.initial_map",
-        "Ints": "slam_init.types.arrays",
-        "Keyframe": "slam_init.types.initial_map",
-        "Observations": "slam_init.types.frame",
-        "Pose": "slam_init.types.pose",
-        "Result": "slam_init.types.result",
-        "Source": "slam_init.types.frame",
-        "Trajectory": "slam_init.types.pose",
-    },
-)

@@ -219,7 +219,7 @@ class Result(Described):
     frames_to_init : int or None
         The same number at the moment when the map was accepted; None without a map.
     attempts : tuple of Attempt
-        The last :data:`slam_init.attempt_log.ATTEMPTS_KEPT`, without their matches.
+        The last :data:`slam_init.decision.attempt_log.ATTEMPTS_KEPT`, without their matches.
     timing_ms : mapping of str to StageTimes
         Times by stage of the pipeline.
     notes : tuple of str

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from quest.estimate import RelativePose
-from slam_init.linear_algebra import single_threaded
+from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera

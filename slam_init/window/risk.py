@@ -27,7 +27,7 @@ import numpy as np
 
 from quest.robust.spatial_blocks import regions_of
 from quest.uncertainty.tails import gaussian_tail
-from slam_init.linear_algebra import single_threaded
+from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.comparison import Margin
 from slam_init.window.hypotheses import WindowHypotheses

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from make_views import SCENES, distance, scene_points, two_views, unit
 
 from quest.baselines import homography
-from quest.benchmarks.paper_problems import draw_problems, rotation_error
 from quest.errors import InputError
 from quest.geometry.homography import decompose_homography, fit_homography
 from quest.geometry.quaternion import conjugate, matrix_from_quaternion, multiply, quaternion_from_matrix
@@ -21,6 +20,7 @@ from quest.solvers.newton import polish_on_matches
 from quest.solvers.quest6_fast import quest6_fast
 from quest.solvers.questn import questn
 from quest.solvers.selection import select_candidates
+from tests.benchmarks.quest.paper_problems import draw_problems, rotation_error
 
 ALL = pytest.mark.parametrize("solver", SOLVERS.values(), ids=SOLVERS)
 SEEDS = st.integers(0, 2**32 - 1)

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import quest
-from quest.benchmarks.adversarial import FUNCTIONS, is_rotation
 from quest.geometry.homography import decompose_homography, fit_homography
 from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_matrix, rotation_from_vector
 from quest.geometry.refine import refine_rotation
 from quest.robust.rotation import fit_rotation, refine_rotation_compiled
+from tests.benchmarks.quest.adversarial import FUNCTIONS, is_rotation
 
 # No division by zero and no overflow is allowed in the arithmetic.
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")

@@ -1,6 +1,5 @@
-"""The public face of the package: names, short texts, logging, old names."""
+"""The public face of the package: names, short texts, logging."""
 
-import importlib
 import logging
 import subprocess
 import sys
@@ -12,13 +11,7 @@ from paths import ROOT
 
 import quest
 import slam_init
-from quest.moved import QUEST_MODULES
 from slam_init import Config, Initializer, SlamInitError, load_config, load_graph, run
-from slam_init.moved import MOVED_MODULES
-
-#: Names that a package had when it was a module.
-OLD_NAMES = ("slam_init.types:Pose", "slam_init.types:Result", "slam_init.bundle:adjust", "slam_init.mapping:Margin",
-             "slam_init.recording:Recorder")  # fmt: skip
 
 
 class APath:
@@ -55,22 +48,6 @@ def test_both_packages_tell_the_same_version():
 def test_each_error_of_the_package_is_a_slam_init_error():
     for name in ("SourceError", "CalibrationError", "ConfigError", "OutputError"):
         assert issubclass(getattr(slam_init, name), SlamInitError)
-
-
-@pytest.mark.parametrize("old", [*QUEST_MODULES, *MOVED_MODULES])
-def test_an_old_module_name_still_imports_with_a_warning(old):
-    sys.modules.pop(old, None)
-    with pytest.warns(DeprecationWarning, match="has moved to"):
-        module = importlib.import_module(old)
-    new = importlib.import_module(({**QUEST_MODULES, **MOVED_MODULES})[old].split()[0])
-    assert all(getattr(module, name) is getattr(new, name) for name in getattr(new, "__all__", ()))
-
-
-@pytest.mark.parametrize("place", OLD_NAMES)
-def test_an_old_name_of_a_package_that_was_a_module_still_works_with_a_warning(place):
-    package, _, name = place.partition(":")
-    with pytest.warns(DeprecationWarning, match=name):
-        assert getattr(importlib.import_module(package), name) is not None
 
 
 def test_the_new_names_warn_of_nothing():

@@ -15,9 +15,9 @@ from make_scene import CAMERA, CONFIG, cloud, observe, plane, texture, window
 from make_summary import summarize
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.attempt_log import AttemptLog
 from slam_init.compare.measures import pose_errors
 from slam_init.config import Config, TrackingConfig
+from slam_init.decision.attempt_log import AttemptLog
 from slam_init.errors import SlamInitError
 from slam_init.frontend.tracks import Tracker
 from slam_init.initializer import Initializer

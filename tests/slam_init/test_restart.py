@@ -11,9 +11,9 @@ from make_source import synth
 from written import contents
 
 from slam_init.config import Config
-from slam_init.continuation import follow
 from slam_init.errors import SourceError
 from slam_init.initializer import Initializer
+from slam_init.mapping.follower import follow
 from slam_init.methods import make_initializer
 from slam_init.output.results import load_graph
 from slam_init.recording.recorder import Recorder

@@ -26,8 +26,8 @@ place where ``|det P|`` has a minimum. All candidates are refined on the
 Sampson errors of the sample. Six equations determine five unknowns, so no pose fits most samples with outliers, and
 these samples need no scoring.
 
-What was tried (36 scenes of :mod:`quest.benchmarks.scenes` with 0.7 px; share of the samples without outliers from
-which refinement on all matches finds the motion)
+What was tried (36 scenes of ``tests/benchmarks/quest/scenes.py`` with 0.7 px; share of the samples without outliers
+from which refinement on all matches finds the motion)
 
 * The candidates as they are 0.49, refined by one step 0.60, by two steps 0.62, by five steps 0.65. With the bounds on
   the residuals below, which save a quarter of the time, four steps have 0.61.

@@ -23,7 +23,7 @@ import numpy as np
 from slam_init.datasets.image_files import MAX_PIXELS
 from slam_init.datasets.ros.detection import METADATA, STORAGE_SUFFIXES, storage_files
 from slam_init.errors import SourceError, plain_line
-from slam_init.regular_file import check_inside, kind_problem, read_regular
+from slam_init.system.regular_file import check_inside, kind_problem, read_regular
 
 if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from slam_init.errors import SourceError
-from slam_init.regular_file import open_regular
+from slam_init.system.regular_file import open_regular
 
 __all__ = ["METADATA", "STORAGE_SUFFIXES", "detect_file", "is_bag_folder", "storage_files"]
 

@@ -11,7 +11,7 @@ from urllib.parse import parse_qsl, urlencode
 from slam_init.datasets.ros.bag import Bag, Topic
 from slam_init.datasets.ros.images import COMPRESSED, RAW, is_picture
 from slam_init.errors import SourceError
-from slam_init.regular_file import user_path
+from slam_init.system.regular_file import user_path
 
 __all__ = ["CAMERA_INFO", "NO_TRUTH", "POSES", "TRANSFORMS", "BagName", "image_topic", "info_topic", "truth_topic"]
 

@@ -12,7 +12,7 @@ from slam_init.output.folder.files import output_error, under
 from slam_init.output.folder.legacy import legacy_marker
 from slam_init.output.folder.marker import HOME, Marker, read_marker
 from slam_init.output.folder.renames import pending
-from slam_init.regular_file import user_path
+from slam_init.system.regular_file import user_path
 
 __all__ = ["check_folder", "chosen_folder", "refuse_foreign_files"]
 

@@ -15,7 +15,7 @@ from slam_init.output.folder.lock import FolderLock
 from slam_init.output.folder.marker import HOME, MARKER, Marker, write_marker
 from slam_init.output.folder.ownership import check_folder, refuse_foreign_files
 from slam_init.output.folder.renames import NEW, OLD, Renames, pending
-from slam_init.process_io import InterruptsDeferred
+from slam_init.system.process_io import InterruptsDeferred
 
 __all__ = ["OutputFolder", "staged_names"]
 

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from make_views import SCENES, distance, scene_points, two_views, unit
 
-from quest.benchmarks.paper_problems import draw_problems, rotation_error
 from quest.geometry.quaternion import canonical, conjugate, matrix_from_quaternion, multiply
 from quest.solvers.monomials import coefficient_rows, quartic_index, quartics, triples
 from quest.solvers.printed import quest6_printed, quest7_printed
@@ -18,6 +17,7 @@ from quest.solvers.quest6 import quest6
 from quest.solvers.quest6_fast import quest6_fast
 from quest.solvers.quest7 import quest7
 from quest.solvers.selection import select_candidates
+from tests.benchmarks.quest.paper_problems import draw_problems, rotation_error
 
 SEEDS = st.integers(0, 2**32 - 1)
 BOTH = pytest.mark.parametrize(

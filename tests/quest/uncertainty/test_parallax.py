@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from quest import InputError, parallax_statement
-from quest.benchmarks.parallax_calibration import Scene, draw_views, fitted_motion, true_ratio
 from quest.geometry.epipolar import depths_along_epipolar_lines
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
 from quest.geometry.refine import sampson_jacobian
@@ -17,6 +16,7 @@ from quest.robust import kernels
 from quest.robust.rotation import refine_rotation_compiled
 from quest.uncertainty.parallax import anisotropy_of, ratio_of
 from quest.uncertainty.tails import gaussian_tail, poisson_tail
+from tests.benchmarks.quest.parallax_calibration import Scene, draw_views, fitted_motion, true_ratio
 
 NOISE_RAD = 1.5e-3
 

@@ -11,7 +11,7 @@ import slam_init.initializer
 import slam_init.recording.live_viewer
 from slam_init.cli import main
 from slam_init.config import REALTIME_WORK
-from slam_init.process_io import FirstInterruptTold
+from slam_init.system.process_io import FirstInterruptTold
 
 
 @pytest.fixture

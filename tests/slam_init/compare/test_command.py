@@ -6,11 +6,11 @@ from comparisons import METHODS, rows_of
 from slam_init.cli import main
 from slam_init.compare.command import chosen_methods, main_table
 
-DATA_SET = "python:slam_init.examples.add_a_data_set:Poster"
+DATA_SET = "python:docs/examples/add_a_data_set.py:Poster"
 
 
 def test_the_command_writes_tables_a_page_and_recordings_of_the_example_data_set_and_method(tmp_path, capsys):
-    methods = ["quest", "slam_init.examples.add_a_method:MedianParallax"]
+    methods = ["quest", "add_a_method:MedianParallax"]
     options = ["--every", "30", "--min-left", "15", "--limit-frames", "12", "--backend", "sequential", "--recordings"]
     assert main(["compare", DATA_SET, *options, "--methods", ",".join(methods), "--out", str(tmp_path)]) == 0
     assert "images, moving camera" in capsys.readouterr().out
@@ -19,7 +19,7 @@ def test_the_command_writes_tables_a_page_and_recordings_of_the_example_data_set
         (DATA_SET, method, "correct") for method in methods
     ]
     names = [path.name for path in sorted(tmp_path.rglob("*.rrd"))]
-    assert names == ["quest.rrd", "side-by-side.rrd", "slam_init.examples.add_a_method-MedianParallax.rrd"]
+    assert names == ["quest.rrd", "side-by-side.rrd", "add_a_method-MedianParallax.rrd"]
     assert not list(tmp_path.rglob("*.npz"))  # the snapshots are removed after the recording of all methods
 
 

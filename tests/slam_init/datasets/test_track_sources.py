@@ -17,8 +17,8 @@ from slam_init.datasets import detect_kind, open_source
 from slam_init.datasets.describe import describe
 from slam_init.datasets.track_source import with_pictures
 from slam_init.errors import CalibrationError, SlamInitError, SourceError
+from slam_init.methods.self_calibration import calibrate
 from slam_init.runner import run
-from slam_init.self_calibration import calibrate
 
 
 def observed(source):

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slam_init.benchmarks.attacks.process_tree import MARK, left_over, new_mark
+from paths import ROOT
+
 from slam_init.calibration.files import load_camera
 from slam_init.calibration.writing import camera_yaml
 from slam_init.config import Config, ExternalConfig
@@ -19,6 +20,7 @@ from slam_init.methods.external import ExternalInitializer
 from slam_init.methods.external_command import is_external, method_label, parse_external
 from slam_init.methods.external_run import run_program
 from slam_init.types.camera import Camera
+from tests.benchmarks.attacks.process_tree import MARK, left_over, new_mark
 
 CAMERA = Camera("radtan", 64, 48, 60.0, 61.0, 31.5, 23.5, (0.1, -0.01, 0.001, 0.002))
 FRAMES = 4
@@ -182,9 +184,7 @@ def test_a_written_calibration_is_read_back(tmp_path, model):
 
 
 def test_the_shell_wrapper_gives_a_folder_of_tum_and_two_keyframes_are_the_map(tmp_path, monkeypatch):
-    import slam_init.examples
-
-    wrapper = Path(slam_init.examples.__file__).with_name("external_orb_slam3.sh")
+    wrapper = ROOT / "docs" / "examples" / "external_orb_slam3.sh"
     program = tmp_path / "Examples" / "Monocular" / "mono_tum"
     program.parent.mkdir(parents=True)
     program.write_text(

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from make_window import point_source
 
-from slam_init.benchmarks.heuristics_fidelity import run_cell
-from slam_init.benchmarks.two_view_scenes import CAMERA, make_scene
 from slam_init.config import Config
 from slam_init.methods import make_initializer, make_two_view
 from slam_init.methods.motions import motions_of_homography
@@ -16,6 +14,8 @@ from slam_init.methods.opensfm import OpenSfm, OpenSfmRules
 from slam_init.methods.pair_initializer import PairInitializer
 from slam_init.methods.pyslam import PySlam, PySlamRules
 from slam_init.methods.two_view import PairRule, TwoViewOutcome
+from tests.benchmarks.heuristics_fidelity import run_cell
+from tests.benchmarks.two_view_scenes import CAMERA, make_scene
 
 
 def outcome(two_view, scene):

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from make_window import point_source
 
-from slam_init.benchmarks.heuristics_fidelity import ORIGINAL, ROWS, fisher_p, run_cell
-from slam_init.benchmarks.two_view_scenes import CAMERA, make_scene
 from slam_init.compare.measures import pose_errors
 from slam_init.config import Config
 from slam_init.methods import METHODS, make_initializer, make_two_view
 from slam_init.methods.gates import GATED_PAIRS, GateRules
+from tests.benchmarks.heuristics_fidelity import ORIGINAL, ROWS, fisher_p, run_cell
+from tests.benchmarks.two_view_scenes import CAMERA, make_scene
 
 PEERS = ("poselib", "poselib-100", "magsac", "superansac")
 

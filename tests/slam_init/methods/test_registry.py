@@ -3,11 +3,11 @@
 from importlib.util import find_spec
 
 import pytest
+from add_a_method import MedianParallax
 from make_scene import CAMERA, CONFIG
 
 from slam_init.config import Config
 from slam_init.errors import ConfigError
-from slam_init.examples.add_a_method import MedianParallax
 from slam_init.methods import METHODS, MethodInfo, make_initializer, make_two_view, method_info
 from slam_init.runner import run
 
@@ -45,7 +45,7 @@ def test_a_method_whose_package_is_not_installed_names_the_package(monkeypatch):
 
 def test_a_method_of_your_own_is_imported_by_its_path(room, tmp_path):
     """As the command line runs the example; the summary and the configuration name the method."""
-    name = "slam_init.examples.add_a_method:MedianParallax"
+    name = "add_a_method:MedianParallax"
     assert method_info(name).home == name
     assert isinstance(make_two_view(name), MedianParallax)
     result, summary = run(room, room.camera, Config(method=name), out=tmp_path)

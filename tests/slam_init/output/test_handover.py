@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from make_map import CAMERAS, make_map
+from read_handover import main, read_handover
 
-from slam_init.examples.read_handover import main, read_handover
 from slam_init.output import handover
 from slam_init.output.handover import handover_arrays, handover_bytes
 from slam_init.types.camera import Camera

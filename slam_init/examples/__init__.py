@@ -1,1 +1,0 @@
-"""Example programs: how to feed the initializer, use its map, and add data sets and methods."""

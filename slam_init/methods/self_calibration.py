@@ -1,0 +1,209 @@
+"""The calibration of a camera from a whole video: ``slam-init calibrate``.
+
+A video is initialized again and again, each time from where the last initialization ended. Each stretch gives an
+estimate of the focal length and of the distortion with standard deviations, that of its most certain window. Stretches
+share no frames, so the estimates are independent, and their weighted mean is the calibration.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slam_init.config import Config
+from slam_init.datasets.track_source import KnowsTracks
+from slam_init.initializer import Initializer
+from slam_init.types.camera import Camera
+from slam_init.types.evidence import WindowEvidence
+from slam_init.types.frame import Frame, Source, length_of
+from slam_init.types.status import Status
+
+__all__ = ["SelfCalibration", "StretchEstimate", "calibrate", "combine"]
+
+#: A stretch without a map ends after so many frames: two seconds of video.
+_LONGEST_STRETCH = 60
+#: A focal length with a larger relative standard deviation is none: it is that of the prior, nearly.
+_TOLD_SIGMA = 0.15
+#: A distortion within two of its standard deviations is left out: most images have none.
+_TOLD_K1_SIGMAS = 2.0
+#: The model has one focal length and a principal point in the middle. Real ones are off by a hundredth of the width,
+#: which moves the focal length by a part of this.
+_MODEL_SIGMA = 0.005
+
+
+@dataclass(frozen=True)
+class StretchEstimate:
+    """The lens by one stretch of a video.
+
+    Attributes
+    ----------
+    first_frame, last_frame : int
+        Absolute indices.
+    focal_px : float
+    focal_sigma : float
+        Relative standard deviation.
+    k1, k1_sigma : float
+        First coefficient of the radial distortion, in OpenCV's convention, and its standard deviation.
+    """
+
+    first_frame: int
+    last_frame: int
+    focal_px: float
+    focal_sigma: float
+    k1: float
+    k1_sigma: float
+
+
+@dataclass(frozen=True)
+class SelfCalibration:
+    """The camera by all stretches.
+
+    Attributes
+    ----------
+    camera : Camera or None
+        None where no stretch tells the focal length.
+    stretches : tuple of StretchEstimate
+        Those that tell the focal length.
+    tried : int
+        Number of all stretches.
+    k1_sigma : float or None
+        Standard deviation of the first coefficient of the distortion.
+    """
+
+    camera: Camera | None
+    stretches: tuple[StretchEstimate, ...]
+    tried: int
+    k1_sigma: float | None = None
+
+
+def calibrate(
+    source: Source,
+    camera: Camera,
+    config: Config | None = None,
+    *,
+    start: int = 0,
+    max_frames: int | None = None,
+    progress: bool = False,
+) -> SelfCalibration:
+    """Estimate focal length and distortion from a whole video.
+
+    Parameters
+    ----------
+    source : Source
+    camera : Camera
+        What is known before, with ``focal_sigma`` (:func:`slam_init.calibration.prior.prior_camera`).
+    config : Config, optional
+    start : int
+        Absolute index of the first frame.
+    max_frames : int, optional
+        Largest number of frames.
+    progress : bool
+        Show a progress bar on stderr.
+
+    Returns
+    -------
+    SelfCalibration
+
+    Raises
+    ------
+    SlamInitError
+        If a frame cannot be read.
+    """
+    estimates: list[StretchEstimate] = []
+    tried = 0
+    length = length_of(source)
+    limits = [limit for limit in (None if length is None else length - start, max_frames) if limit is not None]
+    frames = _with_progress(source.frames(start, max_frames), min(limits, default=None), progress)
+    for first in frames:
+        tried += 1
+        found = _stretch(source, first, frames, camera, config or Config())
+        if found is not None:
+            estimates.append(found)
+    return replace(combine(camera, estimates), tried=tried)
+
+
+def combine(camera: Camera, estimates: Sequence[StretchEstimate]) -> SelfCalibration:
+    """Combine the estimates of independent stretches.
+
+    Parameters
+    ----------
+    camera : Camera
+        What is known before.
+    estimates : sequence of StretchEstimate
+
+    Returns
+    -------
+    SelfCalibration
+    """
+    if not estimates:
+        return SelfCalibration(None, (), 0)
+    log_focal, focal_sigma = _mean([math.log(e.focal_px) for e in estimates], [e.focal_sigma for e in estimates])
+    k1, k1_sigma = _mean([e.k1 for e in estimates], [e.k1_sigma for e in estimates])
+    focal_px = math.exp(log_focal)
+    found = replace(
+        camera,
+        fx=focal_px,
+        fy=focal_px,
+        source="estimated",
+        focal_sigma=min(math.hypot(focal_sigma, _MODEL_SIGMA), 1.0),
+    )
+    if abs(k1) > _TOLD_K1_SIGMAS * k1_sigma:
+        found = found.bent(k1 - (camera.distortion[0] if camera.distortion else 0.0))
+    return SelfCalibration(found, tuple(estimates), len(estimates), k1_sigma)
+
+
+def _mean(values: Sequence[float], sigmas: Sequence[float]) -> tuple[float, float]:
+    """Weighted mean and its standard deviation, wider where the values scatter more than their deviations say."""
+    weights = 1 / np.square(sigmas)
+    mean = float(np.average(values, weights=weights))
+    sigma = 1 / math.sqrt(float(weights.sum()))
+    if len(values) < 2:
+        return mean, sigma
+    scatter = float(weights @ np.square(np.subtract(values, mean))) / (len(values) - 1)
+    return mean, sigma * math.sqrt(max(scatter, 1.0))
+
+
+def _stretch(
+    source: Source, first: Frame, frames: Iterator[Frame], camera: Camera, config: Config
+) -> StretchEstimate | None:
+    """The most certain estimate of the frames from the first one to a map, or to the end of the stretch."""
+    initializer = Initializer(camera, config)
+
+    def process(frame: Frame) -> Status:
+        if isinstance(source, KnowsTracks):
+            return initializer.process_tracks(source.observed(frame, camera))
+        return initializer.process(frame)
+
+    last = first
+    process(first)
+    for frame in frames:
+        last = frame
+        if process(frame) or initializer.frames_read >= _LONGEST_STRETCH:
+            break
+    attempts = initializer.finish().attempts
+    windows = [attempt.window for attempt in attempts if attempt.window is not None]
+    best: WindowEvidence | None = min(windows, key=lambda window: window.focal_sigma, default=None)
+    if best is None or best.focal_sigma > _TOLD_SIGMA:
+        return None
+    first_coefficient = camera.distortion[0] if camera.distortion else 0.0
+    return StretchEstimate(
+        first_frame=first.index,
+        last_frame=last.index,
+        focal_px=camera.focal_px * best.focal_factor,
+        focal_sigma=best.focal_sigma,
+        k1=first_coefficient + best.distortion_k1,
+        k1_sigma=best.distortion_sigma,
+    )
+
+
+def _with_progress(frames: Iterator[Frame], total: int | None, show: bool) -> Iterator[Frame]:
+    """Yield the frames, with a progress bar on stderr."""
+    from tqdm import tqdm
+
+    with tqdm(total=total, unit="frame", desc="calibrating", disable=not show, leave=False) as bar:
+        for frame in frames:
+            yield frame
+            bar.update()

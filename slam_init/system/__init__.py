@@ -1,0 +1,1 @@
+"""What the operating system gives: standard streams, processes, files of others, threads of libraries."""

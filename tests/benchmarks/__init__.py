@@ -1,0 +1,1 @@
+"""Programs that measure the project; run as ``python -m tests.benchmarks.NAME`` from a checkout."""

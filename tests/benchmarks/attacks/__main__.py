@@ -1,0 +1,87 @@
+"""Perform all attacks, and write their table."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from tests.benchmarks.attacks import api, disks, outputs, processes, readers, tables, times, videos
+from tests.benchmarks.attacks.attack import Attack, Seen
+
+_ALL = (
+    *outputs.ATTACKS,
+    *disks.ATTACKS,
+    *readers.ATTACKS,
+    *videos.ATTACKS,
+    *tables.ATTACKS,
+    *times.ATTACKS,
+    *api.ATTACKS,
+    *processes.ATTACKS,
+)
+
+
+def main() -> int:
+    """Perform the attacks.
+
+    Returns
+    -------
+    int
+        0 if all hold, else 1.
+    """
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.attacks", description=__doc__)
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the table to this file too")
+    parser.add_argument("--only", default="", metavar="TEXT", help="only attacks whose area or name contains it")
+    parser.add_argument("--list", action="store_true", help="list the attacks, and perform none")
+    arguments = parser.parse_args()
+    # A job in the background, or under nohup, ignores these signals, and so would the processes that are attacked.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    for name in ("SIGHUP", "SIGTERM"):
+        signal.signal(getattr(signal, name), signal.SIG_DFL)
+    from tqdm import tqdm
+
+    chosen = [attack for attack in _ALL if arguments.only in f"{attack.area} {attack.name}"]
+    if arguments.list:
+        for attack in chosen:
+            print(f"{attack.area}: {attack.name}")
+        return 0
+    done = [(attack, *_performed(attack)) for attack in tqdm(chosen, unit="attack", disable=None, leave=False)]
+    table = "\n".join(_table(done)) + "\n"
+    if arguments.out is not None:
+        arguments.out.write_text(table)
+    sys.stdout.write(table)
+    return 0 if all(seen.holds for _, seen, _ in done) else 1
+
+
+def _performed(attack: Attack) -> tuple[Seen, float]:
+    """What was seen, and the seconds that it took."""
+    started = time.perf_counter()
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        try:
+            seen = attack.run(Path(folder))
+        except Exception as error:  # what the project lets through is the finding
+            seen = Seen(holds=False, text=f"{type(error).__name__}: {error}"[:300])
+    seconds = time.perf_counter() - started
+    if seconds > attack.limit_s:
+        seen = Seen(holds=False, text=f"{seen.text} (longer than {attack.limit_s:g} s)")
+    return seen, seconds
+
+
+def _table(done: Iterable[tuple[Attack, Seen, float]]) -> Iterator[str]:
+    done = list(done)
+    held = sum(seen.holds for _, seen, _ in done)
+    yield f"{held} of {len(done)} attacks hold."
+    yield ""
+    yield "| area | attack | expected | seen | holds | seconds |"
+    yield "| --- | --- | --- | --- | --- | ---: |"
+    for attack, seen, seconds in done:
+        cells = (attack.area, attack.name, attack.expected, seen.text, "yes" if seen.holds else "NO", f"{seconds:.1f}")
+        yield "| " + " | ".join(" ".join(cell.replace("|", "\\|").split()) for cell in cells) + " |"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,155 @@
+"""Folders in which attacks on the outputs take place, and what is found there afterwards."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from slam_init.output.folder.marker import HOME
+from tests.benchmarks.attacks.attack import Ended, Seen, command, one_line
+
+__all__ = ["STILL", "contents", "first_run", "refused", "small_disk", "still", "tree", "verified"]
+
+#: A source that is read in no time, and never initializes.
+STILL = "synth:static?frames=2&width=96&height=64"
+_NO_MAP = 3
+
+
+def still(folder: Path, *options: str, out: str = "out") -> Ended:
+    """Run on :data:`STILL` in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Working directory.
+    *options : str
+    out : str
+        The folder of the results.
+
+    Returns
+    -------
+    Ended
+    """
+    return command("run", STILL, "--quiet", *options, "--out", out, folder=folder)
+
+
+def first_run(folder: Path) -> None:
+    """Write results to ``out``.
+
+    Parameters
+    ----------
+    folder : Path
+        Working directory.
+    """
+    ended = still(folder)
+    if ended.code != _NO_MAP:
+        raise RuntimeError(f"exit code {ended.code}: {ended.err}")
+
+
+def tree(folder: Path) -> dict[str, bytes | str]:
+    """Return all entries of a folder: the bytes of files, the kind of other entries.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    dict
+        By relative path.
+    """
+    found: dict[str, bytes | str] = {}
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        if path.is_symlink():
+            found[name] = f"link to {path.readlink()}"
+        else:
+            found[name] = path.read_bytes() if path.is_file() else "no file"
+    return found
+
+
+def contents(out: Path) -> dict[str, bytes]:
+    """Return the files of a folder without those of the program's hidden folder.
+
+    Parameters
+    ----------
+    out : Path
+
+    Returns
+    -------
+    dict
+        By relative path.
+    """
+    found = ((path.relative_to(out).as_posix(), path) for path in out.rglob("*") if path.is_file())
+    return {name: path.read_bytes() for name, path in found if not name.startswith(f"{HOME}/")}
+
+
+def refused(folder: Path, arguments: Sequence[str], *words: str) -> Seen:
+    """Run a command that has to be refused in one line, and to leave everything as it was.
+
+    Parameters
+    ----------
+    folder : Path
+        Working directory.
+    arguments : sequence of str
+    *words : str
+        Words of the line.
+
+    Returns
+    -------
+    Seen
+    """
+    before = tree(folder)
+    ended = command(*arguments, folder=folder)
+    seen = one_line(ended, 2, *words)
+    same = tree(folder) == before
+    return Seen(
+        seen.holds and same and not ended.out, seen.text + ("; nothing has changed" if same else "; FILES CHANGED")
+    )
+
+
+def verified(recording: Path) -> bool:
+    """Return whether a recording passes ``rerun rrd verify``.
+
+    Parameters
+    ----------
+    recording : Path
+
+    Returns
+    -------
+    bool
+    """
+    environment = os.environ | {"RERUN_ANALYTICS": "false"}
+    done = subprocess.run(
+        [sys.executable, "-m", "rerun", "rrd", "verify", str(recording)],
+        env=environment, capture_output=True, check=False,
+    )  # fmt: skip
+    return done.returncode == 0
+
+
+@contextmanager
+def small_disk(folder: Path, options: str) -> Iterator[Path]:
+    """Mount a file system in memory. Only the superuser may do this.
+
+    Parameters
+    ----------
+    folder : Path
+    options : str
+        Options of ``mount``, as ``size=64k``.
+
+    Yields
+    ------
+    Path
+        Where it is mounted.
+    """
+    place = folder / "disk"
+    place.mkdir()
+    subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(place)], check=True, capture_output=True)
+    try:
+        yield place
+    finally:
+        subprocess.run(["umount", "-l", str(place)], check=False, capture_output=True)

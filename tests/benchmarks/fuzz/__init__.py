@@ -1,0 +1,1 @@
+"""Mutated files for each reader: ``python -m tests.benchmarks.fuzz``."""

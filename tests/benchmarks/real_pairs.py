@@ -1,0 +1,183 @@
+"""Robust two-view estimators on real images: ``python -m tests.benchmarks.real_pairs --out DIR``.
+
+The methods of :mod:`tests.benchmarks.quest.robust_methods` run on the same matches of all pairs of
+:mod:`tests.benchmarks.image_pairs`: the pair sets below ``SLAM_INIT_DATA``, the chessboard with its corners, and
+pairs of frames of the sequences at several steps. The error of a pose is the larger of two angles: that between the
+rotations, and that between the directions of translation. If the ground truth does not resolve the direction, only the
+rotation counts.
+
+The column "true" is the share of matches that are within the threshold of the true epipolar geometry and in front of
+both cameras. It is the largest share of inliers that a method can find.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from slam_init.output.tables import markdown_table
+from tests.benchmarks.image_pairs import (
+    DIRECTION_UNKNOWN,
+    STATIC_SEQUENCE,
+    ImagePair,
+    chessboard_pairs,
+    data_folder,
+    pair_set,
+    sequence_pairs,
+    true_matches,
+)
+from tests.benchmarks.initialization import find_sequences
+from tests.benchmarks.quest.cells import auc_cell, errors_cell, kept_cell, times_cell, verdicts_cell
+from tests.benchmarks.quest.robust_methods import METHODS, Estimate, available, limit_threads
+from tests.benchmarks.quest.robust_trials import Answer, judge, warm_up
+from tests.benchmarks.quest.running import choice_list, number_list, positive, run_on_one_thread, save
+
+__all__ = ["Group", "groups", "main", "run_group"]
+
+#: Smallest number of matches that quest accepts. A pair with fewer matches counts as failed for all methods.
+_MIN_MATCHES = 10
+_CHESSBOARD = "planar/opencv_chessboard"
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Pairs that make one row of the tables.
+
+    Attributes
+    ----------
+    name : str
+    read : callable
+        Returns an iterator over the pairs.
+    rotation_only : bool
+        Only the rotation is compared.
+    """
+
+    name: str
+    read: Callable[[], Iterator[ImagePair]]
+    rotation_only: bool
+
+
+def groups(data: str | os.PathLike[str], steps: Sequence[int], limit: int) -> list[Group]:
+    """Return all groups of pairs below a folder of data, with up to ``limit`` pairs of each sequence and step."""
+    data = Path(data)
+    from slam_init.datasets import open_source
+
+    found = [
+        Group(name, partial(pair_set, path.parent), name.startswith(DIRECTION_UNKNOWN))
+        for path in sorted(data.rglob("pairs.json"))
+        if "T_0to1" in path.read_text(encoding="utf-8")
+        for name in [path.parent.relative_to(data).as_posix()]
+    ]
+    if (data / _CHESSBOARD / "corners.txt").is_file():
+        found.append(Group(f"{_CHESSBOARD}, corners", partial(chessboard_pairs, data / _CHESSBOARD), False))
+    for name in find_sequences(data):
+        source = open_source(str(data / name))
+        found += [
+            Group(
+                f"{name}, step {step}",
+                partial(sequence_pairs, source, step, limit),
+                name.startswith(DIRECTION_UNKNOWN) or name == STATIC_SEQUENCE,
+            )
+            for step in steps
+            if step < len(source)
+        ]
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Outcome:
+    matches: list[int]
+    true_shares: list[float]
+    answers: dict[str, list[Answer]]
+
+
+def run_group(group: Group, methods: Sequence[str], threshold_px: float) -> _Outcome:
+    """Run all methods on all pairs of a group."""
+    outcome = _Outcome([], [], {name: [] for name in methods})
+    for pair in group.read():
+        threshold_rad = threshold_px / pair.focal_px
+        outcome.matches.append(len(pair.bearings1))
+        if len(pair.bearings1) >= _MIN_MATCHES:
+            found = true_matches(pair, pair.bearings1, pair.bearings2, threshold_rad)
+            outcome.true_shares.append(float(found.mean()))
+        for name in methods:
+            outcome.answers[name].append(_answer(pair, name, threshold_rad, group.rotation_only))
+    return outcome
+
+
+def _answer(pair: ImagePair, method: str, threshold_rad: float, rotation_only: bool) -> Answer:
+    few = len(pair.bearings1) < _MIN_MATCHES
+    run = METHODS[method][1]
+    estimate = Estimate((), 0.0, "none") if few else run(pair.bearings1, pair.bearings2, threshold_rad, 0)
+    return judge(method, estimate, pair.cam2_from_cam1.R, pair.cam2_from_cam1.t, rotation_only=rotation_only)
+
+
+_TABLES: dict[str, Callable[[Sequence[Answer]], str]] = {
+    "AUC at 5 / 10 / 20 deg, %": auc_cell,
+    "Truth within 5 deg among the poses kept, % (number of poses kept)": kept_cell,
+    "Median error of rotation / direction, deg": errors_cell,
+    'Answered "rotation only" / no pose, %': verdicts_cell,
+    "Time, ms: median / 95th percentile": times_cell,
+}
+
+
+def _tables(outcomes: dict[Group, _Outcome], methods: Sequence[str]) -> str:
+    known = [outcome for group, outcome in outcomes.items() if not group.rotation_only]
+    pooled = {name: [answer for outcome in known for answer in outcome.answers[name]] for name in methods}
+    parts = []
+    for title, cell in _TABLES.items():
+        rows = []
+        for group, outcome in outcomes.items():
+            label = group.name + (" *" if group.rotation_only else "")
+            share = f"{100 * np.median(outcome.true_shares):.0f} %" if outcome.true_shares else "-"
+            counts = [str(len(outcome.matches)), f"{np.median(outcome.matches):.0f}", share]
+            rows.append([label, *counts, *(cell(outcome.answers[name]) for name in methods)])
+        if known:
+            rows.append(["all but *", str(sum(len(o.matches) for o in known)), "", "", *map(cell, pooled.values())])
+        parts.append(f"**{title}**\n\n" + markdown_table(["pairs of", "pairs", "matches", "true", *methods], rows))
+    parts.append(
+        "\\* only the rotation is compared: the ground truth does not resolve the direction, or the camera is static."
+    )
+    return "\n\n".join(parts) + "\n"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the methods and print the tables; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.real_pairs", allow_abbrev=False)
+    parser.description = "Compare robust two-view estimators on pairs of real images below SLAM_INIT_DATA."
+    parser.add_argument("--steps", type=number_list(int, 1, 10_000), default=[1, 5, 10, 20], metavar="N,M")
+    parser.add_argument("--pairs", type=positive, default=6, metavar="N", help="of a sequence and step (default 6)")
+    parser.add_argument("--methods", type=choice_list(list(METHODS)), default=list(METHODS), metavar="A,B")
+    parser.add_argument("--only", metavar="TEXT", default="", help="only sets whose name contains this text")
+    parser.add_argument("--threshold-px", type=float, default=2.0, metavar="X", help="of all methods (default 2)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write real_pairs.md there")
+    options = parser.parse_args(argv)
+    methods, missing = available(options.methods)
+    if missing:
+        print(f"not installed, left out: {', '.join(missing)} (pip install slam-init[bench])", file=sys.stderr)
+    data = data_folder()
+    found = [group for group in groups(data, options.steps, options.pairs) if options.only in group.name]
+    if not found or not methods:
+        print(f"nothing to run on below {data}: set SLAM_INIT_DATA to the folder of real data", file=sys.stderr)
+        return 2
+    limit_threads()
+    warm_up(methods)
+    from tqdm import tqdm
+
+    bar = tqdm(found, unit="set", disable=None, leave=False)
+    outcomes = {group: run_group(group, methods, options.threshold_px) for group in bar}
+    title = f"SIFT with ratio test, except for the corners; threshold {options.threshold_px:g} px, one thread."
+    save(options.out, "real_pairs.md", f"{title}\n\n{_tables(outcomes, methods)}")
+    return 0
+
+
+if __name__ == "__main__":
+    run_on_one_thread()
+    sys.exit(main())

@@ -1,0 +1,247 @@
+"""Hashes of everything that a set of runs writes: whether two versions of the code give the same results, to the byte.
+
+The script uses the command line only, so that it runs on any version of the package::
+
+    python -m tests.benchmarks.result_hashes --out after.json
+    PYTHONPATH=OTHER_CHECKOUT python tests/benchmarks/result_hashes.py --out before.json
+    python -m tests.benchmarks.result_hashes --compare before.json after.json
+
+The runs: ``quest`` on the nine rendered worlds with three seeds and on each real sequence from five starts; every other
+method on three worlds and three sequences. For each run the table holds the exit code, the SHA-256 of each result file,
+and the figures of ``summary.json`` without what depends on the machine or the version.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hashlib
+import io
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import NotRequired, TypedDict, cast
+
+WORLDS = ("room", "wall", "nadir", "nadir-turn", "corridor", "desk", "rotation", "rotate-then-move", "static")
+SEEDS = (0, 1, 2)
+STARTS = 5
+MAX_FRAMES = 90
+#: A start that leaves fewer frames is not run.
+MIN_FRAMES_LEFT = 3
+OTHER_METHODS = (
+    "quest-two-view",
+    "orb-slam3",
+    "orb-slam2",
+    "stella",
+    "colmap",
+    "homography",
+    "essential-5pt",
+    "essential-8pt",
+    "poselib",
+)
+OTHER_WORLDS = ("room", "wall", "corridor")
+OTHER_SEQUENCES = ("tsukuba/new_tsukuba_150", "planar/checkerboard_desk", "kitti/06_start")
+#: Results that must be equal to the byte.
+FILES = (
+    "trajectory.txt",
+    "map.ply",
+    "colmap/cameras.txt",
+    "colmap/images.txt",
+    "colmap/points3D.txt",
+    "graph.txt",
+    "values.txt",
+    "continued.txt",
+)
+#: Keys of the summary that depend on the machine, or that name the version.
+_NOT_COMPARED = ("timing_ms", "schema", "provenance")
+#: Gates that had another name in schema 1 of the summary.
+_OLD_GATES = {"rotation_px": "turned_px"}
+
+
+class Attempt(TypedDict):
+    """The keys of an attempt in ``summary.json`` that are read here; those of schema 2 unless stated otherwise."""
+
+    frames: list[int]
+    verdict: str
+    progress: float
+    evidence: NotRequired[dict[str, object]]  # schema 1 only; it replaces all keys below
+    preview: dict[str, object] | None
+    method_evidence: dict[str, object]
+    two_view: TwoView | None
+    rotation_only: dict[str, object] | None
+    window: NotRequired[dict[str, object] | None]  # not in the first summaries of schema 2
+    map: dict[str, object] | None
+    gates: list[Gate]
+
+
+class TwoView(TypedDict):
+    """The relative pose of the pair. It has further keys, which become figures under their names."""
+
+    statistics: dict[str, object]
+
+
+class Gate(TypedDict):
+    """A condition of an attempt."""
+
+    name: str
+    value: float | None
+    threshold: float | None
+
+
+class CaseResult(TypedDict):
+    """What one run wrote; an entry of the table.
+
+    ``sha256`` holds the hash of each result file by its name. ``summary`` is the content of ``summary.json`` without
+    the keys that are not compared; it is empty if there is no such file.
+    """
+
+    exit_code: int
+    stderr: str
+    sha256: dict[str, str]
+    summary: dict[str, object]
+
+
+def cases(data: Path) -> Iterator[tuple[str, list[str]]]:
+    """Name and arguments of each run."""
+    for world in WORLDS:
+        for seed in SEEDS:
+            yield f"quest synth:{world} seed {seed}", [f"synth:{world}", "--seed", str(seed)]
+    lengths = {
+        path.parent.relative_to(data).as_posix(): sum(
+            1 for line in path.read_text().splitlines() if line.strip() and not line.startswith("#")
+        )
+        for path in sorted(data.glob("*/*/rgb.txt"))
+    }
+    for name, length in lengths.items():
+        last = max(length - MIN_FRAMES_LEFT, 0)
+        for start in sorted({round(last * k / (STARTS - 1) * 0.8) for k in range(STARTS)}):
+            yield f"quest {name} start {start}", [str(data / name), "--start", str(start)]
+    for method in OTHER_METHODS:
+        for world in OTHER_WORLDS:
+            yield f"{method} synth:{world}", [f"synth:{world}", "--method", method]
+        for name in OTHER_SEQUENCES:
+            if name in lengths:
+                yield f"{method} {name}", [str(data / name), "--method", method]
+
+
+def run_case(arguments: list[str]) -> CaseResult:
+    """Run one case in this process and return what it wrote."""
+    from slam_init.cli import main
+
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "out"
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as errors:
+            code = main(["run", *arguments, "--max-frames", str(MAX_FRAMES), "--out", str(out), "--quiet"])
+        hashes = {
+            name: hashlib.sha256((out / name).read_bytes()).hexdigest() for name in FILES if (out / name).is_file()
+        }
+        summary = {}
+        if (out / "summary.json").is_file():
+            summary = json.loads((out / "summary.json").read_text())
+            for key in _NOT_COMPARED:
+                summary.pop(key, None)
+        return {"exit_code": code, "stderr": errors.getvalue(), "sha256": hashes, "summary": summary}
+
+
+def figures(summary: Mapping[str, object]) -> dict[str, object]:
+    """All figures of a summary by name, flat, under the names that schema 1 gave them.
+
+    Texts are left out, since a text may be reworded without a change of the result.
+    """
+    attempts = cast("list[Attempt]", summary.get("attempts", []))
+    flat = _flat({key: value for key, value in summary.items() if key != "attempts"}, "")
+    for k, attempt in enumerate(attempts):
+        evidence = attempt["evidence"] if "evidence" in attempt else _evidence_of_schema_1(attempt)
+        rows = {"verdict": attempt["verdict"], "progress": attempt["progress"], "frames": attempt["frames"]}
+        flat |= _flat(rows | {name.replace("_needed", "_gate"): value for name, value in evidence.items()}, f"{k}.")
+    return flat
+
+
+def _evidence_of_schema_1(attempt: Attempt) -> dict[str, object]:
+    """The evidence of an attempt of schema 2, with the keys of schema 1."""
+    evidence: dict[str, object] = dict(attempt["preview"] or {}) | attempt["method_evidence"]
+    if two_view := attempt["two_view"]:
+        named = {f"two_view_{name}": value for name, value in two_view.items() if name != "statistics"}
+        evidence |= named | {f"two_view_{name}": value for name, value in two_view["statistics"].items()}
+    if rotation_only := attempt["rotation_only"]:
+        evidence["turning_focal_factor"] = rotation_only["focal_factor"]
+        evidence["suspected_focal_factor"] = rotation_only["suspected_focal_factor"]
+    evidence |= {f"window_{name}": value for name, value in (attempt.get("window") or {}).items()}
+    if map_ := attempt["map"]:
+        evidence |= {"reprojection_rmse_px": map_["reprojection_rmse_px"], "cause": map_["failure"]}
+    for gate in attempt["gates"]:
+        name = _OLD_GATES.get(gate["name"], gate["name"])
+        evidence |= {name: gate["value"], f"{name}_gate": gate["threshold"]}
+    return evidence
+
+
+def _flat(value: object, prefix: str) -> dict[str, object]:
+    """Leaves of nested objects and lists by path, without texts that no decision depends on."""
+    if isinstance(value, dict):
+        return {k: v for key, item in value.items() for k, v in _flat(item, f"{prefix}{key}.").items()}
+    if isinstance(value, list):
+        return {k: v for i, item in enumerate(value) for k, v in _flat(item, f"{prefix}{i}.").items()}
+    text = isinstance(value, str) and not prefix.endswith(("verdict.", "reason.", "kind.", "status."))
+    return {} if text or value is None else {prefix: value}
+
+
+def differences(before: Mapping[str, CaseResult], after: Mapping[str, CaseResult]) -> list[str]:
+    """One line for each run whose exit code, files or figures differ."""
+    lines = [f"{name}: only in one of the tables" for name in sorted(set(before) ^ set(after))]
+    for name in sorted(set(before) & set(after)):
+        old, new = before[name], after[name]
+        if old["exit_code"] != new["exit_code"]:
+            lines.append(f"{name}: exit code {old['exit_code']} became {new['exit_code']}")
+        if old["sha256"] != new["sha256"]:
+            lines.append(f"{name}: files differ")
+        old_figures, new_figures = figures(old["summary"]), figures(new["summary"])
+        changed = [key for key, value in old_figures.items() if new_figures.get(key) != value]
+        if changed:
+            lines.append(f"{name}: {len(changed)} figures of the summary differ, e.g. {', '.join(changed[:3])}")
+    return lines
+
+
+def main() -> int:
+    """Run all cases, or compare two tables."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, help="table to write")
+    parser.add_argument("--compare", type=Path, nargs=2, metavar=("BEFORE", "AFTER"), help="tables to compare")
+    parser.add_argument("--only", default="", metavar="TEXT", help="runs whose name contains this text")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="processes")
+    options = parser.parse_args()
+    if options.compare:
+        before, after = (json.loads(path.read_text()) for path in options.compare)
+        if options.only:
+            before, after = ({k: v for k, v in table.items() if options.only in k} for table in (before, after))
+        lines = differences(before, after)
+        files = sum(len(entry["sha256"]) for entry in after.values())
+        compared = sum(len(figures(entry["summary"])) for entry in before.values())
+        print("\n".join(lines or ["no differences"]))
+        print(f"{len(after)} runs, {files} files, {compared} figures of summaries; {len(lines)} differences")
+        digest = hashlib.sha256(json.dumps({k: v["sha256"] for k, v in sorted(after.items())}).encode()).hexdigest()
+        print(f"digest of all hashes: {digest}")
+        return 1 if lines else 0
+    if options.out is None:
+        parser.error("give --out FILE or --compare BEFORE AFTER")
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+        os.environ[variable] = "1"
+    data = Path(os.environ.get("SLAM_INIT_DATA", "../shared/data"))
+    chosen = [(name, arguments) for name, arguments in cases(data) if options.only in name]
+    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
+        results = []
+        for (name, _), result in zip(chosen, pool.map(run_case, [arguments for _, arguments in chosen]), strict=True):
+            results.append((name, result))
+            if sys.stderr.isatty():
+                print(f"\r{len(results)} of {len(chosen)}", end="", file=sys.stderr)
+    options.out.write_text(json.dumps(dict(results), indent=1) + "\n")
+    print(f"{len(results)} runs written to {options.out}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,123 @@
+"""Runs the online API for a stated time before a static camera: ``python -m tests.benchmarks.soak --seconds 3600``.
+
+A static camera never gets a map, so one :class:`~slam_init.initializer.Initializer` waits all the time. The images of
+``synth:static`` (a new noise each) are rendered beforehand and shown again and again, at a bounded rate. The table
+tells, for each tenth of the time, the resident memory of the process at its end and the time of a frame. A leak shows
+as memory that grows from the second tenth to the last, a search that grows with the history as a time that does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+import sys
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from slam_init.types.arrays import Image
+from slam_init.types.camera import Camera
+from tests.benchmarks.options import positive, show
+
+__all__ = ["Tenth", "main", "memory_mb", "soak", "soak_table"]
+
+_SOURCE = "synth:static"
+_TENTHS = 10
+
+
+@dataclass(frozen=True)
+class Tenth:
+    """One tenth of the time.
+
+    Attributes
+    ----------
+    end_s : float
+        Time since the start, at the end of this tenth.
+    frames : int
+        Number of frames that were processed in it.
+    memory_mb : float
+        Resident memory of the process at its end, in units of 2^20 bytes.
+    median_ms, p95_ms : float
+        Time of a frame, without the pause that bounds the rate.
+    """
+
+    end_s: float
+    frames: int
+    memory_mb: float
+    median_ms: float
+    p95_ms: float
+
+
+def soak(images: Sequence[Image], camera: Camera, seconds: float, rate_hz: float) -> Iterator[Tenth]:
+    """Show the images again and again to one initializer; yield each tenth of the time when it is over."""
+    import numpy as np
+
+    from slam_init.initializer import Initializer
+
+    initializer, shown = Initializer(camera), itertools.cycle(images)
+    begin, frame = time.monotonic(), 0
+    for tenth in range(1, _TENTHS + 1):
+        times_ms: list[float] = []
+        while time.monotonic() - begin < tenth * seconds / _TENTHS or not times_ms:
+            started = time.perf_counter()
+            if initializer.process(next(shown), frame / rate_hz):
+                raise ValueError("the camera is static, and there is a map")
+            times_ms.append(1e3 * (time.perf_counter() - started))
+            frame += 1
+            time.sleep(max(0.0, begin + frame / rate_hz - time.monotonic()))
+        median_ms, p95_ms = np.percentile(times_ms, [50, 95])
+        yield Tenth(time.monotonic() - begin, len(times_ms), memory_mb(), float(median_ms), float(p95_ms))
+
+
+def memory_mb() -> float:
+    """The resident memory now; where the system does not tell it, the largest one up to now."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+    except (OSError, ValueError):
+        import resource
+
+        unit = 1 if sys.platform == "darwin" else 1024
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**20
+
+
+def soak_table(tenths: Iterable[Tenth]) -> str:
+    """Make the table, in markdown."""
+    from slam_init.output.tables import markdown_table, number
+
+    header = ["time (s)", "frames", "memory (MB)", "time per frame (ms): median", "p95"]
+    rows = [
+        [number(t.end_s, 0), str(t.frames), number(t.memory_mb, 1), number(t.median_ms, 1), number(t.p95_ms, 1)]
+        for t in tenths
+    ]
+    return markdown_table(header, rows)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the table; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.soak", allow_abbrev=False)
+    parser.description = "Memory and time per frame of the online API, which waits before a static camera."
+    parser.add_argument("--seconds", type=positive, default=3600, metavar="N", help="in all (default: 3600)")
+    parser.add_argument("--rate", type=positive, default=10, metavar="HZ", help="frames a second (default: 10)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the table to a file as well")
+    arguments = parser.parse_args(argv)
+    import cv2
+    from tqdm import tqdm
+
+    from slam_init.datasets import open_source
+
+    cv2.setNumThreads(1)
+    source = open_source(_SOURCE)
+    if source.camera is None:
+        raise ValueError(f"{_SOURCE} has no camera")
+    images = [frame.image for frame in source.frames(max_frames=60)]
+    tenths = soak(images, source.camera, arguments.seconds, arguments.rate)
+    done = list(tqdm(tenths, total=_TENTHS, unit="tenth", disable=None, leave=False))
+    show(soak_table(done) + "\n", arguments.out)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,26 @@
+"""Measures the speed of everything on one core: ``python -m tests.benchmarks.speed``.
+
+=====================  ===============================================================================================
+table                  what it shows
+=====================  ===============================================================================================
+frames, stages         images given to an initializer that judges in slices (:mod:`.frames`)
+prices                 what the parts of a judgement announce, and what they take (:mod:`.prices`)
+robust                 quest and PoseLib on the same matches, drawn and real (:mod:`.robust`)
+start                  the first pose of a process, and ``slam-init run`` (:mod:`.start`)
+roofline               operations, memory and the limit of the core, for the largest stages (:mod:`.roofline`)
+scale                  10,000 frames of waiting; comparisons with many trials and workers (:mod:`.scale`)
+=====================  ===============================================================================================
+
+Beside the times stand their ratios to a fixed piece of work of the same run: OpenCV's flow of 400 points in an image of
+640x480 pixels. The ratios of two machines, or of two states of one machine, can be compared.
+:mod:`tests.benchmarks.speed_guard` compares two commits by such ratios.
+
+All libraries run on one thread. The numerical libraries read the number of threads when they are imported, so this
+package imports them only after the program has set that number.
+"""
+
+from tests.benchmarks.speed.frames import Frames, frames_table, measure, stages_table
+from tests.benchmarks.speed.prices import prices_table
+from tests.benchmarks.speed.timing import cpu_flow_ms, flow_ms, machine
+
+__all__ = ["Frames", "cpu_flow_ms", "flow_ms", "frames_table", "machine", "measure", "prices_table", "stages_table"]

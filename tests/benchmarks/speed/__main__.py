@@ -1,0 +1,153 @@
+"""The program: measures, and prints the tables."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tests.benchmarks.options import positive, show
+from tests.benchmarks.speed.frames import frames_table, measure, stages_table
+from tests.benchmarks.speed.prices import prices_table
+from tests.benchmarks.speed.timing import cpu_flow_ms, flow_ms, machine
+
+if TYPE_CHECKING:
+    from slam_init.types.frame import Source
+
+__all__ = ["main"]
+
+#: Real video, below ``SLAM_INIT_DATA``.
+_REAL = (
+    "tartanair/hospital_clip",
+    "kitti/06_start",
+    "planar/checkerboard_desk",
+    "tsukuba/new_tsukuba_150",
+    "tum_rgbd/fr1_rpy_b",
+)
+_SYNTHETIC = ("synth:room", "synth:wall", "synth:nadir", "synth:rotation", "synth:static")
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "TBB_NUM_THREADS")
+#: Frames of which the prices of a sequence are measured.
+_PRICED_FRAMES = 30
+
+
+def _data_folder() -> Path:
+    return Path(os.environ.get("SLAM_INIT_DATA", "../shared/data"))
+
+
+def _sources(names: Sequence[str]) -> list[tuple[str, Source]]:
+    from slam_init.datasets import open_source
+
+    folder = _data_folder()
+    found: list[tuple[str, Source]] = []
+    for name in names:
+        if name.startswith("synth:"):
+            found.append((name, open_source(name)))
+        elif (folder / name).is_dir():
+            found.append((name, open_source(str(folder / name))))
+        else:
+            print(f"no {folder / name}: set SLAM_INIT_DATA to a folder of sequences", file=sys.stderr)
+    return found
+
+
+def _frames(options: argparse.Namespace) -> str:
+    from tqdm import tqdm
+
+    sources = _sources((*_SYNTHETIC, *_REAL))
+    # The first run includes the import of libraries and is not counted.
+    measure("warm-up", sources[0][1], options.max_frames)
+    flows, measured = [flow_ms()], []
+    for name, source in tqdm(sources, unit="sequence", disable=None, leave=False):
+        measured.append(measure(name, source, options.max_frames))
+        flows.append(flow_ms())
+    typical = sorted(flows)[len(flows) // 2]
+    told = f"The flow of 400 points took {typical:.2f} ms (median of {len(flows)}; {min(flows):.2f} to "
+    told += f"{max(flows):.2f}). A frame of a camera at 30 Hz has 33 ms.\n\n"
+    prices = prices_table(sources, min(_PRICED_FRAMES, options.max_frames))
+    return (
+        f"{told}{frames_table(measured, typical)}\n\n### Stages\n\n{stages_table(measured)}\n\n"
+        f"### Prices of the parts of a judgement\n\n{prices}"
+    )
+
+
+def _robust(options: argparse.Namespace) -> str:
+    from tests.benchmarks.speed.robust import robust_table
+
+    return robust_table(options.repetitions, _data_folder())
+
+
+def _start(options: argparse.Namespace) -> str:
+    from tests.benchmarks.speed.start import measure_start, start_table
+
+    flow = cpu_flow_ms()
+    told = f"The flow took {flow:.2f} ms of CPU. Each process includes the start of the interpreter.\n\n"
+    return told + start_table(measure_start(options.processes), flow)
+
+
+def _roofline(options: argparse.Namespace) -> str:
+    from tests.benchmarks.speed.operations import measured_stages
+    from tests.benchmarks.speed.roofline import measure_limits, roofline_table
+
+    return roofline_table(measured_stages(), measure_limits(), cpu_flow_ms())
+
+
+def _scale(options: argparse.Namespace) -> str:
+    from tests.benchmarks.speed import scale
+
+    flow = cpu_flow_ms()
+    waiting = scale.waiting_table(scale.measure_waiting(options.waiting), flow)
+    simulated = scale.overhead_table(scale.measure_simulated())
+    processes = scale.processes_table(scale.measure_processes(10))
+    return (
+        f"### Waiting\n\nThe flow took {flow:.2f} ms of CPU.\n\n{waiting}\n\n### Comparison on simulated workers\n\n"
+        f"The loop, journal and tables are those of `slam-init compare`. The workers only let virtual time pass: 1 s "
+        f"for a trial in the mean, 10 s for the tracks of a source that a worker does not have.\n\n{simulated}\n\n"
+        f"### Comparison on this machine\n\nThe start of the processes is counted.\n\n{processes}"
+    )
+
+
+#: Title and function of each part.
+_PARTS: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
+    "frames": ("Frames", _frames),
+    "robust": ("Robust estimates", _robust),
+    "start": ("Start", _start),
+    "roofline": ("Limits of the core", _roofline),
+    "scale": ("Scale", _scale),
+}
+
+
+def _parts(text: str) -> list[str]:
+    names = text.split(",")
+    if unknown := [name for name in names if name not in _PARTS]:
+        raise argparse.ArgumentTypeError(f"unknown {unknown[0]!r}: use {', '.join(_PARTS)}")
+    return names
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the tables; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.speed", allow_abbrev=False)
+    parser.description = "Time frames, robust estimates, the start, the largest stages and long runs, on one thread."
+    parser.add_argument("--only", type=_parts, default=list(_PARTS), metavar="A,B", help=f"of {', '.join(_PARTS)}")
+    parser.add_argument("--max-frames", type=positive, default=100, metavar="N", help="of a sequence (default: 100)")
+    parser.add_argument("--repetitions", type=positive, default=100, metavar="N", help="of an estimate (default: 100)")
+    parser.add_argument("--processes", type=positive, default=3, metavar="N", help="of a kind of start (default: 3)")
+    parser.add_argument("--waiting", type=positive, default=10_000, metavar="N", help="frames of a wait (10,000)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the tables to a file as well")
+    options = parser.parse_args(argv)
+    for variable in _THREADS:
+        os.environ[variable] = "1"
+    import cv2
+
+    cv2.setNumThreads(1)
+    text = f"# Speed\n\nBy `python -m tests.benchmarks.speed`. {machine()}\n"
+    for name in options.only:
+        title, measured = _PARTS[name]
+        text += f"\n## {title}\n\n{measured(options)}\n"
+    show(text, options.out)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

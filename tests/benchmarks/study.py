@@ -1,0 +1,151 @@
+"""Success rate and time of initialization on drawn worlds: ``python -m tests.benchmarks.study --out DIR``.
+
+Each part of the study is a table. All methods run on the same tracks. The tracks are drawn from the distribution that
+:mod:`tests.benchmarks.study_parts` describes. Maps are classified as in :mod:`slam_init.compare`: a map is
+*correct* within 5 degrees in rotation and 15 degrees in the direction of the baselines, *strict* within 1 and 5
+degrees, and otherwise *false*.
+
+* Shares have 95 % intervals (Wilson).
+* *Frames to correct* is a restricted mean: a trial with a false map or without a map counts as its limit.
+* *Difference to* is the mean over the trials of the difference to the first method, with its 95 % interval.
+* *Correct of solvable*: of the worlds in which at least one method finds a correct map, the share in which this method
+  finds one.
+* *Ambiguous: correct hypothesis kept*: of the trials that ended with an ambiguous plane, the number in which one of the
+  stored hypotheses is correct.
+
+The parts are ``general``, ``planar``, ``static``, ``hard``, ``noise-baseline``, ``ablation``
+(:mod:`tests.benchmarks.study_ablation`) and ``map-quality`` (:mod:`tests.benchmarks.map_quality`). A killed run
+can be resumed with the same command. Each part writes its trials and a report to its own folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+from slam_init.compare.command import chosen_methods
+from slam_init.compare.plan import Plan
+from slam_init.compare.run import compare
+from slam_init.compare.trials import Settings
+from slam_init.errors import SlamInitError
+from slam_init.methods import METHODS
+from tests.benchmarks.map_quality import map_quality_table
+from tests.benchmarks.options import positive
+from tests.benchmarks.study_ablation import run_ablation
+from tests.benchmarks.study_oracle import solvable_worlds
+from tests.benchmarks.study_parts import PARTS, Cell, sources_of
+from tests.benchmarks.study_tables import grid_table, moving_table, read_rows, static_table
+
+__all__ = ["main", "run_part"]
+
+_METHODS = ("quest", "quest-two-view", "orb-slam3", "stella", "essential-5pt", "poselib")
+_GRID, _ABLATION, _MAP_QUALITY = "noise-baseline", "ablation", "map-quality"
+_ALL = (*PARTS, _ABLATION, _MAP_QUALITY)
+#: Thirty worlds are enough, because the difference between two adjustments of the same tracks varies little.
+_MAP_QUALITY_WORLDS = 30
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the chosen parts; print their tables and write them to ``DIR/PART.md``.
+
+    Returns
+    -------
+    int
+        2 if an option is wrong or a file cannot be written, with one line on stderr; otherwise 0.
+    """
+    arguments = _parser().parse_args(argv)
+    try:
+        methods = chosen_methods(arguments.methods or ",".join(_installed()))
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        for part in arguments.part or _ALL:
+            text = run_part(part, arguments.out, arguments.trials, methods, arguments.seed, arguments.jobs)
+            sys.stdout.write(text + "\n")
+            sys.stdout.flush()
+            (arguments.out / f"{part}.md").write_text(text, encoding="utf-8")
+    except (SlamInitError, OSError) as error:
+        sys.stderr.write(f"study: error: {error}\n")
+        return 2
+    return 0
+
+
+def run_part(part: str, out: str | os.PathLike[str], trials: int, methods: Sequence[str], seed: int, jobs: int) -> str:
+    """Run one part and return its text in markdown.
+
+    Parameters
+    ----------
+    part : str
+        Name of the part.
+    out : str or os.PathLike
+        Folder that contains one folder for each part.
+    trials : int
+        Number of worlds in each row of a table.
+    methods : sequence of str
+        The other methods are compared with the first one.
+    seed : int
+    jobs : int
+        Number of processes.
+
+    Raises
+    ------
+    SlamInitError
+        As :func:`slam_init.compare.run.compare`.
+    """
+    folder = Path(out) / part
+    progress = sys.stderr.isatty()
+    if part == _ABLATION:
+        text = f"{trials} worlds per scene; each row switches off one part of the method: correct / false / none."
+        return _section("Ablation", text, run_ablation(folder, trials, seed, jobs, progress=progress))
+    if part == _MAP_QUALITY:
+        table = map_quality_table(min(trials, _MAP_QUALITY_WORLDS), seed, progress=progress)
+        text = "The same tracks and the same start, adjusted by slam_init and by pycolmap: medians over the worlds."
+        return _section("Map quality", text, table)
+    described = PARTS[part]
+    cells = described.cells(trials, seed)
+    chosen = tuple(methods[:1]) if part == _GRID else tuple(methods)
+    compare(Plan(sources_of(cells), chosen, settings=Settings(seed=seed)), folder, jobs=jobs, progress=progress)
+    rows = read_rows(folder)
+    if part == _GRID:
+        table = grid_table(cells, rows, chosen[0], _solvable(cells))
+        return _section(described.title, f"{described.text} {trials} worlds per cell.", table)
+    make = static_table if described.no_translation else moving_table
+    return _section(described.title, f"{described.text} {trials} worlds per row.", make(cells, rows, chosen))
+
+
+def _solvable(cells: Sequence[Cell]) -> set[str] | None:
+    """Return the worlds that least squares from the truth solves; None if pycolmap is not installed."""
+    if find_spec("pycolmap") is None:
+        sys.stderr.write("study: the number of solvable worlds is left out: pip install pycolmap\n")
+        return None
+    return solvable_worlds(text for cell in cells for text in cell.sources)
+
+
+def _section(title: str, text: str, table: str) -> str:
+    return f"## {title}\n\n{text}\n\n{table}\n"
+
+
+def _installed() -> list[str]:
+    """Return the methods whose packages are installed; print the others on stderr."""
+    missing = [name for name in _METHODS if (needs := METHODS[name].needs) is not None and find_spec(needs) is None]
+    for name in missing:
+        sys.stderr.write(f"study: {name} is left out: pip install {METHODS[name].needs}\n")
+    return [name for name in _METHODS if name not in missing]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.study", description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the tables and trials")
+    parser.add_argument("--trials", type=positive, default=20, metavar="N", help="worlds per row of a table (20)")
+    parser.add_argument("--methods", metavar="A,B", help=f"default: {','.join(_METHODS)}")
+    parser.add_argument("--part", action="append", choices=_ALL, help="may be given several times; default: all")
+    parser.add_argument("--seed", type=int, default=0, metavar="N")
+    parser.add_argument("--jobs", type=positive, default=1, metavar="N", help="processes (1)")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,48 @@
+"""COLMAP continues from the map: on a real sequence it registers all images, from our poses and in our world."""
+
+import continue_with_colmap as example
+import numpy as np
+import pytest
+from continue_with_colmap import Registered, continue_with_colmap, main
+from paths import DATA
+
+from slam_init.types.pose import Pose
+
+SEQUENCE = DATA / "middlebury" / "templeRing_19"
+
+
+def test_the_error_is_a_share_of_the_true_path():
+    truth = {str(k): Pose(np.eye(3), np.array([float(k), 0.0, 0.0])) for k in range(4)}
+    doubled = {name: Pose(np.eye(3), 2 * pose.t) for name, pose in truth.items()}
+    assert Registered(doubled, 4, 0, 0.0).relative_error(truth) == pytest.approx(0.0, abs=1e-12)
+    bent = doubled | {"3": Pose(np.eye(3), np.array([6.0, 1.0, 0.0]))}
+    assert 0.01 < Registered(bent, 4, 0, 0.0).relative_error(truth) < 0.2
+    assert Registered({}, 4, 0, 0.0).relative_error(truth) is None
+
+
+def test_wrong_arguments_and_a_refusal_end_in_one_line(capsys):
+    pytest.importorskip("pycolmap")
+    assert main(["synth:room", "many"]) == 2
+    assert main(["synth:nowhere"]) == 2
+    assert capsys.readouterr().err.count("\n") == 2
+    assert main(["synth:static?frames=4&width=320&height=240"]) == 3
+    assert "static_camera" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SEQUENCE.is_dir(), reason=f"needs {SEQUENCE}")
+def test_colmap_registers_the_images_of_a_real_sequence_from_our_poses(capsys, monkeypatch):
+    pytest.importorskip("pycolmap")
+    found = []
+
+    def kept(*arguments):
+        found.append(continue_with_colmap(*arguments))
+        return found[0]
+
+    monkeypatch.setattr(example, "_FEATURES", 1500)
+    monkeypatch.setattr(example, "_KNOWN", 8)
+    monkeypatch.setattr(example, "continue_with_colmap", kept)
+    assert main([str(SEQUENCE), "7"]) == 0
+    (registered,) = found
+    assert len(registered.world_from_cam) == registered.images >= 5
+    assert f"{registered.images} of {registered.images} images" in capsys.readouterr().out

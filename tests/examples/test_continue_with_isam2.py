@@ -1,0 +1,57 @@
+"""The example continues from the graph of a map with ISAM2."""
+
+import continue_with_isam2 as continue_with_isam2_module
+import numpy as np
+from continue_with_isam2 import continue_with_isam2, main, position_errors
+
+from slam_init.bundle.graph import calibration_key, pose_key
+from slam_init.types.frame import Frame
+
+
+def blank(index):
+    return Frame(index, index / 30, "", np.full((480, 640), 90, np.uint8))
+
+
+def test_isam2_continues_from_the_graph_of_the_map(room_fed):
+    map_ = room_fed.result.map
+    poses = continue_with_isam2(map_, room_fed.tracker, room_fed.following)
+    assert [keyframe.frame for keyframe in poses] == [frame.index for frame in room_fed.following]
+    assert position_errors([*map_.keyframes, *poses], room_fed.source.groundtruth).max() < 0.02
+    assert not map_.values.exists(pose_key(poses[0].frame))  # the map itself is not changed
+
+
+def test_isam2_leaves_out_a_frame_that_it_cannot_locate(room_fed):
+    first = room_fed.following[0].index
+    assert continue_with_isam2(room_fed.result.map, room_fed.tracker, [blank(first)]) == []
+
+
+def test_the_landmarks_in_the_values_have_the_order_of_the_map(room_fed):
+    import gtsam
+
+    map_ = room_fed.result.map
+    np.testing.assert_allclose(gtsam.utilities.extractPoint3(map_.values), map_.points)
+
+
+def test_the_example_prints_the_reason_of_a_refusal_or_an_error(capsys):
+    assert main(["synth:static?frames=4&width=320&height=240"]) == 3
+    assert "static_camera" in capsys.readouterr().out
+    assert main(["synth:nowhere"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_the_example_runs_from_frames_to_poses(room, capsys, monkeypatch):
+    opened = []
+    monkeypatch.setattr(continue_with_isam2_module, "open_source", lambda name: opened.append(name) or room)
+    assert main([]) == 0
+    assert opened == ["synth:room"]
+    out = capsys.readouterr().out
+    assert "15 of the next 15 frames located" in out
+    assert "ground truth" in out
+
+
+def test_isam2_continues_with_the_calibration_as_a_variable(room_refined):
+    map_ = room_refined.result.map
+    assert map_.values.exists(calibration_key())
+    poses = continue_with_isam2(map_, room_refined.tracker, room_refined.following)
+    assert [keyframe.frame for keyframe in poses] == [frame.index for frame in room_refined.following]
+    assert position_errors([*map_.keyframes, *poses], room_refined.source.groundtruth).max() < 0.02

@@ -1,0 +1,135 @@
+"""Laws of the log of attempts: what it keeps, the reason of a run, and the notes for the user."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+from make_map import make_map
+from make_scene import CONFIG
+
+from slam_init.decision.attempt_log import ATTEMPTS_KEPT, AttemptLog, focal_notes, reported_focal_factor
+from slam_init.types.evidence import RotationOnlyEvidence
+from slam_init.types.gates import Stage
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import Attempt
+
+
+def refusal(k, verdict=Verdict.LOW_PARALLAX, reference=0, progress=0.0, **fields):
+    """An attempt on the pair of a reference and frame k, with nine matches."""
+    return Attempt(
+        (reference, k),
+        verdict,
+        f"advice {k}",
+        progress=progress,
+        pixels1=np.ones((9, 2)),
+        pixels2=np.ones((9, 2)),
+        inliers=np.ones(9, bool),
+        **fields,
+    )
+
+
+def test_the_last_attempts_are_kept_without_their_matches_and_all_are_counted():
+    log = AttemptLog(limit=10)
+    for k in range(100):
+        log.add(refusal(k, Verdict.STATIC_CAMERA if k < 75 else Verdict.LOW_PARALLAX))
+    assert len(log) == 100
+    assert [attempt.frames[1] for attempt in log.kept] == list(range(90, 100))
+    assert all(len(attempt.pixels1) == len(attempt.inliers) == 0 for attempt in log.kept)
+    assert log.notes() == ("100 attempts were made; the last 10 are listed",)
+
+
+def test_the_number_of_kept_attempts_is_bounded():
+    log = AttemptLog()
+    for k in range(ATTEMPTS_KEPT + 10):
+        log.add(refusal(k))
+    assert len(log.kept) == ATTEMPTS_KEPT
+    assert len(log) == ATTEMPTS_KEPT + 10
+
+
+def test_the_reason_of_a_run_is_the_most_frequent_verdict_of_the_second_half_of_all_attempts():
+    """Of 50 attempts, 25 were static and 25 had low parallax; the first in order of precedence is reported."""
+    log = AttemptLog(limit=10)
+    assert log.prevailing_reason() == Verdict.TOO_FEW_FRAMES
+    for k in range(100):
+        log.add(refusal(k, Verdict.STATIC_CAMERA if k < 75 else Verdict.LOW_PARALLAX))
+    assert log.prevailing_reason() == Verdict.STATIC_CAMERA
+    log.add(refusal(100))
+    assert log.prevailing_reason() == Verdict.LOW_PARALLAX
+
+
+def test_the_advice_is_that_of_the_last_kept_attempt_or_of_the_reason():
+    log = AttemptLog(limit=10)
+    for k in range(100):
+        log.add(refusal(k, Verdict.STATIC_CAMERA if k < 75 else Verdict.LOW_PARALLAX))
+    assert log.advice(Verdict.LOW_PARALLAX) == "advice 99"
+    assert log.advice(Verdict.STATIC_CAMERA) == Verdict.STATIC_CAMERA.advice  # no kept attempt was static
+
+
+def test_the_best_progress_is_that_of_the_references_that_are_still_candidates():
+    log = AttemptLog()
+    log.add(refusal(5, reference=0, progress=0.8))
+    log.add(refusal(6, reference=0, progress=0.3))
+    log.add(refusal(7, reference=1, progress=0.5))
+    assert log.best_progress([0, 1, 2]) == 0.8
+    assert log.best_progress([1, 2]) == 0.5
+    assert log.best_progress([0, 1]) == 0.5  # the progress of a dropped reference is not kept
+    assert log.best_progress([]) == 0
+
+
+def test_each_verdict_can_be_logged():
+    log = AttemptLog()
+    for verdict in Verdict:
+        log.add(refusal(1, verdict))
+    assert len(log) == len(Verdict)
+
+
+def test_attempts_with_two_views_are_logged_at_info_and_others_at_debug(caplog):
+    log = AttemptLog()
+    with caplog.at_level(logging.DEBUG, "slam_init"):
+        log.add(refusal(1, Verdict.STATIC_CAMERA, stage=Stage.MOTION))
+        log.add(refusal(2, Verdict.LOW_PARALLAX, stage=Stage.TWO_VIEWS))
+        log.add(Attempt((0, 3), Verdict.ACCEPTED))
+    assert [record.levelname for record in caplog.records] == ["DEBUG", "INFO", "INFO"]
+    assert caplog.records[1].getMessage() == "frames (0, 2): low_parallax (advice 2)"
+    assert caplog.records[2].getMessage() == "frames (0, 3): accepted"
+
+
+# -- notes on the focal length --------------------------------------------------------------------
+
+
+def checked(*factors):
+    """Attempts whose focal length was checked and, where there is a factor, suspected."""
+    return [
+        refusal(k, Verdict.PURE_ROTATION, rotation_only=RotationOnlyEvidence(factor or 1.0, factor))
+        for k, factor in enumerate(factors)
+    ] + [refusal(99)]
+
+
+def test_a_focal_length_is_reported_if_most_checks_suspect_the_same_one():
+    assert reported_focal_factor(checked(1.05, 1.04, 1.05, None)) == 1.05
+    assert reported_focal_factor(checked(1.05, 1.04)) is not None
+
+
+def test_a_focal_length_is_not_reported_if_checks_are_few_or_disagree():
+    assert reported_focal_factor(checked(1.05)) is None  # one suspicion may be chance
+    assert reported_focal_factor(checked(1.021, 1.049)) is None
+    assert reported_focal_factor(checked(1.05, 1.05, 1.05, None, None, None)) is None  # not more than half
+    assert reported_focal_factor(checked(0.92, 1.05, 1.09, 0.98)) is None
+    assert reported_focal_factor(checked()) is None
+
+
+def test_a_reported_focal_length_is_a_note_for_the_user():
+    log = AttemptLog()
+    for attempt in checked(1.05, 1.04, 1.05, None):
+        log.add(attempt)
+    (note,) = log.notes()
+    assert "focal length 1.05 times the stated one: check the calibration" in note
+
+
+def test_an_adjusted_focal_length_gets_a_note_only_if_the_views_hardly_determine_it():
+    prior, map_ = CONFIG.map.focal_sigma, make_map()
+    assert focal_notes(None, CONFIG.map) == ()
+    assert focal_notes(map_, CONFIG.map) == ()  # it was held fixed
+    assert focal_notes(replace(map_, focal_factor_sigma=0.7 * prior), CONFIG.map) == ()
+    (note,) = focal_notes(replace(map_, focal_factor_sigma=0.72 * prior), CONFIG.map)
+    assert "do not determine the focal length" in note

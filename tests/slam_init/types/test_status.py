@@ -1,0 +1,80 @@
+"""Laws of the status and of the frames that are made from images."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from make_map import make_attempts, make_map
+from make_scene import CAMERA
+
+from slam_init.errors import SlamInitError
+from slam_init.types.evidence import WindowEvidence
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import Attempt
+from slam_init.types.status import State, Status, frame_of
+
+WINDOW = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
+
+
+def test_a_status_takes_reason_and_advice_from_the_attempt():
+    refused = Attempt((0, 1), Verdict.LOW_PARALLAX, "keep translating")
+    status = Status().after(refused, 0.4)
+    assert (status.state, status.reason, status.advice) == (State.WAITING, "low_parallax", "keep translating")
+    assert (status.progress, status.attempt) == (0.4, refused)
+    assert not status
+
+
+def test_reason_and_advice_stay_after_a_frame_without_an_attempt():
+    status = Status().after(Attempt((0, 1), Verdict.LOW_PARALLAX, "keep translating"), 0.4)
+    idle = status.after(None, 0.3)
+    assert (idle.reason, idle.advice, idle.progress, idle.attempt) == ("low_parallax", "keep translating", 0.3, None)
+
+
+def test_the_window_and_its_risk_stay_until_another_window_is_judged():
+    windows = [replace(WINDOW, risk=risk) for risk in (0.4, 0.001)]
+    attempts = [Attempt((0, k), Verdict.LOW_PARALLAX, window=window) for k, window in enumerate(windows, 1)]
+    assert Status().risk is None
+    status = Status().after(attempts[0], 0.4)
+    assert status.risk == 0.4
+    assert status.after(None, 0.3).after(Attempt((0, 2), Verdict.TOO_FEW_MATCHES), 0.2).window == windows[0]
+    assert Status.initialized(attempts[1]).risk == 0.001
+
+
+def test_a_status_with_a_map_is_truthy_and_has_no_reason():
+    status = Status.initialized(None)
+    assert status
+    assert (status.state, status.progress, status.reason, status.advice) == ("initialized", 1.0, None, "")
+
+
+def test_the_text_of_a_status_names_progress_reason_advice_and_failed_gates():
+    refused, *_, accepted = make_attempts(make_map())
+    lines = str(Status().after(refused, 0.9)).split("\n")
+    assert lines[0] == "waiting, 90%: low_parallax"
+    assert refused.advice in lines[1]
+    assert "risk" in lines[2]
+    assert len(lines) <= 6
+    assert str(Status.initialized(accepted)).split("\n") == ["initialized", "  attempt     frames 10, 31: accepted"]
+
+
+def test_an_image_gets_the_next_index_and_a_frame_keeps_its_own():
+    image = np.zeros((480, 640), np.uint8)
+    assert (frame_of(image, None, 7, CAMERA).index, frame_of(image, None, 7, CAMERA).timestamp_s) == (7, 7.0)
+    named = replace(frame_of(image, 0.5, 7, CAMERA), name="a.png")
+    assert frame_of(named, None, 12, CAMERA) is named
+    later = frame_of(named, 0.75, 12, CAMERA)
+    assert (later.index, later.name, later.timestamp_s) == (7, "a.png", 0.75)
+
+
+@pytest.mark.parametrize(
+    ("image", "timestamp_s", "message"),
+    [
+        (np.zeros((480, 640)), None, "uint8"),
+        (np.zeros((640, 480), np.uint8), None, "480, 640"),
+        (np.zeros((480, 640, 4), np.uint8), None, "BGR"),
+        (np.zeros((480, 640), np.uint8), float("nan"), "time stamp"),
+        (np.zeros((480, 640), np.uint8), float("inf"), "time stamp"),
+    ],
+)
+def test_an_array_that_is_not_an_image_is_refused_with_the_expected_shape_or_time(image, timestamp_s, message):
+    with pytest.raises(SlamInitError, match=message):
+        frame_of(image, timestamp_s, 0, CAMERA)
