@@ -90,10 +90,11 @@ def method_label(method: str) -> str:
     Returns
     -------
     str
-        The label of an external program; other methods have their own name.
+        The label of an external program; the file without its folder; other methods have their own name.
     """
     if not is_external(method):
-        return method
+        place, _, attribute = method.rpartition(":")
+        return f"{PurePath(place).stem}:{attribute}" if place.endswith(".py") else method
     try:
         return _split(method).label
     except ConfigError:  # a journal of somebody else

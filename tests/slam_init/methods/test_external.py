@@ -4,11 +4,9 @@ import os
 import stat
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
-
 from paths import ROOT
 
 from slam_init.calibration.files import load_camera

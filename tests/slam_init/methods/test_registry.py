@@ -5,10 +5,12 @@ from importlib.util import find_spec
 import pytest
 from add_a_method import MedianParallax
 from make_scene import CAMERA, CONFIG
+from paths import ROOT
 
 from slam_init.config import Config
 from slam_init.errors import ConfigError
 from slam_init.methods import METHODS, MethodInfo, make_initializer, make_two_view, method_info
+from slam_init.methods.external_command import method_label
 from slam_init.runner import run
 
 
@@ -54,3 +56,13 @@ def test_a_method_of_your_own_is_imported_by_its_path(room, tmp_path):
     assert summary.ground_truth.direction_error_deg < 5
     assert name in (tmp_path / "config.toml").read_text()
     assert (tmp_path / "recording.rrd").stat().st_size > 0
+
+
+def test_a_method_in_a_file_is_made_by_its_path_and_labelled_by_its_name(tmp_path, monkeypatch):
+    file = ROOT / "docs" / "examples" / "add_a_method.py"
+    monkeypatch.chdir(tmp_path)
+    name = f"{file}:MedianParallax"
+    assert type(make_two_view(name)) is type(make_two_view(name))  # the file is executed once
+    assert method_label(name) == "add_a_method:MedianParallax"
+    with pytest.raises(ConfigError, match=r"nothing\.py is not a Python file"):
+        make_two_view("nothing.py:MedianParallax")
