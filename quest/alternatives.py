@@ -22,7 +22,7 @@ from quest.geometry.quaternion import canonical
 from quest.relative_pose import Hypothesis
 from quest.robust.plane import PlaneFit
 from quest.robust.pose_modes import same_mode
-from quest.robust.pose_problem import RelativePoseProblem
+from quest.robust.pose_problem import PoseProblem
 from quest.robust.spatial_blocks import directions_of, scatter_of_sum
 
 __all__ = [
@@ -85,7 +85,7 @@ def decides(votes_for: int, votes_against: int, total: int, scatter: float | Non
 
 
 def has_larger_residuals(
-    problem: RelativePoseProblem,
+    problem: PoseProblem,
     model: Floats,
     other: Floats,
     gate_rad: float,
@@ -99,7 +99,7 @@ def has_larger_residuals(
 
     Parameters
     ----------
-    problem : RelativePoseProblem
+    problem : PoseProblem
     model, other : (7,) float
         The two motions (q_wxyz, t).
     gate_rad : float
@@ -129,7 +129,7 @@ def has_larger_residuals(
 
 
 def explained_by_plane(
-    problem: RelativePoseProblem, plane: PlaneFit, best: Floats, inliers: int, gate_rad: float, noise_rad: float
+    problem: PoseProblem, plane: PlaneFit, best: Floats, inliers: int, gate_rad: float, noise_rad: float
 ) -> bool:
     """Whether the inliers of the best motion lie on one plane, and one of the plane's motions fits them as well.
 
@@ -140,7 +140,7 @@ def explained_by_plane(
 
     Parameters
     ----------
-    problem : RelativePoseProblem
+    problem : PoseProblem
     plane : PlaneFit
         The plane that explains most inliers.
     best : (7,) float
@@ -167,7 +167,7 @@ def explained_by_plane(
 
 
 def equivalent_motions(
-    problem: RelativePoseProblem,
+    problem: PoseProblem,
     candidates: Sequence[Floats],
     best: Floats,
     inliers: Bools,
@@ -178,7 +178,7 @@ def equivalent_motions(
 
     Parameters
     ----------
-    problem : RelativePoseProblem
+    problem : PoseProblem
     candidates : sequence of (7,) float
         Other motions (q_wxyz, t).
     best : (7,) float

@@ -21,18 +21,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quest.alternatives import as_hypothesis, equivalent_motions, explained_by_plane
-from quest.covariance import planar_pose_covariance_compiled, pose_covariance_compiled
+from quest.covariance import planar_pose_covariance, pose_covariance
 from quest.errors import InputError, as_floats, as_index, as_positive
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import quaternion_from_matrix
-from quest.noise import GATE_SIGMAS, chance_inliers, refine_with_noise_compiled, settle_compiled
+from quest.noise import GATE_SIGMAS, chance_inliers, refine_with_noise, settle
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
 from quest.robust.lo_ransac import lo_ransac
-from quest.robust.plane import PlaneFit, fit_plane_compiled, off_line_rad_compiled
+from quest.robust.plane import PlaneFit, fit_plane, off_line_rad
 from quest.robust.pose_modes import same_mode, spread_out
-from quest.robust.pose_problem import SAMPLERS, CompiledPoseProblem, RelativePoseProblem
-from quest.robust.ransac import RansacReport, ransac
+from quest.robust.pose_problem import PoseProblem
 from quest.robust.rotation import propose_rotation, settle_rotation
+from quest.robust.samples import RansacReport
 from quest.uncertainty.parallax import ParallaxStatement, statement_of_inliers
 from quest.uncertainty.tails import poisson_tail
 
@@ -54,8 +54,8 @@ _FITTED, _CHANCE_LEVEL = 5, 1e-6
 #: Points along a line allow a whole family of motions. Over 48 strips of points the pose was wrong by degrees wherever
 #: their half width was under ten times the noise, and it was among the returned ones from fifteen times on.
 _LINE_SIGMAS = 10.0
-#: The solvers whose search is compiled, and the number of matches in their samples.
-_COMPILED = {"five": 5, "quest6": 6}
+#: The solvers that propose motions, and the number of matches in their samples.
+_SAMPLE_SIZES = {"five": 5, "quest6": 6}
 #: Any six numbers without a relation between them.
 _GENERIC_AXIS = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
 
@@ -111,11 +111,10 @@ def estimate_relative_pose(
         among 80 % of outliers.
     scores : (N,) array_like, optional
         Quality of the matches, higher is better (for example minus the descriptor distance). Better matches are drawn
-        first. The solver "quest7" does not use the scores.
-    solver : {"five", "quest6", "quest7"}
+        first.
+    solver : {"five", "quest6"}
         What proposes motions. "five": Newton's method on five matches. "quest6": the solutions of QuEst on six matches;
-        its machine code is compiled at the first use. Both are compiled and take about ten microseconds a sample.
-        "quest7": the eigenproblem of QuEst on seven matches, in plain numpy, at some hundred microseconds a sample.
+        its machine code is compiled at the first use. Both take about ten microseconds a sample.
 
     Returns
     -------
@@ -141,13 +140,23 @@ def estimate_relative_pose(
     if distinct < _MIN_MATCHES:
         return NoPose("too_few_matches", PoseEvidence(distinct, needed=_MIN_MATCHES))
     rotation = propose_rotation(m, n, threshold_rad, rng)
-    problem = CompiledPoseProblem(m, n, threshold_rad)
-    report = _search(problem, options, rotation, rng)
+    problem = PoseProblem(m, n, threshold_rad)
+    report = lo_ransac(
+        problem.m,
+        problem.n,
+        threshold_rad,
+        rng,
+        rotation,
+        confidence=options.confidence,
+        max_samples=options.max_samples,
+        scores=options.scores,
+        sample_size=_SAMPLE_SIZES[options.solver],
+    )
     if report is None:
         # Every sample was singular, as for an exact rotation-only camera.
         return _rotation_or_no_pose(problem, rotation, threshold_rad, PoseEvidence(total))
 
-    best, noise_rad = refine_with_noise_compiled(problem, report.models[0])
+    best, noise_rad = refine_with_noise(problem, report.models[0])
     gate_rad = min(threshold_rad, GATE_SIGMAS * noise_rad)
     inliers = problem.explained(best, gate_rad)
     motion = _Motion(best, inliers, m[inliers], n[inliers], noise_rad, gate_rad)
@@ -164,7 +173,7 @@ def estimate_relative_pose(
         )
     if count < _MIN_MATCHES or poisson_tail(count - _FITTED, chance) > _CHANCE_LEVEL:
         return NoPose("no_consistent_motion", evidence)
-    spread = max(off_line_rad_compiled(motion.m), off_line_rad_compiled(motion.n))
+    spread = max(off_line_rad(motion.m), off_line_rad(motion.n))
     if spread < _LINE_SIGMAS * noise_rad:
         return NoPose("no_consistent_motion", replace(evidence, off_line_rad=spread))
     return _pose_with_alternatives(problem, report, motion, evidence, parallax)
@@ -201,8 +210,8 @@ def _checked_options(
         raise InputError(f"confidence is {confidence!r}: give a probability between 0 and 1")
     max_samples = as_index(max_samples, "max_samples", 0)
     ranking = None if scores is None else _checked_scores(scores, count)
-    if not (isinstance(solver, str) and solver in (*_COMPILED, *SAMPLERS)):
-        raise InputError(f"solver is {solver!r:.60}: give one of five, {', '.join(SAMPLERS)}")
+    if not (isinstance(solver, str) and solver in _SAMPLE_SIZES):
+        raise InputError(f"solver is {solver!r:.60}: give one of {', '.join(_SAMPLE_SIZES)}")
     return _Options(threshold_rad, as_index(seed, "seed", 0), confidence, max_samples, ranking, solver)
 
 
@@ -221,30 +230,7 @@ def _distinct(m: Floats, n: Floats) -> int:
     return some if some >= _MIN_MATCHES else len(np.unique(places))
 
 
-def _search(
-    problem: CompiledPoseProblem, options: _Options, rotation: Floats, rng: np.random.Generator
-) -> RansacReport | None:
-    """Run RANSAC with the chosen solver; None where no sample has a solution."""
-    m, n, threshold_rad = problem.m, problem.n, problem.threshold_rad
-    if options.solver in _COMPILED:
-        return lo_ransac(
-            m,
-            n,
-            threshold_rad,
-            rng,
-            rotation,
-            confidence=options.confidence,
-            max_samples=options.max_samples,
-            scores=options.scores,
-            sample_size=_COMPILED[options.solver],
-        )
-    readable = RelativePoseProblem(m, n, threshold_rad, options.solver)
-    return ransac(readable, rng, confidence=options.confidence, max_samples=options.max_samples)
-
-
-def _tested_parallax(
-    problem: CompiledPoseProblem, motion: _Motion, chance: float, rotation: Floats
-) -> ParallaxStatement:
+def _tested_parallax(problem: PoseProblem, motion: _Motion, chance: float, rotation: Floats) -> ParallaxStatement:
     """Test whether the translation of a motion is observable on its inliers."""
     from quest.robust import kernels
 
@@ -263,7 +249,7 @@ def _tested_parallax(
 
 
 def _pose_with_alternatives(
-    problem: RelativePoseProblem,
+    problem: PoseProblem,
     report: RansacReport,
     motion: _Motion,
     evidence: PoseEvidence,
@@ -273,7 +259,7 @@ def _pose_with_alternatives(
     from quest.robust import kernels
 
     gate_rad, noise_rad, best, inliers = motion.gate_rad, motion.noise_rad, motion.model, motion.inliers
-    plane = fit_plane_compiled(best, motion.m, motion.n, noise_rad)
+    plane = fit_plane(best, motion.m, motion.n, noise_rad)
     evidence = replace(evidence, on_plane=plane.on, off_plane=plane.off)
     planar = explained_by_plane(problem, plane, best, len(motion.m), gate_rad, noise_rad)
     if planar:
@@ -292,9 +278,9 @@ def _pose_with_alternatives(
     first = as_hypothesis(best, inliers)
     depths, parallax_rad = kernels.depths_and_parallax(problem.m, problem.n, first.R, first.t, inliers)
     if planar:
-        covariance = planar_pose_covariance_compiled(first, problem.m[inliers], problem.n[inliers], noise_rad)
+        covariance = planar_pose_covariance(first, problem.m[inliers], problem.n[inliers], noise_rad)
     else:
-        covariance = pose_covariance_compiled(first, motion.m, motion.n, noise_rad)
+        covariance = pose_covariance(first, motion.m, motion.n, noise_rad)
     return RelativePose(
         q_wxyz=first.q_wxyz,
         R=first.R,
@@ -312,19 +298,19 @@ def _pose_with_alternatives(
     )
 
 
-def _rivals(problem: RelativePoseProblem, report: RansacReport, motion: _Motion, plane: PlaneFit) -> list[Floats]:
+def _rivals(problem: PoseProblem, report: RansacReport, motion: _Motion, plane: PlaneFit) -> list[Floats]:
     """Other motions of a scene that is no plane, each refined to its optimum on all matches."""
     # A raw model that misses half of the inliers is discarded. This is safe: before refinement, even the raw model of
     # the right motion missed at most a third of the inliers.
     near = (report.costs[1:] - report.costs[0]) / problem.threshold_rad**2 < 0.5 * len(motion.m)
     raw = spread_out(report.models[1:][near], motion.model)
-    rivals = [settle_compiled(problem, pose, motion.noise_rad, raw=False) for pose in plane.poses[1:]]
-    return rivals + [settle_compiled(problem, model, motion.noise_rad, raw=True) for model in raw]
+    rivals = [settle(problem, pose, motion.noise_rad, raw=False) for pose in plane.poses[1:]]
+    return rivals + [settle(problem, model, motion.noise_rad, raw=True) for model in raw]
 
 
-def _unobserved_motions(problem: RelativePoseProblem, motion: _Motion) -> tuple[Hypothesis, ...]:
+def _unobserved_motions(problem: PoseProblem, motion: _Motion) -> tuple[Hypothesis, ...]:
     """The best motion and those of its plane, although the matches do not show their translation."""
-    plane = fit_plane_compiled(motion.model, motion.m, motion.n, motion.noise_rad)
+    plane = fit_plane(motion.model, motion.m, motion.n, motion.noise_rad)
     different: list[Floats] = []
     for model in (*plane.poses, motion.model):
         if not any(same_mode(model, other) for other in different):
@@ -333,7 +319,7 @@ def _unobserved_motions(problem: RelativePoseProblem, motion: _Motion) -> tuple[
 
 
 def _rotation_or_no_pose(
-    problem: CompiledPoseProblem,
+    problem: PoseProblem,
     rotation: Floats,
     gate_rad: float,
     evidence: PoseEvidence,

@@ -52,7 +52,7 @@ def estimate_relative_pose_px(
         Bound on the number of samples.
     scores : (N,) array_like, optional
         Quality of the matches, higher is better.
-    solver : {"five", "quest6", "quest7"}
+    solver : {"five", "quest6"}
         What proposes motions, see :func:`quest.estimate_relative_pose`.
 
     Returns

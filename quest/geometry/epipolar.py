@@ -12,15 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.errors import InputError, as_floats
 
-__all__ = [
-    "as_matches",
-    "depths_along_epipolar_lines",
-    "depths_from_pose",
-    "essential_from_pose",
-    "parallax_angles",
-    "sampson_error",
-]
-
 Floats = NDArray[np.float64]
 
 
@@ -167,39 +158,6 @@ def depths_from_pose(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> 
         # (1 - c)(1 + c) keeps the digits of small angles that 1 - c^2 would lose.
         scale = 1 / ((1 - c) * (1 + c))
         return (c * n_t - m_t) * scale, (n_t - c * m_t) * scale
-
-
-def depths_along_epipolar_lines(R: Floats, t: Floats, m: Floats, n: Floats) -> tuple[Floats, Floats]:
-    """Depths of noisy matches for a given pose: each ray as measured, the other view by its place on the epipolar line.
-
-    The midpoint (:func:`depths_from_pose`) divides by the squared sine of the angle between the two rays. The noise
-    across the epipolar line adds to this angle, so that at low parallax the midpoint is too near: by more than a tenth
-    in the median where the parallax is twice the noise (tests/quest/test_few_matches.py). Here the displacement along
-    the line alone counts. The inverse depth is the least-squares solution of ``n x (R m + rho t) = 0``, linear in the
-    noise of that displacement, so that the median depth is not biased::
-
-        1 / u = (c (n . t) - R m . t) / (1 - (n . t)^2)        1 / v = (n . t - c (R m . t)) / (1 - (R m . t)^2)
-
-    with ``c = (R m) . n``. The signs are those of the midpoint, and exact matches have the same depths.
-
-    Parameters
-    ----------
-    R : (3, 3) float
-        Rotation of cam2_from_cam1.
-    t : (3,) float
-        Translation, |t| = 1.
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-
-    Returns
-    -------
-    u, v : (N,) float
-        Depths in camera 1 and camera 2 in units of |t|, negative for a point behind; infinite or NaN for parallel rays.
-    """
-    a = m @ R.T
-    c, a_t, n_t = np.einsum("ij,ij->i", a, n), a @ t, n @ t
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return (1 - n_t) * (1 + n_t) / (c * n_t - a_t), (1 - a_t) * (1 + a_t) / (n_t - c * a_t)
 
 
 def parallax_angles(R: ArrayLike, m: ArrayLike, n: ArrayLike) -> Floats:

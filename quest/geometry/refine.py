@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 
 from quest.geometry.quaternion import rotation_from_vector
 
-__all__ = ["refine_pose", "refine_rotation", "sampson_jacobian", "tangent_basis"]
-
 Floats = NDArray[np.float64]
 
 
@@ -142,33 +140,3 @@ def _robust_cost(r: Floats, scale2: float) -> float:
     """Sum of the Geman-McClure kernel over the residuals r (N,)."""
     r2 = r * r
     return float(np.sum(r2 / (scale2 + r2)))
-
-
-def refine_rotation(R: Floats, m: Floats, n: Floats, scale_rad: float, iterations: int = 10) -> Floats:
-    """Robust rotation ``n = R m``: iteratively re-weighted Kabsch with the weights of :func:`refine_pose`.
-
-    Parameters
-    ----------
-    R : (3, 3) float
-        The start.
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    scale_rad : float
-        Scale of the Geman-McClure kernel for ``|n - R m| / sqrt(2)``, which has the noise of one bearing per component.
-    iterations : int
-        Largest number of steps. The loop ends earlier where a step changes nothing.
-
-    Returns
-    -------
-    (3, 3) float
-    """
-    for _ in range(iterations):
-        r2 = 0.5 * np.sum((n - m @ R.T) ** 2, axis=1)
-        weight = 1 / (1 + r2 / (scale_rad * scale_rad)) ** 2
-        U, _, Vt = np.linalg.svd((n * weight[:, None]).T @ m)
-        R_new = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-        change = np.abs(R_new - R).max()
-        R = R_new
-        if change < 1e-12:
-            break
-    return R

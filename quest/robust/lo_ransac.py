@@ -1,9 +1,8 @@
 """The search for the motion that explains most matches: locally optimized RANSAC over samples of five or six.
 
 numpy draws the samples in chunks. The compiled loops of :mod:`quest.robust.kernels` solve and score them. The best
-model of each chunk is refined on its inliers. The readable counterpart is :func:`quest.robust.ransac.ransac` with
-:class:`quest.robust.pose_problem.RelativePoseProblem`: the same search over samples of six or seven, with the
-eigenproblems of QuEst, in plain numpy.
+model of each chunk is refined on its inliers. The tests compare it with a readable loop in plain numpy over samples of
+six or seven, with the eigenproblems of QuEst (``tests/support/reference_ransac.py``).
 
 References
 ----------
@@ -21,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.robust.prosac import progressive_samples, subset_size
-from quest.robust.ransac import RansacReport, samples_needed
+from quest.robust.samples import RansacReport, samples_needed
 
 __all__ = ["YIELDS", "lo_ransac"]
 

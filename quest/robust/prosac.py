@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.robust.ransac import draw_samples
+from quest.robust.samples import draw_samples
 
 __all__ = ["progressive_samples", "subset_size"]
 

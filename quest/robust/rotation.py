@@ -5,10 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.geometry.refine import refine_rotation
-
-__all__ = ["fit_rotation", "propose_rotation", "refine_rotation_compiled", "settle_rotation"]
-
 Floats = NDArray[np.float64]
 
 #: From this number of matches the share of inliers of a hypothesis is known to 4 %.
@@ -69,7 +65,7 @@ def settle_rotation(R: Floats, m: Floats, n: Floats, threshold_rad: float) -> Fl
     """
     # The wide scale first, so that a scene with a little parallax is fitted as a whole.
     for scale_rad in (4 * threshold_rad, threshold_rad, 0.5 * threshold_rad):
-        R = refine_rotation_compiled(R, m, n, scale_rad)
+        R = refine_rotation(R, m, n, scale_rad)
     return R
 
 
@@ -95,8 +91,8 @@ def fit_rotation(m: Floats, n: Floats, threshold_rad: float, rng: np.random.Gene
     return best, 0.5 * np.sum((n - m @ best.T) ** 2, axis=1)
 
 
-def refine_rotation_compiled(R: Floats, m: Floats, n: Floats, scale_rad: float, iterations: int = 10) -> Floats:
-    """Refine a rotation as :func:`quest.geometry.refine.refine_rotation`, compiled.
+def refine_rotation(R: Floats, m: Floats, n: Floats, scale_rad: float, iterations: int = 10) -> Floats:
+    """Robust rotation ``n = R m``: iteratively re-weighted Kabsch with the weights of Geman and McClure.
 
     Parameters
     ----------

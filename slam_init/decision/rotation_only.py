@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quest.robust.rotation import refine_rotation_compiled
+from quest.robust.rotation import refine_rotation
 from quest.robust.spatial_blocks import directions_of, scatter_of_sum
 from slam_init.config import Config
 from slam_init.types.arrays import Floats
@@ -104,7 +104,7 @@ def fit_rotation_only(rays1: Floats, rays2: Floats, noise_rad: float) -> Rotatio
         a, b = (_unit(rays * (1.0, 1.0, factor)) for rays in (m, n))
         # The scale begins wide: the first factor starts from no rotation, each other factor from the rotation before.
         for scale_rad in (0.2, 40 * noise_rad, 4 * noise_rad):
-            R = refine_rotation_compiled(R, a, b, scale_rad, iterations=4)
+            R = refine_rotation(R, a, b, scale_rad, iterations=4)
         lengths[i] = np.linalg.norm(b - a @ R.T, axis=1)
     # The median of a Rayleigh variable is 1.18 of its scale; a difference has the noise of two bearings.
     residuals = np.median(lengths, axis=1) / (np.sqrt(2 * np.log(2)) * np.sqrt(2))

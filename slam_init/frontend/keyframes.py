@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quest.geometry.quaternion import rotation_angle
-from quest.robust.rotation import refine_rotation_compiled
+from quest.robust.rotation import refine_rotation
 from slam_init.config import Config
 from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats
@@ -140,7 +140,7 @@ def _align(
     gate_px = difference_gate(noise_px)
     # The scale of the robust kernel starts wide, so that every track counts, and decreases to the noise gate.
     for scale_px in (0.1 * camera.focal_px, 8 * gate_px, gate_px):
-        R = refine_rotation_compiled(R, m, n, scale_px / camera.focal_px, iterations=4)
+        R = refine_rotation(R, m, n, scale_px / camera.focal_px, iterations=4)
     left_px = np.linalg.norm(n - m @ R.T, axis=1) * camera.focal_px
     cells = (pixels / (camera.width, camera.height) * _GRID).astype(int)
     pair = PairPreview(

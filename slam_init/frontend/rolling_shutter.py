@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quest.geometry.quaternion import vector_from_rotation
-from quest.robust.rotation import refine_rotation_compiled
+from quest.robust.rotation import refine_rotation
 from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
@@ -180,7 +180,7 @@ class RollingShutter:
             current = self._corrected(current, self._steps[-1].turn_rad_s)
         R = np.eye(3)
         for scale_rad in _SCALES_RAD:
-            R = refine_rotation_compiled(R, previous.bearings[i], current.bearings[j], scale_rad, iterations=4)
+            R = refine_rotation(R, previous.bearings[i], current.bearings[j], scale_rad, iterations=4)
         return _Step(vector_from_rotation(R) / length_s, length_s, previous.frame, not self._steps)
 
     def adopt(self, history: History, readout_s: float) -> bool:

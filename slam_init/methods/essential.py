@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from quest.robust.ransac import draw_samples
+from quest.robust.samples import draw_samples
 from slam_init.methods.gates import GATED_PAIRS, GateRules, accept_best
 from slam_init.methods.models import (
     fundamental_eight_point,

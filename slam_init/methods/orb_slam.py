@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from quest.robust.ransac import draw_samples
+from quest.robust.samples import draw_samples
 from slam_init.methods.models import (
     epipolar_errors,
     fundamental_eight_point,

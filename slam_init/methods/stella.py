@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from quest.robust.ransac import draw_samples
+from quest.robust.samples import draw_samples
 from slam_init.methods.models import (
     fundamental_eight_point,
     homography_dlt,

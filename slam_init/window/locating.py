@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from quest.robust.rotation import refine_rotation_compiled
+from quest.robust.rotation import refine_rotation
 from slam_init.mapping.resection import resect
 from slam_init.mapping.triangulation import triangulate
 from slam_init.types.arrays import Bools, Floats
@@ -63,7 +63,7 @@ def align_views(bearings: Floats, motions: Sequence[Motion], pair: tuple[int, ..
 
 def _aligned(R: Floats, m: Floats, n: Floats) -> Floats:
     for scale_rad in _ALIGNMENT_SCALES_RAD:
-        R = refine_rotation_compiled(R, m, n, scale_rad, iterations=4)
+        R = refine_rotation(R, m, n, scale_rad, iterations=4)
     return R
 
 

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from make_two_views import NO_TRANSLATION, NOISE_RAD, box, is_true, plane, views
+from reference_parallax import depths_along_epipolar_lines
 
 from quest import RelativePose, estimate_relative_pose
-from quest.geometry.epipolar import depths_along_epipolar_lines, depths_from_pose
+from quest.geometry.epipolar import depths_from_pose
 from quest.geometry.homography import homography_residuals
 from quest.geometry.quaternion import rotation_from_vector
 from quest.geometry.refine import tangent_basis
 from quest.noise import chance_inliers
-from quest.robust.pose_problem import CompiledPoseProblem
+from quest.robust.pose_problem import PoseProblem
 
 SEEDS = range(20)
 
@@ -67,7 +68,7 @@ def test_a_camera_that_only_rotates_shows_no_translation_by_few_matches(count):
 def test_chance_explains_a_few_shuffled_matches_although_all_matches_are_right():
     """A match that kept its partner in a shuffle would count as explained by chance."""
     pair = drawn(0, count=20, ratio=0.15, noise_rad=0.0)
-    problem = CompiledPoseProblem(pair.m, pair.n, 1e-5)
+    problem = PoseProblem(pair.m, pair.n, 1e-5)
     model = np.concatenate([estimate_relative_pose(pair.m, pair.n).q_wxyz, pair.t])
     assert problem.explained(model, 1e-5).all()
     assert 0 < chance_inliers(problem, model, 1e-5, np.random.default_rng(0)) < 0.1

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import reference_pose
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from make_pose_matches import NOISE_RAD, THRESHOLD_RAD, as_model, disturbed, matches_of_all_kinds, pose_and_matches
+from reference_parallax import typical_ratios
+from reference_ransac import RelativePoseProblem
 
 from quest.geometry.quaternion import matrix_from_quaternion
-from quest.noise import chance_inliers, refine_with_noise, refine_with_noise_compiled
+from quest.noise import chance_inliers, refine_with_noise
 from quest.robust import kernels
-from quest.robust.pose_problem import RelativePoseProblem
-from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS, typical_ratios
+from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS
 
 SEEDS = st.integers(0, 2**32 - 1)
 #: The first call compiles, so there is no deadline.
@@ -24,8 +26,8 @@ laws = settings(deadline=None, max_examples=40)
 def test_the_compiled_refinement_ends_where_the_readable_one_does(seed, angle_rad, wrong):
     R, t, m, n = pose_and_matches(seed, 80, wrong=wrong)
     problem, start = RelativePoseProblem(m, n, THRESHOLD_RAD), as_model(*disturbed(R, t, seed, angle_rad))
-    expected, expected_noise_rad = refine_with_noise(problem, start)
-    model, noise_rad = refine_with_noise_compiled(problem, start)
+    expected, expected_noise_rad = reference_pose.refine_with_noise(problem, start)
+    model, noise_rad = refine_with_noise(problem, start)
     assert noise_rad == pytest.approx(expected_noise_rad, rel=1e-3)
     assert matrix_from_quaternion(model[:4]) == pytest.approx(matrix_from_quaternion(expected[:4]), abs=1e-5)
     assert model[4:] == pytest.approx(expected[4:], abs=1e-4)
@@ -34,7 +36,7 @@ def test_the_compiled_refinement_ends_where_the_readable_one_does(seed, angle_ra
 
 def test_fewer_than_six_inliers_are_not_refined():
     R, t, m, n = pose_and_matches(0, 5)
-    model, noise_rad = refine_with_noise_compiled(RelativePoseProblem(m, n, THRESHOLD_RAD), as_model(R, t))
+    model, noise_rad = refine_with_noise(RelativePoseProblem(m, n, THRESHOLD_RAD), as_model(R, t))
     assert model == pytest.approx(as_model(R, t), abs=1e-14)
     assert noise_rad == THRESHOLD_RAD / 3
 
@@ -54,7 +56,7 @@ def test_matches_of_typical_depth_are_those_of_the_readable_test(seed):
 def test_the_noise_is_that_of_the_matches():
     for seed in range(5):
         R, t, m, n = pose_and_matches(seed, 400, wrong=100)
-        _, noise_rad = refine_with_noise_compiled(RelativePoseProblem(m, n, THRESHOLD_RAD), as_model(R, t))
+        _, noise_rad = refine_with_noise(RelativePoseProblem(m, n, THRESHOLD_RAD), as_model(R, t))
         assert noise_rad == pytest.approx(NOISE_RAD, rel=0.2)
 
 

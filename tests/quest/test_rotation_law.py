@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import reference_pose
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import quest
 from quest.geometry.homography import decompose_homography, fit_homography
 from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_matrix, rotation_from_vector
-from quest.geometry.refine import refine_rotation
-from quest.robust.rotation import fit_rotation, refine_rotation_compiled
+from quest.robust.rotation import fit_rotation, refine_rotation
 from tests.benchmarks.quest.adversarial import FUNCTIONS, is_rotation
 
 # No division by zero and no overflow is allowed in the arithmetic.
@@ -125,7 +125,7 @@ def test_a_fitted_rotation_is_one_even_where_no_pair_of_rays_determines_it(seed,
     m, n = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in scaled)
     R, _ = fit_rotation(m, n, threshold_rad, rng)
     assert is_rotation(R)
-    for refine in (refine_rotation, refine_rotation_compiled):
+    for refine in (reference_pose.refine_rotation, refine_rotation):
         assert is_rotation(refine(R, m, n, threshold_rad))
     poses = decompose_homography(fit_homography(m, n), m)
     assert all(is_rotation(R) for R, _, _ in poses)

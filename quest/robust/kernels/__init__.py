@@ -1,24 +1,8 @@
 """The compiled inner loops of robust estimation.
 
 A sample needs some hundred operations on three numbers each. On arrays of that size numpy is 20 to 100 times slower
-than these loops. Each loop has a readable counterpart in numpy, and the tests compare the two:
-
-=========================== =====================================================================================
-:func:`residuals`           :meth:`quest.robust.pose_problem.RelativePoseProblem.residuals`
-:func:`score`               :meth:`quest.robust.pose_problem.RelativePoseProblem.costs`
-:func:`refine`              :func:`quest.geometry.refine.refine_pose`
-:func:`refine_rotation`     :func:`quest.geometry.refine.refine_rotation`
-:func:`newton_five`         the definition of its roots
-:func:`climb`               :meth:`quest.robust.pose_problem.RelativePoseProblem.polish`, :func:`quest.noise.settle`
-:func:`mark_typical`        :func:`quest.uncertainty.parallax.typical_ratios`
-:func:`anisotropy_sums`     :func:`quest.uncertainty.parallax.anisotropy_of`
-:func:`ratio_sums`          :func:`quest.uncertainty.parallax.ratio_of`
-:func:`pose_information`    :func:`quest.geometry.refine.sampson_jacobian`
-:func:`depths_and_parallax` :func:`quest.geometry.epipolar.depths_along_epipolar_lines`
-:func:`planar_information`  :func:`quest.covariance.planar_pose_covariance`
-:func:`fit_plane`           :func:`quest.robust.plane.fit_plane`
-:func:`off_line`            :func:`quest.robust.plane.off_line_rad`
-=========================== =====================================================================================
+than these loops. Each loop has a readable counterpart in numpy, in :mod:`quest.geometry.refine` or in
+``tests/support/reference_*.py``, and the tests compare the two.
 
 numba compiles a loop at its first call; :mod:`quest.robust.kernels.machine_code` keeps the result. numba is imported in
 :mod:`quest.robust.kernels.compiler` and nowhere else, and this package is imported where an estimation starts. The

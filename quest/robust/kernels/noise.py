@@ -17,7 +17,7 @@ Bools = NDArray[np.bool_]
 
 @compiled
 def mark_typical(m: Floats, n: Floats, R: Floats, t: Floats, mads: float, least_sine2: float, use: Bools) -> None:
-    """Unmark the matches of untypical depth, as :func:`quest.uncertainty.parallax.typical_ratios`.
+    """Unmark the matches of untypical depth.
 
     Parameters
     ----------

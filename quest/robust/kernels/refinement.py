@@ -162,7 +162,7 @@ def refine(m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale_rad: fl
 
 @compiled
 def refine_rotation(m: Floats, n: Floats, R: Floats, scale_rad: float, iterations: int) -> None:
-    """Refine a rotation in place, as :func:`quest.geometry.refine.refine_rotation`.
+    """Refine a rotation in place.
 
     The weights are the same; a Newton step takes the place of each Kabsch fit.
 

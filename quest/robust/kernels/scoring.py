@@ -67,7 +67,7 @@ def match_residual(m: Floats, i: int, n: Floats, j: int, R: Floats, t: Floats, f
 
 @compiled
 def residuals(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float) -> tuple[Floats, Bools]:
-    """Residuals of one pose, as :meth:`quest.robust.pose_problem.RelativePoseProblem.residuals`.
+    """Residuals of one pose.
 
     Parameters
     ----------

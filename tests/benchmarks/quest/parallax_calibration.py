@@ -23,10 +23,12 @@ from numpy.typing import NDArray
 
 from quest.geometry.epipolar import depths_from_pose, sampson_error
 from quest.geometry.quaternion import rotation_from_vector
-from quest.geometry.refine import refine_pose, refine_rotation, tangent_basis
-from quest.uncertainty.parallax import ParallaxStatement, parallax_statement, typical_ratios
+from quest.geometry.refine import refine_pose, tangent_basis
+from quest.robust.rotation import refine_rotation
+from quest.uncertainty.parallax import ParallaxStatement, parallax_statement
 from slam_init.output.tables import markdown_table
 from tests.benchmarks.quest.running import positive, run_on_one_thread, save
+from tests.support.reference_parallax import typical_ratios
 
 __all__ = ["Motion", "Scene", "Views", "draw_views", "fitted_motion", "main", "true_ratio"]
 

@@ -28,12 +28,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_matrix, rotation_from_vector
-from quest.geometry.refine import refine_pose, refine_rotation
+from quest.geometry.refine import refine_pose
 from quest.robust import kernels
 from quest.robust.kernels import six_point
-from quest.robust.pose_problem import CompiledPoseProblem
-from quest.robust.ransac import draw_samples
-from quest.robust.rotation import fit_rotation
+from quest.robust.pose_problem import PoseProblem
+from quest.robust.rotation import fit_rotation, refine_rotation
+from quest.robust.samples import draw_samples
 from quest.solvers.quest6 import quest6
 from quest.solvers.quest6_fast import quest6_fast
 from quest.solvers.selection import select_candidates
@@ -255,7 +255,7 @@ def _yield_table(samples: int, seed: int) -> str:
             rng = np.random.default_rng([seed, scene_seed])
             scene = _scene(name, 0.0, rng, _YIELD_NOISE_PX, 300)
             m, n = scene.bearings1, scene.bearings2
-            problem = CompiledPoseProblem(m, n, _THRESHOLD_PX / FOCAL_PX)
+            problem = PoseProblem(m, n, _THRESHOLD_PX / FOCAL_PX)
             optimum = refine_pose(scene.R, scene.t, m, n, problem.threshold_rad)
             rotation = fit_rotation(m, n, problem.threshold_rad, rng)[0]
             for rows_of_sample in draw_samples(rng, len(m), 6, samples):
@@ -271,12 +271,14 @@ def _yield_table(samples: int, seed: int) -> str:
     return markdown_table(["scene", "six", "five, two starts"], rows)
 
 
-def _leads(problem: CompiledPoseProblem, poses: Sequence[Pose], optimum: Pose) -> bool:
+def _leads(problem: PoseProblem, poses: Sequence[Pose], optimum: Pose) -> bool:
     """Whether refinement of the best of the poses ends within 2 degrees of the optimum."""
     if not poses:
         return False
     models = np.array([np.concatenate([quaternion_from_matrix(R), t]) for R, t in poses])
-    best = problem.polish(models[np.argmin(problem.costs(models)[0])])
+    best = models[np.argmin(problem.costs(models)[0])]
+    near = problem.explained(best, 2 * problem.threshold_rad)
+    best = problem.refine(best, near, 0.5 * problem.threshold_rad) if near.sum() >= 6 else best
     return max(pose_errors_deg(matrix_from_quaternion(best[:4]), best[4:], *optimum)) < 2
 
 

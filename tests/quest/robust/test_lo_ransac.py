@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from make_views import unit
+from reference_ransac import RelativePoseProblem, ransac
 
 from quest import InputError, estimate_relative_pose
 from quest.geometry.quaternion import (
@@ -18,9 +19,7 @@ from quest.geometry.quaternion import (
     rotation_from_vector,
 )
 from quest.robust.lo_ransac import lo_ransac
-from quest.robust.pose_problem import RelativePoseProblem
 from quest.robust.prosac import progressive_samples
-from quest.robust.ransac import ransac
 
 SEEDS = st.integers(0, 2**32 - 1)
 THRESHOLD_RAD = 2e-3
@@ -107,9 +106,9 @@ def test_all_matches_are_drawn_in_the_end():
 # --- the search ---
 
 
-def search(m, n, seed: int = 0, *, scores=None, max_samples: int = 50_000):
+def search(m, n, seed: int = 0, *, scores=None, max_samples: int = 50_000, sample_size: int = 5):
     rng = np.random.default_rng(seed)
-    options = {"confidence": 0.999, "max_samples": max_samples, "scores": scores}
+    options = {"confidence": 0.999, "max_samples": max_samples, "scores": scores, "sample_size": sample_size}
     return lo_ransac(m, n, THRESHOLD_RAD, rng, np.eye(3), **options)
 
 
@@ -183,25 +182,14 @@ def test_bad_scores_do_no_harm_with_enough_samples():
 
 @pytest.mark.parametrize("planar", [False, True], ids=["general", "planar"])
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("solver", ["five", "quest6"])
-def test_the_compiled_searches_agree_with_the_readable_one(seed, planar, solver):
-    m, n = scene(seed, outliers=0.3, planar=planar)
-    compiled = estimate_relative_pose(m, n, seed=seed, solver=solver)
-    readable = estimate_relative_pose(m, n, seed=seed, solver="quest7", max_samples=2000)
-    assert compiled.kind == readable.kind == ("planar" if planar else "general")
-    # Both estimates end at the same optimum; a match at the gate may be an inlier of one estimate only.
-    kept = [(h.R, h.t) for h in (readable, *readable.alternatives)]
-    rotation, direction = min(errors_deg(compiled.R, compiled.t, *pose) for pose in kept)
-    sigma = np.degrees(np.sqrt(np.diag(compiled.covariance)))
-    assert rotation < sigma[:3].max()
-    assert direction < np.degrees(compiled.direction_sigma_rad)
-    assert (compiled.inliers == readable.inliers).mean() > 0.97
-
-
-def test_the_two_searches_reach_the_same_cost():
-    m, n = scene(1, outliers=0.4)
-    compiled = search(m, n)
-    readable = ransac(RelativePoseProblem(m, n, THRESHOLD_RAD), np.random.default_rng(0))
+@pytest.mark.parametrize("sample_size", [5, 6])
+@pytest.mark.parametrize("solver", ["quest6", "quest7"])
+def test_the_two_searches_reach_the_same_cost(seed, planar, sample_size, solver):
+    if planar and solver == "quest7":
+        pytest.skip("QuEst 7 does not solve planes")
+    m, n = scene(seed, outliers=0.4, planar=planar)
+    compiled = search(m, n, sample_size=sample_size)
+    readable = ransac(RelativePoseProblem(m, n, THRESHOLD_RAD, solver), np.random.default_rng(0))
     assert compiled.costs[0] <= readable.costs[0] * 1.02
 
 

@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 from make_pose_matches import THRESHOLD_RAD, angle_between, as_model, pose_and_matches
 from make_two_views import NO_TRANSLATION, NOISE_RAD, R_TRUE, box, is_true, plane, views
 from make_views import unit
+from reference_ransac import RelativePoseProblem, ransac
 
 from quest import estimate_relative_pose
 from quest.geometry.quaternion import matrix_from_quaternion, rotation_angle, rotation_from_vector
 from quest.robust.lo_ransac import lo_ransac
-from quest.robust.pose_problem import RelativePoseProblem
-from quest.robust.ransac import ransac
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import reference_pose
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from make_views import unit
 
 from quest import estimate_relative_pose
-from quest.covariance import (
-    planar_pose_covariance,
-    planar_pose_covariance_compiled,
-    pose_covariance,
-    pose_covariance_compiled,
-)
+from quest.covariance import planar_pose_covariance, pose_covariance
 from quest.geometry.quaternion import (
     matrix_from_quaternion,
     quaternion_from_matrix,
@@ -22,7 +18,7 @@ from quest.geometry.quaternion import (
     rotation_from_vector,
 )
 from quest.relative_pose import Hypothesis
-from quest.robust.plane import fit_plane, fit_plane_compiled, off_line_rad, off_line_rad_compiled
+from quest.robust.plane import fit_plane, off_line_rad
 
 SEEDS = st.integers(0, 2**32 - 1)
 NOISE_RAD = 5e-4
@@ -213,7 +209,7 @@ def test_the_same_translation_is_observable_with_less_noise_only():
 @given(seed=SEEDS, on_plane=st.sampled_from([0.0, 0.2, 0.7, 1.0]))
 def test_the_compiled_plane_equals_the_readable_one(seed, on_plane):
     m, n = views(points(seed, on_plane=on_plane), seed=seed)
-    readable, compiled = fit_plane(MODEL, m, n, NOISE_RAD), fit_plane_compiled(MODEL, m, n, NOISE_RAD)
+    readable, compiled = (fit(MODEL, m, n, NOISE_RAD) for fit in (reference_pose.fit_plane, fit_plane))
     assert len(compiled.poses) == len(readable.poses)
     if not readable.poses:
         return
@@ -230,16 +226,16 @@ def test_the_compiled_plane_equals_the_readable_one(seed, on_plane):
 
 def test_few_matches_and_equal_matches_have_no_compiled_plane():
     m, n = views(points(0, 7, on_plane=1.0))
-    assert fit_plane_compiled(MODEL, m, n, NOISE_RAD).poses == []
+    assert fit_plane(MODEL, m, n, NOISE_RAD).poses == []
     m, n = (np.repeat(rays[:1], 20, axis=0) for rays in (m, n))
-    assert fit_plane_compiled(MODEL, m, n, NOISE_RAD).poses == []
+    assert fit_plane(MODEL, m, n, NOISE_RAD).poses == []
 
 
 @laws
 @given(seed=SEEDS, half_width_rad=st.sampled_from([0.0, 1e-4, 1e-2, 0.5]))
 def test_the_compiled_width_of_a_line_equals_the_readable_one(seed, half_width_rad):
     rays = strip(seed, half_width_rad)
-    assert off_line_rad_compiled(rays) == pytest.approx(off_line_rad(rays), rel=1e-6, abs=1e-12)
+    assert off_line_rad(rays) == pytest.approx(reference_pose.off_line_rad(rays), rel=1e-6, abs=1e-12)
 
 
 @laws
@@ -248,8 +244,8 @@ def test_the_compiled_covariances_equal_the_readable_ones(seed, on_plane):
     m, n = views(points(seed, on_plane=on_plane), seed=seed)
     every = Hypothesis(MODEL[:4], R_TRUE, MODEL[4:], np.ones(len(m), bool))
     for readable, compiled in (
-        (pose_covariance, pose_covariance_compiled),
-        (planar_pose_covariance, planar_pose_covariance_compiled),
+        (reference_pose.pose_covariance, pose_covariance),
+        (reference_pose.planar_pose_covariance, planar_pose_covariance),
     ):
         expected = readable(every, m, n, NOISE_RAD)
         assert compiled(every, m, n, NOISE_RAD) == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())

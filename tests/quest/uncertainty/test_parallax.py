@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from reference_parallax import anisotropy_of, depths_along_epipolar_lines, ratio_of
 from scipy import stats
 
 from quest import InputError, parallax_statement
-from quest.geometry.epipolar import depths_along_epipolar_lines
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
 from quest.geometry.refine import sampson_jacobian
 from quest.robust import kernels
-from quest.robust.rotation import refine_rotation_compiled
-from quest.uncertainty.parallax import anisotropy_of, ratio_of
+from quest.robust.rotation import refine_rotation
 from quest.uncertainty.tails import gaussian_tail, poisson_tail
 from tests.benchmarks.quest.parallax_calibration import Scene, draw_views, fitted_motion, true_ratio
 
@@ -137,7 +136,7 @@ def best_rotation(m, n, R, noise_rad):
         scale = max(2 * noise_rad, median)
         if scale > 0.99 * last:
             break
-        R, last = refine_rotation_compiled(R, m, n, scale, iterations=4), scale
+        R, last = refine_rotation(R, m, n, scale, iterations=4), scale
     return R
 
 

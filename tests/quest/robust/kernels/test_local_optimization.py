@@ -6,15 +6,16 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+import reference_pose
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from make_pose_matches import NOISE_RAD, THRESHOLD_RAD, as_model, disturbed, pose_and_matches
+from reference_ransac import RelativePoseProblem
 
 from quest.geometry.quaternion import matrix_from_quaternion
-from quest.noise import settle, settle_compiled
+from quest.noise import settle
 from quest.robust import kernels
 from quest.robust.kernels.local_optimization import draw_subset
-from quest.robust.pose_problem import RelativePoseProblem
 
 SEEDS = st.integers(0, 2**32 - 1)
 #: The first call compiles, so there is no deadline.
@@ -59,8 +60,8 @@ def test_directions_are_uniform_on_the_sphere():
 def test_a_motion_settles_where_the_readable_one_does(seed, angle_rad, wrong, raw):
     R, t, m, n = pose_and_matches(seed, wrong=wrong)
     problem, start = RelativePoseProblem(m, n, THRESHOLD_RAD), as_model(*disturbed(R, t, seed, angle_rad))
-    expected = settle(problem, problem.polish(start) if raw else start, NOISE_RAD)
-    found = settle_compiled(problem, start, NOISE_RAD, raw)
+    expected = reference_pose.settle(problem, problem.polish(start) if raw else start, NOISE_RAD)
+    found = settle(problem, start, NOISE_RAD, raw)
     assert matrix_from_quaternion(found[:4]) == pytest.approx(matrix_from_quaternion(expected[:4]), abs=1e-5)
     assert found[4:] == pytest.approx(expected[4:], abs=1e-4)
 

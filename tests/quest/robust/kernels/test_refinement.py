@@ -16,9 +16,10 @@ from make_pose_matches import (
     random_pose,
 )
 from make_views import unit
+from reference_pose import refine_rotation
 
 from quest.geometry.quaternion import rotation_from_vector
-from quest.geometry.refine import refine_pose, refine_rotation
+from quest.geometry.refine import refine_pose
 from quest.robust import kernels
 
 SEEDS = st.integers(0, 2**32 - 1)

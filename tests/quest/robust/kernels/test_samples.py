@@ -12,7 +12,7 @@ from make_views import unit
 from quest.geometry.quaternion import rotation_from_vector
 from quest.robust import kernels
 from quest.robust.kernels.samples import SAME_MODE_RAD, mode_distance
-from quest.robust.ransac import draw_samples
+from quest.robust.samples import draw_samples
 
 SEEDS = st.integers(0, 2**32 - 1)
 #: The first call compiles, so there is no deadline.

@@ -8,11 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from make_pose_matches import THRESHOLD_RAD, as_model, disturbed, matches_of_all_kinds, pose_and_matches
 from make_views import unit
+from reference_ransac import RelativePoseProblem
 
 from quest.geometry.quaternion import matrix_from_quaternion
 from quest.robust import kernels
 from quest.robust.kernels.scoring import rays_by_row, score_or_refute
-from quest.robust.pose_problem import CompiledPoseProblem, RelativePoseProblem
+from quest.robust.pose_problem import PoseProblem
 
 SEEDS = st.integers(0, 2**32 - 1)
 #: The first call compiles, so there is no deadline.
@@ -95,11 +96,12 @@ def test_the_sequential_test_rejects_bad_models_and_almost_no_good_one():
 @given(seed=SEEDS)
 def test_the_compiled_problem_equals_the_readable_one(seed):
     R, t, m, n = matches_of_all_kinds(seed)
-    readable, compiled = RelativePoseProblem(m, n, THRESHOLD_RAD), CompiledPoseProblem(m, n, THRESHOLD_RAD)
+    readable, compiled = RelativePoseProblem(m, n, THRESHOLD_RAD), PoseProblem(m, n, THRESHOLD_RAD)
     models = np.stack([as_model(*disturbed(R, t, seed, angle_rad)) for angle_rad in (0.0, 1e-3, 0.1)])
     for ours, theirs in zip(compiled.costs(models), readable.costs(models), strict=True):
         assert ours == pytest.approx(theirs, rel=1e-9)
     assert (compiled.explained(models[1], 1e-3) == readable.explained(models[1], 1e-3)).all()
-    ours, theirs = compiled.polish(models[1]), readable.polish(models[1])
+    use = readable.explained(models[1], 2 * THRESHOLD_RAD)
+    ours, theirs = (one.refine(models[1], use, 0.5 * THRESHOLD_RAD) for one in (compiled, readable))
     assert matrix_from_quaternion(ours[:4]) == pytest.approx(matrix_from_quaternion(theirs[:4]), abs=1e-6)
     assert ours[4:] == pytest.approx(theirs[4:], abs=1e-5)
