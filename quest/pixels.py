@@ -23,7 +23,7 @@ def estimate_relative_pose_px(
     points1: ArrayLike,
     points2: ArrayLike,
     K1: ArrayLike,
-    K2: ArrayLike,
+    K2: ArrayLike | None = None,
     *,
     threshold_px: float = 1.0,
     seed: int = 0,
@@ -39,7 +39,7 @@ def estimate_relative_pose_px(
     points1, points2 : (N, 2) array_like
         Matched undistorted pixels (x, y) in image 1 and image 2.
     K1, K2 : (3, 3) array_like
-        Camera matrices ``[[fx, skew, cx], [0, fy, cy], [0, 0, 1]]`` in pixels; the same matrix twice for one camera.
+        Camera matrices ``[[fx, skew, cx], [0, fy, cy], [0, 0, 1]]`` in pixels. Without K2 both views have K1.
     threshold_px : float
         A match whose Sampson error is larger is an outlier: about three times the standard deviation of a pixel
         coordinate. The angle for :func:`quest.estimate_relative_pose` is ``threshold_px`` divided by the mean focal
@@ -67,7 +67,8 @@ def estimate_relative_pose_px(
         (3, 3), a focal length that is not positive, a last row other than 0 0 1, a second row that does not begin with
         0), threshold_px is not positive, or another argument is refused by :func:`quest.estimate_relative_pose`.
     """
-    K1, K2 = _camera_matrix(K1, "K1"), _camera_matrix(K2, "K2")
+    K1 = _camera_matrix(K1, "K1")
+    K2 = K1 if K2 is None else _camera_matrix(K2, "K2")
     points1, points2 = _points(points1, "points1"), _points(points2, "points2")
     if points1.shape != points2.shape:
         raise InputError(f"points1 and points2 have shapes {points1.shape} and {points2.shape}: give one shape (N, 2)")

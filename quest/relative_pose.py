@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from quest.display import Described
 from quest.uncertainty.parallax import ParallaxStatement
 
 __all__ = ["Hypothesis", "NoPose", "PoseEvidence", "RelativePose"]
@@ -94,8 +95,8 @@ class Hypothesis:
     inliers: Bools
 
 
-@dataclass(frozen=True, eq=False)
-class RelativePose:
+@dataclass(frozen=True, eq=False, repr=False)
+class RelativePose(Described):
     """A relative pose, ``cam2_from_cam1``, its uncertainty and its alternatives. Truthy.
 
     Attributes
@@ -147,6 +148,17 @@ class RelativePose:
     def __bool__(self) -> bool:
         return True
 
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        angle_deg = float(np.degrees(2 * np.arccos(min(1.0, abs(float(self.q_wxyz[0]))))))
+        facts = [("rotation", f"{angle_deg:.3g} deg, q_wxyz {np.array2string(self.q_wxyz, precision=4)}")]
+        if self.kind != "rotation":
+            sigma_deg = np.degrees(self.direction_sigma_rad)
+            facts.append(("direction", f"{np.array2string(self.t, precision=4)} +- {sigma_deg:.2g} deg"))
+            facts.append(("parallax", f"{np.degrees(self.parallax_rad):.3g} deg (median)"))
+        facts.append(("noise", f"{self.noise_rad:.2g} rad"))
+        others = f", {len(self.alternatives)} more explain the matches as well" if self.alternatives else ""
+        return f"{self.kind} pose, {self.inliers.sum()} inliers of {len(self.inliers)} matches{others}", facts
+
     @property
     def direction_sigma_rad(self) -> float:
         """Standard deviation of the direction of t along its least certain axis.
@@ -160,8 +172,8 @@ class RelativePose:
         return float(np.sqrt(np.linalg.eigvalsh(tangent)[-1])) if np.isfinite(tangent).all() else float("inf")
 
 
-@dataclass(frozen=True, eq=False)
-class NoPose:
+@dataclass(frozen=True, eq=False, repr=False)
+class NoPose(Described):
     """The estimate found no pose. Falsy.
 
     Attributes
@@ -178,3 +190,7 @@ class NoPose:
 
     def __bool__(self) -> bool:
         return False
+
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        facts = [(name.replace("_", " "), f"{value:.4g}") for name, value in self.evidence.as_dict().items()]
+        return f"no pose: {self.reason}", facts[:5]

@@ -9,13 +9,17 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from slam_init.types.savable import set_writer
+
 if TYPE_CHECKING:
     from slam_init.calibration.files import load_camera
+    from slam_init.calibration.prior import prior_camera
     from slam_init.config import Config, load_config
     from slam_init.datasets.opening import open_source
     from slam_init.errors import CalibrationError, ConfigError, OutputError, SlamInitError, SourceError
     from slam_init.initializer import Initializer
-    from slam_init.output.results import load_graph
+    from slam_init.output.results import load_graph, write_results
+    from slam_init.output.saving import write_colmap
     from slam_init.runner import run
     from slam_init.scale.find import find_scale
     from slam_init.scale.metric_map import in_metres
@@ -62,7 +66,10 @@ __all__ = [
     "load_graph",
     "open_source",
     "parse_scale",
+    "prior_camera",
     "run",
+    "write_colmap",
+    "write_results",
 ]
 
 _HOMES = {
@@ -94,8 +101,13 @@ _HOMES = {
     "load_graph": "output.results",
     "open_source": "datasets.opening",
     "parse_scale": "scale.requests",
+    "prior_camera": "calibration.prior",
     "run": "runner",
+    "write_colmap": "output.saving",
+    "write_results": "output.results",
 }
+
+set_writer(lambda thing, folder: import_module("slam_init.output.saving").save(thing, folder))
 
 
 def __getattr__(name: str) -> object:

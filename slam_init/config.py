@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self, TypeVar, get_type_hints
 
+from quest.display import Described
 from slam_init.errors import ConfigError
 from slam_init.system.regular_file import read_regular
-from slam_init.types.display import Described
 
 __all__ = [
     "MAX_TRACKS_IN_SLICES",

@@ -33,12 +33,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quest.geometry.quaternion import rotation_from_vector
+from slam_init.calibration.choosing import GivenCamera, camera_of_size, check_given
+from slam_init.calibration.prior import prior_camera
 from slam_init.config import Config
 from slam_init.decision.attempt_log import AttemptLog, focal_notes
 from slam_init.decision.focal_check import FocalCheck
 from slam_init.decision.maps_so_far import MapsSoFar
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.screening import screen
+from slam_init.errors import ConfigError, SlamInitError
 from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
 from slam_init.frontend.rolling_shutter import VIDEO_INTERVAL_S, RollingShutter, corrected_pixels
@@ -72,8 +75,9 @@ class Initializer:
 
     Parameters
     ----------
-    camera : Camera
-        The calibration of the images.
+    camera : Camera, (3, 3) array_like or None
+        The calibration of the images, or its matrix K. None: nothing is known, and the focal length is estimated. The
+        size of the first image completes a matrix, and None.
     config : Config, optional
         All options; the defaults suit video and photo sets.
     recorder : Recorder, optional
@@ -102,22 +106,23 @@ class Initializer:
 
     def __init__(
         self,
-        camera: Camera,
+        camera: GivenCamera = None,
         config: Config | None = None,
         recorder: Recorder | None = None,
         *,
         third_view: bool = True,
         propose: Proposer | None = None,
     ) -> None:
-        self.camera = camera
+        check_given(camera)
+        if not isinstance(config, Config | None) or not isinstance(recorder, Recorder | None):
+            wrong = recorder if isinstance(config, Config | None) else config
+            raise ConfigError(f"{type(wrong).__name__} is no option of an Initializer: give camera, Config, Recorder")
         self.config = config or Config()
         self.recorder = recorder or Recorder()
-        self.tracker = Tracker(camera, self.config.tracking_in_use)
-        self.history = self.tracker.history
-        self._clock = FrameClock(self.history)
+        # Until the first frame tells the size of the images, a camera that is not given in full has an ordinary one.
+        self._given, self._waits_for_size = camera, not isinstance(camera, Camera)
+        self._begin(camera if isinstance(camera, Camera) else prior_camera((640, 480)))
         self._overlay = StaticOverlay()
-        self.shutter = RollingShutter(camera)
-        self.keyframes = KeyframeManager(camera, self.config)
         self.stopwatch = Stopwatch(seconds)
         self.status = Status()
         self.frames_read = 0
@@ -126,7 +131,6 @@ class Initializer:
         self._next_index = 0
         self._first_index: int | None = None
         self._segments: deque[Segment] = deque(maxlen=MAX_SEGMENTS)
-        self._focal_check = FocalCheck(camera, self.config)
         self._attempts = AttemptLog()
         self._maps = MapsSoFar(self.recorder)
         self._window: WindowRule | None = None
@@ -178,6 +182,8 @@ class Initializer:
         """
         if self.map is not None:
             return self.status
+        if self._waits_for_size:
+            self._settle_camera(image)
         frame = frame_of(image, timestamp_s, self._next_index, self.camera, mask)
         turned = None if rotation is None else (checked_rotation(rotation, rotation_sigma_rad), rotation_sigma_rad)
         own_seconds = timestamp_s is None or isinstance(image, Frame)
@@ -229,6 +235,8 @@ class Initializer:
         """
         if self.map is not None:
             return self.status
+        if self._waits_for_size:
+            raise SlamInitError("tracks tell no size of the images: give the Initializer a Camera (Camera.from_K)")
         if self.camera.focal_sigma is not None:  # their rays are of a lens that is being estimated
             current, revised = current.through(self.camera), [one.through(self.camera) for one in revised]
         self._clock.check_tracks(current)
@@ -292,6 +300,9 @@ class Initializer:
             hypotheses=self._maps.hypotheses,
             margin=self._maps.margin,
             segments=(*self._segments, *self._current_segment()) if self._segments else (),
+            camera=self.camera,
+            method=self.config.method,
+            seed=self.config.seed,
         )
 
     def finish(self) -> Result:
@@ -335,6 +346,24 @@ class Initializer:
         self.recorder.restarted()
 
     # -- parts of the step of a frame -------------------------------------------------------------
+
+    def _begin(self, camera: Camera) -> None:
+        """Make what depends on the camera."""
+        self.camera = camera
+        self.tracker = Tracker(camera, self.config.tracking_in_use)
+        self.history = self.tracker.history
+        self._clock = FrameClock(self.history)
+        self.shutter = RollingShutter(camera)
+        self.keyframes = KeyframeManager(camera, self.config)
+        self._focal_check = FocalCheck(camera, self.config)
+
+    def _settle_camera(self, image: Image | Frame) -> None:
+        """Complete the given camera with the size of the first image."""
+        pixels = image.image if isinstance(image, Frame) else image
+        shape: tuple[int, ...] = getattr(pixels, "shape", ())
+        if len(shape) >= 2 and min(shape[:2]) > 0:  # what is no image is refused next
+            self._begin(camera_of_size(self._given, (shape[1], shape[0])))
+            self._waits_for_size = False
 
     def _count(self, current: Observations) -> None:
         self.frames_read += 1

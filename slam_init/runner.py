@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import warnings
 
+from slam_init.calibration.choosing import GivenCamera, camera_of_source
 from slam_init.config import Config, config_toml
 from slam_init.errors import OutputError, SlamInitError
 from slam_init.job import Job, reduction_of
@@ -19,7 +20,6 @@ from slam_init.pictures.story import StoryRecorder
 from slam_init.recording.recorder import Recorder, Several
 from slam_init.recording.rerun_recorder import RerunRecorder
 from slam_init.scale.requests import ScaleRequest
-from slam_init.types.camera import Camera
 from slam_init.types.frame import Source
 from slam_init.types.pose import Trajectory
 from slam_init.types.result import Result
@@ -29,8 +29,8 @@ __all__ = ["run"]
 
 def run(
     source: Source,
-    camera: Camera,
-    config: Config,
+    camera: GivenCamera = None,
+    config: Config | None = None,
     *,
     out: str | os.PathLike[str] | None = None,
     start: int = 0,
@@ -50,9 +50,11 @@ def run(
     ----------
     source : Source
         From :func:`slam_init.open_source`.
-    camera : Camera
-        The calibration of the frames.
-    config : Config
+    camera : Camera, (3, 3) array_like or None
+        The calibration of the frames, or its matrix K. By default that of the source; without one the focal length is
+        that of the metadata of the files, or is estimated.
+    config : Config, optional
+        All options.
     out : str or path, optional
         Folder of the results and of the recording (see :mod:`slam_init.output.results`): a new or an empty one, or one
         of an earlier run. Without it nothing is written. After an interrupt it holds the earlier results, and the
@@ -92,6 +94,7 @@ def run(
         If the method is unknown, a frame cannot be read, or a result cannot be written. The earlier results are then
         unchanged.
     """
+    config = config or Config()
     method_info(config.method)  # an unknown method is an error before anything is written
     if is_external(config.method):
         if restart or scale is not None:
@@ -101,6 +104,7 @@ def run(
         if max_frames is None or max_frames > most:
             notes = (*notes, f"the external program gets at most {most} frames (external.max_frames)")
         max_frames = min(max_frames or most, most)
+    camera = camera_of_source(source, camera, start)
     # The landmarks of an external program are its own.
     described = out is not None and not is_external(config.method)
     job = Job(

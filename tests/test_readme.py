@@ -5,7 +5,9 @@ import re
 import shutil
 import subprocess
 
+import cv2
 import pytest
+from make_video import write_mp4
 from paths import ROOT
 
 COMMANDS = ["python -m pip install . && slam-init run", 'python -m pip install ".[test]" && python -m pytest']
@@ -114,9 +116,32 @@ def python_of(readme):
     return compile(blocks[0], str(readme), "exec")
 
 
-def test_the_python_of_the_readme_runs(capsys):
+def test_the_python_of_the_readme_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
     exec(python_of(ROOT / "README.md"), {})
-    assert "Keyframe(" in capsys.readouterr().out
+    assert "initialized after" in capsys.readouterr().out
+    assert (tmp_path / "start" / "handover.npz").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["video", "images"])
+def test_the_python_of_the_readme_runs_on_frames_without_calibration(kind, tmp_path, monkeypatch, capsys, room):
+    frames = [frame.image for frame in room.frames(0, 12)]
+    if kind == "video":
+        place = write_mp4(tmp_path / "room.mp4", frames)
+    else:
+        place = tmp_path / "images"
+        place.mkdir()
+        for k, image in enumerate(frames):
+            cv2.imwrite(str(place / f"{k:03d}.png"), image)
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    snippet = re.search(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)[1]
+    names = {}
+    exec(snippet.replace("synth:room", str(place)), names)
+    assert names["initializer"].camera.source in ("prior", "estimated")
+    assert "initialized after" in capsys.readouterr().out  # "not initialized after" where the focal length is not known
+    assert names["result"].camera.width == frames[0].shape[1]
 
 
 def test_the_python_of_the_readme_of_quest_runs(capsys):

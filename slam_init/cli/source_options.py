@@ -17,9 +17,6 @@ if TYPE_CHECKING:
 
 __all__ = ["add_mask", "add_source", "add_topics", "chosen_camera", "opened_source", "view_of", "with_topics"]
 
-#: Kinds of sources whose files may state the focal length.
-_WITH_METADATA = ("images", "video")
-
 
 def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
     """Add the source and the options of its camera.
@@ -208,25 +205,15 @@ def chosen_camera(arguments: argparse.Namespace, source: Source, start: int) -> 
     frame = next(source.frames(start, 1))
     camera = source.camera if arguments.camera is None else None
     if camera is None:
+        from slam_init.calibration.choosing import camera_of_metadata
         from slam_init.calibration.files import load_camera
         from slam_init.calibration.prior import AUTO
 
         asked, size = arguments.camera or AUTO[0], (frame.image.shape[1], frame.image.shape[0])
-        if asked in AUTO and source.kind in _WITH_METADATA:
-            camera = _camera_of_metadata(arguments.source, size)
+        if asked in AUTO:
+            camera = camera_of_metadata(source, size)
         camera = camera or load_camera(asked, size)
     return camera if arguments.readout is None else _with_readout(camera, arguments.readout)
-
-
-def _camera_of_metadata(path: str, size: tuple[int, int]) -> Camera | None:
-    """The camera by what a video or photographs state of their lens; None where they state nothing."""
-    from slam_init.calibration.metadata import focal_from_metadata
-    from slam_init.calibration.prior import camera_with_focal
-
-    found = focal_from_metadata(path, size)
-    if found is None:
-        return None
-    return camera_with_focal(size, found.focal_px, found.sigma_px / found.focal_px, "metadata")
 
 
 def _with_readout(camera: Camera, text: str) -> Camera:

@@ -193,6 +193,9 @@ class PairInitializer:
             advice="" if reason is None else self._attempts.advice(reason),
             hypotheses=() if self.map is None else (self.map,),
             segments=(*self._segments, *self._current_segment()) if self._segments else (),
+            camera=self.camera,
+            method=self.config.method,
+            seed=self.config.seed,
         )
 
     def reset(self, since: int | None = None) -> None:

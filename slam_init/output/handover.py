@@ -133,7 +133,4 @@ def _times(keyframes: Sequence[Keyframe]) -> Floats:
 
 def _matrices(keyframes: Sequence[Keyframe]) -> Floats:
     """Poses (N, 4, 4)."""
-    matrices = np.tile(np.eye(4), (len(keyframes), 1, 1))
-    for matrix, keyframe in zip(matrices, keyframes, strict=True):
-        matrix[:3, :3], matrix[:3, 3] = keyframe.world_from_cam.R, keyframe.world_from_cam.t
-    return matrices
+    return np.array([keyframe.world_from_cam.matrix() for keyframe in keyframes]).reshape(-1, 4, 4)

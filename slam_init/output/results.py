@@ -25,7 +25,7 @@ is the last file that is put, so a folder with a summary is complete.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -113,7 +113,11 @@ def publish_results(
         If a file cannot be written; the earlier results are then unchanged.
     """
     picture = {} if overview is None else {OVERVIEW: overview}
-    files = picture | _contents(result, summary, config_toml, continued, descriptors)
+    publish_files(folder, picture | _contents(result, summary, config_toml, continued, descriptors))
+
+
+def publish_files(folder: OutputFolder, files: Mapping[str, bytes]) -> None:
+    """Write files by name to the staging folder, and replace the earlier results by them and the staged recording."""
     try:
         for name, content in files.items():
             path = folder.staging / name
@@ -138,15 +142,15 @@ def _contents(
     if not maps and result.map is not None:
         maps = [("", result.map, tuple(continued))]
     for (prefix, map_, located), described in zip_longest(maps[:MAX_SEGMENTS], descriptors[: len(maps)]):
-        files |= {f"{prefix}{name}": content for name, content in _map_files(map_, located, described).items()}
+        files |= {f"{prefix}{name}": content for name, content in map_files(map_, located, described).items()}
     if config_toml is not None:
         files["config.toml"] = config_toml.encode()
     files[_SUMMARY] = summary_text(summary).encode()
     return files
 
 
-def _map_files(
-    map_: InitialMap, located: Sequence[Keyframe], descriptors: tuple[Image, Bools] | None
+def map_files(
+    map_: InitialMap, located: Sequence[Keyframe] = (), descriptors: tuple[Image, Bools] | None = None
 ) -> dict[str, bytes]:
     """Return the content of the files of a map by name."""
     files = {"trajectory.txt": tum_text(map_.keyframes).encode()}

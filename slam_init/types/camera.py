@@ -7,15 +7,18 @@ bearings once; all later stages work on bearings. Bearings may point behind the 
 from __future__ import annotations
 
 import math
+import operator
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from quest.display import Described
 from slam_init.errors import CalibrationError
 from slam_init.types.arrays import Floats
 from slam_init.types.camera_checks import check_intrinsics
-from slam_init.types.display import Described
 from slam_init.types.lenses.lens import Lens
 from slam_init.types.lenses.models import COEFFICIENTS, bent_coefficients, check_coefficients, lens_of
 from slam_init.types.lenses.planar import (
@@ -120,6 +123,40 @@ class Camera(Described):
             raise CalibrationError(
                 f"unknown readout direction {self.readout_direction!r}: use one of {', '.join(_READOUT_DIRECTIONS)}"
             )
+
+    @staticmethod
+    def from_K(K: ArrayLike, size: tuple[int, int], distortion: Sequence[float] = ()) -> Camera:
+        """Make a camera from a calibration matrix.
+
+        Parameters
+        ----------
+        K : (3, 3) array_like
+            ``[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]`` in pixels; pixel centres at integer coordinates, as in OpenCV.
+        size : (int, int)
+            Width and height of the images.
+        distortion : sequence of float
+            OpenCV's ``(k1, k2, p1, p2[, k3])``; none by default.
+
+        Returns
+        -------
+        Camera
+
+        Raises
+        ------
+        CalibrationError
+            If this is no calibration matrix, or that of no camera.
+        """
+        try:
+            matrix = np.asarray(K, float)
+            width, height = (operator.index(side) for side in size)
+        except (TypeError, ValueError):
+            raise CalibrationError("K or the size is no number: give a matrix (3, 3) and (width, height)") from None
+        if matrix.shape != (3, 3):
+            raise CalibrationError(f"K has the shape {matrix.shape}: give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+        if not (matrix[1, 0] == matrix[0, 1] == 0 and matrix[2].tolist() == [0, 0, 1]):
+            raise CalibrationError("K has a skew, or no last row 0 0 1: give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+        fx, fy, cx, cy = (float(matrix[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
+        return Camera("radtan" if len(distortion) else "pinhole", width, height, fx, fy, cx, cy, tuple(distortion))
 
     @cached_property
     def lens(self) -> Lens | None:

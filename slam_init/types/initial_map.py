@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from quest.display import Described
 from slam_init.types.arrays import Floats, Image, Ints
 from slam_init.types.camera import Camera
-from slam_init.types.display import Described
 from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
+from slam_init.types.savable import Savable
 from slam_init.types.scale import Scale
 
 __all__ = ["InitialMap", "Keyframe"]
@@ -39,7 +40,7 @@ class Keyframe:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class InitialMap(Described):
+class InitialMap(Described, Savable):
     """The initial map: keyframes in time order, landmarks, and the observations of the landmarks in the keyframes.
 
     The world frame is the camera frame of the first keyframe. The unit of length is the median depth of the landmarks
@@ -118,6 +119,16 @@ class InitialMap(Described):
     focal_factor: float = 1.0
     focal_factor_sigma: float | None = None
     scale: Scale | None = None
+
+    @property
+    def poses(self) -> Floats:
+        """``world_from_cam`` of the keyframes as matrices.
+
+        Returns
+        -------
+        (K, 4, 4) float
+        """
+        return np.array([keyframe.world_from_cam.matrix() for keyframe in self.keyframes]).reshape(-1, 4, 4)
 
     def seen_in(self, observed: Observations) -> tuple[Ints, Ints, Floats]:
         """Find the landmarks that a frame sees.

@@ -93,6 +93,16 @@ class Pose:
         """For ``cam_from_world``: the position of the camera in the world, ``-R^T t``."""
         return -self.R.T @ self.t
 
+    def matrix(self) -> Floats:
+        """The transformation as a matrix.
+
+        Returns
+        -------
+        (4, 4) float
+            ``[[R, t], [0, 1]]``, so that homogeneous points of frame b become those of frame a.
+        """
+        return np.block([[self.R, self.t[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]])
+
     def inverse(self) -> Pose:
         """Invert the transformation.
 

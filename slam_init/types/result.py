@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from quest.display import Described
 from slam_init.types.arrays import Bools, Floats
+from slam_init.types.camera import Camera
 from slam_init.types.comparison import Margin
-from slam_init.types.display import Described
 from slam_init.types.evidence import (
     FreeEvidence,
     MapEvidence,
@@ -24,6 +25,7 @@ from slam_init.types.evidence import (
 from slam_init.types.gates import Gate, Stage
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.reasons import Verdict
+from slam_init.types.savable import Savable
 from slam_init.types.scale import Scale
 from slam_init.types.stopwatch import StageTimes
 
@@ -205,7 +207,7 @@ class Segment:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Result(Described):
+class Result(Described, Savable):
     """The result of a run. Truthy when initialized.
 
     Attributes
@@ -236,6 +238,11 @@ class Result(Described):
         What was found of the scale, if it was looked for. The map is in metres where it was found.
     segments : tuple of Segment
         All maps in time order, if the initializer started anew; else empty.
+    camera : Camera or None
+        The stated camera of the initializer.
+    method : str
+        As of :attr:`slam_init.Config.method`.
+    seed : int
     """
 
     map: InitialMap | None
@@ -250,6 +257,9 @@ class Result(Described):
     margin: Margin | None = None
     scale: Scale | None = None
     segments: tuple[Segment, ...] = ()
+    camera: Camera | None = None
+    method: str = "quest"
+    seed: int = 0
 
     def __bool__(self) -> bool:
         return self.map is not None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from slam_init.types.display import Described
+from quest.display import Described
 
 __all__ = ["Scale", "ScaleOrigin"]
 

@@ -9,10 +9,10 @@ from numbers import Real
 
 import numpy as np
 
+from quest.display import Described
 from slam_init.errors import SlamInitError
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
-from slam_init.types.display import Described
 from slam_init.types.evidence import WindowEvidence
 from slam_init.types.frame import Frame
 from slam_init.types.reasons import Verdict

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import FrozenInstanceError
 
+import numpy as np
 import pytest
 from make_two_views import NO_TRANSLATION, NOISE_RAD, box, line, plane, views
 
@@ -37,3 +38,14 @@ def test_a_field_of_zero_is_known_and_a_field_of_none_is_not():
 def test_evidence_cannot_be_changed():
     with pytest.raises(FrozenInstanceError):
         PoseEvidence(12).matches = 13
+
+
+def test_a_pose_and_no_pose_are_told_in_a_few_lines_and_as_a_table():
+    rng = np.random.default_rng(0)
+    points = rng.uniform((-1, -1, 2), (1, 1, 4), (60, 3))
+    pose = estimate_relative_pose(points, points + (0.3, 0.1, 0.0), threshold_rad=1e-3)
+    assert repr(pose) == "<RelativePose: general pose, 60 inliers of 60 matches>"
+    assert len(str(pose).splitlines()) <= 6
+    assert pose._repr_html_().startswith("<table><caption>general pose")
+    nothing = estimate_relative_pose(points[:4], points[:4], threshold_rad=1e-3)
+    assert repr(nothing) == "<NoPose: no pose: too_few_matches>"

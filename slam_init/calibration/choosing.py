@@ -1,0 +1,74 @@
+"""The camera of frames: the given one, that of their source, or one whose focal length is to be estimated."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from slam_init.calibration.metadata import focal_from_metadata
+from slam_init.calibration.prior import camera_with_focal, prior_camera
+from slam_init.errors import CalibrationError
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Source
+
+#: What a caller may give: a camera, a calibration matrix K (3, 3), or None where nothing is known.
+GivenCamera: TypeAlias = Camera | ArrayLike | None
+
+#: The kinds of sources whose files may state a focal length.
+_WITH_METADATA = ("images", "video")
+
+
+def camera_of_size(given: GivenCamera, size: tuple[int, int]) -> Camera:
+    """The camera of images of a size (width, height).
+
+    Raises CalibrationError if the given one is neither a camera, nor a calibration matrix, nor None.
+    """
+    if isinstance(given, Camera):
+        return given
+    if given is None:
+        return prior_camera(size)
+    check_given(given)
+    return Camera.from_K(given, size)
+
+
+def check_given(given: GivenCamera) -> None:
+    """Raise CalibrationError unless this is a camera, a matrix (3, 3), or None."""
+    if given is None or isinstance(given, Camera):
+        return
+    is_array = isinstance(given, np.ndarray | list | tuple)
+    if not is_array or np.shape(given) != (3, 3):
+        found = f"has the shape {np.shape(given)}" if is_array else f"is of the type {type(given).__name__}"
+        raise CalibrationError(
+            f"the camera {found}: give a Camera (slam_init.load_camera), a matrix K (3, 3), or None to have the focal "
+            "length estimated"
+        )
+
+
+def camera_of_source(source: Source, given: GivenCamera = None, start: int = 0) -> Camera:
+    """The camera of a source from a frame on: the given one, else its own, else by its metadata, else a prior."""
+    check_given(given)
+    if isinstance(given, Camera):
+        return given
+    if given is None and source.camera is not None:
+        return source.camera
+    image = next(source.frames(start, 1)).image
+    size = (image.shape[1], image.shape[0])
+    stated = camera_of_metadata(source, size) if given is None else None
+    return stated or camera_of_size(given, size)
+
+
+def camera_of_metadata(source: Source, size: tuple[int, int]) -> Camera | None:
+    """The camera by what a video or photographs state of their lens; None where they state nothing."""
+    if source.kind not in _WITH_METADATA:
+        return None
+    files: Any = source
+    while hasattr(files, "source"):  # frames that are left out, and masks, change no lens
+        files = files.source
+    place = getattr(files, "path", None) or next((path.parent for path in getattr(files, "paths", ())), None)
+    found = focal_from_metadata(place, size) if isinstance(place, str | os.PathLike) else None
+    if found is None:
+        return None
+    return camera_with_focal(size, found.focal_px, found.sigma_px / found.focal_px, "metadata")

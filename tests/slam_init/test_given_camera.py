@@ -1,0 +1,92 @@
+"""The camera as people give it: a Camera, a matrix K, or None; anything else is one line."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from make_scene import CAMERA
+
+from slam_init import Camera, Config, Initializer, SlamInitError, prior_camera, run
+from slam_init.calibration.choosing import camera_of_size, camera_of_source
+from slam_init.errors import CalibrationError, ConfigError
+from slam_init.types.frame import Frame, Observations
+
+IMAGE = np.random.default_rng(0).integers(0, 255, (48, 64), dtype=np.uint8)
+K = [[60.0, 0, 31.5], [0, 61.0, 23.5], [0, 0, 1]]
+
+
+def source(camera=None):
+    frames = [Frame(k, float(k), f"{k}", IMAGE) for k in range(2)]
+
+    def read(start=0, max_frames=None):
+        return iter(frames[start:])
+
+    return SimpleNamespace(name="two", kind="own", camera=camera, groundtruth=None, frames=read)
+
+
+@pytest.mark.parametrize(("given", "expected"), [(None, prior_camera((64, 48))), (K, Camera.from_K(K, (64, 48)))])
+def test_the_first_image_completes_what_is_given(given, expected):
+    initializer = Initializer(given)
+    initializer.process(IMAGE)
+    assert initializer.camera == expected
+    assert camera_of_source(source(), given) == camera_of_size(given, (64, 48)) == expected
+    result, _ = run(source(), given)
+    assert result.camera == expected
+
+
+def test_the_camera_of_the_source_comes_before_the_prior():
+    own = Camera.from_K(K, (64, 48))
+    assert camera_of_source(source(own)) == own
+    assert camera_of_source(source(own), prior_camera((64, 48))) == prior_camera((64, 48))
+
+
+@pytest.mark.parametrize("given", [5, "f=3", np.zeros((2, 2)), [[1.0]], object()])
+def test_anything_else_is_one_line(given):
+    for call in (Initializer, lambda camera: run(source(), camera)):
+        with pytest.raises(CalibrationError, match="give a Camera") as told:
+            call(given)
+        assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("arguments", [(CAMERA, 5), (CAMERA, CAMERA), (CAMERA, Config(), "recorder")])
+def test_a_wrong_type_of_another_argument_is_one_line(arguments):
+    with pytest.raises(ConfigError, match="give camera, Config, Recorder"):
+        Initializer(*arguments)
+
+
+def test_tracks_need_a_camera_that_knows_its_size():
+    tracks = Observations(0, 0.0, "", np.arange(3), np.zeros((3, 2)), np.tile([0.0, 0, 1], (3, 1)))
+    for given in (None, K):
+        with pytest.raises(SlamInitError, match="give the Initializer a Camera"):
+            Initializer(given).process_tracks(tracks)
+
+
+def test_an_image_that_is_none_leaves_the_camera_open():
+    initializer = Initializer(None)
+    with pytest.raises(SlamInitError, match="image"):
+        initializer.process("not an image")
+    initializer.process(IMAGE)
+    assert (initializer.camera.width, initializer.camera.height) == (64, 48)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "size", "message"),
+    [
+        (np.eye(2), (64, 48), "shape"),
+        ([[60, 1, 32], [0, 60, 24], [0, 0, 1]], (64, 48), "skew"),
+        ([[60, 0, 32], [0, 60, 24], [0, 0, 2]], (64, 48), "last row"),
+        (K, (64,), "width, height"),
+        (K, ("a", 48), "width, height"),
+        ("K", (64, 48), "no number"),
+        ([[60, 0, 32], [0, np.nan, 24], [0, 0, 1]], (64, 48), "focal length"),
+    ],
+)
+def test_a_matrix_that_is_no_calibration_is_one_line(matrix, size, message):
+    with pytest.raises(CalibrationError, match=message):
+        Camera.from_K(matrix, size)
+
+
+def test_a_camera_of_a_matrix_has_this_matrix():
+    camera = Camera.from_K(K, (64, 48), (0.1, 0.0, 0.0, 0.0))
+    np.testing.assert_array_equal(camera.K, K)
+    assert (camera.model, camera.distortion) == ("radtan", (0.1, 0.0, 0.0, 0.0))
