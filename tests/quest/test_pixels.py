@@ -80,7 +80,7 @@ def test_the_second_camera_is_the_first_where_none_is_given():
     rng = np.random.default_rng(0)
     points = rng.uniform((-1, -1, 2), (1, 1, 4), (60, 3))
     K = np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]])
-    views = [view @ K.T for view in (points, points + (0.3, 0.1, 0.0))]
+    views = [view @ K.T for view in (points, points + np.array([0.3, 0.1, 0.0]))]
     pixels = [view[:, :2] / view[:, 2:] for view in views]
     one, two = estimate_relative_pose_px(*pixels, K), estimate_relative_pose_px(*pixels, K, K)
     np.testing.assert_array_equal(one.R, two.R)

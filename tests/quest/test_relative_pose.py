@@ -43,7 +43,7 @@ def test_evidence_cannot_be_changed():
 def test_a_pose_and_no_pose_are_told_in_a_few_lines_and_as_a_table():
     rng = np.random.default_rng(0)
     points = rng.uniform((-1, -1, 2), (1, 1, 4), (60, 3))
-    pose = estimate_relative_pose(points, points + (0.3, 0.1, 0.0), threshold_rad=1e-3)
+    pose = estimate_relative_pose(points, points + np.array([0.3, 0.1, 0.0]), threshold_rad=1e-3)
     assert repr(pose) == "<RelativePose: general pose, 60 inliers of 60 matches>"
     assert len(str(pose).splitlines()) <= 6
     assert pose._repr_html_().startswith("<table><caption>general pose")
