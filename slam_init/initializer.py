@@ -137,6 +137,7 @@ class Initializer:
         self._judgement: _Judgement | None = None
         self._last_s: float | None = None
         self._timed = True
+        self._masked = 0.0
         if self.config.work_per_frame is not None:
             load_all()
 
@@ -191,6 +192,7 @@ class Initializer:
         self._timed = timestamp_s is not None or isinstance(image, Frame)
         frame = self._clock.stamped(frame, in_seconds_by_type=own_seconds)
         with self.stopwatch("frame"):
+            self._masked = 0.0 if frame.mask is None else 1.0 - np.count_nonzero(frame.mask) / frame.mask.size
             with self.stopwatch("track"):
                 current = self.tracker.track(frame, by_flow_alone=self._must_not_wait(frame))
                 self._overlay.take(frame, current)
@@ -399,7 +401,7 @@ class Initializer:
         """Go on with the judgement under way, or begin with that of this frame; the attempt that ends in this frame."""
         if self._judgement is not None:
             return self._go_on(self._judgement, work)
-        refused = screen(self.camera, self.config, current, pairs)
+        refused = screen(self.camera, self.config, current, pairs, self._masked)
         if refused is not None:
             return self._checked_and_logged(refused, pairs, current)
         best = self.keyframes.best_pair_to_try(pairs)

@@ -311,13 +311,17 @@ def reduction_of(source: Source, camera: Camera) -> Reduction:
 
 
 def _focal_notes(result: Result, stated: Camera) -> tuple[str, ...]:
-    """A note if the focal length is no calibration, and the method has not estimated it."""
-    if result.map is None or stated.focal_sigma is None or result.map.camera.source == "estimated":
+    """A note on a stated focal length that is no calibration: what the motion made of it, or that nothing did."""
+    if result.map is None or stated.focal_sigma is None:
         return ()
-    return (
-        f"the focal length, {stated.focal_px:.0f} +- {stated.focal_sigma_px:.0f} px, is no calibration, and this "
-        "method does not estimate it: expect a bent map",
-    )
+    known, found = f"{stated.focal_px:.0f} +- {stated.focal_sigma_px:.0f} px", result.map.camera
+    if found.source != "estimated":
+        method = "is no calibration, and this method does not estimate it: expect a bent map"
+        return (f"the focal length, {known}, {method}",)
+    if stated.source == "prior":
+        return ()
+    # A number of a person or of metadata is off by some per cent; the motion corrects it within its deviation.
+    return (f"the {stated.source} focal length, {known}, was combined with the motion: {found.focal_px:.0f} px",)
 
 
 def _colmap_notes(result: Result) -> tuple[str, ...]:

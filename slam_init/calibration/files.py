@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -23,12 +24,14 @@ from pathlib import Path
 import numpy as np
 
 from slam_init.calibration.formats import parse_colmap, parse_mapping
-from slam_init.calibration.prior import AUTO, NUMBERS, camera_of_number, prior_camera
+from slam_init.calibration.prior import AUTO, FIELDS_DEG, NUMBERS, camera_of_number, prior_camera
 from slam_init.errors import CalibrationError, plain_line
 from slam_init.system.regular_file import read_regular, user_path
 from slam_init.types.camera import Camera
 
 __all__ = ["camera_of", "load_camera", "load_yaml"]
+
+_NUMBER = re.compile(r"\d{1,9}(\.\d{0,9})?")
 
 # Limits for a file. The largest calibration files in use (Kalibr, of a rig) have 20 kB and four levels. Without the
 # limits a video or a malicious file would keep the parser busy, whose time grows with the square of the depth.
@@ -68,6 +71,9 @@ def load_camera(path: str | os.PathLike[str], image_size: tuple[int, int] | None
             raise CalibrationError(f"--camera {text!r} needs the size of the images")
         return prior_camera(image_size) if text in AUTO else camera_of_number(text, image_size)
     path = user_path(path)
+    if _NUMBER.fullmatch(text) and not path.exists():
+        degrees = f", or fov={text} for degrees" if float(text) <= FIELDS_DEG[1] else ""
+        raise CalibrationError(f"--camera {text}: say f={text} for a focal length in pixels{degrees}")
     text = _read_text(path)
     try:
         camera = _parse(path, text, image_size)

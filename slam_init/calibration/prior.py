@@ -21,7 +21,7 @@ _MEDIAN_FOCAL, _FOCAL_SIGMA = 0.85, 0.35
 #: Relative standard deviation of a number that a person knows: data sheets and fields of view are off by 5 %.
 _NUMBER_SIGMA = 0.05
 #: Fields of view of pinhole images, in degrees: from a telescope to where the border of the image has tangents of 11.
-_FIELDS_DEG = (0.1, 170.0)
+FIELDS_DEG = (0.1, 170.0)
 
 
 def prior_camera(image_size: tuple[int, int]) -> Camera:
@@ -96,10 +96,10 @@ def camera_of_number(text: str, image_size: tuple[int, int]) -> Camera:
         if not math.isfinite(value):
             raise CalibrationError(f"--camera {text!r}: give the focal length in pixels, as in f=1250")
         return camera_with_focal(image_size, value, _NUMBER_SIGMA, "stated")
-    if not _FIELDS_DEG[0] <= value <= _FIELDS_DEG[1]:
+    if not FIELDS_DEG[0] <= value <= FIELDS_DEG[1]:
         raise CalibrationError(
-            f"--camera {text!r}: give the degrees across the longer side of the image, from {_FIELDS_DEG[0]:g} to "
-            f"{_FIELDS_DEG[1]:g}, as in fov=72"
+            f"--camera {text!r}: give the degrees across the longer side of the image, from {FIELDS_DEG[0]:g} to "
+            f"{FIELDS_DEG[1]:g}, as in fov=72"
         )
     focal_px = 0.5 * max(image_size) / math.tan(math.radians(0.5 * value))
     return camera_with_focal(image_size, focal_px, _NUMBER_SIGMA, "stated")

@@ -84,14 +84,24 @@ def _calibrate(arguments: argparse.Namespace) -> int:
 
 def _text(found: SelfCalibration, out: str) -> str:
     """What the user reads."""
+    from slam_init.decision.lens import MAX_FOCAL_SIGMA
+
+    stretches = f"{len(found.stretches)} of {found.tried} stretches"
     if found.camera is None:
-        advice = "turn the camera while it moves, before a scene with depth"
-        return f"not calibrated: none of {found.tried} stretches tells the focal length\n  advice        {advice}\n"
+        why = f"none of {found.tried} stretches tells the focal length"
+        if found.focal_sigma is not None:
+            why = (
+                f"{stretches} tell the focal length to {found.focal_sigma:.1%}; at most {MAX_FOCAL_SIGMA:.0%} is needed"
+            )
+        advice = "turn the camera while it moves, before a scene with depth; a longer video has more stretches"
+        return f"not calibrated: {why}\n  advice        {advice}\n"
     camera = found.camera
+    alone = "one stretch only: nothing confirms it; a longer video has more"
     k1 = camera.distortion[0] if camera.distortion else 0.0
     return (
-        f"calibrated by {len(found.stretches)} of {found.tried} stretches\n"
+        f"calibrated by {stretches}\n"
         f"  focal length  {camera.fx:.1f} +- {camera.focal_sigma_px:.1f} px\n"
         f"  distortion    k1 = {k1:.4f} +- {found.k1_sigma:.4f}\n"
-        f"  results       {out}/camera.yaml\n"
+        + (f"  note          {alone}\n" if len(found.stretches) == 1 else "")
+        + f"  results       {out}/camera.yaml\n"
     )

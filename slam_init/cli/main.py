@@ -52,7 +52,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with interrupts:
             try:
-                arguments = make_parser().parse_args(argv)
+                parser = make_parser()
+                if "_ARGCOMPLETE" in os.environ:  # the shell asks what may come next, and gets no other output
+                    import argcomplete
+
+                    argcomplete.autocomplete(parser)
+                arguments = parser.parse_args(argv)
                 with NativeStderrSilenced():
                     code: int = arguments.command(arguments)
             except Exception:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from difflib import get_close_matches
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
@@ -63,6 +64,20 @@ class Parser(argparse.ArgumentParser):
         bare = self.bare_values
         given = [f"{word}={bare[word]}" if word in bare else word for word in words[:end]]
         return super().parse_known_args([*given, *words[end:]], namespace)
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse words; an option that does not exist is told with the command that it was given to."""
+        namespace, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            known = next((part.choices for part in self._actions if isinstance(part.choices, dict)), {})
+            words = sys.argv[1:] if args is None else list(args)
+            command = next((word for word in words if word in known), None)
+            parser: Parser = self if command is None else known[command]
+            options = [option for part in parser._actions for option in part.option_strings]
+            meant = get_close_matches(unknown[0].partition("=")[0], options, n=1)
+            hint = f": did you mean {meant[0]}?" if meant else ""
+            parser.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
+        return namespace
 
     def print_help(self, file: SupportsWrite[str] | None = None) -> None:
         """Print the help; a closed pipe is no error.

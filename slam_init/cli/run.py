@@ -40,61 +40,66 @@ def add_run(commands: Commands) -> None:
     run.description = "Read frames until a map is found; write it, and a recording of how, to a folder."
     run.set_defaults(command=_run)
     add_source(run, default=_DEFAULT_SOURCE)
-    run.add_argument(
-        "--out",
-        metavar="DIR",
-        default=_DEFAULT_OUT,
-        help="results: a new or empty folder, or one of an earlier run (default: %(default)s)",
-    )
-    run.add_argument(
+    frames = run.add_argument_group("first and last frame")
+    frames.add_argument("--start", type=int, default=0, metavar="K", help="skip the first K frames")
+    frames.add_argument("--max-frames", type=int, metavar="N", help="give up after N frames")
+    decision = run.add_argument_group("how it decides")
+    decision.add_argument(
         "--method",
         metavar="NAME",
         help="way to initialize: quest (default), orb-slam3, ...; a wrong name lists all; or an external program, as "
         "'command:PROGRAM {images} {times} {camera} {out}'",
     )
-    run.add_argument("--seed", type=int, metavar="N", help="of random draws and synthetic worlds (default: 0)")
-    run.add_argument("--start", type=int, default=0, metavar="K", help="skip the first K frames")
-    run.add_argument("--max-frames", type=int, metavar="N", help="give up after N frames")
-    run.add_argument(
+    decision.add_argument("--seed", type=int, metavar="N", help="of random draws and synthetic worlds (default: 0)")
+    decision.add_argument("--config", metavar="FILE", help="options in TOML, as in DIR/config.toml")
+    decision.add_argument("--refine-focal", action="store_true", help="adjust the focal length with the map")
+    decision.add_argument("--imu", action="store_true", help="use the gyroscope of the source (EuRoC, ROS bags)")
+    after = run.add_argument_group("after the map")
+    after.add_argument(
         "--continue",
         type=int,
         metavar="N",
         dest="continue_frames",
         help="then resect the next N frames with the map; with --restart: frames to read after the first map",
     )
-    run.add_argument(
+    after.add_argument(
         "--restart",
         action="store_true",
         help="follow the frames after the map and start anew where it is lost: one map a segment",
     )
-    run.add_argument(
+    after.add_argument(
         "--scale",
         metavar="HOW",
         help="metres by a known length: marker:tag36h11:0.14, board:9x6:0.025, height:1.65[,nadir], "
         "distance:0.25[,I,J] or groundtruth; a length may have a deviation, as in 1.65+-0.02",
     )
-    run.add_argument(
+    live = run.add_argument_group("live sources, and a viewer")
+    live.add_argument(
         "--realtime",
         action=argparse.BooleanOptionalAction,
         help="judge in slices, as for a camera that does not wait for the result (default: for live sources)",
     )
-    run.add_argument("--no-drop", action="store_true", help="of a live source: let the sender wait, drop no frame")
-    run.add_argument(
+    live.add_argument("--no-drop", action="store_true", help="of a live source: let the sender wait, drop no frame")
+    live.add_argument(
         "--reconnect", type=int, default=3, metavar="N", help="of a live source: attempts to connect again (default: 3)"
     )
     run.bare_values["--live"] = "spawn"
-    run.add_argument(
+    live.add_argument(
         "--live",
         metavar="URL",
         help="show the run in a Rerun viewer while it goes on: --live starts one, --live=rerun+http://HOST:9876/proxy "
         "uses one that runs",
     )
-    run.add_argument("--imu", action="store_true", help="use the gyroscope of the source (EuRoC, ROS bags)")
-    run.add_argument("--refine-focal", action="store_true", help="adjust the focal length with the map")
-    run.add_argument("--config", metavar="FILE", help="options in TOML, as in DIR/config.toml")
-    run.add_argument("--no-overview", action="store_true", help="do not draw DIR/overview.png")
-    run.add_argument("--json", action="store_true", help="print the summary as JSON and nothing else")
-    run.add_argument("--quiet", action="store_true", help="print nothing but errors (and --json)")
+    results = run.add_argument_group("results")
+    results.add_argument(
+        "--out",
+        metavar="DIR",
+        default=_DEFAULT_OUT,
+        help="results: a new or empty folder, or one of an earlier run (default: %(default)s)",
+    )
+    results.add_argument("--no-overview", action="store_true", help="do not draw DIR/overview.png")
+    results.add_argument("--json", action="store_true", help="print the summary as JSON and nothing else")
+    results.add_argument("--quiet", action="store_true", help="print nothing but errors (and --json)")
 
 
 def _run(arguments: argparse.Namespace) -> int:

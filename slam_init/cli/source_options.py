@@ -35,31 +35,32 @@ def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
         help="a folder (images, or a known data set), a video, a ROS bag, matches (COLMAP's database, .h5, .npz), or "
         "synth:NAME" + (f" (default: {default})" if default else ""),
     )
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="use every N-th frame, from the start on")
-    parser.add_argument("--fps", type=float, metavar="F", help="use the frames nearest to F a second, by their times")
-    add_mask(parser)
-    parser.add_argument(
+    group = parser.add_argument_group("frames and camera")
+    group.add_argument("--every", type=int, default=1, metavar="N", help="use every N-th frame, from the start on")
+    group.add_argument("--fps", type=float, metavar="F", help="use the frames nearest to F a second, by their times")
+    add_mask(group)
+    group.add_argument(
         "--images",
         metavar="FOLDER",
         help="pictures for a source of matches, by name; with times and ground truth",
     )
-    parser.add_argument(
+    group.add_argument(
         "--camera",
         metavar="FILE",
         help="calibration, or one number: f=1250 (focal length in pixels), fov=72 (degrees across the longer side); "
         "'auto' takes the focal length from the metadata, or estimates it (default: the calibration of the source, "
         "else auto)",
     )
-    parser.add_argument(
+    group.add_argument(
         "--readout",
         metavar="MS",
         help="readout of a rolling shutter in milliseconds, 0 for a global shutter; 25,up or 25,left where rows or "
         "columns are read in another direction than down; 'auto' estimates it (default: that of the calibration)",
     )
-    add_topics(parser)
+    add_topics(group)
 
 
-def add_topics(parser: argparse.ArgumentParser) -> None:
+def add_topics(parser: argparse._ActionsContainer) -> None:
     """Add the options that choose the topics of a ROS bag.
 
     Parameters
@@ -100,7 +101,7 @@ def with_topics(arguments: argparse.Namespace, source: str) -> str:
     return str(BagName(source, arguments.topic, arguments.truth_topic))
 
 
-def add_mask(parser: argparse.ArgumentParser) -> None:
+def add_mask(parser: argparse._ActionsContainer) -> None:
     """Add the option of a mask.
 
     Parameters

@@ -168,6 +168,11 @@ def calibration_of(source: TimedSource | PointSource, text: str) -> Camera:
         If the source has no calibration.
     """
     if source.camera is None:
+        if source.kind == "video":
+            raise CalibrationError(
+                f"{text}: a video has neither a calibration nor true poses: compare takes folders with both "
+                "(docs/datasets.md); slam-init run needs neither"
+            )
         raise CalibrationError(f"{text} has no calibration: put a camera.yaml beside its images")
     return source.camera
 

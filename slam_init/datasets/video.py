@@ -11,13 +11,21 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
 from slam_init.datasets.image_files import MAX_FRAMES, check_size, frame_range
 from slam_init.datasets.interlaced import NOTE, Deinterlacer
-from slam_init.datasets.video_decoders import Decoder, count_frames, decoded, packet_times_s, read_header
+from slam_init.datasets.video_decoders import (
+    Decoder,
+    count_frames,
+    decoded,
+    is_gif,
+    packet_times_s,
+    read_header,
+)
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import open_regular
 from slam_init.types.arrays import Floats, Image
@@ -32,8 +40,10 @@ _NOMINAL_RATE_HZ = 30.0
 
 # A camera shows noise: so many equal frames are an image that stands still, or no images.
 _EQUAL_FRAMES = 60
-_EQUAL_NOTE = (
-    f"the first {_EQUAL_FRAMES} frames are equal in each pixel: if the video is interlaced, OpenCV cannot convert it; "
+_EQUAL = f"the first {_EQUAL_FRAMES} frames are equal in each pixel: "
+_EQUAL_NOTE = f"{_EQUAL}a still image, or a camera that sends none"
+_FIELDS_NOTE = (
+    f"{_EQUAL}if the video is interlaced, OpenCV cannot convert it; "
     'pip install "slam-init[video]", or convert it: ffmpeg -i IN -vf bwdif OUT.mp4'
 )
 
@@ -133,7 +143,8 @@ class VideoSource:
             If frame ``start`` cannot be decoded, or if the size of a frame differs from that of the first.
         """
         wanted = frame_range(self.length, start, max_frames, self.name)
-        deinterlacer = Deinterlacer()
+        # A GIF has no fields; its few colours are dithered, which looks like a comb.
+        deinterlacer = None if is_gif(self.path) else Deinterlacer()
         stream = decoded(self.path, self.decoder, skip=wanted.start)
         last_s: float | None = None
         first: Image | None = None
@@ -148,15 +159,17 @@ class VideoSource:
             if image is None:
                 continue
             check_size(f"{self.path}, frame {index}", image.shape[1::-1], self.size, "the first frame")
-            image = deinterlacer.take(image)
-            if deinterlacer.found:
-                self._seen.add(NOTE)
+            if deinterlacer is not None:
+                image = deinterlacer.take(image)
+                if deinterlacer.found:
+                    self._seen.add(NOTE)
             if first is None:
                 first = image
             if self.decoder == "opencv" and equal == index - wanted.start and np.array_equal(first, image):
                 equal += 1
                 if equal == _EQUAL_FRAMES:
-                    self._seen.add(_EQUAL_NOTE)
+                    # With PyAV the header was asked already, and the frames have no fields.
+                    self._seen.add(_FIELDS_NOTE if find_spec("av") is None else _EQUAL_NOTE)
             yield Frame(index, last_s, f"frame-{index:06d}", image)
 
 

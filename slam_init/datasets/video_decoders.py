@@ -259,6 +259,12 @@ def _pyav_header(path: Path, codec: str) -> VideoHeader:
         raise SourceError(f"{path}: not a readable video{cause}: {getattr(error, 'strerror', None) or error}") from None
 
 
+def is_gif(path: Path) -> bool:
+    """Whether a file is a GIF."""
+    with open_regular(path, SourceError) as file:
+        return file.read(6) in (b"GIF87a", b"GIF89a")
+
+
 def _starts_interlaced(path: Path) -> bool:
     """Whether the first frame is marked as interlaced; False without PyAV."""
     try:

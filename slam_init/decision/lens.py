@@ -18,6 +18,13 @@ __all__ = ["WindowLens"]
 #: to a hundredth. Without one, most images are rectified or those of a good lens; those of phones and wide angles have
 #: up to 0.3.
 _STATED_K1_SIGMA, _UNSTATED_K1_SIGMA = 0.01, 0.05
+#: A map without a calibration is handed over, and a calibration is written, once the focal length is about as well
+#: known as by a data sheet (5 %). A focal length that is off by this much changes a rotation of 20 degrees by one, and
+#: the depths by as much as itself; what it does to the direction is in the risk.
+MAX_FOCAL_SIGMA = 0.06
+#: A lens in use with a wider field than 90 degrees, or that bends the corners by a tenth, is one of an action camera.
+#: The pinhole model with k1 does not describe such a lens, so that no motion tells its focal length.
+_WIDE_FOCAL, _WIDE_K1 = 0.5, -0.1
 #: The camera follows an estimate that differs by more: half of what a calibration leaves open, which moves a pixel in
 #: the corner by a hundredth of its distance from the centre, be it by the focal length or by the distortion.
 _FOLLOWED = 0.01
@@ -85,6 +92,14 @@ class WindowLens:
         float
         """
         return self._k1
+
+    def advice(self) -> str | None:
+        """What helps where the focal length stays unknown and the advice of the reason does not."""
+        if self.stated.source != "prior":
+            return "the given focal length is not certain enough here: turn the camera while it moves, or calibrate it"
+        if self.camera.focal_px < _WIDE_FOCAL * max(self.camera.width, self.camera.height) or self._k1 < _WIDE_K1:
+            return "wide lens: give its calibration by --camera FILE, or its field of view by --camera fov=DEGREES"
+        return None
 
     def step(self, found: CameraEstimate) -> tuple[float, float]:
         """How far the lens in use has to move to the estimate.

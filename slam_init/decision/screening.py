@@ -20,9 +20,13 @@ __all__ = ["LEAST_PARALLAX_SHARE", "preview_evidence", "screen"]
 
 #: A tenth of the tracks may be outliers. If the rotation leaves more of the tracks displaced, the camera moved.
 LEAST_PARALLAX_SHARE = 0.1
+#: Where more of the image is masked, most features are, and the advice names the mask rather than the light.
+_MUCH_MASKED = 0.5
 
 
-def screen(camera: Camera, config: Config, current: Observations, pairs: Sequence[PairPreview]) -> Attempt | None:
+def screen(
+    camera: Camera, config: Config, current: Observations, pairs: Sequence[PairPreview], masked: float = 0.0
+) -> Attempt | None:
     """Refuse all pairs of a frame at once where no pair can lead to a map.
 
     Parameters
@@ -33,6 +37,8 @@ def screen(camera: Camera, config: Config, current: Observations, pairs: Sequenc
         The current frame.
     pairs : sequence of PairPreview
         Of all candidate references with the current frame, the highest direction score first.
+    masked : float
+        Share of the image that a mask ignores.
 
     Returns
     -------
@@ -48,8 +54,9 @@ def screen(camera: Camera, config: Config, current: Observations, pairs: Sequenc
     motion_px = max((p.motion_px for p in usable), default=0.0)
     share = max((p.parallax_share for p in usable), default=0.0)
     noise_px = difference_gate(config.map.noise_px)
+    mask_less = f"the mask ignores {masked:.0%} of the image: mask less of it" if masked > _MUCH_MASKED else None
     matches = (
-        at_least(GateName.FEATURES, len(current), needed, Verdict.TOO_FEW_FEATURES),
+        at_least(GateName.FEATURES, len(current), needed, Verdict.TOO_FEW_FEATURES, mask_less),
         at_least(GateName.MATCHES, pair.matches, needed, Verdict.TOO_FEW_MATCHES),
     )
     # Without parallax the camera only rotated, or was static. A rotation that is fitted to noise is close to zero.

@@ -17,7 +17,7 @@ from quest.estimate import NoPose, RelativePose
 from quest.geometry.epipolar import depths_from_pose
 from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.config import Config
-from slam_init.decision.lens import WindowLens
+from slam_init.decision.lens import MAX_FOCAL_SIGMA, WindowLens
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
 from slam_init.decision.screening import LEAST_PARALLAX_SHARE, preview_evidence
@@ -56,10 +56,6 @@ from slam_init.work import Prices, spend
 
 __all__ = ["WindowRule"]
 
-#: A map without a calibration is handed over once its focal length is about as well known as by a data sheet (5 %). A
-#: focal length that is off by this much changes a rotation of 20 degrees by one, and the depths by as much as itself;
-#: what it does to the direction is in the risk.
-_MAX_FOCAL_SIGMA = 0.06
 #: Standard deviation of an unknown readout about none: global shutters have none, and rolling ones take up to the time
 #: between two frames of a video, which is two standard deviations.
 _READOUT_SIGMA_S = 1 / 60
@@ -278,12 +274,11 @@ class WindowRule:
         max_risk = self._config.acceptance.max_risk
         reason, advice = _reason(hypotheses, risk, max_risk)
         if self.lens.is_unknown and _held_by_lens(reason, risk, max_risk):
-            reason, advice = Verdict.UNKNOWN_FOCAL_LENGTH, None
+            reason, advice = Verdict.UNKNOWN_FOCAL_LENGTH, self.lens.advice()
         gates = [at_most(GateName.RISK, risk.total, max_risk, reason, advice)]
         if self.lens.is_unknown:
-            gates.append(
-                at_most(GateName.FOCAL_SIGMA, risk.camera.focal.sigma, _MAX_FOCAL_SIGMA, Verdict.UNKNOWN_FOCAL_LENGTH)
-            )
+            sigma, unknown = risk.camera.focal.sigma, Verdict.UNKNOWN_FOCAL_LENGTH
+            gates.append(at_most(GateName.FOCAL_SIGMA, sigma, MAX_FOCAL_SIGMA, unknown, self.lens.advice()))
         attempt = with_gates(attempt, gates)
         if not all(gate.passes() for gate in gates):
             refused = refused_by(attempt, Stage.MAP, gates)
@@ -445,7 +440,7 @@ def _certain_frames(hypotheses: WindowHypotheses, risk: WindowRisk, most: float)
 def _held_by_lens(reason: Verdict, risk: WindowRisk, max_risk: float) -> bool:
     """Whether the direction would be known well enough if the focal length were."""
     by_direction = reason in (Verdict.LOW_PARALLAX, Verdict.MOVING_BODIES) and risk.direction >= risk.rival
-    wide = risk.camera.focal.sigma > _MAX_FOCAL_SIGMA
+    wide = risk.camera.focal.sigma > MAX_FOCAL_SIGMA
     return by_direction and wide and risk.direction_with_known_lens <= max_risk
 
 

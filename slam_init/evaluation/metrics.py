@@ -226,7 +226,8 @@ def compare_with_groundtruth(
             for a, b, baseline in zip(estimated, true, baselines, strict=True)
             if baseline >= _SHORT_BASELINE * longest
         )
-        ate = ate_rmse(np.array([k.world_from_cam.t for k, _ in pairs]), np.array([truth.t for _, truth in pairs]))
+        centres = np.array([k.world_from_cam.t for k, _ in pairs]), np.array([truth.t for _, truth in pairs])
+        ate = ate_rmse(*centres) if len(pairs) > 2 else None
     return GroundTruthErrors(
         rotation_error_deg=float(max(rotations_deg)),
         direction_error_deg=direction_error_deg,

@@ -8,6 +8,7 @@ The module imports no heavy library, because the command line reads it. A method
 from __future__ import annotations
 
 from dataclasses import dataclass
+from difflib import get_close_matches
 from importlib.util import find_spec
 from types import BuiltinFunctionType
 from typing import TYPE_CHECKING, Any, Protocol
@@ -264,9 +265,11 @@ def method_info(name: str) -> MethodInfo:
         return MethodInfo(name, "an external program", " ".join(parse_external(name).words))
     if ":" in name:
         return MethodInfo(name, "a method of your own", name, home=name)
+    meant = get_close_matches(name.lower(), METHODS, n=1, cutoff=0.7)
+    hint = f"did you mean {meant[0]}? " if meant else ""
     raise ConfigError(
-        f"unknown method {name!r}: use one of {', '.join(METHODS)}, package.module:attribute, FILE.py:attribute, "
-        "or 'command:PROGRAM {images} {times} {camera} {out}'"
+        f"unknown method {name!r}: {hint}use one of {', '.join(METHODS)}, package.module:attribute, "
+        "FILE.py:attribute, or 'command:PROGRAM {images} {times} {camera} {out}'"
     )
 
 

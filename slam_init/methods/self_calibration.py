@@ -15,6 +15,7 @@ import numpy as np
 
 from slam_init.config import Config
 from slam_init.datasets.track_source import KnowsTracks
+from slam_init.decision.lens import MAX_FOCAL_SIGMA
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import WindowEvidence
@@ -25,7 +26,7 @@ __all__ = ["SelfCalibration", "StretchEstimate", "calibrate", "combine"]
 
 #: A stretch without a map ends after so many frames: two seconds of video.
 _LONGEST_STRETCH = 60
-#: A focal length with a larger relative standard deviation is none: it is that of the prior, nearly.
+#: An estimate of a stretch with a larger relative standard deviation is that of the prior, nearly: it is left out.
 _TOLD_SIGMA = 0.15
 #: A distortion within two of its standard deviations is left out: most images have none.
 _TOLD_K1_SIGMAS = 2.0
@@ -64,19 +65,23 @@ class SelfCalibration:
     Attributes
     ----------
     camera : Camera or None
-        None where no stretch tells the focal length.
+        None where the stretches do not tell the focal length to
+        :data:`slam_init.decision.lens.MAX_FOCAL_SIGMA`, the bound of a map without a calibration.
     stretches : tuple of StretchEstimate
         Those that tell the focal length.
     tried : int
         Number of all stretches.
     k1_sigma : float or None
         Standard deviation of the first coefficient of the distortion.
+    focal_sigma : float or None
+        Relative standard deviation of the focal length by all stretches; None where none tells it.
     """
 
     camera: Camera | None
     stretches: tuple[StretchEstimate, ...]
     tried: int
     k1_sigma: float | None = None
+    focal_sigma: float | None = None
 
 
 def calibrate(
@@ -142,17 +147,20 @@ def combine(camera: Camera, estimates: Sequence[StretchEstimate]) -> SelfCalibra
         return SelfCalibration(None, (), 0)
     log_focal, focal_sigma = _mean([math.log(e.focal_px) for e in estimates], [e.focal_sigma for e in estimates])
     k1, k1_sigma = _mean([e.k1 for e in estimates], [e.k1_sigma for e in estimates])
+    focal_sigma = math.hypot(focal_sigma, _MODEL_SIGMA)
+    if focal_sigma > MAX_FOCAL_SIGMA:
+        return SelfCalibration(None, tuple(estimates), len(estimates), k1_sigma, focal_sigma)
     focal_px = math.exp(log_focal)
     found = replace(
         camera,
         fx=focal_px,
         fy=focal_px,
         source="estimated",
-        focal_sigma=min(math.hypot(focal_sigma, _MODEL_SIGMA), 1.0),
+        focal_sigma=focal_sigma,
     )
     if abs(k1) > _TOLD_K1_SIGMAS * k1_sigma:
         found = found.bent(k1 - (camera.distortion[0] if camera.distortion else 0.0))
-    return SelfCalibration(found, tuple(estimates), len(estimates), k1_sigma)
+    return SelfCalibration(found, tuple(estimates), len(estimates), k1_sigma, focal_sigma)
 
 
 def _mean(values: Sequence[float], sigmas: Sequence[float]) -> tuple[float, float]:

@@ -7,8 +7,9 @@ from collections import Counter
 from pathlib import Path
 
 from slam_init.errors import plain_line
-from slam_init.output.records import ScaleRecord, SegmentRecord
+from slam_init.output.records import SegmentRecord
 from slam_init.output.summary import Summary
+from slam_init.types.evidence import WindowEvidence
 
 __all__ = ["report_text"]
 
@@ -51,12 +52,17 @@ def _kept_facts(summary: Summary) -> list[tuple[str, str]]:
 
 def _risk_facts(summary: Summary) -> list[tuple[str, str]]:
     """Return the line about the risk of the best map, where a window was judged."""
-    window = next((attempt.window for attempt in reversed(summary.attempts) if attempt.window is not None), None)
+    window = _last_window(summary)
     if window is None:
         return []
     direction = "" if window.direction_sigma_deg is None else f", direction +- {window.direction_sigma_deg:.1f} deg"
     depths = "" if window.depth_sigma is None else f", depths +- {window.depth_sigma:.0%}"
     return [("risk", f"{window.risk:.2g} that the map is wrong{direction}{depths}")]
+
+
+def _last_window(summary: Summary) -> WindowEvidence | None:
+    """Return the evidence of the last judged window."""
+    return next((attempt.window for attempt in reversed(summary.attempts) if attempt.window is not None), None)
 
 
 def _map_facts(summary: Summary) -> list[tuple[str, str]]:
@@ -67,7 +73,7 @@ def _map_facts(summary: Summary) -> list[tuple[str, str]]:
         *_landmark_facts(summary),
         *_risk_facts(summary),
     ]
-    facts += _scale_facts(summary.scale, summary.scale_sigma, summary.scale_origin)
+    facts += _scale_facts(summary)
     if focal := summary.focal_length:
         if summary.camera.source == "estimated":
             sigma_px = summary.camera.focal_sigma_px or 0.0
@@ -93,15 +99,19 @@ def _map_facts(summary: Summary) -> list[tuple[str, str]]:
     return [*facts, *(_segment_fact(segment) for segment in summary.segments)]
 
 
-def _scale_facts(scale: float | None, sigma: float | None, origin: ScaleRecord | None) -> list[tuple[str, str]]:
+def _scale_facts(summary: Summary) -> list[tuple[str, str]]:
     """Return the line about the scale, where one was looked for."""
+    scale, sigma, origin = summary.scale, summary.scale_sigma, summary.scale_origin
     if origin is None:
         return []
     if scale is None or sigma is None:
         return [("scale", f"none found from {origin.origin}: {origin.reason}")]
-    return [
-        ("scale", f"1 unit = {scale:.4g} m +- {sigma:.1%} ({origin.origin}: {origin.evidence}); all results in metres")
-    ]
+    window = _last_window(summary)
+    depth_sigma = 0.0 if window is None or window.depth_sigma is None else window.depth_sigma
+    # The scale is that of the baselines. A landmark is as uncertain as its own depth.
+    points = f"; the depth of a landmark to +- {depth_sigma:.0%}" if depth_sigma > sigma else ""
+    known = f"1 unit = {scale:.4g} m +- {sigma:.1%} ({origin.origin}: {origin.evidence})"
+    return [("scale", f"{known}{points}; all results in metres")]
 
 
 def _segment_fact(segment: SegmentRecord) -> tuple[str, str]:

@@ -147,7 +147,7 @@ class GroundTruthErrors:
         the true camera is static.
     ate_rmse : float or None
         Root mean square position error of the keyframes after alignment by a similarity, in units of the ground truth;
-        0 for two keyframes. None if the true camera is static.
+        None if the true camera is static, and for two keyframes, which a similarity aligns exactly.
     path_length : float
         Length of the true path from the first keyframe to the last, in units of the ground truth.
     scale_error : float or None

@@ -10,6 +10,7 @@ from make_source import GivenFrames, synth
 from paths import DATA
 from written import contents
 
+from slam_init.calibration.prior import camera_with_focal
 from slam_init.config import Config, load_config
 from slam_init.datasets import open_source
 from slam_init.errors import ConfigError, SourceError
@@ -248,3 +249,11 @@ def test_a_real_video_of_a_moving_camera_initializes_correctly(name):
 def test_a_real_video_of_a_static_camera_is_static():
     summary = run_real("euroc/V1_01_static")
     assert (summary.status, summary.reason) == ("not_initialized", "static_camera")
+
+
+def test_a_stated_focal_length_that_the_motion_corrects_is_told_beside_the_estimate(room):
+    stated = camera_with_focal((640, 480), 1.03 * room.camera.fx, 0.05, "stated")
+    result, _ = run(room, stated, Config(), max_frames=30)
+    assert result.map is not None and result.map.camera.source == "estimated"
+    (note,) = [note for note in result.notes if "stated focal length" in note]
+    assert f"{stated.fx:.0f} +- {0.05 * stated.fx:.0f} px" in note and f"{result.map.camera.fx:.0f} px" in note

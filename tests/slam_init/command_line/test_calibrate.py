@@ -1,9 +1,12 @@
 """``slam-init calibrate``."""
 
 import json
+from dataclasses import replace
 
+import pytest
 from cli_files import IMAGES
 
+from slam_init.calibration.prior import prior_camera
 from slam_init.cli import main
 
 
@@ -13,3 +16,23 @@ def test_a_video_that_does_not_tell_is_a_result_and_no_error(world, capsys):
     written = json.loads((world / "lens" / "calibration.json").read_text())
     assert written["camera"] is None and written["stretches"] == [] and written["tried"] == 1
     assert not (world / "lens" / "camera.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "told"),
+    [
+        ([0.08], "1 of 3 stretches tell the focal length to 8.0%"),
+        ([0.03], "one stretch only"),
+        ([0.03, 0.03], "by 2 of 3"),
+    ],
+)
+def test_what_is_known_of_the_lens_is_told(sigmas, told, world, capsys, monkeypatch):
+    from slam_init.methods import self_calibration
+
+    prior = prior_camera((64, 48))
+    stretches = [self_calibration.StretchEstimate(0, 9, 50.0, sigma, 0.0, 0.01) for sigma in sigmas]
+    found = replace(self_calibration.combine(prior, stretches), tried=3)
+    monkeypatch.setattr(self_calibration, "calibrate", lambda *_, **__: found)
+    assert main(["calibrate", IMAGES, "--out", "lens"]) == (3 if found.camera is None else 0)
+    assert told in capsys.readouterr().out
+    assert (world / "lens" / "camera.yaml").exists() == (found.camera is not None)

@@ -64,3 +64,20 @@ def test_an_interlaced_video_is_read_and_told(tmp_path):
     assert len(seen) >= 2
     assert all(abs(frame.gray.astype(float) - first_field(woven(6))).mean() < 8 for frame in seen)
     assert any("interlaced" in note for note in source.notes)
+
+
+def test_a_dithered_gif_keeps_all_its_rows(tmp_path):
+    Image = pytest.importorskip("PIL.Image")
+    rows = np.where(np.arange(48) % 2, 96, 160)[:, None]  # the levels of an ordered dither, row by row
+    ramp = np.tile(np.linspace(0, 255, 64), (48, 1))
+    frames = [(np.roll(ramp, 3 * k, axis=1) > rows).astype(np.uint8) * 255 for k in range(6)]
+    for frame in frames:
+        frame[::7, ::5] = 255
+    assert comb_ratio(frames[0]) > 1.1
+    pictures = [Image.fromarray(frame) for frame in frames]
+    pictures[0].save(tmp_path / "a.gif", save_all=True, append_images=pictures[1:], duration=40)
+    source = open_video(tmp_path / "a.gif")
+    read = [frame.image for frame in source.frames()]
+    assert not source.notes or all("interlaced" not in note for note in source.notes)
+    for expected, image in zip(frames, read, strict=True):
+        assert np.abs(image.max(axis=-1).astype(int) - expected).max() < 30

@@ -131,3 +131,12 @@ def test_a_video_that_is_cut_off_ends_early_or_is_refused_in_one_line(tmp_path):
             continue
         assert 1 <= len(list(source.frames())) <= 20
         assert len(source.timestamps_s) == len(source)
+
+
+@pytest.mark.parametrize("installed", [True, False])
+def test_a_black_video_is_told_to_install_only_what_is_missing(tmp_path, monkeypatch, installed):
+    monkeypatch.setattr("slam_init.datasets.video.find_spec", lambda _: object() if installed else None)
+    source = open_video(write_mp4(tmp_path / "black.mp4", [np.zeros((48, 64, 3), np.uint8)] * 70))
+    assert len(list(source.frames())) == 70
+    (note,) = [note for note in source.notes if "equal in each pixel" in note]
+    assert ("pip install" in note) != installed

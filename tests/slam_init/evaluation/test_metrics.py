@@ -172,3 +172,10 @@ def test_keyframes_without_true_poses_are_not_compared():
     assert compare_with_groundtruth(keyframes_of(poses), None) is None
     assert compare_with_groundtruth(keyframes_of(poses, start=100.0), trajectory_of(poses)) is None
     assert compare_with_groundtruth(keyframes_of(poses), Trajectory(np.zeros(0), ())) is None
+
+
+def test_two_keyframes_have_no_position_error_after_alignment():
+    poses = make_poses(3)
+    truth = trajectory_of(poses)
+    assert compare_with_groundtruth(keyframes_of(poses[:2]), truth).ate_rmse is None
+    assert compare_with_groundtruth(keyframes_of(poses), truth).ate_rmse == pytest.approx(0, abs=1e-9)

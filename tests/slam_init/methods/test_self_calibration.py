@@ -8,6 +8,7 @@ import pytest
 from slam_init.calibration.files import load_camera
 from slam_init.calibration.prior import prior_camera
 from slam_init.calibration.writing import camera_yaml
+from slam_init.decision.lens import MAX_FOCAL_SIGMA, WindowLens
 from slam_init.methods.self_calibration import StretchEstimate, combine
 
 PRIOR = prior_camera((640, 480))
@@ -27,9 +28,15 @@ def test_stretches_that_agree_make_the_estimate_more_certain():
     assert 0.45 < four.focal_sigma / one.focal_sigma < 0.56
 
 
-def test_stretches_that_contradict_each_other_do_not():
-    camera = combine(PRIOR, [stretch(450.0, 0.01), stretch(550.0, 0.01)]).camera
-    assert camera.focal_sigma > 0.05
+def test_stretches_that_contradict_each_other_give_no_camera():
+    found = combine(PRIOR, [stretch(450.0, 0.01), stretch(550.0, 0.01)])
+    assert found.focal_sigma > MAX_FOCAL_SIGMA
+    assert found.camera is None
+
+
+@pytest.mark.parametrize("sigma", [0.5 * MAX_FOCAL_SIGMA, 1.01 * MAX_FOCAL_SIGMA])
+def test_a_camera_is_written_at_the_bound_at_which_a_map_without_a_calibration_is_handed_over(sigma):
+    assert (combine(PRIOR, [stretch(500.0, sigma)]).camera is None) == (sigma > MAX_FOCAL_SIGMA)
 
 
 def test_the_certain_stretch_counts_more():
@@ -49,3 +56,12 @@ def test_the_file_is_read_back(tmp_path):
     read = load_camera(tmp_path / "camera.yaml", (640, 480))
     assert read == replace(camera, source="file")
     assert (read.source, read.focal_sigma) == ("file", camera.focal_sigma)
+
+
+def test_the_advice_about_an_unknown_focal_length_does_not_ask_for_what_was_given():
+    given = replace(PRIOR, source="stated", focal_sigma=0.05)
+    assert "--camera" not in WindowLens(given).advice()
+    assert WindowLens(PRIOR).advice() is None  # that of the reason
+    wide = WindowLens(PRIOR)
+    wide.follow(math.log(0.5), 0.0)
+    assert wide.advice().startswith("wide lens: give")

@@ -6,12 +6,13 @@ from pathlib import Path
 from make_map import make_map, make_result
 from make_summary import summarize
 
-from slam_init.output.records import ContinuationRecord
+from slam_init.output.records import ContinuationRecord, ScaleRecord
 from slam_init.output.report import report_text
 from slam_init.types.comparison import Margin
 from slam_init.types.evidence import WindowEvidence
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import GroundTruthErrors
+from slam_init.types.scale import ScaleOrigin
 
 
 def lines_of(summary):
@@ -68,3 +69,14 @@ def test_a_static_ground_truth_gives_no_errors_of_direction():
     truth = GroundTruthErrors(rotation_error_deg=0.25, direction_error_deg=None, ate_rmse=None, path_length=0.0)
     _, lines = lines_of(summarize(make_result(make_map()), ground_truth=truth))
     assert lines["ground truth"] == "rotation 0.25 deg"
+
+
+def test_a_scale_does_not_hide_that_depths_are_less_certain():
+    summary = summarize(make_result(make_map()))
+    zeros = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
+    attempt = replace(summary.attempts[-1], window=replace(zeros, depth_sigma=0.11))
+    origin = ScaleRecord(ScaleOrigin.DISTANCE, "frames 0 and 4", "")
+    summary = replace(summary, attempts=(attempt,), scale=2.0, scale_sigma=0.001, scale_origin=origin)
+    assert "+- 0.1% (distance: frames 0 and 4); the depth of a landmark to +- 11%;" in lines_of(summary)[1]["scale"]
+    certain = replace(summary, scale_sigma=0.2)
+    assert "depth of a landmark" not in lines_of(certain)[1]["scale"]

@@ -1,0 +1,86 @@
+"""Mistakes that people make at the keyboard: the line names what was meant."""
+
+import os
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from cli_files import IMAGES, WITH
+
+from slam_init.cli import main
+from slam_init.methods.registry import METHODS
+
+
+def told_by(words, capsys):
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    return error
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["run", "x", "--max-frame", "3"], "did you mean --max-frames? (see slam-init run --help)"),
+        (["view", "x", "--webb"], "did you mean --web? (see slam-init view --help)"),
+        (["compare", "x", "--xyzxyz"], "--xyzxyz (see slam-init compare --help)"),
+        (["run", "x", "--method", "orbslam3"], "did you mean orb-slam3?"),
+        (["run", "x", "--method", "ORB-SLAM3"], "did you mean orb-slam3?"),
+    ],
+)
+def test_an_option_and_a_method_that_do_not_exist_are_told_with_the_nearest_one(words, meant, capsys):
+    assert meant in told_by(words, capsys)
+
+
+@pytest.mark.parametrize(
+    ("number", "meant"),
+    [("615", "say f=615 for a focal length in pixels\n"), ("81", "f=81 for a focal length in pixels, or fov")],
+)
+def test_a_bare_number_as_camera_is_told_how_to_say_it(number, meant, world, capsys):
+    assert meant in told_by(["run", IMAGES, "--camera", number], capsys)
+
+
+def test_a_file_whose_name_is_a_number_is_a_calibration(world, pipeline):
+    (world / "615").write_text((world / "good.yaml").read_text())
+    assert main(["run", IMAGES, "--camera", "615"]) == 0
+
+
+def test_compare_tells_of_a_video_what_it_lacks(tmp_path, capsys):
+    writer = cv2.VideoWriter("v.mp4", cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"mp4v"), 30, (64, 48))
+    for k in range(5):
+        writer.write(np.full((48, 64, 3), 20 * k, np.uint8))
+    writer.release()
+    error = told_by(["compare", "v.mp4", "--out", "both"], capsys)
+    assert "a video has neither a calibration nor true poses" in error and "camera.yaml" not in error
+
+
+@pytest.mark.slow
+def test_a_mask_of_everything_is_told_to_mask_less(world, capsys):
+    cv2.imwrite("all.png", np.zeros((48, 64), np.uint8))
+    assert main(["run", IMAGES, *WITH, "--mask", "all.png", "--no-overview"]) == 3
+    assert "the mask ignores 100% of the image: mask less of it" in capsys.readouterr().out
+
+
+def test_the_options_of_run_are_in_groups(capsys):
+    assert main(["run", "--help"]) == 0
+    text = capsys.readouterr().out
+    ungrouped = text[text.index("\noptions:") : text.index("\nframes and camera:")]
+    assert ungrouped.count("\n  -") == 1  # --help
+    for group in ("frames and camera", "how it decides", "after the map", "results"):
+        assert f"\n{group}:\n" in text
+
+
+@pytest.mark.parametrize(("line", "wanted"), [("slam-init ru", {"run "}), ("slam-init run --cam", {"--camera "})])
+def test_the_shell_is_told_what_may_come_next(line, wanted, tmp_path):
+    pytest.importorskip("argcomplete")
+    asked = {"COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE": "1"}
+    asked["_ARGCOMPLETE_STDOUT_FILENAME"] = "next"
+    code = "from slam_init.cli import entry_point; entry_point()"
+    subprocess.run([sys.executable, "-c", code], env=os.environ | asked, cwd=tmp_path, check=False)
+    assert set((tmp_path / "next").read_text().split("\013")) == wanted
+
+
+def test_the_names_of_methods_are_not_near_to_each_other_in_other_cases():
+    assert len({name.lower() for name in METHODS}) == len(METHODS)
