@@ -178,10 +178,26 @@ class AcceptanceConfig(_Section):
     max_risk: float = 0.005
     #: Least number of landmarks, as in ORB-SLAM and stella_vslam: tracking needs them.
     min_landmarks: int = 50
+    #: A depth is known up to this relative standard deviation, and three quarters of the landmarks need known depths
+    #: (:mod:`slam_init.decision.depths`). A prediction is off by 10 pixels then where the parallax is 50. A smaller
+    #: value makes the initializer wait for more parallax.
+    max_depth_sigma: float = 0.2
+    #: Least median parallax of the landmarks in degrees; none by default, as ``max_depth_sigma`` knows the noise too.
+    min_parallax_deg: float | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.max_risk <= 1:
             raise ConfigError(f"acceptance.max_risk is {self.max_risk!r}: it must be above 0 and at most 1")
+        if not 0.002 <= self.max_depth_sigma <= 0.2:
+            raise ConfigError(
+                f"acceptance.max_depth_sigma is {self.max_depth_sigma!r}: it must lie in 0.002 .. 0.2 (a tracker needs "
+                "0.2, and the scale of a map is held to 0.001)"
+            )
+        if self.min_parallax_deg is not None and not 0 < self.min_parallax_deg <= 90:
+            raise ConfigError(
+                f"acceptance.min_parallax_deg is {self.min_parallax_deg!r}: it must be above 0 and at most 90 (rays "
+                "that meet at a right angle give the best depth)"
+            )
 
 
 @dataclass(frozen=True)
@@ -316,7 +332,14 @@ def config_toml(config: Config) -> str:
     import tomli_w
 
     # TOML has no null.
-    table = {key: math.inf if value is None else value for key, value in dataclasses.asdict(config).items()}
+    table = {
+        key: {name: one for name, one in value.items() if one is not None}
+        if isinstance(value, dict)
+        else math.inf
+        if value is None
+        else value
+        for key, value in dataclasses.asdict(config).items()
+    }
     return tomli_w.dumps(table)
 
 

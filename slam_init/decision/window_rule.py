@@ -17,6 +17,7 @@ from quest.estimate import NoPose, RelativePose
 from quest.geometry.epipolar import depths_from_pose
 from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.config import Config
+from slam_init.decision.depths import depth_gates
 from slam_init.decision.lens import WindowLens
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
@@ -385,7 +386,7 @@ class WindowRule:
     def _usable(
         self, attempt: Attempt, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses
     ) -> Outcome:
-        """Refuse a map that cannot be used, although its motion is right: too few landmarks, or no adjustment."""
+        """Refuse a map that cannot be used, although its motion is right: unknown depths, few landmarks, no map."""
         if not isinstance(bundle, BundleSolution):
             attempt = replace(attempt, map=MapEvidence(failure=bundle.cause))
             return Outcome(refused_at(attempt, Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP))
@@ -397,9 +398,10 @@ class WindowRule:
             self._config.acceptance.min_landmarks,
             Verdict.TOO_FEW_LANDMARKS,
         )
-        attempt = with_gates(attempt, (landmarks,))
-        if not landmarks.passes():
-            return Outcome(refused_by(attempt, Stage.MAP, (landmarks,)))
+        gates = (*depth_gates(bundle, self._config.acceptance), landmarks)
+        attempt = with_gates(attempt, gates)
+        if not all(gate.passes() for gate in gates):
+            return Outcome(refused_by(attempt, Stage.MAP, gates))
         if _moved_frames(bundle, hypotheses.motions[0]):
             attempt = replace(attempt, map=MapEvidence(failure="the adjusted motion differs from that of the window"))
             return Outcome(refused_at(attempt, Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP))
