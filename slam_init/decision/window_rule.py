@@ -201,11 +201,11 @@ class WindowRule:
             return None
         frames = _certain_frames(last.hypotheses, last.risk, last.risk.total)
         bundle, _ = self._agreeing_map(last, frames)
-        built = self._built(bundle, last.hypotheses)
-        if built is None or not isinstance(bundle, BundleSolution):
+        if not isinstance(bundle, BundleSolution):
             return None
-        moved = _moved_frames(bundle, last.hypotheses.motions[0])
-        return ProvisionalMap(built.map, 1.0 if moved else last.risk.total)
+        risk = 1.0 if _moved_frames(bundle, last.hypotheses.motions[0]) else last.risk.total
+        built = self._built(bundle, last.hypotheses, risk)
+        return None if built is None else ProvisionalMap(built.map, risk)
 
     def follow_lens(self) -> bool:
         """Take the lens that the last judgement found, where the stated focal length is no calibration.
@@ -368,7 +368,9 @@ class WindowRule:
         factor = math.exp(state.log_scale)
         return map_of_poses(self.lens.camera, config, table, poses, self._threshold_rad, prior, factor), table
 
-    def _built(self, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses) -> MapWithViews | None:
+    def _built(
+        self, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses, risk: float | None = None
+    ) -> MapWithViews | None:
         if not isinstance(bundle, BundleSolution):
             return None
         spend(Prices.MAP)
@@ -381,7 +383,7 @@ class WindowRule:
             camera = replace(camera, source="estimated", focal_sigma=sigma)
             factor = camera.fx / self.lens.stated.fx
             map_ = replace(map_, focal_factor=factor, focal_factor_sigma=factor * sigma)
-        return replace(built, map=replace(map_, camera=camera))
+        return replace(built, map=replace(map_, camera=camera, risk=risk))
 
     def _usable(
         self, attempt: Attempt, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses
@@ -405,7 +407,8 @@ class WindowRule:
         if _moved_frames(bundle, hypotheses.motions[0]):
             attempt = replace(attempt, map=MapEvidence(failure="the adjusted motion differs from that of the window"))
             return Outcome(refused_at(attempt, Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP))
-        return Outcome(replace(attempt, progress=1.0), accepted=self._built(bundle, hypotheses))
+        risk = None if self._last is None else self._last.risk.total
+        return Outcome(replace(attempt, progress=1.0), accepted=self._built(bundle, hypotheses, risk))
 
 
 def _inliers(pair: MatchedPair, pose: Pose, threshold_rad: float) -> Bools:

@@ -50,12 +50,12 @@ def _kept_facts(summary: Summary) -> list[tuple[str, str]]:
 
 
 def _risk_facts(summary: Summary) -> list[tuple[str, str]]:
-    """Return the line about the risk of the best map, where a window was judged."""
+    """Return the line about the risk of the best map, where a window was judged, and the depths of the landmarks."""
     window = next((attempt.window for attempt in reversed(summary.attempts) if attempt.window is not None), None)
     if window is None:
         return []
     direction = "" if window.direction_sigma_deg is None else f", direction +- {window.direction_sigma_deg:.1f} deg"
-    depths = "" if window.depth_sigma is None else f", depths +- {window.depth_sigma:.0%}"
+    depths = "" if summary.depth_sigma is None else f", depths +- {summary.depth_sigma:.1%}"
     return [("risk", f"{window.risk:.2g} that the map is wrong{direction}{depths}")]
 
 

@@ -34,12 +34,13 @@ def test_a_map_is_reported_with_its_quality():
     assert lines["results"] == "out/ (look at it: slam-init view out)"
 
 
-def test_the_risk_of_the_last_window_is_reported():
+def test_the_risk_of_the_last_window_is_reported_with_the_depths_of_the_landmarks():
+    """A window has tracks at infinity and outliers, which are no landmarks: their depths are not those of the map."""
     summary = summarize(make_result(make_map()))
     zeros = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
-    window = replace(zeros, risk=0.00321, direction_sigma_deg=3.14, depth_sigma=0.19)
+    window = replace(zeros, risk=0.00321, direction_sigma_deg=3.14, depth_sigma=29321.0)
     summary = replace(summary, attempts=(*summary.attempts[:-1], replace(summary.attempts[-1], window=window)))
-    assert lines_of(summary)[1]["risk"] == "0.0032 that the map is wrong, direction +- 3.1 deg, depths +- 19%"
+    assert lines_of(summary)[1]["risk"] == "0.0032 that the map is wrong, direction +- 3.1 deg, depths +- 2.0%"
 
 
 def test_a_refusal_is_reported_with_its_advice():
