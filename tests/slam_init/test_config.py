@@ -195,6 +195,28 @@ def test_a_risk_is_a_probability_above_zero(tmp_path, risk):
     assert load_config(written(tmp_path, f"[acceptance]\nmax_risk = {risk}\n")).acceptance.max_risk == risk
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "reason"),
+    [
+        *(("max_depth_sigma", value, "a tracker needs 0.2") for value in (-0.1, 0.0, 0.001, 0.21, float("nan"))),
+        *(("min_parallax_deg", value, "right angle") for value in (-1.0, 0.0, 90.5, float("nan"))),
+    ],
+)
+def test_a_target_that_no_map_can_use_is_refused_with_its_range_and_the_reason(tmp_path, option, value, reason):
+    with pytest.raises(ConfigError, match=rf"acceptance\.{option} is .*{reason}") as refusal:
+        AcceptanceConfig(**{option: value})
+    assert "\n" not in str(refusal.value)
+    with pytest.raises(ConfigError, match=rf"acceptance\.{option} is"):
+        load_config(written(tmp_path, f"[acceptance]\n{option} = {value}\n"))
+
+
+@pytest.mark.parametrize(("option", "value"), [("max_depth_sigma", 0.05), ("min_parallax_deg", 1.5)])
+def test_a_stricter_target_comes_back(tmp_path, option, value):
+    changed = Config(acceptance=AcceptanceConfig(**{option: value}))
+    assert load_config(written(tmp_path, config_toml(changed))) == changed
+    assert changed.changed() == {f"acceptance.{option}": value}
+
+
 def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(ConfigError, match="cannot be read"):
         load_config(tmp_path / "missing.toml")
