@@ -68,7 +68,7 @@ def depth_gates(bundle: BundleSolution, config: AcceptanceConfig) -> tuple[Gate,
         at_least(GateName.KNOWN_DEPTHS, share, KNOWN_SHARE, Verdict.LOW_PARALLAX, advice),
         at_most(GateName.LOCATED_SIGMA, sigma, MAX_LOCATED_SIGMA, Verdict.LOW_PARALLAX, advice),
     ]
-    if config.min_parallax_deg is not None:
+    if config.min_parallax_deg > 0:
         parallax_deg = float(np.degrees(np.median(problem.parallax_rad())))
         gates.append(
             at_least(GateName.PARALLAX_DEG, parallax_deg, config.min_parallax_deg, Verdict.LOW_PARALLAX, advice)

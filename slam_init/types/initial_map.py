@@ -65,7 +65,8 @@ class InitialMap(Described, Savable):
         Marginal covariances of ``world_from_cam`` in gtsam's tangent order (rotation, translation) in the camera
         frame, in the gauge that ``gauge`` names, scaled by the noise estimated from the residuals.
     point_covariances : (L, 3, 3) float
-        Marginal covariances of ``points`` in the same gauge, for the focal length of ``camera``.
+        Marginal covariances of ``points`` in the same gauge, for the focal length of ``camera``. They are those of the
+        noise of single tracks: errors that tracks share, as of a lens model, add to them.
     depth_sigmas : (L,) float
         Relative standard deviations of the distances of the landmarks from the newest keyframe, whose own error is in
         them. Tracks with an unknown depth are no landmarks: they are ``open_tracks``.

@@ -102,8 +102,11 @@ def test_an_unlimited_frame_is_infinite_in_a_file_and_none_in_the_program(tmp_pa
     assert load_config(written(tmp_path, "work_per_frame = 12000")).work_per_frame == 12_000.0
 
 
-@pytest.mark.parametrize("path", [path for path in NUMBERS if path != ("seed",)], ids=name)
-def test_zero_is_refused_for_all_but_the_seed(tmp_path, path):
+MAY_BE_ZERO = (("seed",), ("acceptance", "min_parallax_deg"))
+
+
+@pytest.mark.parametrize("path", [path for path in NUMBERS if path not in MAY_BE_ZERO], ids=name)
+def test_zero_is_refused_for_all_but_the_seed_and_a_bound_that_is_none(tmp_path, path):
     with pytest.raises(ConfigError, match=path[-1]):
         load_config(written(tmp_path, as_toml(path, 0)))
 
@@ -199,7 +202,7 @@ def test_a_risk_is_a_probability_above_zero(tmp_path, risk):
     ("option", "value", "reason"),
     [
         *(("max_depth_sigma", value, "a tracker needs 0.2") for value in (-0.1, 0.0, 0.001, 0.21, float("nan"))),
-        *(("min_parallax_deg", value, "right angle") for value in (-1.0, 0.0, 90.5, float("nan"))),
+        *(("min_parallax_deg", value, "right angle") for value in (-1.0, 90.5, float("nan"))),
     ],
 )
 def test_a_target_that_no_map_can_use_is_refused_with_its_range_and_the_reason(tmp_path, option, value, reason):

@@ -112,7 +112,7 @@ def test_the_provenance_holds_the_options_of_the_run(room_run):
         "max_risk": 0.005,
         "min_landmarks": 50,
         "max_depth_sigma": 0.2,
-        "min_parallax_deg": None,
+        "min_parallax_deg": 0.0,
     }
 
 

@@ -46,7 +46,7 @@ def test_the_targets_of_a_map_reach_the_pipeline(world, pipeline):
     assert (acceptance.max_depth_sigma, acceptance.min_parallax_deg) == (0.05, 1.5)
 
 
-@pytest.mark.parametrize("target", [["--max-depth-sigma", "0.5"], ["--min-parallax", "0"]])
+@pytest.mark.parametrize("target", [["--max-depth-sigma", "0.5"], ["--min-parallax", "91"]])
 def test_a_target_out_of_its_range_is_refused_in_one_line(world, pipeline, capsys, target):
     assert main(["run", IMAGES, *WITH, *target, "--quiet"]) == 2
     assert capsys.readouterr().err.count("\n") == 1
