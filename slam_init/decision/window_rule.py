@@ -1,4 +1,4 @@
-"""The decision on a frame: one number decides, the risk that the map of the best hypothesis is wrong.
+"""The decision on a frame: by the risk that the map of the best hypothesis is wrong, and by the depths of this map.
 
 quest proposes motions from the pairs that the keyframe manager chooses. From then on the motions live: each further
 frame joins their joint fit, and the risk is stated anew. A map is built for an accepted motion, for both motions of an
