@@ -18,8 +18,8 @@ A judgement takes longer than a camera waits. With ``Config.work_per_frame`` it 
 each frame is tracked, and the rest of its time goes to the judgement under way. Frames that arrive meanwhile are not
 judged themselves.
 
-The first map whose risk is small enough, and whose depths are known, ends the initialization. A refusal has a reason and
-its evidence. If the views cannot decide between the two motions of a plane, both maps are kept.
+The first map whose risk is small enough, and whose depths are known, ends the initialization. A refusal has a reason
+and its evidence. If the views cannot decide between the two motions of a plane, both maps are kept.
 """
 
 from __future__ import annotations
