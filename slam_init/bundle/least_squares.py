@@ -199,7 +199,7 @@ def covariances(problem: BundleProblem, noise_px: float) -> MapCovariances:
         raise RuntimeError("the poses are not determined")
     count = len(problem.frames)
     blocks = covariance.reshape(count, 6, count, 6)[np.arange(count), :, np.arange(count)]
-    spend(Prices.MAP_ELIMINATION * len(problem.points) * count**2)
+    spend(Prices.MAP_COVARIANCES * len(problem.points) * count**2)
     C = np.zeros((len(problem.points), 3, 3))
     C[:, (0, 1, 2, 1, 2, 2), (0, 1, 2, 0, 0, 1)] = equations.roots
     followed = np.swapaxes(np.linalg.inv(C), 1, 2)
@@ -219,7 +219,9 @@ def covariances(problem: BundleProblem, noise_px: float) -> MapCovariances:
 
 def _spread(J: Floats, covariance: Floats) -> Floats:
     """Covariances (L, 3, 3) of linear functions (L, 3, X) of unknowns with a covariance (X, X)."""
-    return np.asarray((J.reshape(-1, J.shape[2]) @ covariance).reshape(J.shape) @ np.swapaxes(J, 1, 2))
+    with single_threaded():
+        followed = (J.reshape(-1, J.shape[2]) @ covariance).reshape(J.shape)
+    return np.asarray(np.einsum("lix,ljx->lij", followed, J))
 
 
 def _by_landmark(problem: BundleProblem, noise_px: float) -> _Observations:

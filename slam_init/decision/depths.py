@@ -29,6 +29,7 @@ from slam_init.config import AcceptanceConfig
 from slam_init.types.arrays import Floats
 from slam_init.types.gates import Gate, GateName, at_least, at_most
 from slam_init.types.reasons import Verdict
+from slam_init.work import Prices, spend
 
 __all__ = ["KNOWN_SHARE", "MAX_LOCATED_SIGMA", "depth_gates", "located_sigma"]
 
@@ -55,6 +56,7 @@ def depth_gates(bundle: BundleSolution, config: AcceptanceConfig) -> tuple[Gate,
         All have the reason ``low_parallax``.
     """
     problem = bundle.problem
+    spend(Prices.LOCATE * len(problem.points))
     newest = problem.world_from_cam[-1]
     seen = newest.inverse().apply(problem.points)
     steps = (newest.t - np.array([pose.t for pose in problem.world_from_cam])) @ newest.R
@@ -111,9 +113,7 @@ def _information(points: Floats, covariances: Floats, noise_rad: float) -> Float
     rays = points / distances[:, None]
     # A ray moves by the part of the shift of its point across it, over the distance. Along it nothing is measured.
     across = (np.eye(3) - rays[:, :, None] * rays[:, None]) / distances[:, None, None]
-    _, _, basis = np.linalg.svd(rays[:, None])
-    across = basis[:, 1:] @ across
-    scatter = across @ covariances @ np.swapaxes(across, 1, 2) + noise_rad**2 * np.eye(2)
+    scatter = across @ covariances @ across + noise_rad**2 * np.eye(3)
     J = np.concatenate([across @ np.cross(np.eye(3), points[:, None]), across], axis=2)
     return np.asarray(np.swapaxes(J, 1, 2) @ np.linalg.solve(scatter, J))
 
