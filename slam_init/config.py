@@ -178,10 +178,26 @@ class AcceptanceConfig(_Section):
     max_risk: float = 0.005
     #: Least number of landmarks, as in ORB-SLAM and stella_vslam: tracking needs them.
     min_landmarks: int = 50
+    #: A depth is known up to this relative standard deviation, and three quarters of the landmarks need known depths
+    #: (:mod:`slam_init.decision.depths`). A prediction is off by 10 pixels then where the parallax is 50. A smaller
+    #: value makes the initializer wait for more parallax.
+    max_depth_sigma: float = 0.2
+    #: Least median parallax of the landmarks in degrees; no bound by default: ``max_depth_sigma`` knows the noise too.
+    min_parallax_deg: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0 < self.max_risk <= 1:
             raise ConfigError(f"acceptance.max_risk is {self.max_risk!r}: it must be above 0 and at most 1")
+        if not 0.002 <= self.max_depth_sigma <= 0.2:
+            raise ConfigError(
+                f"acceptance.max_depth_sigma is {self.max_depth_sigma!r}: it must lie in 0.002 .. 0.2 (a tracker needs "
+                "0.2, and the scale of a map is held to 0.001)"
+            )
+        if not 0 <= self.min_parallax_deg <= 90:
+            raise ConfigError(
+                f"acceptance.min_parallax_deg is {self.min_parallax_deg!r}: it must lie in 0 .. 90 (rays "
+                "that meet at a right angle give the best depth)"
+            )
 
 
 @dataclass(frozen=True)
@@ -382,7 +398,8 @@ def _number_or_text(wanted: object, value: object, where: str, key: str) -> obje
     least, most = _RANGES.get(key, (float("-inf"), float("inf")))
     if isinstance(value, int | float) and not least <= value <= most:
         raise ConfigError(f"{where}: {key} is {value!r}: it must lie in {least} .. {most}")
-    # Sizes, counts and thresholds are positive numbers; the seed may be zero.
-    if isinstance(value, int | float) and not (0 < value < float("inf") or (key == "seed" and value == 0)):
+    # Sizes, counts and thresholds are positive numbers; the seed may be zero, and a bound that is none by default.
+    zero = key in ("seed", "acceptance.min_parallax_deg") and value == 0
+    if isinstance(value, int | float) and not (0 < value < float("inf") or zero):
         raise ConfigError(f"{where}: {key} is {value!r}: it must be a positive number")
     return value

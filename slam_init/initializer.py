@@ -9,16 +9,17 @@ stage                       what it does
 ==========================  =========================================================================================
 two views                   :mod:`quest` proposes motions from the best pair that need not wait
 window                      one joint fit of all views for each motion (:mod:`slam_init.window`)
-risk                        the probability that the best motion is wrong; the only decision
+risk                        the probability that the best motion is wrong
 map                         a bundle-adjusted map of an accepted motion, or of both motions of an undecided plane
+depths                      whether a tracker can go on from the landmarks (:mod:`slam_init.decision.depths`)
 ==========================  =========================================================================================
 
 A judgement takes longer than a camera waits. With ``Config.work_per_frame`` it runs in slices (:mod:`slam_init.work`):
 each frame is tracked, and the rest of its time goes to the judgement under way. Frames that arrive meanwhile are not
 judged themselves.
 
-The first map whose risk is small enough ends the initialization. A refusal has a reason and its evidence. If the views
-cannot decide between the two motions of a plane, both maps are kept.
+The first map whose risk is small enough, and whose depths are known, ends the initialization. A refusal has a reason
+and its evidence. If the views cannot decide between the two motions of a plane, both maps are kept.
 """
 
 from __future__ import annotations

@@ -59,6 +59,8 @@ class Prices:
     MAP_ERROR, MAP_ERROR_OBSERVATION, MAP_STEP, MAP_ELIMINATION = 60.0, 0.02, 380.0, 0.012
     #: gtsam, for each observation: a factor of the graph, an iteration. The covariance of a pose.
     GRAPH, ITERATION, COVARIANCE = 1.3, 3.0, 400.0
+    #: Covariances of the points, for each point and pair of views. The next view located by the points, for each point.
+    MAP_COVARIANCES, LOCATE = 0.04, 2.0
     #: The map that is handed over.
     MAP = 900.0
 

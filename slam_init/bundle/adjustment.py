@@ -1,7 +1,8 @@
 """Bundle adjustment of the initial map, from the first estimate to the final map.
 
 Recipe: minimize with a robust kernel (Cauchy), remove the outliers, then minimize the least-squares error in the full
-model of the camera. The map is scaled so that the median depth of the landmarks in the first view is 1.
+model of the camera. Landmarks whose depths are unknown by the covariance of the optimum are left out, and the rest is
+minimized again. The map is scaled so that the median depth of the landmarks in the first view is 1.
 
 gtsam's Levenberg-Marquardt reports no error for a point with one view, for a NaN, or for a point behind a camera. These
 cases are checked here. A failure is returned as a value with its cause.
@@ -26,13 +27,13 @@ import numpy as np
 
 from slam_init.bundle.focal import adjust_focal, camera_with_focal_factor
 from slam_init.bundle.graph import GAUGE, build_graph, marginal_covariances, optimize
-from slam_init.bundle.least_squares import minimize, pose_covariances, with_lenses
+from slam_init.bundle.least_squares import MapCovariances, covariances, minimize, with_lenses
 from slam_init.bundle.noise import estimate_noise, least_squares_noise, min_parallax_rad
 from slam_init.bundle.points import fit_points
 from slam_init.bundle.problem import BundleFailure, BundleFit, BundleProblem, BundleSolution, FocalPrior
 from slam_init.bundle.virtual_cameras import needs_virtual_cameras
 from slam_init.config import MapConfig
-from slam_init.types.arrays import Bools
+from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.work import Prices, spend
 
@@ -99,14 +100,14 @@ def _adjusted(
             fit = _fit_focal(prior, start, fit, config, rounds=0 if poses_known else _FOCAL_ROUNDS)
         if isinstance(fit, BundleFailure):
             return fit
+        fit, found = _with_known_depths(fit, config, prior)
         final, camera = fit.problem, fit.camera
         residuals = final.residuals(camera)
         noise_px = least_squares_noise(final, residuals, config)
         graph, values = build_graph(camera, final, noise_px, robust=False, prior=prior)
-        if prior is None:
-            covariances, focal_variance = pose_covariances(final, noise_px), 0.0
-        else:
-            covariances, focal_variance = marginal_covariances(graph, values, final.frames, prior)
+        of_poses, focal_variance = found.poses, 0.0
+        if prior is not None:
+            of_poses, focal_variance = marginal_covariances(graph, values, final.frames, prior)
     except RuntimeError as error:  # how gtsam reports singular systems and cheirality
         return BundleFailure(" ".join(str(error).split())[:160])
     return BundleSolution(
@@ -117,12 +118,44 @@ def _adjusted(
         errors=fit.errors,
         graph=graph,
         values=values,
-        pose_covariances=covariances,
+        pose_covariances=of_poses,
+        point_covariances=found.points,
+        seen_covariances=found.in_newest,
+        depth_sigmas=_depth_sigmas(final, found),
+        unknown_depths=fit.unknown_depths,
         camera=camera,
         gauge=GAUGE,
         focal_factor=camera.fx / stated.fx if config.refine_focal else 1.0,
         focal_factor_sigma=config.focal_sigma if held else _focal_sigma(prior, focal_variance),
     )
+
+
+def _with_known_depths(fit: BundleFit, config: MapConfig, prior: FocalPrior | None) -> tuple[BundleFit, MapCovariances]:
+    """Leave the landmarks out whose depths are unknown, and minimize the rest; the covariances are those of the result.
+
+    Where too few landmarks would be left to solve for the poses, all of them stay.
+    """
+    while True:
+        noise_px = least_squares_noise(fit.problem, fit.problem.residuals(fit.camera), config)
+        found = covariances(fit.problem, noise_px)
+        known: Bools = np.asarray(_depth_sigmas(fit.problem, found) <= config.max_depth_sigma)
+        rest = fit.problem.keep(known[fit.problem.landmarks])
+        if known.all() or _cannot_be_solved(rest) is not None:
+            return fit, found
+        fewer = _settled(fit.camera, rest, noise_px, _FEW_ITERATIONS)
+        if isinstance(fewer, BundleFailure):
+            return fit, found
+        dropped = len(fit.problem.points) - len(fewer.problem.points)
+        fit = fewer._replace(errors=(*fit.errors, *fewer.errors), unknown_depths=fit.unknown_depths + dropped)
+        if prior is not None:
+            fit = adjust_focal(prior, fit, config)
+
+
+def _depth_sigmas(problem: BundleProblem, found: MapCovariances) -> Floats:
+    """Relative standard deviations (L,) of the distances of the points from the newest camera."""
+    seen = problem.world_from_cam[-1].inverse().apply(problem.points)
+    squares = np.sum(seen**2, axis=1)
+    return np.asarray(np.sqrt(np.einsum("li,lij,lj->l", seen, found.in_newest, seen)) / squares)
 
 
 def _focal_sigma(prior: FocalPrior | None, focal_variance: float) -> float | None:
@@ -184,7 +217,13 @@ def _least_squares(
         return failure
     if cleaned.lenses is None:
         cleaned = with_lenses(camera, cleaned)
-    polished, more = minimize(cleaned, noise_px, iterations=iterations, tolerance=1e-5)
+    settled = _settled(camera, cleaned, noise_px, iterations)
+    return settled if isinstance(settled, BundleFailure) else settled._replace(errors=(*errors, *settled.errors))
+
+
+def _settled(camera: Camera, problem: BundleProblem, noise_px: float, iterations: int) -> BundleFit | BundleFailure:
+    """The optimum in least squares, without the points that it moved behind a camera; its median depth is 1."""
+    polished, errors = minimize(problem, noise_px, iterations=iterations, tolerance=1e-5)
     spend(Prices.RESIDUALS * len(polished.views))
     final = _scale_to_median_depth(polished)
     if final is None:
@@ -194,7 +233,7 @@ def _least_squares(
         final = final.keep(in_front)
         if (failure := _cannot_be_solved(final)) is not None:
             return failure
-    return BundleFit(camera, final, (*errors, *more))
+    return BundleFit(camera, final, tuple(errors))
 
 
 def _rms_px(problem: BundleProblem, camera: Camera) -> float:

@@ -82,7 +82,7 @@ def adjust_focal(prior: FocalPrior, fit: BundleFit, config: MapConfig) -> Bundle
     BundleFit
         With the adjusted camera; the given fit if no step lowers the error.
     """
-    camera, problem, errors = fit
+    camera, problem, errors, _ = fit
     noise_px = least_squares_noise(problem, problem.residuals(camera), config)
     graph, values = build_graph(camera, problem, noise_px, robust=False, prior=prior)
     error = float(graph.error(values))
@@ -118,4 +118,4 @@ def adjust_focal(prior: FocalPrior, fit: BundleFit, config: MapConfig) -> Bundle
         errors = (*errors, *more)
         if gain < _NEWTON_TOLERANCE * error:
             break
-    return BundleFit(camera, problem, errors)
+    return fit._replace(camera=camera, problem=problem, errors=errors)

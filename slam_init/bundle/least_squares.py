@@ -26,7 +26,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 from slam_init.work import Prices, spend
 
-__all__ = ["minimize", "pose_covariances", "with_lenses"]
+__all__ = ["MapCovariances", "covariances", "minimize", "with_lenses"]
 
 #: Levenberg-Marquardt with the numbers of gtsam: first damping, its factor after a step, its largest value, and the
 #: absolute decrease of the error below which the iterations end.
@@ -148,8 +148,24 @@ def _minimized(
     return replace(problem, world_from_cam=poses, points=points), errors
 
 
-def pose_covariances(problem: BundleProblem, noise_px: float) -> Floats:
-    """Marginal covariances of the poses at the optimum.
+class MapCovariances(NamedTuple):
+    """Marginal covariances of a map: poses (K, 6, 6), points (L, 3, 3), and of the points in the newest view (L, 3, 3).
+
+    Those of the poses are in gtsam's tangent order (rotation, translation), in the camera frame. Those of the points
+    are in the world, and in the frame of the newest camera, whose own error is in them.
+    """
+
+    poses: Floats
+    points: Floats
+    in_newest: Floats
+
+
+def covariances(problem: BundleProblem, noise_px: float) -> MapCovariances:
+    """Marginal covariances at the optimum, in the gauge of the graph, for a held camera.
+
+    A point has what its rays leave open for known poses, and what the errors of the poses add. With the names of
+    :func:`slam_init.bundle.kernel.eliminate_points` and the covariance S of the poses it is
+    ``C^-T (I + Y S Y^T) C^-1``.
 
     Parameters
     ----------
@@ -160,8 +176,7 @@ def pose_covariances(problem: BundleProblem, noise_px: float) -> Floats:
 
     Returns
     -------
-    (K, 6, 6) float
-        In gtsam's tangent order (rotation, translation), in the camera frame.
+    MapCovariances
 
     Raises
     ------
@@ -171,7 +186,8 @@ def pose_covariances(problem: BundleProblem, noise_px: float) -> Floats:
     observed, terms = _by_landmark(problem, noise_px), PoseTerms(problem)
     R, t = _arrays(problem.world_from_cam)
     with single_threaded():
-        information = _equations(observed, terms, R, t, np.ascontiguousarray(problem.points), _NONE).information
+        equations = _equations(observed, terms, R, t, np.ascontiguousarray(problem.points), _NONE)
+        information = equations.information
         # The gauge is stiffer than the landmarks by many orders: in units of its diagonal the matrix is well
         # conditioned.
         units = np.sqrt(np.diag(information))
@@ -183,7 +199,29 @@ def pose_covariances(problem: BundleProblem, noise_px: float) -> Floats:
         raise RuntimeError("the poses are not determined")
     count = len(problem.frames)
     blocks = covariance.reshape(count, 6, count, 6)[np.arange(count), :, np.arange(count)]
-    return np.asarray(0.5 * (blocks + np.swapaxes(blocks, 1, 2)))
+    spend(Prices.MAP_COVARIANCES * len(problem.points) * count**2)
+    C = np.zeros((len(problem.points), 3, 3))
+    C[:, (0, 1, 2, 1, 2, 2), (0, 1, 2, 0, 0, 1)] = equations.roots
+    followed = np.swapaxes(np.linalg.inv(C), 1, 2)
+    by_poses = -followed @ equations.coupling.reshape(-1, 3, 6 * count)
+    of_rays = followed @ np.swapaxes(followed, 1, 2)
+    # A point X is y = R^T (X - t) in a camera: with the tangent (w, v) of its pose, dy = R^T dX - v + y x w.
+    to_camera, y = R[-1].T, (problem.points - t[-1]) @ R[-1]
+    in_newest = to_camera @ by_poses
+    in_newest[:, :, -6:-3] += np.cross(np.eye(3), y[:, None])  # rows of the matrix of y x
+    in_newest[:, :, -3:] -= np.eye(3)
+    return MapCovariances(
+        np.asarray(0.5 * (blocks + np.swapaxes(blocks, 1, 2))),
+        of_rays + _spread(by_poses, covariance),
+        to_camera @ of_rays @ to_camera.T + _spread(in_newest, covariance),
+    )
+
+
+def _spread(J: Floats, covariance: Floats) -> Floats:
+    """Covariances (L, 3, 3) of linear functions (L, 3, X) of unknowns with a covariance (X, X)."""
+    with single_threaded():
+        followed = (J.reshape(-1, J.shape[2]) @ covariance).reshape(J.shape)
+    return np.asarray(np.einsum("lix,ljx->lij", followed, J))
 
 
 def _by_landmark(problem: BundleProblem, noise_px: float) -> _Observations:

@@ -170,11 +170,15 @@ class FocalPrior(NamedTuple):
 
 
 class BundleFit(NamedTuple):
-    """A problem at its optimum for a camera, and the root mean square residual (pixels) after each iteration."""
+    """A problem at its optimum for a camera, and the root mean square residual (pixels) after each iteration.
+
+    ``unknown_depths``: number of landmarks that were left out since their depths are not known.
+    """
 
     camera: Camera
     problem: BundleProblem
     errors: tuple[float, ...]
+    unknown_depths: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,6 +202,12 @@ class BundleSolution:
         The final factor graph and its optimum.
     pose_covariances : (K, 6, 6) float
         In gtsam's tangent order (rotation, translation), in the camera frame.
+    point_covariances, seen_covariances : (L, 3, 3) float
+        Of the landmarks, in the world and in the frame of the newest camera, for a held focal length.
+    depth_sigmas : (L,) float
+        Relative standard deviations of the distances from the newest camera.
+    unknown_depths : int
+        Number of landmarks that were left out, because these deviations are larger than ``max_depth_sigma``.
     camera : Camera
         The camera of this map: the stated one, or the one with the adjusted focal length.
     gauge : str
@@ -217,6 +227,10 @@ class BundleSolution:
     graph: Any
     values: Any
     pose_covariances: Floats
+    point_covariances: Floats
+    seen_covariances: Floats
+    depth_sigmas: Floats
+    unknown_depths: int
     camera: Camera
     gauge: str
     focal_factor: float = 1.0

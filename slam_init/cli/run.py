@@ -54,6 +54,19 @@ def add_run(commands: Commands) -> None:
     decision.add_argument("--config", metavar="FILE", help="options in TOML, as in DIR/config.toml")
     decision.add_argument("--refine-focal", action="store_true", help="adjust the focal length with the map")
     decision.add_argument("--imu", action="store_true", help="use the gyroscope of the source (EuRoC, ROS bags)")
+    decision.add_argument(
+        "--max-depth-sigma",
+        type=float,
+        metavar="S",
+        help="wait until three quarters of the landmarks have depths known to this share of themselves, 0.002 to 0.2 "
+        "(default: 0.2)",
+    )
+    decision.add_argument(
+        "--min-parallax",
+        type=float,
+        metavar="DEG",
+        help="wait until the landmarks have this median parallax (default: no bound)",
+    )
     after = run.add_argument_group("after the map")
     after.add_argument(
         "--continue",
@@ -135,6 +148,9 @@ def _run(arguments: argparse.Namespace) -> int:
         config = replace(config, work_per_frame=None)
     elif arguments.realtime or (live and config.work_per_frame is None):  # without it the file decides
         config = replace(config, work_per_frame=REALTIME_WORK)
+    targets = {"max_depth_sigma": arguments.max_depth_sigma, "min_parallax_deg": arguments.min_parallax}
+    targets = {name: value for name, value in targets.items() if value is not None}
+    config = replace(config, acceptance=replace(config.acceptance, **targets))
     if arguments.refine_focal:
         config = replace(config, map=replace(config.map, refine_focal=True))
     if arguments.live is not None:

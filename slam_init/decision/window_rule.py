@@ -1,4 +1,4 @@
-"""The decision on a frame: one number decides, the risk that the map of the best hypothesis is wrong.
+"""The decision on a frame: by the risk that the map of the best hypothesis is wrong, and by the depths of this map.
 
 quest proposes motions from the pairs that the keyframe manager chooses. From then on the motions live: each further
 frame joins their joint fit, and the risk is stated anew. A map is built for an accepted motion, for both motions of an
@@ -17,6 +17,7 @@ from quest.estimate import NoPose, RelativePose
 from quest.geometry.epipolar import depths_from_pose
 from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.config import Config
+from slam_init.decision.depths import depth_gates
 from slam_init.decision.lens import MAX_FOCAL_SIGMA, WindowLens
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
@@ -196,11 +197,11 @@ class WindowRule:
             return None
         frames = _certain_frames(last.hypotheses, last.risk, last.risk.total)
         bundle, _ = self._agreeing_map(last, frames)
-        built = self._built(bundle, last.hypotheses)
-        if built is None or not isinstance(bundle, BundleSolution):
+        if not isinstance(bundle, BundleSolution):
             return None
-        moved = _moved_frames(bundle, last.hypotheses.motions[0])
-        return ProvisionalMap(built.map, 1.0 if moved else last.risk.total)
+        risk = 1.0 if _moved_frames(bundle, last.hypotheses.motions[0]) else last.risk.total
+        built = self._built(bundle, last.hypotheses, risk)
+        return None if built is None else ProvisionalMap(built.map, risk)
 
     def follow_lens(self) -> bool:
         """Take the lens that the last judgement found, where the stated focal length is no calibration.
@@ -362,7 +363,9 @@ class WindowRule:
         factor = math.exp(state.log_scale)
         return map_of_poses(self.lens.camera, config, table, poses, self._threshold_rad, prior, factor), table
 
-    def _built(self, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses) -> MapWithViews | None:
+    def _built(
+        self, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses, risk: float | None = None
+    ) -> MapWithViews | None:
         if not isinstance(bundle, BundleSolution):
             return None
         spend(Prices.MAP)
@@ -375,12 +378,12 @@ class WindowRule:
             camera = replace(camera, source="estimated", focal_sigma=sigma)
             factor = camera.fx / self.lens.stated.fx
             map_ = replace(map_, focal_factor=factor, focal_factor_sigma=factor * sigma)
-        return replace(built, map=replace(map_, camera=camera))
+        return replace(built, map=replace(map_, camera=camera, risk=risk))
 
     def _usable(
         self, attempt: Attempt, bundle: BundleSolution | BundleFailure, hypotheses: WindowHypotheses
     ) -> Outcome:
-        """Refuse a map that cannot be used, although its motion is right: too few landmarks, or no adjustment."""
+        """Refuse a map that cannot be used, although its motion is right: unknown depths, few landmarks, no map."""
         if not isinstance(bundle, BundleSolution):
             attempt = replace(attempt, map=MapEvidence(failure=bundle.cause))
             return Outcome(refused_at(attempt, Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP))
@@ -392,13 +395,15 @@ class WindowRule:
             self._config.acceptance.min_landmarks,
             Verdict.TOO_FEW_LANDMARKS,
         )
-        attempt = with_gates(attempt, (landmarks,))
-        if not landmarks.passes():
-            return Outcome(refused_by(attempt, Stage.MAP, (landmarks,)))
+        gates = (*depth_gates(bundle, self._config.acceptance), landmarks)
+        attempt = with_gates(attempt, gates)
+        if not all(gate.passes() for gate in gates):
+            return Outcome(refused_by(attempt, Stage.MAP, gates))
         if _moved_frames(bundle, hypotheses.motions[0]):
             attempt = replace(attempt, map=MapEvidence(failure="the adjusted motion differs from that of the window"))
             return Outcome(refused_at(attempt, Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP))
-        return Outcome(replace(attempt, progress=1.0), accepted=self._built(bundle, hypotheses))
+        risk = None if self._last is None else self._last.risk.total
+        return Outcome(replace(attempt, progress=1.0), accepted=self._built(bundle, hypotheses, risk))
 
 
 def _inliers(pair: MatchedPair, pose: Pose, threshold_rad: float) -> Bools:

@@ -64,7 +64,7 @@ def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: st
     -------
     InitialMap
     """
-    problem = bundle.problem
+    problem, newest = bundle.problem, views[-1].through(bundle.camera)
     colors = np.full((len(problem.points), 3), 128, np.uint8)
     for view in views:
         _, at, of = np.intersect1d(problem.track_ids, view.track_ids, return_indices=True)
@@ -82,6 +82,9 @@ def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: st
         observation_pixels=problem.pixels,
         colors=colors,
         pose_covariances=bundle.pose_covariances,
+        point_covariances=bundle.point_covariances,
+        depth_sigmas=bundle.depth_sigmas,
+        open_tracks=newest.at(np.flatnonzero(~np.isin(newest.track_ids, problem.track_ids))),
         gauge=bundle.gauge,
         graph=bundle.graph,
         values=bundle.values,

@@ -148,6 +148,7 @@ class Reduction:
         return replace(
             map_,
             observation_pixels=n * (map_.observation_pixels + 0.5) - 0.5,
+            open_tracks=replace(map_.open_tracks, pixels=n * (map_.open_tracks.pixels + 0.5) - 0.5),
             graph=graph,
             values=values,
             bundle_errors=tuple(n * error for error in map_.bundle_errors),

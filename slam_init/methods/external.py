@@ -162,7 +162,7 @@ class ExternalInitializer:
         if self._result is not None or self.frames_read >= self._limits.max_frames:
             return self.status
         frame = frame_of(image, timestamp_s, self._given[-1].index + 1 if self._given else 0, self.camera)
-        self.recorder.frame(frame, _without_tracks(frame))
+        self.recorder.frame(frame, _without_tracks(frame.index, frame.timestamp_s, frame.name))
         with self.stopwatch("write"):
             self._write(frame)
         self.frames_read += 1
@@ -363,15 +363,13 @@ class ExternalInitializer:
         )
 
 
-def _without_tracks(frame: Frame) -> Observations:
-    return Observations(
-        frame.index, frame.timestamp_s, frame.name, np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 3))
-    )
+def _without_tracks(frame: int, timestamp_s: float, name: str) -> Observations:
+    return Observations(frame, timestamp_s, name, np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 3)))
 
 
 def _map_of(keyframes: Sequence[Keyframe], camera: Camera) -> InitialMap:
     """A map of keyframes without landmarks."""
-    none = np.zeros(0, np.int64)
+    none, newest = np.zeros(0, np.int64), keyframes[-1]
     return InitialMap(
         keyframes=tuple(keyframes),
         points=np.zeros((0, 3)),
@@ -381,6 +379,9 @@ def _map_of(keyframes: Sequence[Keyframe], camera: Camera) -> InitialMap:
         observation_pixels=np.zeros((0, 2)),
         colors=np.zeros((0, 3), np.uint8),
         pose_covariances=np.full((len(keyframes), 6, 6), np.nan),
+        point_covariances=np.zeros((0, 3, 3)),
+        depth_sigmas=np.zeros(0),
+        open_tracks=_without_tracks(newest.frame, newest.timestamp_s, newest.name),
         gauge="that of the external program",
         graph=None,
         values=None,

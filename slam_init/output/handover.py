@@ -1,8 +1,8 @@
 """The map as arrays, for another SLAM system: ``handover.npz``.
 
 The file is read by ``numpy.load(path)`` without pickles, and by every language that reads ``.npy``. K keyframes, L
-points, M observations, F frames that were located after the initialization. Poses are ``world_from_cam``, camera frames
-are optical (x right, y down, z forward), pixel centres are at integers.
+points, M observations, F frames that were located after the initialization, N tracks without a point. Poses are
+``world_from_cam``, camera frames are optical (x right, y down, z forward), pixel centres are at integers.
 
 =============================  ============  ==============================================================
 array                          shape, type   content
@@ -16,6 +16,8 @@ array                          shape, type   content
 ``camera_size``                (2,) int      width, height
 ``camera_parameters``          (P,) float    fx, fy, cx, cy, then the distortion
 ``noise_px``                   float         standard deviation of a coordinate of an observation
+``risk``                       float         probability that the map is wrong; NaN where the method states none
+``depth_sigma``                float         median of ``point_depth_sigmas``; NaN without points
 ``keyframe_frames``            (K,) int      absolute index in the source
 ``keyframe_times``             (K,) float    seconds
 ``keyframe_names``             (K,) str      names of the images
@@ -23,12 +25,17 @@ array                          shape, type   content
 ``keyframe_covariances``       (K, 6, 6)     (rotation, translation) in the camera frame, as in gtsam
 ``point_ids``                  (L,) int      track of the point: ``L(id)`` in ``graph.txt``
 ``points``                     (L, 3) float  in the world: the camera frame of the first keyframe
+``point_covariances``          (L, 3, 3)     of ``points``: the first pose and the longest baseline are held
+``point_depth_sigmas``         (L,) float    relative, of the distances from the newest keyframe
 ``point_colors``               (L, 3) uint8  RGB
 ``point_descriptors``          (L, 32) uint8 ORB, octave 0, oriented; zero where ``point_described`` is false
 ``point_described``            (L,) bool
 ``observation_keyframes``      (M,) int      position among the keyframes
 ``observation_points``         (M,) int      position among the points
 ``observation_pixels``         (M, 2) float  raw pixels
+``track_ids``                  (N,) int      tracks of the newest keyframe that have no point yet
+``track_pixels``               (N, 2) float  raw pixels in the newest keyframe
+``track_bearings``             (N, 3) float  unit rays in its camera frame
 ``located_frames``             (F,) int      absolute index
 ``located_times``              (F,) float    seconds
 ``located_poses``              (F, 4, 4)     world_from_cam
@@ -83,6 +90,8 @@ def handover_arrays(
         "camera_size": np.array([camera.width, camera.height]),
         "camera_parameters": np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion], float),
         "noise_px": np.array(map_.noise_px, float),
+        "risk": np.array(math.nan if map_.risk is None else map_.risk, float),
+        "depth_sigma": np.array(map_.depth_sigma, float),
         "keyframe_frames": _frames(map_.keyframes),
         "keyframe_times": _times(map_.keyframes),
         "keyframe_names": np.array([keyframe.name for keyframe in map_.keyframes], np.str_),
@@ -90,12 +99,17 @@ def handover_arrays(
         "keyframe_covariances": map_.pose_covariances,
         "point_ids": map_.track_ids,
         "points": map_.points,
+        "point_covariances": map_.point_covariances,
+        "point_depth_sigmas": map_.depth_sigmas,
         "point_colors": map_.colors,
         "point_descriptors": orb,
         "point_described": described,
         "observation_keyframes": map_.observation_keyframes,
         "observation_points": map_.observation_landmarks,
         "observation_pixels": map_.observation_pixels,
+        "track_ids": map_.open_tracks.track_ids,
+        "track_pixels": map_.open_tracks.pixels,
+        "track_bearings": map_.open_tracks.bearings,
         "located_frames": _frames(located),
         "located_times": _times(located),
         "located_poses": _matrices(located),

@@ -9,7 +9,6 @@ from pathlib import Path
 from slam_init.errors import plain_line
 from slam_init.output.records import SegmentRecord
 from slam_init.output.summary import Summary
-from slam_init.types.evidence import WindowEvidence
 
 __all__ = ["report_text"]
 
@@ -51,18 +50,13 @@ def _kept_facts(summary: Summary) -> list[tuple[str, str]]:
 
 
 def _risk_facts(summary: Summary) -> list[tuple[str, str]]:
-    """Return the line about the risk of the best map, where a window was judged."""
-    window = _last_window(summary)
+    """Return the line about the risk of the best map, where a window was judged, and the depths of the landmarks."""
+    window = next((attempt.window for attempt in reversed(summary.attempts) if attempt.window is not None), None)
     if window is None:
         return []
     direction = "" if window.direction_sigma_deg is None else f", direction +- {window.direction_sigma_deg:.1f} deg"
-    depths = "" if window.depth_sigma is None else f", depths +- {window.depth_sigma:.0%}"
+    depths = "" if summary.depth_sigma is None else f", depths +- {summary.depth_sigma:.1%}"
     return [("risk", f"{window.risk:.2g} that the map is wrong{direction}{depths}")]
-
-
-def _last_window(summary: Summary) -> WindowEvidence | None:
-    """Return the evidence of the last judged window."""
-    return next((attempt.window for attempt in reversed(summary.attempts) if attempt.window is not None), None)
 
 
 def _map_facts(summary: Summary) -> list[tuple[str, str]]:
@@ -106,8 +100,7 @@ def _scale_facts(summary: Summary) -> list[tuple[str, str]]:
         return []
     if scale is None or sigma is None:
         return [("scale", f"none found from {origin.origin}: {origin.reason}")]
-    window = _last_window(summary)
-    depth_sigma = 0.0 if window is None or window.depth_sigma is None else window.depth_sigma
+    depth_sigma = summary.depth_sigma or 0.0
     # The scale is that of the baselines. A landmark is as uncertain as its own depth.
     points = f"; the depth of a landmark to +- {depth_sigma:.0%}" if depth_sigma > sigma else ""
     known = f"1 unit = {scale:.4g} m +- {sigma:.1%} ({origin.origin}: {origin.evidence})"

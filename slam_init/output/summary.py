@@ -74,6 +74,8 @@ class Summary:
         Number of landmarks; 0 without a map.
     median_parallax_deg : float or None
         Median over the landmarks of the largest angle between two rays of a landmark.
+    depth_sigma : float or None
+        Median over the landmarks of the relative standard deviation of the distance from the newest keyframe.
     reprojection_rmse_px : float or None
         Root mean square of the reprojection errors, in pixels.
     scene : str or None
@@ -120,6 +122,7 @@ class Summary:
     keyframes: tuple[KeyframeRecord, ...]
     landmarks: int
     median_parallax_deg: float | None
+    depth_sigma: float | None
     reprojection_rmse_px: float | None
     scene: str | None
     focal_length: FocalLengthRecord | None
@@ -202,6 +205,7 @@ def summary_of(
         keyframes=() if map_ is None else tuple(KeyframeRecord.of(keyframe) for keyframe in map_.keyframes),
         landmarks=0 if map_ is None else len(map_.points),
         median_parallax_deg=None if map_ is None else _known(map_.median_parallax_deg),
+        depth_sigma=None if map_ is None else _known(map_.depth_sigma),
         reprojection_rmse_px=None if map_ is None else _known(map_.reprojection_rmse_px),
         scene=None if map_ is None else map_.scene,
         focal_length=None if map_ is None else FocalLengthRecord.of(map_),

@@ -34,6 +34,7 @@ _FIGURES = (
     "frames_to_init",
     "landmarks",
     "median_parallax_deg",
+    "depth_sigma",
     "reprojection_rmse_px",
     "scene",
 )

@@ -59,6 +59,8 @@ def in_metres(map_: InitialMap, scale: Scale) -> InitialMap:
         graph=graph,
         values=values,
         pose_covariances=_covariances(map_, factor, scale.sigma),
+        point_covariances=factor**2 * (map_.point_covariances + _of_scale(scale.sigma, map_.points)),
+        depth_sigmas=np.sqrt(np.maximum(map_.depth_sigmas**2 + scale.sigma**2 - _HELD_SIGMA**2, 0.0)),
         gauge=f"first pose fixed; distance from the first camera to the farthest one known to {scale.sigma:.2g} of it",
         scale=scale,
     )
@@ -68,7 +70,7 @@ def _covariances(map_: InitialMap, factor: float, sigma: float) -> Floats:
     """The covariances of the poses in metres: the variance of the held scale is replaced by that of the known one.
 
     Nothing but the range factor knows the scale, so that it is independent of all else. It moves a camera along the
-    line from the first one.
+    line from the first one, and so a landmark.
     """
     unit = np.repeat([1.0, factor], 3)
     covariances = map_.pose_covariances * np.outer(unit, unit)
@@ -76,8 +78,13 @@ def _covariances(map_: InitialMap, factor: float, sigma: float) -> Floats:
     for k, keyframe in enumerate(map_.keyframes):
         pose = keyframe.world_from_cam
         moved = factor * pose.R.T @ (pose.t - first.t)
-        covariances[k, 3:, 3:] += (sigma**2 - _HELD_SIGMA**2) * np.outer(moved, moved)
+        covariances[k, 3:, 3:] += _of_scale(sigma, moved)
     return np.asarray(covariances)
+
+
+def _of_scale(sigma: float, offsets: Floats) -> Floats:
+    """Covariances (..., 3, 3) of offsets (..., 3) from the first camera, by a scale instead of the held one."""
+    return np.asarray((sigma**2 - _HELD_SIGMA**2) * offsets[..., :, None] * offsets[..., None, :])
 
 
 def scaled_keyframes(keyframes: tuple[Keyframe, ...], factor: float) -> tuple[Keyframe, ...]:

@@ -118,7 +118,8 @@ class WindowEvidence:
     direction_sigma_deg, rotation_sigma_deg : float
         Largest standard deviations of the direction of the baseline and of the rotation of the pair.
     depth_sigma : float
-        Median of the relative standard deviations of the depths.
+        Median of the relative standard deviations of the depths of the tracks that the best motion explains. The
+        landmarks of the map have a figure of their own in the summary.
     noise_px : float
         Measured standard deviation of a coordinate of a track.
     field_px : float

@@ -62,10 +62,14 @@ class GateName(StrEnum):
     MOTION_PX = "motion_px", "px"
     ROTATION_PX = "rotation_px", "px"
     # Stage MAP: the probability that the best motion of the window is wrong; the relative standard deviation of a focal
-    # length that is estimated; the number of landmarks of the map.
+    # length that is estimated; the number of landmarks of the map; the share of them whose depths are known; the
+    # standard deviation of the position of the next view, over its baseline; the median parallax of the landmarks.
     RISK = "risk"
     FOCAL_SIGMA = "focal_sigma"
     LANDMARKS = "landmarks"
+    KNOWN_DEPTHS = "known_depths"
+    LOCATED_SIGMA = "located_sigma"
+    PARALLAX_DEG = "parallax_deg", "deg"
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,6 +64,15 @@ class InitialMap(Described, Savable):
     pose_covariances : (K, 6, 6) float
         Marginal covariances of ``world_from_cam`` in gtsam's tangent order (rotation, translation) in the camera
         frame, in the gauge that ``gauge`` names, scaled by the noise estimated from the residuals.
+    point_covariances : (L, 3, 3) float
+        Marginal covariances of ``points`` in the same gauge, for the focal length of ``camera``. They are those of the
+        noise of single tracks: errors that tracks share, as of a lens model, add to them.
+    depth_sigmas : (L,) float
+        Relative standard deviations of the distances of the landmarks from the newest keyframe, whose own error is in
+        them. Tracks with an unknown depth are no landmarks: they are ``open_tracks``.
+    open_tracks : Observations
+        The tracks of the newest keyframe that have no landmark: their depths are unknown, or they disagree with the
+        map. Their bearings are by ``camera``, not corrected for a rolling shutter.
     gauge : str
         The quantities that were held fixed, in words.
     graph, values
@@ -95,6 +105,9 @@ class InitialMap(Described, Savable):
         fixed.
     scale : Scale or None
         The scale that the map was brought to metres with; None for a map in its own unit.
+    risk : float or None
+        Probability that the map is wrong: a rotation off by 5 degrees, or a baseline by 15 degrees. None for the
+        maps of an undecided plane, and for a method that states none.
     """
 
     keyframes: tuple[Keyframe, ...]
@@ -105,6 +118,9 @@ class InitialMap(Described, Savable):
     observation_pixels: Floats
     colors: Image
     pose_covariances: Floats
+    point_covariances: Floats
+    depth_sigmas: Floats
+    open_tracks: Observations
     gauge: str
     graph: Any
     values: Any
@@ -119,6 +135,12 @@ class InitialMap(Described, Savable):
     focal_factor: float = 1.0
     focal_factor_sigma: float | None = None
     scale: Scale | None = None
+    risk: float | None = None
+
+    @property
+    def depth_sigma(self) -> float:
+        """Median of ``depth_sigmas``; NaN without landmarks."""
+        return float(np.median(self.depth_sigmas)) if len(self.depth_sigmas) else math.nan
 
     @property
     def poses(self) -> Floats:
@@ -163,6 +185,7 @@ class InitialMap(Described, Savable):
                 "landmarks",
                 f"{len(self.points)}, {self.scene} scene, median parallax {self.median_parallax_deg:.2f} deg",
             ),
+            *([] if math.isnan(self.depth_sigma) else [("depths", f"+- {self.depth_sigma:.2%} (median)")]),
             ("reprojection", f"{self.reprojection_rmse_px:.2f} px (rms), noise {self.noise_px:.2f} px"),
             *([] if self.scale is None else [("scale", str(self.scale).split("\n")[0])]),
         ]

@@ -112,7 +112,8 @@ class WindowRisk:
     direction_if_rigid : float
         The term of the direction if no track lies on a moving body, and neighbouring tracks share no errors.
     depth_sigma : float
-        Median of the relative standard deviations of the distances from the reference, in units of the pair's baseline.
+        Median of the relative standard deviations of the distances from the reference, in units of the pair's baseline,
+        over the tracks that the best motion explains. The landmarks of a map have figures of their own.
     field_px : float
         Expected standard deviation of the coefficients of the error fields.
     margin : Margin or None
@@ -199,7 +200,9 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     rival = min(1.0, _LOOKS * sum(odds))
     other = other_motion(hypotheses) if rotation <= MERE_ROTATION else OtherMotion()
     total = min(1.0, direction + rival + rotation + other.probability + _FLOOR)
-    depth_sigmas = inverse_distances(expanded).relative_sigmas
+    distances = inverse_distances(expanded)
+    explained = replace(distances, known=distances.known & explained_tracks(hypotheses))
+    depth_sigmas = explained.relative_sigmas
     field_px = expanded.marginal.expected_scale_px(expanded.scale_weights)
     return WindowRisk(
         total=total,

@@ -50,7 +50,8 @@ def test_the_defaults_come_back(tmp_path):
 
 @pytest.mark.parametrize("path", NUMBERS, ids=name)
 def test_every_option_can_be_set_and_comes_back(tmp_path, path):
-    value = 0.5 * NUMBERS[path] if name(path) == "acceptance.max_risk" else 2 * NUMBERS[path] + 1
+    at_most = ("acceptance.max_risk", "acceptance.max_depth_sigma")
+    value = 0.5 * NUMBERS[path] if name(path) in at_most else 2 * NUMBERS[path] + 1
     changed = load_config(written(tmp_path, as_toml(path, value)))
     assert dict(leaves(changed)) == OPTIONS | {path: value}
     assert load_config(written(tmp_path, config_toml(changed))) == changed
@@ -101,8 +102,11 @@ def test_an_unlimited_frame_is_infinite_in_a_file_and_none_in_the_program(tmp_pa
     assert load_config(written(tmp_path, "work_per_frame = 12000")).work_per_frame == 12_000.0
 
 
-@pytest.mark.parametrize("path", [path for path in NUMBERS if path != ("seed",)], ids=name)
-def test_zero_is_refused_for_all_but_the_seed(tmp_path, path):
+MAY_BE_ZERO = (("seed",), ("acceptance", "min_parallax_deg"))
+
+
+@pytest.mark.parametrize("path", [path for path in NUMBERS if path not in MAY_BE_ZERO], ids=name)
+def test_zero_is_refused_for_all_but_the_seed_and_a_bound_that_is_none(tmp_path, path):
     with pytest.raises(ConfigError, match=path[-1]):
         load_config(written(tmp_path, as_toml(path, 0)))
 
@@ -192,6 +196,28 @@ def test_a_risk_that_is_no_probability_is_refused_in_one_line(tmp_path, risk):
 @pytest.mark.parametrize("risk", [1e-9, 0.5, 1.0])
 def test_a_risk_is_a_probability_above_zero(tmp_path, risk):
     assert load_config(written(tmp_path, f"[acceptance]\nmax_risk = {risk}\n")).acceptance.max_risk == risk
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "reason"),
+    [
+        *(("max_depth_sigma", value, "a tracker needs 0.2") for value in (-0.1, 0.0, 0.001, 0.21, float("nan"))),
+        *(("min_parallax_deg", value, "right angle") for value in (-1.0, 90.5, float("nan"))),
+    ],
+)
+def test_a_target_that_no_map_can_use_is_refused_with_its_range_and_the_reason(tmp_path, option, value, reason):
+    with pytest.raises(ConfigError, match=rf"acceptance\.{option} is .*{reason}") as refusal:
+        AcceptanceConfig(**{option: value})
+    assert "\n" not in str(refusal.value)
+    with pytest.raises(ConfigError, match=rf"acceptance\.{option} is"):
+        load_config(written(tmp_path, f"[acceptance]\n{option} = {value}\n"))
+
+
+@pytest.mark.parametrize(("option", "value"), [("max_depth_sigma", 0.05), ("min_parallax_deg", 1.5)])
+def test_a_stricter_target_comes_back(tmp_path, option, value):
+    changed = Config(acceptance=AcceptanceConfig(**{option: value}))
+    assert load_config(written(tmp_path, config_toml(changed))) == changed
+    assert changed.changed() == {f"acceptance.{option}": value}
 
 
 def test_files_that_cannot_be_read(tmp_path):

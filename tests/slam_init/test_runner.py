@@ -109,7 +109,12 @@ def test_the_provenance_holds_the_options_of_the_run(room_run):
     options = room_run.summary.provenance.options
     assert (options["start"], options["max_frames"], options["continue_frames"]) == (0, None, 10)
     assert options["method"] == "quest"
-    assert options["acceptance"] == {"max_risk": 0.005, "min_landmarks": 50}
+    assert options["acceptance"] == {
+        "max_risk": 0.005,
+        "min_landmarks": 50,
+        "max_depth_sigma": 0.2,
+        "min_parallax_deg": 0.0,
+    }
 
 
 def test_the_frames_after_the_initialization_are_located(room_run):

@@ -29,6 +29,7 @@ INITIALIZED = Summary(
     keyframes=(KeyframeRecord(0, 0.0, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),),
     landmarks=431,
     median_parallax_deg=3.21,
+    depth_sigma=0.042,
     reprojection_rmse_px=0.314,
     scene="general",
     focal_length=None,

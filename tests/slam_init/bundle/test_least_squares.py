@@ -11,9 +11,9 @@ from make_map import CAMERAS, make_poses
 from make_scene import CAMERA, cloud, problem
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
-from slam_init.bundle.graph import PoseTerms, build_graph, pose_key, read_problem
+from slam_init.bundle.graph import PoseTerms, build_graph, landmark_key, pose_key, read_problem
 from slam_init.bundle.kernel import eliminate_points, squared_error
-from slam_init.bundle.least_squares import minimize, pose_covariances, with_lenses
+from slam_init.bundle.least_squares import covariances, minimize, with_lenses
 from slam_init.bundle.problem import PosePrior
 from slam_init.types.pose import Pose
 
@@ -49,8 +49,32 @@ def test_the_optimum_and_its_covariances_are_those_of_gtsam(model, prior):
         assert rotation_angle(one.R.T @ other.R) <= 0.01 * sigmas[k, :3].max() + 1e-12
         assert np.linalg.norm(one.t - other.t) <= 0.01 * sigmas[k, 3:].max() + 1e-12
     assert graph.error(values) == pytest.approx(0.5 * len(start.views) * (errors[-1] / 0.5) ** 2, rel=1e-3)
-    found = pose_covariances(theirs, 0.5) / (sigmas[:, :, None] * sigmas[:, None, :])
-    np.testing.assert_allclose(found, expected / (sigmas[:, :, None] * sigmas[:, None, :]), atol=0.01)
+    found = covariances(theirs, 0.5)
+    assert_same_covariances(found.poses, expected)
+    of_points = [marginals.marginalCovariance(landmark_key(track)) for track in start.track_ids.tolist()]
+    assert_same_covariances(found.points, np.array(of_points))
+    newest = max(range(len(start.frames)), key=lambda k: start.frames[k])
+    assert newest == len(start.frames) - 1
+    for track in start.track_ids.tolist()[::20]:
+        at = start.track_ids.tolist().index(track)
+        assert_same_covariances(found.in_newest[at : at + 1], in_camera(marginals, values, start.frames[newest], track))
+
+
+def in_camera(marginals, values, frame, track):
+    """The covariance of a landmark in the frame of a camera, by gtsam's joint covariance and derivatives."""
+    of_pose, of_point = np.zeros((3, 6), order="F"), np.zeros((3, 3), order="F")
+    values.atPose3(pose_key(frame)).transformTo(values.atPoint3(landmark_key(track)), of_pose, of_point)
+    joint = marginals.jointMarginalCovariance([landmark_key(track), pose_key(frame)])
+    keys = (landmark_key(track), pose_key(frame))
+    J = dict(zip(keys, (of_point, of_pose), strict=True))
+    return np.sum([J[a] @ joint.at(a, b) @ J[b].T for a in keys for b in keys], axis=0)[None]
+
+
+def assert_same_covariances(found, expected):
+    """Within a hundredth of the standard deviations."""
+    sigmas = np.sqrt(np.einsum("kii->ki", expected))
+    units = sigmas[:, :, None] * sigmas[:, None, :]
+    np.testing.assert_allclose(found / units, expected / units, atol=0.01)
 
 
 @pytest.mark.parametrize("model", CAMERAS)

@@ -39,6 +39,20 @@ def test_arguments_reach_the_pipeline(world, pipeline, capsys):
     assert capsys.readouterr() == ("", "")
 
 
+def test_the_targets_of_a_map_reach_the_pipeline(world, pipeline):
+    targets = ["--max-depth-sigma", "0.05", "--min-parallax", "1.5"]
+    assert main(["run", IMAGES, *WITH, *targets, "--quiet"]) == 0
+    acceptance = pipeline.calls[0][2].acceptance
+    assert (acceptance.max_depth_sigma, acceptance.min_parallax_deg) == (0.05, 1.5)
+
+
+@pytest.mark.parametrize("target", [["--max-depth-sigma", "0.5"], ["--min-parallax", "91"]])
+def test_a_target_out_of_its_range_is_refused_in_one_line(world, pipeline, capsys, target):
+    assert main(["run", IMAGES, *WITH, *target, "--quiet"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not pipeline.calls
+
+
 def test_the_overview_can_be_left_out(world, pipeline):
     assert main(["run", IMAGES, *WITH, "--no-overview", "--quiet"]) == 0
     assert pipeline.calls[0][3]["overview"] is False

@@ -89,6 +89,9 @@ def test_poses_and_points_stay_and_pixels_and_their_errors_grow():
     assert large.hypotheses[0] is large.map
     assert np.array_equal(large.map.points, small.points) and large.map.keyframes is small.keyframes
     np.testing.assert_allclose(large.map.observation_pixels, 3 * small.observation_pixels + 1)
+    open_pixels = large.map.open_tracks.pixels
+    np.testing.assert_allclose(open_pixels, 3 * small.open_tracks.pixels + 1)
+    np.testing.assert_allclose(large.map.camera.bearings(open_pixels), small.open_tracks.bearings, atol=1e-9)
     assert large.map.reprojection_rmse_px == pytest.approx(3 * small.reprojection_rmse_px)
     assert large.map.noise_px == pytest.approx(3 * small.noise_px)
     assert (large.map.camera.width, large.map.camera.height) == (3 * 640 + 2, 3 * 480 + 1)

@@ -67,6 +67,18 @@ def test_the_reader_of_the_example_gives_what_each_keyframe_sees(tmp_path, capsy
     assert capsys.readouterr().out.count("keyframe") == 4
 
 
+def test_risk_depths_covariances_and_the_tracks_without_a_point_are_handed_over():
+    map_ = replace(make_map(), risk=0.002)
+    data = loaded(map_)
+    assert (float(data["risk"]), float(data["depth_sigma"])) == (0.002, np.median(data["point_depth_sigmas"]))
+    assert data["point_covariances"].shape == (len(map_.points), 3, 3)
+    np.testing.assert_array_equal(data["point_depth_sigmas"], map_.depth_sigmas)
+    assert not np.isin(data["track_ids"], data["point_ids"]).any()
+    rays = map_.camera.bearings(data["track_pixels"])
+    np.testing.assert_allclose(data["track_bearings"], rays, atol=1e-12)
+    assert np.isnan(loaded(make_map())["risk"])
+
+
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"no archive"])
 def test_the_reader_refuses_what_is_no_handover_in_one_line(tmp_path, capsys, content):
     path = tmp_path / "handover.npz"

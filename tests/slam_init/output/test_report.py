@@ -35,12 +35,13 @@ def test_a_map_is_reported_with_its_quality():
     assert lines["results"] == "out/ (look at it: slam-init view out)"
 
 
-def test_the_risk_of_the_last_window_is_reported():
+def test_the_risk_of_the_last_window_is_reported_with_the_depths_of_the_landmarks():
+    """A window has tracks at infinity and outliers, which are no landmarks: their depths are not those of the map."""
     summary = summarize(make_result(make_map()))
     zeros = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
-    window = replace(zeros, risk=0.00321, direction_sigma_deg=3.14, depth_sigma=0.19)
+    window = replace(zeros, risk=0.00321, direction_sigma_deg=3.14, depth_sigma=29321.0)
     summary = replace(summary, attempts=(*summary.attempts[:-1], replace(summary.attempts[-1], window=window)))
-    assert lines_of(summary)[1]["risk"] == "0.0032 that the map is wrong, direction +- 3.1 deg, depths +- 19%"
+    assert lines_of(summary)[1]["risk"] == "0.0032 that the map is wrong, direction +- 3.1 deg, depths +- 2.0%"
 
 
 def test_a_refusal_is_reported_with_its_advice():
@@ -72,11 +73,9 @@ def test_a_static_ground_truth_gives_no_errors_of_direction():
 
 
 def test_a_scale_does_not_hide_that_depths_are_less_certain():
-    summary = summarize(make_result(make_map()))
-    zeros = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
-    attempt = replace(summary.attempts[-1], window=replace(zeros, depth_sigma=0.11))
     origin = ScaleRecord(ScaleOrigin.DISTANCE, "frames 0 and 4", "")
-    summary = replace(summary, attempts=(attempt,), scale=2.0, scale_sigma=0.001, scale_origin=origin)
+    summary = summarize(make_result(make_map()))
+    summary = replace(summary, depth_sigma=0.11, scale=2.0, scale_sigma=0.001, scale_origin=origin)
     assert "+- 0.1% (distance: frames 0 and 4); the depth of a landmark to +- 11%;" in lines_of(summary)[1]["scale"]
     certain = replace(summary, scale_sigma=0.2)
     assert "depth of a landmark" not in lines_of(certain)[1]["scale"]

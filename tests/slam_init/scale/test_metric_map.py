@@ -6,7 +6,7 @@ import pytest
 from make_metric import adjusted_map
 from make_scene import cloud
 
-from slam_init.bundle.graph import pose_key
+from slam_init.bundle.graph import landmark_key, pose_key
 from slam_init.bundle.problem import PosePrior
 from slam_init.errors import SlamInitError
 from slam_init.scale.metric_map import in_metres
@@ -49,6 +49,15 @@ def test_the_range_of_the_graph_is_the_prior_of_the_scale():
 def test_the_covariances_are_those_of_the_graph():
     metric = in_metres(MAP, SCALE)
     np.testing.assert_allclose(metric.pose_covariances, marginals(metric), rtol=1e-3, atol=1e-8)
+    found = gtsam.Marginals(metric.graph, metric.values)
+    of_points = np.array([found.marginalCovariance(landmark_key(track)) for track in metric.track_ids.tolist()])
+    np.testing.assert_allclose(metric.point_covariances, of_points, rtol=0.01, atol=0.01 * of_points.max())
+
+
+def test_a_depth_in_metres_is_as_uncertain_as_the_scale_at_least():
+    metric = in_metres(MAP, SCALE)
+    np.testing.assert_allclose(metric.depth_sigmas**2, MAP.depth_sigmas**2 + 0.03**2, atol=2e-6)
+    assert np.isfinite(in_metres(MAP, Scale(ScaleOrigin.GROUNDTRUTH, 4.0, 0.0)).depth_sigmas).all()
 
 
 def test_priors_of_poses_do_not_tell_the_scale():
