@@ -43,6 +43,7 @@ from slam_init.decision.maps_so_far import MapsSoFar
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.screening import screen
 from slam_init.errors import ConfigError, SlamInitError
+from slam_init.frontend.conventions import check_rays
 from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
 from slam_init.frontend.rolling_shutter import VIDEO_INTERVAL_S, RollingShutter, corrected_pixels
@@ -233,8 +234,9 @@ class Initializer:
         Raises
         ------
         SlamInitError
-            If the shapes of the arrays do not fit together, a bearing is not finite, the matrix is no rotation, or the
-            frame is not later than the last one.
+            If the shapes of the arrays do not fit together, a bearing is not finite or not of length 1, the bearings
+            are not the rays of the pixels (as in other axes than x right, y down, z forward), the matrix is no
+            rotation, or the frame is not later than the last one. The initializer has not changed then.
         """
         if self.map is not None:
             return self.status
@@ -243,6 +245,7 @@ class Initializer:
         if self.camera.focal_sigma is not None:  # their rays are of a lens that is being estimated
             current, revised = current.through(self.camera), [one.through(self.camera) for one in revised]
         self._clock.check_tracks(current)
+        check_rays(self.camera, current)
         turned = None if rotation is None else (checked_rotation(rotation, rotation_sigma_rad), rotation_sigma_rad)
         return self._step(current, revised, turned)
 

@@ -207,7 +207,10 @@ def _trail(products: Floats, motions: Floats) -> float | None:
     lengths = np.linalg.norm(motions, axis=1)
     if not len(lengths) or np.median(lengths) < _LEAST_MOTION_PX:
         return None
-    along = motions / np.maximum(lengths, 1e-9)[:, None]
+    # A track that stands still, as on an overlay, has no trail and no direction.
+    moved = lengths > 0
+    motions, products, lengths = motions[moved], products[moved], lengths[moved]
+    along = motions / lengths[:, None]
     across = np.stack([-along[:, 1], along[:, 0]], axis=1)
     squares = (np.einsum("ni,nij,nj->n", one, products, one) for one in (along, across))
     share = min(float(np.median(np.divide(*squares))), 1.0)

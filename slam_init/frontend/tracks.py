@@ -23,6 +23,7 @@ import numpy as np
 
 from slam_init.config import TrackingConfig
 from slam_init.errors import SlamInitError
+from slam_init.frontend.conventions import check_lengths
 from slam_init.frontend.flow import Drift, Exposure, flow
 from slam_init.frontend.masking import Trackable
 from slam_init.frontend.sift import detect_sift, match_descriptors
@@ -208,6 +209,7 @@ def _check(observations: Observations) -> None:
         raise SlamInitError(f"{name}: track ids must be strictly increasing: sort them, and give each once")
     if not (np.isfinite(observations.bearings).all() and np.isfinite(observations.pixels).all()):
         raise SlamInitError(f"{name}: a pixel or bearing is not finite: leave such tracks out")
+    check_lengths(name, observations.bearings)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,13 +1,29 @@
-"""One thread for the linear algebra of small matrices."""
+"""Linear algebra of small matrices: one thread, and deviations of covariances that are none."""
 
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
 from functools import cache
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-__all__ = ["single_threaded"]
+#: A variance may be negative by this share of the largest one: by the rounding of an inverse whose condition is 1e13.
+_ROUNDING = 1e-3
+
+
+def deviations(variances: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """Standard deviations of the last axis of variances, which rounding may have made a little negative.
+
+    Raises numpy.linalg.LinAlgError where one is NaN or negative by more: the matrix was no covariance, and a
+    deviation of zero would call certain what nothing is known of.
+    """
+    largest = variances.max(axis=-1, keepdims=True, initial=-np.inf)
+    if not ((largest >= 0).all() and (variances >= -_ROUNDING * largest).all()):
+        raise np.linalg.LinAlgError("a covariance is not positive definite")
+    return np.asarray(np.sqrt(np.maximum(variances, 0.0)), np.float64)
 
 
 @cache

@@ -138,6 +138,8 @@ class FieldMarginal:
         FieldMarginal
             With wider covariance, response, shift and coupling.
         """
+        if not (np.diag(self.covariance) > 0).all():
+            raise np.linalg.LinAlgError("a covariance is not positive definite")
         # In units of the standard deviations: those of a view that is hardly seen are larger by many orders.
         units = np.sqrt(np.diag(self.covariance))
         correlation = 0.5 * (self.covariance + self.covariance.T) / np.outer(units, units)

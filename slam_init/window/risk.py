@@ -27,7 +27,7 @@ import numpy as np
 
 from quest.robust.spatial_blocks import regions_of
 from quest.uncertainty.tails import gaussian_tail
-from slam_init.system.linear_algebra import single_threaded
+from slam_init.system.linear_algebra import deviations, single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.comparison import Margin
 from slam_init.window.hypotheses import WindowHypotheses
@@ -252,7 +252,7 @@ def _exceeds(limit_deg: float, sigmas_deg: Floats) -> Floats:
 
 def _largest_sigma_deg(covariance: Floats) -> float:
     """Standard deviation where it is largest, in degrees, of a covariance in rad^2."""
-    return math.degrees(float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0))))
+    return math.degrees(float(deviations(np.linalg.eigvalsh(covariance))[-1]))
 
 
 def _margin(hypotheses: WindowHypotheses, best: FittedMotion, rival: FittedMotion) -> Margin:

@@ -24,6 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from quest.robust.spatial_blocks import regions_of
+from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import JointFit
@@ -367,7 +368,7 @@ def direction_sigmas_deg(expanded: ExpandedFit, view: int = 1) -> Floats:
     _, J = _direction_derivatives(expanded, view)
     shifts, covariances = expanded.marginal.of(J)
     covariances = covariances + shifts[:, :, None] * shifts[:, None, :]
-    sigmas = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances)[:, -1], 0.0))
+    sigmas = deviations(np.linalg.eigvalsh(covariances))[:, -1]
     return np.asarray(np.degrees(np.maximum(sigmas, _scattered_sigma(expanded, J))))
 
 
@@ -416,9 +417,7 @@ def inverse_distances(expanded: ExpandedFit) -> InverseDistances:
     J[:, 3:6] += values[:, None] * state.t[1] / length
     shared = expanded.marginal.variances(J, length * lin.distance_coupling[:, lin.is_field], expanded.scale_weights)
     variances = shared + length**2 * lin.distance_variance
-    return InverseDistances(
-        expanded.tracks.anchor == 0, length * values, np.asarray(np.sqrt(np.maximum(variances, 0.0)))
-    )
+    return InverseDistances(expanded.tracks.anchor == 0, length * values, deviations(variances))
 
 
 def places_of(fit: JointFit) -> Floats:

@@ -154,3 +154,12 @@ def test_the_drift_of_a_tracker_grows_with_the_frames_and_is_zero_for_new_tracks
     new = ~np.isin(seen[-1].track_ids, seen[-2].track_ids)
     assert not seen[-1].drifts[new].any()
     assert seen[-1].step_px > 0
+
+
+def test_a_track_that_stands_still_beside_moving_ones_divides_nothing_by_zero():
+    before, after = image(0, 0), image(6, 0)
+    after[:, :120] = before[:, :120]  # an overlay
+    start = corners(before)
+    with np.errstate(divide="raise", invalid="raise"):
+        found = flow(before, after, start, CONFIG)
+    assert (np.linalg.norm(found.pixels - start, axis=1)[found.kept] == 0).any()

@@ -193,3 +193,10 @@ def test_a_pull_beyond_chance_in_a_direction_that_the_tracks_do_not_tell_is_no_e
     pulled = replace(linearization, gradient=gradient)
     np.testing.assert_allclose(marginalize_fields(pulled).log_evidence, found.log_evidence, atol=0.5)
     assert exact(pulled).log_evidence[-1] > found.log_evidence[-1] + 50
+
+
+def test_a_matrix_that_is_no_covariance_is_a_refusal(linearization):
+    marginal = marginalize_fields(linearization)
+    broken = replace(marginal, covariance=marginal.covariance - 2 * np.diag(np.diag(marginal.covariance)))
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
+        broken.without_chance(np.zeros_like(marginal.covariance))

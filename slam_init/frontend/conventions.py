@@ -1,0 +1,62 @@
+"""Tracks from elsewhere whose rays have other axes than the project's: x right, y down, z forward."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slam_init.errors import SlamInitError
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Observations
+
+#: The correction of a rolling shutter moves rays by the turn of the camera during half of a readout: 200 degrees a
+#: second over 15 ms. Other axes, or another camera, move the typical ray by more, unless all rays are near the axis.
+_LARGEST_MOVE_RAD = np.radians(3.0)
+#: Axes of other systems as factors of (x, y, z), and what they are called.
+_OTHER_AXES = {
+    (1.0, -1.0, -1.0): "those of OpenGL (y up, z backward): multiply y and z by -1",
+    (1.0, -1.0, 1.0): "with y up: multiply y by -1",
+    (-1.0, -1.0, 1.0): "with x left and y up: multiply both by -1",
+    (-1.0, -1.0, -1.0): "the rays from the points to the camera: multiply them by -1",
+    (1.0, 1.0, -1.0): "with z backward: multiply z by -1",
+}
+
+
+#: Rays that were made of unit length in 32 bits are off by some 1e-7. What is off by more was not normalized.
+_UNIT_TOLERANCE = 1e-6
+
+
+def check_lengths(name: str, bearings: Floats) -> None:
+    """Raise SlamInitError where a finite bearing is not of length 1."""
+    # Clipped first: the square of a huge number is not finite.
+    misses = np.abs(np.linalg.norm(np.clip(bearings, -2.0, 2.0), axis=1) - 1)
+    if len(misses) and float(misses.max()) > _UNIT_TOLERANCE:
+        worst = np.array2string(bearings[int(np.argmax(misses))], precision=3)
+        raise SlamInitError(
+            f"{name}: the bearing {worst} has not the length 1: divide rays by their norm, and leave zero ones out"
+        )
+
+
+def check_rays(camera: Camera, current: Observations) -> None:
+    """Raise SlamInitError where the bearings of tracks are not the rays of their pixels; the message names the axes."""
+    bearings = np.asarray(current.bearings, float)
+    if bearings.shape != (len(current.pixels), 3) or not np.isfinite(bearings).all():
+        return  # the history tells what is wrong
+    check_lengths(f"frame {current.frame}", bearings)
+    rays = camera.bearings(np.asarray(current.pixels, float))
+    known = np.isfinite(rays).all(axis=1)
+    if not known.any():
+        return
+    rays, bearings = rays[known], bearings[known]
+
+    def typical_rad(axes: tuple[float, float, float]) -> float:
+        chords = np.linalg.norm(bearings * axes - rays, axis=1)
+        return float(np.median(2 * np.arcsin(np.minimum(0.5 * chords, 1.0))))
+
+    if typical_rad((1.0, 1.0, 1.0)) <= _LARGEST_MOVE_RAD:
+        return
+    name = f"frame {current.frame}"
+    for axes, what in _OTHER_AXES.items():
+        if typical_rad(axes) <= _LARGEST_MOVE_RAD:
+            raise SlamInitError(f"{name}: the bearings are {what} (x right, y down, z forward is expected)")
+    raise SlamInitError(f"{name}: the bearings are not the rays of the pixels: give camera.bearings(pixels)")

@@ -1,0 +1,82 @@
+"""Tracks from elsewhere: rays of other lengths and other axes are refused in one line, and change nothing."""
+
+import numpy as np
+import pytest
+
+from slam_init import Camera, Initializer, Observations, SlamInitError
+
+CAMERA = Camera("pinhole", 640, 480, 500.0, 500.0, 319.5, 239.5)
+
+
+def tracks(frame, axes=(1.0, 1.0, 1.0)):
+    rng = np.random.default_rng(0)
+    points = rng.uniform((-1.0, -0.8, 2.0), (1.0, 0.8, 4.0), (300, 3)) - (0.2 * frame, 0.0, 0.0)
+    pixels = CAMERA.project(points) + 0.3 * np.random.default_rng(frame + 1).normal(size=(300, 2))
+    bearings = CAMERA.bearings(pixels) * axes
+    return Observations(frame, float(frame), "", np.arange(300), pixels, bearings)
+
+
+def with_bearings(observed, change):
+    bearings = observed.bearings.copy()
+    change(bearings)
+    return Observations(
+        observed.frame, observed.timestamp_s, "", observed.track_ids, observed.pixels, bearings
+    )  # fmt: skip
+
+
+def scaled(bearings):
+    bearings[:50] *= 1e200
+
+
+def zero(bearings):
+    bearings[7] = 0.0
+
+
+def long(bearings):
+    bearings *= 2.0
+
+
+@pytest.mark.parametrize("change", [scaled, zero, long])
+def test_a_ray_that_is_not_of_length_one_is_refused_and_the_frame_can_be_given_again(change):
+    bad, good = Initializer(CAMERA), Initializer(CAMERA)
+    bad.process_tracks(tracks(0))
+    good.process_tracks(tracks(0))
+    with pytest.raises(SlamInitError, match="has not the length 1: divide rays by their norm") as told:
+        bad.process_tracks(with_bearings(tracks(1), change))
+    assert "\n" not in str(told.value)
+    for k in (1, 2):
+        bad.process_tracks(tracks(k))
+        good.process_tracks(tracks(k))
+    assert bad.map is not None
+    np.testing.assert_array_equal(bad.map.points, good.map.points)
+
+
+def test_rays_of_32_bits_are_taken():
+    initializer = Initializer(CAMERA)
+    for k in range(3):
+        observed = tracks(k)
+        initializer.process_tracks(with_bearings(observed, lambda rays: rays.__setitem__(..., rays.astype(np.float32))))
+    assert initializer.map is not None
+
+
+@pytest.mark.parametrize(
+    ("axes", "named"),
+    [
+        ((1, -1, -1), "OpenGL"),
+        ((1, -1, 1), "y up"),
+        ((-1, -1, 1), "x left"),
+        ((-1, -1, -1), "from the points to the camera"),
+        ((1, 1, -1), "z backward"),
+    ],
+)
+def test_rays_in_other_axes_are_named(axes, named):
+    with pytest.raises(SlamInitError, match=named):
+        Initializer(CAMERA).process_tracks(tracks(0, axes))
+
+
+def test_rays_of_another_camera_are_told():
+    other = Camera("pinhole", 640, 480, 250.0, 250.0, 319.5, 239.5)
+    observed = tracks(0)
+    wrong = with_bearings(observed, lambda rays: rays.__setitem__(..., other.bearings(observed.pixels)))
+    with pytest.raises(SlamInitError, match=r"give camera\.bearings"):
+        Initializer(CAMERA).process_tracks(wrong)
