@@ -13,7 +13,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Self, TypeVar, get_type_hints
+from typing import Any, Self, TypeVar, get_type_hints
 
 from quest.display import Described
 from slam_init.errors import ConfigError
@@ -46,17 +46,39 @@ MAX_TRACKS_IN_SLICES = 400
 # All options take 4 kB.
 _MAX_BYTES = 200_000
 
-#: Ranges outside of which a number crashes a library, or a run never ends.
-_RANGES: dict[str, tuple[float, float]] = {
-    "tracking.max_tracks": (10, 100_000),
-    "tracking.window_px": (3, 201),
-    "tracking.pyramid_levels": (1, 10),
-    "tracking.sift_features": (10, 100_000),
-    "tracking.sift_frames": (1, 100),
-    "keyframes.window": (1, 1000),
-    "keyframes.retry_gain": (1, 1000),
-    "acceptance.max_risk": (0, 1),
-    "external.max_frames": (2, 100_000),
+#: The range of each number, with the reason: outside of it a library fails, a run never ends, or nothing is left to do.
+RANGES: dict[str, tuple[float, float, str]] = {
+    "seed": (0, 2**63 - 1, "it is stored in 64 bits"),
+    "work_per_frame": (100, 1e9, "a microsecond a frame never ends a judgement"),
+    "tracking.max_tracks": (10, 100_000, "a motion needs some tracks, and time grows with their number"),
+    "tracking.min_distance": (0.0001, 0.2, "a share of the image width; at a fifth 25 corners are left"),
+    "tracking.refill_share": (0.001, 1, "a share"),
+    "tracking.window_px": (3, 201, "the patches have to lie in the image"),
+    "tracking.pyramid_levels": (1, 10, "2^10 px are more than an image"),
+    "tracking.forward_backward_px": (0.001, 1000, "pixels"),
+    "tracking.flow_survival": (0.001, 1, "a share"),
+    "tracking.sift_features": (10, 100_000, "time grows with the square of their number"),
+    "tracking.sift_ratio": (0.01, 1, "a ratio of distances, the smaller one first"),
+    "tracking.sift_frames": (1, 100, "each is matched with a new frame"),
+    "keyframes.window": (1, 1000, "each is previewed with a new frame"),
+    "keyframes.new_overlap": (0.001, 1, "a share"),
+    "keyframes.new_after_frames": (1, 1_000_000, "frames"),
+    "keyframes.min_matches": (6, 100_000, "five matches fix a motion, and one more tests it"),
+    "keyframes.retry_gain": (1, 1000, "a factor that grows"),
+    "two_view.threshold_px": (0.01, 1000, "pixels, below a quarter of an image"),
+    "map.min_resected": (4, 100_000, "three points fix a pose, and one more tests it"),
+    "map.max_depth_sigma": (0.001, 10, "a share of the depth"),
+    "map.outlier_sigmas": (1, 100, "standard deviations: a third of Gaussian errors is beyond one"),
+    "map.noise_px": (0.001, 100, "pixels"),
+    "map.min_noise_px": (0.001, 100, "pixels"),
+    "map.focal_sigma": (0.0001, 1, "a share of the focal length"),
+    "acceptance.max_risk": (1e-9, 1, "a probability"),
+    "acceptance.min_landmarks": (4, 100_000, "three points fix a pose, and one more tests it"),
+    "acceptance.max_depth_sigma": (0.002, 0.2, "a tracker needs 0.2, and the scale of a map is held to 0.001"),
+    "acceptance.min_parallax_deg": (0, 90, "rays that meet at a right angle give the best depth"),
+    "external.time_limit_s": (0.1, 1e6, "eleven days"),
+    "external.memory_limit_mb": (10, 1e9, "a program needs some memory"),
+    "external.max_frames": (2, 100_000, "a pair, and what a disk holds"),
 }
 _RISK_DECIDES = "acceptance.max_risk decides ({max_risk:g} by default)"
 _WINDOW_CHOOSES = "the window chooses its views itself"
@@ -80,8 +102,21 @@ _GONE: dict[str, str] = {
 }
 
 
+_SECTIONS = {
+    "TrackingConfig": "tracking",
+    "KeyframeConfig": "keyframes",
+    "TwoViewConfig": "two_view",
+    "MapConfig": "map",
+    "AcceptanceConfig": "acceptance",
+    "ExternalConfig": "external",
+}
+
+
 class _Section:
-    """A section of the options. It refuses the keywords that were removed."""
+    """A section of the options. It refuses the keywords that were removed, and numbers out of their range."""
+
+    def __post_init__(self) -> None:
+        _check_ranges(self, f"{_SECTIONS[type(self).__name__]}.")
 
     def __new__(cls, *_: object, **options: object) -> Self:
         """Make a section, unless a keyword was removed."""
@@ -185,20 +220,6 @@ class AcceptanceConfig(_Section):
     #: Least median parallax of the landmarks in degrees; no bound by default: ``max_depth_sigma`` knows the noise too.
     min_parallax_deg: float = 0.0
 
-    def __post_init__(self) -> None:
-        if not 0 < self.max_risk <= 1:
-            raise ConfigError(f"acceptance.max_risk is {self.max_risk!r}: it must be above 0 and at most 1")
-        if not 0.002 <= self.max_depth_sigma <= 0.2:
-            raise ConfigError(
-                f"acceptance.max_depth_sigma is {self.max_depth_sigma!r}: it must lie in 0.002 .. 0.2 (a tracker needs "
-                "0.2, and the scale of a map is held to 0.001)"
-            )
-        if not 0 <= self.min_parallax_deg <= 90:
-            raise ConfigError(
-                f"acceptance.min_parallax_deg is {self.min_parallax_deg!r}: it must lie in 0 .. 90 (rays "
-                "that meet at a right angle give the best depth)"
-            )
-
 
 @dataclass(frozen=True)
 class ExternalConfig(_Section):
@@ -253,6 +274,9 @@ class Config(Described):
     map: MapConfig = field(default_factory=MapConfig)
     acceptance: AcceptanceConfig = field(default_factory=AcceptanceConfig)
     external: ExternalConfig = field(default_factory=ExternalConfig)
+
+    def __post_init__(self) -> None:
+        _check_ranges(self, "")
 
     @property
     def tracking_in_use(self) -> TrackingConfig:
@@ -336,6 +360,20 @@ def config_toml(config: Config) -> str:
     return tomli_w.dumps(table)
 
 
+def _check_ranges(options: Any, prefix: str) -> None:
+    """Raise ConfigError where a number of a section is out of its range, or is none."""
+    for item in dataclasses.fields(options):
+        name, value = prefix + item.name, getattr(options, item.name)
+        if name not in RANGES or value is None:
+            continue
+        least, most, reason = RANGES[name]
+        if type(value) is bool or not isinstance(value, int | float):
+            raise ConfigError(f"{name} is {value!r:.40}: give a number from {least:g} to {most:g}")
+        number = float(min(max(value, -1e300), 1e300))  # an integer may be too long for a float, and for a line
+        if not least <= number <= most:
+            raise ConfigError(f"{name} is {number:.10g}: it must lie in {least:g} .. {most:g} ({reason})")
+
+
 def _flat(config: Config) -> dict[str, object]:
     """``section.option`` -> value."""
     flat: dict[str, object] = {}
@@ -379,7 +417,10 @@ def _build(cls: type[_Options], table: Mapping[str, object], where: str, prefix:
             values[key] = _build(wanted, value, where, f"{prefix}{key}.")
         else:
             values[key] = _number_or_text(wanted, value, where, prefix + key)
-    return cls(**values)
+    try:
+        return cls(**values)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
 
 
 def _number_or_text(wanted: object, value: object, where: str, key: str) -> object:
@@ -395,11 +436,4 @@ def _number_or_text(wanted: object, value: object, where: str, key: str) -> obje
         raise ConfigError(f"{where}: {key} must be of type {wanted.__name__}, not {value!r}")
     if wanted is bool:
         return value
-    least, most = _RANGES.get(key, (float("-inf"), float("inf")))
-    if isinstance(value, int | float) and not least <= value <= most:
-        raise ConfigError(f"{where}: {key} is {value!r}: it must lie in {least} .. {most}")
-    # Sizes, counts and thresholds are positive numbers; the seed may be zero, and a bound that is none by default.
-    zero = key in ("seed", "acceptance.min_parallax_deg") and value == 0
-    if isinstance(value, int | float) and not (0 < value < float("inf") or zero):
-        raise ConfigError(f"{where}: {key} is {value!r}: it must be a positive number")
     return value

@@ -123,12 +123,15 @@ def options() -> str:
             "",
             _text(cls.__doc__),
             "",
-            "| key | default | reason |",
-            "| --- | --- | --- |",
+            "| key | default | range | reason |",
+            "| --- | --- | --- | --- |",
         ]
         for item in dataclasses.fields(cls):
             reason = comments.get((cls.__name__, item.name), "")
-            lines.append(f"| `{section.name}.{item.name}` | `{_toml(getattr(value, item.name))}` | {_cell(reason)} |")
+            key = f"{section.name}.{item.name}"
+            low, high, why = config.RANGES.get(key, ("", "", ""))
+            span = f"{low:g} to {high:g}: {why}" if why else ""
+            lines.append(f"| `{key}` | `{_toml(getattr(value, item.name))}` | {_cell(span)} | {_cell(reason)} |")
     return "\n".join(lines) + "\n"
 
 

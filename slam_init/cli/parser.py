@@ -21,6 +21,10 @@ __all__ = ["OUT_HELP", "Parser", "UsageError", "at_least"]
 OUT_HELP = "results: a new or empty folder, or one of an earlier run of this command (default: %(default)s)"
 
 
+#: A longer message repeats what somebody typed, or a whole file.
+_LONGEST = 400
+
+
 class UsageError(SlamInitError):
     """The command line itself is wrong."""
 
@@ -100,6 +104,8 @@ class Parser(argparse.ArgumentParser):
         ------
         UsageError
         """
+        if len(message) > _LONGEST:  # a number of 5,000 digits
+            message = f"{message[: _LONGEST // 2]}...{message[-_LONGEST // 4 :]}"
         raise UsageError(f"{message} (see {self.prog} --help)")
 
 

@@ -1,11 +1,13 @@
 """The configuration: what is written is read back, what is not understood is refused in one line."""
 
 import dataclasses
+import math
 import os
 
 import pytest
 
-from slam_init.config import AcceptanceConfig, Config, MapConfig, config_toml, load_config
+from slam_init.cli.main import main
+from slam_init.config import RANGES, AcceptanceConfig, Config, MapConfig, config_toml, load_config
 from slam_init.errors import ConfigError
 
 
@@ -50,8 +52,9 @@ def test_the_defaults_come_back(tmp_path):
 
 @pytest.mark.parametrize("path", NUMBERS, ids=name)
 def test_every_option_can_be_set_and_comes_back(tmp_path, path):
-    at_most = ("acceptance.max_risk", "acceptance.max_depth_sigma")
-    value = 0.5 * NUMBERS[path] if name(path) in at_most else 2 * NUMBERS[path] + 1
+    value = 2 * NUMBERS[path] + 1
+    if value > RANGES[name(path)][1]:
+        value = 0.9 * NUMBERS[path]
     changed = load_config(written(tmp_path, as_toml(path, value)))
     assert dict(leaves(changed)) == OPTIONS | {path: value}
     assert load_config(written(tmp_path, config_toml(changed))) == changed
@@ -243,3 +246,32 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(ConfigError, match="not a file"):
         load_config(tmp_path / "pipe")
+
+
+def str_or_huge(value):
+    return "huge" if isinstance(value, int) and value > 1e18 else str(value)
+
+
+def test_every_number_has_a_range_with_its_default_in_it():
+    for path, value in leaves(Config()):
+        if type(value) in (int, float):
+            least, most, reason = RANGES[".".join(path)]
+            assert least <= value <= most and reason
+
+
+@pytest.mark.parametrize("key", sorted(RANGES))
+@pytest.mark.parametrize("off", [1e10, -1e9, math.nan, "1", True, 10**5000], ids=str_or_huge)
+def test_a_number_out_of_its_range_is_one_line_with_the_range_and_the_reason(key, off):
+    section, _, name = key.rpartition(".")
+    if key in ("seed", "external.memory_limit_mb", "work_per_frame") and off == 1e10:
+        pytest.skip("in its range")
+    kind = type(getattr(Config(), section)) if section else Config
+    with pytest.raises(ConfigError) as told:
+        kind(**{name: off})
+    assert key in str(told.value) and len(str(told.value)) < 250 and "\n" not in str(told.value)
+
+
+def test_a_seed_of_five_thousand_digits_is_one_short_line(capsys):
+    assert main(["run", "synth:room", "--seed", "9" * 5000]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and len(error) < 600
