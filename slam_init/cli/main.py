@@ -23,7 +23,7 @@ from slam_init.cli.parser import Parser, UsageError
 from slam_init.cli.run import add_run
 from slam_init.cli.synth import add_synth
 from slam_init.cli.view import add_view
-from slam_init.errors import SlamInitError
+from slam_init.errors import SlamInitError, plain_line
 from slam_init.system.process_io import InterruptsNoted, NativeStderrSilenced, complain, fill_closed_streams, tell
 
 __all__ = ["entry_point", "main", "make_parser"]
@@ -67,6 +67,12 @@ def main(argv: Sequence[str] | None = None) -> int:
                 raise
     except SlamInitError as error:
         complain(f"error: {error}")
+        return BAD_INPUT
+    except MemoryError:
+        complain("error: not enough memory: give fewer or smaller images (--every, --max-frames), or close programs")
+        return BAD_INPUT
+    except ImportError as error:  # a broken installation; the modules of users are told where they are loaded
+        complain(f"error: {plain_line(str(error))[:300]}: install slam-init again in a new environment")
         return BAD_INPUT
     except KeyboardInterrupt as interrupt:
         complain(str(interrupt) or "interrupted")

@@ -6,17 +6,21 @@ trials at a time, so memory does not grow with the number of trials.
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from slam_init.compare.backend import Backend
-from slam_init.errors import ConfigError
+from slam_init.errors import ConfigError, SlamInitError
 from slam_init.system.process_guard import end_with_parent
 
 __all__ = ["DASK", "Backend", "open_backend"]
 
 DASK = "dask:"
+
+#: No further file, process, memory or place may be had.
+_NO_MORE = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM, errno.ENOSPC, errno.EROFS, errno.EACCES)
 
 
 @contextmanager
@@ -58,15 +62,24 @@ def open_backend(name: str, jobs: int, sources: Sequence[str] = ()) -> Iterator[
         raise ConfigError(f"unknown backend {name!r}: use loky, sequential or dask:ADDRESS")
 
 
+def _no_processes(error: Exception) -> SlamInitError:
+    return SlamInitError(f"this machine gives no further processes ({error}): use --backend sequential")
+
+
 @contextmanager
 def _loky(jobs: int) -> Iterator[Backend]:
     from loky import ProcessPoolExecutor
 
     # The package has no type annotations. A worker that computes does not notice that its parent is gone.
-    executor = ProcessPoolExecutor(max_workers=jobs, initializer=end_with_parent, initargs=(os.getpid(),))
+    try:
+        executor = ProcessPoolExecutor(max_workers=jobs, initializer=end_with_parent, initargs=(os.getpid(),))
+    except (OSError, ImportError) as error:  # no semaphores: /dev/shm is missing or read-only
+        raise _no_processes(error) from error
     try:
         yield Backend(executor, jobs)
-    except BaseException:
+    except BaseException as error:
         executor.shutdown(wait=False, kill_workers=True)
+        if isinstance(error, OSError) and error.errno in _NO_MORE:
+            raise _no_processes(error) from error
         raise
     executor.shutdown(wait=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future
@@ -27,6 +28,9 @@ _WITHOUT_WORKERS_S, _POLL_S = 60.0, 5.0
 _LARGEST_BATCH = 50
 #: The packages whose versions have to be equal: arguments and answers are pickled.
 _SAME_VERSIONS = ("distributed", "python")
+
+#: HOST:PORT, with a protocol or without; an address of IPv6 is in brackets.
+_ADDRESS = re.compile(r"([a-z]{1,9}://)?(\[[0-9a-fA-F:.]{2,45}\]|[\w.-]{1,255}):\d{1,5}")
 
 _Task = TypeVar("_Task")
 _Answer = TypeVar("_Answer")
@@ -87,6 +91,8 @@ def open_cluster(address: str, sources: Sequence[str] = ()) -> Iterator[Backend]
         If no scheduler answers, if it has no workers, if a version differs, or if a worker lacks the package or a
         source. Later: if the scheduler is lost, or all workers.
     """
+    if not _ADDRESS.fullmatch(address):
+        raise ConfigError(f"{address[:80]!r} is no address of a scheduler: give dask:HOST:PORT or dask:tls://HOST:PORT")
     try:
         distributed: Any = import_module("distributed")  # the package has no type annotations
     except ImportError:

@@ -124,7 +124,7 @@ def _is_colmap(path: Path, database: sqlite3.Connection) -> bool:
     try:
         database.execute("PRAGMA trusted_schema = OFF")
         tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
-    except sqlite3.Error as error:
+    except (sqlite3.Error, ValueError) as error:  # ValueError: a schema that is no UTF-8
         raise SourceError(f"{path}: the database is broken ({error})") from None
     return tables >= _TABLES
 

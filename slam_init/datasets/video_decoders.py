@@ -34,7 +34,8 @@ __all__ = ["Decoder", "VideoHeader", "count_frames", "decoded", "packet_times_s"
 Decoder: TypeAlias = Literal["opencv", "pyav"]
 
 #: How to get the decoder that OpenCV lacks.
-_INSTALL = 'pip install "slam-init[video]", or convert it: ffmpeg -i IN -c:v libx264 OUT.mp4'
+_CONVERT = "convert it: ffmpeg -i IN -c:v libx264 OUT.mp4"
+_INSTALL = f'pip install "slam-init[video]", or {_CONVERT}'
 
 
 @dataclass(frozen=True)
@@ -247,6 +248,8 @@ def _pyav_header(path: Path, codec: str) -> VideoHeader:
         raise SourceError(f"{path}: {cause}") from None
     try:
         with _pyav_opened(path) as (container, stream):
+            if stream.codec_context is None:
+                raise SourceError(f"{path}: no installed decoder knows the codec of the video: {_CONVERT}")
             _check_pixels(path, stream.codec_context.width, stream.codec_context.height)
             first = next(container.decode(stream), None)
             if first is None:
@@ -275,7 +278,7 @@ def _starts_interlaced(path: Path) -> bool:
         with _pyav_opened(path) as (container, stream):
             first = next(container.decode(stream), None)
             return first is not None and first.interlaced_frame
-    except (av.error.FFmpegError, ValueError):
+    except (av.error.FFmpegError, ValueError, AttributeError):  # AttributeError: a stream without a decoder
         return False
 
 

@@ -25,6 +25,8 @@ is the last file that is put, so a folder with a summary is complete.
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from pathlib import Path
@@ -39,12 +41,26 @@ from slam_init.output.handover import handover_bytes
 from slam_init.output.names import COLMAP_FILES, MAX_SEGMENTS, OVERVIEW, RECORDING, run_files, segment_folder
 from slam_init.output.nerfstudio import transforms_text
 from slam_init.output.summary import Summary, summary_text
+from slam_init.system.regular_file import read_regular
 from slam_init.types.arrays import Bools, Image
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.result import Result
 
 __all__ = ["load_graph", "ply_bytes", "publish_results", "tum_text", "write_results"]
 
+#: A map of 100,000 observations takes 20 MB.
+_MAX_ARCHIVE_BYTES = 500_000_000
+#: Bounds of the process that tries an archive: a sound one of the largest size takes a tenth of them.
+_CHILD_S, _CHILD_BYTES = 120, 16_000_000_000
+_READ_BY_CHILD = """
+import resource, sys
+import gtsam
+resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2)
+resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+graph, values = sys.stdin.read().split("\\0")
+gtsam.NonlinearFactorGraph().deserialize(graph)
+gtsam.Values().deserialize(values)
+"""
 _SUMMARY, _GRAPH, _VALUES = "summary.json", "graph.txt", "values.txt"
 
 
@@ -196,17 +212,32 @@ def load_graph(out: str | os.PathLike[str]) -> tuple[Any, Any]:
     import gtsam
 
     out = Path(out)
-    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    try:
-        graph.deserialize((out / _GRAPH).read_text())
-        values.deserialize((out / _VALUES).read_text())
-    except OSError as error:
+    if not (out / _GRAPH).exists():
         if (out / segment_folder(1)).is_dir():
-            raise SourceError(f"{out} has a graph for each map: give {out / segment_folder(1)}") from error
-        raise SourceError(f"no graph in {out}: give the --out folder of a run that initialized") from error
-    except RuntimeError as error:  # gtsam cannot parse the archive
-        raise SourceError(f"the graph in {out} is damaged: run again") from error
+            raise SourceError(f"{out} has a graph for each map: give {out / segment_folder(1)}")
+        raise SourceError(f"no graph in {out}: give the --out folder of a run that initialized")
+    texts = [_archive(out / name) for name in (_GRAPH, _VALUES)]
+    # gtsam believes each count and class of an archive: damaged ones end the process. So a child reads it first.
+    command = [sys.executable, "-c", _READ_BY_CHILD, str(_CHILD_BYTES)]
+    try:
+        child = subprocess.run(command, input="\0".join(texts).encode(), capture_output=True, timeout=_CHILD_S)
+        sound = child.returncode == 0
+    except subprocess.TimeoutExpired:
+        sound = False
+    if not sound:
+        raise SourceError(f"the graph in {out} is damaged: run again")
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph.deserialize(texts[0])
+    values.deserialize(texts[1])
     return graph, values
+
+
+def _archive(path: Path) -> str:
+    """The text of an archive of gtsam."""
+    try:
+        return read_regular(path, _MAX_ARCHIVE_BYTES, "a graph of gtsam", SourceError).decode("ascii")
+    except UnicodeDecodeError:
+        raise SourceError(f"the graph in {path.parent} is damaged: run again") from None
 
 
 def tum_text(keyframes: Sequence[Keyframe]) -> str:

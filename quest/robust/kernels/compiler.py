@@ -11,10 +11,13 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-import numba
-from numba.core import serialize
-from numba.core.compiler import CompileResult
-from numba.core.runtime.nrt import rtsys
+try:
+    import numba
+    from numba.core import serialize
+    from numba.core.compiler import CompileResult
+    from numba.core.runtime.nrt import rtsys
+except ValueError as error:  # it reads numbers in the environment: NUMBA_NUM_THREADS=0
+    raise ImportError(f"numba does not start: {error} (look at the variables NUMBA_*)") from error
 
 from quest.robust.kernels import machine_code
 
