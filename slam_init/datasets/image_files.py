@@ -44,10 +44,12 @@ IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".p
 MAX_PIXELS = 2**27
 
 #: Most frames of a sequence: nine hours at 30 Hz.
-MAX_FRAMES = 1_000_000
+MAX_FRAMES = 200_000
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 
+# The size of a JPEG is known after as many bytes: thumbnails, profiles and other segments come before.
+_JPEG_HEADER = 4_000_000
 # Largest file of an image: that of an image of MAX_PIXELS without compression, with four channels of 16 bits.
 _MAX_BYTES = 8 * MAX_PIXELS
 
@@ -205,7 +207,9 @@ def _check_header(name: str, data: bytes) -> None:
     import imagesize
 
     try:
-        width, height = imagesize.get(io.BytesIO(data), exif_rotation=False)
+        # A JPEG may have fill bytes before each marker, which are read one by one. Its size is before its pixels.
+        head = data[:_JPEG_HEADER] if data.startswith(b"\xff\xd8") else data
+        width, height = imagesize.get(io.BytesIO(head), exif_rotation=False)
     except Exception:  # the library raises what its parsers raise, for headers that are broken
         width, height = -1, -1
     if width < 1 or height < 1:

@@ -37,6 +37,12 @@ Row = tuple[str, str]
 _MAX_BYTES = 200_000_000
 
 
+#: Largest coordinate of a true position: the earth has 4e7 m around, and 1e10 holds it in millimetres.
+_FARTHEST = 1e11
+#: Most lines of a table: true poses at 100 Hz for an hour and a half.
+_MAX_LINES = 600_000
+
+
 def read_rows(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Iterator[Row]:
     """Read the lines of a file, without blank lines and comments.
 
@@ -91,6 +97,8 @@ def read_lines(path: str | os.PathLike[str], root: str | os.PathLike[str] | None
         text = read_regular(path, _MAX_BYTES, "a table of a sequence", SourceError).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise SourceError(f"{path}: not a text file") from None
+    if text.count("\n") > _MAX_LINES:
+        raise SourceError(f"{path}: has more than {_MAX_LINES} lines: split the sequence")
     for number, line in enumerate(text.splitlines(), start=1):
         yield f"{path}:{number}", line.strip()
 
@@ -172,7 +180,7 @@ def pose_from_quaternion(row: Row, t: list[float], q_wxyz: list[float]) -> Pose:
     # Files print 4 to 9 digits. A norm further from 1 means that the columns hold something else.
     if abs(math.hypot(*q_wxyz) - 1) > 0.01:
         raise SourceError(f"{row[0]}: quaternion {q_wxyz} is not of unit norm")
-    return Pose.from_quaternion(np.array(q_wxyz), np.array(t))
+    return Pose.from_quaternion(np.array(q_wxyz), _position(row[0], np.array(t)))
 
 
 def pose_from_matrix(place: str, matrix: Floats) -> Pose:
@@ -197,7 +205,14 @@ def pose_from_matrix(place: str, matrix: Floats) -> Pose:
     # The first condition holds back numbers whose squares overflow.
     if not ((np.abs(R) < 2).all() and np.allclose(R @ R.T, np.eye(3), atol=0.01) and np.linalg.det(R) > 0):
         raise SourceError(f"{place}: the 3x3 part of the pose is not a rotation")
-    return Pose.from_quaternion(quaternion_from_matrix(R), matrix[:3, 3])
+    return Pose.from_quaternion(quaternion_from_matrix(R), _position(place, matrix[:3, 3]))
+
+
+def _position(place: str, t: Floats) -> Floats:
+    """A position of the ground truth, which is checked: squares of huge numbers are not finite."""
+    if not (np.abs(t) <= _FARTHEST).all():
+        raise SourceError(f"{place}: the position {t.tolist()} is no place on earth: give metres")
+    return t
 
 
 def read_tum_trajectory(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Trajectory | None:

@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.datasets.image_files import ImageFileSource, read_image, stored_camera
+from slam_init.datasets.image_files import MAX_FRAMES, ImageFileSource, read_image, stored_camera
 from slam_init.datasets.stamps import image_times, stamp_of, truth_on_clock
 from slam_init.datasets.text import numbers, read_rows, read_tum_trajectory
 from slam_init.errors import CalibrationError, SourceError
@@ -144,6 +144,8 @@ def _read_index(folder: Path) -> tuple[tuple[Path, ...], list[float], list[str]]
             raise SourceError(f"{place}: expected a timestamp and a file name, found {text[:60]!r}")
         paths.append(folder / fields[1])
         places.append(place)
+        if len(paths) > MAX_FRAMES:
+            raise SourceError(f"{index}: lists more than {MAX_FRAMES} images: split the sequence")
     if not paths:
         raise SourceError(f"{index}: lists no image")
     return tuple(paths), stamps, places

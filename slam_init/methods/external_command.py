@@ -24,7 +24,8 @@ COMMAND = "command:"
 PLACEHOLDERS = ("images", "times", "camera", "out", "count")
 #: Without these two a program can neither read frames nor return a trajectory.
 _NEEDED = ("images", "out")
-_NAMED = re.compile(r"([A-Za-z0-9_.+-]{1,40})=command:")
+_NAMED = re.compile(r"([^\s=:]+)=command:")
+_NAME = re.compile(r"[A-Za-z0-9_.+-]{1,40}")
 #: Programs that run a script: the script names the method.
 _INTERPRETERS = re.compile(
     r"(python|pypy|ruby|perl|node|bash|sh|dash|zsh|env|julia|Rscript|java|docker|pixi|uv|run)[\d.]*"
@@ -119,6 +120,9 @@ def parse_external(method: str) -> ExternalCommand:
         If the text cannot be split, lacks ``{images}`` or ``{out}``, or names a program that is not found.
     """
     command = _split(method)
+    if not method.startswith(COMMAND) and not _NAME.fullmatch(command.label):
+        shown = command.label[:60]
+        raise ConfigError(f"the name {shown!r} of a method: give at most 40 letters, digits and any of _.+-")
     missing = [f"{{{name}}}" for name in _NEEDED if not any(f"{{{name}}}" in word for word in command.words)]
     if missing:
         raise ConfigError(f"the method {method!r} lacks {' and '.join(missing)}: give {_usage()}")

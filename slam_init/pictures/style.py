@@ -83,25 +83,26 @@ def canvas(width_px: int, height_px: int) -> Iterator[Figure]:
     import logging
     import warnings
 
-    import matplotlib
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
+    # Without a home matplotlib tells at length where its cache is; and of each letter that its fonts lack.
     log = logging.getLogger("matplotlib")
     level = log.level
-    with matplotlib.rc_context(), warnings.catch_warnings():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update({"font.family": ["DejaVu Sans"], "axes.titlesize": 10, "font.size": 10})
-        # A name may have letters that the font lacks: they are drawn as boxes.
-        warnings.filterwarnings("ignore", message=".*[Gg]lyph.*")
-        log.setLevel(logging.ERROR)
-        try:
+    log.setLevel(logging.ERROR)
+    try:
+        import matplotlib
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        with matplotlib.rc_context(), warnings.catch_warnings():
+            matplotlib.rcdefaults()
+            matplotlib.rcParams.update({"font.family": ["DejaVu Sans"], "axes.titlesize": 10, "font.size": 10})
+            # A name may have letters that the font lacks: they are drawn as boxes.
+            warnings.filterwarnings("ignore", message=".*[Gg]lyph.*")
             figure = Figure(figsize=(width_px / DOTS_PER_INCH, height_px / DOTS_PER_INCH), dpi=DOTS_PER_INCH)
             FigureCanvasAgg(figure)
             figure.set_facecolor(PAPER)
             yield figure
-        finally:
-            log.setLevel(level)
+    finally:
+        log.setLevel(level)
 
 
 def png_of(figure: Figure) -> bytes:

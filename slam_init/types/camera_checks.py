@@ -15,6 +15,8 @@ _FOCAL_RANGE = (0.01, 1000.0)
 _MAX_OFFSET = 10.0
 # Largest ratio of fx and fy. Anamorphic lenses have 2; a larger ratio is a wrong decimal point.
 _MAX_ASPECT = 5.0
+# Shortest side of an image: two patches of a tracker.
+_MIN_SIDE = 16
 # Longest side of an image in pixels: a million is more than any decoder takes.
 _MAX_SIDE = 1_000_000
 
@@ -41,8 +43,8 @@ def check_intrinsics(width: int, height: int, fx: float, fy: float, cx: float, c
     for name, value in (("cx", cx), ("cy", cy)):
         if not math.isfinite(value):
             raise CalibrationError(f"principal point {name} is {value!r}: it must be a finite number of pixels")
-    if width <= 0 or height <= 0:
-        raise CalibrationError(f"image size {width}x{height}: both sides must be positive")
+    if min(width, height) < _MIN_SIDE:
+        raise CalibrationError(f"image size {width}x{height}: both sides must have at least {_MIN_SIDE} pixels")
     side = max(width, height)
     if side > _MAX_SIDE:
         raise CalibrationError(f"the image size has more than {_MAX_SIDE} pixels a side: give that of the images")

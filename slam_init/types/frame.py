@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from slam_init.errors import SlamInitError
 from slam_init.types.arrays import Floats, Image, Ints
 from slam_init.types.pose import Trajectory
 
@@ -41,6 +42,11 @@ class Frame:
     name: str
     image: Image
     mask: Image | None = None
+
+    def __post_init__(self) -> None:
+        # numpy's integers as well; a number that is none has no index.
+        if not (isinstance(self.index, int | np.integer) and not isinstance(self.index, bool) and self.index >= 0):
+            raise SlamInitError(f"the index of a frame is {self.index!r:.60}: give an integer from 0 on")
 
     @cached_property
     def gray(self) -> Image:

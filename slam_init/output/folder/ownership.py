@@ -55,6 +55,8 @@ def chosen_folder(
         if out.exists() and not out.is_dir():
             raise OutputError(f"--out {out} is a file: give a folder")
         existing = next(parent for parent in (out, *out.resolve().parents) if parent.exists())
+    except UnicodeEncodeError:
+        raise OutputError(f"--out {str(out)!r}: bytes that are no UTF-8 cannot name a recording: rename it") from None
     except (OSError, RuntimeError, ValueError) as error:  # RuntimeError: links in a circle
         raise OutputError(f"--out {str(out)!r} cannot be used ({error})") from None
     if not existing.is_dir():

@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import subprocess
 import sys
 
 import pytest
@@ -269,3 +270,32 @@ def test_what_decoders_print_is_silenced_but_not_pythons_stderr(world, pipeline,
     assert capfd.readouterr().err == "a warning for the user\n"
     os.write(2, b"restored\n")
     assert capfd.readouterr().err == "restored\n"
+
+
+@pytest.mark.parametrize("error", [MemoryError(), ImportError("libnothing.so: cannot open shared object file")])
+def test_an_error_of_a_library_is_one_line(error, world, pipeline, capsys):
+    pipeline.raises = error
+    assert main(["run", IMAGES, *WITH]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("slam-init: error: ") and told.count("\n") == 1
+
+
+def test_a_wrong_variable_of_numba_is_one_line(tmp_path):
+    code = "from slam_init.cli import entry_point; entry_point()"
+    words = [sys.executable, "-c", code, "run", "synth:room", "--max-frames", "3"]
+    done = subprocess.run(
+        words, env=os.environ | {"NUMBA_NUM_THREADS": "0"}, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1) and "NUMBA_" in done.stderr
+
+
+def test_a_folder_whose_name_is_no_text_is_one_line(world, capsys):
+    assert main(["run", IMAGES, *WITH, "--out", os.fsdecode(b"o\xff")]) == 2
+    assert "bytes that are no UTF-8" in capsys.readouterr().err
+
+
+def test_a_jpeg_of_fill_bytes_is_refused_quickly(world, capsys):
+    (world / IMAGES / "0.png").rename(world / "kept.png")
+    (world / IMAGES / "0.jpg").write_bytes(b"\xff\xd8" + b"\xff" * 30_000_000)
+    assert main(["run", IMAGES, *WITH]) == 2
+    assert "0.jpg: not a readable image" in capsys.readouterr().err

@@ -9,6 +9,7 @@ from path_types import PATH_TYPES
 from paths import DATA
 
 from slam_init.datasets import open_source
+from slam_init.datasets.text import read_tum_trajectory
 from slam_init.datasets.tum import open_tum
 from slam_init.errors import SourceError
 from slam_init.types.camera import Camera
@@ -125,3 +126,15 @@ def test_real_sequences_open_as_they_are():
         frame = next(source.frames())
         assert frame.gray.shape == (source.camera.height, source.camera.width)
         assert source.groundtruth.at(frame.timestamp_s) is not None
+
+
+def test_a_position_of_the_truth_beyond_the_earth_is_refused(tmp_path):
+    (tmp_path / "groundtruth.txt").write_text("0 0 0 0 0 0 0 1\n1 1e300 0 0 0 0 0 1\n")
+    with pytest.raises(SourceError, match=r"groundtruth.txt:2: the position .* is no place on earth"):
+        read_tum_trajectory(tmp_path / "groundtruth.txt")
+
+
+def test_a_table_of_a_million_lines_is_refused_before_it_is_parsed(tmp_path):
+    (tmp_path / "groundtruth.txt").write_text("0 0 0 0 0 0 0 1\n" * 1_000_000)
+    with pytest.raises(SourceError, match="more than 600000 lines"):
+        read_tum_trajectory(tmp_path / "groundtruth.txt")

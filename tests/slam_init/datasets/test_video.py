@@ -140,3 +140,22 @@ def test_a_black_video_is_told_to_install_only_what_is_missing(tmp_path, monkeyp
     assert len(list(source.frames())) == 70
     (note,) = [note for note in source.notes if "equal in each pixel" in note]
     assert ("pip install" in note) != installed
+
+
+def test_a_stream_without_a_decoder_is_one_line(tmp_path, monkeypatch):
+    pytest.importorskip("av")
+    from contextlib import contextmanager
+    from types import SimpleNamespace
+
+    from slam_init.datasets import video_decoders
+
+    @contextmanager
+    def opened(path):
+        yield None, SimpleNamespace(codec_context=None)
+
+    path = write_mp4(tmp_path / "v.mp4", corner_frames())
+    monkeypatch.setattr(cv2.VideoCapture, "isOpened", lambda _: False, raising=False)
+    monkeypatch.setattr(video_decoders, "_pyav_opened", opened)
+    monkeypatch.setattr(cv2, "VideoCapture", lambda *_: SimpleNamespace(isOpened=lambda: False, release=lambda: None))
+    with pytest.raises(SourceError, match="no installed decoder knows the codec"):
+        open_video(path)

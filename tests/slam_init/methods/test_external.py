@@ -199,3 +199,9 @@ def test_the_shell_wrapper_gives_a_folder_of_tum_and_two_keyframes_are_the_map(t
     assert [keyframe.frame for keyframe in result.map.keyframes] == [1, 2]
     assert result.frames_to_init == 3
     assert os.environ["ORB_SLAM3"]
+
+
+@pytest.mark.parametrize("name", ["a" * 41, "ä", "a/b"])
+def test_the_name_of_an_external_program_has_at_most_40_plain_letters(name):
+    with pytest.raises(ConfigError, match="give at most 40 letters"):
+        parse_external(f"{name}=command:true {{images}} {{out}}")

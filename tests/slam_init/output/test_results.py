@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -187,3 +188,38 @@ def test_a_path_that_is_a_file_is_an_error_and_the_file_is_not_changed(tmp_path,
     assert "\n" not in str(error.value)
     assert "give a folder" in str(error.value)
     assert file.read_text() == "mine"
+
+
+def damaged(data, kind, name):
+    """A graph as its text is damaged."""
+    words, count = data.split(b" "), 8 if name == "graph.txt" else 7
+    if kind == "negative count":
+        return b" ".join([*words[:count], b"-1", *words[count + 1 :]])
+    if kind == "huge count":
+        return b" ".join([*words[:count], b"4294967295", *words[count + 1 :]])
+    if kind == "cut off":
+        return data[: len(data) // 2]
+    return {"bad bytes": b"\xff\xfe" + data, "empty": b"", "no archive": b"hello"}[kind]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["negative count", "huge count", "cut off", "bad bytes", "empty", "no archive"])
+@pytest.mark.parametrize("name", ["graph.txt", "values.txt"])
+def test_a_damaged_graph_is_told_in_one_line_and_ends_no_process(kind, name, tmp_path):
+    make_map().save(tmp_path)
+    (tmp_path / name).write_bytes(damaged((tmp_path / name).read_bytes(), kind, name))
+    with pytest.raises(SourceError) as told:
+        load_graph(tmp_path)
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_a_graph_that_is_no_file_is_not_waited_for(kind, tmp_path):
+    make_map().save(tmp_path)
+    (tmp_path / "graph.txt").unlink()
+    if kind == "pipe":
+        os.mkfifo(tmp_path / "graph.txt")
+    else:
+        (tmp_path / "graph.txt").symlink_to("/dev/zero")
+    with pytest.raises(SourceError):
+        load_graph(tmp_path)

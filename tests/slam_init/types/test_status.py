@@ -8,7 +8,9 @@ from make_map import make_attempts, make_map
 from make_scene import CAMERA
 
 from slam_init.errors import SlamInitError
+from slam_init.initializer import Initializer
 from slam_init.types.evidence import WindowEvidence
+from slam_init.types.frame import Frame
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 from slam_init.types.status import State, Status, frame_of
@@ -78,3 +80,15 @@ def test_an_image_gets_the_next_index_and_a_frame_keeps_its_own():
 def test_an_array_that_is_not_an_image_is_refused_with_the_expected_shape_or_time(image, timestamp_s, message):
     with pytest.raises(SlamInitError, match=message):
         frame_of(image, timestamp_s, 0, CAMERA)
+
+
+@pytest.mark.parametrize("index", [-5, 1.5, None, True, "3"])
+def test_a_frame_has_an_index_from_zero_on(index):
+    with pytest.raises(SlamInitError, match="give an integer from 0 on"):
+        Frame(index, 0.0, "x", np.zeros((48, 64), np.uint8))
+
+
+@pytest.mark.parametrize("size", [(20000, 2), (15, 480), (0, 10)])
+def test_an_image_of_a_few_rows_is_no_image_of_a_camera(size):
+    with pytest.raises(SlamInitError, match="at least 16 pixels"):
+        Initializer(None).process(np.zeros(size[::-1], np.uint8) if min(size) else np.zeros((2, 10), np.uint8))
