@@ -154,13 +154,17 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.refine_focal:
         config = replace(config, map=replace(config.map, refine_focal=True))
     if arguments.live is not None:
-        from slam_init.recording.live_viewer import viewer_url
+        from slam_init.recording.live_viewer import leave_open, viewer_url
 
         arguments.live = viewer_url(arguments.live)
-    if live:
-        summary = _run_live(arguments, config, out)
-    else:
-        summary = _run_on(opened_source(arguments, config.seed), arguments, config, out)
+    try:
+        if live:
+            summary = _run_live(arguments, config, out)
+        else:
+            summary = _run_on(opened_source(arguments, config.seed), arguments, config, out)
+    finally:
+        if arguments.live is not None:
+            leave_open()
     if arguments.json:
         from slam_init.output.summary import summary_text
 

@@ -10,7 +10,6 @@ import os
 import select
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -71,12 +70,15 @@ def run_program(words: Sequence[str], time_limit_s: float, memory_limit_mb: int)
         If no process can be started.
     """
     begin = time.monotonic()
-    launcher = [sys.executable, "-I", "-S", process_guard.__file__, str(os.getpid()), str(memory_limit_mb)]
     try:
         process = subprocess.Popen(
-            [*launcher, *words], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            start_new_session=True, env=_environment(),
-        )  # fmt: skip
+            [*process_guard.launcher(memory_limit_mb), *words],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env=_environment(),
+        )
     except (OSError, ValueError) as error:
         raise SlamInitError(f"{words[0]} cannot be started ({getattr(error, 'strerror', None) or error})") from None
     in_time = False

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import shutil
 import socket
+import subprocess
 import sys
+import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
 from slam_init.errors import OutputError
-from slam_init.recording.rerun_recorder import load_rerun
+from slam_init.system.process_guard import RELEASE, launcher
 
 __all__ = ["SPAWN", "VIEWER_PORT", "viewer_url"]
 
@@ -21,6 +23,11 @@ _SCHEMES = ("rerun+http", "rerun+https", "rerun")
 VIEWER_PORT = 9876
 # A viewer on the same network answers within this time.
 _PATIENCE_S = 3.0
+# A viewer that was started here answers within this time, or its window does not open.
+_START_S = 20.0
+
+#: The viewer that this process has started.
+_viewer: subprocess.Popen[bytes] | None = None
 
 
 def viewer_url(text: str) -> str:
@@ -59,22 +66,38 @@ def viewer_url(text: str) -> str:
 
 def _spawned() -> str:
     if not _answers("127.0.0.1", VIEWER_PORT):
-        load_rerun()
-        import rerun as rr
-
         beside = Path(sys.executable).with_name("rerun")  # where pip puts it, also if the environment is not active
         executable = shutil.which("rerun") or (str(beside) if beside.is_file() else None)
-        try:
-            stream = rr.RecordingStream("slam_init")  # without one, Rerun takes itself for disabled
-            rr.spawn(port=VIEWER_PORT, connect=False, executable_path=executable, recording=stream)
-        except RuntimeError:
-            raise OutputError("--live: the Rerun viewer is not installed: pip install rerun-sdk") from None
-        if not _answers("127.0.0.1", VIEWER_PORT):
+        if executable is None:
+            raise OutputError("--live: the Rerun viewer is not installed: pip install rerun-sdk")
+        global _viewer
+        # As rerun.spawn starts it, under a guard: a run that is killed leaves no viewer with its port.
+        words = [executable, f"--port={VIEWER_PORT}", "--memory-limit=75%", "--expect-data-soon"]
+        silent = subprocess.DEVNULL
+        _viewer = subprocess.Popen(
+            [*launcher(), *words], stdin=silent, stdout=silent, stderr=silent, start_new_session=True
+        )
+        if not _answers_soon(_viewer):
             raise OutputError(
                 "--live: the viewer does not start here, for example without a display: give the address of one that "
                 "runs elsewhere (--live=rerun+http://HOST:9876/proxy), or leave --live out"
             )
     return f"rerun+http://127.0.0.1:{VIEWER_PORT}/proxy"
+
+
+def leave_open() -> None:
+    """Let a viewer that this process has started outlive it: a window that the user looks at."""
+    if _viewer is not None and _viewer.poll() is None:
+        _viewer.send_signal(RELEASE)
+
+
+def _answers_soon(viewer: subprocess.Popen[bytes]) -> bool:
+    end = time.monotonic() + _START_S
+    while viewer.poll() is None and time.monotonic() < end:
+        if _answers("127.0.0.1", VIEWER_PORT):
+            return True
+        time.sleep(0.1)
+    return False
 
 
 def _answers(host: str, port: int) -> bool:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from slam_init.errors import SourceError, ViewerError
+from slam_init.system.process_guard import launcher
 from slam_init.system.regular_file import open_regular
 
 if TYPE_CHECKING:
@@ -227,12 +228,12 @@ def _settled(client: ViewerClient) -> bytes:
 
 @contextmanager
 def _viewer(options: Sequence[str]) -> Iterator[tuple[subprocess.Popen[bytes], BinaryIO]]:
-    """Run the viewer in a process group of its own, and end the group in any case."""
+    """Run the viewer under a guard that ends it with this process, and end it with the ``with`` block."""
     environment = {"RERUN_ANALYTICS": "false", "NO_COLOR": "1"} | dict(os.environ)
     with tempfile.TemporaryFile() as log:
         try:
             process = subprocess.Popen(
-                [sys.executable, "-m", "rerun", *options],
+                [*launcher(), sys.executable, "-m", "rerun", *options],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,

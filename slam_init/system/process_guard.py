@@ -27,6 +27,8 @@ __all__ = ["NOT_STARTED", "end_with_parent", "guarded", "main"]
 #: Interval at which a process asks for its parent.
 _ASK_S = 0.5
 _PR_SET_PDEATHSIG = 1
+#: Sent to a guard, it lets the program outlive the parent.
+RELEASE = signal.SIGUSR1
 #: Exit code if the program cannot be started, as in a shell.
 NOT_STARTED = 127
 
@@ -62,7 +64,15 @@ def guarded(parent: int) -> None:
         end_with_parent(guard)
         return
     os.close(write)
+    released = threading.Event()
+
+    def release(*_: object) -> None:
+        """The parent leaves the program to the user: a window stays open."""
+        released.set()
+        _signal_at_end_of_parent(0)
+
     signal.signal(signal.SIGTERM, _kill_group)
+    signal.signal(RELEASE, release)
     _signal_at_end_of_parent(signal.SIGTERM)
     # The connection and the standard streams are those of the child alone.
     os.closerange(3, read)
@@ -71,11 +81,16 @@ def guarded(parent: int) -> None:
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
             _exit_as(os.waitstatus_to_exitcode(status))
-        if os.getppid() != parent:
+        if os.getppid() != parent and not released.is_set():
             _kill_group()
         readable, _, _ = select.select([read], [], [], _ASK_S)
         if readable:  # the child ends now, or has closed its files
             time.sleep(0.01)
+
+
+def launcher(memory_limit_mb: int = 0) -> list[str]:
+    """The words before those of a program that run it under a guard of this process, in a group of its own."""
+    return [sys.executable, "-I", "-S", __file__, str(os.getpid()), str(memory_limit_mb)]
 
 
 def main(arguments: list[str]) -> None:

@@ -1,13 +1,19 @@
 """Starting the viewer: what it says where it fails, and that no process is left. A stand-in is the viewer."""
 
+import os
+import signal
 import socket
+import subprocess
+import sys
 import urllib.request
 from urllib.parse import urlsplit
 
 import pytest
+from paths import ROOT
 
 from slam_init.errors import SourceError, ViewerError
 from slam_init.recording.viewer import check_recording, screenshots, serve, show
+from tests.benchmarks.attacks.process_tree import MARK, left_over, new_mark
 
 SERVER = """
 import sys, http.server
@@ -60,6 +66,25 @@ def test_a_served_recording_answers_and_its_process_ends_with_the_block(tmp_path
     with socket.socket() as probe:
         probe.settimeout(1)
         assert probe.connect_ex((address.hostname, address.port)) != 0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="finds processes by their environment")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGQUIT])
+def test_a_server_ends_with_the_process_that_was_killed(tmp_path, viewer, number):
+    viewer(SERVER)
+    mark, code = (
+        new_mark(),
+        "import sys, time; from pathlib import Path; from slam_init.recording.viewer import serve\n",
+    )
+    code += "with serve(Path(sys.argv[1])): print('serves', flush=True); time.sleep(100)"
+    words = [sys.executable, "-c", code, str(tmp_path / "a.rrd")]
+    variables = os.environ | {MARK: mark, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+    process = subprocess.Popen(words, env=variables, stdout=subprocess.PIPE)
+    assert process.stdout.readline() == b"serves\n"
+    process.send_signal(number)
+    process.wait(timeout=10)
+    assert left_over(mark, within_s=10) == []
 
 
 def test_only_a_recording_is_opened(tmp_path):
