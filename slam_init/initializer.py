@@ -26,9 +26,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
+from threading import get_ident
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -71,7 +73,8 @@ __all__ = ["Initializer", "load_all"]
 class Initializer:
     """Takes frames until it has a map: images by :meth:`process`, or tracks of your own by :meth:`process_tracks`.
 
-    Initializers share no state, so any number of them can run side by side. The memory of each one is bounded for a
+    Initializers share no state, so any number of them can run side by side. One of them is for one thread at a time: a
+    frame that arrives from another thread while one is processed is refused. The memory of each one is bounded for a
     video of any length: the observations of the last 150 frames and of a window of candidates, the last 1000 attempts,
     and two dozen bytes a frame for statistics.
 
@@ -140,6 +143,7 @@ class Initializer:
         self._last_s: float | None = None
         self._timed = True
         self._masked = 0.0
+        self._thread: int | None = None
         if self.config.work_per_frame is not None:
             load_all()
 
@@ -185,6 +189,17 @@ class Initializer:
         """
         if self.map is not None:
             return self.status
+        with self._alone():
+            return self._process(image, timestamp_s, mask, rotation, rotation_sigma_rad)
+
+    def _process(
+        self,
+        image: Image | Frame,
+        timestamp_s: float | None,
+        mask: Image | None,
+        rotation: Floats | None,
+        rotation_sigma_rad: float,
+    ) -> Status:
         if self._waits_for_size:
             self._settle_camera(image)
         frame = frame_of(image, timestamp_s, self._next_index, self.camera, mask)
@@ -247,7 +262,8 @@ class Initializer:
         self._clock.check_tracks(current)
         check_rays(self.camera, current)
         turned = None if rotation is None else (checked_rotation(rotation, rotation_sigma_rad), rotation_sigma_rad)
-        return self._step(current, revised, turned)
+        with self._alone():
+            return self._step(current, revised, turned)
 
     def _step(
         self,
@@ -352,6 +368,18 @@ class Initializer:
         self.recorder.restarted()
 
     # -- parts of the step of a frame -------------------------------------------------------------
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Refuse a frame while another thread is inside: the history would be that of both."""
+        inside, thread = self._thread, get_ident()
+        if inside is not None and inside != thread:
+            raise SlamInitError("another thread is processing a frame: an Initializer is for one thread at a time")
+        self._thread = thread
+        try:
+            yield
+        finally:
+            self._thread = inside
 
     def _begin(self, camera: Camera) -> None:
         """Make what depends on the camera."""

@@ -1,5 +1,6 @@
 """The camera as people give it: a Camera, a matrix K, or None; anything else is one line."""
 
+import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ from make_scene import CAMERA
 from slam_init import Camera, Config, Initializer, SlamInitError, prior_camera, run
 from slam_init.calibration.choosing import camera_of_size, camera_of_source
 from slam_init.errors import CalibrationError, ConfigError
+from slam_init.recording.recorder import Recorder
 from slam_init.types.frame import Frame, Observations
 
 IMAGE = np.random.default_rng(0).integers(0, 255, (48, 64), dtype=np.uint8)
@@ -90,3 +92,28 @@ def test_a_camera_of_a_matrix_has_this_matrix():
     camera = Camera.from_K(K, (64, 48), (0.1, 0.0, 0.0, 0.0))
     np.testing.assert_array_equal(camera.K, K)
     assert (camera.model, camera.distortion) == ("radtan", (0.1, 0.0, 0.0, 0.0))
+
+
+def test_a_frame_of_another_thread_is_refused_while_one_is_processed():
+    initializer = Initializer(prior_camera((64, 48)))
+    begun, told = threading.Event(), []
+
+    class Waits(Recorder):
+        def frame(self, *_):
+            begun.set()
+            other.join()
+
+    def second():
+        begun.wait()
+        try:
+            initializer.process(IMAGE)
+        except SlamInitError as error:
+            told.append(str(error))
+
+    initializer.recorder, other = Waits(), threading.Thread(target=second)
+    other.start()
+    initializer.process(IMAGE)
+    initializer.recorder = Recorder()
+    initializer.process(IMAGE)
+    assert told == ["another thread is processing a frame: an Initializer is for one thread at a time"]
+    assert initializer.frames_read == 2
