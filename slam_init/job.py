@@ -372,21 +372,25 @@ def _initialize(
     progress: bool,
 ) -> Result:
     """Process frames until there is a map."""
+    from tqdm import tqdm
+
     limits = [limit for limit in (available, max_frames) if limit is not None]
-    for frame in _with_progress(frames, min(limits, default=None), progress):
-        if process(frame) or initializer.frames_read == max_frames:
-            break
+    with tqdm(total=min(limits, default=None), unit="frame", disable=not progress, leave=False) as bar:
+        for frame in frames:
+            status = process(frame)
+            bar.set_description(live_text(status), refresh=False)
+            bar.update()
+            if status or initializer.frames_read == max_frames:
+                break
     return initializer.finish()
 
 
-def _with_progress(frames: Iterator[Frame], total: int | None, show: bool) -> Iterator[Frame]:
-    """Yield the frames, with a progress bar on stderr."""
-    from tqdm import tqdm
-
-    with tqdm(total=total, unit="frame", desc="waiting for parallax", disable=not show, leave=False) as bar:
-        for frame in frames:
-            yield frame
-            bar.update()
+def live_text(status: Status) -> str:
+    """What a person who waits wants to know: why there is no map yet, and how far it is."""
+    if status:
+        return "initialized"
+    waits = "reading" if status.reason is None else str(status.reason).replace("_", " ")
+    return waits if status.risk is None else f"{waits}, risk {status.risk:.2g}"
 
 
 def _continue(

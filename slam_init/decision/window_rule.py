@@ -265,7 +265,7 @@ class WindowRule:
         attempt = replace(
             attempt,
             window=window_evidence(hypotheses, risk, self.lens),
-            inliers=_inliers(pair, hypotheses.motions[0].cam2_from_cam1, self._threshold_rad),
+            inliers=self._inliers(pair, hypotheses.motions[0]),
             moving=np.isin(pair.track_ids, risk.moving_tracks),
         )
         self._last = _Judged(pair, hypotheses, risk, attempt)
@@ -295,6 +295,14 @@ class WindowRule:
         bundle, table = self._agreeing_map(self._last, certain)
         attempt = replace(attempt, frames=table.frames)
         return replace(self._usable(attempt, bundle, hypotheses), margin=risk.margin)
+
+    def _inliers(self, pair: MatchedPair, motion: FittedMotion) -> Bools:
+        """The matches that a motion explains, seen through the lens that was fitted with it."""
+        state = motion.fit.state
+        if self.lens.is_unknown and (state.log_scale or state.k1):
+            camera = self.lens.camera.refocused(state.log_scale, state.k1)
+            pair = replace(pair, rays1=camera.bearings(pair.pixels1), rays2=camera.bearings(pair.pixels2))
+        return _inliers(pair, motion.cam2_from_cam1, self._threshold_rad)
 
     def _with_readout(self, pair: MatchedPair, risk: WindowRisk) -> MatchedPair:
         """Correct the rays of the history for the readout that the window found; return the pair with these rays."""

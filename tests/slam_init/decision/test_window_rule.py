@@ -13,6 +13,7 @@ from make_source import GivenFrames, picked, synth
 from make_summary import summarize
 from make_window import WINDOW_CONFIG, point_source, pose_errors_deg, true_motion
 
+from slam_init.calibration.prior import camera_with_focal
 from slam_init.config import Config
 from slam_init.decision import window_rule
 from slam_init.decision.screening import LEAST_PARALLAX_SHARE
@@ -436,3 +437,15 @@ def test_a_window_whose_equations_have_no_solution_is_refused(monkeypatch):
     assert refused.attempt.map.failure == "the window has no solution: Singular matrix"
     assert frames.judge(3, chosen=False) is None  # its motions are forgotten
     assert frames.judge(4, chosen=True).attempt.window is not None
+
+
+@pytest.mark.slow
+def test_the_inliers_of_an_accepted_pair_are_those_of_its_map_where_the_lens_was_unknown(room):
+    """The pair is shown with the mask of the motion and the lens that were accepted, not of the lens before."""
+    initializer = Initializer(camera_with_focal((640, 480), 1.4 * room.camera.fx, 0.35, "prior"))
+    for frame in room.frames():
+        if initializer.process(frame):
+            break
+    attempt, map_ = initializer.status.attempt, initializer.map
+    assert map_ is not None and map_.camera.source == "estimated"
+    assert attempt.inliers.sum() >= 0.9 * len(map_.points)
