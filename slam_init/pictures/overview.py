@@ -43,6 +43,10 @@ _FRAMES = (0.02, 0.675, 0.96, 0.185)
 _PAIR = (0.02, 0.315, 0.44, 0.315)
 _MAP = (0.48, 0.315, 0.50, 0.315)
 _DECISION = (0.055, 0.055, 0.765, 0.185)
+#: Width of the legend beside the strip of frames.
+_LEGEND = 0.135
+#: Most maps of a run that started anew; each has a row.
+_MOST_SEGMENTS = 4
 #: Most frames in the strip; fewer where images are wide.
 _MOST_FRAMES = 6
 Box = tuple[float, float, float, float]
@@ -70,7 +74,9 @@ def overview_png(result: Result, summary: Summary, story: Story, truth: Trajecto
         _draw_frames(figure, result, summary, story)
         if story.pair is not None:
             draw_pair(figure.add_axes(_PAIR), story.pair, summary.camera.width)
-        if result.map is not None:
+        if len(result.segments) > 1:
+            _draw_segments(figure, result)
+        elif result.map is not None:
             _draw_map(figure, result.map, truth)
         elif len(result.hypotheses) == 2:
             _draw_twins(figure, result)
@@ -102,6 +108,9 @@ def _draw_title(axes: Axes, result: Result, summary: Summary) -> None:
 
 
 def _subtitle(result: Result) -> str:
+    if len(result.segments) > 1:
+        begun = "a new one was begun where the one before was lost"
+        return f"{len(result.segments)} maps: {begun}. Frames, pair and risk are those of the first."
     if result.map is None:
         if result.hypotheses:
             return "Two maps explain the views, and one of them is right. Both are kept until further views decide."
@@ -124,10 +133,11 @@ def _draw_frames(figure: Figure, result: Result, summary: Summary, story: Story)
     left, bottom, width, height = _FRAMES
     camera = summary.camera
     each = height * _HEIGHT_PX / _WIDTH_PX * camera.width / camera.height
-    most = int(np.clip(width / each, 1, _MOST_FRAMES))
+    strip = width - _LEGEND
+    most = int(np.clip(strip / each, 1, _MOST_FRAMES))
     chosen = [story.frames[k] for k in evenly_spaced(len(story.frames), most)] if story.frames else []
     gap = 0.008
-    each = min(each, (width + gap) / max(len(chosen), 1) - gap)
+    each = min(each, (strip + gap) / max(len(chosen), 1) - gap)
     landmarks = None if result.map is None else result.map.track_ids
     for k, shown in enumerate(chosen):
         axes = figure.add_axes((left + k * (each + gap), bottom, each, height))
@@ -136,13 +146,11 @@ def _draw_frames(figure: Figure, result: Result, summary: Summary, story: Story)
     if not chosen:
         write(_blank(figure, _FRAMES), 0.0, 0.6, "no frame was read", 12, FAINT)
         return
-    beside = left + len(chosen) * (each + gap) + 0.008
-    if beside < 0.86:
-        legend = _blank(figure, (beside, bottom, 0.98 - beside, height))
-        words = "yellow: tracks, and how\nthey moved since the\nframe before"
-        if landmarks is not None:
-            words += "\n\ngreen: landmarks of the map"
-        write(legend, 0.0, 0.95, words, 9.5, FAINT)
+    legend = _blank(figure, (left + len(chosen) * (each + gap) + 0.004, bottom, _LEGEND, height))
+    words = "yellow: tracks, and how\nthey moved since the\nframe on the left"
+    if landmarks is not None:
+        words += "\n\ngreen: landmarks of the map"
+    write(legend, 0.0, 0.95, words, 9.5, FAINT)
 
 
 def _draw_map(figure: Figure, map_: InitialMap, truth: Trajectory | None) -> None:
@@ -169,6 +177,29 @@ def _draw_map(figure: Figure, map_: InitialMap, truth: Trajectory | None) -> Non
         frameon=False,
         borderpad=0,
     )
+
+
+def _draw_segments(figure: Figure, result: Result) -> None:
+    """The maps of a run that started anew, a row for each: from above, from the side, and in words."""
+    left, bottom, width, height = _MAP
+    shown = result.segments[:_MOST_SEGMENTS]
+    gap = 0.02
+    each = (height + gap) / len(shown) - gap
+    large = 0.3 * width
+    for k, segment in enumerate(shown):
+        low = bottom + height - (k + 1) * each - k * gap
+        draw_map(figure.add_axes((left, low, large, each)), segment.map, ABOVE, f"map {k + 1} from above")
+        draw_map(figure.add_axes((left + large + 0.01, low, large, each)), segment.map, SIDE, "from the side")
+        frames = segment.map.keyframes
+        facts = [
+            f"frames {frames[0].frame} to {frames[-1].frame}, {len(segment.map.points)} landmarks",
+            f"{len(segment.located)} further frames located",
+            "followed to the end" if segment.lost_at is None else f"lost at frame {segment.lost_at}",
+        ]
+        if k == len(shown) - 1 and len(result.segments) > len(shown):
+            facts.append(f"further maps: {len(result.segments) - len(shown)}")
+        box = _blank(figure, (left + 2 * (large + 0.01), low, width - 2 * (large + 0.01), each))
+        write(box, 0.02, 0.95, "\n".join(facts), 10.5, INK)
 
 
 def _draw_twins(figure: Figure, result: Result) -> None:
@@ -205,7 +236,7 @@ def _draw_reason(axes: Axes, result: Result) -> None:
     said, _, advice = (result.advice or reason.advice).partition(": ")
     write(axes, 0.03, 0.97, wrapped(said[:1].upper() + said[1:], 52, 2), 17, INK)
     lines = wrapped((advice or said)[:1].upper() + (advice or said)[1:], 26, 3)
-    write(axes, 0.03, 0.78, lines, 31, VERDICT_COLORS[reason], "bold")
+    write(axes, 0.03, 0.73, lines, 31, VERDICT_COLORS[reason], "bold")
     facts = [f"frames {one.frames[0]} and {one.frames[1]}: {gate_words(gate)}" for one, gate in _held(result, reason)]
     write(axes, 0.03, 0.12, "\n".join(["what held it last", *facts[:2]]) if facts else "", 11, FAINT)
 

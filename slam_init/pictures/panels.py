@@ -44,6 +44,12 @@ _TERMS = (
 )
 
 
+#: Most attempts of a failure whose risk is drawn with its terms.
+_MOST_WITH_TERMS = 40
+#: Longest track that is drawn from one shown frame to the next, as a share of the width of the image.
+LONGEST_TAIL = 0.15
+
+
 def draw_frame(
     axes: Axes, shown: ShownFrame, before: ShownFrame | None, width: int, landmarks: Bools | None = None
 ) -> None:
@@ -67,7 +73,9 @@ def draw_frame(
     places = _shown(shown.pixels, scale)
     if before is not None:
         _, i, j = np.intersect1d(before.track_ids, shown.track_ids, return_indices=True)
-        tails = np.stack([_shown(before.pixels[i], scale), places[j]], axis=1)
+        # A longer one is no path of a point: descriptors linked the frames, as photographs and after a cut.
+        flowed = np.linalg.norm(shown.pixels[j] - before.pixels[i], axis=1) <= LONGEST_TAIL * width
+        tails = np.stack([_shown(before.pixels[i[flowed]], scale), places[j[flowed]]], axis=1)
         axes.add_collection(LineCollection(list(tails), colors=TRACK, linewidths=0.6, alpha=0.7), autolim=False)
     chosen = np.zeros(len(places), bool) if landmarks is None else landmarks
     for part, color in ((places[~chosen], TRACK), (places[chosen], INLIER)):
@@ -149,7 +157,9 @@ def draw_decision(axes: Axes, attempts: Sequence[Attempt]) -> None:
     first, last = int(frames.min()), int(frames.max())
     axes.set_xlim(first - 0.5, last + 0.5)
     axes.xaxis.set_major_locator(MaxNLocator("auto", integer=True, min_n_ticks=1))
-    _draw_terms(axes, frames, attempts)
+    # The terms explain what was accepted. Over a long wait they are zigzags that hide the risk.
+    if attempts[-1].verdict == Verdict.ACCEPTED or len(attempts) <= _MOST_WITH_TERMS:
+        _draw_terms(axes, frames, attempts)
     _draw_risk(axes, frames, attempts)
     _draw_strip(axes, frames, attempts, lowest, strip_top)
 
@@ -188,8 +198,11 @@ def _draw_strip(axes: Axes, frames: Floats, attempts: Sequence[Attempt], low: fl
     from matplotlib.patches import Patch
 
     seen = [verdict for verdict in Verdict if any(one.verdict == verdict for one in attempts)]
+    steps = np.diff(np.unique(frames))
+    step = float(np.median(steps)) if len(steps) else 1.0  # --every 3 leaves no holes
     for verdict in seen:
-        spans = [(frame - 0.5, 1.0) for frame, one in zip(frames, attempts, strict=True) if one.verdict == verdict]
+        held = [frame for frame, one in zip(frames, attempts, strict=True) if one.verdict == verdict]
+        spans = [(frame - 0.5 * step, step) for frame in held]
         axes.broken_barh(spans, (low, high - low), color=VERDICT_COLORS[verdict], linewidth=0)
     counts = [sum(one.verdict == verdict for one in attempts) for verdict in seen]
     handles = [

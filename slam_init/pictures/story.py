@@ -120,6 +120,11 @@ class StoryRecorder(Recorder):
         self._last: ShownFrame | None = None
         self._pair: MatchedImages | None = None
         self._keyframes: tuple[ShownFrame, ...] = ()
+        self._ended = False
+
+    def restarted(self) -> None:
+        """End the story with its map: what follows belongs to another one."""
+        self._ended = bool(self._keyframes)
 
     def frame(self, frame: Frame, observations: Observations) -> None:
         """Keep the frame, if it is one of those that are evenly spaced.
@@ -144,6 +149,8 @@ class StoryRecorder(Recorder):
         ----------
         attempt : Attempt
         """
+        if self._ended:
+            return
         if not len(attempt.pixels1) or len(attempt.frames) < 2:
             return
         first, second = (self._images.get(index) for index in attempt.frames[:2])

@@ -8,14 +8,17 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
-from make_map import make_map, make_result, make_truth
+from make_map import make_attempts, make_map, make_result, make_truth, make_window_evidence
 from make_summary import summarize
 from report_run import report_run
 
 from slam_init.pictures.overview import overview_png
-from slam_init.pictures.story import Story, StoryRecorder
+from slam_init.pictures.panels import draw_decision, draw_frame
+from slam_init.pictures.story import ShownFrame, Story, StoryRecorder
+from slam_init.pictures.style import canvas
 from slam_init.types.comparison import Margin
 from slam_init.types.reasons import Verdict
+from slam_init.types.result import Segment
 
 
 @pytest.fixture(scope="module")
@@ -64,3 +67,56 @@ def test_a_run_without_a_frame_or_an_attempt_has_a_picture_and_names_are_no_math
     result = replace(make_result(None, Verdict.TOO_FEW_FRAMES), attempts=(), frames_read=0)
     png = draw(result, Story(), name="$x^{ \u202e\udcff 地図\n")
     assert picture(png).shape == (1000, 1600, 3)
+
+
+def drawn(draw_into):
+    """What a panel holds: the labels of its lines, and its collections."""
+    with canvas(800, 400) as figure:
+        axes = figure.add_axes((0.1, 0.1, 0.8, 0.8))
+        draw_into(axes)
+        return [line.get_label() for line in axes.lines], list(axes.collections)
+
+
+def attempts_of(count, every, verdict):
+    window, attempt = make_window_evidence(0.4), make_attempts(make_map())[0]
+    return [replace(attempt, frames=(0, every * (k + 1)), window=window, verdict=verdict) for k in range(count)]
+
+
+@pytest.mark.parametrize(
+    ("count", "verdict", "has_terms"),
+    [(120, Verdict.LOW_PARALLAX, False), (8, Verdict.LOW_PARALLAX, True), (120, Verdict.ACCEPTED, True)],
+)
+def test_a_long_failure_shows_the_risk_alone(count, verdict, has_terms):
+    labels, _ = drawn(lambda axes: draw_decision(axes, attempts_of(count, 1, verdict)))
+    assert any("part of it" in label for label in labels) == has_terms
+    assert "risk" in labels
+
+
+def test_every_third_frame_leaves_no_hole_in_the_strip():
+    _, collections = drawn(lambda axes: draw_decision(axes, attempts_of(6, 3, Verdict.LOW_PARALLAX)))
+    strip = next(one for one in collections if one.get_paths() and len(one.get_paths()) == 6)
+    spans = sorted((path.vertices[:, 0].min(), path.vertices[:, 0].max()) for path in strip.get_paths())
+    assert all(before[1] == pytest.approx(after[0]) for before, after in pairwise(spans))
+
+
+def test_a_link_by_descriptors_draws_no_path():
+    ids, places = np.arange(4), np.array([[100.0, 100.0], [200.0, 100.0], [300.0, 100.0], [400.0, 100.0]])
+    moved = places + np.array([[10.0, 0.0], [20.0, 0.0], [600.0, 0.0], [0.0, 900.0]])
+    before, after = (ShownFrame(k, np.zeros((60, 80), np.uint8), ids, at) for k, at in enumerate((places, moved)))
+    _, (tails,) = drawn(lambda axes: draw_frame(axes, after, before, 1280))
+    assert len(tails.get_segments()) == 2
+
+
+def test_a_run_that_started_anew_has_a_row_for_each_map_and_the_story_of_the_first(story):
+    map_ = make_map()
+    segments = tuple(Segment(map_, 10 * k, 5, lost_at=9 + 10 * k) for k in range(3))
+    shown = picture(draw(replace(make_result(map_), segments=segments), story))
+    dark = np.mean(shown[300:700, 770:1000].max(axis=2) < 60, axis=1) > 0.5
+    assert np.count_nonzero(np.diff(dark.astype(int)) == 1) + int(dark[0]) == 3
+
+    recorder = StoryRecorder()
+    report_run(recorder)
+    pair = recorder.story().pair
+    recorder.restarted()
+    recorder.attempt(make_attempts(map_)[-1])
+    assert recorder.story().pair is pair
