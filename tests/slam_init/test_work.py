@@ -23,7 +23,7 @@ from slam_init.types.stopwatch import Stopwatch
 from slam_init.work import Sliced, seconds, spend
 
 #: Every judgement ends in its first slice.
-PLENTY = 1e12
+PLENTY = 1e9
 
 
 def spending(parts, done):

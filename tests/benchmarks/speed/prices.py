@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from collections.abc import Sequence
@@ -60,7 +59,7 @@ def prices_table(sources: Sequence[tuple[str, Source]], max_frames: int | None =
         for _, source in sources:
             assert source.camera is not None
             # One slice without an end: with as many tracks as in slices.
-            initializer = Initializer(source.camera, Config(work_per_frame=math.inf))
+            initializer = Initializer(source.camera, Config(work_per_frame=1e9))
             for frame in islice(source.frames(), max_frames):
                 done = initializer.process(frame)
                 last.clear()

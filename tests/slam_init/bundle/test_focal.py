@@ -76,8 +76,8 @@ def test_a_held_focal_length_is_not_a_variable():
 def test_a_very_tight_prior_gives_the_result_of_the_held_focal_length(model):
     rng = np.random.default_rng(4)
     noisy = problem(CAMERAS[model], cloud(rng), ROTATING, 0.5, rng)
-    held, adjusted = (adjust(CAMERAS[model], noisy, c) for c in (MAP, replace(FOCAL, focal_sigma=1e-7)))
-    assert adjusted.focal_factor == pytest.approx(1, abs=1e-9)
+    held, adjusted = (adjust(CAMERAS[model], noisy, c) for c in (MAP, replace(FOCAL, focal_sigma=1e-4)))
+    assert adjusted.focal_factor == pytest.approx(1, abs=1e-5)
     np.testing.assert_allclose(adjusted.problem.points, held.problem.points, atol=1e-4)
     np.testing.assert_allclose(adjusted.pose_covariances, held.pose_covariances, rtol=0.02, atol=1e-9)
 
