@@ -25,16 +25,6 @@ from quest.robust.pose_modes import same_mode
 from quest.robust.pose_problem import PoseProblem
 from quest.robust.spatial_blocks import directions_of, scatter_of_sum
 
-__all__ = [
-    "PLANE_LEVEL",
-    "RIVAL_LEVEL",
-    "as_hypothesis",
-    "decides",
-    "equivalent_motions",
-    "explained_by_plane",
-    "has_larger_residuals",
-]
-
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
@@ -62,22 +52,8 @@ def decides(votes_for: int, votes_against: int, total: int, scatter: float | Non
     and 3 % of all matches are required besides: fewer votes may lie in several regions and still come from one repeated
     texture.
 
-    Parameters
-    ----------
-    votes_for : int
-        Number of matches that only the first hypothesis explains.
-    votes_against : int
-        Number of matches that only the second hypothesis explains.
-    total : int
-        Number of all matches.
-    scatter : float, optional
-        Standard deviation of the difference, see :func:`quest.robust.spatial_blocks.scatter_of_sum`; by default that of
-        independent votes.
-
-    Returns
-    -------
-    bool
-        True where the votes decide for the first hypothesis.
+    * ``scatter``: Standard deviation of the difference, see :func:`quest.robust.spatial_blocks.scatter_of_sum`; by
+      default that of independent votes.
     """
     difference = votes_for - votes_against
     deviation = float(np.sqrt(votes_for + votes_against)) if scatter is None else scatter
@@ -97,25 +73,9 @@ def has_larger_residuals(
     The scatter is that of the sum of differences (Vuong 1989), over matches or over regions of the view, so that no
     handful of matches with a common error decides.
 
-    Parameters
-    ----------
-    problem : PoseProblem
-    model, other : (7,) float
-        The two motions (q_wxyz, t).
-    gate_rad : float
-        Residuals are truncated at this angle.
-    noise_rad : float
-        Standard deviation of a bearing.
-    level : (float, float)
-        How much larger, see :data:`RIVAL_LEVEL`.
-
-    Returns
-    -------
-    bool
-
-    References
-    ----------
     Q. H. Vuong, "Likelihood ratio tests for model selection and non-nested hypotheses", Econometrica 57, 1989.
+
+    Shapes: ``model, other`` (7,), ``level`` (float, float).
     """
     least, deviations = level
     r2, behind = problem.residuals(np.stack([model, other]))
@@ -138,23 +98,7 @@ def explained_by_plane(
     the gate as well, so the residuals along the epipolar lines must have the size of the noise: in the median, and in
     their sum, which tells a relief among few matches.
 
-    Parameters
-    ----------
-    problem : PoseProblem
-    plane : PlaneFit
-        The plane that explains most inliers.
-    best : (7,) float
-        The best motion (q_wxyz, t).
-    inliers : int
-        Number of its inliers.
-    gate_rad : float
-        Sampson error above which a match is an outlier.
-    noise_rad : float
-        Standard deviation of a bearing.
-
-    Returns
-    -------
-    bool
+    Shapes: ``best`` (7,).
     """
     chance = inliers + _RELIEF_SIGMAS * np.sqrt(_RELIEF_VARIANCE * inliers)
     return bool(
@@ -176,24 +120,9 @@ def equivalent_motions(
 ) -> list[Hypothesis]:
     """The candidates that explain the matches as well as the best motion.
 
-    Parameters
-    ----------
-    problem : PoseProblem
-    candidates : sequence of (7,) float
-        Other motions (q_wxyz, t).
-    best : (7,) float
-        The best motion (q_wxyz, t).
-    inliers : (N,) bool
-        The matches that the best motion explains.
-    gate_rad : float
-        Sampson error above which a match is not explained.
-    noise_rad : float or None
-        Standard deviation of a bearing; None for the motions of a plane, whose residuals are not compared.
+    Shapes: ``candidates`` (7,), ``best`` (7,), ``inliers`` (N,).
 
-    Returns
-    -------
-    list of Hypothesis
-        Of different modes, the one with most inliers first.
+    * ``noise_rad``: Standard deviation of a bearing; None for the motions of a plane, whose residuals are not compared.
     """
     alternatives: list[Hypothesis] = []
     where = directions_of(problem.m)
@@ -226,17 +155,7 @@ def _has_more_inliers(inliers: Bools, explained: Bools, where: Floats) -> bool:
 def as_hypothesis(model: Floats, inliers: Bools) -> Hypothesis:
     """The motion of a row as a :class:`quest.Hypothesis`.
 
-    Parameters
-    ----------
-    model : (7,) float
-        (q_wxyz, t), unit norm each.
-    inliers : (N,) bool
-        The matches that the motion explains.
-
-    Returns
-    -------
-    Hypothesis
-        With w >= 0.
+    Shapes: ``model`` (7,), ``inliers`` (N,).
     """
     from quest.robust import kernels
 

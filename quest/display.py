@@ -5,8 +5,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from html import escape
 
-__all__ = ["Described"]
-
 
 class Described:
     """Base of objects that ``print`` as a title with a few facts, and that a notebook shows as a small table.

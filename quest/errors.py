@@ -13,8 +13,6 @@ from numbers import Integral, Real
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["InputError", "as_floats", "as_index", "as_positive"]
-
 Floats = NDArray[np.float64]
 
 
@@ -25,23 +23,9 @@ class InputError(ValueError):
 def as_floats(values: ArrayLike, name: str) -> Floats:
     """The values as an array of float64; the argument itself is not changed.
 
-    Parameters
-    ----------
-    values : array_like
-        Booleans, integers, floats of any precision, or objects that are real numbers. Masked arrays without masked
-        entries are arrays.
-    name : str
-        Name of the array in messages.
-
-    Returns
-    -------
-    (...) float
-        Not checked for NaN and infinity. A number too large for a double becomes infinity.
-
-    Raises
-    ------
-    InputError
-        If the values are no array of real numbers: ragged, text, complex, dates, masked.
+    * ``values``: Booleans, integers, floats of any precision, or objects that are real numbers. Masked arrays without
+      masked entries are arrays.
+    * Returns: Not checked for NaN and infinity. A number too large for a double becomes infinity.
     """
     if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
         raise InputError(f"{name} has masked entries: remove those rows")
@@ -58,28 +42,7 @@ def as_floats(values: ArrayLike, name: str) -> Floats:
 
 
 def as_positive(value: object, name: str, meaning: str, *, or_zero: bool = False) -> float:
-    """Check that a value is a positive finite number.
-
-    Parameters
-    ----------
-    value : object
-        The argument.
-    name : str
-        Name of the argument in messages.
-    meaning : str
-        What to give instead, in messages.
-    or_zero : bool
-        Whether zero is allowed too.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    InputError
-        If the value is no such number.
-    """
+    """Check that a value is a positive finite number."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value.item()
     # A bool is an integer in Python; as an argument it is a mistake.
@@ -94,26 +57,7 @@ def as_positive(value: object, name: str, meaning: str, *, or_zero: bool = False
 
 
 def as_index(value: object, name: str, at_least: int) -> int:
-    """Check that a value is a whole number.
-
-    Parameters
-    ----------
-    value : object
-        The argument.
-    name : str
-        Name of the argument in messages.
-    at_least : int
-        Smallest number allowed.
-
-    Returns
-    -------
-    int
-
-    Raises
-    ------
-    InputError
-        If the value is no such number.
-    """
+    """Check that a value is a whole number."""
     if isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= at_least:
         return int(value)
     raise InputError(f"{name} is {value!r:.60}: give a whole number of at least {at_least}")

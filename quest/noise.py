@@ -29,8 +29,6 @@ def refine_with_noise(problem: PoseProblem, model: Floats) -> tuple[Floats, floa
     threshold. Matches of untypical depth do not take part: an outlier that fits a motion by chance lies anywhere on its
     epipolar line, while with little parallax the points of the scene lie within a few pixels of their lines.
 
-    References
-    ----------
     P. J. Rousseeuw and A. M. Leroy, "Robust Regression and Outlier Detection", 1987, section 5.1: the factor for small
     samples.
     """
@@ -77,20 +75,10 @@ def chance_inliers(problem: PoseProblem, model: Floats, gate_rad: float, rng: np
     This is what a wrong motion reaches on these very matches, so that a small share of inliers can be enough, and a
     large one too little. In a shuffle no match keeps its partner: one that did would be no random match.
 
-    Parameters
-    ----------
-    problem : PoseProblem
-    model : (7,) float
-        The motion (q_wxyz, t).
-    gate_rad : float
-        Sampson error above which a match is not explained.
-    rng : numpy.random.Generator
+    Shapes: ``model`` (7,).
 
-    Returns
-    -------
-    float
-        The mean over at least one shuffle, and over three where there are at most 1000 matches. Half a match counts
-        where none is explained: a mean of zero would say that chance explains nothing.
+    * Returns: The mean over at least one shuffle, and over three where there are at most 1000 matches. Half a match
+      counts where none is explained: a mean of zero would say that chance explains nothing.
     """
     from quest.robust import kernels
 

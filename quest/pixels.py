@@ -14,8 +14,6 @@ from quest.errors import InputError, as_floats, as_positive
 from quest.estimate import estimate_relative_pose
 from quest.relative_pose import NoPose, RelativePose
 
-__all__ = ["estimate_relative_pose_px"]
-
 Floats = NDArray[np.float64]
 
 

@@ -20,40 +20,26 @@ from quest.solvers.quest6_fast import quest6_fast
 from quest.solvers.quest7 import quest7
 from quest.solvers.questn import questn
 
-__all__ = ["SOLVERS", "Solver"]
-
 
 @dataclass(frozen=True)
 class Solver:
-    """A solver of the relative rotation.
+    """A solver of the relative rotation."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the solver in tables.
-    function : callable
-        ``function(m, n)``, see the module docstring.
-    sample_size : int
-        The smallest number of matches.
-    takes_more : bool
-        Whether a sample may hold more matches than that.
-    most_candidates : int
-        Largest number of candidates of a sample.
-    handles_planes : bool
-        Whether points on a plane are solved exactly.
-    handles_depth : bool
-        Whether points that lie on no plane are solved exactly.
-    citation : str
-        Source of the method.
-    """
-
+    #: Name of the solver in tables.
     name: str
+    #: ``function(m, n)``, see the module docstring.
     function: Callable[..., NDArray[np.float64]]
+    #: The smallest number of matches.
     sample_size: int
+    #: Whether a sample may hold more matches than that.
     takes_more: bool
+    #: Largest number of candidates of a sample.
     most_candidates: int
+    #: Whether points on a plane are solved exactly.
     handles_planes: bool
+    #: Whether points that lie on no plane are solved exactly.
     handles_depth: bool
+    #: Source of the method.
     citation: str
 
 

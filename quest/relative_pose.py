@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from quest.display import Described
 from quest.uncertainty.parallax import ParallaxStatement
 
-__all__ = ["Hypothesis", "NoPose", "PoseEvidence", "RelativePose"]
-
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 

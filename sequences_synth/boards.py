@@ -17,8 +17,6 @@ from sequences_synth.builder import Setup
 from sequences_synth.textured_quad import Quad
 from sequences_synth.trajectory import rotation_from_vector
 
-__all__ = ["moving_boards", "nearest_ahead"]
-
 Floats = NDArray[np.float64]
 
 # Amplitude of the turning, radians: at more than 40 degrees a board would hide itself.
@@ -68,28 +66,7 @@ def moving_boards(
     count: int,
     turn_deg_s: float,
 ) -> list[Quad]:
-    """Make boards side by side that together cover a share of the view.
-
-    Parameters
-    ----------
-    setup : Setup
-    rng : numpy.random.Generator
-    world_from_cam : callable
-        Frame number -> pose (4, 4), metres.
-    quads : list of Quad
-        The scene.
-    share : float
-        Share of the image area, 0 to 0.8.
-    count : int
-        Number of boards.
-    turn_deg_s : float
-        Root mean square of their angular speed.
-
-    Returns
-    -------
-    list of Quad
-        The boards.
-    """
+    """Make boards side by side that together cover a share of the view."""
     nearest = min(nearest_ahead(setup, quads, world_from_cam(float(frame))) for frame in _FRAMES)
     depth = _NEARER * nearest
     view = depth * np.array([setup.width / setup.K[0, 0], setup.height / setup.K[1, 1]])
@@ -126,17 +103,7 @@ def moving_boards(
 def nearest_ahead(setup: Setup, quads: Sequence[Quad], pose: Floats) -> float:
     """Compute the least depth of the scene along 7x7 rays spread over the view.
 
-    Parameters
-    ----------
-    setup : Setup
-    quads : sequence of Quad
-    pose : (4, 4) float
-        Pose world_from_cam, metres.
-
-    Returns
-    -------
-    float
-        Least depth in metres.
+    Shapes: ``pose`` (4, 4).
     """
     x, y = np.meshgrid(np.linspace(0, setup.width - 1, 7), np.linspace(0, setup.height - 1, 7))
     rays = pose[:3, :3] @ np.linalg.inv(setup.K) @ np.stack([x.ravel(), y.ravel(), np.ones(x.size)])

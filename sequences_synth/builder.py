@@ -12,8 +12,6 @@ from sequences_synth.hand_motion import Handling
 from sequences_synth.textured_quad import Painter
 from sequences_synth.trajectory import Jitter
 
-__all__ = ["Setup", "curved_path", "hand_jitter", "linear_angles"]
-
 Floats = NDArray[np.float64]
 
 # A hand trembles by a fraction of a degree and some millimetres.
@@ -22,74 +20,40 @@ HAND_DEG, _HAND_M = 0.25, 0.004
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """Input of every scene builder: the random generator and the camera.
+    """Input of every scene builder: the random generator and the camera."""
 
-    Attributes
-    ----------
-    rng : numpy.random.Generator
-        Source of all draws of the scene.
-    seed : tuple of int
-        Entropy of the scene, from which the textures are seeded.
-    K : (3, 3) float
-        True calibration matrix, pixels.
-    width, height : int
-        Image size in pixels.
-    slow_start : float
-        Number of frames over which the motion rises to full speed, see :func:`sequences_synth.trajectory.progress`.
-    fps : float
-        Frames per second, for scenes whose motion is in seconds.
-    handling : Handling
-        How the camera of these scenes is handled.
-    """
-
+    #: Source of all draws of the scene.
     rng: np.random.Generator
+    #: Entropy of the scene, from which the textures are seeded.
     seed: tuple[int, ...]
+    #: (3, 3) True calibration matrix, pixels.
     K: Floats
+    #: width, height: Image size in pixels.
     width: int
     height: int
+    #: Number of frames over which the motion rises to full speed, see :func:`sequences_synth.trajectory.progress`.
     slow_start: float
+    #: Frames per second, for scenes whose motion is in seconds.
     fps: float
+    #: How the camera of these scenes is handled.
     handling: Handling
 
     def painter(self, viewpoint: Floats, nearest_m: float) -> Painter:
         """Make a painter whose textures suit this camera.
 
-        Parameters
-        ----------
-        viewpoint : (3,) float
-            Approximate position of the camera in the world, metres.
-        nearest_m : float
-            Least distance between the camera and any surface, metres.
-
-        Returns
-        -------
-        Painter
+        Shapes: ``viewpoint`` (3,).
         """
         return Painter(self.seed, float(self.K[0, 0]), viewpoint, nearest_m)
 
     def random_sign(self) -> float:
-        """Draw a sign.
-
-        Returns
-        -------
-        float
-            Either -1 or 1.
-        """
+        """Draw a sign."""
         return float(self.rng.choice([-1.0, 1.0]))
 
 
 def curved_path(start: Floats, along: Floats, bend: Floats) -> Callable[[float], Floats]:
     """Make a path that is quadratic in the progress p: ``start + p along + p^2 bend``.
 
-    Parameters
-    ----------
-    start, along, bend : (3,) float
-        World frame, metres.
-
-    Returns
-    -------
-    callable
-        Progress -> camera centre (3,).
+    Shapes: ``start, along, bend`` (3,).
     """
     return lambda p: start + p * along + p * p * bend
 
@@ -97,15 +61,7 @@ def curved_path(start: Floats, along: Floats, bend: Floats) -> Callable[[float],
 def linear_angles(start: Floats, by: Floats) -> Callable[[float], tuple[float, float, float]]:
     """Make angles that are linear in the progress p: ``start + p by``.
 
-    Parameters
-    ----------
-    start, by : (3,) float
-        Yaw, pitch and roll in radians.
-
-    Returns
-    -------
-    callable
-        Progress -> yaw, pitch, roll in radians.
+    Shapes: ``start, by`` (3,).
     """
     return lambda p: _yaw_pitch_roll(start + p * by)
 
@@ -118,14 +74,6 @@ def _yaw_pitch_roll(angles: Floats) -> tuple[float, float, float]:
 def hand_jitter(setup: Setup, distance_m: float) -> Jitter:
     """Draw the tremor of a hand. The position trembles less when the scene is near, as people then move with care.
 
-    Parameters
-    ----------
-    setup : Setup
-    distance_m : float
-        Distance to the scene in metres; below 2 m the tremor of the position shrinks in proportion.
-
-    Returns
-    -------
-    Jitter
+    * ``distance_m``: Distance to the scene in metres; below 2 m the tremor of the position shrinks in proportion.
     """
     return Jitter.draw(setup.rng, HAND_DEG, _HAND_M * min(1.0, distance_m / 2))

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from sequences_synth.lens_camera import LensCamera
 
-__all__ = ["PinholeCamera", "stated_camera"]
-
 Floats = NDArray[np.float64]
 
 # Newton's method for the radius of an undistorted pixel. For coefficients within the range of the options, 8 steps
@@ -22,25 +20,18 @@ _NEWTON_STEPS = 20
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """A pinhole camera; all values in pixels, pixel centres at integer coordinates.
+    """A pinhole camera; all values in pixels, pixel centres at integer coordinates."""
 
-    Attributes
-    ----------
-    width, height : int
-        Image size.
-    fx, fy, cx, cy : float
-        Focal lengths and principal point.
-    k1 : float
-        Radial distortion: a ray (x, y, 1) is seen where an ideal camera would see (x d, y d, 1), with
-        ``d = 1 + k1 (x^2 + y^2)``. The stated cameras have none.
-    """
-
+    #: width, height: Image size.
     width: int
     height: int
+    #: fx, fy, cx, cy: Focal lengths and principal point.
     fx: float
     fy: float
     cx: float
     cy: float
+    #: Radial distortion: a ray (x, y, 1) is seen where an ideal camera would see (x d, y d, 1), with ``d = 1 + k1
+    #: (x^2 + y^2)``. The stated cameras have none.
     k1: float = 0.0
 
     @property
@@ -59,15 +50,7 @@ class PinholeCamera:
     def project(self, points: Floats) -> Floats:
         """Project points before the camera.
 
-        Parameters
-        ----------
-        points : (..., 3) float
-            In the frame of the camera, with z > 0.
-
-        Returns
-        -------
-        (..., 2) float
-            Pixels.
+        Shapes: ``points`` (..., 3), returns (..., 2).
         """
         focal, centre = np.array([self.fx, self.fy]), np.array([self.cx, self.cy])
         z = points[..., 2:]
@@ -79,15 +62,10 @@ class PinholeCamera:
     def rays(self, pixels: Floats) -> Floats:
         """Compute the rays of pixels.
 
-        Parameters
-        ----------
-        pixels : (..., 2) float
+        Shapes: ``pixels`` (..., 2), returns (..., 3).
 
-        Returns
-        -------
-        (..., 3) float
-            In the frame of the camera, with z = 1. A pixel beyond the largest distorted radius has the ray of this
-            radius.
+        * Returns: In the frame of the camera, with z = 1. A pixel beyond the largest distorted radius has the ray of
+          this radius.
         """
         seen = (pixels - np.array([self.cx, self.cy])) / np.array([self.fx, self.fy])
         if self.k1 != 0.0:
@@ -116,20 +94,8 @@ AnyCamera = TypeVar("AnyCamera", bound=PinholeCamera | LensCamera)
 def stated_camera(true: AnyCamera, focal_error: float, principal_error: float, rng: np.random.Generator) -> AnyCamera:
     """Make the camera that the data state, which lacks the distortion of a pinhole and may have wrong values.
 
-    Parameters
-    ----------
-    true : PinholeCamera or LensCamera
-    focal_error : float
-        The stated focal length is the true one times ``1 + focal_error``.
-    principal_error : float
-        Horizontal error of the principal point over the width, and vertical error over the height.
-    rng : numpy.random.Generator
-        Draws the two signs of the error of the principal point.
-
-    Returns
-    -------
-    PinholeCamera or LensCamera
-        The latter with its true coefficients.
+    * ``focal_error``: The stated focal length is the true one times ``1 + focal_error``.
+    * ``principal_error``: Horizontal error of the principal point over the width, and vertical error over the height.
     """
     right, down = rng.choice([-1.0, 1.0], 2).tolist()
     ideal: AnyCamera = replace(true, k1=0.0) if isinstance(true, PinholeCamera) else true

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from sequences_synth.trajectory import rotations_from_vectors
 
-__all__ = ["Arc", "HandTurning", "Handling"]
-
 Floats = NDArray[np.float64]
 
 # A person who looks around with a camera swings it in one to three seconds, the wrist a little faster.
@@ -31,33 +29,21 @@ _BEND_RAD_S = (0.2, 0.8)
 
 @dataclass(frozen=True)
 class Handling:
-    """How a camera is handled.
+    """How a camera is handled."""
 
-    Attributes
-    ----------
-    duration_s : float
-        Time from the first to the last frame.
-    turning_deg_s : float
-        Root mean square of the angular speed over this time.
-    speed : float
-        Speed of the translation, median depths per second.
-    """
-
+    #: Time from the first to the last frame.
     duration_s: float
+    #: Root mean square of the angular speed over this time.
     turning_deg_s: float
+    #: Speed of the translation, median depths per second.
     speed: float
 
 
 @dataclass(frozen=True, eq=False)
 class HandTurning:
-    """Hand-held turning: a rotation vector whose axes each have two sines.
+    """Hand-held turning: a rotation vector whose axes each have two sines."""
 
-    Attributes
-    ----------
-    sizes_rad, rates_rad_s, phases_rad : (3, 2) float
-        Amplitude, angular frequency and phase, axis by sine.
-    """
-
+    #: sizes_rad, rates_rad_s, phases_rad: (3, 2) Amplitude, angular frequency and phase, axis by sine.
     sizes_rad: Floats
     rates_rad_s: Floats
     phases_rad: Floats
@@ -66,17 +52,8 @@ class HandTurning:
     def draw(rng: np.random.Generator, handling: Handling, largest_tilt_deg: float = np.inf) -> HandTurning:
         """Draw a turning with the requested angular speed.
 
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            The number of draws does not depend on the handling.
-        handling : Handling
-        largest_tilt_deg : float
-            The optical axis stays within about this angle of that without turning. The hand then trembles faster.
-
-        Returns
-        -------
-        HandTurning
+        * ``largest_tilt_deg``: The optical axis stays within about this angle of that without turning. The hand then
+          trembles faster.
         """
         rates = 2 * np.pi * _HERTZ * rng.uniform(0.8, 1.25, (3, 2))
         sizes = _SIZES * rng.uniform(0.7, 1.0, (3, 2))
@@ -97,31 +74,13 @@ class HandTurning:
     def rotation_vector(self, time_s: Floats) -> Floats:
         """Compute the rotation vector of the camera.
 
-        Parameters
-        ----------
-        time_s : (...) float
-
-        Returns
-        -------
-        (..., 3) float
-            Rotation vector of world_from_cam, radians.
+        Shapes: returns (..., 3).
         """
         angles = self.phases_rad + self.rates_rad_s * np.asarray(time_s)[..., None, None]
         return np.asarray(np.sum(self.sizes_rad * np.sin(angles), axis=-1))
 
     def speed_deg_s(self, duration_s: float) -> float:
-        """Compute the angular speed.
-
-        Parameters
-        ----------
-        duration_s : float
-            From time 0.
-
-        Returns
-        -------
-        float
-            Root mean square, degrees per second.
-        """
+        """Compute the angular speed."""
         rate_hz = _RATE_HZ * float(np.max(self.rates_rad_s)) / (2 * np.pi * _HERTZ[-1])
         R = rotations_from_vectors(
             self.rotation_vector(np.linspace(0, duration_s, 2 + int(np.ceil(rate_hz * duration_s))))
@@ -144,20 +103,13 @@ class HandTurning:
 
 @dataclass(frozen=True, eq=False)
 class Arc:
-    """An arc of a circle that is travelled at a constant speed.
+    """An arc of a circle that is travelled at a constant speed."""
 
-    Attributes
-    ----------
-    speed : float
-        Median depths per second; exactly no translation where it is 0.
-    bend_rad_s : float
-        Angular velocity of the direction of motion.
-    along, across : (3,) float
-        Orthonormal: direction of the first velocity, and direction to which the path bends.
-    """
-
+    #: Median depths per second; exactly no translation where it is 0.
     speed: float
+    #: Angular velocity of the direction of motion.
     bend_rad_s: float
+    #: along, across: (3,) Orthonormal: direction of the first velocity, and direction to which the path bends.
     along: Floats
     across: Floats
 
@@ -165,30 +117,14 @@ class Arc:
     def draw(rng: np.random.Generator, handling: Handling, along: Floats, across: Floats) -> Arc:
         """Draw the bend of an arc.
 
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-        handling : Handling
-        along, across : (3,) float
-            As the attributes.
-
-        Returns
-        -------
-        Arc
+        Shapes: ``along, across`` (3,).
         """
         return Arc(handling.speed, float(rng.uniform(*_BEND_RAD_S)), along, across)
 
     def position(self, time_s: Floats) -> Floats:
         """Compute the camera centre.
 
-        Parameters
-        ----------
-        time_s : (...) float
-
-        Returns
-        -------
-        (..., 3) float
-            Median depths.
+        Shapes: returns (..., 3).
         """
         angle = self.bend_rad_s * np.asarray(time_s)[..., None]
         radius = self.speed / self.bend_rad_s

@@ -14,8 +14,6 @@ from sequences_synth.room_scenes import furnished_room
 from sequences_synth.textured_quad import Quad
 from sequences_synth.trajectory import orientation, rotation_from_vector
 
-__all__ = ["HandPath", "handheld", "handheld_wall", "pan"]
-
 Floats = NDArray[np.float64]
 
 # Median depth of the furnished room, metres: the unit of the speed of the translation.
@@ -31,40 +29,23 @@ _WALL_S = 120.0
 
 @dataclass(frozen=True, eq=False)
 class HandPath:
-    """The path of a camera that is turned by hand, or steadily.
+    """The path of a camera that is turned by hand, or steadily."""
 
-    Attributes
-    ----------
-    fps : float
-        Frames per second.
-    start : (4, 4) float
-        Pose world_from_cam about which the camera is turned, metres.
-    turning : callable
-        Time (N,) in seconds -> rotation vector (N, 3), radians.
-    arc : Arc
-        Translation in the axes of ``start``.
-    depth_m : float
-        Unit of the arc.
-    """
-
+    #: Frames per second.
     fps: float
+    #: (4, 4) Pose world_from_cam about which the camera is turned, metres.
     start: Floats
+    #: Time (N,) in seconds -> rotation vector (N, 3), radians.
     turning: Callable[[Floats], Floats]
+    #: Translation in the axes of ``start``.
     arc: Arc
+    #: Unit of the arc.
     depth_m: float
 
     def world_from_cam(self, frame: float) -> Floats:
         """Compute the pose at a frame.
 
-        Parameters
-        ----------
-        frame : float
-            Frame number, not necessarily whole.
-
-        Returns
-        -------
-        (4, 4) float
-            Pose world_from_cam, metres.
+        Shapes: returns (4, 4).
         """
         time_s = np.array(frame / self.fps)
         pose = self.start.copy()
@@ -89,17 +70,7 @@ def _stand(rng: np.random.Generator, pitch_deg: float) -> Floats:
 
 
 def handheld(setup: Setup) -> tuple[list[Quad], HandPath]:
-    """Build the furnished room, seen by a camera that is turned by hand and moves little or not at all.
-
-    Parameters
-    ----------
-    setup : Setup
-
-    Returns
-    -------
-    quads : list of Quad
-    path : HandPath
-    """
+    """Build the furnished room, seen by a camera that is turned by hand and moves little or not at all."""
     start = _stand(setup.rng, 5.0)
     turning = HandTurning.draw(setup.rng, setup.handling)
     # Sideways, and then backwards: the furniture stands ahead.
@@ -115,17 +86,7 @@ def handheld(setup: Setup) -> tuple[list[Quad], HandPath]:
 
 
 def pan(setup: Setup) -> tuple[list[Quad], HandPath]:
-    """Build the furnished room, seen by a camera that turns steadily about the vertical axis and never translates.
-
-    Parameters
-    ----------
-    setup : Setup
-
-    Returns
-    -------
-    quads : list of Quad
-    path : HandPath
-    """
+    """Build the furnished room, seen by a camera that turns steadily about the vertical axis and never translates."""
     start = _stand(setup.rng, 0.0)
     # The y axis of the camera points down.
     rate_rad_s = np.radians(setup.handling.turning_deg_s) * np.array([0.0, setup.random_sign(), 0.0])
@@ -135,18 +96,7 @@ def pan(setup: Setup) -> tuple[list[Quad], HandPath]:
 
 
 def handheld_wall(setup: Setup) -> tuple[list[Quad], HandPath]:
-    """Build one wall, seen by a hand-held camera that oscillates about an axis that points to the wall.
-
-    Parameters
-    ----------
-    setup : Setup
-
-    Returns
-    -------
-    quads : list of Quad
-        The one quad of the wall.
-    path : HandPath
-    """
+    """Build one wall, seen by a hand-held camera that oscillates about an axis that points to the wall."""
     rng = setup.rng
     start = _stand(rng, 0.0)
     turning = HandTurning.draw(rng, setup.handling, _WALL_TILT_DEG)

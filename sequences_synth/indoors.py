@@ -9,23 +9,11 @@ from sequences_synth.builder import Setup, curved_path, hand_jitter, linear_angl
 from sequences_synth.textured_quad import Painter, Quad, box
 from sequences_synth.trajectory import Path
 
-__all__ = ["corridor", "desk"]
-
 Floats = NDArray[np.float64]
 
 
 def corridor(setup: Setup) -> tuple[list[Quad], Path]:
-    """Build a corridor through which the camera is carried forwards.
-
-    Parameters
-    ----------
-    setup : Setup
-
-    Returns
-    -------
-    quads : list of Quad
-    path : Path
-    """
+    """Build a corridor through which the camera is carried forwards."""
     rng = setup.rng
     half, top, length = rng.uniform(1.0, 1.4), rng.uniform(2.3, 2.7), rng.uniform(14, 20)
     start = np.array([rng.uniform(-0.25, 0.25) * half, 0.0, rng.uniform(1.2, 1.6)])
@@ -78,17 +66,7 @@ def _corridor_walls(painter: Painter, rng: np.random.Generator, half: float, top
 
 
 def desk(setup: Setup) -> tuple[list[Quad], Path]:
-    """Build a desk top that fills most of the view, with boxes on it; the camera is held by hand above it.
-
-    Parameters
-    ----------
-    setup : Setup
-
-    Returns
-    -------
-    quads : list of Quad
-    path : Path
-    """
+    """Build a desk top that fills most of the view, with boxes on it; the camera is held by hand above it."""
     rng = setup.rng
     desk_z = 0.75
     pitch = np.radians(-rng.uniform(42, 55))

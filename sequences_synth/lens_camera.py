@@ -27,8 +27,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LENSES", "LensCamera", "lens_camera", "sample_rays"]
-
 Floats = NDArray[np.float64]
 
 
@@ -65,44 +63,27 @@ _STEP_RAD = 1e-6
 
 @dataclass(frozen=True)
 class LensCamera:
-    """A camera with a lens; all values in pixels, pixel centres at integer coordinates.
+    """A camera with a lens; all values in pixels, pixel centres at integer coordinates."""
 
-    Attributes
-    ----------
-    width, height : int
-        Image size.
-    fx, fy, cx, cy : float
-        Factors of the lens coordinates, and principal point.
-    model : str
-        One of :data:`LENSES`.
-    coefficients : tuple of float
-        See the module docstring.
-    half_field_rad : float
-        Largest angle between the optical axis and a ray that is seen.
-    """
-
+    #: width, height: Image size.
     width: int
     height: int
+    #: fx, fy, cx, cy: Factors of the lens coordinates, and principal point.
     fx: float
     fy: float
     cx: float
     cy: float
+    #: One of :data:`LENSES`.
     model: str
+    #: See the module docstring.
     coefficients: tuple[float, ...]
+    #: Largest angle between the optical axis and a ray that is seen.
     half_field_rad: float
 
     def project(self, points: Floats) -> Floats:
         """Project points.
 
-        Parameters
-        ----------
-        points : (..., 3) float
-            In the frame of the camera.
-
-        Returns
-        -------
-        (..., 2) float
-            Pixels; any number, or NaN, outside of the field of view.
+        Shapes: ``points`` (..., 3), returns (..., 2).
         """
         X, Y, Z = np.moveaxis(np.asarray(points, float), -1, 0)
         with np.errstate(all="ignore"):  # outside of the field of view
@@ -112,14 +93,9 @@ class LensCamera:
     def rays(self, pixels: Floats) -> Floats:
         """Compute the rays of pixels.
 
-        Parameters
-        ----------
-        pixels : (..., 2) float
+        Shapes: ``pixels`` (..., 2), returns (..., 3).
 
-        Returns
-        -------
-        (..., 3) float
-            Unit rays in the frame of the camera; 0 outside of the field of view.
+        * Returns: Unit rays in the frame of the camera; 0 outside of the field of view.
         """
         seen = (np.asarray(pixels, float) - (self.cx, self.cy)) / (self.fx, self.fy)
         if self.model == "equirectangular":
@@ -160,19 +136,7 @@ class LensCamera:
 
 
 def lens_camera(model: str, width: int, height: int) -> LensCamera:
-    """Make a camera with the usual parameters of a model.
-
-    Parameters
-    ----------
-    model : str
-        One of :data:`LENSES`.
-    width, height : int
-        Image size in pixels.
-
-    Returns
-    -------
-    LensCamera
-    """
+    """Make a camera with the usual parameters of a model."""
     usual = _USUAL[model]
     fx = usual.focal * width
     fy = height / math.pi if model == "equirectangular" else fx
@@ -184,16 +148,9 @@ def lens_camera(model: str, width: int, height: int) -> LensCamera:
 def sample_rays(camera: LensCamera, per_pixel: int) -> Floats:
     """Compute the rays of a grid of samples.
 
-    Parameters
-    ----------
-    camera : LensCamera
-    per_pixel : int
-        1: the centres of the pixels; 2: two rows and two columns of samples in each pixel.
+    Shapes: returns (H, W, 3).
 
-    Returns
-    -------
-    (H, W, 3) float
-        Of :meth:`LensCamera.rays`; read only.
+    * ``per_pixel``: 1: the centres of the pixels; 2: two rows and two columns of samples in each pixel.
     """
     first = 0.5 / per_pixel - 0.5
     x, y = (first + np.arange(per_pixel * side) / per_pixel for side in (camera.width, camera.height))

@@ -9,8 +9,6 @@ from typing import Any
 
 from sequences_synth.shutter import READOUT_DIRECTIONS
 
-__all__ = ["EFFECT_LIMITS", "Limits", "check_options"]
-
 #: The lowest and the highest value of options, by their names.
 Limits = Mapping[str, tuple[float, float]]
 
@@ -26,18 +24,9 @@ EFFECT_LIMITS: dict[str, tuple[float, float]] = {
 def check_options(options: Any, limits: Limits) -> None:
     """Check the options of a sequence.
 
-    Parameters
-    ----------
-    options : dataclass instance
-        With ``fps``, ``readout_ms``, ``readout_direction`` and ``exposure_ms``.
-    limits : dict of str to (float, float)
-        Of the options that are numbers or switches.
+    Shapes: ``limits`` (float, float).
 
-    Raises
-    ------
-    ValueError
-        If an option is not a finite number within its limits, if the direction is unknown, or if readout or exposure
-        take longer than the frame interval. The message names the option.
+    * ``options``: With ``fps``, ``readout_ms``, ``readout_direction`` and ``exposure_ms``.
     """
     for name in (field.name for field in fields(options) if field.name in limits):
         value, (low, high) = getattr(options, name), limits[name]

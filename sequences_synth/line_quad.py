@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from sequences_synth.render import NEAR_M, blend_levels, detail_nodes
 from sequences_synth.textured_quad import Quad
 
-__all__ = ["LineQuad", "cam_from_texel_of_lines", "enter"]
-
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
@@ -32,22 +30,14 @@ _EDGE_ON_M = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class LineQuad(ABC):
-    """A quad in view, with one matrix per line of samples.
-
-    Attributes
-    ----------
-    quad : Quad
-    by_columns : bool
-        Whether columns are exposed one after the other, and not rows.
-    texel_from_sight : (2 L, 3, 3) float
-        The matrix of each line of samples.
-    rows, columns : slice
-        Samples that may see the quad.
-    """
+    """A quad in view, with one matrix per line of samples."""
 
     quad: Quad
+    #: Whether columns are exposed one after the other, and not rows.
     by_columns: bool
+    #: The matrix of each line of samples.
     texel_from_sight: Floats
+    #: rows, columns: Samples that may see the quad.
     rows: slice
     columns: slice
 
@@ -55,29 +45,13 @@ class LineQuad(ABC):
     def points(self, x: Floats, y: Floats) -> Floats:
         """Compute the texels of pixels.
 
-        Parameters
-        ----------
-        x, y : (...) float
-            Pixels.
-
-        Returns
-        -------
-        (..., 3) float
-            ``(s, t, 1) / depth``.
+        Shapes: returns (..., 3).
         """
 
     def points_of_window(self, left: int, top: int, width: int, height: int) -> Floats:
         """Compute the texels of all pixels of a window.
 
-        Parameters
-        ----------
-        left, top, width, height : int
-            The window.
-
-        Returns
-        -------
-        (height, width, 3) float
-            As of :meth:`points`.
+        Shapes: returns (height, width, 3).
         """
         x, y = np.meshgrid(np.arange(left, left + width, dtype=float), np.arange(top, top + height, dtype=float))
         return self.points(x, y)
@@ -85,14 +59,7 @@ class LineQuad(ABC):
     def matrices(self, x: Floats, y: Floats) -> Floats:
         """The matrices at pixels: those of their lines.
 
-        Parameters
-        ----------
-        x, y : (...) float
-            Pixels.
-
-        Returns
-        -------
-        (..., 3, 3) float
+        Shapes: returns (..., 3, 3).
         """
         pairs = 0.5 * (self.texel_from_sight[0::2] + self.texel_from_sight[1::2])
         line = np.clip(np.round(x if self.by_columns else y).astype(int), 0, len(pairs) - 1)
@@ -101,29 +68,12 @@ class LineQuad(ABC):
     def inverse_depth_at(self, x: Floats, y: Floats) -> Floats:
         """Compute the inverse depth of the plane of the quad; see :class:`sequences_synth.render.SeenQuad`.
 
-        Parameters
-        ----------
-        x, y : (N,) float
-            Pixels.
-
-        Returns
-        -------
-        (N,) float
+        Shapes: ``x, y`` (N,), returns (N,).
         """
         return np.asarray(self.points(x, y)[..., 2])
 
     def window(self, width: int, height: int) -> tuple[slice, slice]:
-        """Find the part of the image that may show the quad; see :class:`sequences_synth.render.SeenQuad`.
-
-        Parameters
-        ----------
-        width, height : int
-            Image size in pixels.
-
-        Returns
-        -------
-        rows, columns : slice
-        """
+        """Find the part of the image that may show the quad; see :class:`sequences_synth.render.SeenQuad`."""
         rows, columns = (
             slice(s.start // 2, min((s.stop + 1) // 2, n)) for s, n in ((self.rows, height), (self.columns, width))
         )
@@ -132,16 +82,7 @@ class LineQuad(ABC):
     def sample(self, left: int, top: int, mask: Image) -> Image:
         """Sample the texture of the quad in a window; see :class:`sequences_synth.render.SeenQuad`.
 
-        Parameters
-        ----------
-        left, top : int
-            Place of the window in the image.
-        mask : (H, W) uint8
-            1 at the pixels that will be used.
-
-        Returns
-        -------
-        (H, W, 3) uint8
+        Shapes: ``mask`` (H, W), returns (H, W, 3).
         """
         height, width = mask.shape
         texels = _texels(self.points_of_window(left, top, width, height))
@@ -174,20 +115,11 @@ def _texels(points: Floats) -> tuple[Floats, Floats]:
 def cam_from_texel_of_lines(quad: Quad, frames: Floats, cam_from_world: Floats) -> tuple[Floats, Bools]:
     """Place a quad before the camera of each line.
 
-    Parameters
-    ----------
-    quad : Quad
-    frames : (L,) float
-        Frame number at which each line is exposed.
-    cam_from_world : (L, 4, 4) float
-        Pose of each line, metres.
+    Shapes: ``frames`` (L,), ``cam_from_world`` (L, 4, 4), returns ``cam_from_texel`` (L, 3, 3), returns ``facing``
+    (L,).
 
-    Returns
-    -------
-    cam_from_texel : (L, 3, 3) float
-        Maps (s, t, 1) to a point before the camera.
-    facing : (L,) bool
-        Lines in which the visible side of the quad faces the camera. Elsewhere the matrix may have no inverse.
+    * Returns ``facing``: Lines in which the visible side of the quad faces the camera. Elsewhere the matrix may have no
+      inverse.
     """
     R, t = cam_from_world[:, :3, :3], cam_from_world[:, :3, 3]
     if quad.moves:
@@ -210,18 +142,8 @@ def enter(
 ) -> None:
     """Enter one quad into the depth buffer.
 
-    Parameters
-    ----------
-    seen : LineQuad
-    facing : (2 L,) bool
-        Of :func:`cam_from_texel_of_lines`.
-    identity : int
-        Position of the quad in the list.
-    value : callable
-        The matrices of the lines, broadcast along the samples of a line, and a row of them -> that row of the texels of
-        all samples in the window of the quad.
-    depth_samples, id_samples : (2 H, 2 W) float32 and int16
-        The buffers, which are changed.
+    * ``value``: The matrices of the lines, broadcast along the samples of a line, and a row of them -> that row of the
+      texels of all samples in the window of the quad.
     """
     part = seen.rows, seen.columns
     lines = part[1] if seen.by_columns else part[0]

@@ -7,8 +7,6 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["blur_along", "expose"]
-
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
@@ -28,16 +26,10 @@ def blur_along(image: Image, half_flow: Floats32) -> Image:
 
     The average is symmetric about the middle of the exposure, so that no feature is displaced.
 
-    Parameters
-    ----------
-    image : (H, W, 3) uint8
-    half_flow : (H, W, 2) float32
-        Motion of each pixel from the middle of the exposure to its end, pixels.
+    Shapes: ``image`` (H, W, 3), ``half_flow`` (H, W, 2), returns (H, W, 3).
 
-    Returns
-    -------
-    (H, W, 3) uint8
-        The given image itself where the blur is below a tenth of a pixel.
+    * ``half_flow``: Motion of each pixel from the middle of the exposure to its end, pixels.
+    * Returns: The given image itself where the blur is below a tenth of a pixel.
     """
     import cv2
 
@@ -60,20 +52,11 @@ def blur_along(image: Image, half_flow: Floats32) -> Image:
 def expose(image: Image, gain: float | Floats, noise: float, rng: np.random.Generator) -> Image:
     """Apply a gain and sensor noise.
 
-    Parameters
-    ----------
-    image : (H, W, 3) uint8
-    gain : float or (H, 1) or (1, W) float
-        Factor on the light, of the whole image or of each row or column.
-    noise : float
-        Standard deviation of the luminance at mid grey, grey levels. Shot noise grows with the square root of the
-        light; read noise does not depend on the light.
-    rng : numpy.random.Generator
-        Generator of this frame only.
+    Shapes: ``image`` (H, W, 3), ``gain`` (H, 1), returns (H, W, 3).
 
-    Returns
-    -------
-    (H, W, 3) uint8
+    * ``gain``: Factor on the light, of the whole image or of each row or column.
+    * ``noise``: Standard deviation of the luminance at mid grey, grey levels. Shot noise grows with the square root of
+      the light; read noise does not depend on the light.
     """
     import cv2
 

@@ -11,8 +11,6 @@ from sequences_synth.builder import Setup, curved_path, hand_jitter, linear_angl
 from sequences_synth.textured_quad import Quad
 from sequences_synth.trajectory import PROGRESS_RANGE, Jitter, Path
 
-__all__ = ["nadir", "nadir_turn", "tilted", "wall"]
-
 Floats = NDArray[np.float64]
 
 # A gimbal trembles less than a hand (degrees), but the wind moves the drone (metres).
@@ -41,18 +39,7 @@ def _plane(setup: Setup, path: Path, origin: Floats, u: Floats, v: Floats, look:
 
 
 def wall(setup: Setup) -> tuple[list[Quad], Path]:
-    """Build one tilted wall and nothing else; the camera is held by hand and moves in a curve.
-
-    Parameters
-    ----------
-    setup : Setup
-
-    Returns
-    -------
-    quads : list of Quad
-        The one quad of the wall.
-    path : Path
-    """
+    """Build one tilted wall and nothing else; the camera is held by hand and moves in a curve."""
     rng = setup.rng
     distance = rng.uniform(1.8, 3.5)
     # The normal of the wall is 12 to 32 degrees off the optical axis. The wall leans by 10 degrees at most.
@@ -112,49 +99,20 @@ def _flight(setup: Setup, turn_deg: float, tilt_deg: float | None = None) -> tup
 
 
 def nadir(setup: Setup) -> tuple[list[Quad], Path]:
-    """Build a straight flight over flat ground. Two poses explain its views, and later views do not decide.
-
-    Parameters
-    ----------
-    setup : Setup
-
-    Returns
-    -------
-    quads : list of Quad
-        The one quad of the ground.
-    path : Path
-    """
+    """Build a straight flight over flat ground. Two poses explain its views, and later views do not decide."""
     return _flight(setup, 0.0)
 
 
 def nadir_turn(setup: Setup) -> tuple[list[Quad], Path]:
-    """Build a flight in a turn over flat ground. Later views decide between the two poses.
-
-    Parameters
-    ----------
-    setup : Setup
-
-    Returns
-    -------
-    quads : list of Quad
-        The one quad of the ground.
-    path : Path
-    """
+    """Build a flight in a turn over flat ground. Later views decide between the two poses."""
     return _flight(setup, setup.random_sign() * float(setup.rng.uniform(45, 90)))
 
 
 def tilted(tilt_deg: float) -> Callable[[Setup], tuple[list[Quad], Path]]:
     """Make the builder of a straight level flight over flat ground with a tilted camera.
 
-    Parameters
-    ----------
-    tilt_deg : float
-        Angle between the optical axis and the normal of the ground. The camera is tilted forward in half of the worlds,
-        and to the left or right in the others.
-
-    Returns
-    -------
-    callable
-        Setup -> the one quad of the ground, as a list, and the path.
+    * ``tilt_deg``: Angle between the optical axis and the normal of the ground. The camera is tilted forward in half of
+      the worlds, and to the left or right in the others.
+    * Returns: Setup -> the one quad of the ground, as a list, and the path.
     """
     return lambda setup: _flight(setup, 0.0, tilt_deg)

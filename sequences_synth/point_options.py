@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from sequences_synth.limits import EFFECT_LIMITS, check_options
 
-__all__ = ["PointOptions"]
-
 _LIMITS = EFFECT_LIMITS | {
     "views": (2, 10_000), "points": (1, 100_000), "noise_px": (0, 100), "outliers": (0, 1), "moving": (0, 1),
     "baseline": (0, 10), "field_px": (0, 100), "drift_px": (0, 100), "bodies": (1, 100), "cut": (0, 10_000),

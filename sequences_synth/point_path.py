@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from sequences_synth.point_scenes import Layout
 from sequences_synth.trajectory import rotation_from_vector, rotations_from_vectors
 
-__all__ = ["Bodies", "PointPath"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -23,36 +21,21 @@ _SHAKE_RAD, _OFFSET = np.radians(0.3), 0.01
 
 @dataclass(frozen=True, eq=False)
 class PointPath:
-    """The path of a camera. Its argument is the tick: the time in frame intervals, not necessarily whole.
-
-    Attributes
-    ----------
-    layout : Layout
-    scale : float
-        Unit of the path in metres.
-    last_tick : int
-        Tick at which the path ends. Rows of the first and last frame lie a little outside.
-    phases_rad, sizes : (2, 3) float
-        Tremor of rotation and translation.
-    """
+    """The path of a camera. Its argument is the tick: the time in frame intervals, not necessarily whole."""
 
     layout: Layout
+    #: Unit of the path in metres.
     scale: float
+    #: Tick at which the path ends. Rows of the first and last frame lie a little outside.
     last_tick: int
+    #: phases_rad, sizes: (2, 3) Tremor of rotation and translation.
     phases_rad: Floats
     sizes: Floats
 
     def at_frame(self, tick: int) -> Floats:
         """Compute the pose at a frame.
 
-        Parameters
-        ----------
-        tick : int
-
-        Returns
-        -------
-        (4, 4) float
-            Pose world_from_cam.
+        Shapes: returns (4, 4).
         """
         s = np.array(tick / self.last_tick)
         shake, offset = self._tremor(s)
@@ -64,14 +47,7 @@ class PointPath:
     def at(self, ticks: Floats) -> Floats:
         """Compute the poses at any times.
 
-        Parameters
-        ----------
-        ticks : (N,) float
-
-        Returns
-        -------
-        (N, 4, 4) float
-            Poses world_from_cam.
+        Shapes: ``ticks`` (N,), returns (N, 4, 4).
         """
         s = ticks / self.last_tick
         shake, offset = self._tremor(s)
@@ -88,14 +64,7 @@ class PointPath:
     def rotation_at(self, tick: float) -> Floats:
         """Compute the rotation at any time.
 
-        Parameters
-        ----------
-        tick : float
-
-        Returns
-        -------
-        (3, 3) float
-            Rotation world_from_cam.
+        Shapes: returns (3, 3).
         """
         return np.asarray(self.at(np.array([tick]))[0, :3, :3])
 
@@ -115,39 +84,21 @@ class PointPath:
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """Rigid bodies that translate steadily and turn steadily about their own centres.
+    """Rigid bodies that translate steadily and turn steadily about their own centres."""
 
-    Attributes
-    ----------
-    body_of_track : (M,) int
-        Number of the body to which a track belongs, -1 where it belongs to none.
-    shift : (B, 3) float
-        Translation from the first to the last tick of the path, metres.
-    turn_rad : (B, 3) float
-        Rotation vector of the same time.
-    centre : (B, 3) float
-        Centre of the turning at the first tick, metres.
-    """
-
+    #: (M,) Number of the body to which a track belongs, -1 where it belongs to none.
     body_of_track: Ints
+    #: (B, 3) Translation from the first to the last tick of the path, metres.
     shift: Floats
+    #: (B, 3) Rotation vector of the same time.
     turn_rad: Floats
+    #: (B, 3) Centre of the turning at the first tick, metres.
     centre: Floats
 
     def displaced(self, points: Floats, progress: Floats | float) -> Floats:
         """Move the points that lie on bodies.
 
-        Parameters
-        ----------
-        points : (M, 3) float
-            At the first tick, metres.
-        progress : (M,) float or float
-            Time over that of the last tick.
-
-        Returns
-        -------
-        (M, 3) float
-            At the given times.
+        Shapes: ``points`` (M, 3), ``progress`` (M,), returns (M, 3).
         """
         X = points.copy()
         moving = np.flatnonzero(self.body_of_track >= 0)

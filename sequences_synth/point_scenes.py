@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from sequences_synth.hand_motion import Arc, Handling, HandTurning
 from sequences_synth.trajectory import rotation_from_vector
 
-__all__ = ["HAND_LAYOUTS", "LAYOUTS", "Layout"]
-
 Floats = NDArray[np.float64]
 # Progress (...) -> vector (..., 3).
 PathFunction = Callable[[Floats], Floats]
@@ -27,29 +25,20 @@ _WALL_DEG, _WALL_TILT_DEG = 12.0, 15.0
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """A scene: its surfaces and the motion of the camera.
+    """A scene: its surfaces and the motion of the camera."""
 
-    Attributes
-    ----------
-    depth : callable
-        Origins (N, 3) and rays (N, 3) in world axes -> depth (N,) along the rays, which have z = 1 in the frame of
-        their camera. A depth of 0 or less means that the ray meets no surface.
-    position : callable
-        Progress s (...) -> camera centre (..., 3). The frames have s in [0, 1]; rows of the first and last frame lie a
-        little outside. The ends of the path are about 1 apart; with ``in_depths`` the unit is the median depth.
-    rotation : callable
-        Progress s (...) -> rotation vector (..., 3) of world_from_cam, radians.
-    tremor : bool
-        Whether the tremor of a hand is added.
-    in_depths : bool
-        Whether the unit of the path is the median depth of the scene, and not the baseline of the options. The points
-        of such a scene are spread over all that the camera sees.
-    """
-
+    #: Origins (N, 3) and rays (N, 3) in world axes -> depth (N,) along the rays, which have z = 1 in the frame of
+    #: their camera. A depth of 0 or less means that the ray meets no surface.
     depth: Callable[[Floats, Floats], Floats]
+    #: Progress s (...) -> camera centre (..., 3). The frames have s in [0, 1]; rows of the first and last frame lie a
+    #: little outside. The ends of the path are about 1 apart; with ``in_depths`` the unit is the median depth.
     position: PathFunction
+    #: Progress s (...) -> rotation vector (..., 3) of world_from_cam, radians.
     rotation: PathFunction
+    #: Whether the tremor of a hand is added.
     tremor: bool = True
+    #: Whether the unit of the path is the median depth of the scene, and not the baseline of the options. The points
+    #: of such a scene are spread over all that the camera sees.
     in_depths: bool = False
 
 

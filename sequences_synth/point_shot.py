@@ -17,8 +17,6 @@ from sequences_synth.point_path import Bodies, PointPath
 from sequences_synth.shutter import Shutter
 from sequences_synth.stabilizer import virtual_from_cam
 
-__all__ = ["Shot", "Views"]
-
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
@@ -32,62 +30,37 @@ _ITERATIONS = 60
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """What one view sees without noise.
+    """What one view sees without noise."""
 
-    Attributes
-    ----------
-    pixels : (M, 2) float
-        Where the points are seen; meaningless for points that are not visible.
-    visible : (M,) bool
-    smear_px : (M, 2) float
-        Motion of the pixels during the exposure.
-    """
-
+    #: (M, 2) Where the points are seen; meaningless for points that are not visible.
     pixels: Floats
+    #: (M,)
     visible: Bools
+    #: (M, 2) Motion of the pixels during the exposure.
     smear_px: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A camera on its path through a world of points.
+    """A camera on its path through a world of points."""
 
-    Attributes
-    ----------
-    camera : PinholeCamera
-        The true camera.
-    shutter : Shutter
-    path : PointPath
-    bodies : Bodies
-    points : (M, 3) float
-        In the world frame at the first frame, metres.
-    interval_s : float
-        Time from one tick to the next.
-    exposure_s : float
-    stabilized : bool
-        Whether frames are warped to a smoothed path.
-    """
-
+    #: The true camera.
     camera: PinholeCamera
     shutter: Shutter
     path: PointPath
     bodies: Bodies
+    #: (M, 3) In the world frame at the first frame, metres.
     points: Floats
+    #: Time from one tick to the next.
     interval_s: float
     exposure_s: float
+    #: Whether frames are warped to a smoothed path.
     stabilized: bool
 
     def pose(self, tick: int) -> Floats:
         """Compute the true pose of a frame: of the camera, or of the virtual camera of a stabilized frame.
 
-        Parameters
-        ----------
-        tick : int
-
-        Returns
-        -------
-        (4, 4) float
-            Pose world_from_cam at the middle row.
+        Shapes: returns (4, 4).
         """
         pose = self.path.at_frame(tick)
         if self.stabilized:
@@ -100,16 +73,7 @@ class Shot:
         A stabilized frame is warped by one rotation. The pose is then that of the virtual camera: the projection by
         this pose is the pixel in the warped frame.
 
-        Parameters
-        ----------
-        tick : int
-            Tick of the frame.
-        pixels : (N, 2) float
-
-        Returns
-        -------
-        (N, 4, 4) float
-            Poses world_from_cam.
+        Shapes: ``pixels`` (N, 2), returns (N, 4, 4).
         """
         warp = self._warp(tick) if self.stabilized else np.eye(3)
         exposed = self.camera.project(self.camera.rays(pixels) @ warp) if self.stabilized else pixels
@@ -118,17 +82,7 @@ class Shot:
         return poses
 
     def see(self, tick: int) -> Views:
-        """Project the points.
-
-        Parameters
-        ----------
-        tick : int
-            Tick of the frame.
-
-        Returns
-        -------
-        Views
-        """
+        """Project the points."""
         pose = self.path.at_frame(tick)
         X = (self.bodies.displaced(self.points, tick / self.path.last_tick) - pose[:3, 3]) @ pose[:3, :3]
         exposed, ahead = self._project(X)

@@ -13,8 +13,6 @@ from sequences_synth.point_scenes import HAND_LAYOUTS, LAYOUTS, Layout
 from sequences_synth.point_shot import Shot
 from sequences_synth.shutter import Shutter
 
-__all__ = ["MOVING", "OUTLIER", "STATIC", "film"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -36,23 +34,7 @@ def film(
 ) -> tuple[Shot, Ints]:
     """Draw the world, the path and the bodies of a scene.
 
-    Parameters
-    ----------
-    name : str
-        One of the scenes.
-    camera : PinholeCamera
-        The true camera.
-    ticks : (V,) int
-        Frames of the path that the views are taken at, ascending.
-    options : PointOptions
-    rng, body_rng : numpy.random.Generator
-        Of the world, and of what the bodies turn about.
-
-    Returns
-    -------
-    shot : Shot
-    kinds : (M,) int
-        :data:`STATIC`, :data:`MOVING` or :data:`OUTLIER`.
+    Shapes: ``ticks`` (V,), returns ``kinds`` (M,).
     """
     interval_s, last_tick = 1 / options.fps, int(ticks[-1])
     if name in HAND_LAYOUTS:

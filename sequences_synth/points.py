@@ -52,59 +52,38 @@ _BLUR = 0.1
 
 @dataclass(frozen=True, eq=False)
 class PointSequence:
-    """A sequence of tracks with exact truth.
-
-    Attributes
-    ----------
-    name : str
-    seed : int
-    options : PointOptions
-    camera : PinholeCamera
-        The stated camera, which has the errors of the options and no distortion.
-    true_camera : PinholeCamera
-        The camera by which the points were projected.
-    poses : (V, 4, 4) float
-        world_from_cam of the middle row. After a cut the world is another one.
-    timestamps_s : (V,) float
-        Time of the middle row.
-    points : (M, 3) float
-        In the world frame of their scene, at its first view. Those on moving bodies change their place later.
-    is_outlier : (M,) bool
-        Tracks that are outliers.
-    is_moving : (M,) bool
-        Tracks on moving bodies.
-    pixels : (V, M, 2) float
-        Measured pixels, with noise and correlated error.
-    visible : (V, M) bool
-        Whether a view sees a track.
-    tracking_error : TrackingError
-        The correlated error that ``pixels`` contain, except those of outliers.
-    body_of_track : (M,) int
-        Number of the body of a moving track, -1 for other tracks.
-    scene_of_track : (M,) int
-        0 for tracks before the cut, 1 for tracks after it.
-    schedule : Schedule
-        Dropped and repeated frames, and the cut.
-    shots : tuple of Shot
-        The true camera, path, shutter and bodies of each scene.
-    """
+    """A sequence of tracks with exact truth."""
 
     name: str
     seed: int
     options: PointOptions
+    #: The stated camera, which has the errors of the options and no distortion.
     camera: PinholeCamera
+    #: The camera by which the points were projected.
     true_camera: PinholeCamera
+    #: (V, 4, 4) World_from_cam of the middle row. After a cut the world is another one.
     poses: Floats
+    #: (V,) Time of the middle row.
     timestamps_s: Floats
+    #: (M, 3) In the world frame of their scene, at its first view. Those on moving bodies change their place later.
     points: Floats
+    #: (M,) Tracks that are outliers.
     is_outlier: Bools
+    #: (M,) Tracks on moving bodies.
     is_moving: Bools
+    #: (V, M, 2) Measured pixels, with noise and correlated error.
     pixels: Floats
+    #: (V, M) Whether a view sees a track.
     visible: Bools
+    #: The correlated error that ``pixels`` contain, except those of outliers.
     tracking_error: TrackingError
+    #: (M,) Number of the body of a moving track, -1 for other tracks.
     body_of_track: Ints
+    #: (M,) 0 for tracks before the cut, 1 for tracks after it.
     scene_of_track: Ints
+    #: Dropped and repeated frames, and the cut.
     schedule: Schedule
+    #: The true camera, path, shutter and bodies of each scene.
     shots: tuple[Shot, ...]
 
     def __len__(self) -> int:
@@ -113,17 +92,7 @@ class PointSequence:
     def observe(self, index: int) -> tuple[Ints, Floats]:
         """Read the tracks that one view sees.
 
-        Parameters
-        ----------
-        index : int
-            Position of the view, from 0.
-
-        Returns
-        -------
-        track_ids : (N,) int
-            Ascending.
-        pixels : (N, 2) float
-            Measured pixels.
+        Shapes: returns ``track_ids`` (N,), returns ``pixels`` (N, 2).
         """
         ids = np.flatnonzero(self.visible[index])
         return ids.astype(np.int64), self.pixels[index, ids]
@@ -131,15 +100,10 @@ class PointSequence:
     def depths(self, index: int) -> Floats:
         """Compute the true depth of each track in one view.
 
-        Parameters
-        ----------
-        index : int
-            Position of the view, from 0.
+        Shapes: returns (M,).
 
-        Returns
-        -------
-        (M,) float
-            Depth along the optical axis; NaN for outliers, for tracks on moving bodies and for those of another scene.
+        * Returns: Depth along the optical axis; NaN for outliers, for tracks on moving bodies and for those of another
+          scene.
         """
         cam_from_world = np.linalg.inv(self.poses[index])
         z = self.points @ cam_from_world[2, :3] + cam_from_world[2, 3]
@@ -149,18 +113,10 @@ class PointSequence:
     def pixel_poses(self, index: int, pixels: Floats) -> Floats:
         """Compute the poses that the camera had when it exposed pixels of one view.
 
-        Parameters
-        ----------
-        index : int
-            Position of the view, from 0.
-        pixels : (N, 2) float
-            True pixels.
+        Shapes: ``pixels`` (N, 2), returns (N, 4, 4).
 
-        Returns
-        -------
-        (N, 4, 4) float
-            Poses world_from_cam, of the virtual camera in a stabilized view. With a global shutter all are the pose of
-            the view.
+        * Returns: Poses world_from_cam, of the virtual camera in a stabilized view. With a global shutter all are the
+          pose of the view.
         """
         scene = self._scene(index)
         shown, first = (self.schedule.ticks[k] for k in (self.schedule.content[index], scene * self.schedule.cut))

@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 
 from sequences_synth.textured_quad import Quad
 
-__all__ = ["NEAR_M", "NOTHING", "SeenQuad", "View", "blend_levels", "clip_near", "detail_nodes", "render", "shade"]
-
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
@@ -38,20 +36,13 @@ _GRID = 16
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One rendered view.
+    """One rendered view."""
 
-    Attributes
-    ----------
-    image : (H, W, 3) uint8
-        BGR, black where there is nothing.
-    inverse_depth : (H, W) float32
-        1 / z at the pixel centres, 0 where there is nothing.
-    ids : (H, W) int16
-        Position of the visible quad in the list, -1 where there is none.
-    """
-
+    #: (H, W, 3) BGR, black where there is nothing.
     image: Image
+    #: (H, W) 1 / z at the pixel centres, 0 where there is nothing.
     inverse_depth: Floats32
+    #: (H, W) Position of the visible quad in the list, -1 where there is none.
     ids: Ids
 
 
@@ -61,45 +52,16 @@ class SeenQuad(Protocol):
     def inverse_depth_at(self, x: Floats, y: Floats) -> Floats:
         """Compute the inverse depth of the plane of the quad.
 
-        Parameters
-        ----------
-        x, y : (N,) float
-            Pixels.
-
-        Returns
-        -------
-        (N,) float
-            Values of 1 / z.
+        Shapes: ``x, y`` (N,), returns (N,).
         """
 
     def window(self, width: int, height: int) -> tuple[slice, slice]:
-        """Find the part of the image that may show the quad.
-
-        Parameters
-        ----------
-        width, height : int
-            Image size in pixels.
-
-        Returns
-        -------
-        rows, columns : slice
-            They hold every pixel that has a sample of the quad.
-        """
+        """Find the part of the image that may show the quad."""
 
     def sample(self, left: int, top: int, mask: Image) -> Image:
         """Colour a window of the image.
 
-        Parameters
-        ----------
-        left, top : int
-            First column and row of the window.
-        mask : (H, W) uint8
-            1 at the pixels of the window that will be used.
-
-        Returns
-        -------
-        (H, W, 3) uint8
-            Texture as seen in the window.
+        Shapes: ``mask`` (H, W), returns (H, W, 3).
         """
 
 
@@ -129,21 +91,7 @@ class _Seen:
 def render(quads: Sequence[Quad], K: Floats, cam_from_world: Floats, frame: float, width: int, height: int) -> View:
     """Render the quads.
 
-    Parameters
-    ----------
-    quads : sequence of Quad
-    K : (3, 3) float
-        Calibration matrix, pixels.
-    cam_from_world : (4, 4) float
-        Translation in metres.
-    frame : float
-        Frame number, for quads that move.
-    width, height : int
-        Image size in pixels.
-
-    Returns
-    -------
-    View
+    Shapes: ``K`` (3, 3), ``cam_from_world`` (4, 4).
     """
     seen = _project(quads, K, cam_from_world, frame)
     depth_samples = np.zeros((2 * height, 2 * width), np.float32)
@@ -180,15 +128,9 @@ def _project(quads: Sequence[Quad], K: Floats, cam_from_world: Floats, frame: fl
 def clip_near(polygon: Floats) -> Floats:
     """Cut a polygon at the near plane (Sutherland and Hodgman 1974).
 
-    Parameters
-    ----------
-    polygon : (N, 3) float
-        Corners in the frame of the camera, metres.
+    Shapes: ``polygon`` (N, 3), returns (M, 3).
 
-    Returns
-    -------
-    (M, 3) float
-        Corners of the part beyond the near plane; none if there is no such part.
+    * Returns: Corners of the part beyond the near plane; none if there is no such part.
     """
     kept = []
     for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
@@ -243,20 +185,7 @@ def _spans(outline: list[tuple[float, float]], top: int, bottom: int) -> tuple[F
 def shade(count: int, seen: Mapping[int, SeenQuad], depth_samples: Floats32, id_samples: Ids) -> View:
     """Colour the visible parts of the quads.
 
-    Parameters
-    ----------
-    count : int
-        Number of quads.
-    seen : mapping of int to SeenQuad
-        The quads that may be visible, by their position in the list.
-    depth_samples : (2 H, 2 W) float32
-        Inverse depth, 0 where there is nothing.
-    id_samples : (2 H, 2 W) int16
-        Position of the visible quad, -1 where there is none.
-
-    Returns
-    -------
-    View
+    * ``seen``: The quads that may be visible, by their position in the list.
     """
     import cv2
 
@@ -337,20 +266,9 @@ def _sample(quad: Quad, texel_from_pixel: Floats, left: int, top: int, mask: Ima
 def blend_levels(quad: Quad, detail: Floats32, mask: Image, warp: Callable[[int], Image]) -> Image:
     """Blend the two levels of the texture that are next to the level of detail.
 
-    Parameters
-    ----------
-    quad : Quad
-    detail : (16, 16) float32
-        Level of detail at the nodes of :func:`detail_nodes`.
-    mask : (H, W) uint8
-        1 at the pixels that will be used.
-    warp : callable
-        Number of a level -> that level as seen in the window, (H, W, 3) uint8.
+    Shapes: ``detail`` (16, 16), ``mask`` (H, W), returns (H, W, 3).
 
-    Returns
-    -------
-    (H, W, 3) uint8
-        Colours with the light of the quad.
+    * ``warp``: Number of a level -> that level as seen in the window, (H, W, 3) uint8.
     """
     import cv2
 
@@ -394,15 +312,9 @@ def _level_of_detail(texel_from_pixel: Floats, left: int, top: int, width: int, 
 def detail_nodes(left: int, top: int, width: int, height: int) -> tuple[Floats, Floats]:
     """Compute the pixels of a window at which the level of detail is evaluated.
 
-    Parameters
-    ----------
-    left, top, width, height : int
-        The window.
+    Shapes: returns ``x, y`` (16, 16).
 
-    Returns
-    -------
-    x, y : (16, 16) float
-        Pixels; they lie where cv2.resize assumes them when it enlarges the grid to the window.
+    * Returns ``x, y``: Pixels; they lie where cv2.resize assumes them when it enlarges the grid to the window.
     """
     nodes = (np.arange(_GRID) + 0.5) / _GRID
     x, y = np.meshgrid(left + nodes * width - 0.5, top + nodes * height - 0.5)

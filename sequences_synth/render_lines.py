@@ -22,8 +22,6 @@ from sequences_synth.line_quad import LineQuad, cam_from_texel_of_lines, enter
 from sequences_synth.render import NOTHING, View, clip_near, shade
 from sequences_synth.textured_quad import Quad
 
-__all__ = ["render_lines"]
-
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Ids = NDArray[np.int16]
@@ -88,21 +86,8 @@ def render_lines(
 ) -> View:
     """Render the quads with one pose per line.
 
-    Parameters
-    ----------
-    quads : sequence of Quad
-    camera : PinholeCamera
-        True camera, with its distortion.
-    by_columns : bool
-        Whether columns are exposed one after the other, and not rows.
-    frame_of : callable
-        Row (or column) of pixels, (N,) float -> frame number at which it is exposed, (N,) float.
-    world_from_cam : callable
-        Frame number -> pose (4, 4), metres.
-
-    Returns
-    -------
-    View
+    * ``by_columns``: Whether columns are exposed one after the other, and not rows.
+    * ``frame_of``: Row (or column) of pixels, (N,) float -> frame number at which it is exposed, (N,) float.
     """
     grid = _Grid.of(camera, by_columns)
     lines = _samples(camera.width if by_columns else camera.height)

@@ -18,8 +18,6 @@ from sequences_synth.line_quad import LineQuad, cam_from_texel_of_lines, enter
 from sequences_synth.render import NOTHING, View, shade
 from sequences_synth.textured_quad import Quad
 
-__all__ = ["render_rays"]
-
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Ids = NDArray[np.int16]
@@ -63,21 +61,9 @@ def render_rays(
 ) -> View:
     """Render the quads through a lens, with one pose per line.
 
-    Parameters
-    ----------
-    quads : sequence of Quad
-    camera : LensCamera
-    by_columns : bool
-        Whether columns are exposed one after the other, and not rows.
-    frame_of : callable
-        Row (or column) of pixels, (N,) float -> frame number at which it is exposed, (N,) float.
-    world_from_cam : callable
-        Frame number -> pose (4, 4), metres.
-
-    Returns
-    -------
-    View
-        Its inverse depth is the inverse distance along the ray of a pixel.
+    * ``by_columns``: Whether columns are exposed one after the other, and not rows.
+    * ``frame_of``: Row (or column) of pixels, (N,) float -> frame number at which it is exposed, (N,) float.
+    * Returns: Its inverse depth is the inverse distance along the ray of a pixel.
     """
     lines = np.asarray(0.5 * np.arange(2 * (camera.width if by_columns else camera.height)) - 0.25, float)
     frames = frame_of(lines)

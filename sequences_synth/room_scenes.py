@@ -11,8 +11,6 @@ from sequences_synth.builder import HAND_DEG, Setup, curved_path, hand_jitter, l
 from sequences_synth.textured_quad import Painter, Quad, box
 from sequences_synth.trajectory import Jitter, Path, progress
 
-__all__ = ["furnished_room", "room", "rotate_then_move", "rotation", "static"]
-
 Floats = NDArray[np.float64]
 
 # A standing person who looks about level sees no floor nearer than this.
@@ -22,17 +20,7 @@ _FIRST_TRANSLATION_FRAME = (40.0, 50.0)
 
 
 def room(setup: Setup) -> tuple[list[Quad], Path]:
-    """Build a furnished room; the camera is held by hand and moves mostly sideways.
-
-    Parameters
-    ----------
-    setup : Setup
-
-    Returns
-    -------
-    quads : list of Quad
-    path : Path
-    """
+    """Build a furnished room; the camera is held by hand and moves mostly sideways."""
     rng = setup.rng
     side = setup.random_sign()
     travel = rng.uniform(0.9, 1.3)
@@ -51,15 +39,7 @@ def room(setup: Setup) -> tuple[list[Quad], Path]:
 def furnished_room(setup: Setup, viewpoint: Floats) -> list[Quad]:
     """Build walls, pictures and boxes around a viewpoint that looks along y. No object is near the camera.
 
-    Parameters
-    ----------
-    setup : Setup
-    viewpoint : (3,) float
-        Position of the camera in the world, metres.
-
-    Returns
-    -------
-    list of Quad
+    Shapes: ``viewpoint`` (3,).
     """
     rng = setup.rng
     painter = setup.painter(viewpoint, 1.3)
@@ -123,34 +103,14 @@ def _pictures(
 
 
 def static(setup: Setup) -> tuple[list[Quad], Path]:
-    """Build the furnished room, seen by a static camera.
-
-    Parameters
-    ----------
-    setup : Setup
-
-    Returns
-    -------
-    quads : list of Quad
-    path : Path
-    """
+    """Build the furnished room, seen by a static camera."""
     quads, path = room(setup)
     start, angles = path.centre(0.0), path.angles(0.0)
     return quads, Path(centre=lambda _: start, angles=lambda _: angles, slow_start=0.0)
 
 
 def rotation(setup: Setup) -> tuple[list[Quad], Path]:
-    """Build the furnished room, seen by a rotation-only camera: it turns about its optical centre, without parallax.
-
-    Parameters
-    ----------
-    setup : Setup
-
-    Returns
-    -------
-    quads : list of Quad
-    path : Path
-    """
+    """Build the furnished room, seen by a rotation-only camera: it turns about its optical centre, without parallax."""
     rng = setup.rng
     start = np.array([rng.uniform(-0.4, 0.4), 0.0, rng.uniform(1.2, 1.6)])
     pan = setup.random_sign() * rng.uniform(25, 45)
@@ -162,17 +122,7 @@ def rotation(setup: Setup) -> tuple[list[Quad], Path]:
 
 
 def rotate_then_move(setup: Setup) -> tuple[list[Quad], Path]:
-    """Build the scene `rotation` in which the camera starts to move sideways after 40 to 50 frames.
-
-    Parameters
-    ----------
-    setup : Setup
-
-    Returns
-    -------
-    quads : list of Quad
-    path : Path
-    """
+    """Build the scene `rotation` in which the camera starts to move sideways after 40 to 50 frames."""
     quads, rotating = rotation(setup)
     rng = setup.rng
     start = rotating.centre(0.0)

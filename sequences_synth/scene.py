@@ -22,82 +22,47 @@ from sequences_synth.tags import tag_board
 from sequences_synth.textured_quad import Quad
 from sequences_synth.trajectory import Path, progress
 
-__all__ = ["SCENES", "STANDARD_SCENES", "Motions", "World", "build_world"]
-
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """A scene and the path of the camera through it.
+    """A scene and the path of the camera through it."""
 
-    Attributes
-    ----------
-    quads : tuple of Quad
-        All surfaces; those of moving objects come last.
-    path : Path or HandPath
-    exposure_phase : (float, float)
-        The exposure changes slowly as a sine: its phase at frame 0 and its advance per frame, radians.
-    """
-
+    #: All surfaces; those of moving objects come last.
     quads: tuple[Quad, ...]
     path: Path | HandPath
+    #: (float, float) The exposure changes slowly as a sine: its phase at frame 0 and its advance per frame, radians.
     exposure_phase: tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Motions:
-    """What moves in a world, and how.
+    """What moves in a world, and how."""
 
-    Attributes
-    ----------
-    slow_start : float
-        Number of frames over which the motion of the camera rises to full speed, see
-        :func:`sequences_synth.trajectory.progress`.
-    fps : float
-        Frames per second, for scenes whose motion is in seconds.
-    handling : Handling
-        How the camera of these scenes is handled.
-    cards : float
-        Approximate share of the image area that swaying cards cover; 0 for none.
-    boards : float
-        Share of the image area that bodies cover; 0 for none.
-    bodies : int
-        Number of these bodies.
-    body_turn_deg_s : float
-        Root mean square of their angular speed.
-    tag_m : float
-        Side of an AprilTag in the scene, metres; 0 for none. It is at rest.
-    """
-
+    #: Number of frames over which the motion of the camera rises to full speed, see
+    #: :func:`sequences_synth.trajectory.progress`.
     slow_start: float
+    #: Frames per second, for scenes whose motion is in seconds.
     fps: float
+    #: How the camera of these scenes is handled.
     handling: Handling
+    #: Approximate share of the image area that swaying cards cover; 0 for none.
     cards: float
+    #: Share of the image area that bodies cover; 0 for none.
     boards: float
+    #: Number of these bodies.
     bodies: int
+    #: Root mean square of their angular speed.
     body_turn_deg_s: float
+    #: Side of an AprilTag in the scene, metres; 0 for none. It is at rest.
     tag_m: float = 0.0
 
 
 def build_world(name: str, entropy: tuple[int, ...], K: Floats, width: int, height: int, motions: Motions) -> World:
     """Build a scene.
 
-    Parameters
-    ----------
-    name : str
-        One of :data:`SCENES`.
-    entropy : tuple of int
-        Changes geometry, textures and path.
-    K : (3, 3) float
-        True calibration matrix of the camera, pixels.
-    width, height : int
-        Image size in pixels.
-    motions : Motions
-
-    Returns
-    -------
-    World
+    Shapes: ``K`` (3, 3).
     """
     rng = np.random.default_rng(entropy)
     setup = Setup(rng, entropy, K, width, height, motions.slow_start, motions.fps, motions.handling)

@@ -7,48 +7,28 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Schedule"]
-
 Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """The frames of a sequence on the clock of its camera, which takes a frame at each tick.
+    """The frames of a sequence on the clock of its camera, which takes a frame at each tick."""
 
-    Attributes
-    ----------
-    ticks : (V,) int
-        Tick of the time stamp of each frame, ascending from 0. A dropped frame is a tick that no frame has.
-    content : (V,) int
-        Position of the frame whose image each frame shows: its own, or an earlier one where the frame is repeated.
-    cut : int
-        Position of the first frame of the second scene; 0 if there is one scene only.
-    """
-
+    #: (V,) Tick of the time stamp of each frame, ascending from 0. A dropped frame is a tick that no frame has.
     ticks: Ints
+    #: (V,) Position of the frame whose image each frame shows: its own, or an earlier one where the frame is
+    #: repeated.
     content: Ints
+    #: Position of the first frame of the second scene; 0 if there is one scene only.
     cut: int
 
     @staticmethod
     def draw(rng: np.random.Generator, frames: int, dropped: float, repeated: float, cut: int) -> Schedule:
         """Draw the frames that are missing and those that repeat the frame before.
 
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-        frames : int
-            Number of frames that are left.
-        dropped : float
-            Share of the frames that are missing. Neither the first nor the last frame is missing.
-        repeated : float
-            Share of the frames that repeat the frame before. The first frame of a scene does not.
-        cut : int
-            Position of the first frame of the second scene; 0 for one scene only.
-
-        Returns
-        -------
-        Schedule
+        * ``dropped``: Share of the frames that are missing. Neither the first nor the last frame is missing.
+        * ``repeated``: Share of the frames that repeat the frame before. The first frame of a scene does not.
+        * ``cut``: Position of the first frame of the second scene; 0 for one scene only.
         """
         taken = max(frames, round(frames / (1 - dropped)))
         inner = 1 + rng.permutation(max(taken - 2, 0))[: frames - 2]

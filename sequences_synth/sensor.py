@@ -29,8 +29,6 @@ from sequences_synth.shutter import Shutter
 from sequences_synth.stabilizer import LARGEST_WARP_RAD, virtual_from_cam
 from sequences_synth.textured_quad import Quad
 
-__all__ = ["CameraPath", "Sensor"]
-
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
@@ -53,61 +51,33 @@ class CameraPath(Protocol):
     def world_from_cam(self, frame: float) -> Floats:
         """Compute the pose at a frame.
 
-        Parameters
-        ----------
-        frame : float
-            Frame number, not necessarily whole.
-
-        Returns
-        -------
-        (4, 4) float
-            Pose world_from_cam, metres.
+        Shapes: returns (4, 4).
         """
 
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """A camera on its path through a world.
+    """A camera on its path through a world."""
 
-    Attributes
-    ----------
-    camera : PinholeCamera or LensCamera
-        The true camera.
-    shutter : Shutter
-    fps : float
-        Frames per second.
-    motion_blur : float
-        Exposure as a fraction of the frame interval, if ``exposure_s`` is 0: the image is blurred along its flow.
-    exposure_s : float
-        Exposure time: the frame is the mean of renders along the true path.
-    stabilized : bool
-        Whether frames are warped to a smoothed path; of a pinhole camera only.
-    quads : sequence of Quad
-        The world.
-    path : CameraPath
-    """
-
+    #: The true camera.
     camera: PinholeCamera | LensCamera
     shutter: Shutter
+    #: Frames per second.
     fps: float
+    #: Exposure as a fraction of the frame interval, if ``exposure_s`` is 0: the image is blurred along its flow.
     motion_blur: float
+    #: Exposure time: the frame is the mean of renders along the true path.
     exposure_s: float
+    #: Whether frames are warped to a smoothed path; of a pinhole camera only.
     stabilized: bool
+    #: The world.
     quads: Sequence[Quad]
     path: CameraPath
 
     def pose(self, frame: int) -> Floats:
         """Compute the true pose of a frame: of the camera, or of the virtual camera of a stabilized frame.
 
-        Parameters
-        ----------
-        frame : int
-            Frame number.
-
-        Returns
-        -------
-        (4, 4) float
-            Pose world_from_cam at the middle row, metres.
+        Shapes: returns (4, 4).
         """
         pose = self.path.world_from_cam(frame)
         if self.stabilized:
@@ -115,32 +85,13 @@ class Sensor:
         return pose
 
     def view(self, frame: int) -> View:
-        """Render a sharp frame.
-
-        Parameters
-        ----------
-        frame : int
-            Frame number.
-
-        Returns
-        -------
-        View
-            Its inverse depth is that of :meth:`take`.
-        """
+        """Render a sharp frame."""
         return self._stabilize(frame, self._expose(frame))
 
     def take(self, frame: int) -> View:
         """Render a frame with its motion blur; depth and ids are those of the middle of the exposure.
 
-        Parameters
-        ----------
-        frame : int
-            Frame number.
-
-        Returns
-        -------
-        View
-            With a lens camera its inverse depth is the inverse distance along the ray.
+        * Returns: With a lens camera its inverse depth is the inverse distance along the ray.
         """
         view = self._expose(frame)
         if self.exposure_s > 0:
@@ -152,16 +103,9 @@ class Sensor:
     def pixel_poses(self, frame: int, pixels: Floats) -> Floats:
         """Compute the poses that the camera had when it exposed pixels.
 
-        Parameters
-        ----------
-        frame : int
-            Frame number.
-        pixels : (N, 2) float
+        Shapes: ``pixels`` (N, 2), returns (N, 4, 4).
 
-        Returns
-        -------
-        (N, 4, 4) float
-            Poses world_from_cam, of the virtual camera in a stabilized frame, metres.
+        * Returns: Poses world_from_cam, of the virtual camera in a stabilized frame, metres.
         """
         warp = self._warp(frame) if self.stabilized else np.eye(3)
         exposed = self.camera.project(self.camera.rays(pixels) @ warp) if self.stabilized else pixels
@@ -173,15 +117,10 @@ class Sensor:
     def depth(self, view: View) -> Floats32:
         """Compute the depths of a view.
 
-        Parameters
-        ----------
-        view : View
-            Of this sensor.
+        Shapes: returns (H, W).
 
-        Returns
-        -------
-        (H, W) float32
-            Along the optical axis (z) in metres; 0 where there is no surface, or a surface behind the image plane.
+        * Returns: Along the optical axis (z) in metres; 0 where there is no surface, or a surface behind the image
+          plane.
         """
         hit = view.inverse_depth > 0
         depth = np.divide(1, view.inverse_depth, out=np.zeros_like(view.inverse_depth), where=hit)

@@ -19,8 +19,6 @@ from sequences_synth.schedule import Schedule
 from sequences_synth.sensor import Sensor
 from sequences_synth.shutter import Shutter
 
-__all__ = ["SynthOptions", "SynthSequence", "make_sequence"]
-
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Image = NDArray[np.uint8]

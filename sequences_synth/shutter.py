@@ -17,8 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["READOUT_DIRECTIONS", "Shutter"]
-
 Floats = NDArray[np.float64]
 
 #: The directions in which the rows or columns are read.
@@ -27,20 +25,13 @@ READOUT_DIRECTIONS: tuple[str, ...] = ("down", "up", "right", "left")
 
 @dataclass(frozen=True)
 class Shutter:
-    """A rolling shutter.
+    """A rolling shutter."""
 
-    Attributes
-    ----------
-    readout_s : float
-        Time from the first to the last row or column; 0 for a global shutter.
-    direction : str
-        One of :data:`READOUT_DIRECTIONS`.
-    width, height : int
-        Image size in pixels.
-    """
-
+    #: Time from the first to the last row or column; 0 for a global shutter.
     readout_s: float
+    #: One of :data:`READOUT_DIRECTIONS`.
     direction: str
+    #: width, height: Image size in pixels.
     width: int
     height: int
 
@@ -55,31 +46,13 @@ class Shutter:
         return self.width if self.by_columns else self.height
 
     def line_delay_s(self, line: Floats) -> Floats:
-        """Compute the exposure times of rows or columns.
-
-        Parameters
-        ----------
-        line : (...) float
-            Row y; column x where columns are read.
-
-        Returns
-        -------
-        (...) float
-            Time after that of the frame, seconds.
-        """
+        """Compute the exposure times of rows or columns."""
         sign = -1.0 if self.direction in ("up", "left") else 1.0
         return np.asarray(sign * self.readout_s * (line / self.lines - 0.5))
 
     def delay_s(self, pixels: Floats) -> Floats:
         """Compute the exposure times of pixels.
 
-        Parameters
-        ----------
-        pixels : (..., 2) float
-
-        Returns
-        -------
-        (...) float
-            Time after that of the frame, seconds.
+        Shapes: ``pixels`` (..., 2).
         """
         return self.line_delay_s(pixels[..., 0 if self.by_columns else 1])

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from sequences_synth.trajectory import rotation_from_vector, vector_from_rotation
 
-__all__ = ["LARGEST_WARP_RAD", "virtual_from_cam"]
-
 Floats = NDArray[np.float64]
 
 # Standard deviation of the Gaussian by which rotations are smoothed. It removes the tremor of a hand and keeps pans.
@@ -30,17 +28,10 @@ LARGEST_WARP_RAD = np.radians(6.0)
 def virtual_from_cam(rotation: Callable[[float], Floats], time_s: float) -> Floats:
     """Compute the rotation by which a frame is warped.
 
-    Parameters
-    ----------
-    rotation : callable
-        Time in seconds -> rotation world_from_cam (3, 3) of the true path.
-    time_s : float
-        Time of the middle row of the frame.
+    Shapes: returns (3, 3).
 
-    Returns
-    -------
-    (3, 3) float
-        Its product with a ray of the true camera is the ray of the virtual camera.
+    * ``rotation``: Time in seconds -> rotation world_from_cam (3, 3) of the true path.
+    * Returns: Its product with a ray of the true camera is the ray of the virtual camera.
     """
     offsets = np.linspace(-3.0, 3.0, _SAMPLES)
     weights = np.exp(-0.5 * offsets**2)

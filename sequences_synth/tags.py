@@ -14,8 +14,6 @@ from sequences_synth.builder import Setup
 from sequences_synth.texture import Texture, halved
 from sequences_synth.textured_quad import Quad
 
-__all__ = ["TAG_NUMBER", "tag_board"]
-
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
@@ -40,10 +38,7 @@ class TagTexture(Texture):
     def levels(self) -> list[Image]:
         """Images of the texture, each half as large as the one before.
 
-        Returns
-        -------
-        list of (H, W, 3) uint8
-            BGR.
+        Shapes: returns (H, W, 3).
         """
         import cv2
 
@@ -55,22 +50,7 @@ class TagTexture(Texture):
 
 
 def tag_board(setup: Setup, world_from_cam: Callable[[float], Floats], quads: Sequence[Quad], side_m: float) -> Quad:
-    """Make the board.
-
-    Parameters
-    ----------
-    setup : Setup
-    world_from_cam : callable
-        Frame number -> pose (4, 4), metres.
-    quads : sequence of Quad
-        The scene.
-    side_m : float
-        Side of the black square, metres.
-
-    Returns
-    -------
-    Quad
-    """
+    """Make the board."""
     pose = world_from_cam(0.0)
     depth = _NEARER * nearest_ahead(setup, quads, pose)
     side = side_m * (_CELLS + 2 * _MARGIN) / _CELLS

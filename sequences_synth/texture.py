@@ -14,8 +14,6 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LOOKS", "Look", "Texture", "halved"]
-
 Image = NDArray[np.uint8]
 Floats32 = NDArray[np.float32]
 Color = tuple[float, float, float]
@@ -32,32 +30,21 @@ _SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 @dataclass(frozen=True)
 class Look:
-    """Appearance of a kind of surface.
+    """Appearance of a kind of surface."""
 
-    Attributes
-    ----------
-    base : tuple of BGR colours
-        One of them, drawn at random, is the ground colour of a surface.
-    accents : tuple of BGR colours
-        Each mark has one of these colours, changed a little at random.
-    clouds : float
-        Standard deviation of the 1/f noise in grey levels.
-    grain : float
-        Standard deviation of the texel-to-texel noise in grey levels.
-    marks : dict of str to float
-        Relative frequency of ``rectangle``, ``ellipse``, ``polygon``, ``line``, ``glyph``.
-    blend : float
-        Colour of a mark between the ground colour (0) and the accent (1): high for prints, low for stains.
-    patch_texels : int
-        Size in texels of patches of different colour under the marks, like fields seen from above; 0 for none.
-    """
-
+    #: One of them, drawn at random, is the ground colour of a surface.
     base: tuple[Color, ...]
+    #: Each mark has one of these colours, changed a little at random.
     accents: tuple[Color, ...]
+    #: Standard deviation of the 1/f noise in grey levels.
     clouds: float
+    #: Standard deviation of the texel-to-texel noise in grey levels.
     grain: float
+    #: Relative frequency of ``rectangle``, ``ellipse``, ``polygon``, ``line``, ``glyph``.
     marks: dict[str, float] = field(hash=False)
+    #: Colour of a mark between the ground colour (0) and the accent (1): high for prints, low for stains.
     blend: float = 0.8
+    #: Size in texels of patches of different colour under the marks, like fields seen from above; 0 for none.
     patch_texels: int = 0
 
 
@@ -133,31 +120,21 @@ LOOKS: dict[str, Look] = {
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """A texture that is painted at its first use; the result depends on the seed only.
+    """A texture that is painted at its first use; the result depends on the seed only."""
 
-    Attributes
-    ----------
-    seed : sequence of int
-        Entropy of this texture only.
-    width, height : int
-        Size in texels.
-    look : str
-        Key of :data:`LOOKS`.
-    """
-
+    #: Entropy of this texture only.
     seed: Sequence[int]
+    #: width, height: Size in texels.
     width: int
     height: int
+    #: Key of :data:`LOOKS`.
     look: str
 
     @cached_property
     def levels(self) -> list[Image]:
         """Images of the texture, each half as large as the one before.
 
-        Returns
-        -------
-        list of (H, W, 3) uint8
-            BGR; texel s of level 0 lies at s / 2^k of level k.
+        Shapes: returns (H, W, 3).
         """
         return halved(_paint(np.random.default_rng(list(self.seed)), self.height, self.width, LOOKS[self.look]))
 
@@ -165,14 +142,9 @@ class Texture:
 def halved(image: Image) -> list[Image]:
     """Halve an image again and again.
 
-    Parameters
-    ----------
-    image : (H, W, 3) uint8
+    Shapes: ``image`` (H, W, 3), returns (H, W, 3).
 
-    Returns
-    -------
-    list of (H, W, 3) uint8
-        The image first. Texel s of level 0 lies at s / 2^k of level k.
+    * Returns: The image first. Texel s of level 0 lies at s / 2^k of level k.
     """
     import cv2
 

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from sequences_synth.texture import Texture
 
-__all__ = ["Painter", "Quad", "box"]
-
 Floats = NDArray[np.float64]
 
 # Largest side of a texture in texels: painting a larger one takes longer than rendering the sequence.
@@ -23,32 +21,23 @@ _SUN = np.array([-0.35, -0.5, 0.79])
 
 @dataclass(frozen=True, eq=False)
 class Quad:
-    """A textured parallelogram ``corner + a edge_u + b edge_v``, a and b in [0, 1].
+    """A textured parallelogram ``corner + a edge_u + b edge_v``, a and b in [0, 1]."""
 
-    Attributes
-    ----------
-    corner, edge_u, edge_v : (3,) float
-        World frame, metres. Texel (s, t) lies at a = s / (width - 1), b = t / (height - 1).
-    texture : Texture
-    light : float
-        Factor on the texture's grey levels.
-    one_sided : bool
-        If true, the quad is visible only where ``edge_u x edge_v`` points away from the camera, that is from the side
-        from which u runs right and v runs down. Used for the faces of closed boxes.
-    displacement : callable or None
-        For objects that move without turning: frame number -> displacement (3,) in metres.
-    body : callable or None
-        For bodies that move and turn: frame number -> world_from_body (4, 4). Corner and edges are then in the frame of
-        the body.
-    """
-
+    #: corner, edge_u, edge_v: (3,) World frame, metres. Texel (s, t) lies at a = s / (width - 1), b = t / (height -
+    #: 1).
     corner: Floats
     edge_u: Floats
     edge_v: Floats
     texture: Texture
+    #: Factor on the texture's grey levels.
     light: float = 1.0
+    #: If true, the quad is visible only where ``edge_u x edge_v`` points away from the camera, that is from the side
+    #: from which u runs right and v runs down. Used for the faces of closed boxes.
     one_sided: bool = False
+    #: For objects that move without turning: frame number -> displacement (3,) in metres.
     displacement: Callable[[float], Floats] | None = None
+    #: For bodies that move and turn: frame number -> world_from_body (4, 4). Corner and edges are then in the frame
+    #: of the body.
     body: Callable[[float], Floats] | None = None
 
     @property
@@ -59,15 +48,9 @@ class Quad:
     def motion(self, frame: float, later: float) -> Floats:
         """Compute the motion of the quad from one frame to another.
 
-        Parameters
-        ----------
-        frame, later : float
-            Frame numbers, not necessarily whole.
+        Shapes: returns (4, 4).
 
-        Returns
-        -------
-        (4, 4) float
-            Maps world points on the quad at ``frame`` to where they are at ``later``, metres.
+        * Returns: Maps world points on the quad at ``frame`` to where they are at ``later``, metres.
         """
         moved = np.eye(4)
         if self.body is not None:
@@ -79,30 +62,16 @@ class Quad:
     def corner_at(self, frame: float) -> Floats:
         """Compute the position of the corner at a frame.
 
-        Parameters
-        ----------
-        frame : float
-            Frame number, not necessarily whole.
-
-        Returns
-        -------
-        (3,) float
-            World frame, metres.
+        Shapes: returns (3,).
         """
         return self.corner if self.displacement is None else self.corner + self.displacement(frame)
 
     def world_from_texel(self, frame: float) -> Floats:
         """Compute the matrix that maps texels to world points.
 
-        Parameters
-        ----------
-        frame : float
-            Frame number, not necessarily whole.
+        Shapes: returns (3, 3).
 
-        Returns
-        -------
-        (3, 3) float
-            Its product with (s, t, 1) is the world point of texel (s, t), metres.
+        * Returns: Its product with (s, t, 1) is the world point of texel (s, t), metres.
         """
         if self.body is not None:
             world_from_body = self.body(frame)
@@ -126,26 +95,17 @@ class Quad:
 
 @dataclass(eq=False)
 class Painter:
-    """Makes quads. All textures are different, and each is as fine as the distance of the camera requires.
+    """Makes quads. All textures are different, and each is as fine as the distance of the camera requires."""
 
-    Attributes
-    ----------
-    seed : tuple of int
-        Entropy of the world; each texture adds its number.
-    focal_px : float
-        Focal length of the camera in pixels.
-    viewpoint : (3,) float
-        Approximate position of the camera in the world, metres.
-    nearest_m : float
-        Least distance between the camera and any surface, metres.
-    count : int
-        Number of textures made so far.
-    """
-
+    #: Entropy of the world; each texture adds its number.
     seed: tuple[int, ...]
+    #: Focal length of the camera in pixels.
     focal_px: float
+    #: (3,) Approximate position of the camera in the world, metres.
     viewpoint: Floats
+    #: Least distance between the camera and any surface, metres.
     nearest_m: float
+    #: Number of textures made so far.
     count: int = 0
 
     def quad(
@@ -161,24 +121,9 @@ class Painter:
     ) -> Quad:
         """Make a quad with its own texture, of about 1.1 texels per pixel where it is nearest to the viewpoint.
 
-        Parameters
-        ----------
-        corner, edge_u, edge_v : (3,) float
-            See :class:`Quad`.
-        look : str
-            Key of :data:`sequences_synth.texture.LOOKS`.
-        light : float
-            Factor on the texture's grey levels.
-        one_sided : bool
-            See :class:`Quad`.
-        displacement : callable, optional
-            See :class:`Quad`.
-        nearest_m : float
-            For a quad whose nearest part is never in view: the least distance of its visible part, metres.
+        Shapes: ``corner, edge_u, edge_v`` (3,).
 
-        Returns
-        -------
-        Quad
+        * ``nearest_m``: For a quad whose nearest part is never in view: the least distance of its visible part, metres.
         """
         corner, edge_u, edge_v = (np.asarray(x, float) for x in (corner, edge_u, edge_v))
         grid = np.linspace(0, 1, 9)
@@ -198,23 +143,7 @@ def box(
 ) -> list[Quad]:
     """Make the faces of an upright box: four sides and the top.
 
-    Parameters
-    ----------
-    painter : Painter
-    centre : (3,) float
-        Centre of the bottom face in the world, metres.
-    size : (3,) float
-        Width, depth, height in metres.
-    yaw_rad : float
-        Rotation about the vertical axis.
-    look : str
-        Key of :data:`sequences_synth.texture.LOOKS`.
-    floating : bool
-        Whether the box has a bottom face as well.
-
-    Returns
-    -------
-    list of Quad
+    Shapes: ``centre`` (3,), ``size`` (3,).
     """
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     x, y, z = size[0] * np.array([c, s, 0]), size[1] * np.array([-s, c, 0]), size[2] * np.array([0, 0, 1.0])

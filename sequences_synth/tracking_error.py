@@ -12,8 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["TrackingError"]
-
 Floats = NDArray[np.float64]
 
 # Number of polynomials of degree 2 or less in two variables.

@@ -12,17 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "PROGRESS_RANGE",
-    "Jitter",
-    "Path",
-    "orientation",
-    "progress",
-    "rotation_from_vector",
-    "rotations_from_vectors",
-    "vector_from_rotation",
-]
-
 Floats = NDArray[np.float64]
 
 # A path is designed for 100 frames, in which the progress runs from 0 to about 1.
@@ -36,17 +25,7 @@ PROGRESS_RANGE = (float(np.sin(_PHASE)) - 1.0, float(np.sin(_PHASE)) + 1.0)
 def progress(frame: float, slow_start: float) -> float:
     """Compute the progress of the camera along its path: 0 at frame 0, about 1 at frame 100.
 
-    Parameters
-    ----------
-    frame : float
-        Frame number, not necessarily whole; the camera is at rest before 0.
-    slow_start : float
-        Number of frames over which the speed rises smoothly from 0.
-
-    Returns
-    -------
-    float
-        In :data:`PROGRESS_RANGE`.
+    * ``frame``: Frame number, not necessarily whole; the camera is at rest before 0.
     """
     if frame <= 0:
         return 0.0
@@ -62,19 +41,7 @@ def progress(frame: float, slow_start: float) -> float:
 def orientation(yaw_rad: float, pitch_rad: float, roll_rad: float = 0.0) -> Floats:
     """Compute the rotation of a camera from yaw, pitch and roll; with zero angles it looks along the world's y axis.
 
-    Parameters
-    ----------
-    yaw_rad : float
-        Positive to the left.
-    pitch_rad : float
-        Positive upwards.
-    roll_rad : float
-        Rotation about the optical axis.
-
-    Returns
-    -------
-    (3, 3) float
-        Rotation world_from_cam.
+    Shapes: returns (3, 3).
     """
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     yaw = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -88,39 +55,19 @@ def orientation(yaw_rad: float, pitch_rad: float, roll_rad: float = 0.0) -> Floa
 
 @dataclass(frozen=True, eq=False)
 class Jitter:
-    """The tremor of a hand: a sum of three slow sines per axis.
+    """The tremor of a hand: a sum of three slow sines per axis."""
 
-    Attributes
-    ----------
-    angles_rad, offsets_m : (3, 3) float
-        Amplitudes of rotation and translation, axis by sine.
-    rates_rad : (3, 3) float
-        Phase advance per frame.
-    phases_rad : (3, 3) float
-        Phase at frame 0.
-    """
-
+    #: angles_rad, offsets_m: (3, 3) Amplitudes of rotation and translation, axis by sine.
     angles_rad: Floats
     offsets_m: Floats
+    #: (3, 3) Phase advance per frame.
     rates_rad: Floats
+    #: (3, 3) Phase at frame 0.
     phases_rad: Floats
 
     @staticmethod
     def draw(rng: np.random.Generator, angle_deg: float, offset_m: float) -> Jitter:
-        """Draw a tremor of 0.6 to 3 Hz at 30 frames per second; slower sines have larger amplitudes.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-        angle_deg : float
-            Approximate amplitude of the rotation.
-        offset_m : float
-            Approximate amplitude of the translation.
-
-        Returns
-        -------
-        Jitter
-        """
+        """Draw a tremor of 0.6 to 3 Hz at 30 frames per second; slower sines have larger amplitudes."""
         hertz = np.array([0.6, 1.5, 3.0]) * rng.uniform(0.8, 1.25, (3, 3))
         sizes = np.array([1.0, 0.5, 0.2]) * rng.uniform(0.6, 1.0, (3, 3))
         return Jitter(
@@ -133,17 +80,7 @@ class Jitter:
     def at(self, frame: float) -> tuple[Floats, Floats]:
         """Compute the tremor at a frame.
 
-        Parameters
-        ----------
-        frame : float
-            Frame number, not necessarily whole.
-
-        Returns
-        -------
-        rotation : (3,) float
-            Rotation vector in the camera frame, radians.
-        offset : (3,) float
-            Translation in the world frame, metres.
+        Shapes: returns ``rotation`` (3,), returns ``offset`` (3,).
         """
         waves = np.sin(self.phases_rad + self.rates_rad * frame)
         return np.sum(self.angles_rad * waves, axis=1), np.sum(self.offsets_m * np.roll(waves, 1, axis=0), axis=1)
@@ -151,42 +88,23 @@ class Jitter:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """A camera path.
+    """A camera path."""
 
-    Attributes
-    ----------
-    centre : callable
-        Progress of the translation -> camera centre (3,) in the world, metres.
-    angles : callable
-        Progress of the rotation -> yaw, pitch, roll in radians, see :func:`orientation`.
-    slow_start : float
-        See :func:`progress`.
-    move_from : float
-        Frame at which the translation starts.
-    jitter : Jitter or None
-        Tremor on top of the steady path.
-    """
-
+    #: Progress of the translation -> camera centre (3,) in the world, metres.
     centre: Callable[[float], Floats]
+    #: Progress of the rotation -> yaw, pitch, roll in radians, see :func:`orientation`.
     angles: Callable[[float], tuple[float, float, float]]
+    #: See :func:`progress`.
     slow_start: float
+    #: Frame at which the translation starts.
     move_from: float = 0.0
+    #: Tremor on top of the steady path.
     jitter: Jitter | None = None
 
     def steady(self, moved: float, turned: float) -> Floats:
         """Compute a pose of the steady path, without jitter.
 
-        Parameters
-        ----------
-        moved : float
-            Progress of the translation.
-        turned : float
-            Progress of the rotation.
-
-        Returns
-        -------
-        (4, 4) float
-            Pose world_from_cam, metres.
+        Shapes: returns (4, 4).
         """
         pose = np.eye(4)
         pose[:3, :3] = orientation(*self.angles(turned))
@@ -196,15 +114,7 @@ class Path:
     def world_from_cam(self, frame: float) -> Floats:
         """Compute the pose at a frame.
 
-        Parameters
-        ----------
-        frame : float
-            Frame number, not necessarily whole.
-
-        Returns
-        -------
-        (4, 4) float
-            Pose world_from_cam, metres.
+        Shapes: returns (4, 4).
         """
         moved = progress(frame - self.move_from, self.slow_start)
         pose = self.steady(moved, progress(frame, self.slow_start))
@@ -218,15 +128,7 @@ class Path:
 def rotation_from_vector(vector_rad: Floats) -> Floats:
     """Compute the rotation matrix of a rotation vector by Rodrigues' formula.
 
-    Parameters
-    ----------
-    vector_rad : (3,) float
-        Axis times angle.
-
-    Returns
-    -------
-    (3, 3) float
-        Rotation matrix.
+    Shapes: ``vector_rad`` (3,), returns (3, 3).
     """
     angle = float(np.linalg.norm(vector_rad))
     if angle == 0.0:
@@ -239,15 +141,7 @@ def rotation_from_vector(vector_rad: Floats) -> Floats:
 def rotations_from_vectors(vectors_rad: Floats) -> Floats:
     """Compute the rotation matrices of many rotation vectors, as :func:`rotation_from_vector` does for one.
 
-    Parameters
-    ----------
-    vectors_rad : (N, 3) float
-        Axis times angle.
-
-    Returns
-    -------
-    (N, 3, 3) float
-        Rotation matrices.
+    Shapes: ``vectors_rad`` (N, 3), returns (N, 3, 3).
     """
     angle = np.linalg.norm(vectors_rad, axis=1)
     axis = vectors_rad / np.where(angle > 0, angle, 1.0)[:, None]
@@ -261,15 +155,7 @@ def rotations_from_vectors(vectors_rad: Floats) -> Floats:
 def vector_from_rotation(rotation: Floats) -> Floats:
     """Compute the rotation vector of a rotation matrix by less than half a turn.
 
-    Parameters
-    ----------
-    rotation : (3, 3) float
-        Rotation matrix.
-
-    Returns
-    -------
-    (3,) float
-        Axis times angle, radians.
+    Shapes: ``rotation`` (3, 3), returns (3,).
     """
     (_, b, c), (d, _, f), (g, h, _) = rotation.tolist()
     # The axis times twice the sine of the angle.

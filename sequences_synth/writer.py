@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from sequences_synth.camera import PinholeCamera
 from sequences_synth.sequence import SynthSequence
 
-__all__ = ["DEPTH_FACTOR", "write_tum"]
-
 Floats = NDArray[np.float64]
 
 #: Grey levels per metre of a 16-bit depth image of TUM RGB-D. The largest depth is then 13 m.

@@ -19,20 +19,6 @@ from quest.display import Described
 from slam_init.errors import ConfigError
 from slam_init.system.regular_file import read_regular
 
-__all__ = [
-    "MAX_TRACKS_IN_SLICES",
-    "REALTIME_WORK",
-    "AcceptanceConfig",
-    "Config",
-    "ExternalConfig",
-    "KeyframeConfig",
-    "MapConfig",
-    "TrackingConfig",
-    "TwoViewConfig",
-    "config_toml",
-    "load_config",
-]
-
 _Options = TypeVar("_Options")
 
 #: Work of a frame at 30 Hz: with 14 ms for the tracks of a car's wide images (8 in 640x480 pixels) and 2 ms for the

@@ -10,16 +10,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = [
-    "CalibrationError",
-    "ConfigError",
-    "OutputError",
-    "SlamInitError",
-    "SourceError",
-    "ViewerError",
-    "plain_line",
-]
-
 # Control characters, line separators, halves of surrogate pairs, and marks that turn the direction of the text. A file
 # name may hold any of them, and with them a message could look like another one.
 _NOT_PLAIN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")

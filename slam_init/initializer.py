@@ -67,8 +67,6 @@ if TYPE_CHECKING:
     from slam_init.decision.two_views import Proposer
     from slam_init.decision.window_rule import WindowRule
 
-__all__ = ["Initializer", "load_all"]
-
 
 class Initializer:
     """Takes frames until it has a map: images by :meth:`process`, or tracks of your own by :meth:`process_tracks`.

@@ -38,8 +38,6 @@ from slam_init.types.result import GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
 from slam_init.types.status import Status
 
-__all__ = ["Finished", "Job", "reduction_of"]
-
 #: Memory for images of keyframes: their descriptors need the newest one, and markers need all of them. 256 MB hold 800
 #: grey images of 640x480, or 30 of 4K.
 _FEW_IMAGE_BYTES, _IMAGE_BYTES = 1 << 25, 1 << 28
@@ -101,16 +99,7 @@ class Job:
     imu: bool
 
     def run(self, recorder: Recorder) -> Finished:
-        """Process the frames, and summarize the run.
-
-        Parameters
-        ----------
-        recorder : Recorder
-
-        Returns
-        -------
-        Finished
-        """
+        """Process the frames, and summarize the run."""
         hashed = InputHash(self.camera)
         memory = FrameMemory(_IMAGE_BYTES if isinstance(self.scale, KnownMarkers | KnownBoard) else _FEW_IMAGE_BYTES)
         reduction = reduction_of(self.source, self.camera)
@@ -295,18 +284,7 @@ class _Counted:
 
 
 def reduction_of(source: Source, camera: Camera) -> Reduction:
-    """Choose how the frames are reduced; the tracks of a source that has its own are in original pixels.
-
-    Parameters
-    ----------
-    source : Source
-    camera : Camera
-        The calibration of the frames.
-
-    Returns
-    -------
-    Reduction
-    """
+    """Choose how the frames are reduced; the tracks of a source that has its own are in original pixels."""
     return Reduction(camera, 1, camera) if isinstance(source, KnowsTracks) else Reduction.of(camera)
 
 

@@ -24,8 +24,6 @@ from slam_init.types.frame import Source
 from slam_init.types.pose import Trajectory
 from slam_init.types.result import Result
 
-__all__ = ["run"]
-
 
 def run(
     source: Source,

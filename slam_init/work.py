@@ -23,8 +23,6 @@ import greenlet
 
 from slam_init.errors import SlamInitError
 
-__all__ = ["Prices", "Sliced", "seconds", "spend"]
-
 _Value = TypeVar("_Value")
 
 
@@ -79,10 +77,7 @@ class _Stack(greenlet.greenlet):
 class Sliced(Generic[_Value]):
     """A computation that runs in slices.
 
-    Parameters
-    ----------
-    compute : callable
-        Takes nothing. It may call :func:`spend` at any depth.
+    * ``compute``: Takes nothing. It may call :func:`spend` at any depth.
     """
 
     def __init__(self, compute: Callable[[], _Value]) -> None:
@@ -91,38 +86,19 @@ class Sliced(Generic[_Value]):
 
     @property
     def done(self) -> bool:
-        """Whether the computation has ended.
-
-        Returns
-        -------
-        bool
-        """
+        """Whether the computation has ended."""
         return self._stack.dead
 
     @property
     def value(self) -> _Value:
-        """The result of a computation that has ended.
-
-        Returns
-        -------
-        object
-            What ``compute`` returned.
-        """
+        """The result of a computation that has ended."""
         return self._values[0]
 
     def run(self, work: float) -> None:
         """Run a slice.
 
-        Parameters
-        ----------
-        work : float
-            What the slice may spend; infinite to run to the end. Work that cannot be divided may exceed a slice: the
-            next ones are shorter then.
-
-        Raises
-        ------
-        SlamInitError
-            In another thread than that of the first slice.
+        * ``work``: What the slice may spend; infinite to run to the end. Work that cannot be divided may exceed a
+          slice: the next ones are shorter then.
         """
         stack = self._stack
         stack.left, stack.fresh = min(stack.left, 0.0) + work, True
@@ -140,11 +116,8 @@ class Sliced(Generic[_Value]):
 def spend(work: float) -> None:
     """Announce work that follows. Outside of a :class:`Sliced` computation this does nothing.
 
-    Parameters
-    ----------
-    work : float
-        In microseconds on one core of the machine that the prices were measured on. Work that does not fit into what is
-        left of a slice waits for the next slice.
+    * ``work``: In microseconds on one core of the machine that the prices were measured on. Work that does not fit into
+      what is left of a slice waits for the next slice.
     """
     stack = greenlet.getcurrent()
     if not isinstance(stack, _Stack):
@@ -160,12 +133,6 @@ def spend(work: float) -> None:
 
 
 def seconds() -> float:
-    """A clock that stands still while a sliced computation is paused.
-
-    Returns
-    -------
-    float
-        Differences have a meaning within one computation.
-    """
+    """A clock that stands still while a sliced computation is paused."""
     stack = greenlet.getcurrent()
     return time.perf_counter() - (stack.paused_s if isinstance(stack, _Stack) else 0.0)

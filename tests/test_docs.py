@@ -1,6 +1,9 @@
-"""The tutorials run as they stand, and every file that a command writes is documented."""
+"""The tutorials run as they stand, every file that a command writes and every name of the reference is documented."""
 
+import dataclasses
 import importlib.util
+import inspect
+import pkgutil
 import re
 import shlex
 import tomllib
@@ -107,3 +110,32 @@ def test_the_python_of_all_pages_is_python():
         for language, line, text in blocks(page):
             if language == "python":
                 compile("\n" * line + text, str(page), "exec")
+
+
+def shown_in_the_reference():
+    """The functions and classes that the pages of the reference name, with the public members of the classes."""
+    pages = "".join(page.read_text(encoding="utf-8") for page in sorted((DOCS / "reference").glob("*.md")))
+    for name in re.findall(r"^::: (\S+)$", pages, re.MULTILINE):
+        thing = pkgutil.resolve_name(name)
+        if inspect.ismodule(thing):
+            continue
+        yield name
+        if inspect.isclass(thing):
+            for member, value in vars(thing).items():
+                if not member.startswith("_") and inspect.isroutine(getattr(value, "__func__", value)):
+                    yield f"{name}.{member}"
+
+
+@pytest.mark.parametrize("name", list(shown_in_the_reference()))
+def test_the_docstrings_of_the_reference_describe_parameters_results_and_errors(name):
+    pytest.importorskip("numpydoc")
+    from numpydoc.validate import validate
+
+    thing = pkgutil.resolve_name(name)
+    checks = ["GL03", "GL06", "GL07", "GL08", "SS01", "SS03"]
+    if not inspect.isclass(thing):
+        checks += ["PR01", "PR02", "PR03", "PR04", "RT01", "RT04", "YD01"]
+    assert [error for error in validate(name)["errors"] if error[0] in checks] == []
+    if dataclasses.is_dataclass(thing):  # its fields stand below Attributes, or a comment each in a section of options
+        described = f"{thing.__doc__}{inspect.getsource(thing)}" if "Config" in name else thing.__doc__
+        assert [item.name for item in dataclasses.fields(thing) if not re.search(rf"\b{item.name}\b", described)] == []

@@ -34,26 +34,16 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.pose import Pose, Trajectory
 
-__all__ = ["Poster"]
-
 
 @dataclass(frozen=True)
 class Poster:
-    """A data set that implements :class:`slam_init.datasets.timed.TimedSource`.
-
-    Attributes
-    ----------
-    name : str
-    kind : str
-        Kind of the source in ``summary.json``.
-    camera : Camera
-    length : int
-        Number of frames.
-    """
+    """A data set that implements :class:`slam_init.datasets.timed.TimedSource`."""
 
     name: str = "poster"
+    #: Kind of the source in ``summary.json``.
     kind: str = "example"
     camera: Camera = field(default_factory=lambda: Camera("pinhole", 320, 240, 260.0, 260.0, 159.5, 119.5))
+    #: Number of frames.
     length: int = 40
 
     def __len__(self) -> int:
@@ -63,41 +53,19 @@ class Poster:
     def timestamps_s(self) -> Floats:
         """Time stamps of the frames: 30 frames per second.
 
-        Returns
-        -------
-        (N,) float
-            In seconds.
+        Shapes: returns (N,).
         """
         return np.arange(self.length) / 30.0
 
     @property
     def groundtruth(self) -> Trajectory:
-        """True trajectory: the camera slides to the right in a curve, one metre away from the wall z = 1.
-
-        Returns
-        -------
-        Trajectory
-            Pose world_from_cam of each frame, in metres.
-        """
+        """True trajectory: the camera slides to the right in a curve, one metre away from the wall z = 1."""
         s = np.arange(self.length) / self.length
         poses = (Pose(rotation_from_vector(np.array([0.1 * a, -0.2 * a, 0])), np.array([a, a * a, 0]) / 2) for a in s)
         return Trajectory(self.timestamps_s, tuple(poses))
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Render frames.
-
-        Parameters
-        ----------
-        start : int
-            Index of the first frame.
-        max_frames : int or None
-            Largest number of frames; None for all.
-
-        Yields
-        ------
-        Frame
-            In the order of time.
-        """
+        """Render frames."""
         import cv2
 
         noise = np.random.default_rng(0).normal(size=(600, 800))

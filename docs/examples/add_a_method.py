@@ -17,8 +17,6 @@ from slam_init.methods.two_view import PairRule, TwoViewOutcome, check_matches
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 
-__all__ = ["MedianParallax"]
-
 
 class MedianParallax:
     """A method that implements :class:`slam_init.methods.two_view.TwoViewMethod`."""
@@ -30,20 +28,9 @@ class MedianParallax:
     ) -> TwoViewOutcome:
         """Accept a motion between two views, or refuse the pair with a reason.
 
-        Parameters
-        ----------
-        camera : Camera
-        pixels1, pixels2 : (N, 2) float
-            Matches in both views.
-        bearings1, bearings2 : (N, 3) float
-            Unit rays of the matches in the frames of both cameras.
-        seed : int
-            Seed of random draws; OpenCV has its own fixed seed, so this method does not use it.
+        Shapes: ``pixels1, pixels2`` (N, 2), ``bearings1, bearings2`` (N, 3).
 
-        Returns
-        -------
-        TwoViewOutcome
-            The motion with its landmarks, or the reason of the refusal.
+        * ``seed``: Seed of random draws; OpenCV has its own fixed seed, so this method does not use it.
         """
         import cv2
 

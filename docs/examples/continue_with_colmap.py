@@ -34,8 +34,6 @@ from slam_init.types.frame import Frame, Source, length_of
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose, Trajectory
 
-__all__ = ["Registered", "build_database", "continue_with_colmap", "main", "start_with_colmap"]
-
 #: Number of images, evenly spaced over the sequence, and of features of each: all pairs are matched.
 _IMAGES, _FEATURES = 40, 2000
 #: Longest time of a mapper.
@@ -46,38 +44,22 @@ _KNOWN = 12
 
 @dataclass(frozen=True, eq=False)
 class Registered:
-    """What COLMAP made of the images.
+    """What COLMAP made of the images."""
 
-    Attributes
-    ----------
-    world_from_cam : dict of str to Pose
-        The registered images by name.
-    images : int
-        Number of images in the database.
-    points : int
-        Number of points of the model.
-    seconds : float
-        Time of triangulation and mapping, without features and matches.
-    """
-
+    #: The registered images by name.
     world_from_cam: dict[str, Pose]
+    #: Number of images in the database.
     images: int
+    #: Number of points of the model.
     points: int
+    #: Time of triangulation and mapping, without features and matches.
     seconds: float
 
     def relative_error(self, truth: Mapping[str, Pose]) -> float | None:
         """Compute the error of the positions after alignment by a similarity.
 
-        Parameters
-        ----------
-        truth : mapping of str to Pose
-            True poses by name.
-
-        Returns
-        -------
-        float or None
-            Root mean square distance over the length of the true path of the registered images; None for fewer than
-            three.
+        * Returns: Root mean square distance over the length of the true path of the registered images; None for fewer
+          than three.
         """
         names = sorted(set(self.world_from_cam) & set(truth))
         if len(names) < 3:
@@ -88,21 +70,7 @@ class Registered:
 
 
 def build_database(map_: InitialMap, frames: Sequence[Frame], work: Path) -> Path:
-    """Write images, and extract and match COLMAP's features.
-
-    Parameters
-    ----------
-    map_ : InitialMap
-        Its camera is that of the images.
-    frames : sequence of Frame
-    work : Path
-        Folder of the images and of the database; it is created.
-
-    Returns
-    -------
-    Path
-        The database. Image names are those of :func:`image_name`.
-    """
+    """Write images, and extract and match COLMAP's features."""
     import cv2
     import pycolmap
 
@@ -135,17 +103,7 @@ def build_database(map_: InitialMap, frames: Sequence[Frame], work: Path) -> Pat
 def continue_with_colmap(database: Path, known: Mapping[str, Pose]) -> Registered:
     """Register the images of a database, starting from known poses.
 
-    Parameters
-    ----------
-    database : Path
-        From :func:`build_database`.
-    known : mapping of str to Pose
-        world_from_cam of some of the images, by name.
-
-    Returns
-    -------
-    Registered
-        In the world and the unit of the known poses, up to what COLMAP's bundle adjustment moves.
+    * Returns: In the world and the unit of the known poses, up to what COLMAP's bundle adjustment moves.
     """
     import pycolmap
 
@@ -174,17 +132,7 @@ def continue_with_colmap(database: Path, known: Mapping[str, Pose]) -> Registere
 
 
 def start_with_colmap(database: Path) -> Registered:
-    """Register the images of a database from COLMAP's own initial pair.
-
-    Parameters
-    ----------
-    database : Path
-
-    Returns
-    -------
-    Registered
-        Without images where COLMAP finds no good initial pair.
-    """
+    """Register the images of a database from COLMAP's own initial pair."""
     return _mapped(database, _options(), time.perf_counter(), None)
 
 
@@ -232,31 +180,15 @@ def _camera(map_: InitialMap, work: Path) -> Any:
 
 
 def image_name(index: int) -> str:
-    """Name the image of a frame.
-
-    Parameters
-    ----------
-    index : int
-
-    Returns
-    -------
-    str
-    """
+    """Name the image of a frame."""
     return f"{index:06d}.png"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Initialize from a source, continue with COLMAP, and compare with COLMAP's own start.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        The source (``synth:room`` by default) and the number of images; the arguments of the process by default.
-
-    Returns
-    -------
-    int
-        Exit code as of ``slam-init run``.
+    * ``argv``: The source (``synth:room`` by default) and the number of images; the arguments of the process by
+      default.
     """
     arguments = sys.argv[1:] if argv is None else argv
     try:

@@ -28,8 +28,6 @@ from slam_init.types.frame import Frame
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose, Trajectory
 
-__all__ = ["continue_with_isam2", "main"]
-
 #: A track that is farther than this from the projection of its landmark is an outlier. The value is the threshold of
 #: the two-view estimation (2 px) plus half of it for the drift of the track since then.
 _GATE_PX = 3.0
@@ -40,23 +38,11 @@ _FRAMES = 15
 def continue_with_isam2(map_: InitialMap, tracker: Tracker, frames: Iterable[Frame]) -> list[Keyframe]:
     """Add frames to a map one by one.
 
-    Parameters
-    ----------
-    map_ : InitialMap
-        The map. ISAM2 copies its graph and values; they are not changed.
-    tracker : Tracker
-        The tracker in its state after the frame at which the map was accepted. The function moves it on.
-    frames : iterable of Frame
-        The frames that follow.
-
-    Returns
-    -------
-    list of Keyframe
-        The frames that were located: world_from_cam after the last update, in the frame and scale of the map.
-
-    References
-    ----------
     Kaess et al., "iSAM2: Incremental Smoothing and Mapping Using the Bayes Tree", IJRR 2012.
+
+    * ``map_``: The map. ISAM2 copies its graph and values; they are not changed.
+    * ``tracker``: The tracker in its state after the frame at which the map was accepted. The function moves it on.
+    * Returns: The frames that were located: world_from_cam after the last update, in the frame and scale of the map.
     """
     import gtsam
 
@@ -100,15 +86,7 @@ def continue_with_isam2(map_: InitialMap, tracker: Tracker, frames: Iterable[Fra
 def main(argv: Sequence[str] | None = None) -> int:
     """Initialize from a source, continue for half a second, and print the camera positions.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        The source (``synth:room`` by default); the arguments of the process by default.
-
-    Returns
-    -------
-    int
-        Exit code as of ``slam-init run``.
+    * ``argv``: The source (``synth:room`` by default); the arguments of the process by default.
     """
     arguments = sys.argv[1:] if argv is None else argv
     try:
@@ -144,16 +122,9 @@ def _main(name: str) -> int:
 def position_errors(keyframes: Sequence[Keyframe], truth: Trajectory) -> Floats:
     """Compute the position errors of keyframes after alignment by a similarity.
 
-    Parameters
-    ----------
-    keyframes : sequence of Keyframe
-        Keyframes without a true pose are left out.
-    truth : Trajectory
+    Shapes: returns (N,).
 
-    Returns
-    -------
-    (N,) float
-        Distances from the true positions, divided by the diagonal of the box around the true positions.
+    * Returns: Distances from the true positions, divided by the diagonal of the box around the true positions.
     """
     pairs = [(k.world_from_cam.t, pose.t) for k in keyframes if (pose := truth.at(k.timestamp_s)) is not None]
     if not pairs:

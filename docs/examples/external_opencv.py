@@ -19,23 +19,13 @@ import numpy as np
 from slam_init.calibration.files import load_camera
 from slam_init.types.arrays import Floats, Image
 
-__all__ = ["main"]
-
 _MIN_POINTS, _MIN_PARALLAX_DEG = 50, 2.0
 
 
 def main(arguments: list[str]) -> int:
     """Initialize from a folder of frames.
 
-    Parameters
-    ----------
-    arguments : list of str
-        Folder of the frames, file of the time stamps, calibration, folder of the results.
-
-    Returns
-    -------
-    int
-        Exit code.
+    * ``arguments``: Folder of the frames, file of the time stamps, calibration, folder of the results.
     """
     import cv2
 

@@ -19,23 +19,13 @@ from pathlib import Path
 from slam_init.calibration.files import load_camera
 from slam_init.output.colmap_cameras import colmap_camera, colmap_note
 
-__all__ = ["main"]
-
 _MOST_FRAMES = 20
 
 
 def main(arguments: list[str]) -> int:
     """Reconstruct a folder of frames.
 
-    Parameters
-    ----------
-    arguments : list of str
-        Folder of the frames, file of the time stamps, calibration, folder of the results.
-
-    Returns
-    -------
-    int
-        Exit code.
+    * ``arguments``: Folder of the frames, file of the time stamps, calibration, folder of the results.
     """
     import pycolmap
 

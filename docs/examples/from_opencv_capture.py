@@ -21,25 +21,11 @@ from slam_init.types.result import Result
 if TYPE_CHECKING:
     import cv2
 
-__all__ = ["initialize_from_capture", "main"]
-
 
 def initialize_from_capture(capture: cv2.VideoCapture, camera: Camera, tell: Callable[[str], object] = print) -> Result:
     """Read images until a map is found or the capture ends.
 
-    Parameters
-    ----------
-    capture : cv2.VideoCapture
-        An opened capture. It is not closed.
-    camera : Camera
-        Calibration of its images.
-    tell : callable
-        Is called with a line of text each time the reason or the progress (in steps of 10 %) changes.
-
-    Returns
-    -------
-    Result
-        The map, or the reason why there is none.
+    * ``tell``: Is called with a line of text each time the reason or the progress (in steps of 10 %) changes.
     """
     import cv2
 
@@ -61,15 +47,7 @@ def initialize_from_capture(capture: cv2.VideoCapture, camera: Camera, tell: Cal
 def main(argv: Sequence[str] | None = None) -> int:
     """Initialize from a capture and print the result.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Capture and calibration; the arguments of the process by default.
-
-    Returns
-    -------
-    int
-        Exit code as of ``slam-init run``.
+    * ``argv``: Capture and calibration; the arguments of the process by default.
     """
     arguments = sys.argv[1:] if argv is None else argv
     if len(arguments) != 2:

@@ -20,8 +20,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.result import Result
 
-__all__ = ["OrbTracks", "initialize_from_tracks", "main"]
-
 #: A feature that is lost is searched in this number of frames: a second of video.
 _MEMORY_FRAMES = 30
 #: Lowe's ratio test: the distance of the best match must be below this share of the distance of the second best.
@@ -31,10 +29,7 @@ _RATIO = 0.8
 class OrbTracks:
     """ORB features with track ids.
 
-    Parameters
-    ----------
-    count : int
-        Largest number of features per image.
+    * ``count``: Largest number of features per image.
     """
 
     def __init__(self, count: int = 1500) -> None:
@@ -51,16 +46,7 @@ class OrbTracks:
     def track(self, gray: Image) -> tuple[Ints, Floats]:
         """Find the features of the next image and match them with the tracks.
 
-        Parameters
-        ----------
-        gray : (H, W) uint8
-
-        Returns
-        -------
-        track_ids : (N,) int
-            In ascending order.
-        pixels : (N, 2) float
-            Positions of the features.
+        Shapes: ``gray`` (H, W), returns ``track_ids`` (N,), returns ``pixels`` (N, 2).
         """
         keypoints, found = self._orb.detectAndCompute(gray, None)
         pixels = np.array([keypoint.pt for keypoint in keypoints], float).reshape(-1, 2)
@@ -99,19 +85,7 @@ class OrbTracks:
 
 
 def initialize_from_tracks(camera: Camera, frames: Iterable[Frame]) -> Result:
-    """Feed the initializer with ORB tracks until a map is found or the frames end.
-
-    Parameters
-    ----------
-    camera : Camera
-    frames : iterable of Frame
-        In the order of time.
-
-    Returns
-    -------
-    Result
-        The map, or the reason why there is none.
-    """
+    """Feed the initializer with ORB tracks until a map is found or the frames end."""
     initializer, tracks = Initializer(camera), OrbTracks()
     for frame in frames:
         ids, pixels = tracks.track(frame.gray)
@@ -127,15 +101,7 @@ def initialize_from_tracks(camera: Camera, frames: Iterable[Frame]) -> Result:
 def main(argv: Sequence[str] | None = None) -> int:
     """Initialize from a source with ORB tracks and print the result.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        The source (``synth:room`` by default); the arguments of the process by default.
-
-    Returns
-    -------
-    int
-        Exit code as of ``slam-init run``.
+    * ``argv``: The source (``synth:room`` by default); the arguments of the process by default.
     """
     arguments = sys.argv[1:] if argv is None else argv
     try:

@@ -14,27 +14,12 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["main", "read_handover"]
-
 
 def read_handover(path: str) -> list[dict[str, Any]]:
     """Read the keyframes, each with the points that it sees.
 
-    Parameters
-    ----------
-    path : str
-        Of ``handover.npz``.
-
-    Returns
-    -------
-    list of dict
-        For each keyframe: ``id``, ``time``, ``cam_from_world`` (4, 4), and by observation ``pixels`` (N, 2),
-        ``point_ids`` (N,), ``points`` (N, 3) in the world, ``descriptors`` (N, 32).
-
-    Raises
-    ------
-    ValueError
-        If the file is no handover of version 1.
+    * Returns: For each keyframe: ``id``, ``time``, ``cam_from_world`` (4, 4), and by observation ``pixels`` (N, 2),
+      ``point_ids`` (N,), ``points`` (N, 3) in the world, ``descriptors`` (N, 32).
     """
     with np.load(path, allow_pickle=False) as file:
         if str(file.get("format")) != "slam-init-handover" or int(file["version"]) != 1:
@@ -59,18 +44,7 @@ def read_handover(path: str) -> list[dict[str, Any]]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print a line for each keyframe.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        The file; the arguments of the process by default.
-
-    Returns
-    -------
-    int
-        Exit code: 2 if there is no such file, or it is no handover.
-    """
+    """Print a line for each keyframe."""
     arguments = sys.argv[1:] if argv is None else argv
     try:
         keyframes = read_handover(arguments[0] if arguments else "slam-init-out/handover.npz")

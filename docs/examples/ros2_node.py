@@ -22,16 +22,11 @@ from slam_init.errors import SlamInitError
 from slam_init.initializer import Initializer
 from slam_init.types.initial_map import InitialMap
 
-__all__ = ["main", "make_node"]
-
 
 def make_node() -> Any:
     """Make the node.
 
-    Returns
-    -------
-    object
-        With ``node``, a rclpy.node.Node, and ``initializer``: None before the first calibration.
+    * Returns: With ``node``, a rclpy.node.Node, and ``initializer``: None before the first calibration.
     """
     from geometry_msgs.msg import PoseStamped
     from nav_msgs.msg import Path
@@ -87,13 +82,7 @@ def make_node() -> Any:
 
 
 def main() -> int:
-    """Run the node until it is interrupted.
-
-    Returns
-    -------
-    int
-        Exit code.
-    """
+    """Run the node until it is interrupted."""
     import rclpy
 
     rclpy.init()

@@ -87,10 +87,7 @@ def _pictures() -> list[Any]:
 class _Canvas:
     """The drawing, of which each frame changes a part.
 
-    Parameters
-    ----------
-    bound : float
-        The largest risk that is accepted.
+    * ``bound``: The largest risk that is accepted.
     """
 
     def __init__(self, bound: float) -> None:

@@ -15,17 +15,9 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 
-__all__ = ["command_line", "commands", "options", "reasons", "summary"]
-
 
 def command_line() -> str:
-    """Write the page of the command line from its parsers.
-
-    Returns
-    -------
-    str
-        Markdown.
-    """
+    """Write the page of the command line from its parsers."""
     from slam_init.cli.main import make_parser
 
     parser = make_parser()
@@ -47,17 +39,7 @@ def command_line() -> str:
 
 
 def commands(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.ArgumentParser]]:
-    """Give the commands and the commands below these, by name.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-
-    Yields
-    ------
-    name : str
-    command : argparse.ArgumentParser
-    """
+    """Give the commands and the commands below these, by name."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for name, command in action.choices.items():
@@ -83,13 +65,7 @@ def _arguments(parser: argparse.ArgumentParser) -> Iterator[str]:
 
 
 def options() -> str:
-    """Write the page of the options from ``slam_init/config.py``: each with the default and its reason.
-
-    Returns
-    -------
-    str
-        Markdown.
-    """
+    """Write the page of the options from ``slam_init/config.py``: each with the default and its reason."""
     from numpydoc.docscrape import NumpyDocString
 
     from slam_init import config
@@ -166,13 +142,7 @@ def _comments(source: str) -> dict[tuple[str, str], str]:
 
 
 def reasons() -> str:
-    """Write the page of the reasons, in order of precedence, and of the gates.
-
-    Returns
-    -------
-    str
-        Markdown.
-    """
+    """Write the page of the reasons, in order of precedence, and of the gates."""
     from slam_init.types.gates import GateName
     from slam_init.types.reasons import REASONS
 
@@ -199,13 +169,7 @@ def reasons() -> str:
 
 
 def summary() -> str:
-    """Write the page of ``summary.json`` from its JSON Schema.
-
-    Returns
-    -------
-    str
-        Markdown.
-    """
+    """Write the page of ``summary.json`` from its JSON Schema."""
     schema = json.loads((ROOT / "slam_init" / "output" / "summary.schema.json").read_text(encoding="utf-8"))
     lines = [
         "# summary.json",

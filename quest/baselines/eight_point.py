@@ -7,8 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.baselines.essential import as_samples, finish, null_space, rotations_of_essential
 
-__all__ = ["eight_point"]
-
 
 def eight_point(m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
     """Rotations cam2_from_cam1 of the essential matrix that fits eight or more matches best.
@@ -16,24 +14,12 @@ def eight_point(m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
     ``n . E m = 0`` is solved in least squares over E of unit norm. Bearings of unit norm need no normalization by
     Hartley's method. For points on a plane three dimensions of E fit, and the rotations are wrong.
 
-    Parameters
-    ----------
-    m, n : (N, 3) or (B, N, 3) float
-        Bearings in camera 1 and camera 2, of any norm, N >= 8.
-
-    Returns
-    -------
-    (2, 4) or (B, 2, 4) float
-        Unit quaternions wxyz, canonical in sign, the twisted pair; the form is that of :func:`quest.solvers.quest6`.
-
-    Raises
-    ------
-    InputError
-        If the shapes do not fit, N < 8, a number is not finite, or a ray is zero.
-
-    References
-    ----------
     H. C. Longuet-Higgins, "A computer algorithm for reconstructing a scene from two projections", Nature 293, 1981.
+
+    Shapes: ``m, n`` (N, 3), returns (2, 4).
+
+    * Returns: Unit quaternions wxyz, canonical in sign, the twisted pair; the form is that of
+      :func:`quest.solvers.quest6`.
     """
     m, n, single = as_samples(m, n, at_least=8)
     q = rotations_of_essential(null_space(m, n, 1)[:, 0])

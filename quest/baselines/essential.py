@@ -10,8 +10,6 @@ from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import quaternion_from_matrix
 from quest.solvers.quest6 import rotation_alone
 
-__all__ = ["as_samples", "constraints", "finish", "null_space", "rotations_of_essential"]
-
 Floats = NDArray[np.float64]
 
 _QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -20,26 +18,7 @@ _QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 def as_samples(m: ArrayLike, n: ArrayLike, at_least: int, at_most: int | None = None) -> tuple[Floats, Floats, bool]:
     """Check the arguments of a solver.
 
-    Parameters
-    ----------
-    m, n : (N, 3) or (B, N, 3) array_like
-        Bearings in camera 1 and camera 2.
-    at_least : int
-        Smallest N allowed.
-    at_most : int, optional
-        Largest N allowed; by default any.
-
-    Returns
-    -------
-    m, n : (B, N, 3) float
-        Unit bearings.
-    single : bool
-        Whether the bearings came as a single sample (N, 3).
-
-    Raises
-    ------
-    InputError
-        As :func:`quest.geometry.epipolar.as_matches`, and if N is larger than ``at_most``.
+    Shapes: ``m, n`` (N, 3), returns ``m, n`` (B, N, 3).
     """
     m, n = as_matches(m, n, at_least=at_least)
     if at_most is not None and m.shape[-2] > at_most:
@@ -50,17 +29,7 @@ def as_samples(m: ArrayLike, n: ArrayLike, at_least: int, at_most: int | None = 
 def null_space(m: Floats, n: Floats, dimensions: int) -> Floats:
     """Basis of the matrices E that fulfil ``n . E m = 0`` best.
 
-    Parameters
-    ----------
-    m, n : (B, N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    dimensions : int
-        Number of basis matrices.
-
-    Returns
-    -------
-    (B, dimensions, 3, 3) float
-        Orthonormal; the matrix of the smallest residual last.
+    Shapes: ``m, n`` (B, N, 3), returns (B, dimensions, 3, 3).
     """
     rows = (n[..., :, None] * m[..., None, :]).reshape(*m.shape[:2], 9)
     # R of a QR decomposition in place of the rows: the singular value decomposition is then of at most nine rows.
@@ -71,13 +40,7 @@ def null_space(m: Floats, n: Floats, dimensions: int) -> Floats:
 def constraints(E: Floats) -> Floats:
     """Ten cubics that vanish for essential matrices: ``2 E E'E - tr(E E') E`` and ``det E``.
 
-    Parameters
-    ----------
-    E : (..., 3, 3) float
-
-    Returns
-    -------
-    (..., 10) float
+    Shapes: ``E`` (..., 3, 3), returns (..., 10).
     """
     EEt = E @ E.swapaxes(-1, -2)
     trace = np.trace(EEt, axis1=-2, axis2=-1)[..., None, None]
@@ -88,19 +51,11 @@ def constraints(E: Floats) -> Floats:
 def rotations_of_essential(E: Floats) -> Floats:
     """The two rotations of essential matrices.
 
-    Parameters
-    ----------
-    E : (..., 3, 3) float
-        Any matrices: the nearest essential matrix is decomposed. NaN gives NaN.
-
-    Returns
-    -------
-    (..., 2, 4) float
-        Unit quaternions wxyz.
-
-    References
-    ----------
     R. Hartley, A. Zisserman, "Multiple View Geometry in Computer Vision", 2004, section 9.6.2.
+
+    Shapes: ``E`` (..., 3, 3), returns (..., 2, 4).
+
+    * ``E``: Any matrices: the nearest essential matrix is decomposed. NaN gives NaN.
     """
     known: NDArray[np.bool_] = np.asarray(np.isfinite(E).all(axis=(-1, -2)))
     U, _, Vt = np.linalg.svd(np.where(known[..., None, None], E, np.eye(3)))
@@ -117,19 +72,7 @@ def finish(q: Floats, m: Floats, n: Floats, single: bool) -> Floats:
     For a rotation-only camera every translation fits and the essential matrix is not determined. The rotation that
     turns m into n (:func:`quest.solvers.quest6.rotation_alone`) then replaces the candidates.
 
-    Parameters
-    ----------
-    q : (B, K, 4) float
-        Candidates, NaN-padded; overwritten.
-    m, n : (B, N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    single : bool
-        Whether the bearings came as a single sample.
-
-    Returns
-    -------
-    (B, K, 4) or (K, 4) float
-        For a single sample without the padding.
+    Shapes: ``q`` (B, K, 4), ``m, n`` (B, N, 3), returns (B, K, 4).
     """
     rotation = rotation_alone(m, n)
     rotation_only = np.isfinite(rotation[:, 0])

@@ -7,8 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.baselines.essential import as_samples, constraints, finish, null_space, rotations_of_essential
 
-__all__ = ["five_point"]
-
 Floats = NDArray[np.float64]
 
 # Exponents of the 20 monomials of x, y, z up to degree three: the ten cubics, then the monomials of lower degree.
@@ -45,25 +43,12 @@ def five_point(m: ArrayLike, n: ArrayLike) -> Floats:
     for the ten monomials of degree three, which gives the matrix of multiplication by x on the other ten monomials. Its
     real eigenvectors contain (x, y, z). Points on a plane are solved too; the candidates contain both of their motions.
 
-    Parameters
-    ----------
-    m, n : (5, 3) or (B, 5, 3) float
-        Bearings in camera 1 and camera 2, of any norm.
-
-    Returns
-    -------
-    (K, 4) or (B, 20, 4) float
-        Unit quaternions wxyz, canonical in sign, two for each of at most ten essential matrices; the form is that of
-        :func:`quest.solvers.quest6`.
-
-    Raises
-    ------
-    InputError
-        If the shapes do not fit, the matches are not five, a number is not finite, or a ray is zero.
-
-    References
-    ----------
     H. Stewenius, C. Engels, D. Nister, "Recent developments on direct relative orientation", ISPRS Journal 60, 2006.
+
+    Shapes: ``m, n`` (5, 3), returns (K, 4).
+
+    * Returns: Unit quaternions wxyz, canonical in sign, two for each of at most ten essential matrices; the form is
+      that of :func:`quest.solvers.quest6`.
     """
     m, n, single = as_samples(m, n, at_least=5, at_most=5)
     basis = np.einsum("kl,blij->bkij", _MIXING, null_space(m, n, 4))

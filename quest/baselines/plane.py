@@ -8,8 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 from quest.baselines.essential import as_samples, finish
 from quest.geometry.quaternion import quaternion_from_matrix
 
-__all__ = ["homography"]
-
 Floats = NDArray[np.float64]
 
 # H, scaled to a middle singular value of 1, is a rotation where the squared singular values differ by less than this.
@@ -27,24 +25,11 @@ def homography(m: ArrayLike, n: ArrayLike) -> Floats:
     :func:`quest.geometry.homography.decompose_homography`, here for a batch. For points that lie on no plane the
     rotations are wrong.
 
-    Parameters
-    ----------
-    m, n : (N, 3) or (B, N, 3) float
-        Bearings in camera 1 and camera 2, of any norm, N >= 4.
-
-    Returns
-    -------
-    (K, 4) or (B, 2, 4) float
-        Unit quaternions wxyz, canonical in sign, in the form of :func:`quest.solvers.quest6`.
-
-    Raises
-    ------
-    InputError
-        If the shapes do not fit, N < 4, a number is not finite, or a ray is zero.
-
-    References
-    ----------
     Y. Ma, S. Soatto, J. Kosecka, S. Sastry, "An Invitation to 3-D Vision", 2004, section 5.3.3.
+
+    Shapes: ``m, n`` (N, 3), returns (K, 4).
+
+    * Returns: Unit quaternions wxyz, canonical in sign, in the form of :func:`quest.solvers.quest6`.
     """
     m, n, single = as_samples(m, n, at_least=4)
     return finish(_rotations(_fit(m, n)), m, n, single)

@@ -7,8 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.baselines.essential import as_samples, finish, null_space, rotations_of_essential
 
-__all__ = ["seven_point"]
-
 Floats = NDArray[np.float64]
 
 # det(c A + s B) is a cubic form in (c, s). Its values at four angles determine it.
@@ -26,24 +24,12 @@ def seven_point(m: ArrayLike, n: ArrayLike) -> Floats:
     The matrices of the pencil E = c A + s B with det E = 0 are the solutions, at most three. Each gives the rotations
     of the nearest essential matrix. For points on a plane the pencil has three dimensions, and the rotations are wrong.
 
-    Parameters
-    ----------
-    m, n : (N, 3) or (B, N, 3) float
-        Bearings in camera 1 and camera 2, of any norm, N >= 7; more than seven in least squares.
-
-    Returns
-    -------
-    (K, 4) or (B, 6, 4) float
-        Unit quaternions wxyz, canonical in sign, in the form of :func:`quest.solvers.quest6`.
-
-    Raises
-    ------
-    InputError
-        If the shapes do not fit, N < 7, a number is not finite, or a ray is zero.
-
-    References
-    ----------
     R. Hartley, A. Zisserman, "Multiple View Geometry in Computer Vision", 2004, section 11.1.2.
+
+    Shapes: ``m, n`` (N, 3), returns (K, 4).
+
+    * ``m, n``: Bearings in camera 1 and camera 2, of any norm, N >= 7; more than seven in least squares.
+    * Returns: Unit quaternions wxyz, canonical in sign, in the form of :func:`quest.solvers.quest6`.
     """
     m, n, single = as_samples(m, n, at_least=7)
     pencil = null_space(m, n, 2)

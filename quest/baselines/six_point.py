@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.baselines.essential import as_samples, constraints, finish, null_space, rotations_of_essential
 
-__all__ = ["six_point"]
-
 Floats = NDArray[np.float64]
 
 # The ten cubic monomials of x, y, z (letters 0 to 2), and for a pivot a the positions of a^2 (x, y, z).
@@ -35,25 +33,14 @@ def six_point(m: ArrayLike, n: ArrayLike) -> Floats:
     matrices into ten equations in ten monomials. They are solved as if the monomials were independent unknowns. For
     points on a plane there is more than one solution, and the rotations are wrong.
 
-    Parameters
-    ----------
-    m, n : (N, 3) or (B, N, 3) float
-        Bearings in camera 1 and camera 2, of any norm, N >= 6; more than six in least squares.
-
-    Returns
-    -------
-    (2, 4) or (B, 2, 4) float
-        Unit quaternions wxyz, canonical in sign, the twisted pair; the form is that of :func:`quest.solvers.quest6`.
-
-    Raises
-    ------
-    InputError
-        If the shapes do not fit, N < 6, a number is not finite, or a ray is zero.
-
-    References
-    ----------
     J. Philip, "Critical point configurations of the 5-, 6-, 7-, and 8-point algorithms for relative orientation",
     TRITA-MAT-1998-MA-13, KTH, 1998.
+
+    Shapes: ``m, n`` (N, 3), returns (2, 4).
+
+    * ``m, n``: Bearings in camera 1 and camera 2, of any norm, N >= 6; more than six in least squares.
+    * Returns: Unit quaternions wxyz, canonical in sign, the twisted pair; the form is that of
+      :func:`quest.solvers.quest6`.
     """
     m, n, single = as_samples(m, n, at_least=6)
     basis = null_space(m, n, 3)

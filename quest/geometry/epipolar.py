@@ -18,22 +18,7 @@ Floats = NDArray[np.float64]
 def as_matches(m: ArrayLike, n: ArrayLike, at_least: int) -> tuple[Floats, Floats]:
     """Check matched bearings and scale them to unit norm.
 
-    Parameters
-    ----------
-    m, n : (N, 3) or (B, N, 3) float
-        Rays in camera 1 and camera 2, of any norm but zero.
-    at_least : int
-        Smallest N allowed.
-
-    Returns
-    -------
-    m, n : (N, 3) or (B, N, 3) float
-        The same rays with unit norm.
-
-    Raises
-    ------
-    InputError
-        If the shapes differ or are not as above, a value is no finite number, or a ray is zero.
+    Shapes: ``m, n`` (N, 3), returns ``m, n`` (N, 3).
     """
     m, n = as_floats(m, "bearings"), as_floats(n, "bearings")
     if m.shape != n.shape or m.ndim not in (2, 3) or m.shape[-1] != 3:
@@ -58,16 +43,7 @@ def _unit(rays: Floats) -> Floats:
 def essential_from_pose(R: ArrayLike, t: ArrayLike) -> Floats:
     """Essential matrices ``E = [t]x R`` of poses, so that ``n . E m = 0``.
 
-    Parameters
-    ----------
-    R : (..., 3, 3) float
-        Rotations of cam2_from_cam1.
-    t : (..., 3) float
-        Translations of cam2_from_cam1.
-
-    Returns
-    -------
-    (..., 3, 3) float
+    Shapes: ``R`` (..., 3, 3), ``t`` (..., 3), returns (..., 3, 3).
     """
     R, t = np.asarray(R, float), np.asarray(t, float)
     return np.asarray(np.cross(t[..., :, None], R, axis=-2))
@@ -80,24 +56,12 @@ def sampson_error(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> Flo
     epipolar constraint ``n . E m = 0`` on the product of two unit spheres. For rays near the optical axis it is the
     usual Sampson error divided by the focal length. It stays finite and meaningful beyond 90 degrees from the axis.
 
-    Parameters
-    ----------
-    R : (..., 3, 3) float
-        Rotations cam2_from_cam1 of any number of hypotheses.
-    t : (..., 3) float
-        Translations, of any norm but zero.
-    m, n : (N, 3) float, or broadcasting as (B, N, 3) with R (B, H, 3, 3)
-        Unit bearings.
-
-    Returns
-    -------
-    (..., N) float
-        Zero where the match lies on both epipoles: there every change fulfils the constraint.
-
-    References
-    ----------
     P. D. Sampson, "Fitting conic sections to very scattered data", CGIP 1982; on rays as in Hartley and
     Zisserman, "Multiple View Geometry", section 11.4.3.
+
+    Shapes: ``R`` (..., 3, 3), ``t`` (..., 3), ``m, n`` (N, 3), returns (..., N).
+
+    * Returns: Zero where the match lies on both epipoles: there every change fulfils the constraint.
     """
     t = np.asarray(t, float)
     E = essential_from_pose(R, t / np.linalg.norm(t, axis=-1, keepdims=True))
@@ -136,19 +100,9 @@ def depths_from_pose(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> 
 
         u = (c (n . t) - (R m . t)) / (1 - c^2)        v = ((n . t) - c (R m . t)) / (1 - c^2)
 
-    Parameters
-    ----------
-    R : (..., 3, 3) float
-        Rotations cam2_from_cam1.
-    t : (..., 3) float
-        Translations; the depths have the same unit.
-    m, n : (N, 3) float, or broadcasting as (B, N, 3) with R (B, H, 3, 3)
-        Unit bearings.
+    Shapes: ``R`` (..., 3, 3), ``t`` (..., 3), ``m, n`` (N, 3), returns ``u, v`` (..., N).
 
-    Returns
-    -------
-    u, v : (..., N) float
-        Depths in camera 1 and camera 2, negative for a point behind. Infinite or NaN for parallel rays.
+    * Returns ``u, v``: Depths in camera 1 and camera 2, negative for a point behind. Infinite or NaN for parallel rays.
     """
     R, t, m, n = (np.asarray(a, float) for a in (R, t, m, n))
     c = _flat(R) @ _outer(n, m)
@@ -163,17 +117,7 @@ def depths_from_pose(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> 
 def parallax_angles(R: ArrayLike, m: ArrayLike, n: ArrayLike) -> Floats:
     """Angles between the rays R m and n of each match.
 
-    Parameters
-    ----------
-    R : (..., 3, 3) float
-        Rotations of cam2_from_cam1.
-    m, n : (N, 3) float, or broadcasting as (B, N, 3) with R (B, H, 3, 3)
-        Unit bearings.
-
-    Returns
-    -------
-    (..., N) float
-        Radians; zero for a point at infinity.
+    Shapes: ``R`` (..., 3, 3), ``m, n`` (N, 3), returns (..., N).
     """
     R, m, n = (np.asarray(a, float) for a in (R, m, n))
     rotated = m @ R.swapaxes(-1, -2)

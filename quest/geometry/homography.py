@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from quest.geometry.refine import tangent_basis
 
-__all__ = ["decompose_homography", "fit_homography", "homography_residuals"]
-
 Floats = NDArray[np.float64]
 
 # A matrix whose second singular value is this small relative to the first maps all rays to a line.
@@ -27,17 +25,9 @@ _SINGULAR = 1e-12
 def fit_homography(m: Floats, n: Floats, weight: Floats | None = None) -> Floats:
     """Fit a homography by linear least squares, ``n x H m = 0``.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2, N >= 4.
-    weight : (N,) float, optional
-        Factor of the residuals of each match; by default 1.
+    Shapes: ``m, n`` (N, 3), ``weight`` (N,), returns (3, 3).
 
-    Returns
-    -------
-    (3, 3) float
-        Unit norm; the sign is the one with most points in front of both cameras.
+    * Returns: Unit norm; the sign is the one with most points in front of both cameras.
     """
     # The two components of n x Hm orthogonal to n. With unit bearings the equations need no further conditioning.
     first, second = np.moveaxis(tangent_basis(n), -1, 0)
@@ -61,17 +51,7 @@ def homography_residuals(H: Floats, m: Floats, n: Floats) -> Floats:
     Each of the two tangent components is a sum of the noise of n and of m. For motions between video frames H is close
     to a rotation and both have the same weight, hence the division by sqrt(2).
 
-    Parameters
-    ----------
-    H : (3, 3) float
-        Homography.
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-
-    Returns
-    -------
-    (N, 3) float
-        Radians for small residuals; tangent to n.
+    Shapes: ``H`` (3, 3), ``m, n`` (N, 3), returns (N, 3).
     """
     transferred = m @ H.T
     norm = np.linalg.norm(transferred, axis=1, keepdims=True)
@@ -83,19 +63,12 @@ def homography_residuals(H: Floats, m: Floats, n: Floats) -> Floats:
 def decompose_homography(H: Floats, m: Floats) -> list[tuple[Floats, Floats, Floats]]:
     """Decompose a homography into its two poses and planes, ``H ~ R + t k^T`` [1]_.
 
-    Parameters
-    ----------
-    H : (3, 3) float
-        Homography, of any scale and sign.
-    m : (N, 3) float
-        Unit bearings in camera 1. (R, -t, -k) gives the same homography; the sign is the one with most of these points
-        in front of camera 1.
+    Shapes: ``H`` (3, 3), ``m`` (N, 3), returns (R, t, k).
 
-    Returns
-    -------
-    list of (R, t, k)
-        R (3, 3), t (3,) and k (3,) of each pose: t in units of the distance of the plane from camera 1, k of unit
-        norm. Empty where H is a rotation, has a rank below two, or is not finite.
+    * ``m``: Unit bearings in camera 1. (R, -t, -k) gives the same homography; the sign is the one with most of these
+      points in front of camera 1.
+    * Returns: R (3, 3), t (3,) and k (3,) of each pose: t in units of the distance of the plane from camera 1, k of
+      unit norm. Empty where H is a rotation, has a rank below two, or is not finite.
     """
     if not np.isfinite(H).all():
         return []

@@ -13,37 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.errors import InputError
 
-__all__ = [
-    "canonical",
-    "conjugate",
-    "matrix_from_quaternion",
-    "multiply",
-    "quaternion_from_matrix",
-    "quaternion_from_vector",
-    "rotation_angle",
-    "rotation_from_vector",
-    "vector_from_rotation",
-]
-
 Floats = NDArray[np.float64]
 
 
 def matrix_from_quaternion(q: ArrayLike) -> Floats:
     """Rotation matrices of quaternions.
 
-    Parameters
-    ----------
-    q : (..., 4) array_like
-        Quaternions wxyz, of any norm but zero. Rows of NaN, the padding of solvers, give NaN.
+    Shapes: ``q`` (..., 4), returns (..., 3, 3).
 
-    Returns
-    -------
-    (..., 3, 3) float
-
-    Raises
-    ------
-    InputError
-        If a quaternion is zero or infinite: it is no rotation.
+    * ``q``: Quaternions wxyz, of any norm but zero. Rows of NaN, the padding of solvers, give NaN.
     """
     a = np.asarray(q, float)
     with np.errstate(over="ignore"):
@@ -74,19 +52,9 @@ def quaternion_from_matrix(R: ArrayLike) -> Floats:
     The diagonal gives the four squared components. The largest is the pivot, so that there is no division by a small
     number at any angle.
 
-    Parameters
-    ----------
-    R : (..., 3, 3) array_like
-        Rotation matrices; those of NaN give NaN.
-
-    Returns
-    -------
-    (..., 4) float
-        Quaternions wxyz of canonical sign and unit norm.
-
-    References
-    ----------
     S. W. Shepperd, "Quaternion from rotation matrix", Journal of Guidance and Control 1, 1978.
+
+    Shapes: ``R`` (..., 3, 3), returns (..., 4).
     """
     R = np.asarray(R, float)
     m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
@@ -111,14 +79,7 @@ def quaternion_from_matrix(R: ArrayLike) -> Floats:
 def canonical(q: ArrayLike) -> Floats:
     """The same rotations with ``w >= 0`` (where w = 0: first non-zero entry positive).
 
-    Parameters
-    ----------
-    q : (..., 4) array_like
-        Quaternions wxyz; rows of NaN stay as they are.
-
-    Returns
-    -------
-    (..., 4) float
+    Shapes: ``q`` (..., 4), returns (..., 4).
     """
     a = np.asarray(q, float)
     # The sign of the first non-zero entry.
@@ -130,14 +91,7 @@ def canonical(q: ArrayLike) -> Floats:
 def conjugate(q: ArrayLike) -> Floats:
     """The inverse rotations of unit quaternions.
 
-    Parameters
-    ----------
-    q : (..., 4) array_like
-        Unit quaternions wxyz.
-
-    Returns
-    -------
-    (..., 4) float
+    Shapes: ``q`` (..., 4), returns (..., 4).
     """
     return np.asarray(np.asarray(q, float) * np.array([1.0, -1.0, -1.0, -1.0]))
 
@@ -145,14 +99,7 @@ def conjugate(q: ArrayLike) -> Floats:
 def multiply(p: ArrayLike, q: ArrayLike) -> Floats:
     """Hamilton product: ``R(p q) = R(p) R(q)``.
 
-    Parameters
-    ----------
-    p, q : (..., 4) array_like
-        Quaternions wxyz.
-
-    Returns
-    -------
-    (..., 4) float
+    Shapes: ``p, q`` (..., 4), returns (..., 4).
     """
     pw, px, py, pz = np.moveaxis(np.asarray(p, float), -1, 0)
     qw, qx, qy, qz = np.moveaxis(np.asarray(q, float), -1, 0)
@@ -170,15 +117,7 @@ def multiply(p: ArrayLike, q: ArrayLike) -> Floats:
 def rotation_angle(R: ArrayLike) -> Floats:
     """Rotation angles of matrices, accurate near 0 and near pi.
 
-    Parameters
-    ----------
-    R : (..., 3, 3) array_like
-        Rotation matrices.
-
-    Returns
-    -------
-    (...) float
-        Radians, from 0 to pi.
+    Shapes: ``R`` (..., 3, 3).
     """
     q = quaternion_from_matrix(R)
     return np.asarray(2 * np.arctan2(np.linalg.norm(q[..., 1:], axis=-1), q[..., 0]))
@@ -187,15 +126,7 @@ def rotation_angle(R: ArrayLike) -> Floats:
 def quaternion_from_vector(w: ArrayLike) -> Floats:
     """Unit quaternions of rotation vectors (the exponential map).
 
-    Parameters
-    ----------
-    w : (..., 3) array_like
-        Rotation vectors, radians.
-
-    Returns
-    -------
-    (..., 4) float
-        Quaternions wxyz.
+    Shapes: ``w`` (..., 3), returns (..., 4).
     """
     w = np.asarray(w, float)
     angle = np.linalg.norm(w, axis=-1, keepdims=True)
@@ -207,14 +138,7 @@ def quaternion_from_vector(w: ArrayLike) -> Floats:
 def vector_from_rotation(R: ArrayLike) -> Floats:
     """Rotation vectors of rotation matrices (the logarithm), of angles up to pi.
 
-    Parameters
-    ----------
-    R : (..., 3, 3) array_like
-
-    Returns
-    -------
-    (..., 3) float
-        Radians.
+    Shapes: ``R`` (..., 3, 3), returns (..., 3).
     """
     q = canonical(quaternion_from_matrix(R))
     sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
@@ -225,18 +149,6 @@ def vector_from_rotation(R: ArrayLike) -> Floats:
 def rotation_from_vector(w: ArrayLike) -> Floats:
     """Rotation matrices of rotation vectors (the exponential map).
 
-    Parameters
-    ----------
-    w : (..., 3) array_like
-        Rotation vectors, radians.
-
-    Returns
-    -------
-    (..., 3, 3) float
-
-    Raises
-    ------
-    InputError
-        If a number is infinite.
+    Shapes: ``w`` (..., 3), returns (..., 3, 3).
     """
     return matrix_from_quaternion(quaternion_from_vector(w))

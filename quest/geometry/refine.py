@@ -28,15 +28,7 @@ Floats = NDArray[np.float64]
 def tangent_basis(t: Floats) -> Floats:
     """Orthonormal bases of the planes orthogonal to vectors.
 
-    Parameters
-    ----------
-    t : (..., 3) float
-        Vectors of any norm but zero.
-
-    Returns
-    -------
-    (..., 3, 2) float
-        The two vectors of a basis as columns.
+    Shapes: ``t`` (..., 3), returns (..., 3, 2).
     """
     helper = np.eye(3)[np.argmin(np.abs(t), axis=-1)]
     first = np.cross(t, helper)
@@ -48,21 +40,9 @@ def tangent_basis(t: Floats) -> Floats:
 def sampson_jacobian(R: Floats, t: Floats, m: Floats, n: Floats) -> tuple[Floats, Floats]:
     """Sampson errors and their derivatives by (w, b), see the module docstring.
 
-    Parameters
-    ----------
-    R : (3, 3) float
-        Rotation of cam2_from_cam1.
-    t : (3,) float
-        Translation of cam2_from_cam1, unit norm.
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
+    Shapes: ``R`` (3, 3), ``t`` (3,), ``m, n`` (N, 3), returns ``r`` (N,), returns ``J`` (N, 5).
 
-    Returns
-    -------
-    r : (N,) float
-        Sampson errors, radians.
-    J : (N, 5) float
-        Derivatives by the rotation vector w (three columns) and by the coordinates b of t (two columns).
+    * Returns ``J``: Derivatives by the rotation vector w (three columns) and by the coordinates b of t (two columns).
     """
     a = m @ R.T
     axn = np.cross(a, n)
@@ -86,25 +66,11 @@ def refine_pose(
 ) -> tuple[Floats, Floats]:
     """Minimize the robust sum of squared Sampson errors, starting from R, t.
 
-    Parameters
-    ----------
-    R : (3, 3) float
-        Rotation of cam2_from_cam1 at the start.
-    t : (3,) float
-        Translation of cam2_from_cam1 at the start, unit norm.
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    scale_rad : float
-        Scale of the Geman-McClure kernel: a match at this error has a quarter of the weight.
-    iterations : int
-        Largest number of steps. The loop ends earlier where a step changes nothing.
+    Shapes: ``R`` (3, 3), ``t`` (3,), ``m, n`` (N, 3), returns ``R`` (3, 3), returns ``t`` (3,).
 
-    Returns
-    -------
-    R : (3, 3) float
-        Rotation of the refined pose, whose robust cost is never larger than that of the start.
-    t : (3,) float
-        Translation of the refined pose, unit norm.
+    * ``scale_rad``: Scale of the Geman-McClure kernel: a match at this error has a quarter of the weight.
+    * ``iterations``: Largest number of steps. The loop ends earlier where a step changes nothing.
+    * Returns ``R``: Rotation of the refined pose, whose robust cost is never larger than that of the start.
     """
     scale2 = scale_rad * scale_rad
     r, J = sampson_jacobian(R, t, m, n)

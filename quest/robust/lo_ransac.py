@@ -22,8 +22,6 @@ from numpy.typing import NDArray
 from quest.robust.prosac import progressive_samples, subset_size
 from quest.robust.samples import RansacReport, samples_needed
 
-__all__ = ["YIELDS", "lo_ransac"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -150,37 +148,19 @@ def lo_ransac(
 ) -> RansacReport | None:
     """Search for the motion of least truncated cost.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2, N >= ``sample_size``.
-    threshold_rad : float
-        Sampson error above which a match is an outlier.
-    rng : numpy.random.Generator
-        The only source of randomness.
-    rotation : (3, 3) float
-        The rotation that explains most matches by itself. Samples of five are solved from this rotation and from the
-        identity, since a rotation that is fitted to matches contains a part of the translation. Samples of six need no
-        start.
-    confidence : float
-        Probability with which the best motion is found.
-    max_samples : int
-        Bound on the number of samples.
-    scores : (N,) float, optional
-        Quality of the matches, higher is better: better matches are drawn earlier.
-    sample_size : {5, 6}
-        Number of matches in a sample. 5: Newton's method, :func:`quest.robust.kernels.newton_five`. 6: the solutions of
-        QuEst 6, :func:`quest.robust.kernels.six_point.solve_six`.
-
-    Returns
-    -------
-    RansacReport or None
-        The models are rows (q_wxyz, t): the refined best model, then the best raw model of each other mode. None where
-        no sample has a solution.
-
-    References
-    ----------
     See [1]_ and [2]_ of the module docstring; the order of the samples is that of :mod:`quest.robust.prosac`.
+
+    Shapes: ``m, n`` (N, 3), ``rotation`` (3, 3), ``scores`` (N,).
+
+    * ``m, n``: Unit bearings in camera 1 and camera 2, N >= ``sample_size``.
+    * ``rotation``: The rotation that explains most matches by itself. Samples of five are solved from this rotation and
+      from the identity, since a rotation that is fitted to matches contains a part of the translation. Samples of six
+      need no start.
+    * ``scores``: Quality of the matches, higher is better: better matches are drawn earlier.
+    * ``sample_size``: Number of matches in a sample. 5: Newton's method, :func:`quest.robust.kernels.newton_five`. 6:
+      the solutions of QuEst 6, :func:`quest.robust.kernels.six_point.solve_six`.
+    * Returns: The models are rows (q_wxyz, t): the refined best model, then the best raw model of each other mode. None
+      where no sample has a solution.
     """
     from quest.robust import kernels
 

@@ -21,27 +21,19 @@ _SAMPLES = 64
 
 
 class PlaneFit(NamedTuple):
-    """The plane that explains most inliers of a motion.
+    """The plane that explains most inliers of a motion."""
 
-    Attributes
-    ----------
-    on, off : int
-        Number of matches on the plane, and number of the other matches.
-    along_rad : float
-        Residual of the matches on the plane along their epipolar lines, as a standard deviation by the median: the
-        noise, where the points do lie on a plane. Infinite where there is no plane.
-    relief : float
-        Sum over all matches of their squared residuals along the epipolar lines, in units of the noise, each at most 9.
-        Without relief it has a chi-square distribution, with as many degrees of freedom as matches.
-    poses : list of (7,) float
-        The motions (q_wxyz, t) of the homography, |t| = 1, the one nearest to the given motion first. Empty where there
-        is no plane.
-    """
-
+    #: on, off: Number of matches on the plane, and number of the other matches.
     on: int
     off: int
+    #: Residual of the matches on the plane along their epipolar lines, as a standard deviation by the median: the
+    #: noise, where the points do lie on a plane. Infinite where there is no plane.
     along_rad: float
+    #: Sum over all matches of their squared residuals along the epipolar lines, in units of the noise, each at most
+    #: 9. Without relief it has a chi-square distribution, with as many degrees of freedom as matches.
     relief: float
+    #: (7,) The motions (q_wxyz, t) of the homography, |t| = 1, the one nearest to the given motion first. Empty where
+    #: there is no plane.
     poses: list[Floats]
 
 

@@ -10,8 +10,6 @@ from math import acos
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["same_mode", "spread_out"]
-
 Floats = NDArray[np.float64]
 
 #: Two modes nearer than this are one. Where the parallax is observable, refinement ends nearer to the optimum than
@@ -31,14 +29,7 @@ def _distances(a: Floats, b: Floats) -> tuple[float, float]:
 def same_mode(a: Floats, b: Floats) -> bool:
     """Whether two models belong to one mode.
 
-    Parameters
-    ----------
-    a, b : (7,) float
-        The two models.
-
-    Returns
-    -------
-    bool
+    Shapes: ``a, b`` (7,).
     """
     rotation, direction = _distances(a, b)
     return bool(rotation < _SAME_ROTATION_RAD and direction < _SAME_DIRECTION_RAD)
@@ -47,19 +38,7 @@ def same_mode(a: Floats, b: Floats) -> bool:
 def spread_out(models: Floats, best: Floats, count: int = 3) -> list[Floats]:
     """Models that clearly differ from the best one and from each other.
 
-    Parameters
-    ----------
-    models : (H, 7) float
-        In order of cost.
-    best : (7,) float
-        The best model.
-    count : int
-        Largest number of models to return.
-
-    Returns
-    -------
-    list of (7,) float
-        In order of cost.
+    Shapes: ``models`` (H, 7), ``best`` (7,), returns (7,).
     """
     chosen: list[Floats] = []
     for model in models:

@@ -16,12 +16,8 @@ Bools = NDArray[np.bool_]
 class PoseProblem:
     """Matched bearings, and what a motion makes of them, by the compiled loops of :mod:`quest.robust.kernels`.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    threshold_rad : float
-        Sampson error above which a match is an outlier.
+    * ``m, n``: (N, 3) Unit bearings in camera 1 and camera 2.
+    * ``threshold_rad``: Sampson error above which a match is an outlier.
     """
 
     def __init__(self, m: Floats, n: Floats, threshold_rad: float) -> None:
@@ -33,17 +29,7 @@ class PoseProblem:
     def residuals(self, models: Floats) -> tuple[Floats, Bools]:
         """Residuals of all matches under each model.
 
-        Parameters
-        ----------
-        models : (H, 7) float
-            Motions (q_wxyz, t).
-
-        Returns
-        -------
-        r2 : (H, N) float
-            Squared Sampson errors, rad^2.
-        behind : (H, N) bool
-            Whether a match lies behind a camera beyond doubt.
+        Shapes: ``models`` (H, 7), returns ``r2`` (H, N), returns ``behind`` (H, N).
         """
         from quest.robust import kernels
 
@@ -60,16 +46,7 @@ class PoseProblem:
     def explained(self, model: Floats, gate_rad: float) -> Bools:
         """Whether each match lies within the gate and in front of both cameras.
 
-        Parameters
-        ----------
-        model : (7,) float
-            A motion (q_wxyz, t).
-        gate_rad : float
-            Largest Sampson error.
-
-        Returns
-        -------
-        (N,) bool
+        Shapes: ``model`` (7,), returns (N,).
         """
         from quest.robust import kernels
 
@@ -79,18 +56,7 @@ class PoseProblem:
     def refine(self, model: Floats, use: Bools, scale_rad: float) -> Floats:
         """Refine a model on given matches, see :func:`quest.geometry.refine.refine_pose`.
 
-        Parameters
-        ----------
-        model : (7,) float
-            A motion (q_wxyz, t).
-        use : (N,) bool
-            The matches to refine on.
-        scale_rad : float
-            Scale of the Geman-McClure kernel.
-
-        Returns
-        -------
-        (7,) float
+        Shapes: ``model`` (7,), ``use`` (N,), returns (7,).
         """
         from quest.robust import kernels
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from quest.robust.samples import draw_samples
 
-__all__ = ["progressive_samples", "subset_size"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -27,22 +25,7 @@ def progressive_samples(rng: np.random.Generator, count: int, size: int, drawn: 
     Samples come from a growing subset of the best matches. Each sample holds the newest match of the subset and others
     of the subset.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    count : int
-        Number of matches.
-    size : int
-        Number of matches in a sample.
-    drawn : int
-        Number of samples drawn so far.
-    batch : int
-        Number of samples to draw.
-
-    Returns
-    -------
-    (batch, size) int
-        Ranks of matches; 0 is the best match.
+    Shapes: returns (batch, size).
     """
     ends = _growth(count, size)
     newest = np.searchsorted(ends, np.arange(drawn, drawn + batch), side="right") + size - 1
@@ -63,21 +46,7 @@ def progressive_samples(rng: np.random.Generator, count: int, size: int, drawn: 
 
 
 def subset_size(count: int, size: int, drawn: int) -> int:
-    """Size of the PROSAC subset after ``drawn`` samples.
-
-    Parameters
-    ----------
-    count : int
-        Number of matches.
-    size : int
-        Number of matches in a sample.
-    drawn : int
-        Number of samples drawn, at least 1.
-
-    Returns
-    -------
-    int
-    """
+    """Size of the PROSAC subset after ``drawn`` samples."""
     return min(int(np.searchsorted(_growth(count, size), drawn - 1, side="right")) + size, count)
 
 

@@ -20,18 +20,9 @@ _LEAST_ANGLE_RAD = 1e-6
 def propose_rotation(m: Floats, n: Floats, threshold_rad: float, rng: np.random.Generator) -> Floats:
     """Find the rotation that explains most matches, by some hundred of them.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2, N >= 2.
-    threshold_rad : float
-        Residual above which a match has little weight, as in :func:`quest.estimate_relative_pose`.
-    rng : numpy.random.Generator
+    Shapes: ``m, n`` (N, 3), returns (3, 3).
 
-    Returns
-    -------
-    (3, 3) float
-        Rotation of cam2_from_cam1.
+    * ``threshold_rad``: Residual above which a match has little weight, as in :func:`quest.estimate_relative_pose`.
     """
     from quest.robust import kernels
 
@@ -50,18 +41,7 @@ def propose_rotation(m: Floats, n: Floats, threshold_rad: float, rng: np.random.
 def settle_rotation(R: Floats, m: Floats, n: Floats, threshold_rad: float) -> Floats:
     """Refine a rotation with a scale that falls from four times the threshold to half of it.
 
-    Parameters
-    ----------
-    R : (3, 3) float
-        The start.
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    threshold_rad : float
-        Residual above which a match has little weight.
-
-    Returns
-    -------
-    (3, 3) float
+    Shapes: ``R`` (3, 3), ``m, n`` (N, 3), returns (3, 3).
     """
     # The wide scale first, so that a scene with a little parallax is fitted as a whole.
     for scale_rad in (4 * threshold_rad, threshold_rad, 0.5 * threshold_rad):
@@ -72,20 +52,9 @@ def settle_rotation(R: Floats, m: Floats, n: Floats, threshold_rad: float) -> Fl
 def fit_rotation(m: Floats, n: Floats, threshold_rad: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Fit the rotation that explains most matches.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2, N >= 2.
-    threshold_rad : float
-        Residual above which a match has little weight, as in :func:`quest.estimate_relative_pose`.
-    rng : numpy.random.Generator
+    Shapes: ``m, n`` (N, 3), returns ``R`` (3, 3), returns ``r2`` (N,).
 
-    Returns
-    -------
-    R : (3, 3) float
-        Rotation of cam2_from_cam1.
-    r2 : (N,) float
-        Squared residuals per bearing, rad^2.
+    * ``threshold_rad``: Residual above which a match has little weight, as in :func:`quest.estimate_relative_pose`.
     """
     best = settle_rotation(propose_rotation(m, n, threshold_rad, rng), m, n, threshold_rad)
     return best, 0.5 * np.sum((n - m @ best.T) ** 2, axis=1)
@@ -94,20 +63,7 @@ def fit_rotation(m: Floats, n: Floats, threshold_rad: float, rng: np.random.Gene
 def refine_rotation(R: Floats, m: Floats, n: Floats, scale_rad: float, iterations: int = 10) -> Floats:
     """Robust rotation ``n = R m``: iteratively re-weighted Kabsch with the weights of Geman and McClure.
 
-    Parameters
-    ----------
-    R : (3, 3) float
-        The start.
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    scale_rad : float
-        Scale of the Geman-McClure kernel.
-    iterations : int
-        Largest number of steps.
-
-    Returns
-    -------
-    (3, 3) float
+    Shapes: ``R`` (3, 3), ``m, n`` (N, 3), returns (3, 3).
     """
     from quest.robust import kernels
 

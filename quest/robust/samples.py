@@ -14,41 +14,21 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class RansacReport:
-    """The models that the loop found.
+    """The models that the loop found."""
 
-    Attributes
-    ----------
-    models : (k, P) float
-        The best refined model first, then the best raw models of other samples, by cost.
-    costs : (k,) float
-        Cost of each model.
-    samples : int
-        Number of samples drawn.
-    """
-
+    #: (k, P) The best refined model first, then the best raw models of other samples, by cost.
     models: Floats
+    #: (k,) Cost of each model.
     costs: Floats
+    #: Number of samples drawn.
     samples: int
 
 
 def samples_needed(inlier_share: float, sample_size: int, confidence: float, yield_per_sample: float) -> float:
     """Number of samples among which a good one is with the given confidence.
 
-    Parameters
-    ----------
-    inlier_share : float
-        Share of the data that the best model explains.
-    sample_size : int
-        Number of data in a sample.
-    confidence : float
-        Between 0 and 1.
-    yield_per_sample : float
-        Probability that a sample without outliers leads to the model after refinement; below 1 because of noise.
-
-    Returns
-    -------
-    float
-        At least 1; infinite where no sample is likely to be good.
+    * ``yield_per_sample``: Probability that a sample without outliers leads to the model after refinement; below 1
+      because of noise.
     """
     good = yield_per_sample * inlier_share**sample_size
     if good >= 1:
@@ -59,20 +39,7 @@ def samples_needed(inlier_share: float, sample_size: int, confidence: float, yie
 def draw_samples(rng: np.random.Generator, count: int, size: int, batch: int) -> Ints:
     """Draw samples uniformly from all subsets of ``range(count)``.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    count : int
-        Number of data.
-    size : int
-        Number of data in a sample.
-    batch : int
-        Number of samples.
-
-    Returns
-    -------
-    (batch, size) int
-        Indices, distinct within each row.
+    Shapes: returns (batch, size).
     """
     if count <= 4 * size:  # few data: rejection would take long, a full shuffle is cheap
         return np.argsort(rng.random((batch, count)), axis=1)[:, :size]

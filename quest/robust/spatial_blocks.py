@@ -10,8 +10,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["directions_of", "regions_of", "scatter_of_sum"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -22,14 +20,7 @@ _REGIONS = (8, 6)
 def directions_of(rays: Floats) -> Floats:
     """Stereographic coordinates of rays: neighbours on the sphere are neighbours in the plane.
 
-    Parameters
-    ----------
-    rays : (N, 3) float
-        Unit rays.
-
-    Returns
-    -------
-    (N, 2) float
+    Shapes: ``rays`` (N, 3), returns (N, 2).
     """
     return np.asarray(rays[:, :2] / np.maximum(1 + rays[:, 2:], 1e-9))
 
@@ -37,16 +28,7 @@ def directions_of(rays: Floats) -> Floats:
 def regions_of(where: Floats, shape: tuple[int, int] = _REGIONS) -> Ints:
     """The region of the view in which each match lies; the view is the rectangle that 98 % of the matches fill.
 
-    Parameters
-    ----------
-    where : (N, 2) float
-        Places of the matches, see :func:`directions_of`.
-    shape : (int, int)
-        Number of regions across and down.
-
-    Returns
-    -------
-    (N,) int
+    Shapes: ``where`` (N, 2), ``shape`` (int, int), returns (N,).
     """
     if len(where) == 0:
         return np.zeros(0, np.int64)
@@ -75,17 +57,7 @@ def scatter_of_sum(values: Floats, where: Floats) -> float:
     over more than a region are not included. With regions twice as large, the difference that two planes predict
     between parts of the view was counted as such errors, and one plane in twenty more stayed undecided.
 
-    Parameters
-    ----------
-    values : (N,) float
-        The terms of the sum, one for each match.
-    where : (N, 2) float
-        Places of the matches, see :func:`directions_of`.
-
-    Returns
-    -------
-    float
-        Zero for no values.
+    Shapes: ``values`` (N,), ``where`` (N, 2).
     """
     if len(values) == 0:
         return 0.0

@@ -33,8 +33,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.geometry.quaternion import matrix_from_quaternion, multiply
 
-__all__ = ["QUARTICS", "coefficient_rows", "quartic_index", "quartics", "rows_of_moments", "triples"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -49,32 +47,14 @@ _NODE_SEED = 1001
 
 
 def quartic_index(*letters: int) -> int:
-    """Position of a monomial in :data:`QUARTICS`.
-
-    Parameters
-    ----------
-    *letters : int
-        The four factors, 0 to 3 for w, x, y, z, in any order.
-
-    Returns
-    -------
-    int
-    """
+    """Position of a monomial in :data:`QUARTICS`."""
     return _POSITION[tuple(sorted(letters))]
 
 
 def quartics(q: ArrayLike) -> Floats:
     """The 35 quartic monomials of quaternions.
 
-    Parameters
-    ----------
-    q : (..., 4) array_like
-        Quaternions wxyz.
-
-    Returns
-    -------
-    (..., 35) float
-        In the order of :data:`QUARTICS`.
+    Shapes: ``q`` (..., 4), returns (..., 35).
     """
     return np.asarray(np.asarray(q, float)[..., np.array(QUARTICS)].prod(axis=-1))
 
@@ -83,15 +63,7 @@ def quartics(q: ArrayLike) -> Floats:
 def triples(n: int) -> Ints:
     """All index triples i < j < k.
 
-    Parameters
-    ----------
-    n : int
-        Number of matches.
-
-    Returns
-    -------
-    (T, 3) int
-        T = n (n - 1) (n - 2) / 6.
+    Shapes: returns (T, 3).
     """
     return np.array(list(combinations(range(n), 3)), dtype=np.int64)
 
@@ -119,18 +91,12 @@ def _pairs(n: int) -> tuple[Ints, Ints, Ints]:
 def coefficient_rows(m: Floats, n: Floats, before: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0)) -> Floats:
     """Matrix A of [F17]: one row of 35 coefficients for each triple of matches, ``A quartics(q) = 0``.
 
-    Parameters
-    ----------
-    m, n : (B, N, 3) float
-        Bearings of the matches in camera 1 and camera 2, of unit norm.
-    before : four floats
-        Unit quaternion p. The coefficients are those of the unknown ``q' = p q`` instead of q, as if the second camera
-        had been rotated by p. This takes no time, since the fixed quaternions are rotated once.
+    Shapes: ``m, n`` (B, N, 3).
 
-    Returns
-    -------
-    (B, N (N - 1) (N - 2) / 6, 35) float
-        Rows in the order of :func:`triples`, columns in that of :data:`QUARTICS`.
+    * ``m, n``: Bearings of the matches in camera 1 and camera 2, of unit norm.
+    * ``before``: Unit quaternion p. The coefficients are those of the unknown ``q' = p q`` instead of q, as if the
+      second camera had been rotated by p. This takes no time, since the fixed quaternions are rotated once.
+    * Returns: Rows in the order of :func:`triples`, columns in that of :data:`QUARTICS`.
     """
     rotations, coefficients_from_values = _interpolation(before)
     pairs, ij, ik = _pairs(m.shape[1])
@@ -153,17 +119,9 @@ def rows_of_moments(moments: Floats, before: tuple[float, ...] = (1.0, 0.0, 0.0,
     The epipolar normal ``R m x n`` is linear in the matrix ``n m'``, and the quartic of three matches is linear in each
     of the three matrices. So the quartic is defined for any three matrices, not for matrices of rank one only.
 
-    Parameters
-    ----------
-    moments : (B, K, 3, 3) float
-        Linear combinations of the matrices ``n m'`` of matches.
-    before : four floats
-        As in :func:`coefficient_rows`.
+    Shapes: ``moments`` (B, K, 3, 3).
 
-    Returns
-    -------
-    (B, K (K - 1) (K - 2) / 6, 35) float
-        Rows in the order of :func:`triples`, columns in that of :data:`QUARTICS`.
+    * Returns: Rows in the order of :func:`triples`, columns in that of :data:`QUARTICS`.
     """
     rotations, coefficients_from_values = _interpolation(before)
     B, K = moments.shape[:2]

@@ -16,8 +16,6 @@ from quest.geometry.refine import tangent_basis
 from quest.solvers.monomials import QUARTICS, quartics
 from quest.solvers.selection import smallest_eigenvectors
 
-__all__ = ["polish_on_matches", "polish_on_quartics"]
-
 Floats = NDArray[np.float64]
 
 # Steps are cut to this angle of q in radians, 6 degrees of rotation. A larger step means that the candidate is false or
@@ -35,19 +33,7 @@ _LOWERED = np.maximum(_EXPONENTS[:, None, :] - np.eye(4, dtype=np.int64), 0)
 def polish_on_quartics(A: Floats, q: Floats, steps: int) -> Floats:
     """Move quaternions towards the nearest minimum of ``|A quartics(q)|``.
 
-    Parameters
-    ----------
-    A : (B, T, 35) float
-        Coefficients of the quartics.
-    q : (B, K, 4) float
-        Unit quaternions; rows of NaN stay NaN.
-    steps : int
-        Number of Gauss-Newton steps.
-
-    Returns
-    -------
-    (B, K, 4) float
-        Unit quaternions.
+    Shapes: ``A`` (B, T, 35), ``q`` (B, K, 4), returns (B, K, 4).
     """
     for _ in range(steps):
         residual = quartics(q) @ A.swapaxes(-1, -2)
@@ -71,19 +57,7 @@ def polish_on_matches(q: Floats, m: Floats, n: Floats, steps: int) -> Floats:
     The translation starts as the best one of each rotation and moves with the rotation. The derivatives of the
     denominators are necessary: without them, many matches under noise settle several times as far from the truth.
 
-    Parameters
-    ----------
-    q : (B, K, 4) float
-        Unit quaternions; rows of NaN stay NaN.
-    m, n : (B, N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    steps : int
-        Number of Gauss-Newton steps.
-
-    Returns
-    -------
-    (B, K, 4) float
-        Unit quaternions of canonical sign.
+    Shapes: ``q`` (B, K, 4), ``m, n`` (B, N, 3), returns (B, K, 4).
     """
     known = np.isfinite(q[..., 0])
     q = np.where(known[..., None], q, [1.0, 0.0, 0.0, 0.0])

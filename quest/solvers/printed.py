@@ -16,32 +16,17 @@ from quest.solvers.monomials import coefficient_rows, quartic_index
 from quest.solvers.quest6 import TIMES
 from quest.solvers.quest7 import cubed_eigenproblem
 
-__all__ = ["quest6_printed", "quest7_printed", "translation_and_depths_printed"]
-
 Floats = NDArray[np.float64]
 
 
 def quest6_printed(m: ArrayLike, n: ArrayLike) -> Floats:
     """QuEst 6 with ``lambda = x / w`` and cube roots of w^3, x^3, y^3, z^3.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Bearings in camera 1 and camera 2, N >= 6.
-
-    Returns
-    -------
-    (K, 4) float
-        Unit quaternions wxyz of the real eigenvectors and of the real part of each complex pair.
-
-    Raises
-    ------
-    InputError
-        As :func:`quest.solvers.quest6.quest6`.
-
-    References
-    ----------
     [F17] Fathian et al., arXiv:1704.02672, QuEst with six points.
+
+    Shapes: ``m, n`` (N, 3), returns (K, 4).
+
+    * Returns: Unit quaternions wxyz of the real eigenvectors and of the real part of each complex pair.
     """
     m, n = as_matches(m, n, at_least=6)
     A = coefficient_rows(m[None], n[None])[0]
@@ -54,24 +39,11 @@ def quest6_printed(m: ArrayLike, n: ArrayLike) -> Floats:
 def quest7_printed(m: ArrayLike, n: ArrayLike) -> Floats:
     """QuEst 7 with ``lambda = x^3 / w^3``.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Bearings in camera 1 and camera 2, N >= 7.
-
-    Returns
-    -------
-    (K, 4) float
-        Unit quaternions wxyz of the real eigenvectors and of the real part of each complex pair.
-
-    Raises
-    ------
-    InputError
-        As :func:`quest.solvers.quest7.quest7`.
-
-    References
-    ----------
     [F17] Fathian et al., arXiv:1704.02672, QuEst with seven points.
+
+    Shapes: ``m, n`` (N, 3), returns (K, 4).
+
+    * Returns: Unit quaternions wxyz of the real eigenvectors and of the real part of each complex pair.
     """
     m, n = as_matches(m, n, at_least=7)
     (B,), _ = cubed_eigenproblem(coefficient_rows(m[None], n[None]), "x")
@@ -81,28 +53,11 @@ def quest7_printed(m: ArrayLike, n: ArrayLike) -> Floats:
 def translation_and_depths_printed(q: ArrayLike, m: ArrayLike, n: ArrayLike) -> tuple[Floats, Floats, Floats]:
     """Translation and depths as the null vector of the matrix C. The time grows with N^3.
 
-    Parameters
-    ----------
-    q : (4,) float
-        Unit quaternion wxyz of cam2_from_cam1.
-    m, n : (N, 3) float
-        Bearings in camera 1 and camera 2, N >= 2.
-
-    Returns
-    -------
-    t : (3,) float
-        Translation; (t, u, v) together have unit norm.
-    u, v : (N,) float
-        Depths in the unit of t, along rays of unit norm. Most of them are positive.
-
-    Raises
-    ------
-    InputError
-        If the bearings are not as above.
-
-    References
-    ----------
     [F17] Fathian et al., arXiv:1704.02672, the matrix C.
+
+    Shapes: ``q`` (4,), ``m, n`` (N, 3), returns ``t`` (3,), returns ``u, v`` (N,).
+
+    * Returns ``u, v``: Depths in the unit of t, along rays of unit norm. Most of them are positive.
     """
     m, n = as_matches(m, n, at_least=2)
     count = len(m)

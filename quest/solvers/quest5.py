@@ -37,8 +37,6 @@ from quest.solvers.monomials import QUARTICS, coefficient_rows
 from quest.solvers.quest6 import PRE_ROTATION, quaternions_from_monomials, rotation_alone
 from quest.solvers.quest6_fast import DIRECTION
 
-__all__ = ["quest5"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]

@@ -36,15 +36,6 @@ from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import canonical, conjugate, matrix_from_quaternion, multiply
 from quest.solvers.monomials import QUARTICS, coefficient_rows, quartic_index
 
-__all__ = [
-    "LETTERS",
-    "PRE_ROTATION",
-    "TIMES",
-    "quaternions_from_monomials",
-    "quest6",
-    "rotation_alone",
-]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -112,26 +103,7 @@ def quest6(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
 def as_batch(m: ArrayLike, n: ArrayLike, lambdas: str, at_least: int) -> tuple[Floats, Floats, bool]:
     """Check the arguments of a solver.
 
-    Parameters
-    ----------
-    m, n : (N, 3) or (B, N, 3) array_like
-        Bearings in camera 1 and camera 2.
-    lambdas : str
-        See :func:`quest6`.
-    at_least : int
-        Smallest N allowed.
-
-    Returns
-    -------
-    m, n : (B, N, 3) float
-        Unit bearings.
-    single : bool
-        Whether the bearings came as a single sample (N, 3).
-
-    Raises
-    ------
-    InputError
-        As :func:`quest6`.
+    Shapes: ``m, n`` (N, 3), returns ``m, n`` (B, N, 3).
     """
     if not isinstance(lambdas, str) or not lambdas or set(lambdas) - set(LETTERS):
         raise InputError(f"lambdas is {lambdas!r}: give letters of 'xyz'")
@@ -162,18 +134,10 @@ def _candidates(powers: Floats, regular: NDArray[np.bool_], letter: int) -> Floa
 def quaternions_from_monomials(x1: NDArray[np.complex128], ratios: Ints = _RATIOS) -> Floats:
     """Unit quaternions (..., 4) by ratios of monomials; the real parts of complex ones.
 
-    Parameters
-    ----------
-    x1 : (..., X) complex
-        Monomials of one degree.
-    ratios : (4, 4) int
-        For a pivot a, the positions in x1 of the monomials ``common factor * (w, x, y, z)``. The monomial with the
-        factor a contains no other letter but w.
+    Shapes: ``x1`` (..., X), ``ratios`` (4, 4), returns (..., 4).
 
-    Returns
-    -------
-    (..., 4) float
-        NaN for a vector of zeros.
+    * ``ratios``: For a pivot a, the positions in x1 of the monomials ``common factor * (w, x, y, z)``. The monomial
+      with the factor a contains no other letter but w.
     """
     powers = np.abs(x1[..., ratios[np.arange(4), np.arange(4)]])
     pivot = np.argmax(powers, axis=-1)
@@ -189,23 +153,14 @@ def rotation_alone(m: Floats, n: Floats, tolerance_rad: float = 1e-6) -> Floats:
 
     It is the eigenvector of the largest eigenvalue of Davenport's matrix: ``sum n . R m`` as a form in q.
 
-    Parameters
-    ----------
-    m, n : (B, N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    tolerance_rad : float
-        Largest residual of a match. The default is a thousandth of a pixel at a focal length of 1000 px. Below it the
-        quartics, of third order in the parallax, are little more than rounding errors, and this rotation is more
-        accurate than that of QuEst 6.
-
-    Returns
-    -------
-    (B, 4) float
-        Unit quaternions of canonical sign; NaN where no rotation fits within the tolerance.
-
-    References
-    ----------
     B. K. P. Horn, "Closed-form solution of absolute orientation using unit quaternions", JOSA A 4, 1987, section 4.
+
+    Shapes: ``m, n`` (B, N, 3), returns (B, 4).
+
+    * ``tolerance_rad``: Largest residual of a match. The default is a thousandth of a pixel at a focal length of 1000
+      px. Below it the quartics, of third order in the parallax, are little more than rounding errors, and this rotation
+      is more accurate than that of QuEst 6.
+    * Returns: Unit quaternions of canonical sign; NaN where no rotation fits within the tolerance.
     """
     S = np.einsum("bni,bnj->bij", m, n)
     trace = np.trace(S, axis1=-2, axis2=-1)

@@ -51,8 +51,6 @@ from quest.solvers.monomials import coefficient_rows
 from quest.solvers.newton import polish_on_matches
 from quest.solvers.quest6 import PRE_ROTATION, TIMES, quaternions_from_monomials, rotation_alone
 
-__all__ = ["DIRECTION", "LARGEST_NUMBER", "candidates_from_basis", "candidates_from_null_space", "quest6_fast"]
-
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
@@ -117,14 +115,9 @@ def quest6_fast(m: ArrayLike, n: ArrayLike, polish: int = 1) -> Floats:
 def _null_space(A: Floats) -> tuple[Floats, Floats, Bools]:
     """The cubics and the quartic monomials that six matches allow, from their rows A (B, 20, 35).
 
-    Returns
-    -------
-    C : (B, 5, 20) float
-        Orthonormal rows, the coefficients of the cubics.
-    K : (B, 35, 15) float
-        Basis of the null space of A; the first 20 rows are orthonormal columns.
-    regular : (B,) bool
-        Whether A2 has full rank; C and K mean nothing elsewhere.
+    Shapes: returns ``C`` (B, 5, 20), returns ``K`` (B, 35, 15), returns ``regular`` (B,).
+
+    * Returns ``K``: Basis of the null space of A; the first 20 rows are orthonormal columns.
     """
     Q, R = np.linalg.qr(A[..., 20:], mode="complete")
     R = R[:, :15]
@@ -141,17 +134,9 @@ def _null_space(A: Floats) -> tuple[Floats, Floats, Bools]:
 def candidates_from_null_space(C: Floats, K: Floats) -> Floats:
     """Rotations whose quartic monomials lie best in a null space.
 
-    Parameters
-    ----------
-    C : (B, 5, 20) float
-        Orthonormal rows: cubics that vanish.
-    K : (B, 35, 15) float
-        Basis of the null space; the first 20 rows are orthonormal columns, orthogonal to C.
+    Shapes: ``C`` (B, 5, 20), ``K`` (B, 35, 15), returns (B, 12, 4).
 
-    Returns
-    -------
-    (B, 12, 4) float
-        Unit quaternions, NaN-padded.
+    * ``K``: Basis of the null space; the first 20 rows are orthonormal columns, orthogonal to C.
     """
     shifted = K[:, TIMES[1:]]  # B_l x1 on the basis: (B, 3, 20, 15)
     products = (C[:, None] @ shifted).reshape(len(K), 15, 15)
@@ -164,17 +149,7 @@ def candidates_from_null_space(C: Floats, K: Floats) -> Floats:
 def candidates_from_basis(x1: Floats, x1_times: Floats) -> Floats:
     """Rotations whose monomials x1 lie in a space of D dimensions.
 
-    Parameters
-    ----------
-    x1 : (B, 20, D) float
-        Basis of the space as orthonormal columns.
-    x1_times : (B, 20, D) float
-        The basis multiplied by ``(a . q) / w``.
-
-    Returns
-    -------
-    (B, D, 4) float
-        Unit quaternions, NaN-padded.
+    Shapes: ``x1`` (B, 20, D), ``x1_times`` (B, 20, D), returns (B, D, 4).
     """
     values, vectors = np.linalg.eig(x1.swapaxes(-1, -2) @ x1_times)
     q = quaternions_from_monomials((x1 @ vectors).swapaxes(-1, -2))

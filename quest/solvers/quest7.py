@@ -31,8 +31,6 @@ from quest.solvers.monomials import coefficient_rows, quartic_index
 from quest.solvers.newton import polish_on_quartics
 from quest.solvers.quest6 import LETTERS, PRE_ROTATION, as_batch, rotation_alone
 
-__all__ = ["cubed_eigenproblem", "quest7"]
-
 Floats = NDArray[np.float64]
 
 # Without noise the first step lowers the error from 1e-11 to rounding, and that of forward motion from 1e-4 to 1e-5.
@@ -105,19 +103,9 @@ def _solve_rotated(
 def cubed_eigenproblem(A: Floats, lambdas: str) -> tuple[list[Floats], Floats]:
     """The matrices of the eigenproblems ``lambda x1 = B x1``.
 
-    Parameters
-    ----------
-    A : (S, T, 35) float
-        Coefficients of the quartics.
-    lambdas : str
-        Letters of "xyz".
+    Shapes: ``A`` (S, T, 35), returns ``B`` (S, 4, 4), returns ``condition`` (S,).
 
-    Returns
-    -------
-    B : list of (S, 4, 4) float
-        One for each lambda.
-    condition : (S,) float
-        Inverse condition number of A2, from 0 to 1: how well B is determined.
+    * Returns ``condition``: Inverse condition number of A2, from 0 to 1: how well B is determined.
     """
     U, s, Vt = np.linalg.svd(A[..., 4:], full_matrices=False)
     largest = np.maximum(s[:, :1], 1e-100)

@@ -34,8 +34,6 @@ from quest.solvers.newton import polish_on_matches
 from quest.solvers.quest6 import PRE_ROTATION, TIMES, rotation_alone
 from quest.solvers.quest6_fast import DIRECTION, candidates_from_basis, candidates_from_null_space
 
-__all__ = ["questn"]
-
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
@@ -101,13 +99,9 @@ def _candidates(A: Floats) -> Floats:
 def _normalized(N: Floats) -> tuple[Floats, Floats, Bools]:
     """A basis N (B, 35, D) of quartic monomials, changed so that its first 20 rows are orthonormal columns.
 
-    Returns
-    -------
-    C : (B, 20 - D, 20) float
-        Orthonormal rows, orthogonal to those columns.
-    K : (B, 35, D) float
-    regular : (B, 1, 1) bool
-        Whether there is such a basis; C and K mean nothing elsewhere.
+    Shapes: returns ``C`` (B, 20 - D, 20), returns ``K`` (B, 35, D), returns ``regular`` (B, 1, 1).
+
+    * Returns ``regular``: Whether there is such a basis; C and K mean nothing elsewhere.
     """
     D = N.shape[-1]
     Q, R = np.linalg.qr(N[:, :20], mode="complete")

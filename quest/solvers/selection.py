@@ -23,8 +23,6 @@ from quest.geometry.epipolar import depths_from_pose, sampson_error
 from quest.geometry.quaternion import matrix_from_quaternion
 from quest.solvers.translation import epipolar_normals
 
-__all__ = ["select_candidates", "smallest_eigenvectors"]
-
 Floats = NDArray[np.float64]
 
 # Candidates this close in rotation are one solution, found by several eigenproblems: refinement takes them to the same
@@ -41,21 +39,9 @@ _RESIDUAL_FLOOR_RAD = 1e-5
 def select_candidates(q: Floats, m: Floats, n: Floats, keep: int = 4) -> tuple[Floats, Floats]:
     """Rank the candidates of each sample and return the best few, with their translations.
 
-    Parameters
-    ----------
-    q : (B, K, 4) float
-        Candidates of a solver, unit quaternions wxyz, NaN-padded.
-    m, n : (B, N, 3) float
-        Unit bearings of the samples in camera 1 and camera 2.
-    keep : int
-        Number of candidates to return for each sample.
+    Shapes: ``q`` (B, K, 4), ``m, n`` (B, N, 3), returns ``q`` (B, keep, 4), returns ``t`` (B, keep, 3).
 
-    Returns
-    -------
-    q : (B, keep, 4) float
-        Best first, NaN-padded, no two of a sample within 0.01 rad.
-    t : (B, keep, 3) float
-        Unit translations with most depths of the sample in front; NaN where q is.
+    * Returns ``t``: Unit translations with most depths of the sample in front; NaN where q is.
     """
     known = np.isfinite(q[..., 0])
     R = matrix_from_quaternion(np.where(known[..., None], q, [1.0, 0.0, 0.0, 0.0]))
@@ -91,14 +77,7 @@ def smallest_eigenvectors(M: Floats) -> Floats:
     squarings its largest column is that eigenvector, up to the fourth power of the ratio of the two smallest
     eigenvalues.
 
-    Parameters
-    ----------
-    M : (..., 3, 3) float
-        Positive semi-definite matrices.
-
-    Returns
-    -------
-    (..., 3) float
+    Shapes: ``M`` (..., 3, 3), returns (..., 3).
     """
     a, b, c = M[..., 0], M[..., 1], M[..., 2]
     power = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)

@@ -30,8 +30,6 @@ from quest.errors import InputError, as_floats
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import matrix_from_quaternion
 
-__all__ = ["epipolar_normals", "translation_and_depths"]
-
 Floats = NDArray[np.float64]
 
 #: Number of solutions of the eigenproblem: one without weights, one with the weights of the first solution.
@@ -45,17 +43,7 @@ _NO_PARALLAX_RAD = 1e-6
 def epipolar_normals(R: Floats, m: Floats, n: Floats) -> Floats:
     """Normals ``R m x n`` of the epipolar planes.
 
-    Parameters
-    ----------
-    R : (..., 3, 3) float
-        Rotations of cam2_from_cam1.
-    m, n : (..., N, 3) float
-        Unit bearings in camera 1 and camera 2.
-
-    Returns
-    -------
-    (..., N, 3) float
-        The length is the sine of the parallax.
+    Shapes: ``R`` (..., 3, 3), ``m, n`` (..., N, 3), returns (..., N, 3).
     """
     return np.asarray(np.cross(m @ R.swapaxes(-1, -2), n))
 

@@ -221,28 +221,7 @@ def statement_of_inliers(
 ) -> ParallaxStatement:
     """Make the statement of :func:`parallax_statement` from arguments that were checked.
 
-    Parameters
-    ----------
-    R : (3, 3) float
-        Rotation of the motion.
-    t : (3,) float
-        Its translation, unit norm.
-    m, n : (N, 3) float
-        Unit bearings of its inliers, N >= 6.
-    noise_rad : float or None
-        As for :func:`parallax_statement`.
-    chance_matches : float
-        As for :func:`parallax_statement`.
-    wrong_matches : int
-        As for :func:`parallax_statement`.
-    rotation : (3, 3) float
-        Of the camera that only rotates.
-    stated_noise_rad : float or None
-        As for :func:`parallax_statement`.
-
-    Returns
-    -------
-    ParallaxStatement
+    Shapes: ``R`` (3, 3), ``t`` (3,), ``m, n`` (N, 3), ``rotation`` (3, 3).
     """
     from quest.robust import kernels
 

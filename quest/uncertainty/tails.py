@@ -4,37 +4,14 @@ from __future__ import annotations
 
 from math import erfc, exp, lgamma, log, sqrt
 
-__all__ = ["gaussian_tail", "poisson_tail"]
-
 
 def gaussian_tail(z: float) -> float:
-    """Probability that a standard normal variable exceeds z.
-
-    Parameters
-    ----------
-    z : float
-
-    Returns
-    -------
-    float
-    """
+    """Probability that a standard normal variable exceeds z."""
     return 0.5 * erfc(z / sqrt(2))
 
 
 def poisson_tail(count: int, mean: float) -> float:
-    """Probability that a Poisson variable is at least ``count``, as the sum of its terms.
-
-    Parameters
-    ----------
-    count : int
-        May be negative.
-    mean : float
-        Mean of the variable, zero or more.
-
-    Returns
-    -------
-    float
-    """
+    """Probability that a Poisson variable is at least ``count``, as the sum of its terms."""
     if count <= 0:
         return 1.0
     if mean == 0:

@@ -29,8 +29,6 @@ from slam_init.methods.external_command import is_external
 from slam_init.methods.registry import method_info
 from slam_init.output.names import DIGESTS, SHEET_FILES
 
-__all__ = ["Execution", "list_text", "run_bench"]
-
 _JSON, _MARKDOWN = SHEET_FILES
 #: In the description of a method whose library has no seed.
 _NOT_REPEATABLE = "not deterministic"
@@ -38,47 +36,22 @@ _NOT_REPEATABLE = "not deterministic"
 
 @dataclass(frozen=True)
 class Execution:
-    """How a run is computed. Nothing of this changes a figure, unless a trial misses its limit.
-
-    Attributes
-    ----------
-    backend : str
-    jobs : int
-    time_limit_s : float
-    memory_limit_mb : int
-    trajectories : bool
-        Write the trajectories in the formats of evo and VSLAM-LAB.
-    progress : bool
-        Show a progress bar on stderr.
-    """
+    """How a run is computed. Nothing of this changes a figure, unless a trial misses its limit."""
 
     backend: str = "loky"
     jobs: int = 1
     time_limit_s: float = 300.0
     memory_limit_mb: int = 6000
+    #: Write the trajectories in the formats of evo and VSLAM-LAB.
     trajectories: bool = False
+    #: Show a progress bar on stderr.
     progress: bool = False
 
 
 def run_bench(run: Run, out: str | os.PathLike[str], execution: Execution) -> str:
     """Run the benchmark, and write its results.
 
-    Parameters
-    ----------
-    run : Run
-    out : str or path
-        Folder of the results: those of ``slam-init compare``, and ``sheet.json`` and ``sheet.md``.
-    execution : Execution
-
-    Returns
-    -------
-    str
-        The score sheet, for stdout.
-
-    Raises
-    ------
-    SlamInitError
-        As :func:`slam_init.compare.run.compare`.
+    * ``out``: Folder of the results: those of ``slam-init compare``, and ``sheet.json`` and ``sheet.md``.
     """
     sources, notes = _sources(run)
     default = DEFAULTS[run.suite]
@@ -119,13 +92,7 @@ def run_bench(run: Run, out: str | os.PathLike[str], execution: Execution) -> st
 
 
 def list_text() -> str:
-    """Describe the suites, and tell which public sequences are at hand and where to get the others.
-
-    Returns
-    -------
-    str
-        With a final newline.
-    """
+    """Describe the suites, and tell which public sequences are at hand and where to get the others."""
     lines = [f"{name:<10}{suite.about}" for name, suite in DEFAULTS.items()]
     try:
         folder = find_sequences(data_folder())

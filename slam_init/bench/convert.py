@@ -43,8 +43,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose
 
-__all__ = ["LAYOUTS", "Converted", "convert"]
-
 #: More images than any of these data sets has in a sequence.
 _MOST_IMAGES = 100_000
 _SCENES_HZ, _TARTAN_HZ = 30.0, 10.0
@@ -58,59 +56,22 @@ _BODY_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]
 
 @dataclass(frozen=True)
 class Converted:
-    """A sequence as its authors publish it.
-
-    Attributes
-    ----------
-    images : tuple of Path
-    timestamps_s : tuple of float
-    poses : tuple of Pose
-        world_from_cam.
-    camera : Camera
-    """
+    """A sequence as its authors publish it."""
 
     images: tuple[Path, ...]
     timestamps_s: tuple[float, ...]
+    #: world_from_cam.
     poses: tuple[Pose, ...]
     camera: Camera
 
     def part(self, first: int, count: int) -> Converted:
-        """Return a part of the frames.
-
-        Parameters
-        ----------
-        first, count : int
-
-        Returns
-        -------
-        Converted
-        """
+        """Return a part of the frames."""
         chosen = slice(first, first + count)
         return Converted(self.images[chosen], self.timestamps_s[chosen], self.poses[chosen], self.camera)
 
 
 def convert(layout: str, folder: str | os.PathLike[str], out: str | os.PathLike[str]) -> str:
-    """Convert a sequence.
-
-    Parameters
-    ----------
-    layout : str
-        A name of :data:`LAYOUTS`, or of a sequence of the manifest.
-    folder : str or path
-        What the authors publish.
-    out : str or path
-        The new folder.
-
-    Returns
-    -------
-    str
-        Text for stdout.
-
-    Raises
-    ------
-    SlamInitError
-        If the layout is unknown, a file is missing or broken, or the folder cannot be written.
-    """
+    """Convert a sequence."""
     entry = next((entry for entry in MANIFEST if entry.name == layout), None)
     if entry is not None:
         layout = entry.layout

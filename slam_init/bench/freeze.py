@@ -18,8 +18,6 @@ from slam_init.bench.suites import drawn_worlds
 from slam_init.compare.replay import replay, tracks_digest
 from slam_init.compare.sources import open_compared
 
-__all__ = ["main"]
-
 _FILE = Path(__file__).with_name("frozen.json")
 #: What the tracks of each suite depend on.
 _LIBRARIES = {
@@ -30,13 +28,7 @@ _LIBRARIES = {
 
 
 def main(arguments: list[str]) -> None:
-    """Write the digests of a suite.
-
-    Parameters
-    ----------
-    arguments : list of str
-        Command line.
-    """
+    """Write the digests of a suite."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("suite", choices=SUITES)
     parser.add_argument("--from", dest="tracks", type=Path)

@@ -17,41 +17,25 @@ from pathlib import Path
 from slam_init.bench.protocol import VERSION
 from slam_init.bench.suites import drawn_worlds
 
-__all__ = ["FrozenCheck", "check_frozen", "frozen_checksum"]
-
 
 @dataclass(frozen=True)
 class FrozenCheck:
-    """The digests of a run compared with the frozen ones.
+    """The digests of a run compared with the frozen ones."""
 
-    Attributes
-    ----------
-    sources : int
-        Number of sources of the run.
-    same : int
-        Number of sources with the frozen digest.
-    different : tuple of str
-        Sources with another digest than the frozen one.
-    unknown : int
-        Number of sources without a frozen digest.
-    made_with : str
-        The libraries that the frozen digests were made with.
-    """
-
+    #: Number of sources of the run.
     sources: int
+    #: Number of sources with the frozen digest.
     same: int
+    #: Sources with another digest than the frozen one.
     different: tuple[str, ...]
+    #: Number of sources without a frozen digest.
     unknown: int
+    #: The libraries that the frozen digests were made with.
     made_with: str
 
     @property
     def text(self) -> str:
-        """Return the result in one sentence.
-
-        Returns
-        -------
-        str
-        """
+        """Return the result in one sentence."""
         if self.different:
             return (
                 f"{len(self.different)} of {self.sources} sources have other tracks than the frozen ones (made with "
@@ -84,15 +68,7 @@ def _frozen() -> _Frozen:
 def check_frozen(suite: str, digests: Mapping[str, str]) -> FrozenCheck:
     """Compare digests with the frozen ones.
 
-    Parameters
-    ----------
-    suite : str
-    digests : mapping of str to str
-        By the label of the source. A sequence is known by the name of its folder.
-
-    Returns
-    -------
-    FrozenCheck
+    * ``digests``: By the label of the source. A sequence is known by the name of its folder.
     """
     frozen = _frozen()
     known = frozen.digests[suite]
@@ -106,15 +82,7 @@ def check_frozen(suite: str, digests: Mapping[str, str]) -> FrozenCheck:
 def frozen_checksum(sequence: str) -> str | None:
     """Return the checksum of the files of a public sequence.
 
-    Parameters
-    ----------
-    sequence : str
-        Name of its folder.
-
-    Returns
-    -------
-    str or None
-        None if the sequence was not at hand when this version was frozen.
+    * Returns: None if the sequence was not at hand when this version was frozen.
     """
     return _frozen().checksums.get(sequence)
 

@@ -7,19 +7,12 @@ import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-__all__ = ["hardware", "versions"]
-
 #: Packages whose versions may change a figure.
 _PACKAGES = ("slam-init", "numpy", "opencv-python-headless", "gtsam", "numba", "poselib", "pysuperansac")
 
 
 def hardware() -> dict[str, str]:
-    """Describe the machine.
-
-    Returns
-    -------
-    dict of str to str
-    """
+    """Describe the machine."""
     memory_gb = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30
     return {
         "processor": _processor(),
@@ -30,13 +23,7 @@ def hardware() -> dict[str, str]:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of the program and its libraries.
-
-    Returns
-    -------
-    dict of str to str
-        Packages that are not installed are left out.
-    """
+    """Return the versions of the program and its libraries."""
     found = {"python": platform.python_version()}
     for name in _PACKAGES:
         try:

@@ -22,8 +22,6 @@ from slam_init.output.folder import OutputFolder, output_error
 from slam_init.output.names import PAGE, SHEET_FILES
 from slam_init.system.regular_file import read_regular, user_path
 
-__all__ = ["Entry", "leaderboard_html", "publish", "read_entries"]
-
 #: A sheet of 1,000 worlds and 20 methods has 300 kB.
 _MAX_BYTES = 20_000_000
 #: More sheets than anybody compares on one page.
@@ -33,73 +31,36 @@ _MAX_TEXT = 2000
 
 @dataclass(frozen=True)
 class Entry:
-    """A row of a leaderboard.
+    """A row of a leaderboard."""
 
-    Attributes
-    ----------
-    group : str
-        Rows of one group can be compared.
-    suite : str
-    label, command, about : str
-    trials : int
-    correct, false, none, delay : tuple of (float or None)
-        Value, low and high end.
-    errors : int
-    risk : str
-        Of maps with a stated risk: false ones, and the expected number.
-    frame_ms : float or None
-    machine : str
-    folder : str
-        Where the sheet lies.
-    """
-
+    #: Rows of one group can be compared.
     group: str
     suite: str
     label: str
     command: str
     about: str
     trials: int
+    #: correct, false, none, delay: Value, low and high end.
     correct: tuple[float | None, ...]
     false: tuple[float | None, ...]
     none: tuple[float | None, ...]
     delay: tuple[float | None, ...]
     errors: int
+    #: Of maps with a stated risk: false ones, and the expected number.
     risk: str
     frame_ms: float | None
     machine: str
+    #: Where the sheet lies.
     folder: str
 
     @property
     def net(self) -> float:
-        """Return the rank: share of correct maps minus share of false maps.
-
-        Returns
-        -------
-        float
-        """
+        """Return the rank: share of correct maps minus share of false maps."""
         return (self.correct[0] or 0.0) - (self.false[0] or 0.0)
 
 
 def publish(folders: Sequence[str], out: Path) -> str:
-    """Write the page.
-
-    Parameters
-    ----------
-    folders : sequence of str
-        Folders of results of ``slam-init bench``.
-    out : Path
-        Folder of the page.
-
-    Returns
-    -------
-    str
-        Text for stdout.
-
-    Raises
-    ------
-    SlamInitError
-        If a folder has no sheet, a sheet is damaged, or the page cannot be written.
-    """
+    """Write the page."""
     if len(folders) > _MAX_SHEETS:
         raise SourceError(f"{len(folders)} folders: give at most {_MAX_SHEETS}")
     entries = [entry for folder in folders for entry in read_entries(folder)]
@@ -114,22 +75,7 @@ def publish(folders: Sequence[str], out: Path) -> str:
 
 
 def read_entries(folder: str) -> list[Entry]:
-    """Read the score sheet of a run.
-
-    Parameters
-    ----------
-    folder : str
-
-    Returns
-    -------
-    list of Entry
-        One for each method.
-
-    Raises
-    ------
-    SourceError
-        If there is no sheet, or it is damaged.
-    """
+    """Read the score sheet of a run."""
     path = user_path(folder) / SHEET_FILES[0]
     if not path.exists():
         raise SourceError(f"{folder} has no {SHEET_FILES[0]}: give folders of results of slam-init bench")
@@ -184,17 +130,7 @@ def _entries(sheet: Mapping[str, Any], folder: str) -> list[Entry]:
 
 
 def leaderboard_html(entries: Sequence[Entry]) -> str:
-    """Make the page.
-
-    Parameters
-    ----------
-    entries : sequence of Entry
-
-    Returns
-    -------
-    str
-        HTML document that loads nothing.
-    """
+    """Make the page."""
     style = files("slam_init.compare").joinpath("report.css").read_text(encoding="utf-8")
     script = files("slam_init.compare").joinpath("report.js").read_text(encoding="utf-8")
     groups: dict[str, list[Entry]] = {}

@@ -16,18 +16,6 @@ from pathlib import Path
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside, read_regular
 
-__all__ = [
-    "BY_HAND",
-    "MANIFEST",
-    "READ",
-    "DataFolder",
-    "Entry",
-    "checksum",
-    "data_folder",
-    "find_sequences",
-    "kind_of_sequence",
-]
-
 #: Variable of the folder of public sequences.
 VARIABLE = "SLAM_INIT_DATA"
 #: Layouts that the readers take, and those that no program converts.
@@ -41,30 +29,20 @@ _MAX_FILE_BYTES = 300_000_000
 
 @dataclass(frozen=True)
 class Entry:
-    """A public sequence.
+    """A public sequence."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the folder.
-    kind : str
-        Kind of the scene and of the motion: the stratum.
-    title : str
-        Name of the published sequence.
-    url : str
-        Where to get it.
-    layout : str
-        Layout of what is published, as :mod:`slam_init.bench.convert` takes it. :data:`READ` is a layout that the
-        readers take (TUM RGB-D, EuRoC, KITTI), :data:`BY_HAND` one without a published truth that can be converted.
-    first, count : int
-        First frame and number of frames.
-    """
-
+    #: Name of the folder.
     name: str
+    #: Kind of the scene and of the motion: the stratum.
     kind: str
+    #: Name of the published sequence.
     title: str
+    #: Where to get it.
     url: str
+    #: Layout of what is published, as :mod:`slam_init.bench.convert` takes it. :data:`READ` is a layout that the
+    #: readers take (TUM RGB-D, EuRoC, KITTI), :data:`BY_HAND` one without a published truth that can be converted.
     layout: str
+    #: first, count: First frame and number of frames.
     first: int
     count: int
 
@@ -100,33 +78,16 @@ MANIFEST: tuple[Entry, ...] = (
 
 @dataclass(frozen=True)
 class DataFolder:
-    """The sequences of the manifest below a folder.
-
-    Attributes
-    ----------
-    root : Path
-    found : dict of str to Path
-        Folder of each sequence at hand, by name, sorted.
-    missing : tuple of Entry
-    """
+    """The sequences of the manifest below a folder."""
 
     root: Path
+    #: Folder of each sequence at hand, by name, sorted.
     found: dict[str, Path]
     missing: tuple[Entry, ...]
 
 
 def data_folder() -> Path:
-    """Return the folder of public sequences.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    SourceError
-        If the variable is not set, or names no folder.
-    """
+    """Return the folder of public sequences."""
     text = os.environ.get(VARIABLE, "")
     if not text:
         raise SourceError(f"set {VARIABLE} to the folder of the public sequences; slam-init bench list tells which")
@@ -136,21 +97,7 @@ def data_folder() -> Path:
 
 
 def find_sequences(root: Path) -> DataFolder:
-    """Find the sequences of the manifest. Links to folders are not followed.
-
-    Parameters
-    ----------
-    root : Path
-
-    Returns
-    -------
-    DataFolder
-
-    Raises
-    ------
-    SourceError
-        If two folders have the name of a sequence.
-    """
+    """Find the sequences of the manifest. Links to folders are not followed."""
     names = {entry.name for entry in MANIFEST}
     found: dict[str, Path] = {}
     for folder in _folders(root):
@@ -163,38 +110,12 @@ def find_sequences(root: Path) -> DataFolder:
 
 
 def kind_of_sequence(label: str) -> str:
-    """Return the stratum of a public sequence.
-
-    Parameters
-    ----------
-    label : str
-        Path of its folder, or its name.
-
-    Returns
-    -------
-    str
-        ``other`` for a sequence that is not in the manifest.
-    """
+    """Return the stratum of a public sequence."""
     return next((entry.kind for entry in MANIFEST if entry.name == Path(label).name), "other")
 
 
 def checksum(folder: Path) -> str:
-    """Hash the files of a sequence: its calibration, truth and list of images, and the images on this list.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    str
-        16 hexadecimal digits of SHA-256.
-
-    Raises
-    ------
-    SourceError
-        If a file cannot be read, or lies outside of the folder.
-    """
+    """Hash the files of a sequence: its calibration, truth and list of images, and the images on this list."""
     from slam_init.datasets import open_source
     from slam_init.datasets.image_files import ImageFileSource
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["DEFAULTS", "NAME", "SUITES", "VERSION", "Run", "SuiteDefaults"]
-
 NAME = "InitBench"
 #: Raised when a figure of an earlier sheet can no longer be compared: other worlds, other sequences, other judging.
 VERSION = 1
@@ -14,26 +12,17 @@ SUITES = ("drawn", "rendered", "video")
 
 @dataclass(frozen=True)
 class SuiteDefaults:
-    """The fixed numbers of a suite.
+    """The fixed numbers of a suite."""
 
-    Attributes
-    ----------
-    worlds : int
-        Number of worlds; 0 for sequences of a manifest.
-    every : int
-        Step between two start frames of a sequence.
-    limit_frames : int
-        A trial ends after this number of frames, or after 5 s of video.
-    min_left : int
-        Smallest number of frames that a trial can read.
-    about : str
-        One line.
-    """
-
+    #: Number of worlds; 0 for sequences of a manifest.
     worlds: int
+    #: Step between two start frames of a sequence.
     every: int
+    #: A trial ends after this number of frames, or after 5 s of video.
     limit_frames: int
+    #: Smallest number of frames that a trial can read.
     min_left: int
+    #: One line.
     about: str
 
 
@@ -48,37 +37,21 @@ DEFAULTS: dict[str, SuiteDefaults] = {
 
 @dataclass(frozen=True)
 class Run:
-    """One run of the benchmark, as its command line tells.
-
-    Attributes
-    ----------
-    suite : str
-    worlds : int
-        Number of worlds; 0 for ``video``.
-    seed : int
-        Seed of the worlds and of the random draws of the methods.
-    every : int
-        Step between two start frames.
-    sequences : tuple of str
-        The chosen sequences of ``video``; empty for all at hand.
-    methods : tuple of str
-    """
+    """One run of the benchmark, as its command line tells."""
 
     suite: str
+    #: Number of worlds; 0 for ``video``.
     worlds: int
+    #: Seed of the worlds and of the random draws of the methods.
     seed: int
+    #: Step between two start frames.
     every: int
+    #: The chosen sequences of ``video``; empty for all at hand.
     sequences: tuple[str, ...]
     methods: tuple[str, ...]
 
     def departures(self) -> list[str]:
-        """Tell in which options a run departs from the protocol.
-
-        Returns
-        -------
-        list of str
-            Empty for a run of the whole suite.
-        """
+        """Tell in which options a run departs from the protocol."""
         default = DEFAULTS[self.suite]
         told = []
         if self.worlds != default.worlds:
@@ -92,17 +65,7 @@ class Run:
         return told
 
     def words(self, methods: tuple[str, ...] | None = None) -> list[str]:
-        """Return the command line of this run.
-
-        Parameters
-        ----------
-        methods : tuple of str, optional
-            In place of those of the run.
-
-        Returns
-        -------
-        list of str
-        """
+        """Return the command line of this run."""
         default = DEFAULTS[self.suite]
         words = ["slam-init", "bench", "--suite", self.suite]
         for option, value, usual in (

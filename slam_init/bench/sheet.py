@@ -26,29 +26,19 @@ from slam_init.methods.registry import method_info
 from slam_init.output.plain_json import Json
 from slam_init.types.arrays import Bools
 
-__all__ = ["PairedTest", "Risk", "Row", "Sheet", "Times", "sheet_of"]
-
 #: Version of the layout of ``sheet.json``.
 SCHEMA = 1
 
 
 @dataclass(frozen=True)
 class Risk:
-    """The stated risks of the maps of a method, compared with the outcomes.
+    """The stated risks of the maps of a method, compared with the outcomes."""
 
-    Attributes
-    ----------
-    maps : int
-        Number of maps with a stated risk and a sound ground truth.
-    expected_false : float
-        Sum of their stated risks.
-    false : int
-        Number of false maps among them.
-    false_rate : Interval
-    """
-
+    #: Number of maps with a stated risk and a sound ground truth.
     maps: int
+    #: Sum of their stated risks.
     expected_false: float
+    #: Number of false maps among them.
     false: int
     false_rate: Interval
 
@@ -56,24 +46,16 @@ class Risk:
     def reliable(self) -> bool:
         """Return whether the share of false maps agrees with the stated risks.
 
-        Returns
-        -------
-        bool
-            True if the 95 % interval of the share holds the mean stated risk, or lies below.
+        * Returns: True if the 95 % interval of the share holds the mean stated risk, or lies below.
         """
         return self.false_rate.low <= self.expected_false / self.maps
 
 
 @dataclass(frozen=True)
 class Times:
-    """Times in milliseconds, of one core of the machine of the run; None if nothing was timed.
+    """Times in milliseconds, of one core of the machine of the run; None if nothing was timed."""
 
-    Attributes
-    ----------
-    frame_ms, frame_p95_ms, attempt_ms : float or None
-        Median and 95th percentile of a frame, median of a frame with an attempt.
-    """
-
+    #: frame_ms, frame_p95_ms, attempt_ms: Median and 95th percentile of a frame, median of a frame with an attempt.
     frame_ms: float | None
     frame_p95_ms: float | None
     attempt_ms: float | None
@@ -81,121 +63,78 @@ class Times:
 
 @dataclass(frozen=True)
 class Row:
-    """The scores of a method.
+    """The scores of a method."""
 
-    Attributes
-    ----------
-    method : str
-        As on the command line.
-    label : str
-        Name in tables.
-    about : str
-        What the method is, in one line, and its source.
-    trials, sequences : int
-        Number of trials, and of worlds or sequences.
-    solvable : int
-        Number of trials in which a map can be correct.
-    correct : Interval
-        Share of the solvable trials with a correct map.
-    strict : Interval
-        Share of the solvable trials with a map within 1 degree in rotation and 5 in direction.
-    false : Interval
-        Share of all judged trials with a false map.
-    false_maps : int
-        Their number.
-    none : Interval
-        Share of the solvable trials without a map.
-    errors : int
-        Number of trials that ended in an error.
-    delay : Interval
-        Frames after the start until the first correct map: restricted mean over the solvable trials.
-    reason : Interval
-        Of the trials without translation, the share that ended with the expected reason.
-    risk : Risk or None
-        None for a method that states no risk.
-    not_applicable : int
-        Number of sources on which the method cannot run.
-    command : str
-        A command line that gives this row alone.
-    times : Times
-    """
-
+    #: As on the command line.
     method: str
+    #: Name in tables.
     label: str
+    #: What the method is, in one line, and its source.
     about: str
+    #: trials, sequences: Number of trials, and of worlds or sequences.
     trials: int
     sequences: int
+    #: Number of trials in which a map can be correct.
     solvable: int
+    #: Share of the solvable trials with a correct map.
     correct: Interval
+    #: Share of the solvable trials with a map within 1 degree in rotation and 5 in direction.
     strict: Interval
+    #: Share of all judged trials with a false map.
     false: Interval
+    #: Their number.
     false_maps: int
+    #: Share of the solvable trials without a map.
     none: Interval
+    #: Number of trials that ended in an error.
     errors: int
+    #: Frames after the start until the first correct map: restricted mean over the solvable trials.
     delay: Interval
+    #: Of the trials without translation, the share that ended with the expected reason.
     reason: Interval
+    #: None for a method that states no risk.
     risk: Risk | None
+    #: Number of sources on which the method cannot run.
     not_applicable: int
+    #: A command line that gives this row alone.
     command: str
     times: Times
 
 
 @dataclass(frozen=True)
 class PairedTest:
-    """Two methods on the same trials.
+    """Two methods on the same trials."""
 
-    Attributes
-    ----------
-    first, second : str
-        Labels of the methods.
-    trials : int
-        Number of trials that both ran.
-    only_first_correct, only_second_correct, only_first_false, only_second_false : int
-        Number of trials in which only this method has a correct map, or a false map.
-    p_correct, p_false : float
-        Of a sign-flip test by sequence, adjusted for the number of pairs (Holm). Where each world has one trial it is
-        McNemar's test.
-    """
-
+    #: first, second: Labels of the methods.
     first: str
     second: str
+    #: Number of trials that both ran.
     trials: int
+    #: only_first_correct, only_second_correct, only_first_false, only_second_false: Number of trials in which only
+    #: this method has a correct map, or a false map.
     only_first_correct: int
     only_second_correct: int
     only_first_false: int
     only_second_false: int
+    #: p_correct, p_false: Of a sign-flip test by sequence, adjusted for the number of pairs (Holm). Where each world
+    #: has one trial it is McNemar's test.
     p_correct: float
     p_false: float
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """The score sheet of a run.
-
-    Attributes
-    ----------
-    run : Run
-    command : str
-        The command line of the run.
-    departures : tuple of str
-        In which options the run departs from the protocol.
-    sequences : tuple of str
-        Labels of the sources.
-    frozen : FrozenCheck
-    notes : tuple of str
-        Missing sequences, methods that cannot run.
-    rows : tuple of Row
-    pairs : tuple of PairedTest
-    strata : tuple of Stratum
-    machine : mapping of str to str
-    packages : mapping of str to str
-    """
+    """The score sheet of a run."""
 
     run: Run
+    #: The command line of the run.
     command: str
+    #: In which options the run departs from the protocol.
     departures: tuple[str, ...]
+    #: Labels of the sources.
     sequences: tuple[str, ...]
     frozen: FrozenCheck
+    #: Missing sequences, methods that cannot run.
     notes: tuple[str, ...]
     rows: tuple[Row, ...]
     pairs: tuple[PairedTest, ...]
@@ -205,22 +144,14 @@ class Sheet:
 
     @property
     def title(self) -> str:
-        """Return the name of the benchmark, its version and the suite.
-
-        Returns
-        -------
-        str
-        """
+        """Return the name of the benchmark, its version and the suite."""
         return f"{NAME} {VERSION}, suite {self.run.suite}"
 
     def as_dict(self) -> dict[str, Json]:
         """Convert to plain JSON types, as in ``sheet.json``.
 
-        Returns
-        -------
-        dict
-            An interval becomes a list of value, low and high end, with six significant digits and None for NaN. Times
-            are in ``times`` by method, apart from the rows.
+        * Returns: An interval becomes a list of value, low and high end, with six significant digits and None for NaN.
+          Times are in ``times`` by method, apart from the rows.
         """
         rows = [{name: _plain(value) for name, value in vars(row).items() if name != "times"} for row in self.rows]
         return {
@@ -246,21 +177,7 @@ class Sheet:
 
 
 def sheet_of(table: TrialTable, plan: Plan, run: Run, digests: Mapping[str, str], notes: Sequence[str]) -> Sheet:
-    """Compute the score sheet of a run.
-
-    Parameters
-    ----------
-    table : TrialTable
-    plan : Plan
-    run : Run
-    digests : mapping of str to str
-        Digest of the tracks by the label of the source.
-    notes : sequence of str
-
-    Returns
-    -------
-    Sheet
-    """
+    """Compute the score sheet of a run."""
     left_out = plan.not_applicable()
     known = {source.label: digests.get(source.label, "") for source in plan.sources}
     return Sheet(

@@ -11,24 +11,12 @@ from slam_init.compare.statistics import Interval
 from slam_init.methods.external_command import method_label
 from slam_init.output.tables import markdown_table
 
-__all__ = ["sheet_text"]
-
 #: Pairs with a larger adjusted p-value are not listed one by one.
 _SIGNIFICANT = 0.05
 
 
 def sheet_text(sheet: Sheet) -> str:
-    """Write a score sheet.
-
-    Parameters
-    ----------
-    sheet : Sheet
-
-    Returns
-    -------
-    str
-        Markdown with a final newline.
-    """
+    """Write a score sheet."""
     first = sheet.rows[0]
     parts = [
         f"# {sheet.title}",

@@ -19,8 +19,6 @@ from slam_init.compare.statistics import Interval, cluster_share
 from slam_init.compare.trial_table import TrialTable
 from slam_init.types.arrays import Bools
 
-__all__ = ["AXES", "Cell", "Stratum", "strata_of"]
-
 #: Options of a world that are strata, and their headings.
 AXES = {
     "baseline": "baseline / depth",
@@ -33,59 +31,34 @@ _PLANES = ("wall", "nadir", "tilted", "handheld-wall")
 
 @dataclass(frozen=True)
 class Cell:
-    """A method in a stratum.
-
-    Attributes
-    ----------
-    method : str
-    trials : int
-    correct : Interval
-        Share of the trials with a correct map. NaN if no map can be correct.
-    false : int
-        Number of false maps.
-    """
+    """A method in a stratum."""
 
     method: str
     trials: int
+    #: Share of the trials with a correct map. NaN if no map can be correct.
     correct: Interval
+    #: Number of false maps.
     false: int
 
 
 @dataclass(frozen=True)
 class Stratum:
-    """Trials of equal difficulty.
+    """Trials of equal difficulty."""
 
-    Attributes
-    ----------
-    kind : str
-        Kind of the scene.
-    axis : str
-        A name of :data:`AXES`; empty for all trials of the kind.
-    value : float or None
-        Value on the axis; None for all trials of the kind.
-    cells : tuple of Cell
-        One for each method.
-    """
-
+    #: Kind of the scene.
     kind: str
+    #: A name of :data:`AXES`; empty for all trials of the kind.
     axis: str
+    #: Value on the axis; None for all trials of the kind.
     value: float | None
+    #: One for each method.
     cells: tuple[Cell, ...]
 
 
 def strata_of(table: TrialTable, sources: Sequence[ComparedSource], methods: Sequence[str]) -> list[Stratum]:
     """Count the trials of each stratum.
 
-    Parameters
-    ----------
-    table : TrialTable
-    sources : sequence of ComparedSource
-    methods : sequence of str
-
-    Returns
-    -------
-    list of Stratum
-        For each kind, all its trials first, then the values of each axis. Empty strata are left out.
+    * Returns: For each kind, all its trials first, then the values of each axis. Empty strata are left out.
     """
     kinds = {source.label: _kind(source) for source in sources}
     values = {source.label: _values(source) for source in sources}

@@ -11,8 +11,6 @@ from urllib.parse import urlencode
 
 from slam_init.bench.protocol import NAME, VERSION
 
-__all__ = ["DRAWN_OPTIONS", "DRAWN_SCENES", "RENDERED_SCENES", "drawn_worlds", "rendered_worlds"]
-
 #: Scenes of ``drawn``. World i has scene i modulo their number.
 DRAWN_SCENES = (
     "room", "wall", "corridor", "nadir", "desk", "rotation", "rotate-then-move", "tilted-15", "nadir-turn", "static",
@@ -40,16 +38,7 @@ _SEEDS = 1_000_000
 def drawn_worlds(count: int, seed: int) -> list[str]:
     """List the worlds of the suite ``drawn``.
 
-    Parameters
-    ----------
-    count : int
-        Number of worlds.
-    seed : int
-
-    Returns
-    -------
-    list of str
-        Arguments of :func:`slam_init.compare.sources.open_compared`.
+    * Returns: Arguments of :func:`slam_init.compare.sources.open_compared`.
     """
     worlds = []
     for i in range(count):
@@ -62,16 +51,7 @@ def drawn_worlds(count: int, seed: int) -> list[str]:
 def rendered_worlds(count: int, seed: int) -> list[str]:
     """List the worlds of the suite ``rendered``.
 
-    Parameters
-    ----------
-    count : int
-        Number of worlds.
-    seed : int
-
-    Returns
-    -------
-    list of str
-        Arguments of :func:`slam_init.compare.sources.open_compared`.
+    * Returns: Arguments of :func:`slam_init.compare.sources.open_compared`.
     """
     worlds = []
     for i in range(count):

@@ -37,8 +37,6 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.work import Prices, spend
 
-__all__ = ["adjust", "fit_with_held_camera"]
-
 #: If the estimated noise is this many times the expected one, the tracks are not those of one rigid scene.
 _WORST_NOISE = 10.0
 #: Rounds end when the relative change of the focal length is smaller. Such a change moves a pixel at the border of the
@@ -59,22 +57,9 @@ def adjust(
 ) -> BundleSolution | BundleFailure:
     """Adjust poses and landmarks, and the focal length if ``config.refine_focal`` is set; see the module docstring.
 
-    Parameters
-    ----------
-    camera : Camera
-        The stated camera.
-    problem : BundleProblem
-        The first estimate. The world frame is the camera frame of the first view.
-    config : MapConfig
-    focal_factor : float
-        Where the focal length is adjusted: its first estimate, over the stated one.
-    poses_known : bool
-        Whether the poses are those of a robust estimate. Only the points are fitted robustly then.
-
-    Returns
-    -------
-    BundleSolution or BundleFailure
-        The failure is falsy and names its cause.
+    * ``problem``: The first estimate. The world frame is the camera frame of the first view.
+    * ``focal_factor``: Where the focal length is adjusted: its first estimate, over the stated one.
+    * ``poses_known``: Whether the poses are those of a robust estimate. Only the points are fitted robustly then.
     """
     solution = _adjusted(camera, problem, config, focal_factor, poses_known=poses_known)
     if poses_known and isinstance(solution, BundleFailure):
@@ -168,25 +153,8 @@ def fit_with_held_camera(
 ) -> BundleFit | BundleFailure:
     """Adjust poses and landmarks: with a robust kernel, then without outliers in least squares.
 
-    Parameters
-    ----------
-    camera : Camera
-        Held.
-    start : BundleProblem
-        The first estimate.
-    config : MapConfig
-    poses_known : bool
-        Whether the poses are those of a robust estimate. Only the points are fitted robustly then.
-
-    Returns
-    -------
-    BundleFit or BundleFailure
-        The fit has no outliers, and its median depth in the first view is 1.
-
-    Raises
-    ------
-    RuntimeError
-        By gtsam, for a singular system or a landmark behind a camera.
+    * ``poses_known``: Whether the poses are those of a robust estimate. Only the points are fitted robustly then.
+    * Returns: The fit has no outliers, and its median depth in the first view is 1.
     """
     if poses_known:
         start = with_lenses(camera, start)

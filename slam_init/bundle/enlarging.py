@@ -12,8 +12,6 @@ from slam_init.types.camera import Camera
 if TYPE_CHECKING:
     import gtsam
 
-__all__ = ["enlarged_graph"]
-
 #: Parameters of a calibration of gtsam that are pixels: fx, fy, skew, cx, cy. The others are distortion.
 _IN_PIXELS = 5
 
@@ -28,25 +26,10 @@ def enlarged_graph(
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Make the graph of the same map for images that are larger by a whole factor.
 
-    Parameters
-    ----------
-    graph : gtsam.NonlinearFactorGraph
-        Made by :func:`slam_init.bundle.graph.build_graph`, without a robust kernel.
-    values : gtsam.Values
-        The estimate.
-    camera : Camera
-        That of the larger images, with the adjusted focal length.
-    stated : Camera
-        That of the larger images as stated, which a prior of the calibration expects.
-    noise_px : float
-        Standard deviation of one coordinate in pixels of the larger images.
-    factor : int
-
-    Returns
-    -------
-    graph : gtsam.NonlinearFactorGraph
-        Each residual over its standard deviation is that of the given graph.
-    values : gtsam.Values
+    * ``graph``: Made by :func:`slam_init.bundle.graph.build_graph`, without a robust kernel.
+    * ``stated``: That of the larger images as stated, which a prior of the calibration expects.
+    * ``noise_px``: Standard deviation of one coordinate in pixels of the larger images.
+    * Returns ``graph``: Each residual over its standard deviation is that of the given graph.
     """
     import gtsam
 

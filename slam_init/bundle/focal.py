@@ -21,8 +21,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.lenses.models import scaled_coefficients
 from slam_init.work import Prices, spend
 
-__all__ = ["adjust_focal", "camera_with_focal_factor"]
-
 #: Newton's method ends after a step that lowers the error by less than this share. With a thousand observations this
 #: is 0.01, a seventh of a standard deviation of the focal length, and the next step would be much smaller.
 _NEWTON_TOLERANCE, _NEWTON_STEPS = 1e-5, 10
@@ -38,21 +36,6 @@ def camera_with_focal_factor(camera: Camera, factor: float) -> Camera:
     Principal point and distortion coefficients are held, except for a camera with k3 or a rational part. Such a camera
     is adjusted on undistorted pixels, which the factor must not change. Therefore its coefficients are converted to
     units of the new focal length.
-
-    Parameters
-    ----------
-    camera : Camera
-    factor : float
-        Positive.
-
-    Returns
-    -------
-    Camera
-
-    Raises
-    ------
-    CalibrationError
-        If the new focal length is impossible.
     """
     fx, fy = factor * camera.fx, factor * camera.fy
     if not is_undistorted_first(camera):
@@ -69,18 +52,8 @@ def adjust_focal(prior: FocalPrior, fit: BundleFit, config: MapConfig) -> Bundle
     not used for the focal length: in a factor with a variable calibration a landmark behind the camera has no error, so
     that landmarks would be pushed there.
 
-    Parameters
-    ----------
-    prior : FocalPrior
-        The stated camera, and the standard deviation of its focal length.
-    fit : BundleFit
-        At the optimum for its camera.
-    config : MapConfig
-
-    Returns
-    -------
-    BundleFit
-        With the adjusted camera; the given fit if no step lowers the error.
+    * ``prior``: The stated camera, and the standard deviation of its focal length.
+    * Returns: With the adjusted camera; the given fit if no step lowers the error.
     """
     camera, problem, errors, _ = fit
     noise_px = least_squares_noise(problem, problem.residuals(camera), config)

@@ -66,33 +66,14 @@ GAUGE = "first pose fixed (prior, 1e-6); distance from the first camera to the f
 
 
 def pose_key(frame: int) -> int:
-    """Make the gtsam key ``X(frame)`` of the pose of a keyframe.
-
-    Parameters
-    ----------
-    frame : int
-        Absolute index of the frame.
-
-    Returns
-    -------
-    int
-    """
+    """Make the gtsam key ``X(frame)`` of the pose of a keyframe."""
     import gtsam
 
     return int(gtsam.symbol("x", frame))
 
 
 def landmark_key(track_id: int) -> int:
-    """Make the gtsam key ``L(track_id)`` of a landmark.
-
-    Parameters
-    ----------
-    track_id : int
-
-    Returns
-    -------
-    int
-    """
+    """Make the gtsam key ``L(track_id)`` of a landmark."""
     import gtsam
 
     return int(gtsam.symbol("l", track_id))
@@ -103,21 +84,7 @@ def build_graph(
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Build the factor graph of a problem: reprojection factors, gauge, baseline range, and the priors that there are.
 
-    Parameters
-    ----------
-    camera : Camera
-    problem : BundleProblem
-    noise_px : float
-        Standard deviation of one coordinate of a pixel.
-    robust : bool
-        Whether the reprojection factors have a Cauchy kernel.
-    prior : FocalPrior, optional
-        If given, the calibration is a variable with this prior; its value is that of ``camera``.
-
-    Returns
-    -------
-    graph : gtsam.NonlinearFactorGraph
-    values : gtsam.Values
+    * ``prior``: If given, the calibration is a variable with this prior; its value is that of ``camera``.
     """
     import gtsam
 
@@ -167,10 +134,7 @@ def _pose_factors(problem: BundleProblem) -> gtsam.NonlinearFactorGraph:
 class PoseTerms:
     """The terms of the poses alone in the error of a problem: gauge, baseline range, and the priors that there are.
 
-    Parameters
-    ----------
-    problem : BundleProblem
-        Its poses are the start, which the gauge holds.
+    * ``problem``: Its poses are the start, which the gauge holds.
     """
 
     def __init__(self, problem: BundleProblem) -> None:
@@ -186,30 +150,16 @@ class PoseTerms:
     def error(self, R: Floats, t: Floats) -> float:
         """The error at some poses.
 
-        Parameters
-        ----------
-        R, t : (K, 3, 3), (K, 3) float
-            world_from_cam.
-
-        Returns
-        -------
-        float
-            Half of the sum of the squares.
+        Shapes: ``R, t`` (K, 3, 3).
         """
         return float(self._graph.error(self._values(R, t)))
 
     def equations(self, R: Floats, t: Floats) -> tuple[Floats, Floats]:
         """The equations of a Gauss-Newton step at some poses.
 
-        Parameters
-        ----------
-        R, t : (K, 3, 3), (K, 3) float
-            world_from_cam.
+        Shapes: ``R, t`` (K, 3, 3).
 
-        Returns
-        -------
-        information, gradient : (6 K, 6 K), (6 K,) float
-            In gtsam's tangent order (rotation, translation), in the camera frames.
+        * Returns ``information, gradient``: In gtsam's tangent order (rotation, translation), in the camera frames.
         """
         hessian, descent = self._graph.linearize(self._values(R, t)).hessian()
         size = 6 * len(self._keys)
@@ -258,31 +208,8 @@ def optimize(
 ) -> tuple[BundleProblem, list[float]]:
     """Optimize poses and landmarks for a held camera.
 
-    Parameters
-    ----------
-    camera : Camera
-    problem : BundleProblem
-        The start.
-    noise_px : float
-        Standard deviation of one coordinate of a pixel.
-    robust : bool
-        Whether the reprojection factors have a Cauchy kernel.
-    iterations : int
-        Largest number of iterations of Levenberg-Marquardt.
-    tolerance : float
-        Relative decrease of the error below which the iterations end.
-
-    Returns
-    -------
-    problem : BundleProblem
-        The optimum.
-    errors : list of float
-        Root mean square residual in pixels at the start and after each iteration.
-
-    Raises
-    ------
-    RuntimeError
-        If the error is not finite at the end; also by gtsam, for a singular system.
+    * ``tolerance``: Relative decrease of the error below which the iterations end.
+    * Returns ``errors``: Root mean square residual in pixels at the start and after each iteration.
     """
     import gtsam
 
@@ -313,17 +240,7 @@ def _rms_px(error: float, noise_px: float, problem: BundleProblem) -> float:
 
 
 def read_problem(values: gtsam.Values, problem: BundleProblem) -> BundleProblem:
-    """Replace the poses and points of a problem by those of gtsam values.
-
-    Parameters
-    ----------
-    values : gtsam.Values
-    problem : BundleProblem
-
-    Returns
-    -------
-    BundleProblem
-    """
+    """Replace the poses and points of a problem by those of gtsam values."""
     poses = tuple(_pose(values.atPose3(pose_key(frame))) for frame in problem.frames)
     points = np.array([values.atPoint3(landmark_key(track)) for track in problem.track_ids.tolist()])
     return replace(problem, world_from_cam=poses, points=points.reshape(-1, 3))
@@ -334,20 +251,7 @@ def _pose(pose3: gtsam.Pose3) -> Pose:
 
 
 def read_focal_factor(camera: Camera, values: gtsam.Values) -> float:
-    """Read the focal length of gtsam values over that of the stated camera.
-
-    Parameters
-    ----------
-    camera : Camera
-        The stated camera.
-    values : gtsam.Values
-        Must hold ``K(0)``.
-
-    Returns
-    -------
-    float
-        The ratio; 1 if the focal length was not changed.
-    """
+    """Read the focal length of gtsam values over that of the stated camera."""
     at = getattr(values, f"at{type(gtsam_calibration(camera)).__name__}")
     calibration = at(calibration_key())
     return float(np.sqrt(calibration.fx() * calibration.fy()) / np.sqrt(camera.fx * camera.fy))
@@ -358,22 +262,10 @@ def marginal_covariances(
 ) -> tuple[Floats, float]:
     """Compute the marginal covariances of the poses and of the focal length.
 
-    Parameters
-    ----------
-    graph : gtsam.NonlinearFactorGraph
-    values : gtsam.Values
-        The optimum of the graph.
-    frames : tuple of int
-        Absolute indices of the K views.
-    prior : FocalPrior or None
-        None if the calibration is held.
+    Shapes: returns ``pose_covariances`` (K, 6, 6).
 
-    Returns
-    -------
-    pose_covariances : (K, 6, 6) float
-        In gtsam's tangent order (rotation, translation), in the camera frame.
-    focal_variance : float
-        Variance of fx in square pixels; 0 if the calibration is held.
+    * Returns ``pose_covariances``: In gtsam's tangent order (rotation, translation), in the camera frame.
+    * Returns ``focal_variance``: Variance of fx in square pixels; 0 if the calibration is held.
     """
     import gtsam
 

@@ -20,8 +20,6 @@ import numpy as np
 from quest.robust.kernels.compiler import compiler_of
 from slam_init.types.arrays import Floats, Ints
 
-__all__ = ["eliminate_points", "fit_points_to_rays", "squared_error"]
-
 compiled = compiler_of(Path(__file__).parent)
 
 #: Error of an observation whose point is not in front of its virtual camera: no step may move a point there.
@@ -49,22 +47,10 @@ def _project(L: Floats, R: Floats, t: Floats, X: Floats, p: Floats, D: Floats, e
 def squared_error(R: Floats, t: Floats, points: Floats, starts: Ints, views: Ints, lenses: Floats) -> float:
     """Sum of the squared residuals.
 
-    Parameters
-    ----------
-    R, t : (K, 3, 3), (K, 3) float
-        world_from_cam.
-    points : (L, 3) float
-    starts : (L + 1,) int
-        The observations of landmark l are those from ``starts[l]`` up to ``starts[l + 1]``.
-    views : (M,) int
-        View of each observation.
-    lenses : (M, 3, 3) float
-        The virtual camera of each observation, over the noise.
+    Shapes: ``R, t`` (K, 3, 3), ``points`` (L, 3), ``starts`` (L + 1,), ``views`` (M,), ``lenses`` (M, 3, 3).
 
-    Returns
-    -------
-    float
-        In units of the noise. A point behind a camera makes it huge.
+    * ``starts``: The observations of landmark l are those from ``starts[l]`` up to ``starts[l + 1]``.
+    * Returns: In units of the noise. A point behind a camera makes it huge.
     """
     p, D, e = np.empty(3), np.empty((2, 3)), np.empty(2)
     total = 0.0
@@ -99,22 +85,9 @@ def eliminate_points(
     ``A = C C^T`` the equations of the poses are ``H - Y^T Y`` with ``Y = C^-1 W`` and the gradient ``g - Y^T z`` with
     ``z = C^-1 b``, and the point follows a step x of the poses by ``-C^-T (z + Y x)``.
 
-    Parameters
-    ----------
-    R, t, points, starts, views, lenses : ndarray
-        As for :func:`squared_error`.
-    damping : float
-        Added to the diagonal of the equations of each point.
-    blocks : (K, 6, 6) float
-        Receives the part of each view in H.
-    gradient : (6 K,) float
-        Receives g.
-    roots : (L, 6) float
-        Receives C of each point: its diagonal, then the elements (1, 0), (2, 0), (2, 1).
-    solved : (3 L,) float
-        Receives z.
-    coupling : (3 L, 6 K) float
-        Receives Y.
+    Shapes: ``blocks`` (K, 6, 6), ``roots`` (L, 6).
+
+    * ``roots``: Receives C of each point: its diagonal, then the elements (1, 0), (2, 0), (2, 1).
     """
     p, D, e = np.empty(3), np.empty((2, 3)), np.empty(2)
     J, JX = np.empty((2, 6)), np.empty((2, 3))
@@ -185,22 +158,11 @@ def fit_points_to_rays(
     The residual is the part of the offset from the camera that is across the ray, as an angle. Its derivative is the
     projector over the distance.
 
-    Parameters
-    ----------
-    points : (L, 3) float
-        The start; overwritten by the result. A point that a step would move behind a camera stays where it is.
-    starts, views : (L + 1,), (M,) int
-        As for :func:`squared_error`.
-    centres : (K, 3) float
-        Of the cameras, in the world frame.
-    rays : (M, 3) float
-        Unit rays of the observations, in the world frame.
-    scale_rad : float
-        Scale of the kernel.
-    share : float
-        Damping, as a share of the trace of the equations of a point.
-    steps : int
-        Number of Gauss-Newton steps.
+    Shapes: ``points`` (L, 3), ``starts, views`` (L + 1,), ``centres`` (K, 3), ``rays`` (M, 3).
+
+    * ``points``: The start; overwritten by the result. A point that a step would move behind a camera stays where it
+      is.
+    * ``share``: Damping, as a share of the trace of the equations of a point.
     """
     scale2 = scale_rad * scale_rad
     A, b, d, moved = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)

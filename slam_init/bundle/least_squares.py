@@ -26,8 +26,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 from slam_init.work import Prices, spend
 
-__all__ = ["MapCovariances", "covariances", "minimize", "with_lenses"]
-
 #: Levenberg-Marquardt with the numbers of gtsam: first damping, its factor after a step, its largest value, and the
 #: absolute decrease of the error below which the iterations end.
 _DAMPING, _FACTOR, _MOST_DAMPING, _LEAST_DECREASE = 1e-5, 10.0, 1e5, 1e-5
@@ -58,18 +56,7 @@ class _Equations(NamedTuple):
 
 
 def with_lenses(camera: Camera, problem: BundleProblem) -> BundleProblem:
-    """Make the virtual cameras of the observations of a problem.
-
-    Parameters
-    ----------
-    camera : Camera
-    problem : BundleProblem
-
-    Returns
-    -------
-    BundleProblem
-        With ``lenses``.
-    """
+    """Make the virtual cameras of the observations of a problem."""
     lenses, pixels = np.empty((len(problem.pixels), 3, 3)), problem.pixels
     if is_undistorted_first(camera) and not needs_virtual_cameras(camera):
         # The factors of such a lens measure the pixels of a camera without distortion.
@@ -91,28 +78,8 @@ def minimize(
 ) -> tuple[BundleProblem, list[float]]:
     """Minimize the error in poses and points.
 
-    Parameters
-    ----------
-    problem : BundleProblem
-        The start, with ``lenses``.
-    noise_px : float
-        Standard deviation of one coordinate of a pixel.
-    iterations : int
-        Largest number of iterations of Levenberg-Marquardt.
-    tolerance : float
-        Relative decrease of the error below which the iterations end.
-
-    Returns
-    -------
-    problem : BundleProblem
-        The optimum.
-    errors : list of float
-        Root mean square residual in pixels at the start and after each iteration.
-
-    Raises
-    ------
-    RuntimeError
-        If the error is not finite, or a landmark is behind a camera.
+    * ``tolerance``: Relative decrease of the error below which the iterations end.
+    * Returns ``errors``: Root mean square residual in pixels at the start and after each iteration.
     """
     with single_threaded():
         return _minimized(problem, noise_px, iterations, tolerance)
@@ -166,22 +133,6 @@ def covariances(problem: BundleProblem, noise_px: float) -> MapCovariances:
     A point has what its rays leave open for known poses, and what the errors of the poses add. With the names of
     :func:`slam_init.bundle.kernel.eliminate_points` and the covariance S of the poses it is
     ``C^-T (I + Y S Y^T) C^-1``.
-
-    Parameters
-    ----------
-    problem : BundleProblem
-        With ``lenses``.
-    noise_px : float
-        Standard deviation of one coordinate of a pixel.
-
-    Returns
-    -------
-    MapCovariances
-
-    Raises
-    ------
-    RuntimeError
-        If the observations do not determine the poses.
     """
     observed, terms = _by_landmark(problem, noise_px), PoseTerms(problem)
     R, t = _arrays(problem.world_from_cam)

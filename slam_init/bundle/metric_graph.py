@@ -18,8 +18,6 @@ from slam_init.types.arrays import Floats
 if TYPE_CHECKING:
     import gtsam
 
-__all__ = ["joint_pose_covariance", "metric_graph"]
-
 #: The prior of a further pose states a direction, and the range states the length. The deviation of such a prior along
 #: the baseline is so many times that of the scale, so that ten of them change the latter by a twentieth.
 _LOOSE = 10.0
@@ -30,21 +28,7 @@ def metric_graph(
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Change the unit of a graph of :func:`slam_init.bundle.graph.build_graph`.
 
-    Parameters
-    ----------
-    graph : gtsam.NonlinearFactorGraph
-    values : gtsam.Values
-        Its optimum.
-    factor : float
-        Factor on all lengths.
-    sigma : float
-        Relative standard deviation of the factor; that of the range of the result.
-
-    Returns
-    -------
-    graph : gtsam.NonlinearFactorGraph
-        A copy, with ranges and priors in the new unit.
-    values : gtsam.Values
+    * ``sigma``: Relative standard deviation of the factor; that of the range of the result.
     """
     import gtsam
 
@@ -93,18 +77,7 @@ def _scaled_prior(
 def joint_pose_covariance(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, frames: tuple[int, ...]) -> Floats:
     """Compute the joint covariance of poses.
 
-    Parameters
-    ----------
-    graph : gtsam.NonlinearFactorGraph
-    values : gtsam.Values
-        The optimum of the graph.
-    frames : tuple of K int
-        Absolute indices of the keyframes, ascending.
-
-    Returns
-    -------
-    (6 K, 6 K) float
-        In gtsam's tangent order (rotation, translation) in the camera frames, keyframe by keyframe.
+    * Returns: In gtsam's tangent order (rotation, translation) in the camera frames, keyframe by keyframe.
     """
     import gtsam
 

@@ -12,24 +12,13 @@ from slam_init.config import MapConfig
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 
-__all__ = ["estimate_noise", "least_squares_noise", "min_parallax_rad"]
-
 
 def estimate_noise(problem: BundleProblem, residuals: Floats, config: MapConfig) -> float:
     """Estimate the noise from the median of the residuals, corrected for the number of fitted unknowns.
 
-    Parameters
-    ----------
-    problem : BundleProblem
-        After adjustment.
-    residuals : (M, 2) float
-        In pixels; NaN is ignored.
-    config : MapConfig
+    Shapes: ``residuals`` (M, 2).
 
-    Returns
-    -------
-    float
-        Standard deviation of one coordinate of one observation in pixels, at least ``config.min_noise_px``.
+    * Returns: Standard deviation of one coordinate of one observation in pixels, at least ``config.min_noise_px``.
     """
     norms = np.linalg.norm(residuals, axis=1)
     norms = norms[np.isfinite(norms)]
@@ -45,18 +34,9 @@ def least_squares_noise(problem: BundleProblem, residuals: Floats, config: MapCo
 
     Without outliers this is better than :func:`estimate_noise`, whose median is too low for few degrees of freedom.
 
-    Parameters
-    ----------
-    problem : BundleProblem
-        After adjustment, without outliers.
-    residuals : (M, 2) float
-        In pixels.
-    config : MapConfig
+    Shapes: ``residuals`` (M, 2).
 
-    Returns
-    -------
-    float
-        Standard deviation of one coordinate of one observation in pixels, at least ``config.min_noise_px``.
+    * Returns: Standard deviation of one coordinate of one observation in pixels, at least ``config.min_noise_px``.
     """
     squares = float(np.sum(residuals**2))
     return max(float(np.sqrt(squares / _freedom(problem, len(residuals)))), config.min_noise_px)
@@ -76,17 +56,6 @@ def min_parallax_rad(camera: Camera, noise_px: float, config: MapConfig) -> floa
 
     Two rays with noise s each that meet at the angle a give a depth with relative standard deviation sqrt(2) s / a.
 
-    Parameters
-    ----------
-    camera : Camera
-    noise_px : float
-        Standard deviation of one coordinate of a pixel.
-    config : MapConfig
-        ``max_depth_sigma`` is the largest relative standard deviation of a depth.
-
-    Returns
-    -------
-    float
-        Angle in radians.
+    * ``config``: ``max_depth_sigma`` is the largest relative standard deviation of a depth.
     """
     return float(np.sqrt(2) * noise_px / camera.focal_px / config.max_depth_sigma)

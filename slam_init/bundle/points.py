@@ -15,8 +15,6 @@ from slam_init.bundle.graph import CAUCHY
 from slam_init.bundle.problem import BundleProblem
 from slam_init.types.camera import Camera
 
-__all__ = ["fit_points"]
-
 #: The fifth step moves a typical point by a hundred-thousandth of its distance, and one in twenty by more than 2 in ten
 #: thousand (300 drawn points in views with .5 px of noise and 10 % outliers, from distances off by 5 %).
 _STEPS = 5
@@ -27,18 +25,7 @@ _DAMPING = 1e-6
 def fit_points(camera: Camera, problem: BundleProblem, noise_px: float) -> BundleProblem:
     """Fit the points to their rays with a Cauchy kernel, for the poses of a problem.
 
-    Parameters
-    ----------
-    camera : Camera
-    problem : BundleProblem
-        Its points are the start.
-    noise_px : float
-        Standard deviation of one coordinate of a pixel.
-
-    Returns
-    -------
-    BundleProblem
-        With other points. A point that a step would move behind a camera stays where it is.
+    * Returns: With other points. A point that a step would move behind a camera stays where it is.
     """
     from slam_init.bundle.kernel import fit_points_to_rays
 

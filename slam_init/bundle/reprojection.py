@@ -23,23 +23,9 @@ if TYPE_CHECKING:
     #: Makes a reprojection factor: number of the pixel, key of the pose, key of the landmark.
     _FactorMaker: TypeAlias = Callable[[int, int, int], gtsam.NonlinearFactor | None]
 
-__all__ = [
-    "calibration_key",
-    "gtsam_calibration",
-    "is_undistorted_first",
-    "measured_pixels",
-    "measured_projection",
-    "projection",
-]
-
 
 def calibration_key() -> int:
-    """Make the gtsam key ``K(0)`` of the calibration.
-
-    Returns
-    -------
-    int
-    """
+    """Make the gtsam key ``K(0)`` of the calibration."""
     import gtsam
 
     return int(gtsam.symbol("k", 0))
@@ -49,15 +35,6 @@ def gtsam_calibration(camera: Camera) -> _Calibration:
     """Convert a camera to a calibration of gtsam.
 
     gtsam's Cal3DS2 has no k3 and no rational part. A camera with one is adjusted on undistorted pixels, as a Cal3_S2.
-
-    Parameters
-    ----------
-    camera : Camera
-        One that needs no virtual cameras.
-
-    Returns
-    -------
-    gtsam.Cal3_S2, gtsam.Cal3DS2, gtsam.Cal3Fisheye or gtsam.Cal3Unified
     """
     import gtsam
 
@@ -73,16 +50,7 @@ def gtsam_calibration(camera: Camera) -> _Calibration:
 
 
 def is_undistorted_first(camera: Camera) -> bool:
-    """Tell whether a camera has k3 or a rational part, so that its factors measure undistorted pixels.
-
-    Parameters
-    ----------
-    camera : Camera
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether a camera has k3 or a rational part, so that its factors measure undistorted pixels."""
     if camera.model in ("rational", "thin-prism"):
         return True
     return camera.model == "radtan" and len(camera.distortion) == 5 and camera.distortion[4] != 0
@@ -91,16 +59,9 @@ def is_undistorted_first(camera: Camera) -> bool:
 def measured_pixels(camera: Camera, pixels: Floats) -> Floats:
     """Convert raw pixels to the pixels that the factors of :func:`projection` measure.
 
-    Parameters
-    ----------
-    camera : Camera
-    pixels : (N, 2) float
-        Raw pixels.
+    Shapes: ``pixels`` (N, 2), returns (N, 2).
 
-    Returns
-    -------
-    (N, 2) float
-        Undistorted pixels for a camera with k3 or a rational part; otherwise the raw ones.
+    * Returns: Undistorted pixels for a camera with k3 or a rational part; otherwise the raw ones.
     """
     if not is_undistorted_first(camera):
         return pixels
@@ -110,20 +71,10 @@ def measured_pixels(camera: Camera, pixels: Floats) -> Floats:
 def projection(camera: Camera, pixels: Floats, noise: gtsam.noiseModel.Base, *, adjusted: bool) -> _FactorMaker:
     """Make a function that makes the reprojection factors of pixels.
 
-    Parameters
-    ----------
-    camera : Camera
-    pixels : (N, 2) float
-        Raw pixels.
-    noise : gtsam.noiseModel.Base
-        Noise model of a pixel.
-    adjusted : bool
-        Whether the calibration is the variable ``K(0)``; otherwise it is held.
+    Shapes: ``pixels`` (N, 2).
 
-    Returns
-    -------
-    callable
-        Position of the pixel, key of the pose, key of the landmark -> factor; None for a pixel without a ray.
+    * ``adjusted``: Whether the calibration is the variable ``K(0)``; otherwise it is held.
+    * Returns: Position of the pixel, key of the pose, key of the landmark -> factor; None for a pixel without a ray.
     """
     if needs_virtual_cameras(camera) and not adjusted:
         return _virtual_projection(camera, pixels, noise)
@@ -135,20 +86,10 @@ def measured_projection(
 ) -> Callable[[int, int, int], gtsam.NonlinearFactor]:
     """Make a function that makes the reprojection factors of what :func:`measured_pixels` gives.
 
-    Parameters
-    ----------
-    camera : Camera
-        One that needs no virtual cameras, or an adjusted one.
-    measured : (N, 2) float
-    noise : gtsam.noiseModel.Base
-        Noise model of a pixel.
-    adjusted : bool
-        Whether the calibration is the variable ``K(0)``; otherwise it is held.
+    Shapes: ``measured`` (N, 2).
 
-    Returns
-    -------
-    callable
-        Position of the pixel, key of the pose, key of the landmark -> factor.
+    * ``adjusted``: Whether the calibration is the variable ``K(0)``; otherwise it is held.
+    * Returns: Position of the pixel, key of the pose, key of the landmark -> factor.
     """
     import gtsam
 

@@ -16,8 +16,6 @@ import numpy as np
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 
-__all__ = ["VirtualCameras", "needs_virtual_cameras", "virtual_cameras"]
-
 #: Models whose pixels are undistorted to the plane z = 1 for gtsam. There an image is stretched by the squared inverse
 #: cosine of the angle, and so is the noise: by four at 60 degrees.
 _PERSPECTIVE = ("rational", "thin-prism")
@@ -29,34 +27,18 @@ _STEP_RAD = 1e-6
 
 
 class VirtualCameras(NamedTuple):
-    """One pinhole camera for each observation.
+    """One pinhole camera for each observation."""
 
-    Attributes
-    ----------
-    cam_from_virtual : (N, 3, 3) float
-        Rotations; the third column is the measured ray.
-    calibrations : (N, 3) float
-        fx, skew and fy in pixels; the principal point is 0.
-    known : (N,) bool
-        Whether the pixel has a ray; the other rows hold any numbers.
-    """
-
+    #: (N, 3, 3) Rotations; the third column is the measured ray.
     cam_from_virtual: Floats
+    #: (N, 3) Fx, skew and fy in pixels; the principal point is 0.
     calibrations: Floats
+    #: (N,) Whether the pixel has a ray; the other rows hold any numbers.
     known: Bools
 
 
 def needs_virtual_cameras(camera: Camera) -> bool:
-    """Tell whether gtsam has no calibration for a camera, or none that serves.
-
-    Parameters
-    ----------
-    camera : Camera
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether gtsam has no calibration for a camera, or none that serves."""
     if camera.lens is None:
         return False
     if camera.model in _PERSPECTIVE:
@@ -67,15 +49,7 @@ def needs_virtual_cameras(camera: Camera) -> bool:
 def virtual_cameras(camera: Camera, pixels: Floats) -> VirtualCameras:
     """Make the virtual cameras of observations.
 
-    Parameters
-    ----------
-    camera : Camera
-    pixels : (N, 2) float
-        Raw pixels.
-
-    Returns
-    -------
-    VirtualCameras
+    Shapes: ``pixels`` (N, 2).
     """
     rays = camera.bearings(pixels)
     known: Bools = np.asarray(np.isfinite(rays).all(axis=1))

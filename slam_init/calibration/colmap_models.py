@@ -8,8 +8,6 @@ from slam_init.calibration.making import camera_of_values
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
 
-__all__ = ["COLMAP_PARAMETERS", "camera_of_colmap"]
-
 #: Names of the parameters of each model.
 COLMAP_PARAMETERS = {
     "SIMPLE_PINHOLE": "f cx cy",
@@ -46,25 +44,7 @@ _MODELS = {
 
 
 def camera_of_colmap(model: str, width: int, height: int, parameters: Sequence[float]) -> Camera:
-    """Convert a camera of COLMAP.
-
-    Parameters
-    ----------
-    model : str
-        A key of :data:`COLMAP_PARAMETERS`.
-    width, height : int
-        Image size in pixels.
-    parameters : sequence of float
-
-    Returns
-    -------
-    Camera
-
-    Raises
-    ------
-    CalibrationError
-        If the model is not supported, or a value is impossible.
-    """
+    """Convert a camera of COLMAP."""
     if model not in COLMAP_PARAMETERS:
         raise CalibrationError(f"camera model {model!r} of COLMAP: use one of {', '.join(COLMAP_PARAMETERS)}")
     names = COLMAP_PARAMETERS[model].split()

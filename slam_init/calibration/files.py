@@ -29,8 +29,6 @@ from slam_init.errors import CalibrationError, plain_line
 from slam_init.system.regular_file import read_regular, user_path
 from slam_init.types.camera import Camera
 
-__all__ = ["camera_of", "load_camera", "load_yaml"]
-
 _NUMBER = re.compile(r"\d{1,9}(\.\d{0,9})?")
 
 # Limits for a file. The largest calibration files in use (Kalibr, of a rig) have 20 kB and four levels. Without the
@@ -86,23 +84,7 @@ def load_camera(path: str | os.PathLike[str], image_size: tuple[int, int] | None
 def camera_of(place: str, content: Mapping[str, object], image_size: tuple[int, int] | None = None) -> Camera:
     """Make a camera of a calibration that is no file, for example a message.
 
-    Parameters
-    ----------
-    place : str
-        Where the calibration stands, for the message.
-    content : mapping
-        Keys and values as in a YAML file of a known format.
-    image_size : (int, int), optional
-        As of :func:`load_camera`.
-
-    Returns
-    -------
-    Camera
-
-    Raises
-    ------
-    CalibrationError
-        As of :func:`load_camera`.
+    Shapes: ``image_size`` (int, int).
     """
     try:
         camera = parse_mapping(content, image_size)
@@ -130,22 +112,7 @@ def _check(place: str, camera: Camera, image_size: tuple[int, int] | None) -> No
 
 
 def load_yaml(path: str | os.PathLike[str]) -> object:
-    """Read a YAML file by the safe loader.
-
-    Parameters
-    ----------
-    path : str or path-like
-
-    Returns
-    -------
-    dict, list, str, float, int, bool or None
-        The content.
-
-    Raises
-    ------
-    CalibrationError
-        If the file cannot be read, is broken, or is unsafe.
-    """
+    """Read a YAML file by the safe loader."""
     path = Path(path)
     try:
         return _parse_yaml(_read_text(path))

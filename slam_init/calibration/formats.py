@@ -14,27 +14,11 @@ from slam_init.calibration.values import Content, Size, integer_size, mapping_of
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
 
-__all__ = ["parse_colmap", "parse_mapping"]
-
 
 def parse_mapping(content: Content, image_size: Size) -> Camera:
     """Convert the content of a YAML or XML file. The format is detected by its keys.
 
-    Parameters
-    ----------
-    content : dict
-        Top level of the file.
-    image_size : (int, int) or None
-        Width and height in pixels, for files that state no size.
-
-    Returns
-    -------
-    Camera
-
-    Raises
-    ------
-    CalibrationError
-        If the format is unknown, or if a value is missing or impossible.
+    Shapes: ``image_size`` (int, int).
     """
     for keys, parse in _FORMATS:
         if any(key in content for key in keys):
@@ -46,22 +30,7 @@ def parse_mapping(content: Content, image_size: Size) -> Camera:
 
 
 def parse_colmap(text: str) -> Camera:
-    """Convert a COLMAP ``cameras.txt`` with one camera: ``id MODEL width height params``.
-
-    Parameters
-    ----------
-    text : str
-        Content of the file.
-
-    Returns
-    -------
-    Camera
-
-    Raises
-    ------
-    CalibrationError
-        If there is not exactly one camera, or if its model or a value is not supported.
-    """
+    """Convert a COLMAP ``cameras.txt`` with one camera: ``id MODEL width height params``."""
     lines = [line.split() for line in text.splitlines() if line.strip() and not line.strip().startswith("#")]
     if len(lines) != 1:
         raise CalibrationError(f"{len(lines)} cameras: expected a COLMAP cameras.txt with exactly one")

@@ -7,8 +7,6 @@ import math
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
 
-__all__ = ["camera_of_values", "model_named"]
-
 #: Names of the models in all formats, lower case -> model of :class:`~slam_init.types.camera.Camera`. OpenCV's models
 #: of 4 to 12 coefficients have one name in most formats; the coefficients tell them apart.
 _MODELS = {
@@ -42,25 +40,7 @@ _MODELS = {
 
 
 def model_named(name: object, key: str) -> str:
-    """Find the model of a name.
-
-    Parameters
-    ----------
-    name : object
-        The value in the file.
-    key : str
-        Its key, for the message.
-
-    Returns
-    -------
-    str
-        A model of :class:`~slam_init.types.camera.Camera`.
-
-    Raises
-    ------
-    CalibrationError
-        If the name is not known.
-    """
+    """Find the model of a name."""
     found = _MODELS.get(str(name).lower())
     if found is None:
         known = ", ".join(one for one in _MODELS if one)
@@ -71,24 +51,7 @@ def model_named(name: object, key: str) -> str:
 def camera_of_values(model: str, size: tuple[int, int], focal: tuple[float, ...], distortion: list[float]) -> Camera:
     """Make a camera. Zero coefficients of OpenCV's models are added or removed, to get the simplest model that fits.
 
-    Parameters
-    ----------
-    model : str
-        Of :func:`model_named`.
-    size : (int, int)
-        Width and height in pixels.
-    focal : tuple of float
-        fx, fy, cx, cy; for a panorama it may be empty.
-    distortion : list of float
-
-    Returns
-    -------
-    Camera
-
-    Raises
-    ------
-    CalibrationError
-        If the coefficients do not fit the model, or a value is impossible.
+    Shapes: ``size`` (int, int).
     """
     k = list(distortion)
     if model == "equirectangular" and not focal:

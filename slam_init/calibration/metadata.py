@@ -40,8 +40,6 @@ from typing import Any, Literal, TypeAlias
 from slam_init.errors import CalibrationError, SourceError, plain_line
 from slam_init.system.regular_file import check_inside, open_regular, user_path
 
-__all__ = ["MetadataFocal", "Origin", "focal_from_metadata"]
-
 #: The statement that a focal length comes from.
 Origin: TypeAlias = Literal["35mm-equivalent", "plane-resolution", "sensor-table"]
 
@@ -84,23 +82,15 @@ _VIDEO_MODELS = ("com.apple.quicktime.model", "com.android.model", "model")
 
 @dataclass(frozen=True)
 class MetadataFocal:
-    """A focal length from metadata.
+    """A focal length from metadata."""
 
-    Attributes
-    ----------
-    focal_px : float
-        In pixels of the image.
-    sigma_px : float
-        Its standard deviation.
-    origin : str
-        ``35mm-equivalent``, ``plane-resolution`` or ``sensor-table``.
-    maker, model : str
-        Of the camera as stated; empty where they are not.
-    """
-
+    #: In pixels of the image.
     focal_px: float
+    #: Its standard deviation.
     sigma_px: float
+    #: ``35mm-equivalent``, ``plane-resolution`` or ``sensor-table``.
     origin: Origin
+    #: maker, model: Of the camera as stated; empty where they are not.
     maker: str = ""
     model: str = ""
 
@@ -117,27 +107,14 @@ class _Statement:
 def focal_from_metadata(path: str | os.PathLike[str], size: tuple[int, int]) -> MetadataFocal | None:
     """Read the focal length that a file states.
 
-    Parameters
-    ----------
-    path : str or path-like
-        A photograph (JPEG, TIFF, PNG or WebP), a video, or a folder of photographs or with a subfolder ``images``.
-        The metadata of a video are read if PyAV is installed, ``slam-init[video]``; the sensor table if lensfunpy is,
-        ``slam-init[exif]``.
-    size : (int, int)
-        Width and height of the images that are used, in pixels. They may have been resized, and turned.
+    Shapes: ``size`` (int, int).
 
-    Returns
-    -------
-    MetadataFocal or None
-        None where the metadata tell no focal length, where the images were cut to another format, or where the first
-        and the last photograph of a folder have different ones (a zoom).
-
-    Raises
-    ------
-    CalibrationError
-        If the size is impossible.
-    SourceError
-        If there is no such file or folder, or it cannot be read.
+    * ``path``: A photograph (JPEG, TIFF, PNG or WebP), a video, or a folder of photographs or with a subfolder
+      ``images``. The metadata of a video are read if PyAV is installed, ``slam-init[video]``; the sensor table if
+      lensfunpy is, ``slam-init[exif]``.
+    * ``size``: Width and height of the images that are used, in pixels. They may have been resized, and turned.
+    * Returns: None where the metadata tell no focal length, where the images were cut to another format, or where the
+      first and the last photograph of a folder have different ones (a zoom).
     """
     path = user_path(path)
     if min(size) < 1:

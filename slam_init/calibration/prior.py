@@ -8,8 +8,6 @@ from dataclasses import replace
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
 
-__all__ = ["AUTO", "NUMBERS", "camera_of_number", "camera_with_focal", "prior_camera"]
-
 #: Given instead of a file: the focal length from the metadata, else from the motion. ``guess`` is its earlier name.
 AUTO = ("auto", "guess")
 #: What a number begins with.
@@ -43,24 +41,7 @@ def prior_camera(image_size: tuple[int, int]) -> Camera:
 def camera_with_focal(image_size: tuple[int, int], focal_px: float, focal_sigma: float, source: str) -> Camera:
     """A pinhole camera with the principal point in the centre.
 
-    Parameters
-    ----------
-    image_size : (int, int)
-        Width and height in pixels.
-    focal_px : float
-    focal_sigma : float
-        Relative standard deviation.
-    source : str
-        Of :class:`~slam_init.types.camera.Camera`.
-
-    Returns
-    -------
-    Camera
-
-    Raises
-    ------
-    CalibrationError
-        If no camera has this focal length.
+    Shapes: ``image_size`` (int, int).
     """
     width, height = image_size
     camera = Camera("pinhole", width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2)
@@ -70,22 +51,7 @@ def camera_with_focal(image_size: tuple[int, int], focal_px: float, focal_sigma:
 def camera_of_number(text: str, image_size: tuple[int, int]) -> Camera:
     """Read ``f=1250`` (pixels) or ``fov=72`` (degrees across the longer side).
 
-    Parameters
-    ----------
-    text : str
-        One that begins with one of :data:`NUMBERS`.
-    image_size : (int, int)
-        Width and height in pixels.
-
-    Returns
-    -------
-    Camera
-        With a standard deviation of 5 %.
-
-    Raises
-    ------
-    CalibrationError
-        If the number is none, or that of no camera.
+    Shapes: ``image_size`` (int, int).
     """
     name, _, number = text.partition("=")
     try:

@@ -7,8 +7,6 @@ from collections.abc import Mapping
 
 from slam_init.errors import CalibrationError
 
-__all__ = ["Content", "Size", "integer_size", "mapping_of", "number_of", "numbers_of"]
-
 #: Width and height in pixels, where they are known.
 Size = tuple[int, int] | None
 #: The keys and values of a file. A value is checked when it is read.
@@ -16,24 +14,7 @@ Content = Mapping[str, object]
 
 
 def number_of(content: Content, key: str, default: float | None = None) -> float:
-    """Read a finite number. Text that holds a number is accepted, since YAML 1.1 reads ``1e-5`` as text.
-
-    Parameters
-    ----------
-    content : mapping
-    key : str
-    default : float, optional
-        Taken where the key is absent.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    CalibrationError
-        If there is no finite number.
-    """
+    """Read a finite number. Text that holds a number is accepted, since YAML 1.1 reads ``1e-5`` as text."""
     if content.get(key) is None:
         if default is not None and key not in content:
             return default
@@ -49,24 +30,7 @@ def number_of(content: Content, key: str, default: float | None = None) -> float
 
 
 def numbers_of(content: Content, key: str, default: list[float] | None = None) -> list[float]:
-    """Read a list of finite numbers: flat, nested by rows, or under ``data`` as in files of OpenCV.
-
-    Parameters
-    ----------
-    content : mapping
-    key : str
-    default : list of float, optional
-        Taken where the key is absent or empty.
-
-    Returns
-    -------
-    list of float
-
-    Raises
-    ------
-    CalibrationError
-        If there is no list of numbers.
-    """
+    """Read a list of finite numbers: flat, nested by rows, or under ``data`` as in files of OpenCV."""
     value = content.get(key)
     if isinstance(value, dict):
         value = value.get("data")
@@ -81,21 +45,7 @@ def numbers_of(content: Content, key: str, default: list[float] | None = None) -
 def integer_size(content: Content, width_key: str, height_key: str, image_size: Size) -> tuple[int, int]:
     """Read width and height, or take those of the images if the file has none.
 
-    Parameters
-    ----------
-    content : mapping
-    width_key, height_key : str
-    image_size : (int, int) or None
-        Of the images.
-
-    Returns
-    -------
-    (int, int)
-
-    Raises
-    ------
-    CalibrationError
-        If they are missing or not whole.
+    Shapes: ``image_size`` (int, int), returns (int, int).
     """
     if width_key not in content and height_key not in content and image_size is not None:
         return image_size
@@ -106,24 +56,7 @@ def integer_size(content: Content, width_key: str, height_key: str, image_size: 
 
 
 def mapping_of(content: Content, key: str, what: str) -> Content:
-    """Read a mapping.
-
-    Parameters
-    ----------
-    content : mapping
-    key : str
-    what : str
-        What the mapping should hold, for the message.
-
-    Returns
-    -------
-    mapping
-
-    Raises
-    ------
-    CalibrationError
-        If there is none.
-    """
+    """Read a mapping."""
     value = content.get(key)
     if not isinstance(value, dict):
         raise CalibrationError(f"{key} is {'missing' if value is None else 'no mapping'}: expected {what} in it")

@@ -4,21 +4,9 @@ from __future__ import annotations
 
 from slam_init.types.camera import Camera
 
-__all__ = ["camera_yaml"]
-
 
 def camera_yaml(camera: Camera) -> str:
-    """Write a calibration.
-
-    Parameters
-    ----------
-    camera : Camera
-
-    Returns
-    -------
-    str
-        YAML; the numbers are exact.
-    """
+    """Write a calibration."""
     lines = [
         "# pixel centres at integer coordinates; distortion as in OpenCV",
         "model: pinhole" if camera.model != "fisheye" else "model: fisheye",

@@ -15,20 +15,13 @@ from slam_init.system.process_io import tell
 if TYPE_CHECKING:
     from slam_init.cli.parser import Commands
 
-__all__ = ["add_bench"]
-
 _DEFAULT_OUT = "slam-init-bench"
 _SUITES = ("drawn", "rendered", "video")
 _ACTIONS = ("publish", "list", "convert")
 
 
 def add_bench(commands: Commands) -> None:
-    """Add the command.
-
-    Parameters
-    ----------
-    commands : argparse subparsers
-    """
+    """Add the command."""
     bench = commands.add_parser("bench", help="run InitBench, the benchmark of initialization", allow_abbrev=False)
     bench.description = (
         "Run InitBench: a fixed set of worlds or sequences, one score sheet. 'bench list' tells the suites and where "

@@ -15,19 +15,12 @@ if TYPE_CHECKING:
     from slam_init.cli.parser import Commands
     from slam_init.methods.self_calibration import SelfCalibration
 
-__all__ = ["add_calibrate"]
-
 _DEFAULT_OUT = "slam-init-calibration"
 _FILES = ("camera.yaml", "calibration.json")
 
 
 def add_calibrate(commands: Commands) -> None:
-    """Add the command.
-
-    Parameters
-    ----------
-    commands : argparse subparsers
-    """
+    """Add the command."""
     calibrate = commands.add_parser("calibrate", help="estimate the focal length from a video", allow_abbrev=False)
     calibrate.description = (
         "Estimate focal length and radial distortion from all stretches of a video that tell them; write camera.yaml "

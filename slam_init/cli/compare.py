@@ -14,18 +14,11 @@ from slam_init.system.process_io import tell
 if TYPE_CHECKING:
     from slam_init.cli.parser import Commands
 
-__all__ = ["add_compare", "add_method"]
-
 _DEFAULT_COMPARISON = "slam-init-compare"
 
 
 def add_compare(commands: Commands) -> None:
-    """Add the command.
-
-    Parameters
-    ----------
-    commands : argparse subparsers
-    """
+    """Add the command."""
     compare = commands.add_parser("compare", help="compare methods on the same trials", allow_abbrev=False)
     compare.description = (
         "Run methods on the same tracks from many starts; write tables, statistics and a report. The wait of a trial "
@@ -66,12 +59,7 @@ def add_compare(commands: Commands) -> None:
 
 
 def add_method(parser: argparse.ArgumentParser) -> None:
-    """Add the option of a further method.
-
-    Parameters
-    ----------
-    parser : Parser
-    """
+    """Add the option of a further method."""
     parser.add_argument(
         "--method",
         metavar="NAME",

@@ -15,16 +15,9 @@ from slam_init.system.regular_file import user_path
 if TYPE_CHECKING:
     from slam_init.cli.parser import Commands
 
-__all__ = ["add_info"]
-
 
 def add_info(commands: Commands) -> None:
-    """Add the command.
-
-    Parameters
-    ----------
-    commands : argparse subparsers
-    """
+    """Add the command."""
     info = commands.add_parser("info", help="tell what a sequence or a folder of results holds", allow_abbrev=False)
     info.description = (
         "Tell what a sequence holds. For the folder of a run: the verdict and its reason, the keyframes, the files, "

@@ -5,8 +5,6 @@ from __future__ import annotations
 import gc
 from contextlib import suppress
 
-__all__ = ["load_libraries"]
-
 
 def load_libraries(*, pictures: bool) -> None:
     """Load what a run needs: the recorder, the decision with its compiled loops, and what draws the overview.
@@ -14,11 +12,6 @@ def load_libraries(*, pictures: bool) -> None:
     The collector of garbage rests meanwhile, and leaves the modules alone afterwards: it would look through all of them
     several times, a tenth of the time of a short run. A thread beside the first frame was slower, since both wait for
     the interpreter.
-
-    Parameters
-    ----------
-    pictures : bool
-        Whether the overview will be drawn.
     """
     collecting = gc.isenabled()
     gc.disable()

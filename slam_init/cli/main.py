@@ -26,8 +26,6 @@ from slam_init.cli.view import add_view
 from slam_init.errors import SlamInitError, plain_line
 from slam_init.system.process_io import InterruptsNoted, NativeStderrSilenced, complain, fill_closed_streams, tell
 
-__all__ = ["entry_point", "main", "make_parser"]
-
 
 def entry_point() -> NoReturn:
     """The console script."""
@@ -43,10 +41,7 @@ def entry_point() -> NoReturn:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments without the program's name; those of the process by default.
+    * ``argv``: Arguments without the program's name; those of the process by default.
     """
     interrupts = InterruptsNoted()
     try:
@@ -83,12 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def make_parser() -> Parser:
-    """Make the parser of all commands; the page of the command line is made from it.
-
-    Returns
-    -------
-    Parser
-    """
+    """Make the parser of all commands; the page of the command line is made from it."""
     parser = Parser(
         prog="slam-init",
         description="Monocular SLAM initialization: from a video to a bundle-adjusted map, or why not.",

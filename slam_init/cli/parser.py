@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 
-__all__ = ["OUT_HELP", "Parser", "UsageError", "at_least"]
-
 OUT_HELP = "results: a new or empty folder, or one of an earlier run of this command (default: %(default)s)"
 
 
@@ -38,31 +36,12 @@ class Parser(argparse.ArgumentParser):
 
     @cached_property
     def bare_values(self) -> dict[str, str]:
-        """Values of options that stand bare.
-
-        Returns
-        -------
-        dict of str to str
-            By the name of the option.
-        """
+        """Values of options that stand bare."""
         return {}
 
     # The signature of argparse has overloads that say nothing more.
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse words, after the values of options that stand bare were added.
-
-        Parameters
-        ----------
-        args : sequence of str, optional
-            By default those of the process.
-        namespace : argparse.Namespace, optional
-
-        Returns
-        -------
-        namespace : argparse.Namespace
-        rest : list of str
-            Words that are not known.
-        """
+        """Parse words, after the values of options that stand bare were added."""
         words = sys.argv[1:] if args is None else list(args)
         end = words.index("--") if "--" in words else len(words)
         bare = self.bare_values
@@ -84,45 +63,17 @@ class Parser(argparse.ArgumentParser):
         return namespace
 
     def print_help(self, file: SupportsWrite[str] | None = None) -> None:
-        """Print the help; a closed pipe is no error.
-
-        Parameters
-        ----------
-        file : file, optional
-            Ignored: help goes to stdout.
-        """
+        """Print the help; a closed pipe is no error."""
         tell(self.format_help())
 
     def error(self, message: str) -> NoReturn:
-        """Raise what is wrong with the arguments.
-
-        Parameters
-        ----------
-        message : str
-
-        Raises
-        ------
-        UsageError
-        """
+        """Raise what is wrong with the arguments."""
         if len(message) > _LONGEST:  # a number of 5,000 digits
             message = f"{message[: _LONGEST // 2]}...{message[-_LONGEST // 4 :]}"
         raise UsageError(f"{message} (see {self.prog} --help)")
 
 
 def at_least(option: str, value: float | None, least: int) -> None:
-    """Check an option that has a smallest value.
-
-    Parameters
-    ----------
-    option : str
-        Its name, as in ``--start``.
-    value : float or None
-        None if the option is not given.
-    least : int
-
-    Raises
-    ------
-    UsageError
-    """
+    """Check an option that has a smallest value."""
     if value is not None and value < least:
         raise UsageError(f"{option} is {value}: it must be at least {least}")

@@ -23,19 +23,12 @@ if TYPE_CHECKING:
     from slam_init.output.summary import Summary
     from slam_init.types.frame import Source
 
-__all__ = ["add_run"]
-
 _DEFAULT_SOURCE = "synth:room"
 _DEFAULT_OUT = "slam-init-out"
 
 
 def add_run(commands: Commands) -> None:
-    """Add the command.
-
-    Parameters
-    ----------
-    commands : argparse subparsers
-    """
+    """Add the command."""
     run = commands.add_parser("run", help="initialize from a sequence", allow_abbrev=False)
     run.description = "Read frames until a map is found; write it, and a recording of how, to a folder."
     run.set_defaults(command=_run)

@@ -15,18 +15,9 @@ if TYPE_CHECKING:
     from slam_init.types.camera import Camera
     from slam_init.types.frame import Source
 
-__all__ = ["add_mask", "add_source", "add_topics", "chosen_camera", "opened_source", "view_of", "with_topics"]
-
 
 def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
-    """Add the source and the options of its camera.
-
-    Parameters
-    ----------
-    parser : Parser
-    default : str or None
-        The source where none is given; None if one must be given.
-    """
+    """Add the source and the options of its camera."""
     parser.add_argument(
         "source",
         metavar="SOURCE",
@@ -61,12 +52,7 @@ def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
 
 
 def add_topics(parser: argparse._ActionsContainer) -> None:
-    """Add the options that choose the topics of a ROS bag.
-
-    Parameters
-    ----------
-    parser : Parser
-    """
+    """Add the options that choose the topics of a ROS bag."""
     parser.add_argument("--topic", metavar="NAME", help="images of a ROS bag (default: the only topic with images)")
     parser.add_argument(
         "--truth-topic",
@@ -78,15 +64,7 @@ def add_topics(parser: argparse._ActionsContainer) -> None:
 def with_topics(arguments: argparse.Namespace, source: str) -> str:
     """Add the chosen topics to the name of a source, where it is a ROS bag.
 
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-    source : str
-
-    Returns
-    -------
-    str
-        The same name where no topic is chosen, or where this is no bag.
+    * Returns: The same name where no topic is chosen, or where this is no bag.
     """
     if arguments.topic is None and arguments.truth_topic is None:
         return source
@@ -102,12 +80,7 @@ def with_topics(arguments: argparse.Namespace, source: str) -> str:
 
 
 def add_mask(parser: argparse._ActionsContainer) -> None:
-    """Add the option of a mask.
-
-    Parameters
-    ----------
-    parser : Parser
-    """
+    """Add the option of a mask."""
     parser.add_argument(
         "--mask",
         metavar="PATH",
@@ -116,23 +89,7 @@ def add_mask(parser: argparse._ActionsContainer) -> None:
 
 
 def view_of(arguments: argparse.Namespace, every: int) -> SourceView:
-    """Return which frames and pixels of a source the options ask for.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-    every : int
-        The option that takes every N-th frame.
-
-    Returns
-    -------
-    SourceView
-
-    Raises
-    ------
-    SlamInitError
-        If an option is impossible.
-    """
+    """Return which frames and pixels of a source the options ask for."""
     from slam_init.datasets.views import SourceView
     from slam_init.system.regular_file import user_path
 
@@ -141,23 +98,7 @@ def view_of(arguments: argparse.Namespace, every: int) -> SourceView:
 
 
 def opened_source(arguments: argparse.Namespace, seed: int) -> TimedSource:
-    """Open the source, with the chosen topics or pictures, limited to the frames and pixels that are asked for.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-    seed : int
-        Of a synthetic sequence.
-
-    Returns
-    -------
-    TimedSource
-
-    Raises
-    ------
-    SlamInitError
-        If a file is broken, an option is impossible, or ``--images`` or ``--mask`` does not fit the source.
-    """
+    """Open the source, with the chosen topics or pictures, limited to the frames and pixels that are asked for."""
     from slam_init.datasets import open_source
 
     source, view = open_source(with_topics(arguments, arguments.source), seed), view_of(arguments, arguments.every)
@@ -186,22 +127,6 @@ def chosen_camera(arguments: argparse.Namespace, source: Source, start: int) -> 
     """Return the camera that was asked for, else that of the source, else one whose focal length is to be estimated.
 
     It is checked against the first image used.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-    source : Source
-    start : int
-        Index of the first frame used.
-
-    Returns
-    -------
-    Camera
-
-    Raises
-    ------
-    SlamInitError
-        If a file or an option is wrong, or the first frame cannot be read.
     """
     frame = next(source.frames(start, 1))
     camera = source.camera if arguments.camera is None else None

@@ -12,16 +12,9 @@ from slam_init.system.process_io import tell
 if TYPE_CHECKING:
     from slam_init.cli.parser import Commands
 
-__all__ = ["add_synth"]
-
 
 def add_synth(commands: Commands) -> None:
-    """Add the command.
-
-    Parameters
-    ----------
-    commands : argparse subparsers
-    """
+    """Add the command."""
     synth = commands.add_parser("synth", help="write a synthetic sequence", allow_abbrev=False)
     synth.description = "Render a synthetic sequence into a folder in the layout of TUM RGB-D."
     synth.set_defaults(command=_synth)

@@ -16,8 +16,6 @@ from slam_init.system.regular_file import check_inside, user_path
 if TYPE_CHECKING:
     from slam_init.cli.parser import Commands
 
-__all__ = ["add_view"]
-
 _DEFAULT_DIR = "slam-init-out"
 _DEFAULT_PNG = "slam-init-view.png"
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -30,12 +28,7 @@ _NAMED = 3
 
 
 def add_view(commands: Commands) -> None:
-    """Add the command.
-
-    Parameters
-    ----------
-    commands : argparse subparsers
-    """
+    """Add the command."""
     view = commands.add_parser("view", help="open the recording of a run", allow_abbrev=False)
     view.description = "Open the recording of a run in the rerun viewer, serve it to a browser, or write screenshots."
     view.set_defaults(command=_view)

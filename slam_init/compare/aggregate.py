@@ -14,8 +14,6 @@ from slam_init.compare.trial_table import TrialTable
 from slam_init.compare.wait import mean_wait
 from slam_init.types.arrays import Bools, Floats
 
-__all__ = ["Figures", "PairTest", "figures_of", "pair_tests"]
-
 #: Columns whose medians over the correct maps are reported.
 _MEDIANS_OF_CORRECT = (
     "rotation_error_deg", "direction_error_deg", "ate", "rotation_error_before_deg", "direction_error_before_deg",
@@ -26,46 +24,10 @@ _TIMES = ("frame_median_ms", "frame_p95_ms", "attempt_median_ms", "trial_ms")
 
 @dataclass(frozen=True)
 class Figures:
-    """Figures of a set of trials.
+    """Figures of a set of trials."""
 
-    Attributes
-    ----------
-    trials, correct, strict, false, none, error, accepted : int
-        Number of trials, and number of trials with each outcome. ``accepted`` counts all maps.
-    correct_rate, false_rate : Interval
-        Share of the trials with a correct map, and with a false map.
-    precision : Interval
-        Correct maps as a share of the correct and false maps.
-    frames_to_accept, frames_to_correct : Interval
-        Restricted mean of the frames until the first map, and until a correct map. A trial without such a map counts as
-        its limit.
-    wait : Interval
-        Restricted mean of the frames after the start frame until the first correct map; see
-        :mod:`slam_init.compare.wait`.
-    seconds_to_accept : Interval
-        Mean over the accepted maps.
-    reason_accuracy : Interval
-        Of the trials with an expected reason, the share that ended with this reason.
-    undecided : int
-        Number of trials that ended with ``ambiguous_plane``.
-    kept_truth_rate : Interval
-        Of these trials, the share in which one of the stored hypotheses is correct.
-    suspicion_rate, report_rate : Interval
-        Of the trials with a wrong stated focal length, the share in which an attempt suspects it, and the share in
-        which the result reports it.
-    false_report_rate : Interval
-        Of the trials with the true focal length, the share in which the result reports that it is wrong.
-    reasons : dict of str to int
-        Number of trials without a map, by their reason or error message.
-    medians : dict of str to (float or None)
-        Medians over the correct maps; None if there are no correct maps.
-    times : dict of str to (float or None)
-        Medians over the trials in ms. ``frame_p95_ms`` is the 95th percentile over the trials of the 95th percentile
-        over the frames of a trial.
-    peak_memory_mb : float or None
-        Largest peak over the trials.
-    """
-
+    #: trials, correct, strict, false, none, error, accepted: Number of trials, and number of trials with each
+    #: outcome. ``accepted`` counts all maps.
     trials: int
     correct: int
     strict: int
@@ -73,38 +35,47 @@ class Figures:
     none: int
     error: int
     accepted: int
+    #: correct_rate, false_rate: Share of the trials with a correct map, and with a false map.
     correct_rate: Interval
     false_rate: Interval
+    #: Correct maps as a share of the correct and false maps.
     precision: Interval
+    #: frames_to_accept, frames_to_correct: Restricted mean of the frames until the first map, and until a correct
+    #: map. A trial without such a map counts as its limit.
     frames_to_accept: Interval
     frames_to_correct: Interval
+    #: Restricted mean of the frames after the start frame until the first correct map; see
+    #: :mod:`slam_init.compare.wait`.
     wait: Interval
+    #: Mean over the accepted maps.
     seconds_to_accept: Interval
+    #: Of the trials with an expected reason, the share that ended with this reason.
     reason_accuracy: Interval
+    #: Number of trials that ended with ``ambiguous_plane``.
     undecided: int
+    #: Of these trials, the share in which one of the stored hypotheses is correct.
     kept_truth_rate: Interval
+    #: suspicion_rate, report_rate: Of the trials with a wrong stated focal length, the share in which an attempt
+    #: suspects it, and the share in which the result reports it.
     suspicion_rate: Interval
     report_rate: Interval
+    #: Of the trials with the true focal length, the share in which the result reports that it is wrong.
     false_report_rate: Interval
+    #: Number of trials without a map, by their reason or error message.
     reasons: dict[str, int]
+    #: Medians over the correct maps; None if there are no correct maps.
     medians: dict[str, float | None]
+    #: Medians over the trials in ms. ``frame_p95_ms`` is the 95th percentile over the trials of the 95th percentile
+    #: over the frames of a trial.
     times: dict[str, float | None]
+    #: Largest peak over the trials.
     peak_memory_mb: float | None
 
 
 def figures_of(table: TrialTable, mask: Bools) -> Figures:
     """Compute the figures of a set of trials.
 
-    Parameters
-    ----------
-    table : TrialTable
-    mask : (N,) bool
-        The trials that are counted.
-
-    Returns
-    -------
-    Figures
-        Of the selected trials.
+    Shapes: ``mask`` (N,).
     """
     outcome = table.text["outcome"][mask]
     counts = Counter(outcome.tolist())
@@ -149,33 +120,25 @@ def figures_of(table: TrialTable, mask: Bools) -> Figures:
 
 @dataclass(frozen=True)
 class PairTest:
-    """Comparison of two methods on the same trials, with p-values of McNemar's exact test.
+    """Comparison of two methods on the same trials, with p-values of McNemar's exact test."""
 
-    Attributes
-    ----------
-    first, second : str
-        The methods.
-    trials : int
-        Number of trials that both methods ran.
-    only_first_correct, only_second_correct : int
-        Number of trials in which only this method found a correct map.
-    p_correct, p_correct_holm : float
-        p-value that both methods are correct equally often; the second one is adjusted for the number of pairs.
-    only_first_false, only_second_false : int
-        Number of trials in which only this method accepted a false map.
-    p_false, p_false_holm : float
-        p-value that both methods are false equally often; the second one is adjusted for the number of pairs.
-    """
-
+    #: first, second: The methods.
     first: str
     second: str
+    #: Number of trials that both methods ran.
     trials: int
+    #: only_first_correct, only_second_correct: Number of trials in which only this method found a correct map.
     only_first_correct: int
     only_second_correct: int
+    #: p_correct, p_correct_holm: p-value that both methods are correct equally often; the second one is adjusted for
+    #: the number of pairs.
     p_correct: float
     p_correct_holm: float
+    #: only_first_false, only_second_false: Number of trials in which only this method accepted a false map.
     only_first_false: int
     only_second_false: int
+    #: p_false, p_false_holm: p-value that both methods are false equally often; the second one is adjusted for the
+    #: number of pairs.
     p_false: float
     p_false_holm: float
 
@@ -183,17 +146,7 @@ class PairTest:
 def pair_tests(table: TrialTable, methods: Sequence[str], mask: Bools) -> list[PairTest]:
     """Compare every pair of methods on the trials that both ran.
 
-    Parameters
-    ----------
-    table : TrialTable
-    methods : sequence of str
-    mask : (N,) bool
-        The trials that are compared.
-
-    Returns
-    -------
-    list of PairTest
-        One for each pair.
+    Shapes: ``mask`` (N,).
     """
     outcomes = {
         method: _by_trial(table, mask & table.where(method=method)) for method in methods

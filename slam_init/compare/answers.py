@@ -29,20 +29,9 @@ from slam_init.compare.trials import Settings, error_row, run_trial
 from slam_init.errors import OutputError, SlamInitError
 from slam_init.methods.external_command import is_external
 
-__all__ = ["answer_to", "load_libraries"]
-
 
 def answer_to(request: Request) -> Answer:
-    """Do what a request asks for.
-
-    Parameters
-    ----------
-    request : TrialRequest, TracksRequest or MethodRequest
-
-    Returns
-    -------
-    TrialAnswer, TracksAnswer or MethodAnswer
-    """
+    """Do what a request asks for."""
     if isinstance(request, MethodRequest):
         return _method(request)
     _create_tracks_folder(request.settings)

@@ -7,8 +7,6 @@ from concurrent.futures import Executor, Future
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
-__all__ = ["Backend"]
-
 #: Submitted tasks for each worker: one runs and one waits.
 _IN_FLIGHT = 2
 
@@ -22,20 +20,11 @@ class Backend:
     Each future tells its end by a callback, so that the time for a task does not depend on the number of workers. A
     wait on all futures took 0.07 ms for a task with 100 workers and 0.85 ms with 1000; the callback takes 0.01 ms.
 
-    Parameters
-    ----------
-    executor : concurrent.futures.Executor or None
-        None calls the function in this process, one argument after the other.
-    workers : int
-        Number of workers of the executor.
-
-    Attributes
-    ----------
-    workers : int
-        Number of workers; that of a cluster can change.
-    largest_batch : int
-        Largest number of trials of one source that one task should hold. Above 1 where each worker has to compute the
-        tracks of a source by itself.
+    * ``executor``: None calls the function in this process, one argument after the other.
+    * ``workers``: Number of workers of the executor.
+    * ``workers``: Number of workers; that of a cluster can change.
+    * ``largest_batch``: Largest number of trials of one source that one task should hold. Above 1 where each worker has
+      to compute the tracks of a source by itself.
     """
 
     largest_batch = 1
@@ -47,17 +36,10 @@ class Backend:
     def run(self, function: Callable[[_Task], _Answer], tasks: Iterable[_Task]) -> Iterator[tuple[_Task, _Answer]]:
         """Call a function on each task.
 
-        Parameters
-        ----------
-        function : callable
-            Takes a task and returns its answer. The executor must be able to pickle the function.
-        tasks : iterable
-            Arguments of the function. They are read only as workers become free.
+        Shapes: returns (task, answer).
 
-        Yields
-        ------
-        (task, answer)
-            In the order in which the answers arrive.
+        * ``function``: Takes a task and returns its answer. The executor must be able to pickle the function.
+        * ``tasks``: Arguments of the function. They are read only as workers become free.
         """
         if self._executor is None:
             yield from ((task, function(task)) for task in tasks)

@@ -27,26 +27,8 @@ _NO_MORE = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM, errno.ENOSPC
 def open_backend(name: str, jobs: int, sources: Sequence[str] = ()) -> Iterator[Backend]:
     """Open a backend by name.
 
-    Parameters
-    ----------
-    name : str
-        ``loky``, ``sequential`` or ``dask:ADDRESS``, with the address of a Dask scheduler.
-    jobs : int
-        Number of processes of loky; the other backends do not use it.
-    sources : sequence of str
-        Paths that each worker of a cluster needs.
-
-    Yields
-    ------
-    Backend
-        It is closed at the end of the ``with`` block.
-
-    Raises
-    ------
-    ConfigError
-        If the name is unknown, or its package is not installed.
-    SlamInitError
-        If the cluster cannot be used, or is lost: see :func:`slam_init.compare.dask_cluster.open_cluster`.
+    * ``name``: ``loky``, ``sequential`` or ``dask:ADDRESS``, with the address of a Dask scheduler.
+    * ``jobs``: Number of processes of loky; the other backends do not use it.
     """
     if name == "sequential":
         yield Backend(None, 1)

@@ -16,8 +16,6 @@ import numpy as np
 from slam_init.compare.statistics import Interval
 from slam_init.types.arrays import Floats
 
-__all__ = ["Axis", "box_chart", "curve_chart", "interval_chart", "share_bar", "stacked_chart"]
-
 _WIDTH, _HEIGHT = 460.0, 260.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52.0, 12.0, 10.0, 38.0
 #: For charts with one row per method: width of the column of names, height of a row.
@@ -27,35 +25,17 @@ _MAX_TICKS = 6
 
 @dataclass(frozen=True)
 class Axis:
-    """A horizontal or vertical axis.
-
-    Attributes
-    ----------
-    label : str
-    low, high : float
-        Values at the left (or lower) end and at the right (or upper) end.
-    log : bool
-        Logarithmic scale.
-    """
+    """A horizontal or vertical axis."""
 
     label: str
+    #: low, high: Values at the left (or lower) end and at the right (or upper) end.
     low: float
     high: float
+    #: Logarithmic scale.
     log: bool = False
 
     def at(self, value: float) -> float:
-        """Position of a value on the axis.
-
-        Parameters
-        ----------
-        value : float
-            Values outside the range are moved to the nearer end.
-
-        Returns
-        -------
-        float
-            0 at the low end, 1 at the high end.
-        """
+        """Position of a value on the axis."""
         clipped = min(max(value, self.low), self.high)
         if self.log:
             return math.log(clipped / self.low) / math.log(self.high / self.low)
@@ -64,10 +44,7 @@ class Axis:
     def ticks(self) -> list[float]:
         """Choose the ticks of the axis.
 
-        Returns
-        -------
-        list of float
-            Round values within the range; powers of ten on a logarithmic scale.
+        * Returns: Round values within the range; powers of ten on a logarithmic scale.
         """
         if self.log:
             first, last = math.ceil(math.log10(self.low) - 1e-9), math.floor(math.log10(self.high) + 1e-9)
@@ -84,19 +61,9 @@ def curve_chart(
 ) -> str:
     """Draw step curves.
 
-    Parameters
-    ----------
-    title : str
-    curves : mapping of str to (x, y)
-        CSS class to the points of the curve. Each value of y holds from its x to the next x.
-    x, y : Axis
-    marks : sequence of float
-        Values of x at which vertical lines are drawn.
+    Shapes: ``curves`` (x, y).
 
-    Returns
-    -------
-    str
-        SVG element.
+    * ``curves``: CSS class to the points of the curve. Each value of y holds from its x to the next x.
     """
     height = _HEIGHT - _BOTTOM - _TOP
     width = _WIDTH - _LEFT - _RIGHT
@@ -125,18 +92,10 @@ def curve_chart(
 def interval_chart(title: str, series: Mapping[str, Sequence[tuple[float, Interval]]], x: Axis, y: Axis) -> str:
     """Draw points with their intervals, and a dashed line on which both axes have the same value.
 
-    Parameters
-    ----------
-    title : str
-    series : mapping of str to sequence of (float, Interval)
-        CSS class to the points: x, and y with its interval. Values outside an axis are drawn at its nearer end.
-    x, y : Axis
-        Two axes with the same unit.
+    Shapes: ``series`` (float, Interval).
 
-    Returns
-    -------
-    str
-        SVG element.
+    * ``series``: CSS class to the points: x, and y with its interval. Values outside an axis are drawn at its nearer
+      end.
     """
     height = _HEIGHT - _BOTTOM - _TOP
     width = _WIDTH - _LEFT - _RIGHT
@@ -164,17 +123,7 @@ def interval_chart(title: str, series: Mapping[str, Sequence[tuple[float, Interv
 def box_chart(title: str, rows: Sequence[tuple[str, str, Floats]], x: Axis) -> str:
     """Draw a box for each row: quartiles, median, whiskers from the 5th to the 95th percentile.
 
-    Parameters
-    ----------
-    title : str
-    rows : sequence of (str, str, (N,) float)
-        Label, CSS class, values.
-    x : Axis
-
-    Returns
-    -------
-    str
-        SVG element.
+    Shapes: ``rows`` (N,).
     """
     width, height = _WIDTH - _NAMES - _RIGHT, _ROW * len(rows)
     parts = [_horizontal_axis(x, _NAMES, width, _TOP, height)]
@@ -200,17 +149,9 @@ def box_chart(title: str, rows: Sequence[tuple[str, str, Floats]], x: Axis) -> s
 def stacked_chart(title: str, rows: Sequence[tuple[str, Sequence[tuple[str, float]]]], x: Axis) -> str:
     """Draw a stacked bar for each row.
 
-    Parameters
-    ----------
-    title : str
-    rows : sequence of (str, sequence of (str, float))
-        Label, and CSS class and length of each piece in units of the axis.
-    x : Axis
+    Shapes: ``rows`` (str, float).
 
-    Returns
-    -------
-    str
-        SVG element.
+    * ``rows``: Label, and CSS class and length of each piece in units of the axis.
     """
     width, height = _WIDTH - _NAMES - _RIGHT, _ROW * len(rows)
     parts = [_horizontal_axis(x, _NAMES, width, _TOP, height)]
@@ -230,15 +171,7 @@ def stacked_chart(title: str, rows: Sequence[tuple[str, Sequence[tuple[str, floa
 def share_bar(pieces: Sequence[tuple[str, int]]) -> str:
     """Draw a stacked bar of shares for a cell of a table.
 
-    Parameters
-    ----------
-    pieces : sequence of (str, int)
-        CSS class and count of each piece.
-
-    Returns
-    -------
-    str
-        HTML element.
+    Shapes: ``pieces`` (str, int).
     """
     total = sum(count for _, count in pieces) or 1
     words = ", ".join(f"{count} {name}" for name, count in pieces if count)

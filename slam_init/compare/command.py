@@ -26,8 +26,6 @@ from slam_init.errors import ConfigError
 from slam_init.methods.external_command import is_external, method_label
 from slam_init.output.tables import markdown_table, number
 
-__all__ = ["chosen_methods", "main_table", "not_applicable_lines", "run_command"]
-
 #: The options on which the results depend, and their defaults.
 _OPTIONS = (
     ("methods", None), ("every", 10), ("min_left", 3), ("grid", 0), ("limit_frames", 150), ("seed", 0),
@@ -36,27 +34,7 @@ _OPTIONS = (
 
 
 def run_command(arguments: argparse.Namespace, out: str | os.PathLike[str], *, progress: bool) -> str:
-    """Run a comparison.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        Checked options of ``slam-init compare``.
-    out : str or os.PathLike
-        Folder of the results.
-    progress : bool
-        Show a progress bar on stderr.
-
-    Returns
-    -------
-    str
-        Text for stdout: the main tables and the path of the report.
-
-    Raises
-    ------
-    SlamInitError
-        As :func:`slam_init.compare.run.compare`.
-    """
+    """Run a comparison."""
     methods = chosen_methods(arguments.methods, arguments.method)
     texts = [*arguments.sources, *grid_sources(arguments.grid, arguments.seed)]
     view = SourceView(arguments.use_every, arguments.fps, arguments.mask)
@@ -87,16 +65,7 @@ def run_command(arguments: argparse.Namespace, out: str | os.PathLike[str], *, p
 
 
 def not_applicable_lines(plan: Plan) -> list[str]:
-    """Tell which methods were left out on which sources.
-
-    Parameters
-    ----------
-    plan : Plan
-
-    Returns
-    -------
-    list of str
-    """
+    """Tell which methods were left out on which sources."""
     return [
         f"not applicable: {method_label(method)} on {count} points: sources, because an external program needs images"
         for method, count in plan.not_applicable().items()
@@ -106,22 +75,8 @@ def not_applicable_lines(plan: Plan) -> list[str]:
 def chosen_methods(text: str | None, further: Sequence[str] = ()) -> tuple[str, ...]:
     """Return the methods of the options ``--methods`` and ``--method``.
 
-    Parameters
-    ----------
-    text : str or None
-        Names, separated by commas; None for all methods whose packages are installed, each under one name.
-    further : sequence of str
-        Further methods. The command of an external program may hold commas.
-
-    Returns
-    -------
-    tuple of str
-        Names of the methods.
-
-    Raises
-    ------
-    ConfigError
-        If a method is unknown, is given twice, or needs a package that is not installed.
+    * ``text``: Names, separated by commas; None for all methods whose packages are installed, each under one name.
+    * ``further``: Further methods. The command of an external program may hold commas.
     """
     from slam_init.methods import METHODS, method_info
 
@@ -148,15 +103,8 @@ def chosen_methods(text: str | None, further: Sequence[str] = ()) -> tuple[str, 
 def main_table(summary: ComparisonSummary) -> str:
     """Return the main table of each part of a comparison.
 
-    Parameters
-    ----------
-    summary : ComparisonSummary
-
-    Returns
-    -------
-    str
-        Tables in markdown: for each part the methods, and for a moving camera the paired differences of the wait. Then
-        the reliability of the stated risk, if a method states one.
+    * Returns: Tables in markdown: for each part the methods, and for a moving camera the paired differences of the
+      wait. Then the reliability of the stated risk, if a method states one.
     """
     tables = []
     for part, title in PARTS.items():

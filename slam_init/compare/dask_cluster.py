@@ -17,8 +17,6 @@ from typing import Any, TypeVar
 from slam_init.compare.backend import Backend
 from slam_init.errors import ConfigError, SlamInitError
 
-__all__ = ["WorkerFacts", "open_cluster", "worker_facts"]
-
 #: A scheduler has to answer within this time.
 _CONNECT = "10s"
 #: A cluster may replace its workers, but not for longer than this. It is looked at this often.
@@ -38,32 +36,16 @@ _Answer = TypeVar("_Answer")
 
 @dataclass(frozen=True)
 class WorkerFacts:
-    """What a worker has.
+    """What a worker has."""
 
-    Attributes
-    ----------
-    version : str
-        Of slam-init.
-    missing : tuple of str
-        The sources that do not exist there.
-    """
-
+    #: Of slam-init.
     version: str
+    #: The sources that do not exist there.
     missing: tuple[str, ...]
 
 
 def worker_facts(sources: Sequence[str]) -> WorkerFacts:
-    """Tell what this machine has.
-
-    Parameters
-    ----------
-    sources : sequence of str
-        Paths.
-
-    Returns
-    -------
-    WorkerFacts
-    """
+    """Tell what this machine has."""
     return WorkerFacts(metadata.version("slam-init"), tuple(text for text in sources if not os.path.lexists(text)))
 
 
@@ -71,25 +53,8 @@ def worker_facts(sources: Sequence[str]) -> WorkerFacts:
 def open_cluster(address: str, sources: Sequence[str] = ()) -> Iterator[Backend]:
     """Connect to the scheduler of a cluster, and check its workers.
 
-    Parameters
-    ----------
-    address : str
-        ``HOST:PORT``, ``tcp://HOST:PORT``, or ``tls://HOST:PORT`` with the certificates in Dask's configuration
-        (``distributed.comm.tls``).
-    sources : sequence of str
-        Paths that each worker needs.
-
-    Yields
-    ------
-    Backend
-
-    Raises
-    ------
-    ConfigError
-        If the package distributed is not installed, or TLS is asked for without certificates.
-    SlamInitError
-        If no scheduler answers, if it has no workers, if a version differs, or if a worker lacks the package or a
-        source. Later: if the scheduler is lost, or all workers.
+    * ``address``: ``HOST:PORT``, ``tcp://HOST:PORT``, or ``tls://HOST:PORT`` with the certificates in Dask's
+      configuration (``distributed.comm.tls``).
     """
     if not _ADDRESS.fullmatch(address):
         raise ConfigError(f"{address[:80]!r} is no address of a scheduler: give dask:HOST:PORT or dask:tls://HOST:PORT")

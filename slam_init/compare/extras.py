@@ -12,8 +12,6 @@ from slam_init.compare.plan import Plan
 from slam_init.compare.trial_table import TrialTable
 from slam_init.errors import OutputError
 
-__all__ = ["Digests", "Extras", "MakeTexts", "StoredDigests"]
-
 #: Digest of the tracks by the label of the source.
 Digests: TypeAlias = Mapping[str, str]
 MakeTexts: TypeAlias = Callable[[TrialTable, Plan, Digests], Mapping[str, str]]
@@ -26,36 +24,24 @@ def _no_texts(table: TrialTable, plan: Plan, digests: Digests) -> Mapping[str, s
 
 @dataclass(frozen=True)
 class Extras:
-    """The additions of a benchmark.
+    """The additions of a benchmark."""
 
-    Attributes
-    ----------
-    command : str
-        The command that the folder of the results belongs to.
-    files : tuple of str
-        Names of the further files.
-    digests : str
-        File of the digests of the tracks; empty for none.
-    trajectories : bool
-        Whether the trials write their trajectories.
-    texts : callable
-        Takes the trials, the plan and the digests, and returns the content of further files by name.
-    """
-
+    #: The command that the folder of the results belongs to.
     command: str = "compare"
+    #: Names of the further files.
     files: tuple[str, ...] = ()
+    #: File of the digests of the tracks; empty for none.
     digests: str = ""
+    #: Whether the trials write their trajectories.
     trajectories: bool = False
+    #: Takes the trials, the plan and the digests, and returns the content of further files by name.
     texts: MakeTexts = _no_texts
 
 
 class StoredDigests:
     """The digests of the tracks, on disk: a comparison that is resumed does not compute the tracks of finished trials.
 
-    Parameters
-    ----------
-    path : Path or None
-        None keeps them in memory only.
+    * ``path``: None keeps them in memory only.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -70,18 +56,7 @@ class StoredDigests:
                 self.known[str(label)] = str(digest)
 
     def add(self, label: str, digest: str) -> None:
-        """Add the digest of a source.
-
-        Parameters
-        ----------
-        label : str
-        digest : str
-
-        Raises
-        ------
-        OutputError
-            If the file cannot be written.
-        """
+        """Add the digest of a source."""
         if self.known.get(label) == digest:
             return
         self.known[label] = digest

@@ -17,8 +17,6 @@ from slam_init.errors import SlamInitError
 from slam_init.recording.images import bgr, reduced
 from slam_init.types.arrays import Image
 
-__all__ = ["FailureCase", "failure_cases", "thumbnails", "waiting_cases"]
-
 #: Number of cases that a reader can look at.
 _MAX_CASES = 12
 #: Largest number of cases of one method in one scene, so that the gallery shows different kinds of failures.
@@ -33,33 +31,18 @@ _LINE_BGR, _GAP_PX = (70, 200, 255), 4
 
 @dataclass(frozen=True)
 class FailureCase:
-    """A trial and its picture.
+    """A trial and its picture."""
 
-    Attributes
-    ----------
-    row : int
-        Row of the trial in the table.
-    picture : str
-        JPEG file in base64; empty if the source can no longer be read.
-    """
-
+    #: Row of the trial in the table.
     row: int
+    #: JPEG file in base64; empty if the source can no longer be read.
     picture: str
 
 
 def failure_cases(table: TrialTable, texts: dict[str, str]) -> list[FailureCase]:
     """Choose the worst trials: false maps first, then correct maps near a bound; each by decreasing error.
 
-    Parameters
-    ----------
-    table : TrialTable
-    texts : dict of str to str
-        Label of each source to the argument of :func:`slam_init.compare.sources.open_compared`.
-
-    Returns
-    -------
-    list of FailureCase
-        At most 12, and at most two of one method in one scene.
+    * ``texts``: Label of each source to the argument of :func:`slam_init.compare.sources.open_compared`.
     """
     outcome = table.text["outcome"]
     rotation = np.nan_to_num(table.numbers["rotation_error_deg"], nan=0.0)
@@ -90,19 +73,7 @@ def failure_cases(table: TrialTable, texts: dict[str, str]) -> list[FailureCase]
 
 
 def waiting_cases(table: TrialTable, texts: dict[str, str]) -> list[FailureCase]:
-    """Choose trials without a map in which a map can be correct: one of each method and scene, most frames first.
-
-    Parameters
-    ----------
-    table : TrialTable
-    texts : dict of str to str
-        As of :func:`failure_cases`.
-
-    Returns
-    -------
-    list of FailureCase
-        At most 12.
-    """
+    """Choose trials without a map in which a map can be correct: one of each method and scene, most frames first."""
     outcome = table.text["outcome"]
     waiting = np.flatnonzero(table.solvable & ((outcome == "none") | (outcome == "error")))
     limits = table.numbers["frames_limit"]
@@ -124,14 +95,7 @@ def waiting_cases(table: TrialTable, texts: dict[str, str]) -> list[FailureCase]
 def thumbnails(sources: Sequence[ComparedSource]) -> dict[str, str]:
     """Draw a small picture of each scene: the first frame of its first sequence.
 
-    Parameters
-    ----------
-    sources : sequence of ComparedSource
-
-    Returns
-    -------
-    dict of str to str
-        JPEG file in base64 by scene, for the first 40 scenes. Tracks without images have no picture.
+    * Returns: JPEG file in base64 by scene, for the first 40 scenes. Tracks without images have no picture.
     """
     first: dict[str, str] = {}
     for source in sources:

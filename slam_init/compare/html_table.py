@@ -5,28 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from html import escape
 
-__all__ = ["html_table", "row_heading"]
-
 
 def html_table(caption: str, headings: Iterable[str], rows: Iterable[str], kind: str = "") -> str:
-    """Make a table.
-
-    Parameters
-    ----------
-    caption : str
-        What the table holds; shown to screen readers only.
-    headings : iterable of str
-        HTML of the headings of the columns.
-    rows : iterable of str
-        HTML of the rows.
-    kind : str
-        CSS class.
-
-    Returns
-    -------
-    str
-        HTML element.
-    """
+    """Make a table."""
     head = "".join(f'<th scope="col">{heading}</th>' for heading in headings)
     of_kind = f' class="{kind}"' if kind else ""
     return (
@@ -36,19 +17,6 @@ def html_table(caption: str, headings: Iterable[str], rows: Iterable[str], kind:
 
 
 def row_heading(text: str, rows: int = 1) -> str:
-    """Make the heading of a row.
-
-    Parameters
-    ----------
-    text : str
-        Plain text, which is escaped.
-    rows : int
-        Number of rows that it stands for.
-
-    Returns
-    -------
-    str
-        HTML element.
-    """
+    """Make the heading of a row."""
     span = f' rowspan="{rows}"' if rows > 1 else ""
     return f'<th scope="row{"group" if rows > 1 else ""}"{span}>{escape(text)}</th>'

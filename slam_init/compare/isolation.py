@@ -39,8 +39,6 @@ from slam_init.errors import ConfigError, OutputError, SlamInitError
 from slam_init.methods.external_command import is_external
 from slam_init.methods.external_run import USER_PYTHONPATH
 
-__all__ = ["TrialProcess", "check_method", "end_process", "isolated_tracks", "isolated_trial", "isolated_trials"]
-
 #: Time for loading the libraries on a busy machine.
 _START_S = 120.0
 #: Time for tracking a sequence: enough for an hour of video at 30 frames per second.
@@ -61,21 +59,7 @@ _Answer = TypeVar("_Answer", TrialAnswer, TracksAnswer, MethodAnswer)
 def isolated_trial(trial: Trial, settings: Settings) -> TrialRow:
     """Run a trial in the process of this thread.
 
-    Parameters
-    ----------
-    trial : Trial
-    settings : Settings
-        With the limits of time and memory.
-
-    Returns
-    -------
-    TrialRow
-        Errors of any kind, missed limits and crashes give a row with the outcome ``error``.
-
-    Raises
-    ------
-    OutputError
-        If a recording cannot be written: this tells nothing about the method.
+    * Returns: Errors of any kind, missed limits and crashes give a row with the outcome ``error``.
     """
     process = _process(settings)
     failed_row = error_row(trial, settings, "")
@@ -99,24 +83,7 @@ def isolated_trial(trial: Trial, settings: Settings) -> TrialRow:
 
 
 def isolated_trials(trials: Sequence[Trial], settings: Settings) -> list[TrialRow]:
-    """Run trials one after the other in the process of this thread.
-
-    Parameters
-    ----------
-    trials : sequence of Trial
-    settings : Settings
-        As for :func:`isolated_trial`.
-
-    Returns
-    -------
-    list of TrialRow
-        In the order of the trials.
-
-    Raises
-    ------
-    OutputError
-        As for :func:`isolated_trial`.
-    """
+    """Run trials one after the other in the process of this thread."""
     return [isolated_trial(trial, settings) for trial in trials]
 
 
@@ -131,25 +98,7 @@ def _of_trial(row: TrialRow) -> tuple[str | int | None, ...]:
 
 
 def isolated_tracks(text: str, settings: Settings) -> TracksAnswer:
-    """Compute and store the tracks of a source in the process of this thread.
-
-    Parameters
-    ----------
-    text : str
-        Argument of :func:`slam_init.compare.sources.open_compared`.
-    settings : Settings
-        With the folder of the tracks.
-
-    Returns
-    -------
-    TracksAnswer
-        With the duration and the digest of the tracks.
-
-    Raises
-    ------
-    SlamInitError
-        If the source cannot be read to its end, or the process dies.
-    """
+    """Compute and store the tracks of a source in the process of this thread."""
     process = _process(replace(settings, memory_limit_mb=0))
     try:
         answer = process.ask(TracksRequest(text, settings), TracksAnswer, _TRACKING_S)
@@ -162,18 +111,7 @@ def isolated_tracks(text: str, settings: Settings) -> TracksAnswer:
 
 
 def check_method(name: str) -> None:
-    """Import and make a method in a process of its own.
-
-    Parameters
-    ----------
-    name : str
-        ``package.module:attribute``.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such method, or its module ends or blocks the process.
-    """
+    """Import and make a method in a process of its own."""
     process = TrialProcess(0)
     try:
         error = process.ask(MethodRequest(name), MethodAnswer, _METHOD_S).error
@@ -220,10 +158,8 @@ class TrialProcess:
     some backends run in such processes. The process leads a group of its own. The group is killed when the connection
     is closed or the parent ends (:mod:`slam_init.system.process_guard`).
 
-    Parameters
-    ----------
-    memory_limit_mb : int
-        Limit of the address space, in addition to the address space that the libraries take; 0 for no limit.
+    * ``memory_limit_mb``: Limit of the address space, in addition to the address space that the libraries take; 0 for
+      no limit.
     """
 
     def __init__(self, memory_limit_mb: int) -> None:
@@ -247,25 +183,9 @@ class TrialProcess:
     def ask(self, request: Request, kind: type[_Answer], limit_s: float) -> _Answer:
         """Send a request and wait for the answer.
 
-        Parameters
-        ----------
-        request : TrialRequest, TracksRequest or MethodRequest
-        kind : type
-            Class of the answer to such a request: TrialAnswer, TracksAnswer or MethodAnswer.
-        limit_s : float
-            Longest time to wait for the answer; the time in which the process loads its libraries is not counted.
-
-        Returns
-        -------
-        TrialAnswer, TracksAnswer or MethodAnswer
-            An object of the class ``kind``.
-
-        Raises
-        ------
-        TimeoutError
-            If the answer does not arrive in time.
-        EOFError
-            If the process is gone, without a message; if its answer is none of the class ``kind``, with a message.
+        * ``kind``: Class of the answer to such a request: TrialAnswer, TracksAnswer or MethodAnswer.
+        * ``limit_s``: Longest time to wait for the answer; the time in which the process loads its libraries is not
+          counted.
         """
         try:
             if not self._ready:
@@ -285,10 +205,8 @@ class TrialProcess:
     def exit_code(self) -> int | None:
         """Return the exit code of a process that is gone.
 
-        Returns
-        -------
-        int or None
-            Negative number of a signal if a signal ended the process; None if the process is still running after 5 s.
+        * Returns: Negative number of a signal if a signal ended the process; None if the process is still running after
+          5 s.
         """
         with suppress(subprocess.TimeoutExpired):
             return self._process.wait(timeout=5.0)

@@ -15,8 +15,6 @@ from slam_init.compare.rows import Key, TrialRow, parse_row, row_text
 from slam_init.errors import OutputError
 from slam_init.output.plain_json import Json
 
-__all__ = ["Journal", "read_journal"]
-
 #: Version 2 added ``kept_truth``, ``suspected_focal_factor`` and the options of the methods.
 _SCHEMA = 2
 #: Interval of the syncs to the disk.
@@ -28,20 +26,10 @@ class Journal:
 
     Memory holds only the key of each row and the position of the row in the file.
 
-    Parameters
-    ----------
-    path : str or os.PathLike
-        An existing file is continued. Its last line is removed if it is incomplete.
-    settings : mapping of str to JSON
-        Settings that must be equal for all rows.
-    is_current : callable
-        Takes a row and returns whether it is valid; all rows by default. Other rows are passed over, so that their
-        trials are run again. If a trial has several rows, the last one is valid.
-
-    Raises
-    ------
-    OutputError
-        If the file belongs to a comparison with other settings, is damaged, or cannot be written.
+    * ``path``: An existing file is continued. Its last line is removed if it is incomplete.
+    * ``settings``: Settings that must be equal for all rows.
+    * ``is_current``: Takes a row and returns whether it is valid; all rows by default. Other rows are passed over, so
+      that their trials are run again. If a trial has several rows, the last one is valid.
     """
 
     def __init__(
@@ -72,31 +60,14 @@ class Journal:
         return len(self._offsets)
 
     def append(self, row: TrialRow) -> None:
-        """Write a row; after this call the row survives the end of the process, and a second later a power loss.
-
-        Parameters
-        ----------
-        row : TrialRow
-
-        Raises
-        ------
-        OutputError
-            If the row cannot be written.
-        """
+        """Write a row; after this call the row survives the end of the process, and a second later a power loss."""
         self._offsets[row.key] = self._file.seek(0, 2)
         self._write(row_text(row))
 
     def rows(self, wanted: Callable[[Key], bool] = lambda _: True) -> Iterator[TrialRow]:
         """Read rows back, sorted by source, method and start.
 
-        Parameters
-        ----------
-        wanted : callable
-            Takes the key of a row and returns whether the row is read; all rows by default.
-
-        Yields
-        ------
-        TrialRow
+        * ``wanted``: Takes the key of a row and returns whether the row is read; all rows by default.
         """
         for key in sorted(self._offsets):
             if wanted(key):
@@ -162,24 +133,7 @@ class Journal:
 
 
 def read_journal(path: str | os.PathLike[str]) -> Iterator[TrialRow]:
-    """Read the rows of a finished comparison in the order of the file. Of two rows of a trial, the last one is valid.
-
-    Parameters
-    ----------
-    path : str or os.PathLike
-        A file ``trials.jsonl``.
-
-    Yields
-    ------
-    TrialRow
-
-    Raises
-    ------
-    OutputError
-        If a line is damaged.
-    OSError
-        If the file cannot be read.
-    """
+    """Read the rows of a finished comparison in the order of the file. The last row of a trial is valid."""
     with Path(path).open("rb") as file:
         next(file)  # the settings
         for number, line in enumerate(file, 2):

@@ -23,8 +23,6 @@ from enum import StrEnum
 from pathlib import Path
 from urllib.parse import parse_qsl
 
-__all__ = ["EFFECTS", "NOT_JUDGED", "SEQUENCES", "TURNING", "Criteria", "Truth", "criteria_of", "group_of_scene"]
-
 
 class Truth(StrEnum):
     """How far the ground truth of a sequence can be trusted."""
@@ -37,40 +35,27 @@ class Truth(StrEnum):
 
 @dataclass(frozen=True)
 class Criteria:
-    """By which criteria the maps of a sequence are classified as correct or false.
+    """By which criteria the maps of a sequence are classified as correct or false."""
 
-    Attributes
-    ----------
-    truth : Truth
-        How far the ground truth can be trusted.
-    no_translation : bool
-        The camera is static or only rotates, so every map is false.
-    rotation_deg : float
-        A correct map has a smaller error of the rotation, in degrees.
-    direction_deg : float or None
-        A correct map has a smaller error of the direction of the baseline, in degrees. None if the direction is not
-        judged.
-    expected_reason : str or None
-        The reason that a method should give if it finds no map; None if no reason is expected.
-    note : str
-        Why the sequence is not judged by the defaults; empty otherwise.
-    """
-
+    #: How far the ground truth can be trusted.
     truth: Truth = Truth.SOUND
+    #: The camera is static or only rotates, so every map is false.
     no_translation: bool = False
+    #: A correct map has a smaller error of the rotation, in degrees.
     rotation_deg: float = 5.0
+    #: A correct map has a smaller error of the direction of the baseline, in degrees. None if the direction is not
+    #: judged.
     direction_deg: float | None = 15.0
+    #: The reason that a method should give if it finds no map; None if no reason is expected.
     expected_reason: str | None = None
+    #: Why the sequence is not judged by the defaults; empty otherwise.
     note: str = ""
 
     @property
     def rule(self) -> str:
         """Return the criteria in words, as in the column ``judged_by`` of ``results.csv``.
 
-        Returns
-        -------
-        str
-            For example ``rotation within 5 deg, direction within 15 deg``.
+        * Returns: For example ``rotation within 5 deg, direction within 15 deg``.
         """
         if self.no_translation:
             return "every map is false"
@@ -82,16 +67,8 @@ class Criteria:
     def judged(self, judged_by: str | None) -> bool:
         """Return whether a stored row was judged by these criteria.
 
-        Parameters
-        ----------
-        judged_by : str or None
-            Column ``judged_by`` of the row. None in a row of a version without this column, which judged every truth as
-            sound, or as that of a camera that does not translate.
-
-        Returns
-        -------
-        bool
-            False if the trial has to be run again.
+        * ``judged_by``: Column ``judged_by`` of the row. None in a row of a version without this column, which judged
+          every truth as sound, or as that of a camera that does not translate.
         """
         if judged_by is None:
             return self.truth in (Truth.SOUND, Truth.NONE)
@@ -155,18 +132,7 @@ SEQUENCES: dict[str, Criteria] = {
 
 
 def group_of_scene(label: str) -> str:
-    """Return the group of a synthetic source: its scene, and what its options make difficult.
-
-    Parameters
-    ----------
-    label : str
-        For example ``points:handheld?readout_ms=30``.
-
-    Returns
-    -------
-    str
-        For example ``points:handheld, turning, rolling``.
-    """
+    """Return the group of a synthetic source: its scene, and what its options make difficult."""
     scene, _, query = label.partition("?")
     given = {name for name, value in parse_qsl(query) if value.strip("0.-")}
     effects = [effect for effect, options in EFFECTS.items() if given & set(options)]
@@ -178,15 +144,7 @@ def group_of_scene(label: str) -> str:
 def criteria_of(group: str) -> Criteria:
     """Return the criteria by which the trials of a group are classified if there is a ground truth.
 
-    Parameters
-    ----------
-    group : str
-        :attr:`slam_init.compare.sources.ComparedSource.group`.
-
-    Returns
-    -------
-    Criteria
-        The defaults, except for scenes without translation and for the sequences in :data:`SEQUENCES`.
+    * Returns: The defaults, except for scenes without translation and for the sequences in :data:`SEQUENCES`.
     """
     prefix, colon, scene = group.partition(":")
     if colon and prefix in ("synth", "points"):

@@ -12,54 +12,30 @@ from slam_init.types.arrays import Floats, Image
 from slam_init.types.pose import Trajectory
 from slam_init.types.result import Result
 
-__all__ = ["MapSnapshot", "load_snapshot", "save_snapshot"]
-
 
 @dataclass(frozen=True, eq=False)
 class MapSnapshot:
-    """The map of a trial, or the reason why there is no map.
+    """The map of a trial, or the reason why there is no map."""
 
-    Attributes
-    ----------
-    verdicts : (A, 3) str
-        Second frame, verdict and advice of each attempt.
-    reason : str
-        Why there is no map; empty if there is a map.
-    last_frame : int
-        Absolute index of the last frame that was read. A map was accepted at this frame.
-    poses : (K, 4, 4) float
-        world_from_cam of the keyframes; empty if there is no map.
-    points : (L, 3) float
-        Landmarks in the world frame of the map.
-    colors : (L, 3) uint8
-        Colours of the landmarks, RGB.
-    truth : (N, 3) float
-        True camera positions from the first keyframe to the last, aligned with the map by a similarity; empty if there
-        is no ground truth.
-    """
-
+    #: (A, 3) Second frame, verdict and advice of each attempt.
     verdicts: np.ndarray[tuple[int, ...], np.dtype[np.str_]]
+    #: Why there is no map; empty if there is a map.
     reason: str
+    #: Absolute index of the last frame that was read. A map was accepted at this frame.
     last_frame: int
+    #: (K, 4, 4) World_from_cam of the keyframes; empty if there is no map.
     poses: Floats
+    #: (L, 3) Landmarks in the world frame of the map.
     points: Floats
+    #: (L, 3) Colours of the landmarks, RGB.
     colors: Image
+    #: (N, 3) True camera positions from the first keyframe to the last, aligned with the map by a similarity; empty
+    #: if there is no ground truth.
     truth: Floats
 
 
 def save_snapshot(path: str | os.PathLike[str], result: Result, start: int, truth: Trajectory | None) -> None:
-    """Write the snapshot of a trial.
-
-    Parameters
-    ----------
-    path : str or os.PathLike
-        File to write (``.npz``).
-    result : Result
-    start : int
-        Start frame of the trial.
-    truth : Trajectory or None
-        The true trajectory.
-    """
+    """Write the snapshot of a trial."""
     attempts = [(str(a.frames[1] if len(a.frames) > 1 else -1), a.verdict, a.advice) for a in result.attempts]
     map_ = result.map
     poses = np.zeros((0 if map_ is None else len(map_.keyframes), 4, 4))
@@ -78,18 +54,7 @@ def save_snapshot(path: str | os.PathLike[str], result: Result, start: int, trut
 
 
 def load_snapshot(path: str | os.PathLike[str]) -> MapSnapshot:
-    """Read a snapshot.
-
-    Parameters
-    ----------
-    path : str or os.PathLike
-        File that :func:`save_snapshot` wrote.
-
-    Returns
-    -------
-    MapSnapshot
-        The stored snapshot.
-    """
+    """Read a snapshot."""
     with np.load(path) as stored:
         return MapSnapshot(
             verdicts=stored["verdicts"],

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
     from slam_init.datasets.points import PointSource
 
-__all__ = ["DepthErrors", "PoseErrors", "depth_errors", "is_correct", "is_strict", "pose_errors", "survival"]
-
 #: Bounds of rotation and direction in degrees. Tracking recovers from errors within the bounds of
 #: :mod:`slam_init.compare.judging`; errors within these bounds need no recovery.
 _STRICT_DEG = (1.0, 5.0)
@@ -37,36 +35,25 @@ _SAME_DEPTH = 0.05
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """Errors of the poses of the keyframes.
+    """Errors of the poses of the keyframes."""
 
-    Attributes
-    ----------
-    rotation_deg, direction_deg : float or None
-        Largest error over the keyframes, of the pose relative to the first keyframe: angle between the rotations, and
-        angle between the directions of the baselines. None if the ground truth does not hold the value.
-    ate : float or None
-        Root mean square position error after alignment by a similarity, divided by the length of the true path. None
-        for two keyframes, because a similarity always aligns two positions exactly.
-    """
-
+    #: rotation_deg, direction_deg: Largest error over the keyframes, of the pose relative to the first keyframe:
+    #: angle between the rotations, and angle between the directions of the baselines. None if the ground truth does
+    #: not hold the value.
     rotation_deg: float | None = None
     direction_deg: float | None = None
+    #: Root mean square position error after alignment by a similarity, divided by the length of the true path. None
+    #: for two keyframes, because a similarity always aligns two positions exactly.
     ate: float | None = None
 
 
 @dataclass(frozen=True)
 class DepthErrors:
-    """Errors of the depths of the landmarks in the first keyframe; None if the true depths are not known.
+    """Errors of the depths of the landmarks in the first keyframe; None if the true depths are not known."""
 
-    Attributes
-    ----------
-    relative : float or None
-        Median of ``|depth / (median ratio x true depth) - 1|``.
-    wrong_order : float or None
-        Share of the pairs of landmarks in which the wrong landmark is the nearer one.
-    """
-
+    #: Median of ``|depth / (median ratio x true depth) - 1|``.
     relative: float | None = None
+    #: Share of the pairs of landmarks in which the wrong landmark is the nearer one.
     wrong_order: float | None = None
 
 
@@ -75,19 +62,8 @@ def pose_errors(
 ) -> PoseErrors:
     """Compare the keyframes of a map with the true trajectory.
 
-    Parameters
-    ----------
-    map_ : InitialMap
-    truth : Trajectory or None
-    before : bool
-        Use the poses before bundle adjustment instead of the adjusted ones.
-    frames : collection of int, optional
-        Frames of the keyframes that are compared; all keyframes by default.
-
-    Returns
-    -------
-    PoseErrors
-        All None if fewer than two keyframes have a true pose.
+    * ``before``: Use the poses before bundle adjustment instead of the adjusted ones.
+    * ``frames``: Frames of the keyframes that are compared; all keyframes by default.
     """
     keyframes = map_.keyframes
     if before:
@@ -106,16 +82,8 @@ def pose_errors(
 def is_correct(errors: PoseErrors, criteria: Criteria) -> bool:
     """Return whether the errors of a map are within the bounds of its sequence.
 
-    Parameters
-    ----------
-    errors : PoseErrors
-    criteria : Criteria
-        5 degrees in rotation and 15 degrees in direction for a sound ground truth.
-
-    Returns
-    -------
-    bool
-        Always False if the camera does not translate, or if the ground truth does not hold the values.
+    * ``criteria``: 5 degrees in rotation and 15 degrees in direction for a sound ground truth.
+    * Returns: Always False if the camera does not translate, or if the ground truth does not hold the values.
     """
     return _within(errors, criteria, (criteria.rotation_deg, criteria.direction_deg))
 
@@ -123,16 +91,7 @@ def is_correct(errors: PoseErrors, criteria: Criteria) -> bool:
 def is_strict(errors: PoseErrors, criteria: Criteria) -> bool:
     """Return whether a correct map is also within 1 degree in rotation and within 5 degrees in direction.
 
-    Parameters
-    ----------
-    errors : PoseErrors
-    criteria : Criteria
-        The direction is compared with the bound of 5 degrees only if the ground truth is sound.
-
-    Returns
-    -------
-    bool
-        Always False if the map is not correct.
+    * ``criteria``: The direction is compared with the bound of 5 degrees only if the ground truth is sound.
     """
     rotation_deg, direction_deg = _STRICT_DEG
     resolved = direction_deg if criteria.truth is Truth.SOUND else None
@@ -155,16 +114,8 @@ def survival(map_: InitialMap, following: Iterable[Step]) -> float | None:
     Every third frame is located by resection with the map. A landmark is observed again if its track lies within 3 px
     of its projection.
 
-    Parameters
-    ----------
-    map_ : InitialMap
-    following : iterable of Step
-        Tracks of the frames after the frame at which the map was accepted.
-
-    Returns
-    -------
-    float or None
-        Share of the landmarks that are observed again; median over the frames. None if no frame follows.
+    * ``following``: Tracks of the frames after the frame at which the map was accepted.
+    * Returns: Share of the landmarks that are observed again; median over the frames. None if no frame follows.
     """
     camera = map_.camera
     shares: list[float] = []
@@ -186,16 +137,7 @@ def survival(map_: InitialMap, following: Iterable[Step]) -> float | None:
 def depth_errors(map_: InitialMap, source: TimedSource | PointSource) -> DepthErrors:
     """Compare the depths of the landmarks in the first keyframe with the true depths.
 
-    Parameters
-    ----------
-    map_ : InitialMap
-    source : TimedSource or PointSource
-        The source of the map. Only synthetic sources hold true depths.
-
-    Returns
-    -------
-    DepthErrors
-        Both values are None if the source holds no depths.
+    * ``source``: The source of the map. Only synthetic sources hold true depths.
     """
     seen = map_.observation_keyframes == 0
     landmarks = map_.observation_landmarks[seen]

@@ -14,20 +14,6 @@ from typing import TypeAlias
 from slam_init.compare.rows import TrialRow, finite_json, parse_row, row_text
 from slam_init.compare.trials import Settings, Trial
 
-__all__ = [
-    "READY",
-    "Answer",
-    "MethodAnswer",
-    "MethodRequest",
-    "Request",
-    "TracksAnswer",
-    "TracksRequest",
-    "TrialAnswer",
-    "TrialRequest",
-    "answer_line",
-    "parse_answer",
-]
-
 #: Sent by the process when it has loaded its libraries, before the first request.
 READY = b"ready\n"
 #: Longest text of an error in characters.
@@ -36,13 +22,7 @@ _MAX_TEXT = 2000
 
 @dataclass(frozen=True)
 class TrialRequest:
-    """Run a trial; the answer is a :class:`TrialAnswer`.
-
-    Attributes
-    ----------
-    trial : Trial
-    settings : Settings
-    """
+    """Run a trial; the answer is a :class:`TrialAnswer`."""
 
     trial: Trial
     settings: Settings
@@ -50,81 +30,51 @@ class TrialRequest:
 
 @dataclass(frozen=True)
 class TrialAnswer:
-    """The result of a trial.
+    """The result of a trial."""
 
-    Attributes
-    ----------
-    row : TrialRow
-        With ``peak_memory_mb``.
-    memory_exhausted : bool
-        Whether an allocation failed. The state of the libraries in the process is unknown then.
-    output_error : str or None
-        Why a file of the trial could not be written; None if all were. The row then tells nothing about the method.
-    """
-
+    #: With ``peak_memory_mb``.
     row: TrialRow
+    #: Whether an allocation failed. The state of the libraries in the process is unknown then.
     memory_exhausted: bool
+    #: Why a file of the trial could not be written; None if all were. The row then tells nothing about the method.
     output_error: str | None = None
 
 
 @dataclass(frozen=True)
 class TracksRequest:
-    """Compute and store the tracks of a source; the answer is a :class:`TracksAnswer`.
+    """Compute and store the tracks of a source; the answer is a :class:`TracksAnswer`."""
 
-    Attributes
-    ----------
-    text : str
-        Argument of :func:`slam_init.compare.sources.open_compared`.
-    settings : Settings
-        With the folder of the tracks.
-    """
-
+    #: Argument of :func:`slam_init.compare.sources.open_compared`.
     text: str
+    #: With the folder of the tracks.
     settings: Settings
 
 
 @dataclass(frozen=True)
 class TracksAnswer:
-    """The tracks of a source are stored, or the source cannot be read.
+    """The tracks of a source are stored, or the source cannot be read."""
 
-    Attributes
-    ----------
-    error : str or None
-        Why the source cannot be read to its end; None if the tracks are stored.
-    tracking_ms : float
-        Time until the tracks were stored, or until the error, in milliseconds.
-    digest : str
-        :func:`slam_init.compare.replay.tracks_digest` of the tracks; empty for an error.
-    """
-
+    #: Why the source cannot be read to its end; None if the tracks are stored.
     error: str | None
+    #: Time until the tracks were stored, or until the error, in milliseconds.
     tracking_ms: float
+    #: :func:`slam_init.compare.replay.tracks_digest` of the tracks; empty for an error.
     digest: str = ""
 
 
 @dataclass(frozen=True)
 class MethodRequest:
-    """Import and make a method; the answer is a :class:`MethodAnswer`.
+    """Import and make a method; the answer is a :class:`MethodAnswer`."""
 
-    Attributes
-    ----------
-    name : str
-        ``package.module:attribute``.
-    """
-
+    #: ``package.module:attribute``.
     name: str
 
 
 @dataclass(frozen=True)
 class MethodAnswer:
-    """Whether there is such a method.
+    """Whether there is such a method."""
 
-    Attributes
-    ----------
-    error : str or None
-        Why there is none; None if there is one.
-    """
-
+    #: Why there is none; None if there is one.
     error: str | None
 
 
@@ -133,22 +83,7 @@ Answer: TypeAlias = TrialAnswer | TracksAnswer | MethodAnswer
 
 
 def answer_line(answer: Answer) -> bytes:
-    """Write an answer as one line.
-
-    Parameters
-    ----------
-    answer : TrialAnswer, TracksAnswer or MethodAnswer
-
-    Returns
-    -------
-    bytes
-        JSON with a line end.
-
-    Raises
-    ------
-    ValueError
-        If a number is not finite.
-    """
+    """Write an answer as one line."""
     if isinstance(answer, TrialAnswer):
         content = {
             "row": json.loads(row_text(answer.row)),
@@ -161,22 +96,7 @@ def answer_line(answer: Answer) -> bytes:
 
 
 def parse_answer(line: bytes) -> Answer:
-    """Read an answer, and check each of its values.
-
-    Parameters
-    ----------
-    line : bytes
-        What the process sent.
-
-    Returns
-    -------
-    TrialAnswer, TracksAnswer or MethodAnswer
-
-    Raises
-    ------
-    ValueError
-        If it is no answer.
-    """
+    """Read an answer, and check each of its values."""
     content = finite_json(line)
     kind = content.get("answer")
     if kind == "TrialAnswer":

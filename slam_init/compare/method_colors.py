@@ -6,8 +6,6 @@ from collections.abc import Sequence
 
 from slam_init.methods import METHODS
 
-__all__ = ["COLORS", "method_colors"]
-
 #: Number of colours of the page (``report.css``).
 COLORS = 22
 
@@ -18,15 +16,6 @@ def method_colors(methods: Sequence[str]) -> dict[str, str]:
     A method of the registry has the class of its place there, which does not depend on the other methods of a report.
     Two names of one method share a class, unless both are in the report. Other methods get the remaining classes in
     their order; if there are more methods than classes, classes repeat.
-
-    Parameters
-    ----------
-    methods : sequence of str
-
-    Returns
-    -------
-    dict of str to str
-        ``c0``, ``c1``, ...
     """
     own = [name for name, info in METHODS.items() if info.alias_of is None]
     places = {name: position % COLORS for position, name in enumerate(own)}

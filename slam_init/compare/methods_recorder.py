@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-__all__ = ["record_side_by_side"]
-
 _LONG_SIDE_PX = 640
 _LEGEND = """
 | colour | |
@@ -65,23 +63,7 @@ def record_side_by_side(
 ) -> None:
     """Write the recording.
 
-    Parameters
-    ----------
-    path : str or os.PathLike
-        File to write.
-    name : str
-        Name of the recording: source and start.
-    snapshots : mapping of str to MapSnapshot
-        By method, in the order in which they are shown.
-    outcomes : mapping of str to str
-        By method, for example ``correct``; shown beside the map.
-    frames : iterable of (Frame, Observations)
-        In time order.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    Shapes: ``frames`` (Frame, Observations).
     """
     os.environ.setdefault("RERUN_ANALYTICS", "false")
     import rerun as rr

@@ -17,127 +17,62 @@ from slam_init.compare.trials import Settings, Trial
 from slam_init.datasets.points import POINTS
 from slam_init.methods.external_command import is_external
 
-__all__ = ["Plan"]
-
 
 @dataclass(frozen=True)
 class Plan:
-    """The sources and methods of a comparison; its trials are all combinations of source, start frame and method.
-
-    Attributes
-    ----------
-    sources : tuple of ComparedSource
-    methods : tuple of str
-        Names as in ``slam-init run --method``.
-    every : int
-        Step between two start frames.
-    min_left : int
-        Smallest number of frames that a trial can read, with the start frame. Two views and a third one that confirms
-        them are the least from which every method can make a map.
-    settings : Settings
-        The folders in it are not used: :func:`slam_init.compare.run.compare` chooses them.
-    """
+    """The sources and methods of a comparison; its trials are all combinations of source, start frame and method."""
 
     sources: tuple[ComparedSource, ...]
+    #: Names as in ``slam-init run --method``.
     methods: tuple[str, ...]
+    #: Step between two start frames.
     every: int = 10
+    #: Smallest number of frames that a trial can read, with the start frame. Two views and a third one that confirms
+    #: them are the least from which every method can make a map.
     min_left: int = 3
+    #: The folders in it are not used: :func:`slam_init.compare.run.compare` chooses them.
     settings: Settings = field(default_factory=Settings)
 
     def trials(self) -> Iterator[Trial]:
-        """Yield all trials. The trials of one source follow one another, so that a process opens the source once.
-
-        Yields
-        ------
-        Trial
-            A method on a source from a start frame.
-        """
+        """Yield all trials. The trials of one source follow one another, so that a process opens the source once."""
         for source in self.sources:
             for start in self.starts(source):
                 for method in self.methods_on(source):
                     yield Trial(source, method, start)
 
     def batches(self, wanted: Callable[[Key], bool], largest: int) -> Iterator[tuple[Trial, ...]]:
-        """Yield trials in batches of one source, so that a worker opens the source once for a batch.
-
-        Parameters
-        ----------
-        wanted : callable
-            Takes the key of a trial and returns whether it is yielded.
-        largest : int
-            Largest number of trials of a batch.
-
-        Yields
-        ------
-        tuple of Trial
-            Consecutive trials of one source.
-        """
+        """Yield trials in batches of one source, so that a worker opens the source once for a batch."""
         trials = (trial for trial in self.trials() if wanted(trial.key))
         for _, of_source in groupby(trials, key=lambda trial: trial.source.label):
             while batch := tuple(islice(of_source, largest)):
                 yield batch
 
     def methods_on(self, source: ComparedSource) -> tuple[str, ...]:
-        """Return the methods that can run on a source. External programs need images.
-
-        Parameters
-        ----------
-        source : ComparedSource
-
-        Returns
-        -------
-        tuple of str
-        """
+        """Return the methods that can run on a source. External programs need images."""
         if not source.text.startswith(POINTS):
             return self.methods
         return tuple(method for method in self.methods if not is_external(method))
 
     def not_applicable(self) -> dict[str, int]:
-        """Count the sources on which a method cannot run.
-
-        Returns
-        -------
-        dict of str to int
-            By method; methods that run on all sources are left out.
-        """
+        """Count the sources on which a method cannot run."""
         counts = Counter(m for source in self.sources for m in self.methods if m not in self.methods_on(source))
         return {method: counts[method] for method in self.methods if counts[method]}
 
     def recordings(self) -> Iterator[str]:
-        """Return all files that the trials may write where recordings are asked for.
-
-        Yields
-        ------
-        str
-            Relative to the folder of the results, with slashes.
-        """
+        """Return all files that the trials may write where recordings are asked for."""
         for source in self.sources:
             for start in self.starts(source):
                 yield from names_of_start(source.label, start, self.methods_on(source))
 
     def trajectories(self) -> Iterator[str]:
-        """Return all trajectories that the trials may write where they are asked for.
-
-        Yields
-        ------
-        str
-            Relative to the folder of the results, with slashes.
-        """
+        """Return all trajectories that the trials may write where they are asked for."""
         for source in self.sources:
             yield from trajectory_names(source.label, self.starts(source), self.methods_on(source))
 
     def holds(self, key: Key) -> bool:
         """Return whether a trial belongs to this comparison. A results folder can hold the trials of a wider one.
 
-        Parameters
-        ----------
-        key : (str, str, int)
-            Label of the source, method, start frame.
-
-        Returns
-        -------
-        bool
-            True if this plan contains the trial.
+        Shapes: ``key`` (str, str, int).
         """
         label, method, start = key
         return method in self.methods and start in self._starts.get(label, ())
@@ -145,14 +80,7 @@ class Plan:
     def starts(self, source: ComparedSource) -> range:
         """Return the start frames of the trials on a source.
 
-        Parameters
-        ----------
-        source : ComparedSource
-
-        Returns
-        -------
-        range
-            Every :attr:`every`-th frame that leaves :attr:`min_left` frames.
+        * Returns: Every :attr:`every`-th frame that leaves :attr:`min_left` frames.
         """
         return source.starts(self.every, self.min_left)
 
@@ -162,21 +90,10 @@ class Plan:
 
     @cached_property
     def criteria(self) -> dict[str, Criteria]:
-        """Return the criteria by which the maps of each source are classified, by the label of the source.
-
-        Returns
-        -------
-        dict of str to Criteria
-        """
+        """Return the criteria by which the maps of each source are classified, by the label of the source."""
         return {source.label: source.criteria for source in self.sources}
 
     def judging(self) -> dict[str, Criteria]:
-        """Return the criteria of each group.
-
-        Returns
-        -------
-        dict of str to Criteria
-            By :attr:`ComparedSource.group`, sorted.
-        """
+        """Return the criteria of each group."""
         by_group = {source.group: source.criteria for source in self.sources}
         return dict(sorted(by_group.items()))

@@ -10,8 +10,6 @@ from urllib.parse import quote
 from slam_init.methods.external_command import method_label
 from slam_init.output.names import UNFINISHED
 
-__all__ = ["RECORDINGS", "SIDE_BY_SIDE", "names_of_start", "recording_folder", "recording_name", "snapshot_name"]
-
 #: The folder of the recordings in that of the results.
 RECORDINGS = "recordings"
 #: The recording of all methods from one start.
@@ -21,73 +19,25 @@ _MAX_NAME = 120
 
 
 def recording_folder(recordings: str | os.PathLike[str], source: str, start: int) -> Path:
-    """Return the folder of the recordings of one start.
-
-    Parameters
-    ----------
-    recordings : str or os.PathLike
-        Folder of all recordings.
-    source : str
-        Label of the source.
-    start : int
-        Start frame.
-
-    Returns
-    -------
-    Path
-        The folder; it is not created.
-    """
+    """Return the folder of the recordings of one start."""
     return Path(recordings) / f"{quote(source, safe='').replace('%', '_')[-_MAX_NAME:]}-{start:06d}"
 
 
 def recording_name(method: str) -> str:
     """Return the name of the recording of a trial in its folder.
 
-    Parameters
-    ----------
-    method : str
-        Name, or ``package.module:attribute``.
-
-    Returns
-    -------
-    str
-        The colon becomes a hyphen; other special characters become percent codes.
+    * Returns: The colon becomes a hyphen; other special characters become percent codes.
     """
     return f"{_file_name(method)}.rrd"
 
 
 def snapshot_name(method: str) -> str:
-    """Return the name of the snapshot of the map of a trial, beside its recording.
-
-    Parameters
-    ----------
-    method : str
-        Name, or ``package.module:attribute``.
-
-    Returns
-    -------
-    str
-        As :func:`recording_name`.
-    """
+    """Return the name of the snapshot of the map of a trial, beside its recording."""
     return f"{_file_name(method)}.npz"
 
 
 def names_of_start(source: str, start: int, methods: Iterable[str]) -> Iterator[str]:
-    """Return all files that the trials of one start may write.
-
-    Parameters
-    ----------
-    source : str
-        Label of the source.
-    start : int
-        Start frame.
-    methods : iterable of str
-
-    Yields
-    ------
-    str
-        Relative to the folder of the results, with slashes.
-    """
+    """Return all files that the trials of one start may write."""
     folder = recording_folder(RECORDINGS, source, start)
     for name in (
         SIDE_BY_SIDE,

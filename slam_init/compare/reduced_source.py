@@ -14,18 +14,10 @@ from slam_init.types.frame import Frame, notes_of
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
 
-__all__ = ["ReducedSource", "reduced"]
-
 
 @dataclass(frozen=True, eq=False)
 class ReducedSource(DerivedSource):
-    """A source whose frames are reduced.
-
-    Attributes
-    ----------
-    source : TimedSource
-    reduction : Reduction
-    """
+    """A source whose frames are reduced."""
 
     reduction: Reduction
 
@@ -36,42 +28,18 @@ class ReducedSource(DerivedSource):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Those of the source and of the reduction.
-
-        Returns
-        -------
-        tuple of str
-        """
+        """Those of the source and of the reduction."""
         return (*notes_of(self.source), *self.reduction.notes)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Read and reduce frames in order.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame.
-        max_frames : int, optional
-            Largest number of frames; by default all.
-
-        Yields
-        ------
-        Frame
-        """
+        """Read and reduce frames in order."""
         yield from self.reduction.frames(self.source.frames(start, max_frames))
 
 
 def reduced(source: TimedSource) -> TimedSource:
     """Reduce the frames of a source if they are large.
 
-    Parameters
-    ----------
-    source : TimedSource
-
-    Returns
-    -------
-    TimedSource
-        The source itself where its images are not large, or have no calibration.
+    * Returns: The source itself where its images are not large, or have no calibration.
     """
     if source.camera is None:
         return source

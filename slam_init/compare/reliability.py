@@ -26,17 +26,6 @@ from slam_init.compare.statistics import Interval, wilson
 from slam_init.compare.trial_table import TrialTable
 from slam_init.types.arrays import Bools
 
-__all__ = [
-    "DIRECTION_SIGMAS",
-    "RISK_EDGES",
-    "ROTATION_SIGMAS",
-    "Coverage",
-    "Reliability",
-    "RiskBin",
-    "reliabilities",
-    "reliability_of",
-]
-
 #: Edges of the bins of the stated risk. A bin holds its upper edge, because a map is accepted up to and with a risk of
 #: 0.005. The first bin also holds 0.
 RISK_EDGES = (0.0, 0.001, 0.002, 0.005, 0.05, 1.0)
@@ -47,68 +36,45 @@ DIRECTION_SIGMAS, ROTATION_SIGMAS = 2.45, 2.80
 
 @dataclass(frozen=True)
 class RiskBin:
-    """The maps with a stated risk in a range.
+    """The maps with a stated risk in a range."""
 
-    Attributes
-    ----------
-    low, high : float
-        The range: above ``low`` and at most ``high``. A ``low`` of 0 belongs to the range.
-    maps : int
-        Number of maps.
-    mean_risk : float
-        Mean of the stated risks; NaN without maps.
-    expected_false : float
-        Expected number of false maps: the sum of the stated risks.
-    false : int
-        Number of false maps.
-    false_rate : Interval
-        False maps as a share of the maps, with Wilson's interval.
-    """
-
+    #: low, high: The range: above ``low`` and at most ``high``. A ``low`` of 0 belongs to the range.
     low: float
     high: float
+    #: Number of maps.
     maps: int
+    #: Mean of the stated risks; NaN without maps.
     mean_risk: float
+    #: Expected number of false maps: the sum of the stated risks.
     expected_false: float
+    #: Number of false maps.
     false: int
+    #: False maps as a share of the maps, with Wilson's interval.
     false_rate: Interval
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """The maps whose error lies within the stated standard deviations.
+    """The maps whose error lies within the stated standard deviations."""
 
-    Attributes
-    ----------
-    maps : int
-        Number of maps with a stated standard deviation and a known error.
-    within : int
-        Number of these maps whose error lies within the bound.
-    rate : Interval
-        Their share, with Wilson's interval.
-    """
-
+    #: Number of maps with a stated standard deviation and a known error.
     maps: int
+    #: Number of these maps whose error lies within the bound.
     within: int
+    #: Their share, with Wilson's interval.
     rate: Interval
 
 
 @dataclass(frozen=True)
 class Reliability:
-    """Reliability of the risk and of the standard deviations that a method states.
+    """Reliability of the risk and of the standard deviations that a method states."""
 
-    Attributes
-    ----------
-    bins : tuple of RiskBin
-        One for each range of :data:`RISK_EDGES`.
-    total : RiskBin
-        All maps.
-    rotation, direction : Coverage
-        Coverage of 2.80 standard deviations of the rotation, and of 2.45 of the direction of the baseline.
-    """
-
+    #: One for each range of :data:`RISK_EDGES`.
     bins: tuple[RiskBin, ...]
+    #: All maps.
     total: RiskBin
+    #: rotation, direction: Coverage of 2.80 standard deviations of the rotation, and of 2.45 of the direction of the
+    #: baseline.
     rotation: Coverage
     direction: Coverage
 
@@ -116,16 +82,9 @@ class Reliability:
 def reliability_of(table: TrialTable, mask: Bools) -> Reliability | None:
     """Compare the stated risks of a set of trials with their outcomes.
 
-    Parameters
-    ----------
-    table : TrialTable
-    mask : (N,) bool
-        The trials that are counted. Of these, only maps with a stated risk and a sound ground truth enter.
+    Shapes: ``mask`` (N,).
 
-    Returns
-    -------
-    Reliability or None
-        None if there is no such map.
+    * ``mask``: The trials that are counted. Of these, only maps with a stated risk and a sound ground truth enter.
     """
     outcome, risk = table.text["outcome"], table.numbers["risk"]
     judged = (outcome == "correct") | (outcome == "false")
@@ -145,16 +104,8 @@ def reliability_of(table: TrialTable, mask: Bools) -> Reliability | None:
 def reliabilities(table: TrialTable, methods: Sequence[str]) -> dict[str, dict[str, Reliability]]:
     """Compare the stated risks of each method with its outcomes, separately for images and for points.
 
-    Parameters
-    ----------
-    table : TrialTable
-    methods : sequence of str
-
-    Returns
-    -------
-    dict of str to (dict of str to Reliability)
-        By level (:meth:`TrialTable.levels`) and method. Trials with and without translation are counted together. A
-        method without a counted map is left out, and so is a level without a method.
+    * Returns: By level (:meth:`TrialTable.levels`) and method. Trials with and without translation are counted
+      together. A method without a counted map is left out, and so is a level without a method.
     """
     found = {
         name: {

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
     from slam_init.datasets.points import PointSource
 
-__all__ = ["Step", "Tracks", "find_tracks", "replay", "tracks_digest"]
-
 #: Columns of the stored tracks. Each is a raw file that is mapped into memory, so that a trial reads only the part that
 #: it needs.
 _COLUMNS: dict[str, tuple[type[np.generic], tuple[int, ...]]] = {
@@ -52,77 +50,47 @@ _MAX_NAME = 120
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The tracks that become known at one frame.
+    """The tracks that become known at one frame."""
 
-    Attributes
-    ----------
-    current : Observations
-        Tracks of the frame itself.
-    revised : tuple of Observations
-        Earlier frames whose tracks were revised at this frame.
-    """
-
+    #: Tracks of the frame itself.
     current: Observations
+    #: Earlier frames whose tracks were revised at this frame.
     revised: tuple[Observations, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """The tracks of a sequence on disk: R records, one for each frame and each revision of a frame.
+    """The tracks of a sequence on disk: R records, one for each frame and each revision of a frame."""
 
-    Attributes
-    ----------
-    at : (R,) int
-        Absolute index of the frame at which a record is replayed.
-    frame : (R,) int
-        Absolute index of the frame that the record describes.
-    timestamp_s : (R,) float
-        Time stamp of this frame in seconds.
-    step_px : (R,) float
-        Standard deviation of the last step of its tracks.
-    exposure_s : (R,) float
-        Exposure time of this frame in seconds.
-    name : (R,) str
-        Name of this frame.
-    end : (R,) int
-        End of the rows of the record in the columns; the rows begin at the end of the record before.
-    track_ids : (N,) int
-        Column of the track ids. All columns are mapped into memory.
-    pixels : (N, 2) float
-        Column of the raw pixels.
-    bearings : (N, 3) float
-        Column of the bearings.
-    colors : (N, 3) uint8
-        Column of the colours.
-    drifts : (N, 2, 2) float
-        Column of the drifts.
-    """
-
+    #: (R,) Absolute index of the frame at which a record is replayed.
     at: Ints
+    #: (R,) Absolute index of the frame that the record describes.
     frame: Ints
+    #: (R,) Time stamp of this frame in seconds.
     timestamp_s: Floats
+    #: (R,) Standard deviation of the last step of its tracks.
     step_px: Floats
+    #: (R,) Exposure time of this frame in seconds.
     exposure_s: Floats
+    #: (R,) Name of this frame.
     name: NDArray[np.str_]
+    #: (R,) End of the rows of the record in the columns; the rows begin at the end of the record before.
     end: Ints
+    #: (N,) Column of the track ids. All columns are mapped into memory.
     track_ids: Ints
+    #: (N, 2) Column of the raw pixels.
     pixels: Floats
+    #: (N, 3) Column of the bearings.
     bearings: Floats
+    #: (N, 3) Column of the colours.
     colors: Image
+    #: (N, 2, 2) Column of the drifts.
     drifts: Floats
 
     def steps(self, start: int) -> Iterator[Step]:
         """Replay the tracks.
 
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame.
-
-        Yields
-        ------
-        Step
-            One for each frame from ``start`` on. Revised frames before ``start`` are left out.
+        * Returns: One for each frame from ``start`` on. Revised frames before ``start`` are left out.
         """
         at, frames = self.at, self.frame  # the records are in the order of `at`
         first = int(np.searchsorted(at, start))
@@ -151,22 +119,8 @@ class Tracks:
 def replay(source: TimedSource | PointSource, text: str, start: int, folder: str | os.PathLike[str]) -> Iterator[Step]:
     """Replay the tracks of a source from a start frame on.
 
-    Parameters
-    ----------
-    source : TimedSource or PointSource
-        With a calibration.
-    text : str
-        Name of the source in the folder.
-    start : int
-        Absolute index of the first frame.
-    folder : str or os.PathLike
-        Folder of the stored tracks. The tracks are computed and stored if they are not there yet. A source of points
-        knows its tracks and does not use the folder, nor does a source of given tracks.
-
-    Returns
-    -------
-    iterator of Step
-        One for each frame from ``start`` on.
+    * ``folder``: Folder of the stored tracks. The tracks are computed and stored if they are not there yet. A source of
+      points knows its tracks and does not use the folder, nor does a source of given tracks.
     """
     from slam_init.datasets.points import PointSource
     from slam_init.datasets.track_source import TrackSource
@@ -182,17 +136,6 @@ def tracks_digest(source: TimedSource | PointSource, steps: Iterable[Step]) -> s
     The hash holds the calibration, and of each record its frame, the ids of all tracks, and the positions of about 20
     tracks, rounded to a hundredth of a pixel. The last bit of a sine differs between processors and libraries, so that
     a hash of all bits would differ as well. With 20 tracks a rounding differs by chance in one of a million sources.
-
-    Parameters
-    ----------
-    source : TimedSource or PointSource
-    steps : iterable of Step
-        From the first frame on.
-
-    Returns
-    -------
-    str
-        16 hexadecimal digits.
     """
     digest = hashlib.sha256()
     camera = source.camera
@@ -211,20 +154,8 @@ def tracks_digest(source: TimedSource | PointSource, steps: Iterable[Step]) -> s
 def find_tracks(source: TimedSource, text: str, folder: str | os.PathLike[str]) -> Tracks:
     """Run the tracker over a whole sequence, or open the tracks that an earlier call stored.
 
-    Parameters
-    ----------
-    source : TimedSource
-        With a calibration.
-    text : str
-        Name of the source in the folder.
-    folder : str or os.PathLike
-        Created if it does not exist. If two processes call this function at the same time, both do the work and the
-        result is the same.
-
-    Returns
-    -------
-    Tracks
-        The stored tracks.
+    * ``folder``: Created if it does not exist. If two processes call this function at the same time, both do the work
+      and the result is the same.
     """
     home = Path(folder) / quote(text, safe="")[-_MAX_NAME:]
     for _ in range(_TRIES - 1):

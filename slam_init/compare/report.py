@@ -37,8 +37,6 @@ from slam_init.types.arrays import Bools, Floats
 if TYPE_CHECKING:
     from slam_init.compare.plan import Plan
 
-__all__ = ["report_html"]
-
 #: Number of colours of reasons.
 _COLORS = 10
 #: Ranges of the axes of errors, in degrees.
@@ -63,20 +61,7 @@ class _Part:
 
 
 def report_html(table: TrialTable, plan: Plan, command: str) -> str:
-    """Make the page.
-
-    Parameters
-    ----------
-    table : TrialTable
-    plan : Plan
-    command : str
-        A command line that gives the same results; empty for none.
-
-    Returns
-    -------
-    str
-        HTML document.
-    """
+    """Make the page."""
     parts = [
         _Part(
             name,

@@ -12,22 +12,9 @@ from slam_init.methods.external_command import method_label
 if TYPE_CHECKING:
     from slam_init.compare.plan import Plan
 
-__all__ = ["gallery_section", "waiting_section"]
-
 
 def gallery_section(table: TrialTable, plan: Plan) -> str:
-    """Show the worst trials.
-
-    Parameters
-    ----------
-    table : TrialTable
-    plan : Plan
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Show the worst trials."""
     cases = []
     for case in failure_cases(table, {source.label: source.text for source in plan.sources}):
         text = {name: str(values[case.row]) for name, values in table.text.items()}
@@ -56,18 +43,7 @@ def gallery_section(table: TrialTable, plan: Plan) -> str:
 
 
 def waiting_section(table: TrialTable, plan: Plan) -> str:
-    """Show trials without a map although one can be correct: what the method saw, and why it has none.
-
-    Parameters
-    ----------
-    table : TrialTable
-    plan : Plan
-
-    Returns
-    -------
-    str
-        HTML.
-    """
+    """Show trials without a map although one can be correct: what the method saw, and why it has none."""
     cases = []
     for case in waiting_cases(table, {source.label: source.text for source in plan.sources}):
         text = {name: str(values[case.row]) for name, values in table.text.items()}

@@ -19,18 +19,6 @@ from slam_init.compare.wait import WaitDifference, waits
 from slam_init.methods.external_command import method_label
 from slam_init.types.arrays import Bools, Floats
 
-__all__ = [
-    "coverage_table",
-    "group_table",
-    "judging_table",
-    "pair_table",
-    "quality_table",
-    "rates_table",
-    "risk_table",
-    "static_table",
-    "wait_table",
-]
-
 _SIGNIFICANT = 0.05
 _OUTCOMES = ("correct", "accepted", "false", "none", "error")
 #: A column: heading, text of the cell, value to rank by (None: not ranked), whether a larger value is better.
@@ -38,18 +26,7 @@ _Column = tuple[str, Callable[[Figures], str], Callable[[Figures], float | None]
 
 
 def rates_table(figures: Mapping[str, Figures]) -> str:
-    """Make the main table of a part with a moving camera: rates of the outcomes, and time to the first map.
-
-    Parameters
-    ----------
-    figures : mapping of str to Figures
-        By method.
-
-    Returns
-    -------
-    str
-        HTML element.
-    """
+    """Make the main table of a part with a moving camera: rates of the outcomes, and time to the first map."""
     columns: list[_Column] = [
         ("outcomes", _outcome_bar, None, True),
         ("trials", lambda f: str(f.trials), None, True),
@@ -68,18 +45,7 @@ def rates_table(figures: Mapping[str, Figures]) -> str:
 
 
 def quality_table(figures: Mapping[str, Figures]) -> str:
-    """Make the table of the quality of the correct maps, and of time and memory.
-
-    Parameters
-    ----------
-    figures : mapping of str to Figures
-        By method.
-
-    Returns
-    -------
-    str
-        HTML element.
-    """
+    """Make the table of the quality of the correct maps, and of time and memory."""
 
     def _median(name: str, digits: int = 2, scale: float = 1.0) -> Callable[[Figures], str]:
         return lambda f: _number(f.medians[name], digits, scale)
@@ -107,18 +73,7 @@ def quality_table(figures: Mapping[str, Figures]) -> str:
 
 
 def static_table(figures: Mapping[str, Figures]) -> str:
-    """Make the main table of a part without translation (static or rotation-only camera).
-
-    Parameters
-    ----------
-    figures : mapping of str to Figures
-        By method.
-
-    Returns
-    -------
-    str
-        HTML element.
-    """
+    """Make the main table of a part without translation (static or rotation-only camera)."""
     columns: list[_Column] = [
         ("outcomes", _outcome_bar, None, True),
         ("trials", lambda f: str(f.trials), None, True),
@@ -136,20 +91,7 @@ def static_table(figures: Mapping[str, Figures]) -> str:
 
 
 def group_table(table: TrialTable, methods: Sequence[str], thumbnails: Mapping[str, str]) -> str:
-    """Make the table of scenes (rows) and methods (columns) with counts of correct, false and no maps, and the wait.
-
-    Parameters
-    ----------
-    table : TrialTable
-    methods : sequence of str
-    thumbnails : mapping of str to str
-        JPEG file in base64 by scene; a scene may lack one.
-
-    Returns
-    -------
-    str
-        HTML element.
-    """
+    """Make the table of scenes (rows) and methods (columns) with counts of correct, false and no maps, and the wait."""
     rows = []
     of_cell, outcomes, wait_of_trial = table.cells(), table.text["outcome"], waits(table)
     nothing = np.zeros(0, np.int64)
@@ -177,17 +119,7 @@ def _wait_of_cell(waits_of_trials: Floats) -> str:
 
 
 def wait_table(differences: Sequence[WaitDifference]) -> str:
-    """Make the table of the waits of the first method compared with those of each other method.
-
-    Parameters
-    ----------
-    differences : sequence of WaitDifference
-
-    Returns
-    -------
-    str
-        HTML element; empty for a single method.
-    """
+    """Make the table of the waits of the first method compared with those of each other method."""
     if not differences:
         return ""
     first = method_label(differences[0].first)
@@ -206,17 +138,7 @@ def _sign_class(difference: Interval) -> str:
 
 
 def risk_table(by_method: Mapping[str, Reliability]) -> str:
-    """Make the table of the stated risks: for each method a row for each bin with maps, and a row for all maps.
-
-    Parameters
-    ----------
-    by_method : mapping of str to Reliability
-
-    Returns
-    -------
-    str
-        HTML element.
-    """
+    """Make the table of the stated risks: for each method a row for each bin with maps, and a row for all maps."""
     rows = []
     for method, reliability in by_method.items():
         bins = [(f"{one.low:g} to {one.high:g}", one) for one in reliability.bins if one.maps]
@@ -233,17 +155,7 @@ def risk_table(by_method: Mapping[str, Reliability]) -> str:
 
 
 def coverage_table(by_method: Mapping[str, Reliability]) -> str:
-    """Make the table of the coverage of the stated standard deviations.
-
-    Parameters
-    ----------
-    by_method : mapping of str to Reliability
-
-    Returns
-    -------
-    str
-        HTML element.
-    """
+    """Make the table of the coverage of the stated standard deviations."""
     rows = [
         f"<tr>{row_heading(method_label(method))}{_coverage_cells(one.direction)}{_coverage_cells(one.rotation)}</tr>"
         for method, one in by_method.items()
@@ -258,18 +170,7 @@ def _coverage_cells(coverage: Coverage) -> str:
 
 
 def judging_table(judging: Mapping[str, Criteria]) -> str:
-    """Make the table of how each sequence is judged.
-
-    Parameters
-    ----------
-    judging : mapping of str to Criteria
-        By scene.
-
-    Returns
-    -------
-    str
-        HTML element.
-    """
+    """Make the table of how each sequence is judged."""
     rows = [
         f"<tr>{row_heading(group)}<td>{criteria.truth}</td><td>{escape(criteria.rule)}</td>"
         f"<td>{criteria.expected_reason or '-'}</td><td>{escape(criteria.note or '-')}</td></tr>"
@@ -282,17 +183,7 @@ def judging_table(judging: Mapping[str, Criteria]) -> str:
 def pair_table(table: TrialTable, methods: Sequence[str], mask: Bools) -> str:
     """Make the table of paired comparisons: trials that only one of two methods solves, and p-values.
 
-    Parameters
-    ----------
-    table : TrialTable
-    methods : sequence of str
-    mask : (N,) bool
-        The trials that are compared.
-
-    Returns
-    -------
-    str
-        HTML element.
+    Shapes: ``mask`` (N,).
     """
     tests = {(test.first, test.second): test for test in pair_tests(table, methods, mask)}
     rows = []

@@ -16,8 +16,6 @@ from slam_init.output.folder import OutputFolder, output_error
 if TYPE_CHECKING:
     from slam_init.compare.plan import Plan
 
-__all__ = ["publish_results"]
-
 _RESULTS, _SUMMARY, _REPORT = "results.csv", "summary.json", "report.html"
 
 
@@ -29,32 +27,7 @@ def publish_results(
     extras: Extras,
     digests: Digests,
 ) -> ComparisonSummary:
-    """Write all result files: either all are replaced, or none. The rows are read once and are not kept in memory.
-
-    Parameters
-    ----------
-    folder : OutputFolder
-        Folder of the comparison.
-    rows : iterable of TrialRow
-        Sorted by source, method and start.
-    plan : Plan
-    command : str
-        The command line that the report shows; empty for none.
-    extras : Extras
-        Makes further files.
-    digests : mapping of str to str
-        Digest of the tracks by the label of the source.
-
-    Returns
-    -------
-    ComparisonSummary
-        The content of ``summary.json``.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written.
-    """
+    """Write all result files: either all are replaced, or none. The rows are read once and are not kept in memory."""
     from slam_init.compare.report import report_html
 
     try:

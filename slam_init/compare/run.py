@@ -29,8 +29,6 @@ from slam_init.output.folder import OutputFolder, output_error
 from slam_init.output.names import COMPARE_FILES, TRIALS, UNFINISHED
 from slam_init.output.plain_json import Json
 
-__all__ = ["compare"]
-
 _NO_EXTRAS = Extras()
 #: Least number of batches for each worker.
 _BATCHES_PER_WORKER = 8
@@ -49,35 +47,10 @@ def compare(
 ) -> ComparisonSummary:
     """Run all trials that ``out`` does not hold yet, and write the results.
 
-    Parameters
-    ----------
-    plan : Plan
-    out : str or os.PathLike
-        Folder of ``trials.jsonl``, ``results.csv``, ``summary.json``, ``report.html`` and the recordings: a new or an
-        empty one, or one of an earlier comparison. Earlier results stay until all trials have ended.
-    backend : str or Backend
-        ``loky``, ``sequential`` or ``dask:ADDRESS``, see :func:`slam_init.compare.backends.open_backend`; or workers of
-        your own on this machine.
-    jobs : int
-        Number of processes of the backend loky.
-    recordings : bool
-        Write recordings of the trials that are run now.
-    progress : bool
-        Show a progress bar on stderr.
-    command : str
-        The command line that the report shows; empty for none.
-    extras : Extras, optional
-        The additions of a benchmark.
-
-    Returns
-    -------
-    ComparisonSummary
-        The content of ``summary.json``.
-
-    Raises
-    ------
-    SlamInitError
-        If a source cannot be read, the backend is not available, or ``out`` cannot be written.
+    * ``out``: Folder of ``trials.jsonl``, ``results.csv``, ``summary.json``, ``report.html`` and the recordings: a new
+      or an empty one, or one of an earlier comparison. Earlier results stay until all trials have ended.
+    * ``backend``: ``loky``, ``sequential`` or ``dask:ADDRESS``, see :func:`slam_init.compare.backends.open_backend`; or
+      workers of your own on this machine.
     """
     path = Path(out)
     targets = (*COMPARE_FILES, *extras.files, *((extras.digests,) if extras.digests else ()))

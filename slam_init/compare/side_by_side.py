@@ -12,28 +12,15 @@ from slam_init.compare.sources import ComparedSource, open_compared
 from slam_init.compare.trials import Settings
 from slam_init.types.frame import Frame, Observations
 
-__all__ = ["write_side_by_side"]
-
 
 def write_side_by_side(
     source: ComparedSource, start: int, settings: Settings, outcomes: Mapping[str, str]
 ) -> Path | None:
     """Write ``side-by-side.rrd`` of one start and remove the snapshots of its trials.
 
-    Parameters
-    ----------
-    source : ComparedSource
-    start : int
-        Start frame.
-    settings : Settings
-        With the folders of the tracks and of the recordings.
-    outcomes : mapping of str to str
-        Method to outcome, in the order in which the methods are shown.
-
-    Returns
-    -------
-    Path or None
-        The recording. None if there are no snapshots, because all trials ended in errors or ran without recordings.
+    * ``outcomes``: Method to outcome, in the order in which the methods are shown.
+    * Returns: The recording. None if there are no snapshots, because all trials ended in errors or ran without
+      recordings.
     """
     from slam_init.compare.methods_recorder import record_side_by_side
 

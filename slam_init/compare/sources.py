@@ -23,17 +23,6 @@ if TYPE_CHECKING:
     from slam_init.datasets.points import PointSource
     from slam_init.types.camera import Camera
 
-__all__ = [
-    "GRID",
-    "ComparedSource",
-    "calibration_of",
-    "describe_sources",
-    "drawn_sources",
-    "focal_error_of",
-    "grid_sources",
-    "open_compared",
-]
-
 #: The sampled grid: noise of a coordinate in pixels, share of outliers, baseline over the median depth, relative error
 #: of the focal length.
 GRID: dict[str, tuple[float, ...]] = {
@@ -50,41 +39,28 @@ _SEVERAL_MOTIONS = ("opencv_chessboard",)
 
 @dataclass(frozen=True)
 class ComparedSource:
-    """Description of a sequence, as it is sent to workers.
+    """Description of a sequence, as it is sent to workers."""
 
-    Attributes
-    ----------
-    label : str
-        Name in the results, unique.
-    group : str
-        Trials of one group are counted together. The group of a synthetic world is its scene with what its options make
-        difficult, and otherwise the label.
-    text : str
-        Argument of :func:`open_compared`.
-    frames : int
-        Number of frames.
-    fps : float
-        Frames per second: the inverse of the median step of the time stamps.
-    has_truth : bool
-        Whether the source has a ground truth.
-    """
-
+    #: Name in the results, unique.
     label: str
+    #: Trials of one group are counted together. The group of a synthetic world is its scene with what its options
+    #: make difficult, and otherwise the label.
     group: str
+    #: Argument of :func:`open_compared`.
     text: str
+    #: Number of frames.
     frames: int
+    #: Frames per second: the inverse of the median step of the time stamps.
     fps: float
+    #: Whether the source has a ground truth.
     has_truth: bool
 
     @property
     def criteria(self) -> Criteria:
         """Return the criteria by which the maps of the source are classified.
 
-        Returns
-        -------
-        Criteria
-            Those of its group; :data:`slam_init.compare.judging.NOT_JUDGED` if there is no ground truth. A camera that
-            is known not to translate is judged without one.
+        * Returns: Those of its group; :data:`slam_init.compare.judging.NOT_JUDGED` if there is no ground truth. A
+          camera that is known not to translate is judged without one.
         """
         criteria = criteria_of(self.group)
         return criteria if self.has_truth or criteria.no_translation else NOT_JUDGED
@@ -92,17 +68,8 @@ class ComparedSource:
     def starts(self, every: int, min_left: int) -> range:
         """Start frames of the trials.
 
-        Parameters
-        ----------
-        every : int
-            Step between two start frames.
-        min_left : int
-            Smallest number of frames that a trial can read, with the start frame.
-
-        Returns
-        -------
-        range
-            Start frames with at least ``min_left`` frames left. A shorter sequence has one start, frame 0.
+        * ``min_left``: Smallest number of frames that a trial can read, with the start frame.
+        * Returns: Start frames with at least ``min_left`` frames left. A shorter sequence has one start, frame 0.
         """
         return range(0, max(self.frames - min_left + 1, 1), every)
 
@@ -110,22 +77,9 @@ class ComparedSource:
 def open_compared(text: str) -> TimedSource | PointSource:
     """Open a source of a comparison.
 
-    Parameters
-    ----------
-    text : str
-        A folder, a video, ``synth:NAME[?...]`` or ``points:NAME[?...]``. The last two also accept the option
-        ``seed=N`` (0 by default). Or one of these with a view (:meth:`slam_init.datasets.views.SourceView.text`):
-        then the frames that are used have consecutive indices. Large images are reduced, as for ``run``.
-
-    Returns
-    -------
-    TimedSource or PointSource
-        The opened source.
-
-    Raises
-    ------
-    SourceError, CalibrationError
-        As :func:`slam_init.datasets.open_source`.
+    * ``text``: A folder, a video, ``synth:NAME[?...]`` or ``points:NAME[?...]``. The last two also accept the option
+      ``seed=N`` (0 by default). Or one of these with a view (:meth:`slam_init.datasets.views.SourceView.text`): then
+      the frames that are used have consecutive indices. Large images are reduced, as for ``run``.
     """
     from slam_init.datasets import open_source
     from slam_init.datasets.points import POINTS, open_points
@@ -149,24 +103,7 @@ def open_compared(text: str) -> TimedSource | PointSource:
 
 
 def calibration_of(source: TimedSource | PointSource, text: str) -> Camera:
-    """Return the camera of a source.
-
-    Parameters
-    ----------
-    source : TimedSource or PointSource
-    text : str
-        Name of the source in the error message.
-
-    Returns
-    -------
-    Camera
-        The calibration that comes with the source.
-
-    Raises
-    ------
-    CalibrationError
-        If the source has no calibration.
-    """
+    """Return the camera of a source."""
     if source.camera is None:
         if source.kind == "video":
             raise CalibrationError(
@@ -180,15 +117,7 @@ def calibration_of(source: TimedSource | PointSource, text: str) -> Camera:
 def focal_error_of(label: str) -> float:
     """Return the relative error of the focal length that a synthetic source states.
 
-    Parameters
-    ----------
-    label : str
-        :attr:`ComparedSource.label`.
-
-    Returns
-    -------
-    float
-        Value of the option ``focal_error``: (stated - true) / true. 0 for all other sources.
+    * Returns: Value of the option ``focal_error``: (stated - true) / true. 0 for all other sources.
     """
     name, _, query = label.partition("?")
     if not name.startswith(("synth:", "points:")):
@@ -199,22 +128,8 @@ def focal_error_of(label: str) -> float:
 def describe_sources(texts: Sequence[str], view: SourceView | None = None) -> list[ComparedSource]:
     """Open every source once and describe it.
 
-    Parameters
-    ----------
-    texts : sequence of str
-        What the user typed. A folder that is not a sequence stands for all sequences below it.
-    view : SourceView, optional
-        The frames and pixels that are used; by default all.
-
-    Returns
-    -------
-    list of ComparedSource
-        In the given order; the sequences below a folder in alphabetical order.
-
-    Raises
-    ------
-    SourceError, CalibrationError
-        If a source cannot be read, has no calibration, or is given twice.
+    * ``texts``: What the user typed. A folder that is not a sequence stands for all sequences below it.
+    * Returns: In the given order; the sequences below a folder in alphabetical order.
     """
     found: list[ComparedSource] = []
     for text in texts:
@@ -226,19 +141,7 @@ def describe_sources(texts: Sequence[str], view: SourceView | None = None) -> li
 
 
 def grid_sources(count: int, seed: int) -> list[str]:
-    """Draw point-level sources of all scenes from :data:`GRID`.
-
-    Parameters
-    ----------
-    count : int
-        Number of sources of each scene.
-    seed : int
-
-    Returns
-    -------
-    list of str
-        Arguments of :func:`open_compared`.
-    """
+    """Draw point-level sources of all scenes from :data:`GRID`."""
     from slam_init.datasets.points import point_scenes
 
     return [text for scene in point_scenes() for text in drawn_sources(scene, count, seed)]
@@ -247,20 +150,8 @@ def grid_sources(count: int, seed: int) -> list[str]:
 def drawn_sources(scene: str, count: int, seed: int, **fixed: float) -> list[str]:
     """Draw point-level sources of one scene from :data:`GRID`.
 
-    Parameters
-    ----------
-    scene : str
-        Name of the scene, without the prefix ``points:``.
-    count : int
-        Number of sources.
-    seed : int
-    **fixed : float
-        Options that replace the drawn values. They do not change the values that are drawn for the other options.
-
-    Returns
-    -------
-    list of str
-        Arguments of :func:`open_compared`.
+    * ``**fixed``: Options that replace the drawn values. They do not change the values that are drawn for the other
+      options.
     """
     rng = np.random.default_rng((seed, *scene.encode()))
     texts = []

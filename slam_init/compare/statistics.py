@@ -14,17 +14,6 @@ from numpy.typing import NDArray
 
 from slam_init.types.arrays import Bools, Floats
 
-__all__ = [
-    "Interval",
-    "cluster_mean",
-    "cluster_share",
-    "holm",
-    "mcnemar_exact",
-    "restricted_mean",
-    "sign_flip",
-    "wilson",
-]
-
 #: Half-width of the two-sided 95 % interval of the normal distribution, in standard deviations.
 _Z95 = 1.959963984540054
 #: Number of bootstrap samples. The random error of the ends of an interval is then about 1.5 % of its width (one
@@ -41,16 +30,10 @@ _SIGN_SAMPLES = 20_000
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate with its 95 % interval; all three values are NaN if there are no observations.
-
-    Attributes
-    ----------
-    value : float
-    low, high : float
-        Ends of the interval.
-    """
+    """An estimate with its 95 % interval; all three values are NaN if there are no observations."""
 
     value: float
+    #: low, high: Ends of the interval.
     low: float
     high: float
 
@@ -60,22 +43,6 @@ def wilson(successes: int, trials: int) -> Interval:
 
     The interval is valid for small counts and for shares near 0 and 1.
 
-    Parameters
-    ----------
-    successes, trials : int
-
-    Returns
-    -------
-    Interval
-        Of the share of successes.
-
-    Raises
-    ------
-    ValueError
-        If a count is negative, or there are more successes than trials.
-
-    References
-    ----------
     .. [W27] E. B. Wilson, Probable inference, the law of succession, and statistical inference, Journal of the American
        Statistical Association 22(158), 1927.
     """
@@ -95,22 +62,13 @@ def wilson(successes: int, trials: int) -> Interval:
 def mcnemar_exact(only_first: int, only_second: int) -> float:
     """Compute the p-value of McNemar's exact test that two methods succeed equally often on the same trials [M47]_.
 
-    Parameters
-    ----------
-    only_first, only_second : int
-        Number of trials in which only the first, and only the second, method succeeds. Trials in which both succeed or
-        both fail do not enter the test.
-
-    Returns
-    -------
-    float
-        Two-sided p-value: probability that tosses of a fair coin differ at least as much from half and half. 1 if the
-        methods never differ.
-
-    References
-    ----------
     .. [M47] Q. McNemar, Note on the sampling error of the difference between correlated proportions or percentages,
        Psychometrika 12(2), 1947.
+
+    * ``only_first, only_second``: Number of trials in which only the first, and only the second, method succeeds.
+      Trials in which both succeed or both fail do not enter the test.
+    * Returns: Two-sided p-value: probability that tosses of a fair coin differ at least as much from half and half. 1
+      if the methods never differ.
     """
     n, k = only_first + only_second, min(only_first, only_second)
     # Logarithms are used because the binomial coefficients of thousands of trials overflow. Accurate to ten digits.
@@ -123,17 +81,6 @@ def mcnemar_exact(only_first: int, only_second: int) -> float:
 def holm(p_values: Sequence[float]) -> list[float]:
     """Adjust p-values for the number of tests by Holm's method [H79]_.
 
-    Parameters
-    ----------
-    p_values : sequence of float
-
-    Returns
-    -------
-    list of float
-        Adjusted p-values in the given order.
-
-    References
-    ----------
     .. [H79] S. Holm, A simple sequentially rejective multiple test procedure, Scandinavian Journal of Statistics 6(2),
        1979.
     """
@@ -150,17 +97,11 @@ def restricted_mean(times: Sequence[float | None] | Floats, limits: Sequence[flo
 
     The limit of each trial is known in advance, so the mean is unbiased for any distribution of the times.
 
-    Parameters
-    ----------
-    times : (N,) float or None
-        Time of the event in each trial; None or NaN if the event did not happen. Such a trial counts as its limit.
-    limits : (N,) float
-        Length of each trial, in the unit of the times.
+    Shapes: ``times`` (N,), ``limits`` (N,).
 
-    Returns
-    -------
-    Interval
-        In the unit of the times, from 0 to the mean limit. The ends are NaN for a single trial.
+    * ``times``: Time of the event in each trial; None or NaN if the event did not happen. Such a trial counts as its
+      limit.
+    * Returns: In the unit of the times, from 0 to the mean limit. The ends are NaN for a single trial.
     """
     at_most = np.asarray(limits, float)
     if len(at_most) == 0:
@@ -183,20 +124,12 @@ def cluster_mean(values: Floats, clusters: NDArray[np.object_]) -> Interval:
     The interval spans the 2.5th and the 97.5th percentile of the means of the samples. It is too narrow for fewer than
     about ten clusters: few clusters cannot show how much clusters differ.
 
-    Parameters
-    ----------
-    values : (N,) float
-    clusters : (N,) object
-        Name of the cluster of each value, for example the sequence of a trial.
-
-    Returns
-    -------
-    Interval
-        In the unit of the values. The ends are NaN for a single cluster.
-
-    References
-    ----------
     .. [E93] B. Efron, R. J. Tibshirani, An Introduction to the Bootstrap, Chapman and Hall, 1993, chapters 8 and 13.
+
+    Shapes: ``values`` (N,), ``clusters`` (N,).
+
+    * ``clusters``: Name of the cluster of each value, for example the sequence of a trial.
+    * Returns: In the unit of the values. The ends are NaN for a single cluster.
     """
     if len(values) == 0:
         return Interval(math.nan, math.nan, math.nan)
@@ -223,15 +156,7 @@ def cluster_share(hits: Bools, clusters: NDArray[np.object_]) -> Interval:
     trials are hits, each bootstrap sample has the same share; the interval is then Wilson's with the number of clusters
     as the number of trials, which counts the trials of a cluster as one.
 
-    Parameters
-    ----------
-    hits : (N,) bool
-    clusters : (N,) object
-        Name of the cluster of each trial.
-
-    Returns
-    -------
-    Interval
+    Shapes: ``hits`` (N,), ``clusters`` (N,).
     """
     trials, count = len(hits), len(set(clusters.tolist()))
     found = int(np.sum(hits))
@@ -251,22 +176,13 @@ def sign_flip(differences: Floats, clusters: NDArray[np.object_]) -> float:
     The differences of a cluster keep their relative signs, because they depend on one another. If each cluster has one
     difference of -1, 0 or 1, the test is McNemar's exact test.
 
-    Parameters
-    ----------
-    differences : (N,) float
-        Result of the first method minus that of the second one, trial by trial.
-    clusters : (N,) object
-        Name of the cluster of each trial.
-
-    Returns
-    -------
-    float
-        Two-sided p-value: share of the sign patterns whose sum is at least as far from zero. All patterns are tried for
-        up to 16 clusters that differ; otherwise 20,000 drawn ones, with a fixed seed.
-
-    References
-    ----------
     .. [F35] R. A. Fisher, The Design of Experiments, Oliver and Boyd, 1935, section 21.
+
+    Shapes: ``differences`` (N,), ``clusters`` (N,).
+
+    * ``differences``: Result of the first method minus that of the second one, trial by trial.
+    * Returns: Two-sided p-value: share of the sign patterns whose sum is at least as far from zero. All patterns are
+      tried for up to 16 clusters that differ; otherwise 20,000 drawn ones, with a fixed seed.
     """
     _, index = np.unique(clusters.astype(str), return_inverse=True)
     sums = np.bincount(index, weights=differences) if len(differences) else np.zeros(0)

@@ -21,8 +21,6 @@ from slam_init.types.arrays import Ints
 if TYPE_CHECKING:
     from slam_init.compare.plan import Plan
 
-__all__ = ["ComparisonSummary", "six_digits", "summary_of"]
-
 #: Version 2 added the figures of ambiguous planes and of suspected focal lengths. Version 3 renamed the parts
 #: ``image_still`` and ``points_still`` to ``image_static`` and ``points_static``. Version 4 added ``min_left``,
 #: ``judging``, ``wait``, ``waits`` and ``reliability``.
@@ -31,68 +29,46 @@ _SCHEMA = 4
 
 @dataclass(frozen=True)
 class ComparisonSummary:
-    """All figures of a comparison. Only the times and the peak memory differ from run to run.
+    """All figures of a comparison. Only the times and the peak memory differ from run to run."""
 
-    Attributes
-    ----------
-    schema : int
-        Version of the layout of ``summary.json``.
-    seed : int
-        Seed of the random draws of the methods.
-    every : int
-        Step between two start frames.
-    min_left : int
-        Smallest number of frames that a trial could read, with the start frame.
-    limit_frames : int
-        Largest number of frames that a trial could read.
-    limit_s : float
-        Largest number of seconds of video that a trial on a video could read.
-    trials : int
-        Number of trials.
-    methods : tuple of str
-        Names of the methods.
-    sources : tuple of str
-        Labels of the sources.
-    judging : mapping of str to Criteria
-        How each group is judged.
-    parts : mapping of str to (mapping of str to Figures)
-        Figures by part (:data:`slam_init.compare.trial_table.PARTS`) and method. A part without trials is left out.
-    groups : mapping of str to (mapping of str to Figures)
-        Figures by scene and method.
-    pairs : mapping of str to (tuple of PairTest)
-        Comparisons of two methods on the same trials, by part.
-    waits : mapping of str to (tuple of WaitDifference)
-        Comparisons of the wait of the first method with that of each other one, by part with a moving camera.
-    reliability : mapping of str to (mapping of str to Reliability)
-        Reliability of the stated risk, by level (images, points) and by method that states one. A level without such a
-        method is left out.
-    """
-
+    #: Version of the layout of ``summary.json``.
     schema: int
+    #: Seed of the random draws of the methods.
     seed: int
+    #: Step between two start frames.
     every: int
+    #: Smallest number of frames that a trial could read, with the start frame.
     min_left: int
+    #: Largest number of frames that a trial could read.
     limit_frames: int
+    #: Largest number of seconds of video that a trial on a video could read.
     limit_s: float
+    #: Number of trials.
     trials: int
+    #: Names of the methods.
     methods: tuple[str, ...]
+    #: Labels of the sources.
     sources: tuple[str, ...]
+    #: How each group is judged.
     judging: Mapping[str, Criteria]
+    #: Figures by part (:data:`slam_init.compare.trial_table.PARTS`) and method. A part without trials is left out.
     parts: Mapping[str, Mapping[str, Figures]]
+    #: Figures by scene and method.
     groups: Mapping[str, Mapping[str, Figures]]
+    #: Comparisons of two methods on the same trials, by part.
     pairs: Mapping[str, tuple[PairTest, ...]]
+    #: Comparisons of the wait of the first method with that of each other one, by part with a moving camera.
     waits: Mapping[str, tuple[WaitDifference, ...]]
+    #: Reliability of the stated risk, by level (images, points) and by method that states one. A level without such a
+    #: method is left out.
     reliability: Mapping[str, Mapping[str, Reliability]]
 
     def as_dict(self) -> dict[str, Json]:
         """Convert to plain JSON types, as in the file.
 
-        Returns
-        -------
-        dict
-            An :class:`~slam_init.compare.statistics.Interval` becomes a list of value, low and high end. Figures have
-            six significant digits, and a figure that is not finite is None. The keys of ``Figures.times`` are beside
-            the other figures.
+        * Returns: An :class:`~slam_init.compare.statistics.Interval` becomes a list of value, low and high end. Figures
+          have six significant digits, and a figure that is not finite is None. The keys of ``Figures.times`` are beside
+          the other figures.
         """
         return {
             "schema": self.schema,
@@ -117,17 +93,7 @@ class ComparisonSummary:
 
 
 def summary_of(table: TrialTable, plan: Plan) -> ComparisonSummary:
-    """Compute all figures of a comparison.
-
-    Parameters
-    ----------
-    table : TrialTable
-    plan : Plan
-
-    Returns
-    -------
-    ComparisonSummary
-    """
+    """Compute all figures of a comparison."""
     parts = table.parts()
     groups, cells = sorted(set(table.text["group"].tolist())), table.cells()
     return ComparisonSummary(
@@ -167,14 +133,7 @@ def _cell(table: TrialTable, rows: Ints | None) -> Figures:
 def six_digits(value: float | None) -> float | None:
     """Round a figure as ``summary.json`` holds it.
 
-    Parameters
-    ----------
-    value : float or None
-
-    Returns
-    -------
-    float or None
-        The value with six significant digits; None if there is no value or it is not finite.
+    * Returns: The value with six significant digits; None if there is no value or it is not finite.
     """
     return None if value is None or not math.isfinite(value) else float(f"{value:.6g}")
 

@@ -20,8 +20,6 @@ from slam_init.output.results import tum_text
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose, Trajectory
 
-__all__ = ["TRAJECTORIES", "trajectory_names", "write_trajectory"]
-
 #: The folder of the trajectories in that of the results.
 TRAJECTORIES = "trajectories"
 #: Largest length of a folder name in characters; file systems allow 255 bytes.
@@ -32,21 +30,7 @@ _HEADER = "ts (ns),tx (m),ty (m),tz (m),qx,qy,qz,qw"
 
 
 def trajectory_names(label: str, starts: Iterable[int], methods: Iterable[str]) -> Iterator[str]:
-    """Return all trajectories that the trials of a source may write.
-
-    Parameters
-    ----------
-    label : str
-        Label of the source.
-    starts : iterable of int
-        Start frames.
-    methods : iterable of str
-
-    Yields
-    ------
-    str
-        Relative to the folder of the results, with slashes.
-    """
+    """Return all trajectories that the trials of a source may write."""
     yield f"{TRAJECTORIES}/{_evo(_TRUTH, label)}.txt"
     frames = list(starts)
     for method in methods:
@@ -60,25 +44,7 @@ def write_trajectory(
     folder: str | os.PathLike[str], method: str, label: str, start: int, keyframes: Sequence[Keyframe],
     truth: Trajectory | None,
 ) -> None:  # fmt: skip
-    """Write the trajectory of a trial, and the true one.
-
-    Parameters
-    ----------
-    folder : str or path
-        Folder of the trajectories.
-    method, label : str
-        The method, and the label of the source.
-    start : int
-        Start frame.
-    keyframes : sequence of Keyframe
-        Of the accepted map.
-    truth : Trajectory or None
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written.
-    """
+    """Write the trajectory of a trial, and the true one."""
     poses = [(keyframe.timestamp_s, keyframe.world_from_cam) for keyframe in keyframes]
     files = {
         f"{_evo(method, label)}/{start:05d}.txt": tum_text(keyframes),

@@ -16,49 +16,22 @@ if TYPE_CHECKING:
     from slam_init.types.camera import Camera
     from slam_init.types.result import Result
 
-__all__ = ["TrialRecording"]
-
 
 @dataclass(frozen=True)
 class TrialRecording:
-    """Where and under which name a trial is recorded.
+    """Where and under which name a trial is recorded."""
 
-    Attributes
-    ----------
-    folder : str or None
-        Folder of all recordings; None if none are written.
-    label : str
-        Label of the source.
-    method : str
-    start : int
-        Start frame.
-    seed : int
-    """
-
+    #: Folder of all recordings; None if none are written.
     folder: str | None
+    #: Label of the source.
     label: str
     method: str
+    #: Start frame.
     start: int
     seed: int
 
     def recorder(self, source: TimedSource | PointSource, camera: Camera) -> Recorder:
-        """Make the recorder of the trial.
-
-        Parameters
-        ----------
-        source : TimedSource or PointSource
-        camera : Camera
-
-        Returns
-        -------
-        Recorder
-            One that does nothing if no recordings are written.
-
-        Raises
-        ------
-        OutputError
-            If its folder cannot be made.
-        """
+        """Make the recorder of the trial."""
         if self.folder is None:
             return Recorder()
         from slam_init.recording.rerun_recorder import RerunRecorder
@@ -72,21 +45,7 @@ class TrialRecording:
         return RerunRecorder(folder / recording_name(self.method), camera, name, source.groundtruth, self.seed)
 
     def end(self, result: Result, source: TimedSource | PointSource, camera: Camera, recorder: Recorder) -> None:
-        """Finish the recording, and store a snapshot of the map. Nothing is done if no recordings are written.
-
-        Parameters
-        ----------
-        result : Result
-        source : TimedSource or PointSource
-        camera : Camera
-        recorder : Recorder
-            From :meth:`recorder`.
-
-        Raises
-        ------
-        OutputError
-            If the snapshot cannot be written.
-        """
+        """Finish the recording, and store a snapshot of the map. Nothing is done if no recordings are written."""
         if self.folder is None:
             return
         from slam_init.compare.map_snapshot import save_snapshot

@@ -17,8 +17,6 @@ from slam_init.compare.sources import focal_error_of
 from slam_init.datasets.points import POINTS
 from slam_init.types.arrays import Bools, Floats, Ints
 
-__all__ = ["LEVELS", "NUMBERS", "PARTS", "TrialTable"]
-
 #: Numeric columns that are kept in memory, with eight bytes per trial and column.
 NUMBERS = (
     "start", "frames_to_accept", "frames_limit", "seconds_to_accept", "rotation_error_deg", "direction_error_deg",
@@ -63,52 +61,32 @@ def _is_sound(row: TrialRow) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class TrialTable:
-    """The trials, stored by column.
+    """The trials, stored by column."""
 
-    Attributes
-    ----------
-    text : dict of (N,) object arrays
-        ``source``, ``method``, ``group``, ``outcome``, ``reason``, ``keyframes``; an empty text if there is no value.
-    numbers : dict of (N,) float arrays
-        :data:`NUMBERS`; NaN if there is no value.
-    strict : (N,) bool
-        The map is correct and strict.
-    reason_expected, reason_right : (N,) bool
-        The scene has an expected reason; the trial ended with this reason.
-    ambiguous, kept_truth : (N,) bool
-        The trial ended with ``ambiguous_plane`` and there is a ground truth; one of its stored hypotheses is correct.
-    wrong_focal : (N,) bool
-        The stated focal length is wrong on purpose.
-    solvable : (N,) bool
-        A map can be correct: the source has a ground truth, and the camera translates.
-    sound : (N,) bool
-        The ground truth is sound (:mod:`slam_init.compare.judging`).
-    """
-
+    #: (N,) ``source``, ``method``, ``group``, ``outcome``, ``reason``, ``keyframes``; an empty text if there is no
+    #: value.
     text: dict[str, NDArray[np.object_]]
+    #: (N,) :data:`NUMBERS`; NaN if there is no value.
     numbers: dict[str, Floats]
+    #: (N,) The map is correct and strict.
     strict: Bools
+    #: reason_expected, reason_right: (N,) The scene has an expected reason; the trial ended with this reason.
     reason_expected: Bools
     reason_right: Bools
+    #: ambiguous, kept_truth: (N,) The trial ended with ``ambiguous_plane`` and there is a ground truth; one of its
+    #: stored hypotheses is correct.
     ambiguous: Bools
     kept_truth: Bools
+    #: (N,) The stated focal length is wrong on purpose.
     wrong_focal: Bools
+    #: (N,) A map can be correct: the source has a ground truth, and the camera translates.
     solvable: Bools
+    #: (N,) The ground truth is sound (:mod:`slam_init.compare.judging`).
     sound: Bools
 
     @staticmethod
     def of(rows: Iterable[TrialRow]) -> TrialTable:
-        """Read rows, one at a time.
-
-        Parameters
-        ----------
-        rows : iterable of TrialRow
-
-        Returns
-        -------
-        TrialTable
-            The trials in the given order.
-        """
+        """Read rows, one at a time."""
         names = ("source", "method", "group", "outcome", "reason", "keyframes")
         text: dict[str, list[str]] = {name: [] for name in names}
         # Of a trial an array takes 8 bytes for each number and 1 for each flag; lists took 32 and 8.
@@ -140,15 +118,9 @@ class TrialTable:
     def where(self, **wanted: str) -> Bools:
         """Select trials by their texts.
 
-        Parameters
-        ----------
-        **wanted : str
-            Value of a column of :attr:`text`.
+        Shapes: returns (N,).
 
-        Returns
-        -------
-        (N,) bool
-            Mask of the trials in which all of these columns have the given values.
+        * Returns: Mask of the trials in which all of these columns have the given values.
         """
         mask = np.ones(len(self), bool)
         for name, value in wanted.items():
@@ -158,15 +130,7 @@ class TrialTable:
     def at(self, rows: Ints) -> TrialTable:
         """Take some trials out.
 
-        Parameters
-        ----------
-        rows : (K,) int
-            Rows of the trials.
-
-        Returns
-        -------
-        TrialTable
-            These trials, in the order of the rows.
+        Shapes: ``rows`` (K,).
         """
         return TrialTable(
             text={name: values[rows] for name, values in self.text.items()},
@@ -177,10 +141,9 @@ class TrialTable:
     def cells(self) -> dict[tuple[str, str], Ints]:
         """Find the trials of each method in each scene, in one pass: a comparison may have a thousand scenes.
 
-        Returns
-        -------
-        dict of (str, str) to (K,) int
-            Rows of the trials by group and method; a pair without trials is left out.
+        Shapes: returns (str, str).
+
+        * Returns: Rows of the trials by group and method; a pair without trials is left out.
         """
         found: dict[tuple[str, str], list[int]] = {}
         for row, cell in enumerate(zip(self.text["group"].tolist(), self.text["method"].tolist(), strict=True)):
@@ -190,10 +153,7 @@ class TrialTable:
     def knows_direction(self) -> Bools:
         """Select the trials whose direction is judged.
 
-        Returns
-        -------
-        (N,) bool
-            Mask of these trials.
+        Shapes: returns (N,).
         """
         known = {group: criteria_of(group).direction_deg is not None for group in set(self.text["group"])}
         return np.array([known[group] for group in self.text["group"]], bool)
@@ -201,10 +161,7 @@ class TrialTable:
     def parts(self) -> dict[str, Bools]:
         """Select the trials of each part.
 
-        Returns
-        -------
-        dict of (N,) bool
-            Mask of each of the :data:`PARTS` that has trials.
+        Shapes: returns (N,).
         """
         names = {group: _part_of(group) for group in set(self.text["group"])}
         return self._by_name(names, PARTS)
@@ -212,10 +169,7 @@ class TrialTable:
     def levels(self) -> dict[str, Bools]:
         """Select the trials of each level.
 
-        Returns
-        -------
-        dict of (N,) bool
-            Mask of each of the :data:`LEVELS` that has trials.
+        Shapes: returns (N,).
         """
         return self._by_name({group: _level_of(group) for group in set(self.text["group"])}, LEVELS)
 

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from slam_init.datasets.points import PointSource
     from slam_init.types.pose import Trajectory
 
-__all__ = ["Settings", "Trial", "error_row", "result_row", "run_trial"]
-
 #: A sequence with fewer frames per second is a set of photographs. The limit in seconds is not applied to it.
 _MIN_VIDEO_FPS = 5.0
 #: Largest length of an error message in characters.
@@ -51,64 +49,39 @@ class Trial:
     def key(self) -> Key:
         """Sort key of the rows.
 
-        Returns
-        -------
-        (str, str, int)
-            Label of the source, method, start frame.
+        Shapes: returns (str, str, int).
         """
         return self.source.label, self.method, self.start
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings that all trials of a comparison share.
+    """Settings that all trials of a comparison share."""
 
-    Attributes
-    ----------
-    seed : int
-        Seed of the random draws of the methods.
-    limit_frames : int
-        A trial ends after this number of frames.
-    limit_s : float
-        A trial on a video also ends after this number of seconds of video.
-    tracks : str
-        Folder of the stored tracks.
-    recordings : str or None
-        Folder of the recordings; None if no recordings are written.
-    trajectories : str or None
-        Folder of the trajectories; None if none are written.
-    time_limit_s : float
-        A trial that takes longer is stopped and counts as an error.
-    memory_limit_mb : int
-        A trial that allocates more memory counts as an error. 0 for no limit.
-    config : Config
-        Options of the methods; the fields ``method`` and ``seed`` are not used.
-    """
-
+    #: Seed of the random draws of the methods.
     seed: int = 0
+    #: A trial ends after this number of frames.
     limit_frames: int = 150
+    #: A trial on a video also ends after this number of seconds of video.
     limit_s: float = 5.0
+    #: Folder of the stored tracks.
     tracks: str = ""
+    #: Folder of the recordings; None if no recordings are written.
     recordings: str | None = None
+    #: Folder of the trajectories; None if none are written.
     trajectories: str | None = None
+    #: A trial that takes longer is stopped and counts as an error.
     time_limit_s: float = 300.0
+    #: A trial that allocates more memory counts as an error. 0 for no limit.
     memory_limit_mb: int = 6000
+    #: Options of the methods; the fields ``method`` and ``seed`` are not used.
     config: Config = field(default_factory=Config)
 
     def frames_limit(self, source: ComparedSource, start: int) -> int:
         """Return the number of frames that a trial may read.
 
-        Parameters
-        ----------
-        source : ComparedSource
-        start : int
-            Start frame.
-
-        Returns
-        -------
-        int
-            At most :attr:`limit_frames` and the frames that are left. For a video also at most :attr:`limit_s` seconds,
-            but at least two frames.
+        * Returns: At most :attr:`limit_frames` and the frames that are left. For a video also at most :attr:`limit_s`
+          seconds, but at least two frames.
         """
         limit = min(self.limit_frames, source.frames - start)
         video = source.fps >= _MIN_VIDEO_FPS
@@ -116,23 +89,7 @@ class Settings:
 
 
 def run_trial(trial: Trial, settings: Settings) -> TrialRow:
-    """Run a trial and measure its result.
-
-    Parameters
-    ----------
-    trial : Trial
-    settings : Settings
-
-    Returns
-    -------
-    TrialRow
-        Without ``peak_memory_mb``.
-
-    Raises
-    ------
-    SlamInitError
-        If the source cannot be read. Exceptions of the method are not caught.
-    """
+    """Run a trial and measure its result."""
     from slam_init.methods import make_initializer
 
     begin = time.perf_counter()
@@ -204,17 +161,7 @@ def _run_external(trial: Trial, settings: Settings, begin: float) -> TrialRow:
 def error_row(trial: Trial, settings: Settings, cause: str) -> TrialRow:
     """Return the row of a trial that ended in an error.
 
-    Parameters
-    ----------
-    trial : Trial
-    settings : Settings
-    cause : str
-        Message of the error. Line breaks are removed, and the text is cut after 200 characters.
-
-    Returns
-    -------
-    TrialRow
-        With the outcome ``error``.
+    * ``cause``: Message of the error. Line breaks are removed, and the text is cut after 200 characters.
     """
     return replace(_blank(trial, settings, "error"), reason=" ".join(cause.split())[:_MAX_CAUSE])
 
@@ -251,21 +198,7 @@ def result_row(
 ) -> TrialRow:
     """Return the row of a trial that ended with a result; times and memory are None.
 
-    Parameters
-    ----------
-    trial : Trial
-    settings : Settings
-    result : Result
-        What the method returned.
-    source : TimedSource or PointSource
-        The opened source of the trial.
-    following : iterable of Step
-        Tracks of the frames after the last one that the method read. ``survival`` is measured on them.
-
-    Returns
-    -------
-    TrialRow
-        With the outcome ``none`` if the result has no map.
+    * ``following``: Tracks of the frames after the last one that the method read. ``survival`` is measured on them.
     """
     criteria = trial.source.criteria
     expected = criteria.expected_reason

@@ -19,44 +19,29 @@ from slam_init.compare.statistics import Interval, cluster_mean
 from slam_init.compare.trial_table import TrialTable
 from slam_init.types.arrays import Bools, Floats
 
-__all__ = ["WaitDifference", "mean_wait", "wait_differences", "waits"]
-
 
 @dataclass(frozen=True)
 class WaitDifference:
-    """The waits of two methods on the same trials.
+    """The waits of two methods on the same trials."""
 
-    Attributes
-    ----------
-    first, second : str
-        The methods.
-    trials : int
-        Number of trials that both methods ran and that have a wait.
-    sequences : int
-        Number of sequences of these trials.
-    difference_frames : Interval
-        Mean of the wait of the first method minus that of the second one, in frames. The interval is that of a
-        bootstrap over sequences; its ends are NaN for a single sequence.
-    """
-
+    #: first, second: The methods.
     first: str
     second: str
+    #: Number of trials that both methods ran and that have a wait.
     trials: int
+    #: Number of sequences of these trials.
     sequences: int
+    #: Mean of the wait of the first method minus that of the second one, in frames. The interval is that of a
+    #: bootstrap over sequences; its ends are NaN for a single sequence.
     difference_frames: Interval
 
 
 def waits(table: TrialTable) -> Floats:
     """Return the wait of each trial.
 
-    Parameters
-    ----------
-    table : TrialTable
+    Shapes: returns (N,).
 
-    Returns
-    -------
-    (N,) float
-        In frames. The limit for a trial without a correct map; NaN for a trial in which no map can be correct.
+    * Returns: In frames. The limit for a trial without a correct map; NaN for a trial in which no map can be correct.
     """
     limits = table.numbers["frames_limit"] - 1
     frames = np.where(table.text["outcome"] == "correct", table.numbers["frames_to_accept"] - 1, limits)
@@ -66,16 +51,9 @@ def waits(table: TrialTable) -> Floats:
 def mean_wait(table: TrialTable, mask: Bools) -> Interval:
     """Compute the restricted mean of the wait.
 
-    Parameters
-    ----------
-    table : TrialTable
-    mask : (N,) bool
-        The trials that are counted.
+    Shapes: ``mask`` (N,).
 
-    Returns
-    -------
-    Interval
-        In frames, from a bootstrap over sequences. The ends are NaN for a single sequence.
+    * Returns: In frames, from a bootstrap over sequences. The ends are NaN for a single sequence.
     """
     mask = mask & table.solvable
     return cluster_mean(waits(table)[mask], table.text["source"][mask])
@@ -84,17 +62,7 @@ def mean_wait(table: TrialTable, mask: Bools) -> Interval:
 def wait_differences(table: TrialTable, methods: Sequence[str], mask: Bools) -> list[WaitDifference]:
     """Compare the wait of the first method with that of each other method, trial by trial.
 
-    Parameters
-    ----------
-    table : TrialTable
-    methods : sequence of str
-    mask : (N,) bool
-        The trials that are compared.
-
-    Returns
-    -------
-    list of WaitDifference
-        One for each method but the first.
+    Shapes: ``mask`` (N,).
     """
     values = waits(table)
     by_method = {method: _by_trial(table, values, mask & table.where(method=method)) for method in methods}

@@ -13,16 +13,11 @@ from pathlib import Path
 
 from slam_init.system.process_guard import guarded
 
-__all__ = ["main"]
-
 
 def main(arguments: list[str]) -> None:
     """Answer requests on an inherited connection until it is closed.
 
-    Parameters
-    ----------
-    arguments : list of str
-        File descriptor of the connection; limit of memory in MB, 0 for no limit; process id of the parent.
+    * ``arguments``: File descriptor of the connection; limit of memory in MB, 0 for no limit; process id of the parent.
     """
     descriptor, memory_limit_mb, parent = (int(argument) for argument in arguments)
     guarded(parent)  # before libraries are loaded that start threads: a fork does not copy threads

@@ -36,54 +36,19 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.pose import Pose, Trajectory
 
-__all__ = [
-    "PosedVideo",
-    "find_arkitscenes",
-    "find_record3d",
-    "is_stray_scanner",
-    "open_arkitscenes",
-    "open_record3d",
-    "open_stray_scanner",
-]
-
 # A calibration belongs to an image if their stamps differ by no more than this: they are rounded to milliseconds.
 _SAME_STAMP_S = 0.0015
 
 
 def find_arkitscenes(folder: str | os.PathLike[str]) -> Path | None:
-    """Find the folder that holds the frames.
-
-    Parameters
-    ----------
-    folder : str or path-like
-        A video of ARKitScenes, or its ``NAME_frames``.
-
-    Returns
-    -------
-    Path or None
-        None if this is no such folder.
-    """
+    """Find the folder that holds the frames."""
     folder = Path(folder)
     candidates = (folder, folder / f"{folder.resolve().name}_frames")
     return next((p for p in candidates if (p / "lowres_wide.traj").is_file() and (p / "lowres_wide").is_dir()), None)
 
 
 def open_arkitscenes(folder: str | os.PathLike[str]) -> ImageFileSource:
-    """Open a video of ARKitScenes.
-
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    ImageFileSource
-
-    Raises
-    ------
-    SourceError, CalibrationError
-        If a file is broken, or an image has no calibration.
-    """
+    """Open a video of ARKitScenes."""
     folder = Path(folder)
     frames = find_arkitscenes(folder)
     if frames is None:
@@ -142,14 +107,10 @@ def _camera(place: str, size: tuple[int, int], fx: float, fy: float, cx: float, 
 def find_record3d(folder: str | os.PathLike[str]) -> tuple[Path, Path] | None:
     """Find the index and the images of a recording of Record3D.
 
-    Parameters
-    ----------
-    folder : str or path-like
+    Shapes: returns (Path, Path).
 
-    Returns
-    -------
-    (Path, Path) or None
-        ``metadata.json`` (``metadata`` in an unpacked ``.r3d``) and the image folder; None if this is no such folder.
+    * Returns: ``metadata.json`` (``metadata`` in an unpacked ``.r3d``) and the image folder; None if this is no such
+      folder.
     """
     folder = Path(folder)
     index = next((folder / name for name in ("metadata.json", "metadata") if (folder / name).is_file()), None)
@@ -158,21 +119,7 @@ def find_record3d(folder: str | os.PathLike[str]) -> tuple[Path, Path] | None:
 
 
 def open_record3d(folder: str | os.PathLike[str]) -> ImageFileSource:
-    """Open a recording of Record3D.
-
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    ImageFileSource
-
-    Raises
-    ------
-    SourceError, CalibrationError
-        If a file is broken, or the numbers of poses and images differ.
-    """
+    """Open a recording of Record3D."""
     folder = Path(folder)
     found = find_record3d(folder)
     if found is None:
@@ -202,37 +149,14 @@ def open_record3d(folder: str | os.PathLike[str]) -> ImageFileSource:
 
 
 def is_stray_scanner(folder: str | os.PathLike[str]) -> bool:
-    """Tell whether a folder is a recording of Stray Scanner.
-
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether a folder is a recording of Stray Scanner."""
     folder = Path(folder)
     tables = (folder / "odometry.csv", folder / "camera_matrix.csv")
     return all(path.is_file() for path in tables) and ((folder / "rgb.mp4").is_file() or (folder / "rgb").is_dir())
 
 
 def open_stray_scanner(folder: str | os.PathLike[str]) -> TimedSource:
-    """Open a recording of Stray Scanner.
-
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    ImageFileSource or PosedVideo
-
-    Raises
-    ------
-    SourceError, CalibrationError
-        If a file is broken, or there are fewer poses than images.
-    """
+    """Open a recording of Stray Scanner."""
     folder = Path(folder)
     rows = [row for row in read_rows(folder / "odometry.csv", folder) if not row[1].startswith("timestamp")]
     if not rows:
@@ -276,23 +200,12 @@ def _stray_camera(folder: Path, size: tuple[int, int]) -> Camera:
 
 @dataclass(frozen=True, eq=False)
 class PosedVideo:
-    """A :class:`slam_init.types.frame.Source` over a video whose times, poses and calibration are stated beside it.
-
-    Attributes
-    ----------
-    name : str
-    video : VideoSource
-    camera : Camera
-    timestamps_s : (N,) float
-        Strictly increasing; the frames after the last stamp are left out.
-    groundtruth : Trajectory or None
-    notes : tuple of str
-    kind : str
-    """
+    """A :class:`slam_init.types.frame.Source` over a video whose times, poses and calibration are stated beside it."""
 
     name: str
     video: VideoSource
     camera: Camera
+    #: (N,) Strictly increasing; the frames after the last stamp are left out.
     timestamps_s: Floats
     groundtruth: Trajectory | None
     notes: tuple[str, ...] = ()
@@ -302,24 +215,7 @@ class PosedVideo:
         return len(self.timestamps_s)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Decode frames in order.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame.
-        max_frames : int, optional
-            Largest number of frames; by default all.
-
-        Yields
-        ------
-        Frame
-
-        Raises
-        ------
-        SourceError
-            As of :meth:`slam_init.datasets.video.VideoSource.frames`, or if the image size is not that of the camera.
-        """
+        """Decode frames in order."""
         wanted = frame_range(len(self), start, max_frames, self.name)
         expected = (self.camera.width, self.camera.height)
         for frame in self.video.frames(start, len(wanted)):

@@ -17,8 +17,6 @@ from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside, open_regular, read_regular
 from slam_init.types.arrays import Floats
 
-__all__ = ["JsonObject", "json_array", "json_number", "read_json", "read_npy", "read_npz"]
-
 #: The top level of a JSON file. A value is checked when it is read.
 JsonObject = dict[str, object]
 
@@ -31,22 +29,7 @@ _MAX_NPY_BYTES = 200_000_000
 def read_json(path: str | os.PathLike[str], root: str | os.PathLike[str], what: str) -> JsonObject:
     """Read a JSON file with an object at its top.
 
-    Parameters
-    ----------
-    path : str or path-like
-    root : str or path-like
-        The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
-    what : str
-        What the file should be, for the message.
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    SourceError
-        If the file cannot be read, is larger than 100 MB, no JSON, or no object.
+    * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
     """
     check_inside(path, root)
     data = read_regular(path, _MAX_JSON_BYTES, what, SourceError)
@@ -62,26 +45,7 @@ def read_json(path: str | os.PathLike[str], root: str | os.PathLike[str], what: 
 
 
 def json_number(place: str, content: JsonObject, key: str, default: float | None = None) -> float:
-    """Take a finite number out of a JSON object.
-
-    Parameters
-    ----------
-    place : str
-        File and entry, for the message.
-    content : dict
-    key : str
-    default : float, optional
-        The value where there is no such key.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    SourceError
-        If the value is missing or not a finite number.
-    """
+    """Take a finite number out of a JSON object."""
     value = content.get(key, default)
     number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
     if not math.isfinite(number):
@@ -90,27 +54,7 @@ def json_number(place: str, content: JsonObject, key: str, default: float | None
 
 
 def json_array(place: str, value: object, shape: tuple[int, ...], what: str) -> Floats:
-    """Convert nested lists of a JSON file to an array of finite numbers.
-
-    Parameters
-    ----------
-    place : str
-        File and entry, for the message.
-    value : object
-    shape : tuple of int
-        The expected shape; -1 for any length.
-    what : str
-        Name of the value, for the message.
-
-    Returns
-    -------
-    array of float
-
-    Raises
-    ------
-    SourceError
-        If the value has another shape, or holds something else than finite numbers.
-    """
+    """Convert nested lists of a JSON file to an array of finite numbers."""
     try:
         array = np.array(value, float)
     except (TypeError, ValueError, OverflowError):
@@ -123,25 +67,7 @@ def json_array(place: str, value: object, shape: tuple[int, ...], what: str) -> 
 
 
 def read_npy(path: str | os.PathLike[str], root: str | os.PathLike[str], what: str) -> NDArray[np.generic]:
-    """Read an array of numbers from a ``.npy`` file. Nothing is unpickled.
-
-    Parameters
-    ----------
-    path : str or path-like
-    root : str or path-like
-        The folder of the source.
-    what : str
-        What the file should be, for the message.
-
-    Returns
-    -------
-    array
-
-    Raises
-    ------
-    SourceError
-        If the file cannot be read, is larger than 200 MB, cut off, or holds anything but numbers.
-    """
+    """Read an array of numbers from a ``.npy`` file. Nothing is unpickled."""
     check_inside(path, root)
     return _parse_npy(str(path), read_regular(path, _MAX_NPY_BYTES, what, SourceError))
 
@@ -149,27 +75,7 @@ def read_npy(path: str | os.PathLike[str], root: str | os.PathLike[str], what: s
 def read_npz(
     path: str | os.PathLike[str], known: Collection[str], limit_bytes: int, what: str
 ) -> dict[str, NDArray[np.generic]]:
-    """Read named arrays from a ``.npz`` file. Nothing is unpickled, and no other array is read.
-
-    Parameters
-    ----------
-    path : str or path-like
-    known : collection of str
-        Names of the arrays to read, where the file has them.
-    limit_bytes : int
-        Largest size of all arrays together, unpacked.
-    what : str
-        What the file should be, for the message.
-
-    Returns
-    -------
-    dict of str to array
-
-    Raises
-    ------
-    SourceError
-        If the file is no archive of arrays, cut off, too large, or holds an array of anything but numbers and text.
-    """
+    """Read named arrays from a ``.npz`` file. Nothing is unpickled, and no other array is read."""
     arrays: dict[str, NDArray[np.generic]] = {}
     left = limit_bytes
     with open_regular(path, SourceError) as file:

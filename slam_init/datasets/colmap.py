@@ -16,23 +16,14 @@ from slam_init.datasets.posed_images import PosedImage, posed_source
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside
 
-__all__ = ["find_colmap_model", "open_colmap"]
-
 _USUAL = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "colmap")
 
 
 def find_colmap_model(folder: str | os.PathLike[str]) -> Path | None:
     """Find the folder that holds the files of a model.
 
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    Path or None
-        The folder itself, a usual place below it, or else the first folder in it that is a model; None if there is
-        none.
+    * Returns: The folder itself, a usual place below it, or else the first folder in it that is a model; None if there
+      is none.
     """
     folder = Path(folder)
     usual = [folder, *(folder / place for place in _USUAL)]
@@ -42,23 +33,7 @@ def find_colmap_model(folder: str | os.PathLike[str]) -> Path | None:
 
 
 def open_colmap(folder: str | os.PathLike[str]) -> ImageFileSource:
-    """Open a folder of images with a COLMAP model.
-
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    ImageFileSource
-
-    Raises
-    ------
-    SourceError
-        If there is no model, a file of it is broken, or none of its images is in the folder.
-    CalibrationError
-        If a camera is not supported, or if the images are of different cameras.
-    """
+    """Open a folder of images with a COLMAP model."""
     folder = Path(folder)
     model = find_colmap_model(folder)
     files = None if model is None else model_files(model)

@@ -25,8 +25,6 @@ from slam_init.system.regular_file import open_regular
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 
-__all__ = ["is_colmap_database", "open_colmap_database"]
-
 _MAGIC = b"SQLite format 3\0"
 _TABLES = frozenset({"cameras", "images", "keypoints", "matches", "two_view_geometries"})
 # COLMAP: pair_id = 2147483647 * smaller image_id + larger image_id.
@@ -43,21 +41,7 @@ _STEP = 100_000
 
 
 def is_colmap_database(path: Path) -> bool:
-    """Tell whether a file is a database of COLMAP, by its content or the suffix ``.db``.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    bool
-
-    Raises
-    ------
-    SourceError
-        If this is a database that cannot be read.
-    """
+    """Tell whether a file is a database of COLMAP, by its content or the suffix ``.db``."""
     if path.suffix.lower() == ".db":
         return True
     if not _is_sqlite(path):
@@ -67,24 +51,7 @@ def is_colmap_database(path: Path) -> bool:
 
 
 def open_colmap_database(path: Path) -> TrackSource:
-    """Open a database as a source of tracks.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    TrackSource
-        The images are in the natural order of their names.
-
-    Raises
-    ------
-    SourceError
-        If the database is broken, empty, or too large.
-    CalibrationError
-        If its camera is not supported, or its images are of different cameras.
-    """
+    """Open a database as a source of tracks."""
     if not _is_sqlite(path):
         raise SourceError(f"{path}: is no SQLite database: give a database of COLMAP")
     with closing(_connect(path)) as database:

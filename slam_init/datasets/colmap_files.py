@@ -19,8 +19,6 @@ from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
-__all__ = ["ColmapImage", "colmap_camera", "model_files", "read_cameras", "read_images"]
-
 # Numbers of the camera models in binary files and databases: COLMAP, src/colmap/sensor/models.h.
 _MODELS = (
     "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV",
@@ -35,16 +33,9 @@ _MAX_CAMERAS_BYTES = 100_000_000
 
 @dataclass(frozen=True, eq=False)
 class ColmapImage:
-    """An image of a model.
+    """An image of a model."""
 
-    Attributes
-    ----------
-    name : str
-        Relative to the image folder.
-    camera_id : int
-    cam_from_world : Pose
-    """
-
+    #: Relative to the image folder.
     name: str
     camera_id: int
     cam_from_world: Pose
@@ -53,14 +44,7 @@ class ColmapImage:
 def model_files(folder: str | os.PathLike[str]) -> tuple[Path, Path] | None:
     """Find the files of a model in a folder. Binary files are preferred, as COLMAP does.
 
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    (Path, Path) or None
-        ``cameras`` and ``images``; None if this is not a model.
+    Shapes: returns (Path, Path).
     """
     folder = Path(folder)
     for suffix in (".bin", ".txt"):
@@ -73,22 +57,7 @@ def model_files(folder: str | os.PathLike[str]) -> tuple[Path, Path] | None:
 def read_cameras(path: Path, root: Path) -> dict[int, Camera]:
     """Read ``cameras.txt`` or ``cameras.bin``.
 
-    Parameters
-    ----------
-    path : Path
-    root : Path
-        The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
-
-    Returns
-    -------
-    dict of int to Camera
-
-    Raises
-    ------
-    SourceError
-        If the file cannot be read, or is broken.
-    CalibrationError
-        If a camera has a model that is not supported, or is impossible.
+    * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
     """
     if path.suffix == ".bin":
         return _read_cameras_bin(path, root)
@@ -103,24 +72,7 @@ def read_cameras(path: Path, root: Path) -> dict[int, Camera]:
 
 
 def colmap_camera(place: str, model: int, width: int, height: int, parameters: Sequence[float]) -> Camera:
-    """Make a camera of the number of its model and its parameters, as in binary files and databases.
-
-    Parameters
-    ----------
-    place : str
-        File and entry, for the message.
-    model, width, height : int
-    parameters : sequence of float
-
-    Returns
-    -------
-    Camera
-
-    Raises
-    ------
-    CalibrationError
-        If the model is unknown or not supported, or if a value is impossible.
-    """
+    """Make a camera of the number of its model and its parameters, as in binary files and databases."""
     name = _MODELS[model] if 0 <= model < len(_MODELS) else f"number {model}"
     values = " ".join(repr(float(value)) for value in parameters)
     try:
@@ -130,24 +82,7 @@ def colmap_camera(place: str, model: int, width: int, height: int, parameters: S
 
 
 def read_images(path: Path, root: Path) -> list[ColmapImage]:
-    """Read ``images.txt`` or ``images.bin``; the observations are skipped.
-
-    Parameters
-    ----------
-    path : Path
-    root : Path
-        The folder of the source.
-
-    Returns
-    -------
-    list of ColmapImage
-        In the order of the file.
-
-    Raises
-    ------
-    SourceError
-        If the file cannot be read, or is broken; the message names the line or the image.
-    """
+    """Read ``images.txt`` or ``images.bin``; the observations are skipped."""
     if path.suffix == ".bin":
         return _read_images_bin(path, root)
     images = []

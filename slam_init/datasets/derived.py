@@ -12,17 +12,10 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.pose import Trajectory
 
-__all__ = ["DerivedSource"]
-
 
 @dataclass(frozen=True, eq=False)
 class DerivedSource:
-    """A :class:`slam_init.datasets.timed.TimedSource` that is like another one, but for what a subclass changes.
-
-    Attributes
-    ----------
-    source : TimedSource
-    """
+    """A :class:`slam_init.datasets.timed.TimedSource` that is like another one, but for what a subclass changes."""
 
     source: TimedSource
 
@@ -48,12 +41,7 @@ class DerivedSource:
 
     @property
     def gyroscope(self) -> Gyroscope | None:
-        """That of the source.
-
-        Returns
-        -------
-        Gyroscope or None
-        """
+        """That of the source."""
         return gyroscope_of(self.source)
 
     @property
@@ -65,17 +53,5 @@ class DerivedSource:
         return len(self.source)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Give the frames of the source.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame.
-        max_frames : int, optional
-            Largest number of frames; by default all.
-
-        Yields
-        ------
-        Frame
-        """
+        """Give the frames of the source."""
         yield from self.source.frames(start, max_frames)

@@ -13,142 +13,83 @@ from slam_init.errors import plain_line
 from slam_init.types.camera import Camera
 from slam_init.types.frame import notes_of
 
-__all__ = [
-    "CameraDescription",
-    "SourceDescription",
-    "TracksDescription",
-    "TruthDescription",
-    "describe",
-    "describe_text",
-]
-
 # A true pose belongs to a frame if their time stamps differ by no more than this.
 _TOLERANCE_S = 0.02
 
 
 @dataclass(frozen=True)
 class CameraDescription:
-    """A calibration.
+    """A calibration."""
 
-    Attributes
-    ----------
-    model : str
-        ``pinhole``, ``radtan`` or ``fisheye``.
-    fx, fy, cx, cy : float
-        Focal lengths and principal point in pixels.
-    distortion : tuple of float
-        Coefficients of the model.
-    source : str
-        Where the focal length is from.
-    focal_sigma_px : float or None
-        Standard deviation of the focal length; None for a calibration.
-    """
-
+    #: ``pinhole``, ``radtan`` or ``fisheye``.
     model: str
+    #: fx, fy, cx, cy: Focal lengths and principal point in pixels.
     fx: float
     fy: float
     cx: float
     cy: float
+    #: Coefficients of the model.
     distortion: tuple[float, ...]
+    #: Where the focal length is from.
     source: str
+    #: Standard deviation of the focal length; None for a calibration.
     focal_sigma_px: float | None
 
 
 @dataclass(frozen=True)
 class TruthDescription:
-    """The ground truth of a source.
+    """The ground truth of a source."""
 
-    Attributes
-    ----------
-    frames : int
-        Number of frames that have a true pose.
-    path_length : float
-        Length of the true trajectory between the first and the last frame, in the unit of the ground truth.
-    """
-
+    #: Number of frames that have a true pose.
     frames: int
+    #: Length of the true trajectory between the first and the last frame, in the unit of the ground truth.
     path_length: float
 
 
 @dataclass(frozen=True)
 class TracksDescription:
-    """The tracks of a source that knows them.
+    """The tracks of a source that knows them."""
 
-    Attributes
-    ----------
-    tracks : int
-        Number of tracks.
-    frames_per_track : float
-        Mean number of frames in which a track is seen.
-    tracks_per_frame : float
-        Median number of tracks that are seen in a frame.
-    """
-
+    #: Number of tracks.
     tracks: int
+    #: Mean number of frames in which a track is seen.
     frames_per_track: float
+    #: Median number of tracks that are seen in a frame.
     tracks_per_frame: float
 
 
 @dataclass(frozen=True)
 class SourceDescription:
-    """The facts about a source, in the order of the output of ``slam-init info --json``.
-
-    Attributes
-    ----------
-    name : str
-    kind : str
-        Format of the source, for example ``tum``.
-    frames : int
-        Number of frames.
-    width, height : int
-        Size of the first image in pixels.
-    color : bool
-        Whether the first image has colours.
-    duration_s : float
-        Time from the first to the last frame in seconds.
-    fps : float or None
-        Frames per second; None if all frames have the same time.
-    camera : CameraDescription or None
-        None if the source has no calibration.
-    ground_truth : TruthDescription or None
-        None if the source has no ground truth.
-    notes : tuple of str
-        What the user should know about the source, for example the unit of its time stamps.
-    tracks : TracksDescription or None
-        None if the source gives images alone.
-    """
+    """The facts about a source, in the order of the output of ``slam-init info --json``."""
 
     name: str
+    #: Format of the source, for example ``tum``.
     kind: str
+    #: Number of frames.
     frames: int
+    #: width, height: Size of the first image in pixels.
     width: int
     height: int
+    #: Whether the first image has colours.
     color: bool
+    #: Time from the first to the last frame in seconds.
     duration_s: float
+    #: Frames per second; None if all frames have the same time.
     fps: float | None
+    #: None if the source has no calibration.
     camera: CameraDescription | None
+    #: None if the source has no ground truth.
     ground_truth: TruthDescription | None
+    #: What the user should know about the source, for example the unit of its time stamps.
     notes: tuple[str, ...] = ()
+    #: None if the source gives images alone.
     tracks: TracksDescription | None = None
 
 
 def describe(source: TimedSource, camera: Camera | None) -> SourceDescription:
     """Describe a source. The first image is read.
 
-    Parameters
-    ----------
-    source : TimedSource
-    camera : Camera or None
-        Calibration to describe; it may differ from ``source.camera``.
-
-    Returns
-    -------
-    SourceDescription
-
-    Raises
-    ------
-    SourceError
-        If the first image cannot be read.
+    * ``camera``: Calibration to describe; it may differ from ``source.camera``.
     """
     first = next(source.frames(0, 1))
     times_s = source.timestamps_s
@@ -170,17 +111,7 @@ def describe(source: TimedSource, camera: Camera | None) -> SourceDescription:
 
 
 def describe_text(info: SourceDescription) -> str:
-    """Format a description for people, one fact per line.
-
-    Parameters
-    ----------
-    info : SourceDescription
-
-    Returns
-    -------
-    str
-        Lines, each with its line end.
-    """
+    """Format a description for people, one fact per line."""
     camera, truth = info.camera, info.ground_truth
     rate = "" if info.fps is None else f", {info.duration_s:.2f} s at {info.fps:.3g} frames a second"
     lines = [

@@ -28,24 +28,11 @@ from slam_init.system.regular_file import check_inside
 from slam_init.types.pose import Pose, Trajectory
 from slam_init.types.time_stamps import TimeUnit, in_seconds, time_unit
 
-__all__ = ["find_euroc_camera", "open_euroc"]
-
 _STAMP = "a timestamp in nanoseconds"
 
 
 def find_euroc_camera(folder: str | os.PathLike[str]) -> Path | None:
-    """Find the folder that holds the ``data.csv`` of the first camera.
-
-    Parameters
-    ----------
-    folder : str or path-like
-        The folder of a sequence, its ``mav0`` or its ``cam0``.
-
-    Returns
-    -------
-    Path or None
-        None if this is not a EuRoC folder.
-    """
+    """Find the folder that holds the ``data.csv`` of the first camera."""
     folder = Path(folder)
     for candidate in (folder / "mav0" / "cam0", folder / "cam0", folder):
         if (candidate / "data.csv").is_file():
@@ -54,22 +41,7 @@ def find_euroc_camera(folder: str | os.PathLike[str]) -> Path | None:
 
 
 def open_euroc(folder: str | os.PathLike[str]) -> ImageFileSource:
-    """Open a EuRoC sequence.
-
-    Parameters
-    ----------
-    folder : str or path-like
-        The folder of the sequence, its ``mav0`` or its ``cam0``.
-
-    Returns
-    -------
-    ImageFileSource
-
-    Raises
-    ------
-    SourceError, CalibrationError
-        If a file of the sequence is broken; the message names file and line.
-    """
+    """Open a EuRoC sequence."""
     found = find_euroc_camera(folder)
     if found is None:
         raise SourceError(f"{folder}: no cam0/data.csv in it")

@@ -14,25 +14,12 @@ from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats
 from slam_init.types.time_stamps import TimeUnit
 
-__all__ = ["find_images", "open_folder"]
-
 #: Frame rate of images whose names are no time stamps.
 NOMINAL_RATE_HZ = 30.0
 
 
 def find_images(folder: str | os.PathLike[str]) -> list[Path]:
-    """List the images of a folder, or of its subfolder ``images`` if the folder itself holds none.
-
-    Parameters
-    ----------
-    folder : str or path-like
-        An existing folder.
-
-    Returns
-    -------
-    list of Path
-        In natural order of the names; empty if there are no images.
-    """
+    """List the images of a folder, or of its subfolder ``images`` if the folder itself holds none."""
     folder = Path(folder)
     return list_images(folder) or (list_images(folder / "images") if (folder / "images").is_dir() else [])
 
@@ -40,21 +27,8 @@ def find_images(folder: str | os.PathLike[str]) -> list[Path]:
 def open_folder(folder: str | os.PathLike[str]) -> ImageFileSource:
     """Open a folder of images in natural order of their names.
 
-    Parameters
-    ----------
-    folder : str or path-like
-        A folder for which :func:`find_images` finds images. If it holds ``camera.yaml``, this is the calibration.
-
-    Returns
-    -------
-    ImageFileSource
-
-    Raises
-    ------
-    SourceError
-        If there are no images, or if the first one cannot be read.
-    CalibrationError
-        If ``camera.yaml`` is broken or does not fit the images.
+    * ``folder``: A folder for which :func:`find_images` finds images. If it holds ``camera.yaml``, this is the
+      calibration.
     """
     folder = Path(folder)
     paths = find_images(folder)

@@ -21,45 +21,18 @@ from slam_init.types.camera import Camera
 from slam_init.types.pose import Trajectory
 from slam_init.types.time_stamps import TimeUnit
 
-__all__ = ["find_fourseasons_images", "open_fourseasons"]
-
 _IMAGES = {"undistorted_images/cam0": "undistorted_calib_0.txt", "distorted_images/cam0": "calib_0.txt"}
 _MODELS = {"Pinhole": "pinhole", "Equidistant": "fisheye"}
 _CALIBRATIONS = ("calibration", "Calibration")
 
 
 def find_fourseasons_images(folder: str | os.PathLike[str]) -> Path | None:
-    """Find the images of the left camera.
-
-    Parameters
-    ----------
-    folder : str or path-like
-        The folder of a recording.
-
-    Returns
-    -------
-    Path or None
-        None if this is not a 4Seasons folder.
-    """
+    """Find the images of the left camera."""
     return next((Path(folder) / name for name in _IMAGES if (Path(folder) / name).is_dir()), None)
 
 
 def open_fourseasons(folder: str | os.PathLike[str]) -> ImageFileSource:
-    """Open a 4Seasons recording.
-
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    ImageFileSource
-
-    Raises
-    ------
-    SourceError, CalibrationError
-        If a file is broken; the message names file and line.
-    """
+    """Open a 4Seasons recording."""
     folder = Path(folder)
     images = find_fourseasons_images(folder)
     if images is None:

@@ -25,8 +25,6 @@ from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats
 from slam_init.types.frame import Frame, Source
 
-__all__ = ["Gyroscope", "StepRotations", "gyroscope_of", "made_gyroscope"]
-
 #: Longest step between two samples. A hand turns by 1 rad/s at up to 2 Hz, so that the second derivative of the rate is
 #: at most 160 rad/s^3. The integral of the interpolated rate is then off by 160 dt^3 / 12, which is 1 mrad for 0.04 s,
 #: as much as the noise of other measurements.
@@ -57,38 +55,21 @@ _SIGMAS_RAD = (1e-6, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class Gyroscope:
-    """Angular rates over time.
+    """Angular rates over time."""
 
-    Attributes
-    ----------
-    timestamps_s : (N,) float
-        Strictly increasing, on the clock of the frames.
-    rates_rad_s : (N, 3) float
-        Angular velocity of the gyroscope in its own axes, without its known bias.
-    R_cam_from_imu : (3, 3) float
-        Maps directions of the axes of the gyroscope to the camera.
-    noise_density : float
-        White noise of the rate in rad/s/sqrt(Hz).
-    bias_sigma_rad_s : float
-        Standard deviation of the constant error of the rate.
-    clock_sigma_s : float
-        Standard deviation of the delay between the clocks of gyroscope and camera.
-    name : str
-        For messages.
-
-    Raises
-    ------
-    SourceError
-        If the shapes do not fit, a number is not finite or a deviation negative, the time stamps do not increase, or
-        the matrix is no rotation.
-    """
-
+    #: (N,) Strictly increasing, on the clock of the frames.
     timestamps_s: Floats
+    #: (N, 3) Angular velocity of the gyroscope in its own axes, without its known bias.
     rates_rad_s: Floats
+    #: (3, 3) Maps directions of the axes of the gyroscope to the camera.
     R_cam_from_imu: Floats
+    #: White noise of the rate in rad/s/sqrt(Hz).
     noise_density: float = _NOISE_DENSITY
+    #: Standard deviation of the constant error of the rate.
     bias_sigma_rad_s: float = _RAW_BIAS_RAD_S
+    #: Standard deviation of the delay between the clocks of gyroscope and camera.
     clock_sigma_s: float = 0.0
+    #: For messages.
     name: str = "the gyroscope"
 
     def __post_init__(self) -> None:
@@ -109,20 +90,10 @@ class Gyroscope:
     def between(self, t0_s: float, t1_s: float) -> tuple[Floats, float] | None:
         """Integrate the rotation of the camera between two times.
 
-        Parameters
-        ----------
-        t0_s, t1_s : float
-            In seconds, ascending.
+        Shapes: returns ``R`` (3, 3).
 
-        Returns
-        -------
-        R : (3, 3) float
-            The camera at ``t1_s`` from that at ``t0_s``.
-        sigma_rad : float
-            Standard deviation of each component of its rotation vector.
-        None
-            Instead of both, where a time lies outside of the record, two samples are more than 0.04 s apart, or the
-            rotation would be uncertain by more than 1 rad.
+        * Returns: Instead of both, where a time lies outside of the record, two samples are more than 0.04 s apart, or
+          the rotation would be uncertain by more than 1 rad.
         """
         times = self.timestamps_s
         if not times[0] <= t0_s < t1_s <= times[-1]:
@@ -161,26 +132,9 @@ def made_gyroscope(
 ) -> Gyroscope:
     """Make a gyroscope from a raw record. Its bias is measured where the record shows that it was at rest.
 
-    Parameters
-    ----------
-    timestamps_s : (N,) float
-    rates_rad_s : (N, 3) float
-        As the sensor gives them.
-    R_cam_from_imu : (3, 3) float
-    noise_density : float, optional
-        In rad/s/sqrt(Hz); by default that of the gyroscopes in phones.
-    clock_sigma_s : float
-    name : str
-        For messages.
+    Shapes: ``timestamps_s`` (N,), ``rates_rad_s`` (N, 3), ``R_cam_from_imu`` (3, 3).
 
-    Returns
-    -------
-    Gyroscope
-
-    Raises
-    ------
-    SourceError
-        As :class:`Gyroscope`.
+    * ``noise_density``: In rad/s/sqrt(Hz); by default that of the gyroscopes in phones.
     """
     density = _NOISE_DENSITY if noise_density is None else noise_density
     raw = Gyroscope(timestamps_s, rates_rad_s, R_cam_from_imu, density, _RAW_BIAS_RAD_S, clock_sigma_s, name)
@@ -211,19 +165,7 @@ def _bias_at_rest(times_s: Floats, rates: Floats) -> Floats | None:
 def gyroscope_of(source: Source) -> Gyroscope | None:
     """Return the gyroscope of a source.
 
-    Parameters
-    ----------
-    source : Source
-        The attribute ``gyroscope`` is optional. It may be read from a file when it is asked for.
-
-    Returns
-    -------
-    Gyroscope or None
-
-    Raises
-    ------
-    SourceError
-        If its file is broken, or if the attribute is something else.
+    * ``source``: The attribute ``gyroscope`` is optional. It may be read from a file when it is asked for.
     """
     found = getattr(source, "gyroscope", None)
     if found is not None and not isinstance(found, Gyroscope):
@@ -234,16 +176,9 @@ def gyroscope_of(source: Source) -> Gyroscope | None:
 class StepRotations:
     """Measures the rotation of each frame since the one before, as the frames are read.
 
-    Parameters
-    ----------
-    gyroscope : Gyroscope or None
-        None measures nothing.
-
-    Attributes
-    ----------
-    latest : tuple of (3, 3) float and float, or None
-        The rotation of the newest frame since the one before, and its standard deviation; None where nothing measured
-        it.
+    * ``gyroscope``: None measures nothing.
+    * ``latest``: (3, 3) The rotation of the newest frame since the one before, and its standard deviation; None where
+      nothing measured it.
     """
 
     def __init__(self, gyroscope: Gyroscope | None) -> None:
@@ -252,17 +187,7 @@ class StepRotations:
         self._steps = self._measured = 0
 
     def reading(self, frames: Iterator[Frame]) -> Iterator[Frame]:
-        """Pass frames through, and measure the rotation of each.
-
-        Parameters
-        ----------
-        frames : iterator of Frame
-
-        Yields
-        ------
-        Frame
-            The same frame.
-        """
+        """Pass frames through, and measure the rotation of each."""
         last_s: float | None = None
         for frame in frames:
             if self._gyroscope is not None and last_s is not None:
@@ -274,12 +199,7 @@ class StepRotations:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """How many rotations were measured, for the user.
-
-        Returns
-        -------
-        tuple of str
-        """
+        """How many rotations were measured, for the user."""
         if self._gyroscope is None or not self._steps:
             return ()
         name, bias = self._gyroscope.name, self._gyroscope.bias_sigma_rad_s

@@ -26,8 +26,6 @@ from slam_init.types.arrays import Floats, Ints
 if TYPE_CHECKING:
     import h5py
 
-__all__ = ["is_hdf5", "open_hloc"]
-
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 _MAX_ARRAY_BYTES = 100_000_000
 _MAX_TOTAL_BYTES = 4_000_000_000
@@ -36,16 +34,7 @@ _MAX_PAIRS = 1_000_000
 
 
 def is_hdf5(path: Path) -> bool:
-    """Tell whether a file is in HDF5, by its content or its suffix.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether a file is in HDF5, by its content or its suffix."""
     return path.suffix.lower() in (".h5", ".hdf5") or _has_magic(path)
 
 
@@ -55,23 +44,7 @@ def _has_magic(path: Path) -> bool:
 
 
 def open_hloc(path: Path) -> TrackSource:
-    """Open the matches of hloc, with the features beside them.
-
-    Parameters
-    ----------
-    path : Path
-        The file of the matches.
-
-    Returns
-    -------
-    TrackSource
-        The images are in the natural order of their names.
-
-    Raises
-    ------
-    SourceError
-        If h5py is not installed, the features are not found, or a file is broken.
-    """
+    """Open the matches of hloc, with the features beside them."""
     try:
         import h5py  # noqa: F401 (the readers below use it)
     except ImportError:

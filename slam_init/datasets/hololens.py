@@ -21,43 +21,17 @@ from slam_init.datasets.text import numbers, pose_from_matrix, read_rows, trajec
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.types.camera import Camera
 
-__all__ = ["find_hololens_index", "open_hololens"]
-
 _TICK_S = 1e-7
 
 
 def find_hololens_index(folder: str | os.PathLike[str]) -> Path | None:
-    """Find the index of the photo/video camera.
-
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    Path or None
-        None if this is no recording of HoloLens 2.
-    """
+    """Find the index of the photo/video camera."""
     folder = Path(folder)
     return next(iter(sorted(folder.glob("*_pv.txt"))), None) if (folder / "PV").is_dir() else None
 
 
 def open_hololens(folder: str | os.PathLike[str]) -> ImageFileSource:
-    """Open a recording of HoloLens 2.
-
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    ImageFileSource
-
-    Raises
-    ------
-    SourceError, CalibrationError
-        If a file is broken; the message names file and line.
-    """
+    """Open a recording of HoloLens 2."""
     folder = Path(folder)
     index = find_hololens_index(folder)
     if index is None:

@@ -22,21 +22,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.pose import Trajectory
 
-__all__ = [
-    "IMAGE_SUFFIXES",
-    "MAX_FRAMES",
-    "MAX_PIXELS",
-    "ImageFileSource",
-    "check_size",
-    "decode_image",
-    "frame_range",
-    "holds_image",
-    "list_images",
-    "natural_key",
-    "read_image",
-    "stored_camera",
-]
-
 #: Suffixes of image files, lower case.
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".pnm", ".tif", ".tiff", ".webp", ".jp2"})
 
@@ -55,41 +40,14 @@ _MAX_BYTES = 8 * MAX_PIXELS
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
-    """Make a sort key under which ``img2`` comes before ``img10``.
-
-    Parameters
-    ----------
-    name : str
-        File name.
-
-    Returns
-    -------
-    tuple
-        One entry for each run of digits or of other characters.
-    """
+    """Make a sort key under which ``img2`` comes before ``img10``."""
     return tuple(
         (0, int(part), part) if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name) if part
     )
 
 
 def list_images(folder: str | os.PathLike[str]) -> list[Path]:
-    """List the image files of a folder, without hidden files. What an entry is (a file, a pipe) is not looked up.
-
-    Parameters
-    ----------
-    folder : str or path-like
-        An existing folder.
-
-    Returns
-    -------
-    list of Path
-        In natural order of the names.
-
-    Raises
-    ------
-    SourceError
-        If the folder holds more than :data:`MAX_FRAMES` of them.
-    """
+    """List the image files of a folder, without hidden files. What an entry is (a file, a pipe) is not looked up."""
     names = list(itertools.islice(_image_names(folder), MAX_FRAMES + 1))
     if len(names) > MAX_FRAMES:
         raise SourceError(f"{folder}: holds more than {MAX_FRAMES} images: split it into several folders")
@@ -97,17 +55,7 @@ def list_images(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def holds_image(folder: str | os.PathLike[str]) -> bool:
-    """Tell whether a folder holds an image; faster than to list all of them.
-
-    Parameters
-    ----------
-    folder : str or path-like
-        An existing folder.
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether a folder holds an image; faster than to list all of them."""
     return next(_image_names(folder), None) is not None
 
 
@@ -126,22 +74,9 @@ def read_image(path: str | os.PathLike[str], root: str | os.PathLike[str] | None
     with several images, or an animated one, the first image is read. An EXIF orientation is not applied, since
     calibrations refer to pixels as stored. Nothing is decoded before the size in the header is known to be bounded.
 
-    Parameters
-    ----------
-    path : str or path-like
-    root : str or path-like, optional
-        The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
+    Shapes: returns (H, W).
 
-    Returns
-    -------
-    (H, W) or (H, W, 3) uint8
-        Grey or BGR.
-
-    Raises
-    ------
-    SourceError
-        If the file is missing, no regular file, cut off, larger than :data:`MAX_PIXELS`, or not an image of 8 or 16
-        bits, or if it lies outside of the folder of the source.
+    * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
     """
     path = Path(path)
     if root is not None:
@@ -152,21 +87,7 @@ def read_image(path: str | os.PathLike[str], root: str | os.PathLike[str] | None
 def decode_image(name: str, data: bytes) -> Image:
     """Decode the content of an image file; see :func:`read_image`.
 
-    Parameters
-    ----------
-    name : str
-        The name of the image, for the message.
-    data : bytes
-
-    Returns
-    -------
-    (H, W) or (H, W, 3) uint8
-        Grey or BGR.
-
-    Raises
-    ------
-    SourceError
-        If these are no data of an image of 8 or 16 bits, or if they are cut off or larger than :data:`MAX_PIXELS`.
+    Shapes: returns (H, W).
     """
     import cv2
 
@@ -224,19 +145,9 @@ def _check_header(name: str, data: bytes) -> None:
 def check_size(what: str, size: tuple[int, int], expected: tuple[int, int], of: str) -> None:
     """Check that an image has the expected size.
 
-    Parameters
-    ----------
-    what : str
-        Name of the image, for the message.
-    size, expected : (int, int)
-        Width and height in pixels.
-    of : str
-        Name of the thing that has the expected size, for the message.
+    Shapes: ``size, expected`` (int, int).
 
-    Raises
-    ------
-    SourceError
-        If the sizes differ.
+    * ``of``: Name of the thing that has the expected size, for the message.
     """
     if size != expected:
         raise SourceError(
@@ -245,29 +156,7 @@ def check_size(what: str, size: tuple[int, int], expected: tuple[int, int], of: 
 
 
 def frame_range(length: int, start: int, max_frames: int | None, name: str) -> range:
-    """Compute the indices of the requested frames.
-
-    Parameters
-    ----------
-    length : int
-        Number of frames of the source.
-    start : int
-        Index of the first frame.
-    max_frames : int or None
-        Largest number of frames; None for all.
-    name : str
-        Name of the source, for the message.
-
-    Returns
-    -------
-    range
-        At least one index.
-
-    Raises
-    ------
-    SourceError
-        If the source has no frame ``start``, or if ``max_frames`` is less than 1.
-    """
+    """Compute the indices of the requested frames."""
     if not 0 <= start < length:
         raise SourceError(f"{name}: start is {start}, but the source has frames 0 to {length - 1}")
     if max_frames is not None and max_frames < 1:
@@ -276,26 +165,7 @@ def frame_range(length: int, start: int, max_frames: int | None, name: str) -> r
 
 
 def stored_camera(folder: str | os.PathLike[str], first_image: str | os.PathLike[str]) -> Camera | None:
-    """Read the calibration in the ``camera.yaml`` of a folder.
-
-    Parameters
-    ----------
-    folder : str or path-like
-    first_image : str or path-like
-        Its size must be that of the calibration.
-
-    Returns
-    -------
-    Camera or None
-        None if there is no such file.
-
-    Raises
-    ------
-    CalibrationError
-        If the calibration is broken or does not fit the image.
-    SourceError
-        If the image cannot be read.
-    """
+    """Read the calibration in the ``camera.yaml`` of a folder."""
     from slam_init.calibration.files import load_camera
 
     path = Path(folder) / "camera.yaml"
@@ -308,32 +178,22 @@ def stored_camera(folder: str | os.PathLike[str], first_image: str | os.PathLike
 
 @dataclass(frozen=True, eq=False)
 class ImageFileSource:
-    """A :class:`slam_init.types.frame.Source` over image files.
+    """A :class:`slam_init.types.frame.Source` over image files."""
 
-    Attributes
-    ----------
-    name, kind, camera, groundtruth
-        See :class:`slam_init.types.frame.Source`.
-    paths : tuple of Path
-        One image per frame.
-    timestamps_s : (N,) float
-        Strictly increasing.
-    notes : tuple of str
-        What the user should know about the source, for example the unit of its time stamps.
-    root : Path or None
-        The folder that no image may lie outside of; None for any.
-    imu : callable or None
-        Reads the gyroscope; None for a sequence without one.
-    """
-
+    #: name, kind, camera, groundtruth: See :class:`slam_init.types.frame.Source`.
     name: str
     kind: str
+    #: One image per frame.
     paths: tuple[Path, ...]
+    #: (N,) Strictly increasing.
     timestamps_s: Floats
     camera: Camera | None = None
     groundtruth: Trajectory | None = None
+    #: What the user should know about the source, for example the unit of its time stamps.
     notes: tuple[str, ...] = ()
+    #: The folder that no image may lie outside of; None for any.
     root: Path | None = None
+    #: Reads the gyroscope; None for a sequence without one.
     imu: Callable[[], Gyroscope] | None = None
 
     def __len__(self) -> int:
@@ -341,33 +201,11 @@ class ImageFileSource:
 
     @cached_property
     def gyroscope(self) -> Gyroscope | None:
-        """The gyroscope that is fixed to the camera; None without one. Its file is read when it is asked for.
-
-        Returns
-        -------
-        Gyroscope or None
-        """
+        """The gyroscope that is fixed to the camera; None without one. Its file is read when it is asked for."""
         return None if self.imu is None else self.imu()
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Read frames in order; each file is read when its frame is requested.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame.
-        max_frames : int, optional
-            Largest number of frames; by default all.
-
-        Yields
-        ------
-        Frame
-
-        Raises
-        ------
-        SourceError
-            If an image cannot be read, or if its size differs from that of the camera or of the first image.
-        """
+        """Read frames in order; each file is read when its frame is requested."""
         # Names are relative to the folder that holds all images, as COLMAP requires.
         root = os.path.commonpath({path.parent for path in self.paths})
         expected = (self.camera.width, self.camera.height) if self.camera else None

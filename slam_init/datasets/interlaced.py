@@ -16,8 +16,6 @@ import numpy as np
 
 from slam_init.types.arrays import Image
 
-__all__ = ["NOTE", "Deinterlacer", "comb_ratio", "first_field"]
-
 #: Note for the user.
 NOTE = "the video is interlaced: the rows of one field are used, the others are interpolated"
 
@@ -31,14 +29,9 @@ _STEP = 8
 def comb_ratio(image: Image) -> float:
     """Compute how much more neighbouring rows differ than rows two apart.
 
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) uint8
+    Shapes: ``image`` (H, W).
 
-    Returns
-    -------
-    float
-        Ratio of the mean absolute differences; 0 for an image without any.
+    * Returns: Ratio of the mean absolute differences; 0 for an image without any.
     """
     if len(image) < 3:
         return 0.0
@@ -51,13 +44,7 @@ def comb_ratio(image: Image) -> float:
 def first_field(image: Image) -> Image:
     """Replace the odd rows by the means of the even rows beside them.
 
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) uint8
-
-    Returns
-    -------
-    array of the same shape
+    Shapes: ``image`` (H, W).
     """
     field = image.copy()
     between = field[1:-1:2]
@@ -71,10 +58,7 @@ def first_field(image: Image) -> Image:
 class Deinterlacer:
     """Takes the frames of a video in order, and keeps one field of each from the first frame that has two.
 
-    Attributes
-    ----------
-    found : bool
-        Whether a frame had two fields.
+    * ``found``: Whether a frame had two fields.
     """
 
     def __init__(self) -> None:
@@ -83,14 +67,7 @@ class Deinterlacer:
     def take(self, image: Image) -> Image:
         """Return the frame as one instant shows it.
 
-        Parameters
-        ----------
-        image : (H, W) or (H, W, 3) uint8
-
-        Returns
-        -------
-        array of the same shape
-            The image itself while no frame had two fields.
+        Shapes: ``image`` (H, W).
         """
         self.found = self.found or comb_ratio(image) > _LEAST_COMB
         return first_field(image) if self.found else image

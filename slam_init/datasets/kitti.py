@@ -23,25 +23,12 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose, Trajectory
 
-__all__ = ["find_kitti_images", "open_kitti", "read_projection"]
-
 # Frame rate where times.txt is missing: the cameras were triggered at 10 Hz.
 _NOMINAL_RATE_HZ = 10.0
 
 
 def find_kitti_images(folder: str | os.PathLike[str]) -> Path | None:
-    """Find the image folder of a sequence: the left grey camera, or else the left colour camera.
-
-    Parameters
-    ----------
-    folder : str or path-like
-        The folder of a sequence, or one of its image folders.
-
-    Returns
-    -------
-    Path or None
-        None if this is not a KITTI folder.
-    """
+    """Find the image folder of a sequence: the left grey camera, or else the left colour camera."""
     folder = Path(folder)
     for name in ("image_0", "image_2"):
         if (folder / name).is_dir():
@@ -52,22 +39,7 @@ def find_kitti_images(folder: str | os.PathLike[str]) -> Path | None:
 
 
 def open_kitti(folder: str | os.PathLike[str]) -> ImageFileSource:
-    """Open a KITTI odometry sequence.
-
-    Parameters
-    ----------
-    folder : str or path-like
-        The folder of the sequence, or one of its image folders.
-
-    Returns
-    -------
-    ImageFileSource
-
-    Raises
-    ------
-    SourceError, CalibrationError
-        If a file of the sequence is broken or has the wrong number of lines; the message names the file.
-    """
+    """Open a KITTI odometry sequence."""
     found = find_kitti_images(folder)
     if found is None:
         raise SourceError(f"{folder}: no image_0 or image_2 in it")
@@ -106,24 +78,9 @@ def open_kitti(folder: str | os.PathLike[str]) -> ImageFileSource:
 def read_projection(path: Path, root: Path, key: str) -> Floats:
     """Read the projection matrix of one rectified camera.
 
-    Parameters
-    ----------
-    path : Path
-        Lines of ``key: numbers``.
-    root : Path
-        The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
-    key : str
-        Name of the matrix, for example ``P0``.
+    Shapes: returns (3, 4).
 
-    Returns
-    -------
-    (3, 4) float
-        ``K [I | t]``, of which the last number of K is 1.
-
-    Raises
-    ------
-    SourceError
-        If there is no such line, or the matrix is none of this form.
+    * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
     """
     for row in read_rows(path, root):
         name, _, rest = row[1].partition(":")

@@ -26,8 +26,6 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose, Trajectory
 
-__all__ = ["find_kitti360_images", "open_kitti360"]
-
 # Where timestamps.txt is missing.
 _NOMINAL_RATE_HZ = 10.0
 
@@ -35,15 +33,7 @@ _NOMINAL_RATE_HZ = 10.0
 def find_kitti360_images(folder: str | os.PathLike[str]) -> Path | None:
     """Find the image folder of a sequence.
 
-    Parameters
-    ----------
-    folder : str or path-like
-        The folder of a sequence, or ``image_00`` or ``image_01`` in it.
-
-    Returns
-    -------
-    Path or None
-        None if this is not a KITTI-360 folder.
+    * ``folder``: The folder of a sequence, or ``image_00`` or ``image_01`` in it.
     """
     folder = Path(folder)
     if (folder / "data_rect").is_dir() and folder.resolve().name in ("image_00", "image_01"):
@@ -55,19 +45,7 @@ def find_kitti360_images(folder: str | os.PathLike[str]) -> Path | None:
 def open_kitti360(folder: str | os.PathLike[str]) -> ImageFileSource:
     """Open a KITTI-360 sequence.
 
-    Parameters
-    ----------
-    folder : str or path-like
-        The folder of the sequence, or one of its two perspective cameras.
-
-    Returns
-    -------
-    ImageFileSource
-
-    Raises
-    ------
-    SourceError, CalibrationError
-        If a file is broken; the message names file and line.
+    * ``folder``: The folder of the sequence, or one of its two perspective cameras.
     """
     images = find_kitti360_images(folder)
     if images is None:

@@ -22,45 +22,22 @@ from slam_init.system.regular_file import user_path
 from slam_init.types.arrays import Image
 from slam_init.types.frame import Frame, notes_of
 
-__all__ = ["MaskedSource", "read_mask"]
-
 
 @dataclass(frozen=True, eq=False)
 class MaskedSource(DerivedSource):
     """A source whose frames have masks.
 
-    Attributes
-    ----------
-    source : TimedSource
-        Gives the frames.
-    path : Path
-        An image for all frames, or a folder.
-    of_all : (H, W) uint8 or None
-        The mask of all frames; None for a folder.
+    * ``source``: Gives the frames.
     """
 
+    #: An image for all frames, or a folder.
     path: Path
+    #: (H, W) The mask of all frames; None for a folder.
     of_all: Image | None
 
     @classmethod
     def open(cls, source: TimedSource, path: str | os.PathLike[str]) -> MaskedSource:
-        """Open the masks of a source.
-
-        Parameters
-        ----------
-        source : TimedSource
-        path : str or path-like
-            An image, or a folder of images.
-
-        Returns
-        -------
-        MaskedSource
-
-        Raises
-        ------
-        SourceError
-            If there is nothing at the path, or the image cannot be read.
-        """
+        """Open the masks of a source."""
         path = user_path(path)
         if path.is_dir():
             return cls(source, path, None)
@@ -70,50 +47,18 @@ class MaskedSource(DerivedSource):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Those of the source, and what the mask ignores.
-
-        Returns
-        -------
-        tuple of str
-        """
+        """Those of the source, and what the mask ignores."""
         notes = notes_of(self.source)
         if self.of_all is None:
             return (*notes, f"the masks in {self.path.name} are ignored pixels of the frames")
         return (*notes, f"the mask {self.path.name} ignores {np.mean(self.of_all == 0):.1%} of each image")
 
     def left(self, start: int) -> int:
-        """Count the frames from a frame on.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of a frame.
-
-        Returns
-        -------
-        int
-        """
+        """Count the frames from a frame on."""
         return self.source.left(start) if isinstance(self.source, SubsampledSource) else len(self.source) - start
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Read frames in order, with their masks.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame.
-        max_frames : int, optional
-            Largest number of frames; by default all.
-
-        Yields
-        ------
-        Frame
-
-        Raises
-        ------
-        SourceError
-            If a frame or its mask cannot be read, if there is no mask for a frame, or if it has another size.
-        """
+        """Read frames in order, with their masks."""
         for frame in self.source.frames(start, max_frames):
             mask, path = (self.of_all, self.path) if self.of_all is not None else self._of(frame)
             size, expected = mask.shape[::-1], frame.image.shape[1::-1]
@@ -138,22 +83,9 @@ class MaskedSource(DerivedSource):
 def read_mask(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Image:
     """Read a mask.
 
-    Parameters
-    ----------
-    path : str or path-like
-        An image; of a coloured one, pixels that are black in all channels are ignored.
-    root : str or path-like, optional
-        The folder that the file may not lie outside of.
+    Shapes: returns (H, W).
 
-    Returns
-    -------
-    (H, W) uint8
-        0 where pixels are ignored, else 255.
-
-    Raises
-    ------
-    SourceError
-        As :func:`slam_init.datasets.image_files.read_image`.
+    * ``path``: An image; of a coloured one, pixels that are black in all channels are ignored.
     """
     image = read_image(path, root)
     bright = image if image.ndim == 2 else image.max(axis=2)

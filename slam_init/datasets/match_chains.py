@@ -16,58 +16,36 @@ import numpy as np
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats, Ints
 
-__all__ = ["MAX_MATCHES", "PairMatches", "TrackTable", "chain_matches"]
-
 #: Most matches of a source: a thousand images with twenty neighbours and a thousand matches each.
 MAX_MATCHES = 20_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class PairMatches:
-    """The matches of two images.
+    """The matches of two images."""
 
-    Attributes
-    ----------
-    first, second : int
-        Indices of the images.
-    keypoints : (M, 2) int
-        Indices of a keypoint of the first image and of one of the second.
-    """
-
+    #: first, second: Indices of the images.
     first: int
     second: int
+    #: (M, 2) Indices of a keypoint of the first image and of one of the second.
     keypoints: Ints
 
 
 @dataclass(frozen=True, eq=False)
 class TrackTable:
-    """Tracks as a table of observations, sorted by frame, and in a frame by track.
+    """Tracks as a table of observations, sorted by frame, and in a frame by track."""
 
-    Attributes
-    ----------
-    frames : (M,) int
-        Index of the image of each observation.
-    track_ids : (M,) int
-        A track is in a frame at most once.
-    pixels : (M, 2) float
-        Pixel centres at integer coordinates.
-    """
-
+    #: (M,) Index of the image of each observation.
     frames: Ints
+    #: (M,) A track is in a frame at most once.
     track_ids: Ints
+    #: (M, 2) Pixel centres at integer coordinates.
     pixels: Floats
 
     def reordered(self, rank: Ints) -> TrackTable:
         """The same tracks with the frames in another order.
 
-        Parameters
-        ----------
-        rank : (F,) int
-            The new index of each frame.
-
-        Returns
-        -------
-        TrackTable
+        Shapes: ``rank`` (F,).
         """
         frames = rank[self.frames]
         order = np.lexsort((self.track_ids, frames))
@@ -77,25 +55,12 @@ class TrackTable:
 def chain_matches(keypoints: Sequence[Floats], pairs: Iterable[PairMatches], what: str) -> tuple[TrackTable, int]:
     """Chain matches to tracks.
 
-    Parameters
-    ----------
-    keypoints : sequence of (N, 2) float
-        The keypoints of each image. Keypoints at one place (of several scales or orientations) count as one.
-    pairs : iterable of PairMatches
-    what : str
-        Name of the source, for messages.
+    Shapes: ``keypoints`` (N, 2).
 
-    Returns
-    -------
-    table : TrackTable
-        The tracks that are seen in two images at least, numbered by their first observation.
-    dropped : int
-        Number of matches that were dropped because they join two keypoints of one image.
-
-    Raises
-    ------
-    SourceError
-        If a match names a keypoint that its image does not have, or there are more than :data:`MAX_MATCHES`.
+    * ``keypoints``: The keypoints of each image. Keypoints at one place (of several scales or orientations) count as
+      one.
+    * Returns ``table``: The tracks that are seen in two images at least, numbered by their first observation.
+    * Returns ``dropped``: Number of matches that were dropped because they join two keypoints of one image.
     """
     nodes, images, pixels = _nodes(keypoints)
     edges = _edges(nodes, pairs, what)
@@ -179,11 +144,7 @@ def _labels(edges: Ints, images: Ints) -> tuple[Ints, int]:
 class _Chains:
     """Sets of nodes with at most one node of each image (union-find).
 
-    Parameters
-    ----------
-    nodes : list of int
-    images : (N,) int
-        The image of each node.
+    * ``images``: (N,) The image of each node.
     """
 
     def __init__(self, nodes: list[int], images: Ints) -> None:

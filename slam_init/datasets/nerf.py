@@ -28,8 +28,6 @@ from slam_init.errors import CalibrationError, SourceError
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 
-__all__ = ["LLFF_FILE", "TRANSFORMS", "open_llff", "open_transforms"]
-
 #: Names of the index; the first that exists is read. The second is that of Blender's synthetic scenes.
 TRANSFORMS = ("transforms.json", "transforms_train.json")
 #: Poses of LLFF.
@@ -45,23 +43,7 @@ _MAX_ASPECT_CHANGE = 0.01
 
 
 def open_transforms(folder: str | os.PathLike[str]) -> ImageFileSource:
-    """Open a folder with a ``transforms.json``.
-
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    ImageFileSource
-
-    Raises
-    ------
-    SourceError
-        If the file is missing or broken, or if none of its images is in the folder.
-    CalibrationError
-        If the camera is not supported or impossible, or if the images are of different cameras.
-    """
+    """Open a folder with a ``transforms.json``."""
     folder = Path(folder)
     path = next((folder / name for name in TRANSFORMS if (folder / name).is_file()), None)
     if path is None:
@@ -143,23 +125,7 @@ def _transforms_camera(
 
 
 def open_llff(folder: str | os.PathLike[str]) -> ImageFileSource:
-    """Open a folder with ``poses_bounds.npy`` and ``images``.
-
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    ImageFileSource
-
-    Raises
-    ------
-    SourceError
-        If the array or an image is broken, or if their numbers differ.
-    CalibrationError
-        If the focal length is impossible, or the images have another shape than the poses state.
-    """
+    """Open a folder with ``poses_bounds.npy`` and ``images``."""
     folder = Path(folder)
     path = folder / LLFF_FILE
     rows = np.asarray(read_npy(path, folder, "poses of LLFF"))

@@ -45,28 +45,18 @@ from slam_init.datasets.video import open_video
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import kind_problem, user_path
 
-__all__ = ["detect_kind", "open_source"]
-
 
 @dataclass(frozen=True)
 class _Layout:
-    """A kind of folder or file.
+    """A kind of folder or file."""
 
-    Attributes
-    ----------
-    kind : str
-        What :func:`detect_kind` returns.
-    looked_for : str
-        The files that tell it, and its name in brackets, for the message where nothing fits.
-    fits : callable
-        Whether a path is of this kind: truthy if so. It reads no large file.
-    open : callable
-        Opens a path of this kind.
-    """
-
+    #: What :func:`detect_kind` returns.
     kind: str
+    #: The files that tell it, and its name in brackets, for the message where nothing fits.
     looked_for: str
+    #: Whether a path is of this kind: truthy if so. It reads no large file.
     fits: Callable[[Path], object]
+    #: Opens a path of this kind.
     open: Callable[[Path], TimedSource]
 
 
@@ -147,23 +137,7 @@ def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:
 
 
 def detect_kind(text: str | os.PathLike[str]) -> str:
-    """Detect the kind of a source.
-
-    Parameters
-    ----------
-    text : str or path-like
-        As of :func:`open_source`.
-
-    Returns
-    -------
-    str
-        The kind of a folder or file, ``synth`` or ``python``.
-
-    Raises
-    ------
-    SourceError
-        If nothing fits; the message lists the known layouts.
-    """
+    """Detect the kind of a source."""
     text = os.fspath(text)
     if text.startswith(PREFIX):
         return "synth"

@@ -27,8 +27,6 @@ from slam_init.types.pose import Trajectory
 if TYPE_CHECKING:
     from sequences_synth import PointSequence
 
-__all__ = ["POINTS", "PointSource", "open_points", "point_scenes"]
-
 POINTS = "points:"
 
 # Grey value of a point.
@@ -37,12 +35,7 @@ _DOT = 220
 
 @dataclass(frozen=True, eq=False)
 class PointSource:
-    """A :class:`slam_init.types.frame.Source` with given tracks; its images are dots on a dark background.
-
-    Attributes
-    ----------
-    sequence : PointSequence
-    """
+    """A :class:`slam_init.types.frame.Source` with given tracks; its images are dots on a dark background."""
 
     sequence: PointSequence
 
@@ -77,24 +70,7 @@ class PointSource:
         return len(self.sequence)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Draw images of the tracks.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame.
-        max_frames : int, optional
-            Largest number of frames; by default all.
-
-        Yields
-        ------
-        Frame
-
-        Raises
-        ------
-        SourceError
-            If the source has no such frame.
-        """
+        """Draw images of the tracks."""
         camera = self.sequence.camera
         for index in frame_range(len(self), start, max_frames, self.name):
             _, pixels = self.sequence.observe(index)
@@ -102,17 +78,7 @@ class PointSource:
             yield Frame(index, float(self.timestamps_s[index]), f"frame-{index:06d}", image)
 
     def observations(self, start: int = 0) -> Iterator[Observations]:
-        """Give the tracks of each frame in order.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame.
-
-        Yields
-        ------
-        Observations
-        """
+        """Give the tracks of each frame in order."""
         camera = self.camera
         for index in range(start, len(self)):
             track_ids, pixels = self.sequence.observe(index)
@@ -130,21 +96,7 @@ class PointSource:
 def open_points(text: str, seed: int) -> PointSource:
     """Open ``points:NAME[?option=value&...]``.
 
-    Parameters
-    ----------
-    text : str
-        Name of the source; the options are those of :class:`sequences_synth.PointOptions`.
-    seed : int
-        Seed of the sequence.
-
-    Returns
-    -------
-    PointSource
-
-    Raises
-    ------
-    SourceError
-        If the scene or an option is unknown, or if a value is not a number or out of range.
+    * ``text``: Name of the source; the options are those of :class:`sequences_synth.PointOptions`.
     """
     from sequences_synth import PointOptions, make_points
 
@@ -159,11 +111,8 @@ def open_points(text: str, seed: int) -> PointSource:
 def point_scenes() -> tuple[str, ...]:
     """List the standard scenes, which a grid of trials draws.
 
-    Returns
-    -------
-    tuple of str
-        :data:`sequences_synth.STANDARD_SCENES`. The other scenes of :data:`sequences_synth.POINT_SCENES` are opened by
-        name only, so that the trials of a grid do not change when scenes are added.
+    * Returns: :data:`sequences_synth.STANDARD_SCENES`. The other scenes of :data:`sequences_synth.POINT_SCENES` are
+      opened by name only, so that the trials of a grid do not change when scenes are added.
     """
     from sequences_synth import STANDARD_SCENES
 

@@ -23,8 +23,6 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
-__all__ = ["PHOTO_RATE_HZ", "PosedImage", "common_camera", "from_opengl", "posed_source"]
-
 #: Nominal rate of images without times.
 PHOTO_RATE_HZ = 1.0
 
@@ -38,14 +36,7 @@ _FLIP = np.diag([1.0, -1.0, -1.0])
 
 @dataclass(frozen=True, eq=False)
 class PosedImage:
-    """An image with what a data set knows about it.
-
-    Attributes
-    ----------
-    path : Path
-    world_from_cam : Pose or None
-    camera : Camera or None
-    """
+    """An image with what a data set knows about it."""
 
     path: Path
     world_from_cam: Pose | None = None
@@ -53,18 +44,7 @@ class PosedImage:
 
 
 def from_opengl(world_from_gl: Pose) -> Pose:
-    """Convert the pose of an OpenGL camera, which looks along its negative z axis.
-
-    Parameters
-    ----------
-    world_from_gl : Pose
-        Camera axes: x right, y up, z backward.
-
-    Returns
-    -------
-    Pose
-        ``world_from_cam``; camera axes: x right, y down, z forward.
-    """
+    """Convert the pose of an OpenGL camera, which looks along its negative z axis."""
     return Pose(world_from_gl.R @ _FLIP, world_from_gl.t)
 
 
@@ -73,27 +53,6 @@ def common_camera(cameras: Sequence[Camera | None], what: str) -> tuple[Camera |
 
     The images must be of one camera. Calibrations that differ by less than one per cent of the longer side, as those
     of a telephone that focuses, are replaced by their median; the note tells how much they differ.
-
-    Parameters
-    ----------
-    cameras : sequence of Camera or None
-        One for each image.
-    what : str
-        Name of the source, for the message.
-
-    Returns
-    -------
-    camera : Camera or None
-        That of most images; None if no image states one.
-    kept : list of bool
-        For each image whether this is its camera.
-    notes : tuple of str
-        For the user.
-
-    Raises
-    ------
-    CalibrationError
-        If fewer than two of several images have one camera.
     """
     stated = [camera for camera in cameras if camera is not None]
     if not stated:
@@ -139,27 +98,6 @@ def posed_source(name: str, kind: str, images: Sequence[PosedImage], root: Path)
     """Make a source of posed images without times.
 
     Images that the folder does not hold are left out, since data sets are often passed on in part.
-
-    Parameters
-    ----------
-    name, kind : str
-        Of the source.
-    images : sequence of PosedImage
-        In any order.
-    root : Path
-        The folder of the source, which no image may lie outside of.
-
-    Returns
-    -------
-    ImageFileSource
-        In the natural order of the names.
-
-    Raises
-    ------
-    SourceError
-        If the folder holds none of the images, or the list names more than :data:`MAX_FRAMES`, or one twice.
-    CalibrationError
-        If the images are of different cameras.
     """
     if len(images) > MAX_FRAMES:
         raise SourceError(f"{root}: lists more than {MAX_FRAMES} images: split it")

@@ -12,33 +12,12 @@ from slam_init.types.arrays import Floats
 from slam_init.types.pose import Trajectory
 from slam_init.types.time_stamps import LARGEST_STAMP, TimeUnit, in_seconds, problem_of, time_unit, unit_notes
 
-__all__ = ["image_times", "stamp_of", "truth_on_clock"]
-
 # A true pose belongs to an image if their time stamps differ by no more than this.
 _TOLERANCE_S = 0.02
 
 
 def stamp_of(row: Row, fields: list[str], what: str) -> float:
-    """Parse the first field of a line as a time stamp in any unit.
-
-    Parameters
-    ----------
-    row : Row
-        The line, for the message.
-    fields : list of str
-    what : str
-        The expected content of the line, for the message.
-
-    Returns
-    -------
-    float
-        Finite, not negative, below 2^63.
-
-    Raises
-    ------
-    SourceError
-        If there is no such number; the message names file and line.
-    """
+    """Parse the first field of a line as a time stamp in any unit."""
     (stamp,) = numbers(row, fields, 1, what)
     if problem := problem_of(stamp):
         raise SourceError(f"{row[0]}: time stamp {fields[0][:40]} {problem}")
@@ -50,27 +29,7 @@ def image_times(
 ) -> tuple[Floats, tuple[str, ...]]:
     """Check that the time stamps of images increase, and convert them to seconds.
 
-    Parameters
-    ----------
-    stamps : sequence of float
-        At least one, in any unit.
-    places : sequence of str
-        For each stamp the place where it stands, for the message.
-    stated : TimeUnit
-        The unit that the format states.
-
-    Returns
-    -------
-    timestamps_s : (N,) float
-        Strictly increasing.
-    notes : tuple of str
-        For the user: a conversion that the format did not state.
-
-    Raises
-    ------
-    SourceError
-        If a stamp is not finite, negative or beyond 2^63, or does not come after the one before, also if a double does
-        not tell them apart; the message names its place.
+    Shapes: returns ``timestamps_s`` (N,).
     """
     raw = np.array(stamps, float)
     _check(raw, raw, places)
@@ -100,21 +59,7 @@ def truth_on_clock(
     Poses may come at any rate, so that their step tells nothing. Their unit is the one in which most images have a true
     pose; the stated one if no other gives more.
 
-    Parameters
-    ----------
-    truth : Trajectory or None
-        With stamps in any unit.
-    timestamps_s : (N,) float
-        Times of the images in seconds.
-    stated : TimeUnit
-        The unit that the format states.
-
-    Returns
-    -------
-    truth : Trajectory or None
-        In seconds.
-    notes : tuple of str
-        For the user: a conversion that the format did not state.
+    Shapes: ``timestamps_s`` (N,).
     """
     if truth is None:
         return None, ()

@@ -15,9 +15,6 @@ from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.frame import Frame, notes_of
 
-__all__ = ["SubsampledSource"]
-
-
 #: Time stamps are exact to this.
 _ROUNDING_S = 1e-6
 
@@ -47,22 +44,14 @@ class _Pace:
 
 @dataclass(frozen=True, eq=False)
 class SubsampledSource(DerivedSource):
-    """A part of the frames of a source. Frames keep their time stamps and, unless renumbered, their indices.
+    """A part of the frames of a source. Frames keep their time stamps and, unless renumbered, their indices."""
 
-    Attributes
-    ----------
-    source : TimedSource
-    every : int
-        Every N-th frame is taken, from the start frame on.
-    fps : float or None
-        The frames nearest to this rate are taken, by their time stamps, from the start frame on. A source with a lower
-        rate gives all frames.
-    renumbered : bool
-        Whether the frames that are taken from frame 0 on get consecutive indices, as a comparison needs them.
-    """
-
+    #: Every N-th frame is taken, from the start frame on.
     every: int = 1
+    #: The frames nearest to this rate are taken, by their time stamps, from the start frame on. A source with a lower
+    #: rate gives all frames.
     fps: float | None = None
+    #: Whether the frames that are taken from frame 0 on get consecutive indices, as a comparison needs them.
     renumbered: bool = False
 
     def __post_init__(self) -> None:
@@ -73,12 +62,7 @@ class SubsampledSource(DerivedSource):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Those of the source, and which frames are taken.
-
-        Returns
-        -------
-        tuple of str
-        """
+        """Those of the source, and which frames are taken."""
         taken = (
             f"every {self.every} frames one is used" if self.fps is None else f"at most {self.fps:g} frames a second"
         )
@@ -104,37 +88,13 @@ class SubsampledSource(DerivedSource):
         return len(self._taken)
 
     def left(self, start: int) -> int:
-        """Count the frames that are taken from a frame on.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of a frame.
-
-        Returns
-        -------
-        int
-        """
+        """Count the frames that are taken from a frame on."""
         return len(self) - start if self.renumbered else len(self._indices(start))
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Read the frames that are taken, in order.
 
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame; for renumbered frames their own number.
-        max_frames : int, optional
-            Largest number of frames that are taken; by default all.
-
-        Yields
-        ------
-        Frame
-
-        Raises
-        ------
-        SourceError
-            As the source.
+        * ``start``: Absolute index of the first frame; for renumbered frames their own number.
         """
         if self.renumbered:
             wanted = frame_range(len(self), start, max_frames, self.name)

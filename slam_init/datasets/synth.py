@@ -18,8 +18,6 @@ from slam_init.types.pose import Trajectory
 if TYPE_CHECKING:
     from sequences_synth import SynthOptions, SynthSequence
 
-__all__ = ["PREFIX", "SynthSource", "make_synth", "open_synth", "option_values"]
-
 PREFIX = "synth:"
 # Values of options that are on or off.
 _SWITCH = {"0": False, "1": True}
@@ -27,12 +25,7 @@ _SWITCH = {"0": False, "1": True}
 
 @dataclass(frozen=True, eq=False)
 class SynthSource:
-    """A :class:`slam_init.types.frame.Source` that renders a frame when it is requested.
-
-    Attributes
-    ----------
-    sequence : SynthSequence
-    """
+    """A :class:`slam_init.types.frame.Source` that renders a frame when it is requested."""
 
     sequence: SynthSequence
     #: The newest image by its index: a command reads the first frame before its run, to check it.
@@ -73,24 +66,7 @@ class SynthSource:
         return len(self.sequence)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Render frames in order, each when it is requested.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame.
-        max_frames : int, optional
-            Largest number of frames; by default all.
-
-        Yields
-        ------
-        Frame
-
-        Raises
-        ------
-        SourceError
-            If the source has no such frame.
-        """
+        """Render frames in order, each when it is requested."""
         for index in frame_range(len(self), start, max_frames, self.name):
             if index not in self._newest:
                 image, _ = self.sequence.render(index)
@@ -103,21 +79,7 @@ class SynthSource:
 def open_synth(text: str, seed: int) -> SynthSource:
     """Open ``synth:NAME[?option=value&...]``.
 
-    Parameters
-    ----------
-    text : str
-        Name of the source; the options are those of :class:`sequences_synth.SynthOptions`.
-    seed : int
-        Seed of the sequence.
-
-    Returns
-    -------
-    SynthSource
-
-    Raises
-    ------
-    SourceError
-        If the scene or an option is unknown, or if a value is not a number or out of range.
+    * ``text``: Name of the source; the options are those of :class:`sequences_synth.SynthOptions`.
     """
     from sequences_synth import SynthOptions
 
@@ -128,24 +90,7 @@ def open_synth(text: str, seed: int) -> SynthSource:
 def option_values(text: str, query: str, defaults: Any) -> dict[str, Any]:
     """Parse the options ``name=value&...`` of a source.
 
-    Parameters
-    ----------
-    text : str
-        Name of the source, for the message.
-    query : str
-        The options.
-    defaults : dataclass instance
-        Its fields are the known options; the type of each default is that of the value.
-
-    Returns
-    -------
-    dict of str to float, int, bool or str
-        The given options only.
-
-    Raises
-    ------
-    SourceError
-        If an option is unknown, if a value is not a number, or if that of a switch is neither 0 nor 1.
+    * ``defaults``: Its fields are the known options; the type of each default is that of the value.
     """
     known = {field.name: type(getattr(defaults, field.name)) for field in fields(defaults)}
     values: dict[str, Any] = {}
@@ -167,23 +112,7 @@ def option_values(text: str, query: str, defaults: Any) -> dict[str, Any]:
 def make_synth(name: str, seed: int, values: dict[str, Any]) -> SynthSequence:
     """Make a synthetic sequence.
 
-    Parameters
-    ----------
-    name : str
-        One of :data:`sequences_synth.SCENES`.
-    seed : int
-        Not negative.
-    values : dict
-        Options of :class:`sequences_synth.SynthOptions`; the others keep their defaults.
-
-    Returns
-    -------
-    SynthSequence
-
-    Raises
-    ------
-    SourceError
-        If the scene is unknown, or if the seed or an option is out of range.
+    * ``values``: Options of :class:`sequences_synth.SynthOptions`; the others keep their defaults.
     """
     import sequences_synth
 

@@ -20,8 +20,6 @@ from slam_init.errors import SourceError
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
-__all__ = ["find_tartanair", "open_tartanair"]
-
 _CAMERAS = (("image_left", "pose_left.txt"), ("image_lcam_front", "pose_lcam_front.txt"))
 _NOMINAL_RATE_HZ = 10.0
 
@@ -32,14 +30,9 @@ _NED_FROM_CAM = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 def find_tartanair(folder: str | os.PathLike[str]) -> tuple[Path, Path] | None:
     """Find the images and the poses of a sequence.
 
-    Parameters
-    ----------
-    folder : str or path-like
+    Shapes: returns (Path, Path).
 
-    Returns
-    -------
-    (Path, Path) or None
-        Image folder and pose file; None if this is not a TartanAir folder.
+    * Returns: Image folder and pose file; None if this is not a TartanAir folder.
     """
     folder = Path(folder)
     found = ((folder / images, folder / poses) for images, poses in _CAMERAS)
@@ -47,21 +40,7 @@ def find_tartanair(folder: str | os.PathLike[str]) -> tuple[Path, Path] | None:
 
 
 def open_tartanair(folder: str | os.PathLike[str]) -> ImageFileSource:
-    """Open a TartanAir sequence.
-
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    ImageFileSource
-
-    Raises
-    ------
-    SourceError, CalibrationError
-        If a file is broken, or the numbers of poses and images differ.
-    """
+    """Open a TartanAir sequence."""
     folder = Path(folder)
     found = find_tartanair(folder)
     if found is None:

@@ -19,17 +19,6 @@ from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose, Trajectory
 
-__all__ = [
-    "Row",
-    "numbers",
-    "pose_from_matrix",
-    "pose_from_quaternion",
-    "read_lines",
-    "read_rows",
-    "read_tum_trajectory",
-    "trajectory",
-]
-
 #: The place of a line for error messages (``file:line``), and its text.
 Row = tuple[str, str]
 
@@ -46,23 +35,7 @@ _MAX_LINES = 600_000
 def read_rows(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Iterator[Row]:
     """Read the lines of a file, without blank lines and comments.
 
-    Parameters
-    ----------
-    path : str or path-like
-    root : str or path-like, optional
-        The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
-
-    Yields
-    ------
-    place : str
-        File and line number, ``file:line``.
-    text : str
-        The line without spaces at its ends.
-
-    Raises
-    ------
-    SourceError
-        If the file cannot be read as text, is larger than 200 MB, or lies outside of the folder of the source.
+    * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
     """
     for place, line in read_lines(path, root):
         if line and not line.startswith("#"):
@@ -72,23 +45,7 @@ def read_rows(path: str | os.PathLike[str], root: str | os.PathLike[str] | None 
 def read_lines(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Iterator[Row]:
     """Read all lines of a file, blank ones and comments too.
 
-    Parameters
-    ----------
-    path : str or path-like
-    root : str or path-like, optional
-        The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
-
-    Yields
-    ------
-    place : str
-        File and line number, ``file:line``.
-    text : str
-        The line without spaces at its ends.
-
-    Raises
-    ------
-    SourceError
-        As of :func:`read_rows`.
+    * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
     """
     path = Path(path)
     if root is not None:
@@ -104,28 +61,7 @@ def read_lines(path: str | os.PathLike[str], root: str | os.PathLike[str] | None
 
 
 def numbers(row: Row, fields: list[str], count: int, what: str) -> list[float]:
-    """Parse the first ``count`` fields of a line as finite numbers.
-
-    Parameters
-    ----------
-    row : Row
-        The line, for the message.
-    fields : list of str
-    count : int
-        Number of fields to parse.
-    what : str
-        The expected content of the line, for the message.
-
-    Returns
-    -------
-    list of float
-        Of length ``count``.
-
-    Raises
-    ------
-    SourceError
-        If there are too few fields, or if one is not a finite number.
-    """
+    """Parse the first ``count`` fields of a line as finite numbers."""
     place, text = row
     try:
         values = [float(field) for field in fields[:count]]
@@ -139,15 +75,10 @@ def numbers(row: Row, fields: list[str], count: int, what: str) -> list[float]:
 def trajectory(stamped: list[tuple[float, Pose]]) -> Trajectory | None:
     """Make a trajectory from stamped poses.
 
-    Parameters
-    ----------
-    stamped : list of (float, Pose)
-        Time stamps in seconds and poses world_from_cam, in any order. Of poses with equal stamps the first is kept.
+    Shapes: ``stamped`` (float, Pose).
 
-    Returns
-    -------
-    Trajectory or None
-        None if the list is empty.
+    * ``stamped``: Time stamps in seconds and poses world_from_cam, in any order. Of poses with equal stamps the first
+      is kept.
     """
     unique: dict[float, Pose] = {}
     for timestamp_s, pose in stamped:
@@ -157,26 +88,7 @@ def trajectory(stamped: list[tuple[float, Pose]]) -> Trajectory | None:
 
 
 def pose_from_quaternion(row: Row, t: list[float], q_wxyz: list[float]) -> Pose:
-    """Make a pose from a translation and a quaternion of a file.
-
-    Parameters
-    ----------
-    row : Row
-        The line, for the message.
-    t : list of float
-        Translation (3,).
-    q_wxyz : list of float
-        Quaternion (4,), of unit norm up to the printed digits.
-
-    Returns
-    -------
-    Pose
-
-    Raises
-    ------
-    SourceError
-        If the norm of the quaternion differs from 1 by more than 0.01.
-    """
+    """Make a pose from a translation and a quaternion of a file."""
     # Files print 4 to 9 digits. A norm further from 1 means that the columns hold something else.
     if abs(math.hypot(*q_wxyz) - 1) > 0.01:
         raise SourceError(f"{row[0]}: quaternion {q_wxyz} is not of unit norm")
@@ -186,20 +98,7 @@ def pose_from_quaternion(row: Row, t: list[float], q_wxyz: list[float]) -> Pose:
 def pose_from_matrix(place: str, matrix: Floats) -> Pose:
     """Make a pose from a printed matrix. Its rotation is made exactly orthonormal.
 
-    Parameters
-    ----------
-    place : str
-        File and line, for the message.
-    matrix : (3, 4) or (4, 4) float
-
-    Returns
-    -------
-    Pose
-
-    Raises
-    ------
-    SourceError
-        If the 3x3 part is not a rotation up to 0.01.
+    Shapes: ``matrix`` (3, 4).
     """
     R = matrix[:3, :3]
     # The first condition holds back numbers whose squares overflow.
@@ -218,22 +117,9 @@ def _position(place: str, t: Floats) -> Floats:
 def read_tum_trajectory(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Trajectory | None:
     """Read a trajectory in the format of TUM RGB-D: lines of ``timestamp tx ty tz qx qy qz qw``.
 
-    Parameters
-    ----------
-    path : str or path-like
-    root : str or path-like, optional
-        The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
-
-    Returns
-    -------
-    Trajectory or None
-        Time stamps as they stand in the file and poses world_from_cam in the unit of the file; None if the file holds
-        no pose.
-
-    Raises
-    ------
-    SourceError
-        If the file cannot be read or a line is broken; the message names file and line.
+    * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
+    * Returns: Time stamps as they stand in the file and poses world_from_cam in the unit of the file; None if the file
+      holds no pose.
     """
     stamped = []
     for row in read_rows(path, root):

@@ -7,8 +7,6 @@ from typing import Protocol
 from slam_init.types.arrays import Floats
 from slam_init.types.frame import Source
 
-__all__ = ["TimedSource"]
-
 
 class TimedSource(Source, Protocol):
     """A source whose length and time stamps are known without decoding its images."""

@@ -21,8 +21,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.pose import Trajectory
 
-__all__ = ["MAX_NAME", "KnowsTracks", "TrackSource", "by_name", "draw_points", "track_source", "with_pictures"]
-
 #: Longest name of an image in characters. File systems allow paths of 4096 bytes.
 MAX_NAME = 1000
 
@@ -34,35 +32,14 @@ class KnowsTracks(Protocol):
     """A source that knows the tracks of its frames, so that no tracker is needed."""
 
     def observed(self, frame: Frame, camera: Camera) -> Observations:
-        """Give the tracks of a frame.
-
-        Parameters
-        ----------
-        frame : Frame
-            A frame of this source.
-        camera : Camera
-            The calibration of the frames.
-
-        Returns
-        -------
-        Observations
-        """
+        """Give the tracks of a frame."""
         ...
 
 
 def draw_points(size: tuple[int, int], pixels: Floats) -> Image:
     """Draw points as an image, for sources that have none.
 
-    Parameters
-    ----------
-    size : (int, int)
-        Width and height in pixels.
-    pixels : (N, 2) float
-
-    Returns
-    -------
-    (H, W) uint8
-        Bright dots of 2x2 pixels on a dark background.
+    Shapes: ``size`` (int, int), ``pixels`` (N, 2), returns (H, W).
     """
     width, height = size
     image = np.full((height, width), _BACKGROUND, np.uint8)
@@ -74,37 +51,25 @@ def draw_points(size: tuple[int, int], pixels: Floats) -> Image:
 
 @dataclass(frozen=True, eq=False)
 class TrackSource:
-    """A :class:`slam_init.datasets.timed.TimedSource` of given tracks; its images are dots, or pictures.
+    """A :class:`slam_init.datasets.timed.TimedSource` of given tracks; its images are dots, or pictures."""
 
-    Attributes
-    ----------
-    name, kind, camera, groundtruth
-        See :class:`slam_init.types.frame.Source`.
-    image_names : tuple of str
-        One for each frame.
-    timestamps_s : (F,) float
-        Strictly increasing.
-    size : (int, int)
-        Width and height of the images in pixels.
-    table : TrackTable
-    notes : tuple of str
-        What the user should know about the source.
-    pictures : ImageFileSource or None
-        The images.
-    picture_indices : tuple of int
-        For each frame the index of its image in ``pictures``.
-    """
-
+    #: name, kind, camera, groundtruth: See :class:`slam_init.types.frame.Source`.
     name: str
     kind: str
+    #: One for each frame.
     image_names: tuple[str, ...]
+    #: (F,) Strictly increasing.
     timestamps_s: Floats
+    #: (int, int) Width and height of the images in pixels.
     size: tuple[int, int]
     table: TrackTable
     camera: Camera | None = None
     groundtruth: Trajectory | None = None
+    #: What the user should know about the source.
     notes: tuple[str, ...] = ()
+    #: The images.
     pictures: ImageFileSource | None = None
+    #: For each frame the index of its image in ``pictures``.
     picture_indices: tuple[int, ...] = ()
 
     def __len__(self) -> int:
@@ -119,24 +84,7 @@ class TrackSource:
         return slice(int(self._starts[index]), int(self._starts[index + 1]))
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Read the pictures, or draw the points.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame.
-        max_frames : int, optional
-            Largest number of frames; by default all.
-
-        Yields
-        ------
-        Frame
-
-        Raises
-        ------
-        SourceError
-            If the source has no such frame, or a picture cannot be read or has another size.
-        """
+        """Read the pictures, or draw the points."""
         for index in frame_range(len(self), start, max_frames, self.name):
             name = self.image_names[index]
             if self.pictures is None:
@@ -147,18 +95,7 @@ class TrackSource:
             yield Frame(index, float(self.timestamps_s[index]), name, image)
 
     def observed(self, frame: Frame, camera: Camera) -> Observations:
-        """Give the tracks of a frame, without those that the camera cannot have seen.
-
-        Parameters
-        ----------
-        frame : Frame
-            A frame of this source.
-        camera : Camera
-
-        Returns
-        -------
-        Observations
-        """
+        """Give the tracks of a frame, without those that the camera cannot have seen."""
         rows = self._rows(frame.index)
         pixels = self.table.pixels[rows]
         bearings = camera.bearings(pixels)
@@ -171,22 +108,7 @@ class TrackSource:
         return Observations(frame.index, frame.timestamp_s, frame.name, ids, pixels, bearings, colors)
 
     def observations(self, start: int = 0) -> Iterator[Observations]:
-        """Give the tracks of each frame in order, with the calibration of the source.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame.
-
-        Yields
-        ------
-        Observations
-
-        Raises
-        ------
-        SourceError
-            If the source has no calibration.
-        """
+        """Give the tracks of each frame in order, with the calibration of the source."""
         if self.camera is None:
             raise SourceError(f"{self.name} has no calibration")
         for frame in self.frames(start):
@@ -207,30 +129,7 @@ def track_source(
 ) -> TrackSource:
     """Make a source of tracks; check what the formats have in common.
 
-    Parameters
-    ----------
-    path : Path
-        The file, for the name and for messages.
-    kind : str
-    image_names : tuple of str
-        In the order of the frames.
-    size : (int, int)
-        Width and height of the images in pixels.
-    table : TrackTable
-    camera : Camera, optional
-    timestamps_s : (F,) float, optional
-        By default one frame a second, as for photographs.
-    groundtruth : Trajectory, optional
-    notes : tuple of str
-
-    Returns
-    -------
-    TrackSource
-
-    Raises
-    ------
-    SourceError
-        If there are no images, more than :data:`MAX_FRAMES`, images without pixels or with too many, or no track.
+    Shapes: ``size`` (int, int), ``timestamps_s`` (F,).
     """
     if not image_names or len(image_names) > MAX_FRAMES:
         raise SourceError(f"{path}: holds {len(image_names)} images: expected 1 to {MAX_FRAMES}")
@@ -249,24 +148,7 @@ def track_source(
 
 
 def by_name(path: Path, names: list[str]) -> list[int]:
-    """Order images by their names.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for messages.
-    names : list of str
-
-    Returns
-    -------
-    list of int
-        Indices in the natural order of the names.
-
-    Raises
-    ------
-    SourceError
-        If a name is given twice, or is too long for one.
-    """
+    """Order images by their names."""
     for name, count in Counter(names).items():
         if len(name) > MAX_NAME:
             raise SourceError(f"{path}: the name of an image has {len(name)} characters: this is no file name")
@@ -278,22 +160,9 @@ def by_name(path: Path, names: list[str]) -> list[int]:
 def with_pictures(source: TrackSource, pictures: ImageFileSource) -> TrackSource:
     """Add the images to a source of tracks, and what their data set knows: order, times, calibration and truth.
 
-    Parameters
-    ----------
-    source : TrackSource
-    pictures : ImageFileSource
-        Its images are found by their names: by the path relative to the image folder, or by the file name alone where
-        no two images have the same.
-
-    Returns
-    -------
-    TrackSource
-        The frames are in the order of ``pictures``. The calibration is that of the source, if it has one.
-
-    Raises
-    ------
-    SourceError
-        If there is no picture of an image of the source.
+    * ``pictures``: Its images are found by their names: by the path relative to the image folder, or by the file name
+      alone where no two images have the same.
+    * Returns: The frames are in the order of ``pictures``. The calibration is that of the source, if it has one.
     """
     relative = {tuple(reversed(path.parts)): i for i, path in enumerate(pictures.paths)}
     by_file: dict[str, list[tuple[tuple[str, ...], int]]] = {}

@@ -23,8 +23,6 @@ from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Trajectory
 
-__all__ = ["is_tracks_file", "open_tracks_file"]
-
 _ARRAYS = (
     "frame", "track", "xy", "size", "names", "timestamps_s", "K", "distortion", "model", "world_from_cam",
 )  # fmt: skip
@@ -34,35 +32,12 @@ _MAX_BYTES = 32 * MAX_MATCHES
 
 
 def is_tracks_file(path: Path) -> bool:
-    """Tell whether a file is an archive of arrays, by its suffix.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether a file is an archive of arrays, by its suffix."""
     return path.suffix.lower() == ".npz"
 
 
 def open_tracks_file(path: Path) -> TrackSource:
-    """Open a file of tracks.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    TrackSource
-
-    Raises
-    ------
-    SourceError, CalibrationError
-        If an array is missing, has another shape, or a value that is impossible; the message names the array.
-    """
+    """Open a file of tracks."""
     arrays = read_npz(path, _ARRAYS, _MAX_BYTES, "tracks")
     missing = [name for name in _REQUIRED if name not in arrays]
     if missing:

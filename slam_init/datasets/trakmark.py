@@ -29,23 +29,11 @@ from slam_init.datasets.text import Row, numbers, pose_from_matrix, read_rows, t
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.types.camera import Camera
 
-__all__ = ["find_trakmark_extrinsics", "open_trakmark"]
-
 _SUFFIXES = (".txt", ".csv", ".dat")
 
 
 def find_trakmark_extrinsics(folder: str | os.PathLike[str]) -> Path | None:
-    """Find the extrinsic parameters of a sequence.
-
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    Path or None
-        None if this is no such folder.
-    """
+    """Find the extrinsic parameters of a sequence."""
     return _named(Path(folder), "extrinsic")
 
 
@@ -55,21 +43,7 @@ def _named(folder: Path, word: str) -> Path | None:
 
 
 def open_trakmark(folder: str | os.PathLike[str]) -> ImageFileSource:
-    """Open a sequence in the manner of TrakMark.
-
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    ImageFileSource
-
-    Raises
-    ------
-    SourceError, CalibrationError
-        If a file is broken, or the numbers of poses and images differ.
-    """
+    """Open a sequence in the manner of TrakMark."""
     folder = Path(folder)
     extrinsics = find_trakmark_extrinsics(folder)
     if extrinsics is None:

@@ -30,8 +30,6 @@ from slam_init.errors import CalibrationError, SourceError
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose, Trajectory
 
-__all__ = ["INDEX_FILES", "open_tum"]
-
 #: Files that list the images; the first that exists is read.
 INDEX_FILES = ("rgb.txt", "associations.txt", "associated.txt")
 
@@ -65,22 +63,7 @@ _ICL_NUIM_RATE_HZ = 30.0
 
 
 def open_tum(folder: str | os.PathLike[str]) -> ImageFileSource:
-    """Open a TUM RGB-D or ICL-NUIM folder.
-
-    Parameters
-    ----------
-    folder : str or path-like
-        Must hold one of :data:`INDEX_FILES`.
-
-    Returns
-    -------
-    ImageFileSource
-
-    Raises
-    ------
-    SourceError, CalibrationError
-        If a file of the folder is missing or broken; the message names file and line.
-    """
+    """Open a TUM RGB-D or ICL-NUIM folder."""
     folder = Path(folder)
     icl_truths = sorted(folder.glob("*.gt.freiburg"))
     if len(icl_truths) > 1:

@@ -19,8 +19,6 @@ from slam_init.types.pose import Trajectory
 if TYPE_CHECKING:
     from slam_init.datasets.timed import TimedSource
 
-__all__ = ["PYTHON", "ConvertedSource", "open_python"]
-
 #: Prefix of the name of such a source.
 PYTHON = "python:"
 _FORM = "give python:package.module:attribute or python:FILE.py:attribute"
@@ -31,21 +29,8 @@ _REQUIRED_ATTRIBUTES = ("name", "kind", "camera", "groundtruth", "timestamps_s",
 def open_python(text: str) -> TimedSource:
     """Open a source by importing an attribute of a module and calling it without arguments.
 
-    Parameters
-    ----------
-    text : str
-        ``python:package.module:attribute`` or ``python:FILE.py:attribute``; the call returns a
-        :class:`~slam_init.datasets.timed.TimedSource`.
-
-    Returns
-    -------
-    TimedSource
-
-    Raises
-    ------
-    SourceError
-        If the attribute cannot be imported or called, if it does not return a source, or if the time stamps of the
-        source do not increase or are no times.
+    * ``text``: ``python:package.module:attribute`` or ``python:FILE.py:attribute``; the call returns a
+      :class:`~slam_init.datasets.timed.TimedSource`.
     """
     try:
         source: TimedSource = attribute_of(text.removeprefix(PYTHON))()
@@ -77,23 +62,15 @@ def _with_checked_times(text: str, source: TimedSource) -> TimedSource:
 
 @dataclass(frozen=True, eq=False)
 class ConvertedSource:
-    """A source of the user whose time stamps are converted to seconds.
+    """A source of the user whose time stamps are converted to seconds."""
 
-    Attributes
-    ----------
-    source : TimedSource
-        The source of the user.
-    timestamps_s : (N,) float
-        In seconds, strictly increasing.
-    groundtruth : Trajectory or None
-        On the same clock.
-    notes : tuple of str
-        The unit of the stamps, for the user.
-    """
-
+    #: The source of the user.
     source: TimedSource
+    #: (N,) In seconds, strictly increasing.
     timestamps_s: Floats
+    #: On the same clock.
     groundtruth: Trajectory | None
+    #: The unit of the stamps, for the user.
     notes: tuple[str, ...]
 
     @property
@@ -115,18 +92,6 @@ class ConvertedSource:
         return len(self.source)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Give the frames of the source, with times in seconds.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame.
-        max_frames : int, optional
-            Largest number of frames; by default all.
-
-        Yields
-        ------
-        Frame
-        """
+        """Give the frames of the source, with times in seconds."""
         for frame in self.source.frames(start, max_frames):
             yield replace(frame, timestamp_s=float(self.timestamps_s[frame.index]))

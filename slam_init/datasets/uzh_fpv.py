@@ -22,28 +22,12 @@ from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import check_inside
 from slam_init.types.pose import Pose, Trajectory
 
-__all__ = ["UZH_FPV_INDEX", "open_uzh_fpv"]
-
 #: The list of the images of the left camera.
 UZH_FPV_INDEX = "left_images.txt"
 
 
 def open_uzh_fpv(folder: str | os.PathLike[str]) -> ImageFileSource:
-    """Open a UZH-FPV sequence.
-
-    Parameters
-    ----------
-    folder : str or path-like
-
-    Returns
-    -------
-    ImageFileSource
-
-    Raises
-    ------
-    SourceError, CalibrationError
-        If a file is broken; the message names file and line.
-    """
+    """Open a UZH-FPV sequence."""
     folder = Path(folder)
     paths: list[Path] = []
     stamps: list[float] = []

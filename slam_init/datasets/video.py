@@ -33,8 +33,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.pose import Trajectory
 
-__all__ = ["VideoSource", "open_video"]
-
 # Frame rate where the header states none, or one that is impossible.
 _NOMINAL_RATE_HZ = 30.0
 
@@ -54,29 +52,19 @@ _NOT_TEXT = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f]")
 
 @dataclass(frozen=True, eq=False)
 class VideoSource:
-    """A :class:`slam_init.types.frame.Source` over a video file. The time stamp of a frame is that of the container.
-
-    Attributes
-    ----------
-    path : Path
-    length : int
-        Number of frames as the header states, or as counted where the header states none or one that is impossible.
-    rate_hz : float
-        Mean number of frames per second. A frame without a possible time in the container comes one interval after the
-        frame before it.
-    size : (int, int)
-        Width and height of the upright frames in pixels.
-    decoder : str
-        ``opencv`` or ``pyav``.
-    header_notes : tuple of str
-        What the header tells the user: whether the frame rate is assumed, or the frames are turned.
-    """
+    """A :class:`slam_init.types.frame.Source` over a video file. The time stamp of a frame is that of the container."""
 
     path: Path
+    #: Number of frames as the header states, or as counted where the header states none or one that is impossible.
     length: int
+    #: Mean number of frames per second. A frame without a possible time in the container comes one interval after the
+    #: frame before it.
     rate_hz: float
+    #: (int, int) Width and height of the upright frames in pixels.
     size: tuple[int, int]
+    #: ``opencv`` or ``pyav``.
     decoder: Decoder = "opencv"
+    #: What the header tells the user: whether the frame rate is assumed, or the frames are turned.
     header_notes: tuple[str, ...] = ()
     _seen: set[str] = field(default_factory=set, init=False, repr=False)
 
@@ -102,12 +90,7 @@ class VideoSource:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know about the video, from its header and from the frames that were read.
-
-        Returns
-        -------
-        tuple of str
-        """
+        """What the user should know about the video, from its header and from the frames that were read."""
         return (*self.header_notes, *sorted(self._seen))
 
     @cached_property
@@ -125,22 +108,6 @@ class VideoSource:
         """Decode frames in order, always from the beginning of the video, since seeking is inexact.
 
         A stream may end earlier than its header states. This is an error only if it ends before frame ``start``.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame.
-        max_frames : int, optional
-            Largest number of frames; by default all.
-
-        Yields
-        ------
-        Frame
-
-        Raises
-        ------
-        SourceError
-            If frame ``start`` cannot be decoded, or if the size of a frame differs from that of the first.
         """
         wanted = frame_range(self.length, start, max_frames, self.name)
         # A GIF has no fields; its few colours are dithered, which looks like a comb.
@@ -174,23 +141,7 @@ class VideoSource:
 
 
 def open_video(path: str | os.PathLike[str]) -> VideoSource:
-    """Open a video file and decode its first frame.
-
-    Parameters
-    ----------
-    path : str or path-like
-
-    Returns
-    -------
-    VideoSource
-
-    Raises
-    ------
-    SourceError
-        If this is no regular file, a text (a playlist could name other files), a video that no installed decoder can
-        read or without a frame, or if its images have more than :data:`~slam_init.datasets.image_files.MAX_PIXELS`
-        pixels.
-    """
+    """Open a video file and decode its first frame."""
     path = Path(path)
     _check_file(path)
     header = read_header(path)

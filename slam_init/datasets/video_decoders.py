@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from av.container import InputContainer
     from av.video.stream import VideoStream
 
-__all__ = ["Decoder", "VideoHeader", "count_frames", "decoded", "packet_times_s", "read_header"]
-
 #: Name of a decoder.
 Decoder: TypeAlias = Literal["opencv", "pyav"]
 
@@ -40,47 +38,22 @@ _INSTALL = f'pip install "slam-init[video]", or {_CONVERT}'
 
 @dataclass(frozen=True)
 class VideoHeader:
-    """What a video states about itself.
+    """What a video states about itself."""
 
-    Attributes
-    ----------
-    decoder : str
-        ``opencv`` or ``pyav``: the decoder that can decode the first frame.
-    size : (int, int)
-        Width and height of the upright first frame in pixels.
-    rate_hz : float
-        Mean number of frames per second as stated; 0 or NaN where none is stated.
-    frames : float
-        Number of frames as stated; it may be impossible.
-    turned_deg : int
-        Clockwise rotation that makes the stored images upright: 0, 90, 180 or 270.
-    """
-
+    #: ``opencv`` or ``pyav``: the decoder that can decode the first frame.
     decoder: Decoder
+    #: (int, int) Width and height of the upright first frame in pixels.
     size: tuple[int, int]
+    #: Mean number of frames per second as stated; 0 or NaN where none is stated.
     rate_hz: float
+    #: Number of frames as stated; it may be impossible.
     frames: float
+    #: Clockwise rotation that makes the stored images upright: 0, 90, 180 or 270.
     turned_deg: int
 
 
 def read_header(path: Path) -> VideoHeader:
-    """Read the header of a video, and decode its first frame.
-
-    Parameters
-    ----------
-    path : Path
-        A regular file that is no text.
-
-    Returns
-    -------
-    VideoHeader
-
-    Raises
-    ------
-    SourceError
-        If no decoder can read the file, if its images have more than
-        :data:`~slam_init.datasets.image_files.MAX_PIXELS` pixels, or if PyAV might read it and is not installed.
-    """
+    """Read the header of a video, and decode its first frame."""
     import cv2
 
     capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
@@ -106,20 +79,12 @@ def read_header(path: Path) -> VideoHeader:
 def decoded(path: Path, decoder: Decoder, skip: int = 0) -> Iterator[tuple[float, Image | None]]:
     """Decode a video from its beginning, since seeking is inexact.
 
-    Parameters
-    ----------
-    path : Path
-    decoder : str
-        Of :class:`VideoHeader`.
-    skip : int
-        Number of frames at the beginning whose images are not needed.
+    Shapes: returns ``image`` (H, W, 3).
 
-    Yields
-    ------
-    time_s : float
-        Presentation time in the container in whole nanoseconds, from the start of its stream; NaN where it states none.
-    image : (H, W, 3) uint8 or None
-        The upright frame, BGR; None for a skipped one. A frame that cannot be decoded ends the video.
+    * ``skip``: Number of frames at the beginning whose images are not needed.
+    * Returns ``time_s``: Presentation time in the container in whole nanoseconds, from the start of its stream; NaN
+      where it states none.
+    * Returns ``image``: The upright frame, BGR; None for a skipped one. A frame that cannot be decoded ends the video.
     """
     yield from _decoded_by_opencv(path, skip) if decoder == "opencv" else _decoded_by_pyav(path, skip)
 
@@ -127,36 +92,15 @@ def decoded(path: Path, decoder: Decoder, skip: int = 0) -> Iterator[tuple[float
 def packet_times_s(path: Path, decoder: Decoder) -> list[float]:
     """Read the presentation times of all frames. The file is read, and nothing is decoded.
 
-    Parameters
-    ----------
-    path : Path
-    decoder : str
-        Of :class:`VideoHeader`.
-
-    Returns
-    -------
-    list of float
-        Ascending; empty where the container states no times. Frames before the start of the stream, which an edit
-        list hides, are left out.
+    * Returns: Ascending; empty where the container states no times. Frames before the start of the stream, which an
+      edit list hides, are left out.
     """
     found = _opencv_packet_times(path) if decoder == "opencv" else _pyav_packet_times(path)
     return sorted(time_s for time_s in found if np.isfinite(time_s) and time_s >= 0)
 
 
 def count_frames(path: Path, decoder: Decoder) -> int:
-    """Count the frames of a video by decoding it.
-
-    Parameters
-    ----------
-    path : Path
-    decoder : str
-        Of :class:`VideoHeader`.
-
-    Returns
-    -------
-    int
-        At most :data:`~slam_init.datasets.image_files.MAX_FRAMES`.
-    """
+    """Count the frames of a video by decoding it."""
     frames = decoded(path, decoder, skip=MAX_FRAMES)
     return sum(1 for _, _ in zip(range(MAX_FRAMES), frames, strict=False))
 

@@ -15,8 +15,6 @@ from slam_init.types.initial_map import InitialMap
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
-__all__ = ["ATTEMPTS_KEPT", "AttemptLog", "focal_notes", "reported_distortion", "reported_focal_factor"]
-
 _LOG = logging.getLogger("slam_init")
 _LOG.addHandler(logging.NullHandler())
 _VERDICTS = tuple(Verdict)
@@ -36,10 +34,7 @@ class AttemptLog:
     Each attempt is also written to the logger ``slam_init``: at level INFO if two views were estimated, and at level
     DEBUG if the pair was refused by its preview or by the rules of another system.
 
-    Parameters
-    ----------
-    limit : int
-        Number of attempts that are kept.
+    * ``limit``: Number of attempts that are kept.
     """
 
     def __init__(self, limit: int = ATTEMPTS_KEPT) -> None:
@@ -51,13 +46,7 @@ class AttemptLog:
         return len(self._verdicts)
 
     def add(self, attempt: Attempt) -> None:
-        """Add an attempt.
-
-        Parameters
-        ----------
-        attempt : Attempt
-            It is kept without its matches.
-        """
+        """Add an attempt."""
         none, no = np.zeros((0, 2)), np.zeros(0, bool)
         self._kept.append(replace(attempt, pixels1=none, pixels2=none, inliers=no, moving=no))
         self._verdicts.append(_VERDICTS.index(attempt.verdict))
@@ -76,16 +65,6 @@ class AttemptLog:
         """Return the best progress of the pairs whose reference frame is still a candidate.
 
         The progress of all other reference frames is dropped.
-
-        Parameters
-        ----------
-        references : iterable of int
-            The candidate reference frames.
-
-        Returns
-        -------
-        float
-            From 0 to 1; 0 without candidates.
         """
         self._progress = {frame: self._progress.get(frame, 0.0) for frame in references}
         return max(self._progress.values(), default=0.0)
@@ -100,11 +79,8 @@ class AttemptLog:
 
         The first half is not counted, because a video may start with a camera that hardly moves.
 
-        Returns
-        -------
-        Verdict
-            ``too_few_frames`` without attempts; the first in order of precedence if several verdicts are equally
-            frequent.
+        * Returns: ``too_few_frames`` without attempts; the first in order of precedence if several verdicts are equally
+          frequent.
         """
         if not self._verdicts:
             return Verdict.TOO_FEW_FRAMES
@@ -112,26 +88,11 @@ class AttemptLog:
         return _VERDICTS[min(counts, key=lambda verdict: (-counts[verdict], verdict))]
 
     def advice(self, reason: Verdict) -> str:
-        """Return the advice of the last kept attempt that was refused for a reason.
-
-        Parameters
-        ----------
-        reason : Verdict
-
-        Returns
-        -------
-        str
-            The advice of the reason itself if there is no such attempt.
-        """
+        """Return the advice of the last kept attempt that was refused for a reason."""
         return next((a.advice for a in reversed(self._kept) if a.verdict == reason), reason.advice)
 
     def notes(self) -> tuple[str, ...]:
-        """Write notes for the user about a suspected focal length and about attempts that are not kept.
-
-        Returns
-        -------
-        tuple of str
-        """
+        """Write notes for the user about a suspected focal length and about attempts that are not kept."""
         notes = []
         factor = reported_focal_factor(self._kept)
         if factor is not None:
@@ -156,15 +117,7 @@ def reported_focal_factor(attempts: Iterable[Attempt]) -> float | None:
     A wrong focal length is wrong in each pair. Therefore at least two checks, and more than half of all checks, have to
     suspect it, and their factors have to agree.
 
-    Parameters
-    ----------
-    attempts : iterable of Attempt
-        The attempts of a run.
-
-    Returns
-    -------
-    float or None
-        The true focal length divided by the stated one; None if the stated one is not suspected.
+    * Returns: The true focal length divided by the stated one; None if the stated one is not suspected.
     """
     checked = [a.rotation_only for a in attempts if a.rotation_only is not None]
     factors = [e.suspected_focal_factor for e in checked if e.suspected_focal_factor is not None]
@@ -179,16 +132,9 @@ def reported_focal_factor(attempts: Iterable[Attempt]) -> float | None:
 def reported_distortion(attempts: Iterable[Attempt]) -> float | None:
     """Return the radial distortion that the calibration lacks by most of the last windows.
 
-    Parameters
-    ----------
-    attempts : iterable of Attempt
-        The attempts of a run.
-
-    Returns
-    -------
-    float or None
-        To be added to the first coefficient; None if the stated distortion is not suspected. At least two windows, and
-        more than half of the later half of all windows, have to suspect it: early ones see too little motion.
+    * Returns: To be added to the first coefficient; None if the stated distortion is not suspected. At least two
+      windows, and more than half of the later half of all windows, have to suspect it: early ones see too little
+      motion.
     """
     windows = [a.window for a in attempts if a.window is not None]
     later = windows[len(windows) // 2 :]
@@ -201,16 +147,7 @@ def reported_distortion(attempts: Iterable[Attempt]) -> float | None:
 def focal_notes(map_: InitialMap | None, config: MapConfig) -> tuple[str, ...]:
     """Write a note if bundle adjustment adjusted the focal length, but the views hardly determine it.
 
-    Parameters
-    ----------
-    map_ : InitialMap or None
-    config : MapConfig
-        The options of the adjustment.
-
-    Returns
-    -------
-    tuple of str
-        Empty if the focal length was held fixed, or if the views determine it, as those of an estimate do.
+    * Returns: Empty if the focal length was held fixed, or if the views determine it, as those of an estimate do.
     """
     if map_ is None or map_.focal_factor_sigma is None or map_.camera.source == "estimated":
         return ()

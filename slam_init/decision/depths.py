@@ -31,8 +31,6 @@ from slam_init.types.gates import Gate, GateName, at_least, at_most
 from slam_init.types.reasons import Verdict
 from slam_init.work import Prices, spend
 
-__all__ = ["KNOWN_SHARE", "MAX_LOCATED_SIGMA", "depth_gates", "located_sigma"]
-
 #: Least share of the landmarks with known depths, and the largest standard deviation of the position of the next view,
 #: over its baseline; see the module docstring.
 KNOWN_SHARE, MAX_LOCATED_SIGMA = 0.75, 0.2
@@ -44,16 +42,7 @@ _AHEAD = math.cos(math.radians(30))
 def depth_gates(bundle: BundleSolution, config: AcceptanceConfig) -> tuple[Gate, ...]:
     """Make the gates on the depths of an adjusted map.
 
-    Parameters
-    ----------
-    bundle : BundleSolution
-    config : AcceptanceConfig
-        ``max_depth_sigma`` is the standard deviation of a known depth; ``min_parallax_deg`` adds a gate.
-
-    Returns
-    -------
-    tuple of Gate
-        All have the reason ``low_parallax``.
+    * ``config``: ``max_depth_sigma`` is the standard deviation of a known depth; ``min_parallax_deg`` adds a gate.
     """
     problem = bundle.problem
     spend(Prices.LOCATE * len(problem.points))
@@ -83,22 +72,10 @@ def located_sigma(points: Floats, covariances: Floats, step: float, noise_rad: f
 
     The errors of the landmarks count as independent.
 
-    Parameters
-    ----------
-    points : (L, 3) float
-        Landmarks in the frame of the newest camera.
-    covariances : (L, 3, 3) float
-        Of the landmarks, in this frame.
-    step : float
-        Distance of the view, along x or y of the newest camera.
-    noise_rad : float
-        Standard deviation of a coordinate of a ray.
+    Shapes: ``points`` (L, 3), ``covariances`` (L, 3, 3).
 
-    Returns
-    -------
-    float
-        Over the step, in the direction, for the view and for the half of the landmarks where it is largest. Infinity
-        where the landmarks of a half do not determine the view.
+    * Returns: Over the step, in the direction, for the view and for the half of the landmarks where it is largest.
+      Infinity where the landmarks of a half do not determine the view.
     """
     places = np.arctan2(points[:, :2], points[:, 2:])
     before = places < (np.median(places, axis=0) if len(places) else 0.0)

@@ -14,20 +14,12 @@ from slam_init.types.frame import Observations
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
-__all__ = ["FocalCheck", "with_focal_check"]
-
 #: A focal length that is wrong by 5 % moves the tracks by less than 0.2 px where the rotation is smaller than this.
 _FIRST_CHECK_DEG = 5.0
 
 
 class FocalCheck:
-    """Checks the stated focal length of a rotating camera, each time it has rotated clearly farther than before.
-
-    Parameters
-    ----------
-    camera : Camera
-    config : Config
-    """
+    """Checks the stated focal length of a rotating camera, each time it has rotated clearly farther than before."""
 
     def __init__(self, camera: Camera, config: Config) -> None:
         self._camera = camera
@@ -39,20 +31,9 @@ class FocalCheck:
     ) -> Attempt:
         """Add the evidence of a check to an attempt, if a check is due.
 
-        Parameters
-        ----------
-        attempt : Attempt
-            It is checked only if it was refused as a pure rotation and has no evidence of a rotation-only camera yet.
-        pairs : sequence of PairPreview
-            Of all candidate references with the current frame. The pair with the largest rotation is checked.
-        history : History
-            Holds the candidate references.
-        current : Observations
-
-        Returns
-        -------
-        Attempt
-            The same attempt if no check is due.
+        * ``attempt``: It is checked only if it was refused as a pure rotation and has no evidence of a rotation-only
+          camera yet.
+        * ``pairs``: Of all candidate references with the current frame. The pair with the largest rotation is checked.
         """
         if attempt.verdict != Verdict.PURE_ROTATION or attempt.rotation_only is not None:
             return attempt
@@ -70,18 +51,8 @@ def with_focal_check(
 ) -> Attempt:
     """Add the focal length that the matches of a rotating camera suggest.
 
-    Parameters
-    ----------
-    camera : Camera
-    config : Config
-    attempt : Attempt
-        Refused as a pure rotation.
-    reference, current : Observations
-        A pair with a large rotation. The larger the rotation, the clearer the effect of a wrong focal length.
-
-    Returns
-    -------
-    Attempt
+    * ``reference, current``: A pair with a large rotation. The larger the rotation, the clearer the effect of a wrong
+      focal length.
     """
     i, j = common_tracks(reference, current)
     # A two-view estimate, if there is one, has measured the noise.

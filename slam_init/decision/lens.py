@@ -12,8 +12,6 @@ from slam_init.types.camera import Camera
 from slam_init.window.state import CALIBRATED_SIGMA, Priors
 from slam_init.window.uncertainty import CameraEstimate
 
-__all__ = ["WindowLens"]
-
 #: Standard deviation of the first coefficient of the radial distortion. A calibration that states a distortion knows it
 #: to a hundredth. Without one, most images are rectified or those of a good lens; those of phones and wide angles have
 #: up to 0.3.
@@ -33,18 +31,9 @@ _FOLLOWED = 0.01
 class WindowLens:
     """The camera of the window, and what was known of its lens before.
 
-    Parameters
-    ----------
-    stated : Camera
-        With ``focal_sigma`` where the focal length is no calibration.
-
-    Attributes
-    ----------
-    stated : Camera
-    camera : Camera
-        The stated camera with the lens in use.
-    is_unknown : bool
-        Whether the focal length is estimated.
+    * ``stated``: With ``focal_sigma`` where the focal length is no calibration.
+    * ``camera``: The stated camera with the lens in use.
+    * ``is_unknown``: Whether the focal length is estimated.
     """
 
     def __init__(self, stated: Camera) -> None:
@@ -54,17 +43,7 @@ class WindowLens:
         self._log_scale, self._k1 = 0.0, 0.0
 
     def priors(self, readout_sigma_s: float) -> Priors:
-        """What is known of the lens in use before a fit.
-
-        Parameters
-        ----------
-        readout_sigma_s : float
-            Of :class:`~slam_init.window.state.Priors`.
-
-        Returns
-        -------
-        Priors
-        """
+        """What is known of the lens in use before a fit."""
         return Priors(
             focal_sigma=self.stated.focal_sigma or CALIBRATED_SIGMA,
             k1_sigma=_STATED_K1_SIGMA if self.stated.is_distorted else _UNSTATED_K1_SIGMA,
@@ -75,22 +54,12 @@ class WindowLens:
 
     @property
     def log_scale(self) -> float:
-        """Logarithm of the focal length in use over the stated one.
-
-        Returns
-        -------
-        float
-        """
+        """Logarithm of the focal length in use over the stated one."""
         return self._log_scale
 
     @property
     def k1(self) -> float:
-        """What is added to the first coefficient of the stated distortion.
-
-        Returns
-        -------
-        float
-        """
+        """What is added to the first coefficient of the stated distortion."""
         return self._k1
 
     def advice(self) -> str | None:
@@ -102,31 +71,14 @@ class WindowLens:
         return None
 
     def step(self, found: CameraEstimate) -> tuple[float, float]:
-        """How far the lens in use has to move to the estimate.
-
-        Parameters
-        ----------
-        found : CameraEstimate
-            By a fit with :attr:`camera`.
-
-        Returns
-        -------
-        log_scale, k1 : float
-            Zeros where the lens is calibrated, or near enough.
-        """
+        """How far the lens in use has to move to the estimate."""
         if not self.is_unknown:
             return 0.0, 0.0
         log_scale, k1 = found.focal.log_scale, found.distortion.k1
         return (log_scale, k1) if max(abs(log_scale), abs(k1)) > _FOLLOWED else (0.0, 0.0)
 
     def follow(self, log_scale: float, k1: float) -> None:
-        """Move the lens in use.
-
-        Parameters
-        ----------
-        log_scale, k1 : float
-            Of :meth:`step`.
-        """
+        """Move the lens in use."""
         self._log_scale += log_scale
         self._k1 += k1
         self.camera = self.camera.refocused(log_scale, k1)

@@ -8,24 +8,13 @@ from slam_init.recording.recorder import Recorder
 from slam_init.types.comparison import Margin
 from slam_init.types.initial_map import InitialMap
 
-__all__ = ["MapsSoFar"]
-
 
 class MapsSoFar:
     """The maps of the attempts up to now: an accepted map, or two undecided maps.
 
-    Parameters
-    ----------
-    recorder : Recorder
-        Receives a report when a map is accepted, and when the undecided maps change.
-
-    Attributes
-    ----------
-    accepted : InitialMap or None
-    hypotheses : tuple of InitialMap
-        The accepted map, or the two undecided ones.
-    margin : Margin or None
-        The vote of the accepted map, if it had one. Before that, the last vote between two maps.
+    * ``recorder``: Receives a report when a map is accepted, and when the undecided maps change.
+    * ``hypotheses``: The accepted map, or the two undecided ones.
+    * ``margin``: The vote of the accepted map, if it had one. Before that, the last vote between two maps.
     """
 
     def __init__(self, recorder: Recorder) -> None:
@@ -35,12 +24,7 @@ class MapsSoFar:
         self.margin: Margin | None = None
 
     def take(self, outcome: Outcome) -> None:
-        """Keep the maps of an attempt, and drop the maps that it contradicts.
-
-        Parameters
-        ----------
-        outcome : Outcome
-        """
+        """Keep the maps of an attempt, and drop the maps that it contradicts."""
         if outcome.margin is not None or outcome.accepted is not None:
             self.margin = outcome.margin
         if outcome.accepted is not None:

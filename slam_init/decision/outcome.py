@@ -9,26 +9,16 @@ from slam_init.types.comparison import Margin
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.result import Attempt
 
-__all__ = ["Outcome"]
-
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """The end of an attempt: its verdict, and the maps that it leaves.
+    """The end of an attempt: its verdict, and the maps that it leaves."""
 
-    Attributes
-    ----------
-    attempt : Attempt
-        The verdict and its evidence.
-    accepted : MapWithViews or None
-        A map that passed all gates.
-    hypotheses : tuple of InitialMap
-        The maps of two motions that the tracks do not decide between, the better one first.
-    margin : Margin or None
-        The vote between the best motion and its nearest rival; None without a rival.
-    """
-
+    #: The verdict and its evidence.
     attempt: Attempt
+    #: A map that passed all gates.
     accepted: MapWithViews | None = None
+    #: The maps of two motions that the tracks do not decide between, the better one first.
     hypotheses: tuple[InitialMap, ...] = ()
+    #: The vote between the best motion and its nearest rival; None without a rival.
     margin: Margin | None = None

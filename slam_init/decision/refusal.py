@@ -9,69 +9,23 @@ from slam_init.types.gates import Gate, Stage, progress
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
-__all__ = ["refused", "refused_at", "refused_by", "with_gates"]
-
 
 def with_gates(attempt: Attempt, gates: Sequence[Gate]) -> Attempt:
-    """Add gates to an attempt.
-
-    Parameters
-    ----------
-    attempt : Attempt
-    gates : sequence of Gate
-        Gates that were evaluated, passed or not.
-
-    Returns
-    -------
-    Attempt
-    """
+    """Add gates to an attempt."""
     return replace(attempt, gates=(*attempt.gates, *gates))
 
 
 def refused_by(attempt: Attempt, stage: Stage, gates: Sequence[Gate]) -> Attempt:
-    """Refuse an attempt for the reason of the first gate that does not pass.
-
-    Parameters
-    ----------
-    attempt : Attempt
-    stage : Stage
-    gates : sequence of Gate
-        All gates of this stage; at least one does not pass.
-
-    Returns
-    -------
-    Attempt
-    """
+    """Refuse an attempt for the reason of the first gate that does not pass."""
     failed = next(gate for gate in gates if not gate.passes())
     return replace(attempt, verdict=failed.reason, advice=failed.advice, stage=stage, progress=progress(stage, gates))
 
 
 def refused_at(attempt: Attempt, reason: Verdict, stage: Stage) -> Attempt:
-    """Refuse an attempt for a reason that has no gate.
-
-    Parameters
-    ----------
-    attempt : Attempt
-    reason : Verdict
-    stage : Stage
-
-    Returns
-    -------
-    Attempt
-    """
+    """Refuse an attempt for a reason that has no gate."""
     return replace(attempt, verdict=reason, advice=reason.advice, stage=stage, progress=progress(stage))
 
 
 def refused(attempt: Attempt, reason: Verdict) -> Attempt:
-    """Refuse an attempt by the rules of another system, which have no stages.
-
-    Parameters
-    ----------
-    attempt : Attempt
-    reason : Verdict
-
-    Returns
-    -------
-    Attempt
-    """
+    """Refuse an attempt by the rules of another system, which have no stages."""
     return replace(attempt, verdict=reason, advice=reason.advice)

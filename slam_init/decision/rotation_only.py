@@ -20,13 +20,6 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import RotationOnlyEvidence
 
-__all__ = [
-    "RotationOnlyCamera",
-    "fit_rotation_only",
-    "rotation_only_evidence",
-    "suspected_focal_factor",
-]
-
 #: Focal factors that are tried. Focal lengths from memory or from a data sheet are wrong by up to a tenth.
 _FACTORS = np.linspace(0.9, 1.1, 21)
 #: A focal length is suspected only if it is wrong by two hundredths or more, twice the error of a careless calibration.
@@ -48,25 +41,17 @@ _CORRELATED_PX = 0.15
 
 @dataclass(frozen=True)
 class RotationOnlyCamera:
-    """The best pure rotation with a free focal length.
+    """The best pure rotation with a free focal length."""
 
-    Attributes
-    ----------
-    focal_factor : float
-        The true focal length over the stated one.
-    residual_rad : float
-        Standard deviation of a component of a bearing that the fit leaves, by the median over the matches. For a camera
-        that really only rotates this is the noise.
-    matches : int
-        Number of matches of the medians.
-    gain, gain_z : float
-        Decrease of the squared residuals by the free focal length, in units of their variance, and in units of the
-        standard deviation of that sum over regions of the image.
-    """
-
+    #: The true focal length over the stated one.
     focal_factor: float
+    #: Standard deviation of a component of a bearing that the fit leaves, by the median over the matches. For a
+    #: camera that really only rotates this is the noise.
     residual_rad: float
+    #: Number of matches of the medians.
     matches: int
+    #: gain, gain_z: Decrease of the squared residuals by the free focal length, in units of their variance, and in
+    #: units of the standard deviation of that sum over regions of the image.
     gain: float
     gain_z: float
 
@@ -75,10 +60,6 @@ class RotationOnlyCamera:
         """Bound of a residual divided by its expectation; chance exceeds the bound once in 30 000 cases.
 
         The median of N lengths with two Gaussian components each has a relative standard deviation of 0.72 / sqrt(N).
-
-        Returns
-        -------
-        float
         """
         return 1 + 4 * 0.72 / float(np.sqrt(max(self.matches, 1)))
 
@@ -86,16 +67,10 @@ class RotationOnlyCamera:
 def fit_rotation_only(rays1: Floats, rays2: Floats, noise_rad: float) -> RotationOnlyCamera:
     """Fit a rotation and a focal factor to matches.
 
-    Parameters
-    ----------
-    rays1, rays2 : (N, 3) float
-        Unit bearings under the stated calibration.
-    noise_rad : float
-        Approximate standard deviation of a component of a bearing: the scale down to which the fit is robust.
+    Shapes: ``rays1, rays2`` (N, 3).
 
-    Returns
-    -------
-    RotationOnlyCamera
+    * ``noise_rad``: Approximate standard deviation of a component of a bearing: the scale down to which the fit is
+      robust.
     """
     m, n = rays1, rays2
     lengths = np.empty((len(_FACTORS), len(m)))
@@ -126,18 +101,10 @@ def fit_rotation_only(rays1: Floats, rays2: Floats, noise_rad: float) -> Rotatio
 def suspected_focal_factor(rotation_only: RotationOnlyCamera, expected_rad: float) -> float | None:
     """Return the focal factor of a camera that seems to be rotation-only, with a wrong calibration.
 
-    Parameters
-    ----------
-    rotation_only : RotationOnlyCamera
-    expected_rad : float
-        Largest residual of a right model: a standard deviation of a component of a bearing.
-
-    Returns
-    -------
-    float or None
-        None where the calibration is not suspected. It is suspected if the rotation-only camera explains the matches,
-        if the stated focal length explains them clearly less well, and if the best factor is not the first or the last
-        one that was tried (the matches of a plane pull the factor beyond all bounds).
+    * ``expected_rad``: Largest residual of a right model: a standard deviation of a component of a bearing.
+    * Returns: None where the calibration is not suspected. It is suspected if the rotation-only camera explains the
+      matches, if the stated focal length explains them clearly less well, and if the best factor is not the first or
+      the last one that was tried (the matches of a plane pull the factor beyond all bounds).
     """
     explains = rotation_only.residual_rad <= expected_rad
     matters = rotation_only.gain > _LEAST_GAIN and rotation_only.gain_z > _LEAST_GAIN_Z
@@ -149,20 +116,7 @@ def suspected_focal_factor(rotation_only: RotationOnlyCamera, expected_rad: floa
 def rotation_only_evidence(
     camera: Camera, config: Config, rotation_only: RotationOnlyCamera, noise_rad: float
 ) -> RotationOnlyEvidence:
-    """Return the focal length of the rotation-only camera, and whether the stated one is suspected to be wrong.
-
-    Parameters
-    ----------
-    camera : Camera
-    config : Config
-    rotation_only : RotationOnlyCamera
-    noise_rad : float
-        Standard deviation of a component of a bearing.
-
-    Returns
-    -------
-    RotationOnlyEvidence
-    """
+    """Return the focal length of the rotation-only camera, and whether the stated one is suspected to be wrong."""
     expected_rad = _expected_rad(camera, config, rotation_only, noise_rad)
     return RotationOnlyEvidence(rotation_only.focal_factor, suspected_focal_factor(rotation_only, expected_rad))
 

@@ -16,8 +16,6 @@ from slam_init.types.gates import GateName, Stage, at_least
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
-__all__ = ["LEAST_PARALLAX_SHARE", "preview_evidence", "screen"]
-
 #: A tenth of the tracks may be outliers. If the rotation leaves more of the tracks displaced, the camera moved.
 LEAST_PARALLAX_SHARE = 0.1
 #: Where more of the image is masked, most features are, and the advice names the mask rather than the light.
@@ -29,22 +27,9 @@ def screen(
 ) -> Attempt | None:
     """Refuse all pairs of a frame at once where no pair can lead to a map.
 
-    Parameters
-    ----------
-    camera : Camera
-    config : Config
-    current : Observations
-        The current frame.
-    pairs : sequence of PairPreview
-        Of all candidate references with the current frame, the highest direction score first.
-    masked : float
-        Share of the image that a mask ignores.
-
-    Returns
-    -------
-    Attempt or None
-        A refusal for lack of tracks or motion. None where a pair is worth trying, or there is no pair. A rotation is
-        not refused here: the window tells a rotation-only camera by all its views.
+    * ``pairs``: Of all candidate references with the current frame, the highest direction score first.
+    * Returns: A refusal for lack of tracks or motion. None where a pair is worth trying, or there is no pair. A
+      rotation is not refused here: the window tells a rotation-only camera by all its views.
     """
     if not pairs:
         return None
@@ -75,16 +60,7 @@ def screen(
 
 
 def preview_evidence(pair: PairPreview) -> PreviewEvidence:
-    """Return the figures of a preview as evidence of an attempt.
-
-    Parameters
-    ----------
-    pair : PairPreview
-
-    Returns
-    -------
-    PreviewEvidence
-    """
+    """Return the figures of a preview as evidence of an attempt."""
     return PreviewEvidence(
         matches=pair.matches,
         motion_px=pair.motion_px,

@@ -22,15 +22,6 @@ from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 from slam_init.work import Prices, spend
 
-__all__ = [
-    "MatchedPair",
-    "Proposer",
-    "judge_rotation",
-    "match_pair",
-    "pose_at_fitting_threshold",
-    "pose_evidence",
-]
-
 #: The outlier threshold should be three standard deviations of the noise. Where the noise of the inliers is more than
 #: half of the threshold, the threshold has cut off many correct matches: inliers that fill the threshold evenly have a
 #: standard deviation of 0.58 of it. The threshold is then widened once by a factor of three, from the value for a noise
@@ -40,39 +31,25 @@ _TOO_NOISY_SIGMAS, _WIDER = 2.0, 3.0
 
 @dataclass(frozen=True, eq=False)
 class MatchedPair:
-    """The matches of a pair: the tracks that both views see.
-
-    Attributes
-    ----------
-    preview : PairPreview
-    reference, current : Observations
-        The two views, in time order.
-    pixels1, pixels2 : (N, 2) float
-        Raw pixels in the reference and in the current view.
-    rays1, rays2 : (N, 3) float
-        Unit bearings in the two camera frames.
-    track_ids : (N,) int
-    """
+    """The matches of a pair: the tracks that both views see."""
 
     preview: PairPreview
+    #: reference, current: The two views, in time order.
     reference: Observations
     current: Observations
+    #: pixels1, pixels2: (N, 2) Raw pixels in the reference and in the current view.
     pixels1: Floats
     pixels2: Floats
+    #: rays1, rays2: (N, 3) Unit bearings in the two camera frames.
     rays1: Floats
     rays2: Floats
+    #: (N,)
     track_ids: Ints
 
     def at(self, positions: Ints) -> MatchedPair:
         """Some of the matches.
 
-        Parameters
-        ----------
-        positions : (M,) int
-
-        Returns
-        -------
-        MatchedPair
+        Shapes: ``positions`` (M,).
         """
         return replace(
             self,
@@ -85,19 +62,7 @@ class MatchedPair:
 
 
 def match_pair(history: History, preview: PairPreview, current: Observations) -> MatchedPair:
-    """Gather the tracks that the reference of a pair and the current frame have in common.
-
-    Parameters
-    ----------
-    history : History
-        Holds the reference frame.
-    preview : PairPreview
-    current : Observations
-
-    Returns
-    -------
-    MatchedPair
-    """
+    """Gather the tracks that the reference of a pair and the current frame have in common."""
     reference = history[preview.reference]
     i, j = common_tracks(reference, current)
     return MatchedPair(
@@ -117,20 +82,7 @@ Proposer = Callable[[Camera, Config, MatchedPair], tuple[RelativePose | NoPose, 
 
 
 def pose_at_fitting_threshold(camera: Camera, config: Config, pair: MatchedPair) -> tuple[RelativePose | NoPose, float]:
-    """Estimate the relative pose of a pair; the outlier threshold is widened once for noisy tracks.
-
-    Parameters
-    ----------
-    camera : Camera
-    config : Config
-    pair : MatchedPair
-
-    Returns
-    -------
-    pose : RelativePose or NoPose
-    threshold_rad : float
-        The outlier threshold that was used.
-    """
+    """Estimate the relative pose of a pair; the outlier threshold is widened once for noisy tracks."""
     threshold_rad = config.two_view.threshold_px / camera.focal_px
     spend(Prices.PAIR + Prices.PAIR_MATCH * len(pair.rays1))
     pose = estimate_relative_pose(pair.rays1, pair.rays2, threshold_rad=threshold_rad, seed=config.seed)
@@ -144,19 +96,7 @@ def pose_at_fitting_threshold(camera: Camera, config: Config, pair: MatchedPair)
 
 
 def pose_evidence(camera: Camera, pose: RelativePose | NoPose) -> TwoViewEvidence:
-    """Return the figures of a relative pose as evidence of an attempt.
-
-    Parameters
-    ----------
-    camera : Camera
-        Converts angles to pixels.
-    pose : RelativePose or NoPose
-
-    Returns
-    -------
-    TwoViewEvidence
-        With the statistics alone where no pose was found.
-    """
+    """Return the figures of a relative pose as evidence of an attempt."""
     if isinstance(pose, NoPose):
         return TwoViewEvidence(pose.evidence)
     return TwoViewEvidence(
@@ -170,20 +110,7 @@ def pose_evidence(camera: Camera, pose: RelativePose | NoPose) -> TwoViewEvidenc
 
 
 def judge_rotation(camera: Camera, config: Config, attempt: Attempt, pose: RelativePose) -> Attempt:
-    """Refuse a pure rotation; a static camera if the rotation is within the noise that it was fitted to.
-
-    Parameters
-    ----------
-    camera : Camera
-    config : Config
-    attempt : Attempt
-    pose : RelativePose
-        Of kind "rotation".
-
-    Returns
-    -------
-    Attempt
-    """
+    """Refuse a pure rotation; a static camera if the rotation is within the noise that it was fitted to."""
     least_px = difference_gate(max(config.map.noise_px, pose.noise_rad * camera.focal_px))
     rotation_px = float(rotation_angle(pose.R)) * camera.focal_px
     gate = at_least(GateName.ROTATION_PX, rotation_px, least_px, Verdict.STATIC_CAMERA)

@@ -9,28 +9,13 @@ from slam_init.types.evidence import RotationOnlyEvidence, WindowEvidence
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.risk import WindowRisk
 
-__all__ = ["rotation_evidence", "window_evidence"]
-
 #: A focal length is suspected only if it is off by a hundredth or more, the error of a careless calibration, and by
 #: five of its standard deviations: errors that the tracks share double them. Five hundredths have to be told.
 _LEAST_FOCAL_ERROR, _DOUBTFUL_SIGMAS, _TOLD_FOCAL_ERROR = 0.01, 5.0, 0.05
 
 
 def window_evidence(hypotheses: WindowHypotheses, risk: WindowRisk, lens: WindowLens) -> WindowEvidence:
-    """State what the window found.
-
-    Parameters
-    ----------
-    hypotheses : WindowHypotheses
-    risk : WindowRisk
-        Of the best hypothesis.
-    lens : WindowLens
-        That the window used.
-
-    Returns
-    -------
-    WindowEvidence
-    """
+    """State what the window found."""
     best = hypotheses.motions[0]
     distortion, readout = risk.camera.distortion, risk.camera.readout
     rolling = None if readout is None else lens.camera.with_readout(readout.seconds)
@@ -64,14 +49,7 @@ def window_evidence(hypotheses: WindowHypotheses, risk: WindowRisk, lens: Window
 def rotation_evidence(hypotheses: WindowHypotheses) -> RotationOnlyEvidence | None:
     """The focal length of the rotation-only camera, and whether it casts doubt on the stated one.
 
-    Parameters
-    ----------
-    hypotheses : WindowHypotheses
-
-    Returns
-    -------
-    RotationOnlyEvidence or None
-        None where the camera rotated too little to tell a focal length that is off by five hundredths.
+    * Returns: None where the camera rotated too little to tell a focal length that is off by five hundredths.
     """
     log_scale, sigma = hypotheses.focal_of_rotation
     doubtful = abs(log_scale) >= _LEAST_FOCAL_ERROR and abs(log_scale) > _DOUBTFUL_SIGMAS * sigma

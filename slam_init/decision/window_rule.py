@@ -55,8 +55,6 @@ from slam_init.window.state import CALIBRATED_SIGMA
 from slam_init.window.tracks import MAX_TRACKS, MAX_TRACKS_IN_SLICES, MAX_VIEWS
 from slam_init.work import Prices, spend
 
-__all__ = ["WindowRule"]
-
 #: Standard deviation of an unknown readout about none: global shutters have none, and rolling ones take up to the time
 #: between two frames of a video, which is two standard deviations.
 _READOUT_SIGMA_S = 1 / 60
@@ -85,18 +83,11 @@ class _Judged:
 class WindowRule:
     """Judges the frames of a video by the joint estimate of their window.
 
-    Parameters
-    ----------
-    camera : Camera
-    config : Config
-    history : History
-        Holds the candidate references and the frames between them.
-    shutter : RollingShutter, optional
-        Corrects the rays of the history; the window estimates an unknown readout. By default one that knows no turning.
-    third_view : bool
-        Whether further views join the window. Without them the window holds reference and current alone.
-    propose : callable, optional
-        Estimates the relative pose of a chosen pair; by default quest does.
+    * ``history``: Holds the candidate references and the frames between them.
+    * ``shutter``: Corrects the rays of the history; the window estimates an unknown readout. By default one that knows
+      no turning.
+    * ``third_view``: Whether further views join the window. Without them the window holds reference and current alone.
+    * ``propose``: Estimates the relative pose of a chosen pair; by default quest does.
     """
 
     def __init__(
@@ -134,21 +125,8 @@ class WindowRule:
     ) -> Outcome | None:
         """Judge a frame.
 
-        Parameters
-        ----------
-        chosen : PairPreview or None
-            The pair that quest proposes new motions from; None where no pair is worth it.
-        pairs : sequence of PairPreview
-            Of all candidate references with the frame.
-        current : Observations
-            The frame.
-        stopwatch : Stopwatch
-            Times the stages ``two_view`` and ``map``.
-
-        Returns
-        -------
-        Outcome or None
-            None where no pair was chosen, and no motion is known or the window holds the pair alone.
+        * ``chosen``: The pair that quest proposes new motions from; None where no pair is worth it.
+        * Returns: None where no pair was chosen, and no motion is known or the window holds the pair alone.
         """
         preview = chosen or next((pair for pair in pairs if pair.reference == self._reference), None)
         # Without further views, an earlier motion has only the reference in common with the window.
@@ -186,11 +164,8 @@ class WindowRule:
     def provisional(self) -> ProvisionalMap | None:
         """Build the map of the best motion of the last window.
 
-        Returns
-        -------
-        ProvisionalMap or None
-            None where there is no motion, where its map cannot be built, or where the history has dropped its frames.
-            The risk is 1 where bundle adjustment moved the map away from the motion.
+        * Returns: None where there is no motion, where its map cannot be built, or where the history has dropped its
+          frames. The risk is 1 where bundle adjustment moved the map away from the motion.
         """
         last = self._last
         if last is None or any(frame not in self._history for frame in last.hypotheses.motions[0].frames):
@@ -207,11 +182,6 @@ class WindowRule:
         """Take the lens that the last judgement found, where the stated focal length is no calibration.
 
         The rays of the history become those of this lens.
-
-        Returns
-        -------
-        bool
-            Whether :attr:`lens` has changed.
         """
         log_scale, k1 = self._lens_step
         if log_scale == k1 == 0.0:

@@ -28,16 +28,6 @@ from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose, Trajectory
 from slam_init.types.result import GroundTruthErrors
 
-__all__ = [
-    "Similarity",
-    "align_poses",
-    "align_positions",
-    "ate_rmse",
-    "compare_with_groundtruth",
-    "relative_pose_errors",
-    "scale_error",
-]
-
 #: The direction of a baseline shorter than this share of the longest baseline is not compared: noise dominates it.
 _SHORT_BASELINE = 0.3
 #: A path shorter than this (in ground-truth units, usually metres) is that of a static camera. No motion capture
@@ -47,31 +37,18 @@ _STATIC_PATH = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Similarity:
-    """The transformation ``x -> scale R x + t`` between two worlds.
-
-    Attributes
-    ----------
-    scale : float
-    R : (3, 3) float
-        Rotation matrix.
-    t : (3,) float
-    """
+    """The transformation ``x -> scale R x + t`` between two worlds."""
 
     scale: float
+    #: (3, 3) Rotation matrix.
     R: Floats
+    #: (3,)
     t: Floats
 
     def apply(self, points: Floats) -> Floats:
         """Transform points.
 
-        Parameters
-        ----------
-        points : (..., 3) float
-
-        Returns
-        -------
-        (..., 3) float
-            ``scale R x + t`` for each point x.
+        Shapes: ``points`` (..., 3), returns (..., 3).
         """
         return self.scale * points @ self.R.T + self.t
 
@@ -79,21 +56,10 @@ class Similarity:
 def align_positions(source: Floats, target: Floats) -> Similarity:
     """Compute the least-squares similarity between two sets of positions.
 
-    Parameters
-    ----------
-    source, target : (N, 3) float
-        Corresponding positions, N >= 1.
+    Shapes: ``source, target`` (N, 3).
 
-    Returns
-    -------
-    Similarity
-        ``target ~ scale R source + t``. The scale is 1 if all source positions coincide, and 0 if only the target
-        positions coincide. If the positions are collinear, the rotation is one of the equally good ones.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ, there are no positions, or a number is not finite.
+    * Returns: ``target ~ scale R source + t``. The scale is 1 if all source positions coincide, and 0 if only the
+      target positions coincide. If the positions are collinear, the rotation is one of the equally good ones.
     """
     source, target = np.asarray(source, float), np.asarray(target, float)
     if source.shape != target.shape or source.ndim != 2 or source.shape[1] != 3 or len(source) == 0:
@@ -116,15 +82,7 @@ def align_poses(source: Sequence[Pose], target: Sequence[Pose]) -> Similarity:
     The rotation is the chordal mean of ``target_i.R source_i.R^T``. It is unique for any number of cameras, also if
     their centres are collinear. The scale is the ratio of the spreads of the centres.
 
-    Parameters
-    ----------
-    source, target : sequences of N Pose
-        Corresponding ``world_from_cam``, N >= 1.
-
-    Returns
-    -------
-    Similarity
-        From the source world to the target world. The scale is 1 if all cameras of one world coincide.
+    * Returns: From the source world to the target world. The scale is 1 if all cameras of one world coincide.
     """
     total = np.sum([b.R @ a.R.T for a, b in zip(source, target, strict=True)], axis=0)
     U, _, Vt = np.linalg.svd(total)
@@ -138,20 +96,9 @@ def align_poses(source: Sequence[Pose], target: Sequence[Pose]) -> Similarity:
 def ate_rmse(estimated: Floats, truth: Floats) -> float:
     """Compute the absolute trajectory error (ATE) after alignment by a similarity.
 
-    Parameters
-    ----------
-    estimated, truth : (N, 3) float
-        Corresponding positions, N >= 1. For N <= 2 the error is 0 by construction.
+    Shapes: ``estimated, truth`` (N, 3).
 
-    Returns
-    -------
-    float
-        Root mean square distance in units of the ground truth.
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ, or there are no positions.
+    * ``estimated, truth``: Corresponding positions, N >= 1. For N <= 2 the error is 0 by construction.
     """
     residuals = truth - align_positions(estimated, truth).apply(estimated)
     return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
@@ -163,19 +110,10 @@ def relative_pose_errors(estimated: Sequence[Pose], truth: Sequence[Pose], delta
     The trajectories are not aligned. The caller must first bring the estimate to the scale of the ground truth
     (:func:`align_positions`).
 
-    Parameters
-    ----------
-    estimated, truth : sequences of N Pose
-        Corresponding ``world_from_cam``.
-    delta : int
-        Number of poses in a step.
+    Shapes: returns ``translation`` (N - delta,), returns ``rotation_deg`` (N - delta,).
 
-    Returns
-    -------
-    translation : (N - delta,) float
-        Distance between the estimated and the true relative translation, in units of the trajectories.
-    rotation_deg : (N - delta,) float
-        Angle between the estimated and the true relative rotation.
+    * Returns ``translation``: Distance between the estimated and the true relative translation, in units of the
+      trajectories.
     """
     steps = range(len(truth) - delta)
     errors = [
@@ -192,20 +130,10 @@ def compare_with_groundtruth(
 ) -> GroundTruthErrors | None:
     """Compute the errors of keyframes against the true trajectory: ``ground_truth`` in ``summary.json``.
 
-    Parameters
-    ----------
-    keyframes : sequence of Keyframe
-        In time order.
-    trajectory : Trajectory or None
-        The true trajectory. Keyframes without a true pose within the tolerance are left out.
-    tolerance_s : float
-        Largest difference between the time stamps of a keyframe and of its true pose.
-
-    Returns
-    -------
-    GroundTruthErrors or None
-        None if fewer than two keyframes have a true pose. The direction and the ATE are None if the true camera is
-        static.
+    * ``trajectory``: The true trajectory. Keyframes without a true pose within the tolerance are left out.
+    * ``tolerance_s``: Largest difference between the time stamps of a keyframe and of its true pose.
+    * Returns: None if fewer than two keyframes have a true pose. The direction and the ATE are None if the true camera
+      is static.
     """
     if trajectory is None:
         return None
@@ -239,20 +167,9 @@ def compare_with_groundtruth(
 def scale_error(keyframes: Sequence[Keyframe], trajectory: Trajectory, tolerance_s: float = 0.02) -> float | None:
     """Compare the lengths of a map in metres with the true ones.
 
-    Parameters
-    ----------
-    keyframes : sequence of Keyframe
-        Of the map, and frames that were located in it.
-    trajectory : Trajectory
-        The true trajectory in metres.
-    tolerance_s : float
-        Largest difference between the time stamps of a keyframe and of its true pose.
-
-    Returns
-    -------
-    float or None
-        Lengths of the map over the true ones, minus 1, by the similarity between the positions. None if fewer than two
-        keyframes have a true pose, or one of the cameras does not move.
+    * ``tolerance_s``: Largest difference between the time stamps of a keyframe and of its true pose.
+    * Returns: Lengths of the map over the true ones, minus 1, by the similarity between the positions. None if fewer
+      than two keyframes have a true pose, or one of the cameras does not move.
     """
     pairs = [(k, truth) for k in keyframes if (truth := trajectory.at(k.timestamp_s, tolerance_s)) is not None]
     if len(pairs) < 2:

@@ -22,8 +22,6 @@ from slam_init.config import TrackingConfig
 from slam_init.frontend.sift import first_per_cell
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 
-__all__ = ["Drift", "Exposure", "Flow", "flow", "gradient_products"]
-
 #: Standard deviation of a step over the mean absolute difference of the patches by the root of the mean squared
 #: gradient, measured on rendered images. With independent errors of the pixels it would be 0.06: 1.25 over the root of
 #: 441 pixels.
@@ -50,34 +48,23 @@ _ROUNDING = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """The flow of points into the next frame.
+    """The flow of points into the next frame."""
 
-    Attributes
-    ----------
-    kept : (N,) bool
-        Whether each point survives.
-    pixels : (N, 2) float
-        Where the points are in the next frame.
-    covariances : (N, 2, 2) float
-        Of the errors of the displacements, px^2.
-    trail : float or None
-        Length of the trails of a blurred image over the displacement: the exposure in units of the frame interval. None
-        where the points move too little.
-    """
-
+    #: (N,) Whether each point survives.
     kept: Bools
+    #: (N, 2) Where the points are in the next frame.
     pixels: Floats
+    #: (N, 2, 2) Of the errors of the displacements, px^2.
     covariances: Floats
+    #: Length of the trails of a blurred image over the displacement: the exposure in units of the frame interval.
+    #: None where the points move too little.
     trail: float | None
 
     @property
     def step_px(self) -> float:
         """Standard deviation of a typical displacement.
 
-        Returns
-        -------
-        float
-            The median of the geometric means over both directions, px; 0 where no point survives.
+        * Returns: The median of the geometric means over both directions, px; 0 where no point survives.
         """
         return float(np.median(np.linalg.det(self.covariances[self.kept]))) ** 0.25 if self.kept.any() else 0.0
 
@@ -85,17 +72,7 @@ class Flow:
 def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig) -> Flow:
     """Follow points forward, and back as a check.
 
-    Parameters
-    ----------
-    before, after : (H, W) uint8
-        Two frames.
-    pixels : (N, 2) float
-        Points in the first of them.
-    config : TrackingConfig
-
-    Returns
-    -------
-    Flow
+    Shapes: ``before, after`` (H, W), ``pixels`` (N, 2).
     """
     import cv2
 
@@ -171,17 +148,7 @@ def _gain(before: Image, after: Image) -> float:
 def gradient_products(image: Image, pixels: Floats, window_px: int) -> Floats:
     """Mean products of the gradients over the patches around pixels, at every second pixel of each row and column.
 
-    Parameters
-    ----------
-    image : (H, W) uint8
-    pixels : (N, 2) float
-    window_px : int
-        Side of the patches.
-
-    Returns
-    -------
-    (N, 2, 2) float
-        Grey levels squared by px^2.
+    Shapes: ``image`` (H, W), ``pixels`` (N, 2), returns (N, 2, 2).
     """
     import cv2
 
@@ -226,17 +193,7 @@ class Exposure:
     def take(self, trail: float | None, interval_s: float) -> float:
         """Take the trails of a frame.
 
-        Parameters
-        ----------
-        trail : float or None
-            Of :class:`Flow`.
-        interval_s : float
-            Time since the frame before.
-
-        Returns
-        -------
-        float
-            The exposure time in seconds; 0 where no image showed a trail.
+        * Returns: The exposure time in seconds; 0 where no image showed a trail.
         """
         if trail is not None and interval_s > 0:
             self._found.append(trail * interval_s)
@@ -252,27 +209,16 @@ class Drift:
     def follow(self, track_ids: Ints, covariances: Floats) -> None:
         """Take the step of the tracks that survive a flow.
 
-        Parameters
-        ----------
-        track_ids : (N,) int
-            Ascending.
-        covariances : (N, 2, 2) float
-            Of :class:`Flow`.
+        Shapes: ``track_ids`` (N,), ``covariances`` (N, 2, 2).
         """
         self._ids, self._sums = track_ids, covariances + self.of(track_ids)
 
     def of(self, track_ids: Ints) -> Floats:
         """Covariances of the drift.
 
-        Parameters
-        ----------
-        track_ids : (N,) int
-            Ascending.
+        Shapes: ``track_ids`` (N,), returns (N, 2, 2).
 
-        Returns
-        -------
-        (N, 2, 2) float
-            In px^2; zero for tracks that are new, or that descriptors found.
+        * Returns: In px^2; zero for tracks that are new, or that descriptors found.
         """
         drifts = np.zeros((len(track_ids), 2, 2))
         _, at, of = np.intersect1d(track_ids, self._ids, assume_unique=True, return_indices=True)

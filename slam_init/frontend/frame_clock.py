@@ -11,8 +11,6 @@ from slam_init.frontend.tracks import History
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.time_stamps import LARGEST_SECONDS, TimeUnit, in_seconds, problem_of, time_unit, unit_notes
 
-__all__ = ["FrameClock"]
-
 
 class FrameClock:
     """Decides the unit of the time stamps of a stream, and checks each stamp.
@@ -22,10 +20,7 @@ class FrameClock:
     unit, the time of the first frame is corrected in the history. From then on the unit stays. A frame of a source has
     seconds already, so that only the size of its stamp counts.
 
-    Parameters
-    ----------
-    history : History
-        The frames up to now.
+    * ``history``: The frames up to now.
     """
 
     def __init__(self, history: History) -> None:
@@ -37,35 +32,14 @@ class FrameClock:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for the user.
-
-        Returns
-        -------
-        tuple of str
-            The unit of the stamps, where it is not seconds.
-        """
+        """Notes for the user."""
         return unit_notes("the time stamps", self._unit)
 
     def stamped(self, frame: Frame, *, in_seconds_by_type: bool) -> Frame:
         """Check the time stamp of the next frame, and convert it to seconds.
 
-        Parameters
-        ----------
-        frame : Frame
-            With its time stamp in any unit.
-        in_seconds_by_type : bool
-            Whether the frame comes from a source or has no time of its own, so that the step decides nothing.
-
-        Returns
-        -------
-        Frame
-            The same frame where its stamp is in seconds.
-
-        Raises
-        ------
-        SlamInitError
-            If the stamp is not finite, negative or beyond 2^63, or does not come after the one before. Nothing has
-            changed then, so that the caller can leave the frame out.
+        * ``in_seconds_by_type``: Whether the frame comes from a source or has no time of its own, so that the step
+          decides nothing.
         """
         stamp = frame.timestamp_s
         if problem := problem_of(stamp, self._last_stamp):
@@ -79,18 +53,7 @@ class FrameClock:
         return frame if self._unit == TimeUnit.SECONDS else replace(frame, timestamp_s=self._seconds(stamp))
 
     def check_tracks(self, current: Observations) -> None:
-        """Check the time of tracks from elsewhere, which is in seconds.
-
-        Parameters
-        ----------
-        current : Observations
-            The tracks of the next frame.
-
-        Raises
-        ------
-        SlamInitError
-            If the time is not in seconds, or does not come after the one before.
-        """
+        """Check the time of tracks from elsewhere, which is in seconds."""
         time_s = current.timestamp_s
         problem = problem_of(time_s, self._last_s)
         if problem is None and time_s >= LARGEST_SECONDS:
@@ -99,13 +62,7 @@ class FrameClock:
             raise SlamInitError(f"frame {current.frame}: time stamp {time_s!r} {problem}")
 
     def took(self, current: Observations) -> None:
-        """Remember the time of tracks that were taken.
-
-        Parameters
-        ----------
-        current : Observations
-            The tracks of the newest frame.
-        """
+        """Remember the time of tracks that were taken."""
         self._last_s = current.timestamp_s
 
     def _decide_by_step(self, first: float, second: float) -> None:

@@ -7,16 +7,11 @@ from collections.abc import Iterator, Mapping
 from slam_init.types.arrays import Image
 from slam_init.types.frame import Frame
 
-__all__ = ["FrameMemory"]
-
 
 class FrameMemory(Mapping[int, Image]):
     """The images of the last frames, by absolute index.
 
-    Parameters
-    ----------
-    max_bytes : int
-        The oldest images are dropped beyond this. The newest one stays in any case.
+    * ``max_bytes``: The oldest images are dropped beyond this. The newest one stays in any case.
     """
 
     def __init__(self, max_bytes: int) -> None:
@@ -25,27 +20,13 @@ class FrameMemory(Mapping[int, Image]):
         self._images: dict[int, Image] = {}
 
     def reading(self, frames: Iterator[Frame]) -> Iterator[Frame]:
-        """Give frames on, and remember their images.
-
-        Parameters
-        ----------
-        frames : iterator of Frame
-
-        Yields
-        ------
-        Frame
-        """
+        """Give frames on, and remember their images."""
         for frame in frames:
             self.put(frame)
             yield frame
 
     def put(self, frame: Frame) -> None:
-        """Remember the image of a frame.
-
-        Parameters
-        ----------
-        frame : Frame
-        """
+        """Remember the image of a frame."""
         self._images[frame.index] = frame.gray
         self._bytes += frame.gray.nbytes
         while self._bytes > self._max_bytes and len(self._images) > 1:

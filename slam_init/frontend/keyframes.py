@@ -23,8 +23,6 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 
-__all__ = ["KeyframeManager", "PairPreview", "difference_gate", "preview_pair"]
-
 #: The spread of the tracks is counted in the cells of this grid over the image.
 _GRID = (8, 6)
 #: Makes one number of the column and row of a cell: rows of an array take ten times as long to compare.
@@ -44,36 +42,24 @@ _OLDEST_FRAMES = 300
 
 @dataclass(frozen=True)
 class PairPreview:
-    """Properties of a pair of frames that are known before any epipolar geometry.
+    """Properties of a pair of frames that are known before any epipolar geometry."""
 
-    Attributes
-    ----------
-    reference, current : int
-        Absolute frame indices.
-    matches : int
-        Common tracks.
-    overlap : float
-        Number of common tracks over that of the frame with more tracks; 0 if there are fewer than 3 common tracks.
-    motion_px : float
-        90th percentile of the displacement of the tracks.
-    rotation_deg : float
-        Angle of the rotation that best aligns the tracks.
-    parallax_px : float
-        Median displacement of the tracks after this rotation is removed.
-    parallax_share : float
-        Share of the tracks that are displaced by more than noise after this rotation is removed.
-    spread : float
-        Share of the image's grid cells that hold a common track, in [0, 1]; 0 if there are fewer than 3.
-    """
-
+    #: reference, current: Absolute frame indices.
     reference: int
     current: int
+    #: Common tracks.
     matches: int
+    #: Number of common tracks over that of the frame with more tracks; 0 if there are fewer than 3 common tracks.
     overlap: float
+    #: 90th percentile of the displacement of the tracks.
     motion_px: float
+    #: Angle of the rotation that best aligns the tracks.
     rotation_deg: float
+    #: Median displacement of the tracks after this rotation is removed.
     parallax_px: float
+    #: Share of the tracks that are displaced by more than noise after this rotation is removed.
     parallax_share: float
+    #: Share of the image's grid cells that hold a common track, in [0, 1]; 0 if there are fewer than 3.
     spread: float
 
     @property
@@ -83,36 +69,14 @@ class PairPreview:
 
 
 def difference_gate(noise: float) -> float:
-    """Compute three standard deviations of the difference of two measurements.
-
-    Parameters
-    ----------
-    noise : float
-        Standard deviation of each measurement.
-
-    Returns
-    -------
-    float
-        In the unit of the noise.
-    """
+    """Compute three standard deviations of the difference of two measurements."""
     return 3 * float(np.sqrt(2)) * noise
 
 
 def preview_pair(camera: Camera, reference: Observations, current: Observations, noise_px: float) -> PairPreview:
     """Remove the best rotation between two frames and measure the remaining displacement of the common tracks.
 
-    Parameters
-    ----------
-    camera : Camera
-    reference, current : Observations
-        Tracks of the two frames.
-    noise_px : float
-        Standard deviation of one coordinate of a track.
-
-    Returns
-    -------
-    PairPreview
-        With zero motion and parallax if there are fewer than 3 common tracks.
+    * Returns: With zero motion and parallax if there are fewer than 3 common tracks.
     """
     return _previewed(camera, [reference], current, noise_px)[0]
 
@@ -172,15 +136,7 @@ class _RetryCondition:
 class KeyframeManager:
     """Keeps the candidate reference frames and chooses the pair to try with the current frame.
 
-    Parameters
-    ----------
-    camera : Camera
-    config : Config
-
-    Attributes
-    ----------
-    candidates : list of int
-        Absolute indices of the candidate reference frames, ascending.
+    * ``candidates``: Absolute indices of the candidate reference frames, ascending.
     """
 
     def __init__(self, camera: Camera, config: Config) -> None:
@@ -194,19 +150,7 @@ class KeyframeManager:
         self._step: int | None = None
 
     def preview(self, history: History, current: Observations) -> list[PairPreview]:
-        """Preview the pairs of all candidates with the current frame.
-
-        Parameters
-        ----------
-        history : History
-            Holds the candidates.
-        current : Observations
-
-        Returns
-        -------
-        list of PairPreview
-            In descending order of ``direction_score``.
-        """
+        """Preview the pairs of all candidates with the current frame."""
         if self._last is not None and current.frame > self._last:
             step = current.frame - self._last
             self._step = step if self._step is None else min(self._step, step)
@@ -216,18 +160,7 @@ class KeyframeManager:
         return sorted(pairs, key=lambda pair: -pair.direction_score)
 
     def best_pair_to_try(self, pairs: list[PairPreview]) -> PairPreview | None:
-        """Choose the best pair that has enough matches and need not wait after a failure.
-
-        Parameters
-        ----------
-        pairs : list of PairPreview
-            As returned by :meth:`preview`.
-
-        Returns
-        -------
-        PairPreview or None
-            None if there is no such pair.
-        """
+        """Choose the best pair that has enough matches and need not wait after a failure."""
         settings = self._config.keyframes
         for pair in pairs:
             if pair.matches < settings.min_matches:
@@ -238,12 +171,7 @@ class KeyframeManager:
         return None
 
     def failed(self, pair: PairPreview) -> None:
-        """Record that the pair did not lead to a map.
-
-        Parameters
-        ----------
-        pair : PairPreview
-        """
+        """Record that the pair did not lead to a map."""
         settings = self._config.keyframes
         gain = settings.retry_gain
         # Where the parallax is small compared with the noise, the score hardly grows. But in a steady motion the
@@ -261,11 +189,7 @@ class KeyframeManager:
         A new candidate is due if the newest candidate is old enough or shares too few tracks with the current frame. A
         blurred frame is left out where the next frames will do as well.
 
-        Parameters
-        ----------
-        current : Observations
-        pairs : list of PairPreview
-            All candidates paired with the current frame, as returned by :meth:`preview`.
+        * ``pairs``: All candidates paired with the current frame, as returned by :meth:`preview`.
         """
         settings = self._config.keyframes
         blurred = self._is_blurred(current)

@@ -11,22 +11,13 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Image
 
-__all__ = ["Trackable"]
-
 
 class Trackable:
     """The part of an image in which points are tracked.
 
-    Parameters
-    ----------
-    mask : (H, W) uint8
-        Pixels that are 0 are ignored.
-    patch_px : int
-        Side of the patches that the flow compares.
-
-    Attributes
-    ----------
-    mask : (H, W) uint8
+    * ``mask``: (H, W) Pixels that are 0 are ignored.
+    * ``patch_px``: Side of the patches that the flow compares.
+    * ``mask``: (H, W)
     """
 
     def __init__(self, mask: Image, patch_px: int) -> None:
@@ -44,13 +35,7 @@ class Trackable:
     def blanked(self, gray: Image) -> Image:
         """Give the ignored pixels of an image the mean of the others.
 
-        Parameters
-        ----------
-        gray : (H, W) uint8
-
-        Returns
-        -------
-        (H, W) uint8
+        Shapes: ``gray`` (H, W), returns (H, W).
         """
         import cv2
 
@@ -59,29 +44,14 @@ class Trackable:
     def patches_are_clear(self, pixels: Floats) -> Bools:
         """Tell around which points the flow compares no ignored pixel.
 
-        Parameters
-        ----------
-        pixels : (N, 2) float
-
-        Returns
-        -------
-        (N,) bool
+        Shapes: ``pixels`` (N, 2), returns (N,).
         """
         return self.are_clear(pixels, np.full(len(pixels), float(self._patch_radius)))
 
     def are_clear(self, pixels: Floats, radii_px: Floats) -> Bools:
         """Tell around which points there is no ignored pixel.
 
-        Parameters
-        ----------
-        pixels : (N, 2) float
-            Points of the image.
-        radii_px : (N,) float
-            Half the sides of the squares that have to be free.
-
-        Returns
-        -------
-        (N,) bool
+        Shapes: ``pixels`` (N, 2), ``radii_px`` (N,), returns (N,).
         """
         height, width = self.mask.shape
         column, row = np.round(pixels).astype(int).T
@@ -91,9 +61,6 @@ class Trackable:
     def detectable(self) -> Image:
         """Where corners may be detected.
 
-        Returns
-        -------
-        (H, W) uint8
-            255 where the patch around a pixel is clear, else 0.
+        Shapes: returns (H, W).
         """
         return np.where(self._distance_px > self._patch_radius, np.uint8(255), np.uint8(0))

@@ -18,8 +18,6 @@ import numpy as np
 from slam_init.types.arrays import Bools, Floats, Image
 from slam_init.types.initial_map import InitialMap
 
-__all__ = ["describe_landmarks", "orb_descriptors"]
-
 #: Bytes of a descriptor, and diameter of the patch of its orientation.
 _BYTES, _PATCH = 32, 31
 #: Images that are looked at: each takes 10 ms, and the newest one sees nearly all landmarks.
@@ -29,17 +27,9 @@ _IMAGES = 1
 def describe_landmarks(map_: InitialMap, images: Mapping[int, Image]) -> tuple[Image, Bools]:
     """Compute the descriptors of the landmarks.
 
-    Parameters
-    ----------
-    map_ : InitialMap
-    images : mapping of int to (H, W) uint8
-        Grey images by absolute index; those of other frames are ignored.
+    Shapes: ``images`` (H, W), returns ``descriptors`` (L, 32), returns ``described`` (L,).
 
-    Returns
-    -------
-    descriptors : (L, 32) uint8
-        Zero where a landmark has none.
-    described : (L,) bool
+    * ``images``: Grey images by absolute index; those of other frames are ignored.
     """
     descriptors = np.zeros((len(map_.points), _BYTES), np.uint8)
     described = np.zeros(len(map_.points), bool)
@@ -61,17 +51,9 @@ def describe_landmarks(map_: InitialMap, images: Mapping[int, Image]) -> tuple[I
 def orb_descriptors(image: Image, pixels: Floats) -> tuple[Image, Bools]:
     """Compute ORB descriptors at given pixels of an image.
 
-    Parameters
-    ----------
-    image : (H, W) uint8
-    pixels : (N, 2) float
+    Shapes: ``image`` (H, W), ``pixels`` (N, 2), returns ``descriptors`` (N, 32), returns ``known`` (N,).
 
-    Returns
-    -------
-    descriptors : (N, 32) uint8
-        Zero where there is none.
-    known : (N,) bool
-        False for pixels on the border of the image. Near it, the image is mirrored.
+    * Returns ``known``: False for pixels on the border of the image. Near it, the image is mirrored.
     """
     import cv2
 

@@ -24,8 +24,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.work import Prices, spend
 
-__all__ = ["VIDEO_INTERVAL_S", "RollingShutter", "corrected_pixels", "image_flow", "readout_places", "turning_flow"]
-
 #: A hand changes its turning several times in a second. With frames farther apart than this, the turning between two
 #: frames tells nothing about the turning in the time of a readout.
 VIDEO_INTERVAL_S = 0.15
@@ -48,17 +46,7 @@ def turning_flow(camera: Camera, observations: Observations, rows: Ints | None =
 
     Times :func:`readout_places` this is the derivative of the raw pixels by the readout.
 
-    Parameters
-    ----------
-    camera : Camera
-    observations : Observations
-    rows : (N,) int, optional
-        Positions of the wanted observations; by default all.
-
-    Returns
-    -------
-    (N, 2) float
-        In px/s. Zero where the turning of the frame is not known.
+    Shapes: ``rows`` (N,), returns (N, 2).
     """
     turn = observations.turn_rad_s
     bearings = observations.bearings if rows is None else observations.bearings[rows]
@@ -70,18 +58,7 @@ def turning_flow(camera: Camera, observations: Observations, rows: Ints | None =
 def image_flow(camera: Camera, rays: Floats, rays_per_s: Floats) -> Floats:
     """How pixels move where their rays move.
 
-    Parameters
-    ----------
-    camera : Camera
-    rays : (N, 3) float
-        Unit rays.
-    rays_per_s : (N, 3) float
-        Their derivatives by the time.
-
-    Returns
-    -------
-    (N, 2) float
-        In px/s; NaN where the lens does not see the ray.
+    Shapes: ``rays`` (N, 3), ``rays_per_s`` (N, 3), returns (N, 2).
     """
     step = rays_per_s * _STEP_S
     return np.asarray((camera.project(rays + step) - camera.project(rays - step)) / (2 * _STEP_S))
@@ -90,14 +67,7 @@ def image_flow(camera: Camera, rays: Floats, rays_per_s: Floats) -> Floats:
 def corrected_pixels(camera: Camera, observations: Observations) -> Floats:
     """The raw pixels of a frame as they would be if all rows were taken at the time of the middle one.
 
-    Parameters
-    ----------
-    camera : Camera
-    observations : Observations
-
-    Returns
-    -------
-    (N, 2) float
+    Shapes: returns (N, 2).
     """
     if observations.turn_rad_s is None or observations.readout_s == 0.0:
         return observations.pixels
@@ -107,15 +77,9 @@ def corrected_pixels(camera: Camera, observations: Observations) -> Floats:
 class RollingShutter:
     """Corrects the rays of the frames of a video.
 
-    Parameters
-    ----------
-    camera : Camera
-        Its readout is used; where it is unknown, the rays are corrected once :meth:`adopt` is told an estimate.
-
-    Attributes
-    ----------
-    readout_s : float
-        Readout that the rays are corrected for.
+    * ``camera``: Its readout is used; where it is unknown, the rays are corrected once :meth:`adopt` is told an
+      estimate.
+    * ``readout_s``: Readout that the rays are corrected for.
     """
 
     def __init__(self, camera: Camera) -> None:
@@ -126,20 +90,7 @@ class RollingShutter:
         self._steps: list[_Step] = []
 
     def take(self, history: History, frame: int) -> Observations:
-        """Find how the camera turns in the newest frame of a history and in the frame before, and correct their rays.
-
-        Parameters
-        ----------
-        history : History
-            Receives the corrected frames.
-        frame : int
-            The newest frame; its rays are those of its pixels.
-
-        Returns
-        -------
-        Observations
-            Of the newest frame.
-        """
+        """Find how the camera turns in the two newest frames of a history, and correct their rays."""
         if self._off:
             return history[frame]
         # Frames that got more tracks have raw rays again.
@@ -186,15 +137,7 @@ class RollingShutter:
     def adopt(self, history: History, readout_s: float) -> bool:
         """Correct all frames of a history for another readout.
 
-        Parameters
-        ----------
-        history : History
-        readout_s : float
-
-        Returns
-        -------
-        bool
-            Whether the frames were changed: not for nearly the same readout.
+        * Returns: Whether the frames were changed: not for nearly the same readout.
         """
         if abs(readout_s - self.readout_s) <= _SAME_READOUT_S:
             return False
@@ -204,14 +147,7 @@ class RollingShutter:
         return True
 
     def adopt_camera(self, history: History, camera: Camera) -> None:
-        """Take the rays of all frames of a history from another lens.
-
-        Parameters
-        ----------
-        history : History
-        camera : Camera
-            A pixel that has no ray by it is left out.
-        """
+        """Take the rays of all frames of a history from another lens."""
         # The turning was seen through the earlier lens: a longer one sees the same motion of the pixels as less.
         shorter = self._camera.focal_px / camera.focal_px
         self._camera = camera
@@ -250,15 +186,7 @@ class _Step:
 def readout_places(camera: Camera, pixels: Floats) -> Floats:
     """Places of pixels in the order of the readout.
 
-    Parameters
-    ----------
-    camera : Camera
-    pixels : (..., 2) float
-
-    Returns
-    -------
-    (...) float
-        From -1/2 to 1/2; 0 for the middle of the image.
+    Shapes: ``pixels`` (..., 2).
     """
     return np.asarray(((pixels + 0.5) / (camera.width, camera.height) - 0.5) @ camera.readout_axis)
 

@@ -9,9 +9,6 @@ import numpy as np
 from slam_init.frontend.masking import Trackable
 from slam_init.types.arrays import Floats, Image, Ints
 
-__all__ = ["SiftFeatures", "detect_sift", "first_per_cell", "match_descriptors"]
-
-
 #: Radius of the blob that makes a keypoint, over its diameter as OpenCV states it: OpenCV's diameter is two standard
 #: deviations of the Gaussian, and the difference of Gaussians is zero beyond three.
 _BLOB = 1.5
@@ -19,38 +16,20 @@ _BLOB = 1.5
 
 @dataclass(frozen=True, eq=False)
 class SiftFeatures:
-    """Keypoints of an image.
+    """Keypoints of an image."""
 
-    Attributes
-    ----------
-    pixels : (N, 2) float
-        Raw pixels; at most one keypoint in each pixel.
-    descriptors : (N, 128) float32
-        RootSIFT descriptors of unit norm.
-    """
-
+    #: (N, 2) Raw pixels; at most one keypoint in each pixel.
     pixels: Floats
+    #: (N, 128) RootSIFT descriptors of unit norm.
     descriptors: Floats
 
 
 def detect_sift(gray: Image, limit: int, trackable: Trackable | None = None) -> SiftFeatures:
     """Detect the strongest SIFT keypoints of an image and describe them by RootSIFT [AZ12]_.
 
-    Parameters
-    ----------
-    gray : (H, W) uint8
-    limit : int
-        Largest number of keypoints.
-    trackable : Trackable, optional
-        Keypoints whose blob reaches an ignored pixel are left out.
-
-    Returns
-    -------
-    SiftFeatures
-
-    References
-    ----------
     .. [AZ12] R. Arandjelovic, A. Zisserman, "Three things everyone should know to improve object retrieval", CVPR 2012.
+
+    Shapes: ``gray`` (H, W).
     """
     import cv2
 
@@ -70,19 +49,10 @@ def detect_sift(gray: Image, limit: int, trackable: Trackable | None = None) -> 
 def match_descriptors(old: Floats, new: Floats, ratio: float) -> tuple[Ints, Ints]:
     """Match descriptors that are mutual nearest neighbours and pass Lowe's ratio test.
 
-    Parameters
-    ----------
-    old : (N, D) float
-        Descriptors of unit norm.
-    new : (M, D) float
-        Descriptors of unit norm.
-    ratio : float
-        Largest distance of the nearest neighbour over that of the second nearest.
+    Shapes: ``old`` (N, D), ``new`` (M, D), returns ``i_old, i_new`` (K,).
 
-    Returns
-    -------
-    i_old, i_new : (K,) int
-        Positions of the matches in ``old`` and in ``new``; those in ``old`` ascend.
+    * ``ratio``: Largest distance of the nearest neighbour over that of the second nearest.
+    * Returns ``i_old, i_new``: Positions of the matches in ``old`` and in ``new``; those in ``old`` ascend.
     """
     if len(old) < 2 or len(new) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -102,16 +72,9 @@ def match_descriptors(old: Floats, new: Floats, ratio: float) -> tuple[Ints, Int
 def first_per_cell(pixels: Floats, cell_px: float) -> Ints:
     """Keep one point in each square cell of the image.
 
-    Parameters
-    ----------
-    pixels : (N, 2) float
-    cell_px : float
-        Side of a cell.
+    Shapes: ``pixels`` (N, 2), returns (K,).
 
-    Returns
-    -------
-    (K,) int
-        Ascending positions of the first point in each cell that is not empty.
+    * Returns: Ascending positions of the first point in each cell that is not empty.
     """
     if len(pixels) == 0:
         return np.zeros(0, np.int64)

@@ -25,8 +25,6 @@ import numpy as np
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.frame import Frame, Observations
 
-__all__ = ["StaticOverlay"]
-
 #: Static tracks deviate from their first pixel by less than one of these, in pixels: an overlay is static but for the
 #: noise of compression, and patches at the edge of a thin text see the scene behind it as well.
 _STATIC_PX = (0.5, 1.0, 1.5)
@@ -73,14 +71,7 @@ class StaticOverlay:
         self._width = 0
 
     def take(self, frame: Frame, current: Observations) -> None:
-        """Take the next frame.
-
-        Parameters
-        ----------
-        frame : Frame
-        current : Observations
-            Its tracks.
-        """
+        """Take the next frame."""
         self._width = frame.image.shape[1]
         self._follow(current)
         if self._found is None:
@@ -90,13 +81,7 @@ class StaticOverlay:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Advice for the user.
-
-        Returns
-        -------
-        tuple of str
-            Empty where nothing was found.
-        """
+        """Advice for the user."""
         notes: list[str] = []
         if self._found is not None:
             left, top, right, bottom = self._found

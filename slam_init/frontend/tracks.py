@@ -32,8 +32,6 @@ from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 
-__all__ = ["History", "Tracker", "common_tracks"]
-
 #: Where frames must not wait, corners are detected in an image of at most so many pixels. A larger image is reduced to
 #: a half, a quarter, ...: detection takes 4 ms in 640x480 pixels and 11 in 1280x720. Images of 640x480 pixels are not
 #: reduced: in the half of them, a corridor with little texture gave 127 landmarks and not 191.
@@ -43,14 +41,9 @@ _LARGEST_TO_DETECT = 400_000
 def common_tracks(a: Observations, b: Observations) -> tuple[Ints, Ints]:
     """Find the tracks that two frames share.
 
-    Parameters
-    ----------
-    a, b : Observations
+    Shapes: returns ``i_a, i_b`` (N,).
 
-    Returns
-    -------
-    i_a, i_b : (N,) int
-        Positions of the common tracks in a and in b, in ascending order of the track id.
+    * Returns ``i_a, i_b``: Positions of the common tracks in a and in b, in ascending order of the track id.
     """
     _, ia, ib = np.intersect1d(a.track_ids, b.track_ids, assume_unique=True, return_indices=True)
     return ia, ib
@@ -59,10 +52,7 @@ def common_tracks(a: Observations, b: Observations) -> tuple[Ints, Ints]:
 class History:
     """Observations of the last frames, and of older ones that are still needed.
 
-    Parameters
-    ----------
-    limit : int
-        Number of recent frames that :meth:`forget` keeps in any case.
+    * ``limit``: Number of recent frames that :meth:`forget` keeps in any case.
     """
 
     def __init__(self, limit: int) -> None:
@@ -83,31 +73,13 @@ class History:
         return iter([observations for _, observations in sorted(self._frames.items())])
 
     def attitude(self, frame: int) -> Attitude | None:
-        """The measured rotation of a frame.
-
-        Parameters
-        ----------
-        frame : int
-            Absolute index.
-
-        Returns
-        -------
-        Attitude or None
-            None where none was measured.
-        """
+        """The measured rotation of a frame."""
         return self._attitudes.get(frame)
 
     def turned(self, frame: int, rotation: Floats, sigma_rad: float) -> None:
         """Take the measured rotation of the newest frame since the frame before.
 
-        Parameters
-        ----------
-        frame : int
-            Absolute index of the newest frame.
-        rotation : (3, 3) float
-            Its camera from the camera before.
-        sigma_rad : float
-            Standard deviation of each component of the rotation vector.
+        Shapes: ``rotation`` (3, 3).
         """
         last = max((one for one in self._frames if one < frame), default=None)
         if last is None:
@@ -116,28 +88,13 @@ class History:
         self._attitudes[frame] = before.after(rotation, sigma_rad)
 
     def put(self, observations: Observations) -> None:
-        """Add a frame, or replace its observations.
-
-        Parameters
-        ----------
-        observations : Observations
-        """
+        """Add a frame, or replace its observations."""
         self._frames[observations.frame] = observations
 
     def take(self, observations: Observations, revised: Iterable[Observations] = ()) -> None:
         """Check and add the tracks of the next frame, and replace the observations of earlier frames.
 
-        Parameters
-        ----------
-        observations : Observations
-            Tracks of a frame after all frames of the history.
-        revised : iterable of Observations
-            Earlier frames with additional tracks. Frames that are no longer in the history are ignored.
-
-        Raises
-        ------
-        SlamInitError
-            If the arrays differ in length, if a pixel or bearing is not finite, or if the frames do not ascend.
+        * ``revised``: Earlier frames with additional tracks. Frames that are no longer in the history are ignored.
         """
         for one in (observations, *revised):
             _check(one)
@@ -155,13 +112,7 @@ class History:
         self.put(observations)
 
     def forget(self, keep: Iterable[int]) -> None:
-        """Drop the frames that are older than the limit.
-
-        Parameters
-        ----------
-        keep : iterable of int
-            Absolute indices of frames that are not dropped.
-        """
+        """Drop the frames that are older than the limit."""
         wanted = set(keep)
         # Frames are counted, because the indices of a subsampled source are far apart.
         for frame in sorted(self._frames)[: -self._limit]:
@@ -170,29 +121,12 @@ class History:
                 self._attitudes.pop(frame, None)
 
     def start_at(self, frame: int) -> None:
-        """Drop the frames before a frame.
-
-        Parameters
-        ----------
-        frame : int
-            Absolute index.
-        """
+        """Drop the frames before a frame."""
         for earlier in [f for f in self._frames if f < frame]:
             del self._frames[earlier]
 
     def between(self, first: int, last: int) -> list[Observations]:
-        """List the frames strictly between two frames.
-
-        Parameters
-        ----------
-        first, last : int
-            Absolute indices.
-
-        Returns
-        -------
-        list of Observations
-            In time order.
-        """
+        """List the frames strictly between two frames."""
         return [o for f, o in sorted(self._frames.items()) if first < f < last]
 
 
@@ -225,19 +159,9 @@ class _SiftFrame:
 class Tracker:
     """Follows features from frame to frame and keeps their history.
 
-    Parameters
-    ----------
-    camera : Camera
-        Converts pixels to bearings.
-    config : TrackingConfig
-    history_limit : int
-        Number of recent frames in the history.
-
-    Attributes
-    ----------
-    history : History
-    revised : tuple of Observations
-        Earlier frames that got additional tracks in the last call of :meth:`track`.
+    * ``camera``: Converts pixels to bearings.
+    * ``history_limit``: Number of recent frames in the history.
+    * ``revised``: Earlier frames that got additional tracks in the last call of :meth:`track`.
     """
 
     def __init__(self, camera: Camera, config: TrackingConfig, history_limit: int = 150) -> None:
@@ -255,12 +179,7 @@ class Tracker:
         self._next_id = 0
 
     def adopt_camera(self, camera: Camera) -> None:
-        """Take the rays of further frames from another lens.
-
-        Parameters
-        ----------
-        camera : Camera
-        """
+        """Take the rays of further frames from another lens."""
         self._camera = camera
 
     def track(self, frame: Frame, *, by_flow_alone: bool = False) -> Observations:
@@ -269,20 +188,10 @@ class Tracker:
         If the frame is linked by descriptors, new tracks may be found in earlier frames as well. They are added to the
         history.
 
-        Parameters
-        ----------
-        frame : Frame
-            The frame after the one of the last call.
-        by_flow_alone : bool
-            For a frame of a video that must not wait. Descriptors are not asked, no more than ``max_tracks`` are
-            followed, and the corners of a large image are detected in a smaller one. Of 1291 frames of real sequences,
-            up to 0.13 s apart, the flow lost half of 400 tracks in 114, and descriptors linked more points in 30; 28 of
-            these are of a camera that turns by 60 deg/s, 0.13 s apart.
-
-        Returns
-        -------
-        Observations
-            The tracks in this frame.
+        * ``by_flow_alone``: For a frame of a video that must not wait. Descriptors are not asked, no more than
+          ``max_tracks`` are followed, and the corners of a large image are detected in a smaller one. Of 1291 frames of
+          real sequences, up to 0.13 s apart, the flow lost half of 400 tracks in 114, and descriptors linked more
+          points in 30; 28 of these are of a camera that turns by 60 deg/s, 0.13 s apart.
         """
         self._trackable = self._trackable_of(frame)
         gray = frame.gray if self._trackable is None else self._trackable.blanked(frame.gray)

@@ -15,8 +15,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 from slam_init.work import Prices, spend
 
-__all__ = ["map_of_poses"]
-
 #: Bundle adjustment needs at least this many points.
 _MIN_POINTS = 6
 
@@ -32,25 +30,10 @@ def map_of_poses(
 ) -> BundleSolution | BundleFailure:
     """Build the bundle-adjusted map of views whose poses are known.
 
-    Parameters
-    ----------
-    camera : Camera
-        Its bearings are those of the table.
-    config : Config
-    table : TrackTable
-        Its first two rows are reference and current.
-    cam_from_world : dict of int to Pose
-        By absolute frame index; reference and current are among them. Other views of the table are left out.
-    threshold_rad : float
-        An observation farther from its point does not make the point a landmark.
-    prior : PosePrior, optional
-        By default the landmarks alone determine the poses.
-    focal_factor : float
-        Where the focal length is adjusted: its first estimate, over the stated one.
-
-    Returns
-    -------
-    BundleSolution or BundleFailure
+    * ``cam_from_world``: By absolute frame index; reference and current are among them. Other views of the table are
+      left out.
+    * ``threshold_rad``: An observation farther from its point does not make the point a landmark.
+    * ``focal_factor``: Where the focal length is adjusted: its first estimate, over the stated one.
     """
     rows = [row for row, frame in enumerate(table.frames) if frame in cam_from_world]
     poses = {row: cam_from_world[table.frames[row]].inverse() for row in rows}

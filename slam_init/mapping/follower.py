@@ -27,8 +27,6 @@ from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
 
-__all__ = ["Continuation", "Follower", "FrameTracker", "follow"]
-
 #: A landmark counts as observed again where its track lies within this distance of its projection.
 _SURVIVAL_PX = 3.0
 #: A blur or a flash of a sixth of a second loses no map whose tracks go on after it.
@@ -37,35 +35,21 @@ _LOST_AFTER = 5
 
 @dataclass(frozen=True, eq=False)
 class Continuation:
-    """The frames after the initialization, located in the map.
+    """The frames after the initialization, located in the map."""
 
-    Attributes
-    ----------
-    keyframes : tuple of Keyframe
-        The located frames; frames that could not be located are left out.
-    frames : int
-        Number of frames that were read.
-    survival : tuple of float
-        For each of these frames, the share of the landmarks that it observes within 3 px of their projection.
-    ended_by : str or None
-        The message about a frame that could not be read, if this ended the continuation early.
-    lost_at : int or None
-        Absolute index of the first frame in which the map was lost, if this ended the continuation.
-    """
-
+    #: The located frames; frames that could not be located are left out.
     keyframes: tuple[Keyframe, ...]
+    #: Number of frames that were read.
     frames: int
+    #: For each of these frames, the share of the landmarks that it observes within 3 px of their projection.
     survival: tuple[float, ...]
+    #: The message about a frame that could not be read, if this ended the continuation early.
     ended_by: str | None = None
+    #: Absolute index of the first frame in which the map was lost, if this ended the continuation.
     lost_at: int | None = None
 
     def record(self) -> ContinuationRecord:
-        """Make the record for ``summary.json``.
-
-        Returns
-        -------
-        ContinuationRecord
-        """
+        """Make the record for ``summary.json``."""
         return ContinuationRecord(
             frames=self.frames,
             located=len(self.keyframes),
@@ -80,38 +64,18 @@ class FrameTracker(Protocol):
     history: History
 
     def track(self, frame: Frame) -> Observations:
-        """Give the tracks of the next frame.
-
-        Parameters
-        ----------
-        frame : Frame
-
-        Returns
-        -------
-        Observations
-        """
+        """Give the tracks of the next frame."""
         ...
 
 
 class Follower:
     """Locates frames one by one.
 
-    Parameters
-    ----------
-    map_ : InitialMap
-    tracker : FrameTracker
-        That of the initializer, in its state when the map was accepted.
-    recorder : Recorder, optional
-        Receives a report of each frame.
-
-    Attributes
-    ----------
-    located : list of Keyframe
-        The frames that were located.
-    survival : list of float
-        For each frame, the share of the landmarks that it observes within 3 px of their projection.
-    lost_at : int or None
-        Absolute index of the first frame in which the map was lost; None while it is not.
+    * ``tracker``: That of the initializer, in its state when the map was accepted.
+    * ``recorder``: Receives a report of each frame.
+    * ``located``: The frames that were located.
+    * ``survival``: For each frame, the share of the landmarks that it observes within 3 px of their projection.
+    * ``lost_at``: Absolute index of the first frame in which the map was lost; None while it is not.
     """
 
     def __init__(self, map_: InitialMap, tracker: FrameTracker, recorder: Recorder | None = None) -> None:
@@ -127,17 +91,7 @@ class Follower:
         self._least = MapConfig().min_resected
 
     def take(self, frame: Frame) -> Keyframe | None:
-        """Locate the next frame.
-
-        Parameters
-        ----------
-        frame : Frame
-
-        Returns
-        -------
-        Keyframe or None
-            None where it could not be located.
-        """
+        """Locate the next frame."""
         camera, map_ = self._map.camera, self._map
         observed = self._tracker.track(frame)
         self._tracker.history.forget(keep=())
@@ -179,23 +133,8 @@ def follow(
 ) -> Continuation:
     """Locate further frames by resection with the landmarks of the map. The map is not changed.
 
-    Parameters
-    ----------
-    map_ : InitialMap
-    tracker : FrameTracker
-        That of the initializer, in its state when the map was accepted.
-    frames : iterator of Frame
-        The frames that follow.
-    count : int or None
-        Largest number of frames; None for all.
-    recorder : Recorder
-        Receives a report of each frame.
-    until_lost : bool
-        Whether to end where the map is lost. The frames from there on are then not located.
-
-    Returns
-    -------
-    Continuation
+    * ``tracker``: That of the initializer, in its state when the map was accepted.
+    * ``until_lost``: Whether to end where the map is lost. The frames from there on are then not located.
     """
     follower = Follower(map_, tracker, recorder)
     ended_by: str | None = None

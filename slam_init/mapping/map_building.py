@@ -12,39 +12,18 @@ from slam_init.frontend.tracks import History
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 
-__all__ = ["MapWithViews", "initial_map", "map_with_views"]
-
 
 @dataclass(frozen=True, eq=False)
 class MapWithViews:
-    """A map, and the observations of its keyframes, which the history may have dropped when the map is accepted.
-
-    Attributes
-    ----------
-    map : InitialMap
-    views : tuple of Observations
-        The observations of the keyframes, in the same order.
-    """
+    """A map, and the observations of its keyframes, which the history may have dropped when the map is accepted."""
 
     map: InitialMap
+    #: The observations of the keyframes, in the same order.
     views: tuple[Observations, ...]
 
 
 def map_with_views(history: History, bundle: BundleSolution, scene: str) -> MapWithViews:
-    """Build the map of an adjusted bundle, with the observations of its keyframes.
-
-    Parameters
-    ----------
-    history : History
-        Holds the frames of the bundle.
-    bundle : BundleSolution
-    scene : str
-        ``general`` or ``planar``.
-
-    Returns
-    -------
-    MapWithViews
-    """
+    """Build the map of an adjusted bundle, with the observations of its keyframes."""
     views = tuple(history[frame] for frame in bundle.problem.frames)
     return MapWithViews(initial_map(bundle, views, scene), views)
 
@@ -52,17 +31,7 @@ def map_with_views(history: History, bundle: BundleSolution, scene: str) -> MapW
 def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: str) -> InitialMap:
     """Build the map of an adjusted bundle.
 
-    Parameters
-    ----------
-    bundle : BundleSolution
-    views : sequence of Observations
-        The observations of the frames of the bundle, in the same order. Landmarks without a color become grey.
-    scene : str
-        ``general`` or ``planar``.
-
-    Returns
-    -------
-    InitialMap
+    * ``views``: The observations of the frames of the bundle, in the same order. Landmarks without a color become grey.
     """
     problem, newest = bundle.problem, views[-1].through(bundle.camera)
     colors = np.full((len(problem.points), 3), 128, np.uint8)

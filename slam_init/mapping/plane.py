@@ -6,26 +6,15 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 
-__all__ = ["plane_of_motion"]
-
 
 def plane_of_motion(R: Floats, t: Floats, m: Floats, n: Floats) -> Floats:
     """Find the plane that explains most matches of a motion, by iteratively reweighted least squares.
 
     A match of the plane ``k . X = 1`` obeys ``n x (R m + t (k . m)) = 0``.
 
-    Parameters
-    ----------
-    R : (3, 3) float
-    t : (3,) float
-        ``cam2_from_cam1``.
-    m, n : (N, 3) float
-        Bearings in camera 1 and camera 2.
+    Shapes: ``R`` (3, 3), ``t`` (3,), ``m, n`` (N, 3), returns (3,).
 
-    Returns
-    -------
-    (3,) float
-        The vector k, in the frame of camera 1 and in units of 1 / norm(t).
+    * Returns: The vector k, in the frame of camera 1 and in units of 1 / norm(t).
     """
     n_cross_t = np.cross(n, t)
     gain = np.linalg.norm(n_cross_t, axis=1)

@@ -21,42 +21,24 @@ from slam_init.types.frame import Frame
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.result import Result
 
-__all__ = ["TRACKED_SIDE", "Reduction"]
-
 #: Longest side of a reduced image, at least, in pixels: 3840 px become 1280, and 2560 become 1280.
 TRACKED_SIDE = 1280
 
 
 @dataclass(frozen=True)
 class Reduction:
-    """How the frames of a camera are reduced for tracking.
+    """How the frames of a camera are reduced for tracking."""
 
-    Attributes
-    ----------
-    original : Camera
-        The camera of the frames.
-    factor : int
-        Original pixels of a side over those of the reduced image. With 1 nothing is changed.
-    camera : Camera
-        The camera of the reduced frames.
-    """
-
+    #: The camera of the frames.
     original: Camera
+    #: Original pixels of a side over those of the reduced image. With 1 nothing is changed.
     factor: int
+    #: The camera of the reduced frames.
     camera: Camera
 
     @classmethod
     def of(cls, camera: Camera) -> Reduction:
-        """Choose the reduction for a camera.
-
-        Parameters
-        ----------
-        camera : Camera
-
-        Returns
-        -------
-        Reduction
-        """
+        """Choose the reduction for a camera."""
         factor = max(1, max(camera.width, camera.height) // TRACKED_SIDE)
         if needs_virtual_cameras(camera):  # its factors measure no pixels that could be enlarged
             factor = 1
@@ -68,13 +50,7 @@ class Reduction:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A note about the reduction.
-
-        Returns
-        -------
-        tuple of str
-            Empty where nothing is reduced.
-        """
+        """A note about the reduction."""
         if self.factor == 1:
             return ()
         return (
@@ -83,16 +59,7 @@ class Reduction:
         )
 
     def frames(self, frames: Iterator[Frame]) -> Iterator[Frame]:
-        """Reduce frames and their masks.
-
-        Parameters
-        ----------
-        frames : iterator of Frame
-
-        Yields
-        ------
-        Frame
-        """
+        """Reduce frames and their masks."""
         mask: Image | None = None
         reduced_mask: Image | None = None
         for frame in frames:
@@ -104,17 +71,7 @@ class Reduction:
             yield replace(frame, image=self._image(frame.image), mask=reduced_mask)
 
     def enlarged(self, result: Result) -> Result:
-        """Give the maps of a result in original pixels.
-
-        Parameters
-        ----------
-        result : Result
-            Of reduced frames.
-
-        Returns
-        -------
-        Result
-        """
+        """Give the maps of a result in original pixels."""
         if self.factor == 1:
             return result
         maps = {id(one): self._map(one) for one in (result.map, *result.hypotheses) if one is not None}

@@ -9,8 +9,6 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.pose import Pose
 from slam_init.work import Prices, spend
 
-__all__ = ["resect"]
-
 #: Largest number of Gauss-Newton steps of a refinement.
 _STEPS = 8
 #: A guess that explains this share of the matches is not compared with a drawn pose: of 520 such views of windows none
@@ -27,27 +25,15 @@ def resect(
 
     A minimal solver in a RANSAC loop [1]_ gives a start, which is refined on the angles between rays and points.
 
-    Parameters
-    ----------
-    points : (N, 3) float
-        In the world frame.
-    bearings : (N, 3) float
-        Unit rays of the points in the camera frame.
-    threshold_rad : float
-        A match is an outlier if the angle between its ray and its point is larger.
-    guess : Pose, optional
-        Another start, a ``cam_from_world``. The start that leads to more inliers is used; a guess that explains four
-        fifths of the matches is.
-
-    Returns
-    -------
-    (Pose, (N,) bool) or None
-        ``cam_from_world`` and the inliers; None if fewer than six matches agree on a pose.
-
-    References
-    ----------
     .. [1] T. Ke, S. I. Roumeliotis, An efficient algebraic solution to the perspective-three-point problem, CVPR 2017
        (OpenCV, ``SOLVEPNP_AP3P``).
+
+    Shapes: ``points`` (N, 3), ``bearings`` (N, 3), returns (N,).
+
+    * ``threshold_rad``: A match is an outlier if the angle between its ray and its point is larger.
+    * ``guess``: Another start, a ``cam_from_world``. The start that leads to more inliers is used; a guess that
+      explains four fifths of the matches is.
+    * Returns: ``cam_from_world`` and the inliers; None if fewer than six matches agree on a pose.
     """
     if len(points) < 6:
         return None

@@ -10,8 +10,6 @@ from quest.robust.kernels.compiler import compiler_of
 from quest.robust.kernels.small_algebra import copy_pose, solve_in_place, turn
 from slam_init.types.arrays import Floats
 
-__all__ = ["refine_absolute_pose"]
-
 compiled = compiler_of(Path(__file__).parent)
 
 #: Damping at the start, its factor after each step that fails or succeeds, and its least value.
@@ -24,18 +22,7 @@ _TOLERANCE = 1e-9
 def refine_absolute_pose(R: Floats, t: Floats, points: Floats, bearings: Floats, scale_rad: float, steps: int) -> None:
     """Refine a pose by Gauss-Newton steps on the angles between rays and points, with a Geman-McClure kernel.
 
-    Parameters
-    ----------
-    R, t : (3, 3) float, (3,) float
-        ``cam_from_world``; overwritten by the result.
-    points : (N, 3) float
-        In the world frame.
-    bearings : (N, 3) float
-        Unit rays of the points in the camera frame.
-    scale_rad : float
-        Scale of the kernel.
-    steps : int
-        Largest number of steps.
+    Shapes: ``R, t`` (3, 3), ``points`` (N, 3), ``bearings`` (N, 3).
     """
     scale2 = scale_rad * scale_rad
     A, g = np.zeros((6, 6)), np.zeros(6)

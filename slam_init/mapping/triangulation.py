@@ -7,25 +7,16 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
 
-__all__ = ["triangulate"]
-
 
 def triangulate(world_from_cam: list[Pose], bearings: Floats) -> Floats:
     """Compute the points that are nearest to their rays.
 
-    Parameters
-    ----------
-    world_from_cam : list of K Pose
-        Poses of the cameras.
-    bearings : (K, L, 3) float
-        Unit rays of L points in each camera; NaN where a view does not see a point.
+    Shapes: ``bearings`` (K, L, 3), returns (L, 3).
 
-    Returns
-    -------
-    (L, 3) float
-        In the world frame. Each point minimizes the sum of its squared distances to the rays, each weighted by the
-        inverse squared distance from the camera, so that the error is an angle. NaN where fewer than two rays are given
-        or the rays are parallel.
+    * ``bearings``: Unit rays of L points in each camera; NaN where a view does not see a point.
+    * Returns: In the world frame. Each point minimizes the sum of its squared distances to the rays, each weighted by
+      the inverse squared distance from the camera, so that the error is an angle. NaN where fewer than two rays are
+      given or the rays are parallel.
     """
     count = bearings.shape[1]
     centres = np.array([pose.t for pose in world_from_cam])

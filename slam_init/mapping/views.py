@@ -12,44 +12,23 @@ from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.frame import Observations
 
-__all__ = ["TrackTable", "table_of", "voting_views"]
-
 
 @dataclass(frozen=True, eq=False)
 class TrackTable:
-    """The tracks that a pair has in common, as the pair (first two rows) and further views see them.
+    """The tracks that a pair has in common, as the pair (first two rows) and further views see them."""
 
-    Attributes
-    ----------
-    frames : tuple of V int
-        Absolute frame index of each row.
-    track_ids : (T,) int
-    pixels : (V, T, 2) float
-        Raw pixels; NaN where a view does not see a track.
-    bearings : (V, T, 3) float
-        Unit rays in the camera frames; NaN where a view does not see a track.
-    """
-
+    #: Absolute frame index of each row.
     frames: tuple[int, ...]
+    #: (T,)
     track_ids: Ints
+    #: (V, T, 2) Raw pixels; NaN where a view does not see a track.
     pixels: Floats
+    #: (V, T, 3) Unit rays in the camera frames; NaN where a view does not see a track.
     bearings: Floats
 
 
 def table_of(reference: Observations, current: Observations, further: list[Observations]) -> TrackTable:
-    """Gather the tracks that a pair has in common, in the pair and in further views.
-
-    Parameters
-    ----------
-    reference, current : Observations
-        The pair.
-    further : list of Observations
-        The further views.
-
-    Returns
-    -------
-    TrackTable
-    """
+    """Gather the tracks that a pair has in common, in the pair and in further views."""
     i, _ = common_tracks(reference, current)
     track_ids = reference.track_ids[i]
     views = [reference, current, *further]
@@ -68,20 +47,7 @@ def voting_views(
 
     A short baseline does no harm here, because all motions predict nearly the same for such a view.
 
-    Parameters
-    ----------
-    history : History
-        Holds the views.
-    reference, current : Observations
-        The pair.
-    config : MapConfig
-    most : int
-        Largest number of views.
-
-    Returns
-    -------
-    list of Observations
-        Each sees at least ``min_resected`` of the tracks that the pair has in common.
+    * Returns: Each sees at least ``min_resected`` of the tracks that the pair has in common.
     """
     views = (*history.between(-1, reference.frame), *history.between(reference.frame, current.frame))
     return _evenly_spaced(_sharing(views, reference, current, config.min_resected), most)

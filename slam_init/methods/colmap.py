@@ -20,38 +20,24 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.reasons import Verdict
 
-__all__ = ["Colmap", "ColmapRules"]
-
 
 @dataclass(frozen=True)
 class ColmapRules:
-    """The constants of the rules, each with its place in the sources.
+    """The constants of the rules, each with its place in the sources."""
 
-    Attributes
-    ----------
-    max_homography_ratio : float
-        The pair is planar or panoramic if the inliers of H divided by those of E are more (max_H_inlier_ratio [2]_).
-    max_error_px : float
-        Outlier threshold of both models (init_max_error [3]_).
-    confidence : float
-    max_iterations : int
-    rotation_gate : float
-        A homography is a rotation if its squared singular values differ from one by less (DecomposeHomographyMatrix).
-    min_inliers : int
-        Smallest number of inliers (init_min_num_inliers [3]_).
-    max_forward : float
-        Largest component of the unit baseline along the optical axis (init_max_forward_motion [3]_).
-    min_angle_deg : float
-        Smallest median triangulation angle (init_min_tri_angle [3]_). A point needs the same angle to be registered.
-    """
-
+    #: The pair is planar or panoramic if the inliers of H divided by those of E are more (max_H_inlier_ratio [2]_).
     max_homography_ratio: float = 0.8
+    #: Outlier threshold of both models (init_max_error [3]_).
     max_error_px: float = 4.0
     confidence: float = 0.999
     max_iterations: int = 10_000
+    #: A homography is a rotation if its squared singular values differ from one by less (DecomposeHomographyMatrix).
     rotation_gate: float = 1e-3
+    #: Smallest number of inliers (init_min_num_inliers [3]_).
     min_inliers: int = 100
+    #: Largest component of the unit baseline along the optical axis (init_max_forward_motion [3]_).
     max_forward: float = 0.95
+    #: Smallest median triangulation angle (init_min_tri_angle [3]_). A point needs the same angle to be registered.
     min_angle_deg: float = 16.0
 
 
@@ -61,10 +47,6 @@ class Colmap:
     Departures from the sources: the robust loop is that of OpenCV (USAC_DEFAULT, also a LO-RANSAC). Its random
     generator starts in the same state at each call, so the seed has no effect. The method does not search a video for
     the pair with most matches. The thresholds are not relaxed if no pair meets them.
-
-    Parameters
-    ----------
-    rules : ColmapRules, optional
     """
 
     #: Half of the 100 inliers have more than the median angle and become landmarks.

@@ -28,25 +28,15 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.reasons import Verdict
 
-__all__ = ["EightPointRules", "EssentialEightPoint", "EssentialFivePoint", "FivePointRules"]
-
 
 @dataclass(frozen=True)
 class FivePointRules:
-    """The constants of ``essential-5pt`` and its other name ``magsac``: the defaults of OpenCV.
-
-    Attributes
-    ----------
-    confidence : float
-    threshold_px : float
-        Outlier threshold.
-    min_matches : int
-        Five matches have up to ten motions, and a sixth match chooses among them.
-    gates : GateRules
-    """
+    """The constants of ``essential-5pt`` and its other name ``magsac``: the defaults of OpenCV."""
 
     confidence: float = 0.999
+    #: Outlier threshold.
     threshold_px: float = 1.0
+    #: Five matches have up to ten motions, and a sixth match chooses among them.
     min_matches: int = 6
     gates: GateRules = field(default_factory=GateRules)
 
@@ -55,10 +45,6 @@ class EssentialFivePoint:
     """OpenCV's five-point RANSAC with MAGSAC++ scores [1]_, then cheirality and a parallax gate.
 
     The random generator of OpenCV starts in the same state at each call, so the seed has no effect.
-
-    Parameters
-    ----------
-    rules : FivePointRules, optional
     """
 
     pair_rule = GATED_PAIRS
@@ -87,33 +73,20 @@ class EssentialFivePoint:
 
 @dataclass(frozen=True)
 class EightPointRules:
-    """The constants of ``essential-8pt``.
+    """The constants of ``essential-8pt``."""
 
-    Attributes
-    ----------
-    iterations : int
-        As many as in ORB-SLAM. With 10 % of outliers, 43 of 100 samples of eight matches hold no outlier; with 40 %,
-        two of 100.
-    sample_size : int
-    gate_px2 : float
-        Bound of the squared Sampson distance of an inlier: 95 % of chi-square with one degree of freedom, at a noise of
-        1 px [3]_.
-    gates : GateRules
-    """
-
+    #: As many as in ORB-SLAM. With 10 % of outliers, 43 of 100 samples of eight matches hold no outlier; with 40 %,
+    #: two of 100.
     iterations: int = 200
     sample_size: int = 8
+    #: Bound of the squared Sampson distance of an inlier: 95 % of chi-square with one degree of freedom, at a noise
+    #: of 1 px [3]_.
     gate_px2: float = 3.841
     gates: GateRules = field(default_factory=GateRules)
 
 
 class EssentialEightPoint:
-    """Normalized eight-point fundamental matrices [2]_ in RANSAC; the best is fitted to its inliers and gives E.
-
-    Parameters
-    ----------
-    rules : EightPointRules, optional
-    """
+    """Normalized eight-point fundamental matrices [2]_ in RANSAC; the best is fitted to its inliers and gives E."""
 
     pair_rule = GATED_PAIRS
 

@@ -57,8 +57,6 @@ if TYPE_CHECKING:
     from slam_init.types.camera import Camera
     from slam_init.types.pose import Trajectory
 
-__all__ = ["ExternalInitializer"]
-
 _TRAJECTORY, _FRAMES_READ, _REASON = "trajectory.txt", "frames_read.txt", "reason.txt"
 #: Length of a number or of a reason.
 _MAX_WORD_BYTES = 200
@@ -81,38 +79,17 @@ class _Given:
 class ExternalInitializer:
     """Takes frames, and runs the program at the end; has the interface of :class:`slam_init.initializer.Initializer`.
 
-    Parameters
-    ----------
-    method : str
-        ``command:PROGRAM ...``.
-    camera : Camera
-        The calibration of the images.
-    config : Config
-        With the limits of the program (:attr:`Config.external`).
-    recorder : Recorder, optional
-        Receives each frame.
-    scratch : path, optional
-        An existing folder in which the folder of the program is made; that of temporary files by default.
-
-    Attributes
-    ----------
-    map : InitialMap or None
-        The map of the program: keyframes without landmarks.
-    status : Status
-        The status after the last frame. There is no map before :meth:`finish`.
-    frames_read : int
-        Number of frames that the program gets.
-    tracker : Tracker
-        Not used by the program.
-    history : History
-        Empty.
-    program : ProgramRun or None
-        How the program ended; None before :meth:`finish`.
-
-    Raises
-    ------
-    ConfigError
-        If the command is not valid.
+    * ``method``: ``command:PROGRAM ...``.
+    * ``camera``: The calibration of the images.
+    * ``config``: With the limits of the program (:attr:`Config.external`).
+    * ``recorder``: Receives each frame.
+    * ``scratch``: An existing folder in which the folder of the program is made; that of temporary files by default.
+    * ``map``: The map of the program: keyframes without landmarks.
+    * ``status``: The status after the last frame. There is no map before :meth:`finish`.
+    * ``frames_read``: Number of frames that the program gets.
+    * ``tracker``: Not used by the program.
+    * ``history``: Empty.
+    * ``program``: How the program ended; None before :meth:`finish`.
     """
 
     def __init__(
@@ -142,22 +119,9 @@ class ExternalInitializer:
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
         """Write the next frame to the folder of the program.
 
-        Parameters
-        ----------
-        image : (H, W) or (H, W, 3) uint8, or Frame
-            Grey or BGR, or a frame of a source.
-        timestamp_s : float, optional
-            In seconds.
+        Shapes: ``image`` (H, W).
 
-        Returns
-        -------
-        Status
-            Without a map. Frames beyond the limit of the configuration are not taken.
-
-        Raises
-        ------
-        OutputError
-            If the frame cannot be written.
+        * Returns: Without a map. Frames beyond the limit of the configuration are not taken.
         """
         if self._result is not None or self.frames_read >= self._limits.max_frames:
             return self.status
@@ -169,49 +133,15 @@ class ExternalInitializer:
         return self.status
 
     def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
-        """Refuse tracks: an external program needs images.
-
-        Parameters
-        ----------
-        current : Observations
-        revised : sequence of Observations, optional
-
-        Returns
-        -------
-        Status
-
-        Raises
-        ------
-        SlamInitError
-        """
+        """Refuse tracks: an external program needs images."""
         raise SlamInitError(f"{self._command.label} is an external program, which needs images: give no points: source")
 
     def reset(self, since: int | None = None) -> None:
-        """Refuse to start anew: the program gets all frames at once.
-
-        Parameters
-        ----------
-        since : int, optional
-            Ignored.
-
-        Raises
-        ------
-        SlamInitError
-        """
+        """Refuse to start anew: the program gets all frames at once."""
         raise SlamInitError("an external program gets all frames at once: it cannot start anew after a loss")
 
     def finish(self) -> Result:
-        """Run the program, and read its trajectory.
-
-        Returns
-        -------
-        Result
-
-        Raises
-        ------
-        SlamInitError
-            If the program fails or writes a file that cannot be read.
-        """
+        """Run the program, and read its trajectory."""
         if self._result is None:
             self._result = self._run() if self.frames_read > 1 else self._without_map(Verdict.TOO_FEW_FRAMES)
         return self._result

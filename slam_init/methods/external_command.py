@@ -17,8 +17,6 @@ from pathlib import PurePath
 
 from slam_init.errors import ConfigError
 
-__all__ = ["COMMAND", "PLACEHOLDERS", "ExternalCommand", "is_external", "method_label", "parse_external"]
-
 COMMAND = "command:"
 #: Folder of the frames, file of their time stamps, calibration, folder of the results, number of frames.
 PLACEHOLDERS = ("images", "times", "camera", "out", "count")
@@ -35,63 +33,28 @@ _LONGEST_LABEL = 40
 
 @dataclass(frozen=True)
 class ExternalCommand:
-    """An external program that initializes from a folder of frames.
+    """An external program that initializes from a folder of frames."""
 
-    Attributes
-    ----------
-    label : str
-        Name in tables and charts.
-    words : tuple of str
-        Program and arguments, with placeholders.
-    """
-
+    #: Name in tables and charts.
     label: str
+    #: Program and arguments, with placeholders.
     words: tuple[str, ...]
 
     def filled(self, values: Mapping[str, str]) -> list[str]:
-        """Replace the placeholders.
-
-        Parameters
-        ----------
-        values : mapping of str to str
-            A value for each of :data:`PLACEHOLDERS`.
-
-        Returns
-        -------
-        list of str
-            Program and arguments.
-        """
+        """Replace the placeholders."""
         pattern = re.compile("{(" + "|".join(PLACEHOLDERS) + ")}")
         return [pattern.sub(lambda found: values[found[1]], word) for word in self.words]
 
 
 def is_external(method: str) -> bool:
-    """Return whether a method is an external program.
-
-    Parameters
-    ----------
-    method : str
-        As of ``--method``.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether a method is an external program."""
     return method.startswith(COMMAND) or _NAMED.match(method) is not None
 
 
 def method_label(method: str) -> str:
     """Return the name of a method for tables and charts.
 
-    Parameters
-    ----------
-    method : str
-        As of ``--method``.
-
-    Returns
-    -------
-    str
-        The label of an external program; the file without its folder; other methods have their own name.
+    * Returns: The label of an external program; the file without its folder; other methods have their own name.
     """
     if not is_external(method):
         place, _, attribute = method.rpartition(":")
@@ -103,22 +66,7 @@ def method_label(method: str) -> str:
 
 
 def parse_external(method: str) -> ExternalCommand:
-    """Parse and check the text of an external method.
-
-    Parameters
-    ----------
-    method : str
-        ``command:PROGRAM ...`` or ``NAME=command:PROGRAM ...``.
-
-    Returns
-    -------
-    ExternalCommand
-
-    Raises
-    ------
-    ConfigError
-        If the text cannot be split, lacks ``{images}`` or ``{out}``, or names a program that is not found.
-    """
+    """Parse and check the text of an external method."""
     command = _split(method)
     if not method.startswith(COMMAND) and not _NAME.fullmatch(command.label):
         shown = command.label[:60]

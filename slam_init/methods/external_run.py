@@ -18,8 +18,6 @@ from dataclasses import dataclass
 from slam_init.errors import SlamInitError
 from slam_init.system import process_guard
 
-__all__ = ["USER_PYTHONPATH", "ProgramRun", "run_program"]
-
 #: A process of a comparison has the import path of its parent in ``PYTHONPATH``. That of the user is in this variable:
 #: an external program in another environment must not get ours.
 USER_PYTHONPATH = "SLAM_INIT_USER_PYTHONPATH"
@@ -31,43 +29,20 @@ _ASK_S = 0.05
 
 @dataclass(frozen=True)
 class ProgramRun:
-    """How an external program ended.
+    """How an external program ended."""
 
-    Attributes
-    ----------
-    failure : str
-        Why it failed, as the rest of a sentence that starts with the program; empty if it exited with 0.
-    output : str
-        The end of what it wrote to stdout and stderr.
-    seconds : float
-        Wall-clock time.
-    """
-
+    #: Why it failed, as the rest of a sentence that starts with the program; empty if it exited with 0.
     failure: str
+    #: The end of what it wrote to stdout and stderr.
     output: str
+    #: Wall-clock time.
     seconds: float
 
 
 def run_program(words: Sequence[str], time_limit_s: float, memory_limit_mb: int) -> ProgramRun:
     """Run a program without a shell, and wait for its end.
 
-    Parameters
-    ----------
-    words : sequence of str
-        Program and arguments.
-    time_limit_s : float
-        The program and all processes of its group are killed after this time.
-    memory_limit_mb : int
-        Limit of the address space of each process; 0 for no limit.
-
-    Returns
-    -------
-    ProgramRun
-
-    Raises
-    ------
-    SlamInitError
-        If no process can be started.
+    * ``time_limit_s``: The program and all processes of its group are killed after this time.
     """
     begin = time.monotonic()
     try:

@@ -12,22 +12,14 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.reasons import Verdict
 
-__all__ = ["GATED_PAIRS", "GateRules", "accept_best"]
-
 
 @dataclass(frozen=True)
 class GateRules:
-    """The requirements on the best motion. ORB-SLAM and stella_vslam use the same numbers.
+    """The requirements on the best motion. ORB-SLAM and stella_vslam use the same numbers."""
 
-    Attributes
-    ----------
-    min_in_front : int
-        Smallest number of points in front of both cameras.
-    min_parallax_deg : float
-        The 51st largest parallax has to be larger.
-    """
-
+    #: Smallest number of points in front of both cameras.
     min_in_front: int = 50
+    #: The 51st largest parallax has to be larger.
     min_parallax_deg: float = 1.0
 
 
@@ -48,23 +40,7 @@ def accept_best(
 ) -> TwoViewOutcome:
     """Accept the motion that puts most inliers in front of both cameras, if it passes the gates.
 
-    Parameters
-    ----------
-    camera : Camera
-    R : (K, 3, 3) float
-        Rotations of the K candidate motions ``cam2_from_cam1``.
-    t : (K, 3) float
-        Their translations, |t| = 1.
-    bearings1, bearings2 : (N, 3) float
-        Unit rays of the matches.
-    inliers : (N,) bool
-    rules : GateRules
-    evidence : dict
-        Figures of the method, which the outcome repeats.
-
-    Returns
-    -------
-    TwoViewOutcome
+    Shapes: ``R`` (K, 3, 3), ``t`` (K, 3), ``bearings1, bearings2`` (N, 3), ``inliers`` (N,).
     """
     count = len(inliers)
     check: MotionCheck = check_motions(camera, R, t, bearings1, bearings2, inliers, IN_FRONT)

@@ -19,40 +19,26 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.reasons import Verdict
 
-__all__ = ["PlaneOnly", "PlaneOnlyRules"]
-
 
 @dataclass(frozen=True)
 class PlaneOnlyRules:
-    """The constants, all from the configuration and the initialization of SVO [2]_.
+    """The constants, all from the configuration and the initialization of SVO [2]_."""
 
-    Attributes
-    ----------
-    min_disparity_px : float
-        The median displacement of the tracks has to be larger (initMinDisparity).
-    threshold_px : float
-        Outlier threshold of the homography, and bound of the reprojection errors in both images (poseOptimThresh).
-    min_inliers : int
-        Smallest number of points in front of both cameras with small reprojection errors (initMinInliers).
-    rival_share : float
-        If a second motion puts at least this share of the points in front, the epipolar error decides (vikit).
-    min_features : int
-        Features of a first frame (addFirstFrame).
-    min_matches : int
-        Tracks that are left of them (initMinTracked).
-    confidence : float
-        OpenCV's default for a homography, which SVO takes.
-    check : CheckRule
-        Bounds the reprojection errors; no point is at infinity.
-    """
-
+    #: The median displacement of the tracks has to be larger (initMinDisparity).
     min_disparity_px: float = 50.0
+    #: Outlier threshold of the homography, and bound of the reprojection errors in both images (poseOptimThresh).
     threshold_px: float = 2.0
+    #: Smallest number of points in front of both cameras with small reprojection errors (initMinInliers).
     min_inliers: int = 40
+    #: If a second motion puts at least this share of the points in front, the epipolar error decides (vikit).
     rival_share: float = 0.9
+    #: Features of a first frame (addFirstFrame).
     min_features: int = 100
+    #: Tracks that are left of them (initMinTracked).
     min_matches: int = 50
+    #: OpenCV's default for a homography, which SVO takes.
     confidence: float = 0.995
+    #: Bounds the reprojection errors; no point is at infinity.
     check: CheckRule = field(default_factory=lambda: CheckRule(max_error_px=2.0, distant_cos=1.0, midpoint=True))
 
 
@@ -61,10 +47,6 @@ class PlaneOnly:
 
     The method has no test for a rotation-only camera; such a pair is only refused if its points are not in front of
     both cameras. The random generator of OpenCV starts in the same state at each call, so the seed has no effect.
-
-    Parameters
-    ----------
-    rules : PlaneOnlyRules, optional
     """
 
     def __init__(self, rules: PlaneOnlyRules | None = None) -> None:

@@ -14,28 +14,11 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 
-__all__ = [
-    "epipolar_errors",
-    "fundamental_eight_point",
-    "homogeneous",
-    "homography_dlt",
-    "normalize",
-    "normalizing_transform",
-    "sampson_errors",
-    "transfer_errors",
-]
-
 
 def homogeneous(pixels: Floats) -> Floats:
     """Append a last coordinate of one.
 
-    Parameters
-    ----------
-    pixels : (..., n, 2) float
-
-    Returns
-    -------
-    (..., n, 3) float
+    Shapes: ``pixels`` (..., n, 2), returns (..., n, 3).
     """
     return np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], axis=-1)
 
@@ -46,13 +29,7 @@ def normalizing_transform(pixels: Floats) -> Floats:
     ORB-SLAM and stella_vslam use it. Hartley [1]_ scales both axes equally, to a mean distance of sqrt(2). If the
     pixels lie on a line along one axis, the scale of the other axis is not changed.
 
-    Parameters
-    ----------
-    pixels : (N, 2) float
-
-    Returns
-    -------
-    (3, 3) float
+    Shapes: ``pixels`` (N, 2), returns (3, 3).
     """
     mean = pixels.mean(axis=0)
     spread = np.abs(pixels - mean).mean(axis=0)
@@ -63,14 +40,7 @@ def normalizing_transform(pixels: Floats) -> Floats:
 def normalize(transform: Floats, pixels: Floats) -> Floats:
     """Apply a transformation of :func:`normalizing_transform`.
 
-    Parameters
-    ----------
-    transform : (3, 3) float
-    pixels : (N, 2) float
-
-    Returns
-    -------
-    (N, 2) float
+    Shapes: ``transform`` (3, 3), ``pixels`` (N, 2), returns (N, 2).
     """
     return np.asarray(pixels * np.diag(transform)[:2] + transform[:2, 2])
 
@@ -78,14 +48,10 @@ def normalize(transform: Floats, pixels: Floats) -> Floats:
 def fundamental_eight_point(points1: Floats, points2: Floats) -> Floats:
     """Compute fundamental matrices ``x2 . F x1 = 0`` of rank two from n >= 8 matches each [1]_.
 
-    Parameters
-    ----------
-    points1, points2 : (B, n, 2) float
-        Matched points; the result is most accurate if they are normalized (:func:`normalizing_transform`).
+    Shapes: ``points1, points2`` (B, n, 2), returns (B, 3, 3).
 
-    Returns
-    -------
-    (B, 3, 3) float
+    * ``points1, points2``: Matched points; the result is most accurate if they are normalized
+      (:func:`normalizing_transform`).
     """
     x1, x2 = homogeneous(points1), homogeneous(points2)
     rows = (x2[..., :, None] * x1[..., None, :]).reshape(*x1.shape[:-1], 9)
@@ -97,14 +63,10 @@ def fundamental_eight_point(points1: Floats, points2: Floats) -> Floats:
 def homography_dlt(points1: Floats, points2: Floats) -> Floats:
     """Compute homographies ``x2 ~ H x1`` from n >= 4 matches each, by the direct linear transformation [2]_.
 
-    Parameters
-    ----------
-    points1, points2 : (B, n, 2) float
-        Matched points; the result is most accurate if they are normalized (:func:`normalizing_transform`).
+    Shapes: ``points1, points2`` (B, n, 2), returns (B, 3, 3).
 
-    Returns
-    -------
-    (B, 3, 3) float
+    * ``points1, points2``: Matched points; the result is most accurate if they are normalized
+      (:func:`normalizing_transform`).
     """
     x1, zero = homogeneous(points1), np.zeros((*points1.shape[:-1], 3))
     u, v = points2[..., :1], points2[..., 1:]
@@ -124,17 +86,9 @@ def _null_vectors(rows: Floats) -> Floats:
 def transfer_errors(H: Floats, pixels1: Floats, pixels2: Floats) -> tuple[Floats, Floats]:
     """Compute the squared transfer errors of matches under homographies.
 
-    Parameters
-    ----------
-    H : (B, 3, 3) float
-    pixels1, pixels2 : (N, 2) float
+    Shapes: ``H`` (B, 3, 3), ``pixels1, pixels2`` (N, 2), returns ``in2`` (B, N), returns ``in1`` (B, N).
 
-    Returns
-    -------
-    in2 : (B, N) float
-        Squared distance between x2 and H x1 in the second image, in squared pixels.
-    in1 : (B, N) float
-        Squared distance between x1 and H^-1 x2 in the first image.
+    * Returns ``in2``: Squared distance between x2 and H x1 in the second image, in squared pixels.
     """
     with np.errstate(all="ignore"):  # the error of a singular H, or of a point at infinity, is infinite or NaN
         inverse = _adjugate(H)
@@ -156,17 +110,9 @@ def _adjugate(H: Floats) -> Floats:
 def epipolar_errors(F: Floats, pixels1: Floats, pixels2: Floats) -> tuple[Floats, Floats]:
     """Compute the squared distances of matches from their epipolar lines.
 
-    Parameters
-    ----------
-    F : (B, 3, 3) float
-    pixels1, pixels2 : (N, 2) float
+    Shapes: ``F`` (B, 3, 3), ``pixels1, pixels2`` (N, 2), returns ``in2`` (B, N), returns ``in1`` (B, N).
 
-    Returns
-    -------
-    in2 : (B, N) float
-        Squared distance between x2 and the line F x1, in squared pixels.
-    in1 : (B, N) float
-        Squared distance between x1 and the line F^T x2.
+    * Returns ``in2``: Squared distance between x2 and the line F x1, in squared pixels.
     """
     product, lines2, lines1 = _epipolar(F, pixels1, pixels2)
     with np.errstate(all="ignore"):  # 0/0 at the epipole
@@ -176,15 +122,7 @@ def epipolar_errors(F: Floats, pixels1: Floats, pixels2: Floats) -> tuple[Floats
 def sampson_errors(F: Floats, pixels1: Floats, pixels2: Floats) -> Floats:
     """Compute the squared Sampson distances of matches [2]_.
 
-    Parameters
-    ----------
-    F : (B, 3, 3) float
-    pixels1, pixels2 : (N, 2) float
-
-    Returns
-    -------
-    (B, N) float
-        In squared pixels.
+    Shapes: ``F`` (B, 3, 3), ``pixels1, pixels2`` (N, 2), returns (B, N).
     """
     product, lines2, lines1 = _epipolar(F, pixels1, pixels2)
     with np.errstate(all="ignore"):  # 0/0 where both are epipoles

@@ -16,28 +16,11 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
-__all__ = [
-    "IN_FRONT",
-    "CheckRule",
-    "MotionCheck",
-    "check_motions",
-    "motions_of_essential",
-    "motions_of_homography",
-]
-
 
 def motions_of_essential(E: Floats) -> tuple[Floats, Floats]:
     """Compute the four motions ``cam2_from_cam1`` of an essential matrix [1]_.
 
-    Parameters
-    ----------
-    E : (3, 3) float
-
-    Returns
-    -------
-    R : (4, 3, 3) float
-    t : (4, 3) float
-        |t| = 1.
+    Shapes: ``E`` (3, 3), returns ``R`` (4, 3, 3), returns ``t`` (4, 3).
     """
     U, _, Vt = np.linalg.svd(E)
     W = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -49,20 +32,11 @@ def motions_of_essential(E: Floats) -> tuple[Floats, Floats]:
 def motions_of_homography(H: Floats, ratio_gate: float) -> tuple[Floats, Floats, Floats]:
     """Compute the eight motions ``cam2_from_cam1`` of a homography of rays [2]_.
 
-    Parameters
-    ----------
-    H : (3, 3) float
-    ratio_gate : float
-        A number just above 1. There are no motions if the ratio of two neighbouring singular values is not larger: then
-        there is no translation, or the plane is not unique.
+    Shapes: ``H`` (3, 3), returns ``R`` (8, 3, 3), returns ``t`` (8, 3), returns ``normals`` (8, 3).
 
-    Returns
-    -------
-    R : (8, 3, 3) float
-    t : (8, 3) float
-        |t| = 1.
-    normals : (8, 3) float
-        Normals of the planes. All three arrays are empty if there are no motions.
+    * ``ratio_gate``: A number just above 1. There are no motions if the ratio of two neighbouring singular values is
+      not larger: then there is no translation, or the plane is not unique.
+    * Returns ``normals``: Normals of the planes. All three arrays are empty if there are no motions.
     """
     U, d, Vt = np.linalg.svd(H)
     d1, d2, d3 = d
@@ -92,24 +66,16 @@ def motions_of_homography(H: Floats, ratio_gate: float) -> tuple[Floats, Floats,
 
 @dataclass(frozen=True)
 class CheckRule:
-    """The rule that decides whether a triangulated match counts for a motion.
+    """The rule that decides whether a triangulated match counts for a motion."""
 
-    Attributes
-    ----------
-    max_error_px : float
-        Largest reprojection error in each image.
-    distant_cos : float
-        Cosine of an angle. If the angle between the rays of a point is smaller, the point may be at infinity: it may
-        lie behind a camera, and does not become a landmark.
-    ranked : int
-        The parallax of a motion is the largest angle of a point after this many larger ones.
-    midpoint : bool
-        Triangulate by the midpoint of the common perpendicular instead of the linear method.
-    """
-
+    #: Largest reprojection error in each image.
     max_error_px: float
+    #: Cosine of an angle. If the angle between the rays of a point is smaller, the point may be at infinity: it may
+    #: lie behind a camera, and does not become a landmark.
     distant_cos: float
+    #: The parallax of a motion is the largest angle of a point after this many larger ones.
     ranked: int = 50
+    #: Triangulate by the midpoint of the common perpendicular instead of the linear method.
     midpoint: bool = False
 
 
@@ -119,43 +85,23 @@ IN_FRONT = CheckRule(max_error_px=float("inf"), distant_cos=1.0)
 
 @dataclass(frozen=True, eq=False)
 class MotionCheck:
-    """The triangulated matches of K motions.
+    """The triangulated matches of K motions."""
 
-    Attributes
-    ----------
-    R : (K, 3, 3) float
-        Rotations of the motions ``cam2_from_cam1``.
-    t : (K, 3) float
-        Translations of the motions, |t| = 1.
-    good : (K, N) bool
-        Matches that count for the motion.
-    landmarks : (K, N) bool
-        Good matches that are near enough to become points.
-    points : (K, N, 3) float
-        In the frame of camera 1, in units of the baseline; NaN for matches that were not used.
-    parallax_deg : (K,) float
-        The ranked parallax of the good matches (:attr:`CheckRule.ranked`); zero without good matches.
-    """
-
+    #: (K, 3, 3) Rotations of the motions ``cam2_from_cam1``.
     R: Floats
+    #: (K, 3) Translations of the motions, |t| = 1.
     t: Floats
+    #: (K, N) Matches that count for the motion.
     good: Bools
+    #: (K, N) Good matches that are near enough to become points.
     landmarks: Bools
+    #: (K, N, 3) In the frame of camera 1, in units of the baseline; NaN for matches that were not used.
     points: Floats
+    #: (K,) The ranked parallax of the good matches (:attr:`CheckRule.ranked`); zero without good matches.
     parallax_deg: Floats
 
     def pose(self, k: int) -> Pose:
-        """Return one motion.
-
-        Parameters
-        ----------
-        k : int
-
-        Returns
-        -------
-        Pose
-            ``cam2_from_cam1``.
-        """
+        """Return one motion."""
         return Pose(self.R[k], self.t[k])
 
 
@@ -164,23 +110,7 @@ def check_motions(
 ) -> MotionCheck:
     """Triangulate the inliers with each motion, and find those in front of both cameras with small reprojection errors.
 
-    Parameters
-    ----------
-    camera : Camera
-        Camera of both views; its distortion is not used.
-    R : (K, 3, 3) float
-        Rotations of the motions ``cam2_from_cam1``.
-    t : (K, 3) float
-        Translations of the motions, |t| = 1.
-    bearings1, bearings2 : (N, 3) float
-        Unit rays in front of the cameras.
-    inliers : (N,) bool
-        The matches that are triangulated.
-    rule : CheckRule
-
-    Returns
-    -------
-    MotionCheck
+    Shapes: ``R`` (K, 3, 3), ``t`` (K, 3), ``bearings1, bearings2`` (N, 3), ``inliers`` (N,).
     """
     used = np.flatnonzero(inliers)
     x1, x2 = (rays[used] / rays[used, 2:] for rays in (bearings1, bearings2))

@@ -23,48 +23,33 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.reasons import Verdict
 
-__all__ = ["OpenSfm", "OpenSfmRules"]
-
 #: Each match is triangulated at the midpoint, wherever it lies: the rules of this module test the points themselves.
 _MIDPOINTS = CheckRule(max_error_px=float("inf"), distant_cos=1.0, midpoint=True)
 
 
 @dataclass(frozen=True)
 class OpenSfmRules:
-    """The constants of the rules, each with its place in the sources. Errors are chords of unit rays, in radians.
+    """The constants of the rules, each with its place in the sources. Errors are chords of unit rays, in radians."""
 
-    Attributes
-    ----------
-    threshold_rad : float
-        Outlier threshold of the essential matrix, the homography and the inliers (five_point_algo_threshold [2]_).
-    rotation_factor : float
-        The rotation-only test has this multiple of the threshold (_pair_reconstructability_arguments [1]_).
-    min_outlier_ratio : float
-        A pair is tried if at least this share of its matches contradicts a rotation (pairwise_reconstructability [1]_).
-    confidence : float
-    max_iterations : int
-        Of RANSAC [1]_.
-    singular_ratio : float
-        A homography has no motion if the ratio of two of its singular values is smaller [3]_.
-    min_five_point : int
-        A refined five-point motion needs more inliers [1]_.
-    landmark_rad : float
-        Largest error of a landmark (triangulation_threshold [2]_).
-    min_ray_angle_deg : float
-        Smallest angle between the rays of a landmark (triangulation_min_ray_angle [2]_).
-    min_points : int
-        Smallest number of landmarks (five_point_algo_min_inliers [2]_).
-    """
-
+    #: Outlier threshold of the essential matrix, the homography and the inliers (five_point_algo_threshold [2]_).
     threshold_rad: float = 0.004
+    #: The rotation-only test has this multiple of the threshold (_pair_reconstructability_arguments [1]_).
     rotation_factor: float = 4.0
+    #: A pair is tried if at least this share of its matches contradicts a rotation (pairwise_reconstructability
+    #: [1]_).
     min_outlier_ratio: float = 0.3
     confidence: float = 0.999
+    #: Of RANSAC [1]_.
     max_iterations: int = 1000
+    #: A homography has no motion if the ratio of two of its singular values is smaller [3]_.
     singular_ratio: float = 1.0001
+    #: A refined five-point motion needs more inliers [1]_.
     min_five_point: int = 5
+    #: Largest error of a landmark (triangulation_threshold [2]_).
     landmark_rad: float = 0.006
+    #: Smallest angle between the rays of a landmark (triangulation_min_ray_angle [2]_).
     min_ray_angle_deg: float = 1.0
+    #: Smallest number of landmarks (five_point_algo_min_inliers [2]_).
     min_points: int = 20
 
 
@@ -77,10 +62,6 @@ class OpenSfm:
 
     As in the sources, the plane-based motion is the first of the eight motions of the homography. The code there means
     to take the one with most inliers, but compares a Python ``map`` object, of which NumPy returns position 0.
-
-    Parameters
-    ----------
-    rules : OpenSfmRules, optional
     """
 
     #: Pairs share 50 tracks at least (tracking.all_common_tracks).

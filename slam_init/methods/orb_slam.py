@@ -29,58 +29,42 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.reasons import Verdict
 
-__all__ = ["OrbSlam", "OrbSlamRules", "orb_slam2", "orb_slam3"]
-
 
 @dataclass(frozen=True)
 class OrbSlamRules:
-    """The constants of the rules, each with its place in the sources [1]_ [2]_ [3]_.
+    """The constants of the rules, each with its place in the sources [1]_ [2]_ [3]_."""
 
-    Attributes
-    ----------
-    homography_score_share : float
-        The homography is taken if its share of the sum of both scores is larger: 0.45 in [1]_, 0.40 in [2]_, 0.50 in
-        [3]_ (Reconstruct).
-    min_tracked : int
-        Required number of landmarks after bundle adjustment: 100 in [2]_, 50 in [3]_ (CreateInitialMapMonocular).
-    iterations : int
-        Number of samples; both models use the same samples (constructor; Reconstruct).
-    sample_size : int
-        Matches in a sample.
-    homography_gate_px2, fundamental_gate_px2 : float
-        Bounds of the squared error of an inlier: 95 % of chi-square with two and with one degree of freedom, at a noise
-        of one pixel. The score of an inlier of either model is the first bound minus its error (CheckHomography,
-        CheckFundamental).
-    min_good_share : float
-        Required share of the inliers that count for the motion (ReconstructF, ReconstructH).
-    min_triangulated : int
-        Required number of matches that count for the motion (ReconstructF, ReconstructH).
-    rival_share_fundamental, rival_share_homography : float
-        No second motion may have more than this share of the matches of the best motion (ReconstructF; ReconstructH).
-    min_parallax_deg : float
-        The 51st largest parallax has to be larger (Reconstruct, CheckRT).
-    singular_ratio : float
-        A homography has no motion if the ratio of two of its singular values is nearer to one (ReconstructH).
-    check : CheckRule
-        Reprojection errors within 2 px. A point is at infinity if the cosine of its parallax is larger, which is 0.36
-        degrees (ReconstructF, CheckRT).
-    min_features, min_matches : int
-        More than 100 features in both frames, and at least 100 matches (MonocularInitialization).
-    """
-
+    #: The homography is taken if its share of the sum of both scores is larger: 0.45 in [1]_, 0.40 in [2]_, 0.50 in
+    #: [3]_ (Reconstruct).
     homography_score_share: float
+    #: Required number of landmarks after bundle adjustment: 100 in [2]_, 50 in [3]_ (CreateInitialMapMonocular).
     min_tracked: int
+    #: Number of samples; both models use the same samples (constructor; Reconstruct).
     iterations: int = 200
+    #: Matches in a sample.
     sample_size: int = 8
+    #: homography_gate_px2, fundamental_gate_px2: Bounds of the squared error of an inlier: 95 % of chi-square with
+    #: two and with one degree of freedom, at a noise of one pixel. The score of an inlier of either model is the
+    #: first bound minus its error (CheckHomography, CheckFundamental).
     homography_gate_px2: float = 5.991
     fundamental_gate_px2: float = 3.841
+    #: Required share of the inliers that count for the motion (ReconstructF, ReconstructH).
     min_good_share: float = 0.9
+    #: Required number of matches that count for the motion (ReconstructF, ReconstructH).
     min_triangulated: int = 50
+    #: rival_share_fundamental, rival_share_homography: No second motion may have more than this share of the matches
+    #: of the best motion (ReconstructF; ReconstructH).
     rival_share_fundamental: float = 0.7
     rival_share_homography: float = 0.75
+    #: The 51st largest parallax has to be larger (Reconstruct, CheckRT).
     min_parallax_deg: float = 1.0
+    #: A homography has no motion if the ratio of two of its singular values is nearer to one (ReconstructH).
     singular_ratio: float = 1.00001
+    #: Reprojection errors within 2 px. A point is at infinity if the cosine of its parallax is larger, which is 0.36
+    #: degrees (ReconstructF, CheckRT).
     check: CheckRule = field(default_factory=lambda: CheckRule(max_error_px=2.0, distant_cos=0.99998))
+    #: min_features, min_matches: More than 100 features in both frames, and at least 100 matches
+    #: (MonocularInitialization).
     min_features: int = 101
     min_matches: int = 100
 
@@ -89,10 +73,6 @@ class OrbSlam:
     """The initialization of ORB-SLAM as a two-view method.
 
     Departures from the sources: double precision, and the random generator.
-
-    Parameters
-    ----------
-    rules : OrbSlamRules
     """
 
     def __init__(self, rules: OrbSlamRules) -> None:
@@ -163,22 +143,12 @@ class OrbSlam:
 
 
 def orb_slam3() -> OrbSlam:
-    """Make the method with the rules of ORB-SLAM3 v1.0.
-
-    Returns
-    -------
-    OrbSlam
-    """
+    """Make the method with the rules of ORB-SLAM3 v1.0."""
     return OrbSlam(OrbSlamRules(homography_score_share=0.50, min_tracked=50))
 
 
 def orb_slam2() -> OrbSlam:
-    """Make the method with the rules of ORB-SLAM2.
-
-    Returns
-    -------
-    OrbSlam
-    """
+    """Make the method with the rules of ORB-SLAM2."""
     return OrbSlam(OrbSlamRules(homography_score_share=0.40, min_tracked=100))
 
 

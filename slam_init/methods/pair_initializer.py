@@ -32,8 +32,6 @@ from slam_init.types.result import Attempt, Result, Segment
 from slam_init.types.status import Status, frame_of
 from slam_init.types.stopwatch import Stopwatch
 
-__all__ = ["PairInitializer"]
-
 #: None of the two-view methods tests the uncertainty of a depth. So their landmarks are kept, unless their depth is
 #: entirely uncertain after bundle adjustment.
 _ANY_DEPTH_SIGMA = 1.0
@@ -46,29 +44,15 @@ _NEW_REFERENCE = (Verdict.TOO_FEW_FEATURES, Verdict.TOO_FEW_MATCHES)
 class PairInitializer:
     """Takes frames until the method accepts a pair; has the interface of :class:`slam_init.initializer.Initializer`.
 
-    Parameters
-    ----------
-    method : TwoViewMethod
-    camera : Camera
-        The calibration of the images.
-    config : Config, optional
-        Options of the tracker and of bundle adjustment; the method has its own constants.
-    recorder : Recorder, optional
-        Receives a report of each frame, attempt and map.
-
-    Attributes
-    ----------
-    map : InitialMap or None
-        The accepted map.
-    status : Status
-        The status after the last frame. Its progress stays 0 until there is a map, because the rules of other systems
-        have no measure of progress.
-    frames_read : int
-        Number of frames that the initializer was given.
-    tracker : Tracker
-        Follows the tracks; it can be used after the initialization.
-    history : History
-        The observations of the last frames.
+    * ``camera``: The calibration of the images.
+    * ``config``: Options of the tracker and of bundle adjustment; the method has its own constants.
+    * ``recorder``: Receives a report of each frame, attempt and map.
+    * ``map``: The accepted map.
+    * ``status``: The status after the last frame. Its progress stays 0 until there is a map, because the rules of other
+      systems have no measure of progress.
+    * ``frames_read``: Number of frames that the initializer was given.
+    * ``tracker``: Follows the tracks; it can be used after the initialization.
+    * ``history``: The observations of the last frames.
     """
 
     def __init__(
@@ -94,16 +78,7 @@ class PairInitializer:
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
         """Process the next frame; see :meth:`slam_init.initializer.Initializer.process`.
 
-        Parameters
-        ----------
-        image : (H, W) or (H, W, 3) uint8, or Frame
-            Grey or BGR, or a frame of a source.
-        timestamp_s : float, optional
-            In seconds.
-
-        Returns
-        -------
-        Status
+        Shapes: ``image`` (H, W).
         """
         if self.map is not None:
             return self.status
@@ -116,19 +91,7 @@ class PairInitializer:
         return self._step(current)
 
     def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
-        """Process the tracks of the next frame; see :meth:`slam_init.initializer.Initializer.process_tracks`.
-
-        Parameters
-        ----------
-        current : Observations
-            The tracks of the frame.
-        revised : sequence of Observations, optional
-            Earlier frames with more tracks than before.
-
-        Returns
-        -------
-        Status
-        """
+        """Process the tracks of the next frame; see :meth:`slam_init.initializer.Initializer.process_tracks`."""
         if self.map is not None:
             return self.status
         self._clock.check_tracks(current)
@@ -168,12 +131,7 @@ class PairInitializer:
         self._reference = frame - 1 if enough else None
 
     def finish(self) -> Result:
-        """End the sequence. The result is the same as :attr:`result`.
-
-        Returns
-        -------
-        Result
-        """
+        """End the sequence. The result is the same as :attr:`result`."""
         return self.result
 
     @property
@@ -201,10 +159,7 @@ class PairInitializer:
     def reset(self, since: int | None = None) -> None:
         """Start anew; see :meth:`slam_init.initializer.Initializer.reset`.
 
-        Parameters
-        ----------
-        since : int, optional
-            Absolute index of the first frame whose tracks the next map may use; by default the newest one.
+        * ``since``: Absolute index of the first frame whose tracks the next map may use; by default the newest one.
         """
         self._segments.extend(self._current_segment())
         known = list(self.history)

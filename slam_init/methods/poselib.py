@@ -23,37 +23,22 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.reasons import Verdict
 
-__all__ = ["PoseLib", "PoseLibRules", "poselib_100", "propose"]
-
 
 @dataclass(frozen=True)
 class PoseLibRules:
-    """The constants of ``poselib`` and ``poselib-100``.
+    """The constants of ``poselib`` and ``poselib-100``."""
 
-    Attributes
-    ----------
-    max_epipolar_error_px : float
-        Bound of the Sampson distance of an inlier; PoseLib's default.
-    min_iterations : int
-        Smallest number of RANSAC iterations. 1000 is PoseLib's default; its authors benchmark it with 100.
-    min_matches : int
-        Five matches have up to ten motions, and a sixth match chooses among them.
-    gates : GateRules
-    """
-
+    #: Bound of the Sampson distance of an inlier; PoseLib's default.
     max_epipolar_error_px: float = 1.0
+    #: Smallest number of RANSAC iterations. 1000 is PoseLib's default; its authors benchmark it with 100.
     min_iterations: int = 1000
+    #: Five matches have up to ten motions, and a sixth match chooses among them.
     min_matches: int = 6
     gates: GateRules = field(default_factory=GateRules)
 
 
 class PoseLib:
-    """Five-point LO-RANSAC with refinement [1]_, then cheirality and a parallax gate.
-
-    Parameters
-    ----------
-    rules : PoseLibRules, optional
-    """
+    """Five-point LO-RANSAC with refinement [1]_, then cheirality and a parallax gate."""
 
     pair_rule = GATED_PAIRS
 
@@ -75,13 +60,7 @@ class PoseLib:
 
 
 def poselib_100() -> PoseLib:
-    """Make the method ``poselib-100``, with the number of iterations of the benchmark of PoseLib's authors.
-
-    Returns
-    -------
-    PoseLib
-        With at least 100 RANSAC iterations.
-    """
+    """Make the method ``poselib-100``, with the number of iterations of the benchmark of PoseLib's authors."""
     return PoseLib(PoseLibRules(min_iterations=100))
 
 
@@ -90,17 +69,7 @@ def propose(camera: Camera, config: Config, pair: MatchedPair) -> tuple[Relative
 
     The window is that of ``quest``, so a comparison shows what comes from QuEst and what from the window.
 
-    Parameters
-    ----------
-    camera : Camera
-    config : Config
-    pair : MatchedPair
-
-    Returns
-    -------
-    pose : RelativePose or NoPose
-        Of kind "general": PoseLib tells neither planes nor rotations.
-    threshold_rad : float
+    * Returns ``pose``: Of kind "general": PoseLib tells neither planes nor rotations.
     """
     rules, m, n = PoseLibRules(), pair.rays1, pair.rays2
     threshold_rad = config.two_view.threshold_px / camera.focal_px

@@ -19,44 +19,29 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.reasons import Verdict
 
-__all__ = ["PySlam", "PySlamRules"]
-
 
 @dataclass(frozen=True)
 class PySlamRules:
-    """The constants of the rules, each with its place in the sources.
+    """The constants of the rules, each with its place in the sources."""
 
-    Attributes
-    ----------
-    threshold : float
-        Outlier threshold of the essential matrix in normalized coordinates (kRansacThresholdNormalized [1]_).
-    confidence : float
-        kRansacProb [1]_.
-    max_error_px2 : float
-        Largest squared reprojection error of a point, for a noise of one pixel (kChi2Mono [2]_).
-    max_cosine : float
-        A point needs a smaller cosine of its parallax, which is a third of a degree (kCosMaxParallaxInitializer [2]_).
-    min_points : int
-        More points are needed (kInitializerNumMinTriangulatedPoints [2]_).
-    relaxed_share : float
-        Share of these points that is needed after many failures [1]_.
-    relaxed_after : int
-        The number of refused pairs after which the rules are relaxed. The sources count 10 failures, and of five pairs
-        with a reference one fails because its frames are too close; this one is not counted here.
-    max_depth_ratio : float
-        Largest ratio of the median depth and the baseline (kInitializerMinRatioDepthBaseline [2]_).
-    cells : int
-        Each of this number of rows and columns of the image needs a point in each cell [1]_.
-    """
-
+    #: Outlier threshold of the essential matrix in normalized coordinates (kRansacThresholdNormalized [1]_).
     threshold: float = 0.0004
+    #: kRansacProb [1]_.
     confidence: float = 0.999
+    #: Largest squared reprojection error of a point, for a noise of one pixel (kChi2Mono [2]_).
     max_error_px2: float = 5.991
+    #: A point needs a smaller cosine of its parallax, which is a third of a degree (kCosMaxParallaxInitializer [2]_).
     max_cosine: float = 0.99998
+    #: More points are needed (kInitializerNumMinTriangulatedPoints [2]_).
     min_points: int = 150
+    #: Share of these points that is needed after many failures [1]_.
     relaxed_share: float = 2 / 3
+    #: The number of refused pairs after which the rules are relaxed. The sources count 10 failures, and of five pairs
+    #: with a reference one fails because its frames are too close; this one is not counted here.
     relaxed_after: int = 8
+    #: Largest ratio of the median depth and the baseline (kInitializerMinRatioDepthBaseline [2]_).
     max_depth_ratio: float = 100.0
+    #: Each of this number of rows and columns of the image needs a point in each cell [1]_.
     cells: int = 3
 
 
@@ -69,10 +54,6 @@ class PySlam:
     Departures from the sources: tracks have no octaves, so all points have a noise of one pixel. The test that bundle
     adjustment lowers the error is not repeated, because bundle adjustment here never raises it. The number of landmarks
     after bundle adjustment is compared with the relaxed bound.
-
-    Parameters
-    ----------
-    rules : PySlamRules, optional
     """
 
     #: kInitializerNumMinFeatures, kMinIdDistBetweenIntializingFrames, kMaxIdDistBetweenIntializingFrames.

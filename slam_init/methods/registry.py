@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from slam_init.types.result import Result
     from slam_init.types.status import Status
 
-__all__ = ["METHODS", "FrontEnd", "MethodInfo", "make_initializer", "make_two_view", "method_info"]
-
 
 class FrontEnd(Protocol):
     """The interface of an initializer: it takes frames until it has a map."""
@@ -49,35 +47,12 @@ class FrontEnd(Protocol):
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
         """Process the next frame.
 
-        Parameters
-        ----------
-        image : (H, W) or (H, W, 3) uint8, or Frame
-            Grey or BGR, or a frame of a source.
-        timestamp_s : float, optional
-            In seconds.
-
-        Returns
-        -------
-        Status
-            Truthy once there is a map.
+        Shapes: ``image`` (H, W).
         """
         ...
 
     def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
-        """Process the tracks of the next frame, which were found elsewhere.
-
-        Parameters
-        ----------
-        current : Observations
-            The tracks of the frame.
-        revised : sequence of Observations, optional
-            Earlier frames with more tracks than before.
-
-        Returns
-        -------
-        Status
-            Truthy once there is a map.
-        """
+        """Process the tracks of the next frame, which were found elsewhere."""
         ...
 
     @property
@@ -88,49 +63,30 @@ class FrontEnd(Protocol):
     def reset(self, since: int | None = None) -> None:
         """Start anew with the same camera and tracks.
 
-        Parameters
-        ----------
-        since : int, optional
-            Absolute index of the first frame whose tracks the next map may use; by default the newest one.
+        * ``since``: Absolute index of the first frame whose tracks the next map may use; by default the newest one.
         """
         ...
 
     def finish(self) -> Result:
-        """End the sequence.
-
-        Returns
-        -------
-        Result
-            The map, or the reason why there is none.
-        """
+        """End the sequence."""
         ...
 
 
 @dataclass(frozen=True)
 class MethodInfo:
-    """The description of a method.
-
-    Attributes
-    ----------
-    name : str
-    summary : str
-        One line.
-    source : str
-        Source of its rules.
-    home : str
-        ``package.module:attribute``; the attribute, called without arguments, returns a
-        :class:`~slam_init.methods.two_view.TwoViewMethod`. Empty for the methods of :mod:`slam_init.initializer`.
-    needs : str or None
-        An optional package that the method needs.
-    alias_of : str or None
-        The same method has this name as well. By default a comparison runs it once.
-    """
+    """The description of a method."""
 
     name: str
+    #: One line.
     summary: str
+    #: Source of its rules.
     source: str
+    #: ``package.module:attribute``; the attribute, called without arguments, returns a
+    #: :class:`~slam_init.methods.two_view.TwoViewMethod`. Empty for the methods of :mod:`slam_init.initializer`.
     home: str = ""
+    #: An optional package that the method needs.
     needs: str | None = None
+    #: The same method has this name as well. By default a comparison runs it once.
     alias_of: str | None = None
 
 
@@ -245,19 +201,7 @@ METHODS: dict[str, MethodInfo] = {
 def method_info(name: str) -> MethodInfo:
     """Describe a method.
 
-    Parameters
-    ----------
-    name : str
-        A name of :data:`METHODS`, ``package.module:attribute``, or ``command:PROGRAM ...``.
-
-    Returns
-    -------
-    MethodInfo
-
-    Raises
-    ------
-    ConfigError
-        If there is no such method, or its command is not valid.
+    * ``name``: A name of :data:`METHODS`, ``package.module:attribute``, or ``command:PROGRAM ...``.
     """
     if name in METHODS:
         return METHODS[name]
@@ -274,22 +218,7 @@ def method_info(name: str) -> MethodInfo:
 
 
 def make_two_view(name: str) -> Any:
-    """Make the two-view method of a name.
-
-    Parameters
-    ----------
-    name : str
-        A name of :data:`METHODS`, or ``package.module:attribute``.
-
-    Returns
-    -------
-    slam_init.methods.two_view.TwoViewMethod
-
-    Raises
-    ------
-    ConfigError
-        If there is no such method, if it cannot be imported, or if a package that it needs is not installed.
-    """
+    """Make the two-view method of a name."""
     info = method_info(name)
     if not info.home:
         raise ConfigError(f"{name} is not a two-view method: use make_initializer")
@@ -313,24 +242,7 @@ def make_two_view(name: str) -> Any:
 def make_initializer(name: str, camera: Camera, config: Config, recorder: Recorder | None = None) -> FrontEnd:
     """Make an initializer that uses a method.
 
-    Parameters
-    ----------
-    name : str
-        A name of :data:`METHODS`, ``package.module:attribute``, or ``command:PROGRAM ...``.
-    camera : Camera
-        The calibration of the images.
-    config : Config
-    recorder : Recorder, optional
-        Receives a report of each frame, attempt and map.
-
-    Returns
-    -------
-    FrontEnd
-
-    Raises
-    ------
-    ConfigError
-        If there is no such method, or a package that it needs is not installed.
+    * ``name``: A name of :data:`METHODS`, ``package.module:attribute``, or ``command:PROGRAM ...``.
     """
     if is_external(name):
         from slam_init.methods.external import ExternalInitializer

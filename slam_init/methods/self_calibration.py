@@ -22,8 +22,6 @@ from slam_init.types.evidence import WindowEvidence
 from slam_init.types.frame import Frame, Source, length_of
 from slam_init.types.status import Status
 
-__all__ = ["SelfCalibration", "StretchEstimate", "calibrate", "combine"]
-
 #: A stretch without a map ends after so many frames: two seconds of video.
 _LONGEST_STRETCH = 60
 #: An estimate of a stretch with a larger relative standard deviation is that of the prior, nearly: it is left out.
@@ -37,50 +35,33 @@ _MODEL_SIGMA = 0.005
 
 @dataclass(frozen=True)
 class StretchEstimate:
-    """The lens by one stretch of a video.
+    """The lens by one stretch of a video."""
 
-    Attributes
-    ----------
-    first_frame, last_frame : int
-        Absolute indices.
-    focal_px : float
-    focal_sigma : float
-        Relative standard deviation.
-    k1, k1_sigma : float
-        First coefficient of the radial distortion, in OpenCV's convention, and its standard deviation.
-    """
-
+    #: first_frame, last_frame: Absolute indices.
     first_frame: int
     last_frame: int
     focal_px: float
+    #: Relative standard deviation.
     focal_sigma: float
+    #: k1, k1_sigma: First coefficient of the radial distortion, in OpenCV's convention, and its standard deviation.
     k1: float
     k1_sigma: float
 
 
 @dataclass(frozen=True)
 class SelfCalibration:
-    """The camera by all stretches.
+    """The camera by all stretches."""
 
-    Attributes
-    ----------
-    camera : Camera or None
-        None where the stretches do not tell the focal length to
-        :data:`slam_init.decision.lens.MAX_FOCAL_SIGMA`, the bound of a map without a calibration.
-    stretches : tuple of StretchEstimate
-        Those that tell the focal length.
-    tried : int
-        Number of all stretches.
-    k1_sigma : float or None
-        Standard deviation of the first coefficient of the distortion.
-    focal_sigma : float or None
-        Relative standard deviation of the focal length by all stretches; None where none tells it.
-    """
-
+    #: None where the stretches do not tell the focal length to :data:`slam_init.decision.lens.MAX_FOCAL_SIGMA`, the
+    #: bound of a map without a calibration.
     camera: Camera | None
+    #: Those that tell the focal length.
     stretches: tuple[StretchEstimate, ...]
+    #: Number of all stretches.
     tried: int
+    #: Standard deviation of the first coefficient of the distortion.
     k1_sigma: float | None = None
+    #: Relative standard deviation of the focal length by all stretches; None where none tells it.
     focal_sigma: float | None = None
 
 
@@ -95,27 +76,7 @@ def calibrate(
 ) -> SelfCalibration:
     """Estimate focal length and distortion from a whole video.
 
-    Parameters
-    ----------
-    source : Source
-    camera : Camera
-        What is known before, with ``focal_sigma`` (:func:`slam_init.calibration.prior.prior_camera`).
-    config : Config, optional
-    start : int
-        Absolute index of the first frame.
-    max_frames : int, optional
-        Largest number of frames.
-    progress : bool
-        Show a progress bar on stderr.
-
-    Returns
-    -------
-    SelfCalibration
-
-    Raises
-    ------
-    SlamInitError
-        If a frame cannot be read.
+    * ``camera``: What is known before, with ``focal_sigma`` (:func:`slam_init.calibration.prior.prior_camera`).
     """
     estimates: list[StretchEstimate] = []
     tried = 0
@@ -131,18 +92,7 @@ def calibrate(
 
 
 def combine(camera: Camera, estimates: Sequence[StretchEstimate]) -> SelfCalibration:
-    """Combine the estimates of independent stretches.
-
-    Parameters
-    ----------
-    camera : Camera
-        What is known before.
-    estimates : sequence of StretchEstimate
-
-    Returns
-    -------
-    SelfCalibration
-    """
+    """Combine the estimates of independent stretches."""
     if not estimates:
         return SelfCalibration(None, (), 0)
     log_focal, focal_sigma = _mean([math.log(e.focal_px) for e in estimates], [e.focal_sigma for e in estimates])

@@ -28,51 +28,36 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.reasons import Verdict
 
-__all__ = ["Stella", "StellaRules"]
-
 
 @dataclass(frozen=True)
 class StellaRules:
-    """The constants of the rules, each with its source.
+    """The constants of the rules, each with its source."""
 
-    Attributes
-    ----------
-    iterations : int
-        Number of samples for each model; the two models have separate samples [1]_ [3]_.
-    homography_sample, fundamental_sample : int
-        Matches in a sample for H and for F.
-    gate_px2 : float
-        Largest cost of a match: 95 % of chi-square with two degrees of freedom, at a noise of one pixel [1]_.
-    homography_cost_share : float
-        The homography is taken if its share of the sum of both costs is smaller [2]_.
-    min_valid, min_triangulated : int
-        Required number of points that count for the motion, and of those that have a depth [3]_.
-    rival_share : float
-        No second motion may have more than this share of the points of the best motion [2]_.
-    min_parallax_deg : float
-        The 51st largest parallax has to be larger [2]_ [3]_.
-    singular_ratio : float
-        A homography has no motion if the ratio of two of its singular values is nearer to one [1]_.
-    check : CheckRule
-        Reprojection errors within 4 px [3]_. A point is at infinity if the cosine of its parallax is larger, which is
-        half a degree [2]_. Triangulation by midpoints.
-    min_matches : int
-        The reference is replaced if there are fewer matches [3]_.
-    """
-
+    #: Number of samples for each model; the two models have separate samples [1]_ [3]_.
     iterations: int = 100
+    #: homography_sample, fundamental_sample: Matches in a sample for H and for F.
     homography_sample: int = 4
     fundamental_sample: int = 8
+    #: Largest cost of a match: 95 % of chi-square with two degrees of freedom, at a noise of one pixel [1]_.
     gate_px2: float = 5.991
+    #: The homography is taken if its share of the sum of both costs is smaller [2]_.
     homography_cost_share: float = 0.5
+    #: min_valid, min_triangulated: Required number of points that count for the motion, and of those that have a
+    #: depth [3]_.
     min_valid: int = 50
     min_triangulated: int = 50
+    #: No second motion may have more than this share of the points of the best motion [2]_.
     rival_share: float = 0.8
+    #: The 51st largest parallax has to be larger [2]_ [3]_.
     min_parallax_deg: float = 1.0
+    #: A homography has no motion if the ratio of two of its singular values is nearer to one [1]_.
     singular_ratio: float = 1.0001
+    #: Reprojection errors within 4 px [3]_. A point is at infinity if the cosine of its parallax is larger, which is
+    #: half a degree [2]_. Triangulation by midpoints.
     check: CheckRule = field(
         default_factory=lambda: CheckRule(max_error_px=4.0, distant_cos=0.99996192306, midpoint=True)
     )
+    #: The reference is replaced if there are fewer matches [3]_.
     min_matches: int = 50
 
 
@@ -80,10 +65,6 @@ class Stella:
     """The initialization of stella_vslam as a two-view method.
 
     Departures from the sources: the random generator, and a point may be reprojected outside of the image.
-
-    Parameters
-    ----------
-    rules : StellaRules, optional
     """
 
     def __init__(self, rules: StellaRules | None = None) -> None:

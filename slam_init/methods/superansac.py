@@ -19,28 +19,17 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.reasons import Verdict
 
-__all__ = ["SupeRansac", "SupeRansacRules"]
-
 
 @dataclass(frozen=True)
 class SupeRansacRules:
-    """The constants of ``superansac``: the defaults of ``pysuperansac`` 1.0.
+    """The constants of ``superansac``: the defaults of ``pysuperansac`` 1.0."""
 
-    Attributes
-    ----------
-    threshold_px : float
-        Largest scale of the noise of an inlier.
-    confidence : float
-    min_iterations, max_iterations : int
-    min_matches : int
-        The package raises an error for fewer matches.
-    gates : GateRules
-    """
-
+    #: Largest scale of the noise of an inlier.
     threshold_px: float = 1.5
     confidence: float = 0.99
     min_iterations: int = 1000
     max_iterations: int = 5000
+    #: The package raises an error for fewer matches.
     min_matches: int = 6
     gates: GateRules = field(default_factory=GateRules)
 
@@ -51,10 +40,6 @@ class SupeRansac:
     Departs from the defaults of the package in one setting: samples are drawn uniformly. The default, PROSAC, needs
     matches in the order of their quality, and tracks have no such order. The random generator of the package cannot be
     seeded, so that two runs can differ.
-
-    Parameters
-    ----------
-    rules : SupeRansacRules, optional
     """
 
     pair_rule = GATED_PAIRS

@@ -17,8 +17,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import REASONS, Verdict
 
-__all__ = ["Evidence", "PairRule", "TwoViewMethod", "TwoViewOutcome", "check_matches", "undistorted_pixels"]
-
 #: The figures behind the decision of a method, under the method's own names. They are only reported.
 Evidence = dict[str, float | int | str]
 
@@ -182,15 +180,7 @@ class TwoViewMethod(Protocol):
 def undistorted_pixels(camera: Camera, bearings: Floats) -> Floats:
     """Project rays with the camera matrix of a camera, without its distortion.
 
-    Parameters
-    ----------
-    camera : Camera
-    bearings : (N, 3) float
-        Rays in front of the camera.
-
-    Returns
-    -------
-    (N, 2) float
+    Shapes: ``bearings`` (N, 3), returns (N, 2).
     """
     K = camera.K
     return np.asarray(bearings[:, :2] / bearings[:, 2:] * (K[0, 0], K[1, 1]) + (camera.cx, camera.cy))
@@ -199,20 +189,7 @@ def undistorted_pixels(camera: Camera, bearings: Floats) -> Floats:
 def check_matches(pixels1: Floats, pixels2: Floats, bearings1: Floats, bearings2: Floats) -> int:
     """Check the arrays that a method gets.
 
-    Parameters
-    ----------
-    pixels1, pixels2 : (N, 2) float
-    bearings1, bearings2 : (N, 3) float
-
-    Returns
-    -------
-    int
-        Number of matches.
-
-    Raises
-    ------
-    SlamInitError
-        If the shapes of the arrays do not fit together, or a number is not finite.
+    Shapes: ``pixels1, pixels2`` (N, 2), ``bearings1, bearings2`` (N, 3).
     """
     count = len(pixels1)
     shapes = (pixels1.shape, pixels2.shape, bearings1.shape, bearings2.shape)

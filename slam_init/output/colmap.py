@@ -14,8 +14,6 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.initial_map import InitialMap
 
-__all__ = ["colmap_model", "numbers_text"]
-
 #: A pinhole image is stretched by the squared inverse cosine of the angle: 33 times at 80 degrees. Rays beyond are left
 #: out of it.
 _LEAST_DEPTH = math.cos(math.radians(80.0))
@@ -33,15 +31,8 @@ def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
     z = 1 have no place for rays at 89 degrees or more from the optical axis. Those observations are left out, and so
     are points that less than two images still observe.
 
-    Parameters
-    ----------
-    map_ : InitialMap
-        Its camera is that of the original images, with the adjusted focal length.
-
-    Returns
-    -------
-    cameras, images, points : str
-        Contents of ``cameras.txt``, ``images.txt``, ``points3D.txt``.
+    * ``map_``: Its camera is that of the original images, with the adjusted focal length.
+    * Returns ``cameras, images, points``: Contents of ``cameras.txt``, ``images.txt``, ``points3D.txt``.
     """
     camera, note = colmap_view(map_.camera)
     all_pixels, used = _observations(map_, camera)
@@ -109,13 +100,8 @@ def _escaped(found: re.Match[str]) -> str:
 def numbers_text(values: Sequence[float] | Floats) -> str:
     """Write numbers, separated by spaces.
 
-    Parameters
-    ----------
-    values : sequence of float, or (N,) float
+    Shapes: ``values`` (N,).
 
-    Returns
-    -------
-    str
-        Twelve significant digits each. For pixels of any image size this is a billionth of a pixel.
+    * Returns: Twelve significant digits each. For pixels of any image size this is a billionth of a pixel.
     """
     return " ".join(f"{value:.12g}" for value in values)

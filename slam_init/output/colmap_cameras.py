@@ -8,8 +8,6 @@ import numpy as np
 
 from slam_init.types.camera import Camera
 
-__all__ = ["colmap_camera", "colmap_note", "colmap_view"]
-
 #: COLMAP's models with the same parameters in the same order.
 _SAME_PARAMETERS = {"rational": "FULL_OPENCV", "thin-prism-fisheye": "THIN_PRISM_FISHEYE", "fov": "FOV", "eucm": "EUCM"}
 #: Number of coefficients that COLMAP's models take, where a lens with more radial distortion has one more.
@@ -19,16 +17,7 @@ _COEFFICIENTS = {"fov": 1, "eucm": 2}
 def colmap_view(camera: Camera) -> tuple[Camera, str]:
     """Choose the camera that is written.
 
-    Parameters
-    ----------
-    camera : Camera
-
-    Returns
-    -------
-    camera : Camera
-        The same one, or the pinhole camera with the same pixels near the optical axis.
-    note : str
-        Of :func:`colmap_note`.
+    * Returns ``camera``: The same one, or the pinhole camera with the same pixels near the optical axis.
     """
     note = colmap_note(camera)
     if not note:
@@ -38,17 +27,7 @@ def colmap_view(camera: Camera) -> tuple[Camera, str]:
 
 
 def colmap_note(camera: Camera) -> str:
-    """Tell what a COLMAP model cannot say about a camera.
-
-    Parameters
-    ----------
-    camera : Camera
-
-    Returns
-    -------
-    str
-        One line; empty where COLMAP has the model of the camera.
-    """
+    """Tell what a COLMAP model cannot say about a camera."""
     if camera.model == "equirectangular" and not _is_whole_sphere(camera):
         what = "panoramas of the whole sphere only"
     elif camera.model in ("omni", "double-sphere", "thin-prism"):
@@ -68,18 +47,7 @@ def _is_whole_sphere(camera: Camera) -> bool:
 
 
 def colmap_camera(camera: Camera) -> tuple[str, list[float]]:
-    """Find COLMAP's name and parameters of a camera.
-
-    Parameters
-    ----------
-    camera : Camera
-        Of :func:`colmap_view`.
-
-    Returns
-    -------
-    model : str
-    parameters : list of float
-    """
+    """Find COLMAP's name and parameters of a camera."""
     centre = [camera.cx + 0.5, camera.cy + 0.5]
     parameters = [camera.fx, camera.fy, *centre, *camera.distortion]
     if camera.model == "equirectangular":

@@ -54,8 +54,6 @@ import numpy as np
 from slam_init.types.arrays import Bools, Floats, Image
 from slam_init.types.initial_map import InitialMap, Keyframe
 
-__all__ = ["FORMAT", "VERSION", "handover_arrays", "handover_bytes"]
-
 #: The name of the format, and its version.
 FORMAT, VERSION = "slam-init-handover", 1
 
@@ -65,18 +63,9 @@ def handover_arrays(
 ) -> dict[str, Any]:
     """Make the arrays of the handover.
 
-    Parameters
-    ----------
-    map_ : InitialMap
-    located : sequence of Keyframe
-        The frames that were located after the initialization.
-    descriptors : ((L, 32) uint8, (L,) bool), optional
-        From :func:`slam_init.frontend.orb.describe_landmarks`; without them no point is described.
+    Shapes: ``descriptors`` (L, 32).
 
-    Returns
-    -------
-    dict of str to array
-        As in the table of this module.
+    * ``descriptors``: From :func:`slam_init.frontend.orb.describe_landmarks`; without them no point is described.
     """
     camera, scale, count = map_.camera, map_.scale, len(map_.points)
     orb, described = descriptors or (np.zeros((count, 32), np.uint8), np.zeros(count, bool))
@@ -121,16 +110,7 @@ def handover_bytes(
 ) -> bytes:
     """Write the handover; see :func:`handover_arrays`.
 
-    Parameters
-    ----------
-    map_ : InitialMap
-    located : sequence of Keyframe
-    descriptors : ((L, 32) uint8, (L,) bool), optional
-
-    Returns
-    -------
-    bytes
-        Of ``handover.npz``; the same for the same map.
+    Shapes: ``descriptors`` (L, 32).
     """
     buffer = io.BytesIO()
     np.savez(buffer, **handover_arrays(map_, located, descriptors))

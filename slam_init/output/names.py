@@ -2,25 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "BENCH_FILES",
-    "COLMAP_FILES",
-    "COMPARE_FILES",
-    "DIGESTS",
-    "INTERRUPTED",
-    "MAP_FILES",
-    "MAX_SEGMENTS",
-    "OVERVIEW",
-    "PAGE",
-    "RECORDING",
-    "RUN_FILES",
-    "SHEET_FILES",
-    "TRIALS",
-    "UNFINISHED",
-    "run_files",
-    "segment_folder",
-]
-
 #: The text model of COLMAP: cameras, images, points.
 COLMAP_FILES = ("colmap/cameras.txt", "colmap/images.txt", "colmap/points3D.txt")
 #: The recording of a run. :mod:`slam_init.recording.rerun_recorder` writes it during the run.
@@ -68,33 +49,12 @@ PAGE = "leaderboard.html"
 
 
 def segment_folder(number: int) -> str:
-    """Name the folder of a map of a run that starts anew after a loss.
-
-    Parameters
-    ----------
-    number : int
-        From 1 to :data:`MAX_SEGMENTS`.
-
-    Returns
-    -------
-    str
-    """
+    """Name the folder of a map of a run that starts anew after a loss."""
     return f"segment-{number:03d}"
 
 
 def run_files(*, restart: bool) -> tuple[str, ...]:
-    """List all files that a run can write.
-
-    Parameters
-    ----------
-    restart : bool
-        Whether it starts anew after a loss.
-
-    Returns
-    -------
-    tuple of str
-        Relative paths with slashes.
-    """
+    """List all files that a run can write."""
     if not restart:
         return RUN_FILES
     folders = (segment_folder(number) for number in range(1, MAX_SEGMENTS + 1))

@@ -19,8 +19,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
 
-__all__ = ["opengl_matrix", "pose_of_opengl", "transforms_text"]
-
 #: y and z point the other way.
 _FLIP = np.diag([1.0, -1.0, -1.0])
 
@@ -28,14 +26,7 @@ _FLIP = np.diag([1.0, -1.0, -1.0])
 def opengl_matrix(world_from_cam: Pose) -> Floats:
     """Convert a pose to the axes of OpenGL.
 
-    Parameters
-    ----------
-    world_from_cam : Pose
-        Of an optical camera frame.
-
-    Returns
-    -------
-    (4, 4) float
+    Shapes: returns (4, 4).
     """
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = world_from_cam.R @ _FLIP, world_from_cam.t
@@ -45,14 +36,7 @@ def opengl_matrix(world_from_cam: Pose) -> Floats:
 def pose_of_opengl(matrix: Floats) -> Pose:
     """Convert a pose from the axes of OpenGL: the inverse of :func:`opengl_matrix`.
 
-    Parameters
-    ----------
-    matrix : (4, 4) float
-
-    Returns
-    -------
-    Pose
-        ``world_from_cam`` of an optical camera frame.
+    Shapes: ``matrix`` (4, 4).
     """
     return Pose(np.asarray(matrix[:3, :3] @ _FLIP, float), np.array(matrix[:3, 3], float))
 
@@ -60,15 +44,7 @@ def pose_of_opengl(matrix: Floats) -> Pose:
 def transforms_text(map_: InitialMap, located: Sequence[Keyframe] = ()) -> str | None:
     """Write the keyframes, and the frames that were located after the initialization.
 
-    Parameters
-    ----------
-    map_ : InitialMap
-    located : sequence of Keyframe
-
-    Returns
-    -------
-    str or None
-        JSON with a final newline; None where nerfstudio has no such camera model.
+    * Returns: JSON with a final newline; None where nerfstudio has no such camera model.
     """
     camera = _camera(map_.camera)
     if camera is None:

@@ -10,8 +10,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-__all__ = ["DIGITS", "Json", "plain", "plain_fields"]
-
 #: The types that :mod:`json` writes and reads.
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 
@@ -22,17 +20,10 @@ DIGITS = 6
 def plain(value: object, digits: int = DIGITS) -> Json:
     """Convert a value to plain JSON types.
 
-    Parameters
-    ----------
-    value : object
-        Dataclasses become objects, sequences and arrays become lists, enumerations become their value, and floats that
-        are not finite become None.
-    digits : int
-        Significant digits of floats. A field of a dataclass may have its own number in its metadata, as ``digits``.
-
-    Returns
-    -------
-    None, bool, int, float, str, list or dict
+    * ``value``: Dataclasses become objects, sequences and arrays become lists, enumerations become their value, and
+      floats that are not finite become None.
+    * ``digits``: Significant digits of floats. A field of a dataclass may have its own number in its metadata, as
+      ``digits``.
     """
     if isinstance(value, Enum):
         return plain(value.value, digits)
@@ -54,23 +45,7 @@ def plain(value: object, digits: int = DIGITS) -> Json:
 
 
 def plain_fields(value: object, digits: int = DIGITS) -> dict[str, Json]:
-    """Convert the fields of a dataclass to plain JSON types, by name.
-
-    Parameters
-    ----------
-    value : dataclass
-    digits : int
-        Significant digits of floats.
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    TypeError
-        If the value is not a dataclass.
-    """
+    """Convert the fields of a dataclass to plain JSON types, by name."""
     if not dataclasses.is_dataclass(value):
         raise TypeError(f"{type(value).__name__} is not a dataclass")
     return {

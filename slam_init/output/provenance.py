@@ -15,29 +15,19 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 
-__all__ = ["InputHash", "Provenance", "provenance_of"]
-
 
 @dataclass(frozen=True)
 class Provenance:
-    """The versions, options and input of a run.
+    """The versions, options and input of a run."""
 
-    Attributes
-    ----------
-    packages : mapping of str to str
-        Versions of Python and of the packages that a result depends on.
-    command : tuple of str
-        The command line.
-    options : mapping of str to JSON
-        The resolved configuration and the options of the run.
-    input_blake2b : str
-        Hash of the calibration and of the frames that were read: pixels, names, time
-        stamps and measured rotations, in order.
-    """
-
+    #: Versions of Python and of the packages that a result depends on.
     packages: Mapping[str, str]
+    #: The command line.
     command: tuple[str, ...]
+    #: The resolved configuration and the options of the run.
     options: Mapping[str, Json]
+    #: Hash of the calibration and of the frames that were read: pixels, names, time stamps and measured rotations, in
+    #: order.
     input_blake2b: str
 
 
@@ -48,27 +38,14 @@ _PACKAGES = ("slam-init", "numpy", "scipy", "opencv-python-headless", "gtsam", "
 class InputHash:
     """Hash of the frames that a run reads. Equal pixels, masks, names, time stamps and calibrations have equal hashes.
 
-    Parameters
-    ----------
-    camera : Camera
-        The stated calibration.
+    * ``camera``: The stated calibration.
     """
 
     def __init__(self, camera: Camera) -> None:
         self._hash = hashlib.blake2b(repr(camera).encode(), digest_size=16)
 
     def reading(self, frames: Iterator[Frame]) -> Iterator[Frame]:
-        """Pass frames through, and add them to the hash.
-
-        Parameters
-        ----------
-        frames : iterator of Frame
-
-        Yields
-        ------
-        Frame
-            The same frame.
-        """
+        """Pass frames through, and add them to the hash."""
         for frame in frames:
             header = f"{frame.index} {frame.timestamp_s!r} {frame.name} {frame.image.shape}"
             self._hash.update(header.encode("utf-8", "surrogateescape"))
@@ -78,54 +55,25 @@ class InputHash:
             yield frame
 
     def observed(self, observations: Observations) -> None:
-        """Add given tracks to the hash.
-
-        Parameters
-        ----------
-        observations : Observations
-            The tracks of a frame that a source gave.
-        """
+        """Add given tracks to the hash."""
         self._hash.update(np.ascontiguousarray(observations.track_ids).data)
         self._hash.update(np.ascontiguousarray(observations.pixels).data)
 
     def turned(self, rotation: Floats, sigma_rad: float) -> None:
         """Add a measured rotation to the hash.
 
-        Parameters
-        ----------
-        rotation : (3, 3) float
-        sigma_rad : float
+        Shapes: ``rotation`` (3, 3).
         """
         self._hash.update(np.ascontiguousarray(rotation).data)
         self._hash.update(repr(sigma_rad).encode())
 
     def hexdigest(self) -> str:
-        """Return the hash of the frames that were read up to now.
-
-        Returns
-        -------
-        str
-            32 hexadecimal digits.
-        """
+        """Return the hash of the frames that were read up to now."""
         return self._hash.hexdigest()
 
 
 def provenance_of(command: Sequence[str], options: Mapping[str, Json], input_hash: InputHash) -> Provenance:
-    """Gather the provenance of a run.
-
-    Parameters
-    ----------
-    command : sequence of str
-        The command line.
-    options : mapping of str to JSON
-        The resolved configuration and the options of the run.
-    input_hash : InputHash
-        Hash of the frames that were read.
-
-    Returns
-    -------
-    Provenance
-    """
+    """Gather the provenance of a run."""
     packages = {"python": platform.python_version()}
     for name in _PACKAGES:
         try:

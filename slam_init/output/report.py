@@ -10,22 +10,9 @@ from slam_init.errors import plain_line
 from slam_init.output.records import SegmentRecord
 from slam_init.output.summary import Summary
 
-__all__ = ["report_text"]
-
 
 def report_text(summary: Summary, out: str | os.PathLike[str]) -> str:
-    """Write a few aligned lines: the verdict, the quality of the map, and the folder of the results.
-
-    Parameters
-    ----------
-    summary : Summary
-    out : str or path
-        Folder of the results.
-
-    Returns
-    -------
-    str
-    """
+    """Write a few aligned lines: the verdict, the quality of the map, and the folder of the results."""
     out = Path(out)
     if summary.reason is None:
         title, facts = f"initialized after {summary.frames_to_init} frames", _map_facts(summary)

@@ -18,8 +18,6 @@ from slam_init.output.folder.marker import read_marker
 from slam_init.output.names import RECORDING, RUN_FILES
 from slam_init.system.regular_file import check_inside, read_regular
 
-__all__ = ["FileSize", "ResultDescription", "describe_result", "describe_result_text", "is_result_folder"]
-
 _SUMMARY = "summary.json"
 #: A thousand attempts with their gates and evidence have 4 MB.
 _LIMIT_BYTES = 64_000_000
@@ -29,70 +27,42 @@ _SHOWN_KEYFRAMES = 20
 
 @dataclass(frozen=True)
 class FileSize:
-    """A file of the results.
+    """A file of the results."""
 
-    Attributes
-    ----------
-    name : str
-        Relative path with slashes.
-    bytes : int
-    """
-
+    #: Relative path with slashes.
     name: str
     bytes: int
 
 
 @dataclass(frozen=True)
 class ResultDescription:
-    """The facts about a folder of results, in the order of the output of ``slam-init info --json``.
-
-    Attributes
-    ----------
-    folder : str
-    status : str
-        ``initialized`` or ``not_initialized``.
-    reason : str or None
-        Why there is no map.
-    advice : str
-    risk : float or None
-        Risk of the last window, where one was judged.
-    source : str
-        Name of the source.
-    method : str
-    seed : int
-    frames_read : int
-    frames_to_init : int or None
-    keyframes : tuple of int
-        Absolute indices of the keyframes.
-    landmarks : int
-    hypotheses : int
-        Number of maps that the views did not decide between: 0 or 2.
-    attempts : int
-    files : tuple of FileSize
-        The files of a run that are there.
-    version : str or None
-        Version of slam-init that made the results, where they tell it.
-    command : tuple of str
-        Its command line; empty where the results do not tell it.
-    notes : tuple of str
-    """
+    """The facts about a folder of results, in the order of the output of ``slam-init info --json``."""
 
     folder: str
+    #: ``initialized`` or ``not_initialized``.
     status: str
+    #: Why there is no map.
     reason: str | None
     advice: str
+    #: Risk of the last window, where one was judged.
     risk: float | None
+    #: Name of the source.
     source: str
     method: str
     seed: int
     frames_read: int
     frames_to_init: int | None
+    #: Absolute indices of the keyframes.
     keyframes: tuple[int, ...]
     landmarks: int
+    #: Number of maps that the views did not decide between: 0 or 2.
     hypotheses: int
     attempts: int
+    #: The files of a run that are there.
     files: tuple[FileSize, ...]
+    #: Version of slam-init that made the results, where they tell it.
     version: str | None
+    #: Its command line; empty where the results do not tell it.
     command: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -100,15 +70,8 @@ class ResultDescription:
 def is_result_folder(path: str | os.PathLike[str]) -> bool:
     """Return whether a path is a folder that ``slam-init run`` wrote, or a copy of one.
 
-    Parameters
-    ----------
-    path : str or path
-
-    Returns
-    -------
-    bool
-        True for a folder with the marker of a run. A copy may lack the marker: then there are a summary, and the
-        resolved configuration or the recording beside it.
+    * Returns: True for a folder with the marker of a run. A copy may lack the marker: then there are a summary, and the
+      resolved configuration or the recording beside it.
     """
     folder = Path(path)
     try:
@@ -124,21 +87,7 @@ def is_result_folder(path: str | os.PathLike[str]) -> bool:
 
 
 def describe_result(path: str | os.PathLike[str]) -> ResultDescription:
-    """Describe a folder of results.
-
-    Parameters
-    ----------
-    path : str or path
-
-    Returns
-    -------
-    ResultDescription
-
-    Raises
-    ------
-    SourceError
-        If there is no complete run in the folder, or its summary is damaged.
-    """
+    """Describe a folder of results."""
     folder = Path(path)
     summary = _read_summary(folder)
     get = _Fields(folder / _SUMMARY, summary)
@@ -169,17 +118,7 @@ def describe_result(path: str | os.PathLike[str]) -> ResultDescription:
 
 
 def describe_result_text(info: ResultDescription) -> str:
-    """Format a description for people, one fact per line.
-
-    Parameters
-    ----------
-    info : ResultDescription
-
-    Returns
-    -------
-    str
-        Lines, each with its line end.
-    """
+    """Format a description for people, one fact per line."""
     if info.reason is None:
         title = f"initialized after {info.frames_to_init} frames"
         frames = ", ".join(map(str, info.keyframes[:_SHOWN_KEYFRAMES]))

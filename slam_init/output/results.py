@@ -46,8 +46,6 @@ from slam_init.types.arrays import Bools, Image
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.result import Result
 
-__all__ = ["load_graph", "ply_bytes", "publish_results", "tum_text", "write_results"]
-
 #: A map of 100,000 observations takes 20 MB.
 _MAX_ARCHIVE_BYTES = 500_000_000
 #: Bounds of the process that tries an archive: a sound one of the largest size takes a tenth of them.
@@ -107,26 +105,11 @@ def publish_results(
 ) -> None:
     """Write all results, and replace those of the earlier run by them and by the staged recording.
 
-    Parameters
-    ----------
-    folder : OutputFolder
-        Its staging folder may hold the recording.
-    result : Result
-    summary : Summary
-        From :func:`slam_init.output.summary.summary_of`.
-    config_toml : str or None
-        The resolved configuration.
-    continued : sequence of Keyframe
-        The frames that were located after the initialization; those of segments are in the result.
-    overview : bytes, optional
-        The picture of the run, a PNG file.
-    descriptors : sequence of ((L, 32) uint8, (L,) bool)
-        Those of the landmarks of each map (:func:`slam_init.frontend.orb.describe_landmarks`); maps beyond have none.
+    Shapes: ``descriptors`` (L, 32).
 
-    Raises
-    ------
-    OutputError
-        If a file cannot be written; the earlier results are then unchanged.
+    * ``continued``: The frames that were located after the initialization; those of segments are in the result.
+    * ``descriptors``: Those of the landmarks of each map (:func:`slam_init.frontend.orb.describe_landmarks`); maps
+      beyond have none.
     """
     picture = {} if overview is None else {OVERVIEW: overview}
     publish_files(folder, picture | _contents(result, summary, config_toml, continued, descriptors))
@@ -243,14 +226,7 @@ def _archive(path: Path) -> str:
 def tum_text(keyframes: Sequence[Keyframe]) -> str:
     """Write a trajectory in TUM format.
 
-    Parameters
-    ----------
-    keyframes : sequence of Keyframe
-
-    Returns
-    -------
-    str
-        One line ``timestamp tx ty tz qx qy qz qw`` for each keyframe: ``world_from_cam``, with w last.
+    * Returns: One line ``timestamp tx ty tz qx qy qz qw`` for each keyframe: ``world_from_cam``, with w last.
     """
     lines = ["# timestamp tx ty tz qx qy qz qw (world_from_cam)"]
     for keyframe in keyframes:
@@ -263,14 +239,7 @@ def tum_text(keyframes: Sequence[Keyframe]) -> str:
 def ply_bytes(map_: InitialMap) -> bytes:
     """Write the landmarks of a map in PLY format.
 
-    Parameters
-    ----------
-    map_ : InitialMap
-
-    Returns
-    -------
-    bytes
-        Binary, little-endian; positions are float, colours are uchar.
+    * Returns: Binary, little-endian; positions are float, colours are uchar.
     """
     header = (
         "ply\nformat binary_little_endian 1.0\n"

@@ -4,23 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-__all__ = ["markdown_table", "number"]
-
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table in markdown with aligned columns.
 
-    Parameters
-    ----------
-    header : sequence of str
-        Headings of the columns.
-    rows : sequence of sequence of str
-        Cells of each row. Numbers must be formatted by the caller (:func:`number`); the cells are not changed.
-
-    Returns
-    -------
-    str
-        The table, without a line break at the end. The first column is aligned left, the others right.
+    * ``rows``: Cells of each row. Numbers must be formatted by the caller (:func:`number`); the cells are not changed.
+    * Returns: The table, without a line break at the end. The first column is aligned left, the others right.
     """
     from tabulate import tabulate
 
@@ -29,17 +18,5 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def number(value: float | None, digits: int = 2) -> str:
-    """Format a number for a cell of a table.
-
-    Parameters
-    ----------
-    value : float or None
-    digits : int
-        Number of decimals.
-
-    Returns
-    -------
-    str
-        The number; a hyphen for None.
-    """
+    """Format a number for a cell of a table."""
     return "-" if value is None else f"{value:.{digits}f}"

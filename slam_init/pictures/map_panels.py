@@ -15,8 +15,6 @@ from slam_init.types.pose import Pose
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["ABOVE", "SIDE", "draw_cameras", "draw_map"]
-
 #: The axes of the world frame (x right, y down, z forward) that point to the right and upwards in the picture, and the
 #: sign of the latter.
 ABOVE, SIDE = "above", "side"
@@ -35,15 +33,7 @@ _MOST_FRUSTA = 12
 def draw_map(axes: Axes, map_: InitialMap, view: str, title: str, truth: Floats | None = None) -> None:
     """Draw the landmarks, the path, and the first and the last camera.
 
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-    map_ : InitialMap
-    view : str
-        :data:`ABOVE` or :data:`SIDE`, as seen by the first camera.
-    title : str
-    truth : (N, 3) float, optional
-        The true path in the frame of the map.
+    Shapes: ``truth`` (N, 3).
     """
     right, up, sign = _AXES[view]
     points = map_.points
@@ -63,14 +53,7 @@ def draw_map(axes: Axes, map_: InitialMap, view: str, title: str, truth: Floats 
 def draw_cameras(axes: Axes, map_: InitialMap, view: str, truth: Floats | None = None) -> None:
     """Draw the cameras alone, as large as they fit: a path is often short beside the depth of the scene.
 
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-    map_ : InitialMap
-    view : str
-        :data:`ABOVE` or :data:`SIDE`.
-    truth : (N, 3) float, optional
-        The true path in the frame of the map.
+    Shapes: ``truth`` (N, 3).
     """
     path = np.array([keyframe.world_from_cam.t for keyframe in map_.keyframes])
     extent = float(np.linalg.norm(path.max(axis=0) - path.min(axis=0))) or 1e-3

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["overview_png"]
-
 _WIDTH_PX, _HEIGHT_PX = 1600, 1000
 #: The parts, from the top: title, frames, pair and map, decision. Left, bottom, width and height as shares.
 _TITLE = (0.02, 0.89, 0.96, 0.09)
@@ -55,19 +53,8 @@ Box = tuple[float, float, float, float]
 def overview_png(result: Result, summary: Summary, story: Story, truth: Trajectory | None = None) -> bytes:
     """Draw the overview of a run.
 
-    Parameters
-    ----------
-    result : Result
-    summary : Summary
-    story : Story
-        From :meth:`slam_init.pictures.story.StoryRecorder.story`.
-    truth : Trajectory, optional
-        The true trajectory; it is drawn beside the path of an accepted map.
-
-    Returns
-    -------
-    bytes
-        A PNG file of 1600 x 1000 pixels. Equal arguments give equal bytes with the same version of matplotlib.
+    * ``truth``: The true trajectory; it is drawn beside the path of an accepted map.
+    * Returns: A PNG file of 1600 x 1000 pixels. Equal arguments give equal bytes with the same version of matplotlib.
     """
     with canvas(_WIDTH_PX, _HEIGHT_PX) as figure:
         _draw_title(_blank(figure, _TITLE), result, summary)

@@ -27,8 +27,6 @@ from slam_init.types.result import Attempt
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["draw_decision", "draw_frame", "draw_pair"]
-
 #: More lines cannot be told apart.
 _MOST_LINES = 90
 #: Images that are wider than this are put one above the other.
@@ -55,16 +53,7 @@ def draw_frame(
 ) -> None:
     """Draw a frame, its tracks, and how the tracks moved since an earlier frame.
 
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-    shown : ShownFrame
-    before : ShownFrame or None
-        The earlier frame.
-    width : int
-        Width of the images as they were read, in pixels.
-    landmarks : (N,) bool, optional
-        Which tracks are landmarks of the map.
+    Shapes: ``landmarks`` (N,).
     """
     from matplotlib.collections import LineCollection
 
@@ -83,15 +72,7 @@ def draw_frame(
 
 
 def draw_pair(axes: Axes, pair: MatchedImages, width: int) -> None:
-    """Draw two images side by side with their matches; wide images one above the other.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-    pair : MatchedImages
-    width : int
-        Width of the images as they were read, in pixels.
-    """
+    """Draw two images side by side with their matches; wide images one above the other."""
     from matplotlib.collections import LineCollection
 
     first, second = (rgb(image) for image in pair.images)
@@ -130,14 +111,7 @@ def draw_pair(axes: Axes, pair: MatchedImages, width: int) -> None:
 
 
 def draw_decision(axes: Axes, attempts: Sequence[Attempt]) -> None:
-    """Draw the risk of each attempt with its terms and the bound, and below them what held the decision.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-    attempts : sequence of Attempt
-        In time order.
-    """
+    """Draw the risk of each attempt with its terms and the bound, and below them what held the decision."""
     from matplotlib.ticker import MaxNLocator
 
     axes.set_title("the decision: risk that the map is wrong", loc="left", color=INK, weight="bold")

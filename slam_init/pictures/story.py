@@ -14,8 +14,6 @@ from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.result import Attempt
 
-__all__ = ["MatchedImages", "ShownFrame", "Story", "StoryRecorder"]
-
 #: Largest number of frames in memory besides the recent images. Where there are more, every second one is dropped, so
 #: that those that are left are evenly spaced over a run of any length.
 _MOST_FRAMES = 16
@@ -23,67 +21,45 @@ _MOST_FRAMES = 16
 
 @dataclass(frozen=True, eq=False)
 class ShownFrame:
-    """A frame with its tracks.
+    """A frame with its tracks."""
 
-    Attributes
-    ----------
-    index : int
-        Absolute index of the frame.
-    image : (h, w) or (h, w, 3) uint8
-        A small copy of the image.
-    track_ids : (N,) int
-        Strictly increasing.
-    pixels : (N, 2) float
-        Positions of the tracks in the image as it was read.
-    """
-
+    #: Absolute index of the frame.
     index: int
+    #: (h, w) A small copy of the image.
     image: Image
+    #: (N,) Strictly increasing.
     track_ids: Ints
+    #: (N, 2) Positions of the tracks in the image as it was read.
     pixels: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class MatchedImages:
-    """Two images and their matches.
+    """Two images and their matches."""
 
-    Attributes
-    ----------
-    frames : (int, int)
-        Absolute indices.
-    images : pair of (h, w) or (h, w, 3) uint8
-        Small copies of the images.
-    pixels1, pixels2 : (N, 2) float
-        The matches, in pixels of the images as they were read.
-    inliers, moving : (N,) bool
-        Which matches the best motion explains, and which ones lie on bodies with a motion of their own.
-    judged : bool
-        Whether a motion was estimated from the matches. Where none was, all matches are neither inliers nor outliers.
-    """
-
+    #: (int, int) Absolute indices.
     frames: tuple[int, int]
+    #: (h, w) Small copies of the images.
     images: tuple[Image, Image]
+    #: pixels1, pixels2: (N, 2) The matches, in pixels of the images as they were read.
     pixels1: Floats
     pixels2: Floats
+    #: inliers, moving: (N,) Which matches the best motion explains, and which ones lie on bodies with a motion of
+    #: their own.
     inliers: Bools
     moving: Bools
+    #: Whether a motion was estimated from the matches. Where none was, all matches are neither inliers nor outliers.
     judged: bool
 
 
 @dataclass(frozen=True, eq=False)
 class Story:
-    """What a picture shows beside the result.
+    """What a picture shows beside the result."""
 
-    Attributes
-    ----------
-    frames : tuple of ShownFrame
-        In time order: keyframes of an accepted map, else frames that are evenly spaced over the run.
-    pair : MatchedImages or None
-        The last pair that was tried; where no pair was estimated, the first and the last frame with their common
-        tracks. None without two frames.
-    """
-
+    #: In time order: keyframes of an accepted map, else frames that are evenly spaced over the run.
     frames: tuple[ShownFrame, ...] = ()
+    #: The last pair that was tried; where no pair was estimated, the first and the last frame with their common
+    #: tracks. None without two frames.
     pair: MatchedImages | None = None
 
 
@@ -108,10 +84,7 @@ class _Spaced:
 class StoryRecorder(Recorder):
     """Keeps the story of a run, in bounded memory.
 
-    Parameters
-    ----------
-    images : RecentImages, optional
-        Small copies of the last images, where another recorder keeps them too.
+    * ``images``: Small copies of the last images, where another recorder keeps them too.
     """
 
     def __init__(self, images: RecentImages | None = None) -> None:
@@ -127,13 +100,7 @@ class StoryRecorder(Recorder):
         self._ended = bool(self._keyframes)
 
     def frame(self, frame: Frame, observations: Observations) -> None:
-        """Keep the frame, if it is one of those that are evenly spaced.
-
-        Parameters
-        ----------
-        frame : Frame
-        observations : Observations
-        """
+        """Keep the frame, if it is one of those that are evenly spaced."""
         if self._keyframes:  # the story ends with the map
             return
         self._images.add(frame)
@@ -143,12 +110,7 @@ class StoryRecorder(Recorder):
             self._spaced.add(shown)
 
     def attempt(self, attempt: Attempt) -> None:
-        """Keep the pair of an attempt that has matches.
-
-        Parameters
-        ----------
-        attempt : Attempt
-        """
+        """Keep the pair of an attempt that has matches."""
         if self._ended:
             return
         if not len(attempt.pixels1) or len(attempt.frames) < 2:
@@ -168,27 +130,14 @@ class StoryRecorder(Recorder):
         )
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
-        """Keep the keyframes of the accepted map.
-
-        Parameters
-        ----------
-        map_ : InitialMap
-            Not used.
-        observations : sequence of Observations
-            The observations of the keyframes.
-        """
+        """Keep the keyframes of the accepted map."""
         if self._keyframes:  # those of the first map, which the picture shows
             return
         chosen = [observations[k] for k in evenly_spaced(len(observations), _MOST_FRAMES)]
         self._keyframes = tuple(shown for seen in chosen if (shown := self._shown(seen)) is not None)
 
     def story(self) -> Story:
-        """Return what was kept.
-
-        Returns
-        -------
-        Story
-        """
+        """Return what was kept."""
         frames = self._keyframes or tuple(self._spaced.frames)
         if not self._keyframes and self._last is not None and frames[-1].index != self._last.index:
             frames = (*frames, self._last)

@@ -18,28 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "DOTS_PER_INCH",
-    "ESTIMATE",
-    "FAINT",
-    "INK",
-    "INLIER",
-    "MOVING",
-    "OUTLIER",
-    "PAPER",
-    "TRACK",
-    "TRUTH",
-    "VERDICT_COLORS",
-    "canvas",
-    "drawn",
-    "gate_words",
-    "in_words",
-    "png_of",
-    "rgb",
-    "wrapped",
-    "write",
-]
-
 #: The colours of matches and paths are those of the recording.
 INLIER, OUTLIER, MOVING, TRACK = "#2fb45a", "#e64646", "#b478e6", "#ffc828"
 ESTIMATE, TRUTH = "#3ca0ff", "#ff9628"
@@ -71,14 +49,7 @@ _COMPRESSION = 4
 def canvas(width_px: int, height_px: int) -> Iterator[Figure]:
     """Make an empty figure, with matplotlib's own defaults instead of those of the user.
 
-    Parameters
-    ----------
-    width_px, height_px : int
-
-    Yields
-    ------
-    matplotlib.figure.Figure
-        With a canvas that needs no display. It has to be drawn in the ``with`` block.
+    * Returns: With a canvas that needs no display. It has to be drawn in the ``with`` block.
     """
     import logging
     import warnings
@@ -108,15 +79,7 @@ def canvas(width_px: int, height_px: int) -> Iterator[Figure]:
 def png_of(figure: Figure) -> bytes:
     """Draw a figure and compress it.
 
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        From :func:`canvas`.
-
-    Returns
-    -------
-    bytes
-        A PNG file without any metadata, so that equal pictures are equal bytes.
+    * Returns: A PNG file without any metadata, so that equal pictures are equal bytes.
     """
     import cv2
 
@@ -128,15 +91,7 @@ def png_of(figure: Figure) -> bytes:
 def drawn(figure: Figure) -> Image:
     """Draw a figure.
 
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        From :func:`canvas`.
-
-    Returns
-    -------
-    (H, W, 3) uint8
-        RGB.
+    Shapes: returns (H, W, 3).
     """
     from io import BytesIO
 
@@ -147,19 +102,7 @@ def drawn(figure: Figure) -> Image:
 
 
 def write(axes: Axes, x: float, y: float, text: str, size: float, color: str = INK, weight: str = "normal") -> None:
-    """Write a text at the left top of a place in axes that are otherwise empty.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-    x, y : float
-        The left top corner, as shares of the axes.
-    text : str
-        Dollar signs are no mathematics.
-    size : float
-        In points.
-    color, weight : str
-    """
+    """Write a text at the left top of a place in axes that are otherwise empty."""
     axes.text(
         x,
         y,
@@ -175,50 +118,17 @@ def write(axes: Axes, x: float, y: float, text: str, size: float, color: str = I
 
 
 def wrapped(text: str, columns: int, most_lines: int = 4) -> str:
-    """Break a text of one line into several.
-
-    Parameters
-    ----------
-    text : str
-        Characters that are no plain text are escaped.
-    columns : int
-        Largest length of a line, in characters.
-    most_lines : int
-        The rest is left out.
-
-    Returns
-    -------
-    str
-    """
+    """Break a text of one line into several."""
     return "\n".join(textwrap.wrap(plain_line(text), columns, max_lines=most_lines, placeholder=" ..."))
 
 
 def in_words(verdict: Verdict) -> str:
-    """Write a verdict in words.
-
-    Parameters
-    ----------
-    verdict : Verdict
-
-    Returns
-    -------
-    str
-    """
+    """Write a verdict in words."""
     return str(verdict).replace("_", " ")
 
 
 def gate_words(gate: Gate) -> str:
-    """Write what a gate compares.
-
-    Parameters
-    ----------
-    gate : Gate
-
-    Returns
-    -------
-    str
-        For example ``risk 0.03, needs at most 0.005``.
-    """
+    """Write what a gate compares."""
     unit = f" {gate.unit}" if gate.unit else ""
     name = str(gate.name).removesuffix(f"_{gate.unit}").replace("_", " ")
     side = "at least" if gate.direction is Direction.AT_LEAST else "at most"
@@ -228,15 +138,7 @@ def gate_words(gate: Gate) -> str:
 def rgb(image: Image) -> Image:
     """Return an image as matplotlib shows it.
 
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) uint8
-        Grey or BGR.
-
-    Returns
-    -------
-    (H, W, 3) uint8
-        RGB.
+    Shapes: ``image`` (H, W), returns (H, W, 3).
     """
     if image.ndim == 2:
         return np.repeat(image[..., None], 3, axis=2)

@@ -10,8 +10,6 @@ import numpy as np
 from slam_init.types.arrays import Image
 from slam_init.types.frame import Frame
 
-__all__ = ["RecentImages", "bgr", "jpeg", "reduced", "reduced_shape"]
-
 #: At this quality a match can be judged by eye, and a frame of 640x480 pixels takes about 50 kB.
 _JPEG_QUALITY = 75
 #: Number of small images in memory for the view of a pair. The reference of a pair may be as old as the oldest
@@ -22,10 +20,7 @@ _MEMORY_FRAMES = 400
 class RecentImages:
     """Small copies of the images of the last frames.
 
-    Parameters
-    ----------
-    long_side_px : int
-        Largest length of the longer side of a copy.
+    * ``long_side_px``: Largest length of the longer side of a copy.
     """
 
     def __init__(self, long_side_px: int = 320) -> None:
@@ -33,12 +28,7 @@ class RecentImages:
         self._images: OrderedDict[int, Image] = OrderedDict()
 
     def add(self, frame: Frame) -> None:
-        """Keep a copy of the image of a frame. A frame that is there already is ignored.
-
-        Parameters
-        ----------
-        frame : Frame
-        """
+        """Keep a copy of the image of a frame. A frame that is there already is ignored."""
         if frame.index in self._images:
             return
         self._images[frame.index] = reduced(frame.image, self.long_side_px)
@@ -48,34 +38,13 @@ class RecentImages:
     def get(self, index: int) -> Image | None:
         """Look up the copy of a frame.
 
-        Parameters
-        ----------
-        index : int
-            Absolute index of the frame.
-
-        Returns
-        -------
-        (h, w) or (h, w, 3) uint8, or None
-            None if the frame was not added, or is too old.
+        Shapes: returns (h, w).
         """
         return self._images.get(index)
 
 
 def reduced_shape(height: int, width: int, long_side_px: int) -> tuple[int, int]:
-    """Compute the shape of a reduced image.
-
-    Parameters
-    ----------
-    height, width : int
-        Shape of the image.
-    long_side_px : int
-        Largest length of the longer side.
-
-    Returns
-    -------
-    height, width : int
-        At least 1, and at most the shape of the image.
-    """
+    """Compute the shape of a reduced image."""
     factor = min(1.0, long_side_px / max(height, width))
     return max(1, round(height * factor)), max(1, round(width * factor))
 
@@ -83,16 +52,7 @@ def reduced_shape(height: int, width: int, long_side_px: int) -> tuple[int, int]
 def reduced(image: Image, long_side_px: int) -> Image:
     """Reduce an image to a largest length of its longer side.
 
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) uint8
-    long_side_px : int
-        Largest length of the longer side.
-
-    Returns
-    -------
-    (h, w) or (h, w, 3) uint8
-        The same image if it is not larger.
+    Shapes: ``image`` (H, W), returns (h, w).
     """
     import cv2
 
@@ -105,13 +65,7 @@ def reduced(image: Image, long_side_px: int) -> Image:
 def bgr(image: Image) -> Image:
     """Return an image with three channels.
 
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) uint8
-
-    Returns
-    -------
-    (H, W, 3) uint8
+    Shapes: ``image`` (H, W), returns (H, W, 3).
     """
     return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
 
@@ -119,13 +73,7 @@ def bgr(image: Image) -> Image:
 def jpeg(image: Image) -> Any:
     """Compress an image. OpenCV does this several times faster than Rerun.
 
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) uint8
-
-    Returns
-    -------
-    rerun.EncodedImage
+    Shapes: ``image`` (H, W).
     """
     import cv2
     import rerun as rr

@@ -12,32 +12,6 @@ from typing import Any
 from slam_init.types.gates import GateName
 from slam_init.types.result import Attempt
 
-__all__ = [
-    "ADVICE",
-    "ARROWS",
-    "ARROW_FACTOR",
-    "BUDGET_MS",
-    "ERROR",
-    "ERROR_BARS",
-    "ESTIMATE_COLOR",
-    "FRAME_BUDGET",
-    "FRAME_TIME",
-    "GREEN",
-    "LEGEND",
-    "PURPLE",
-    "RED",
-    "SERIES",
-    "TRACKS",
-    "TRUTH_COLOR",
-    "TWINS",
-    "YELLOW",
-    "Color",
-    "End",
-    "Series",
-    "blueprint",
-    "name_parts",
-]
-
 Color = tuple[int, int, int]
 
 ESTIMATE_COLOR: Color = (60, 160, 255)
@@ -60,24 +34,16 @@ BUDGET_MS = 1000 / 30
 
 @dataclass(frozen=True)
 class Series:
-    """A plotted figure.
+    """A plotted figure."""
 
-    Attributes
-    ----------
-    entity : str
-        Path of the entity; its last but one part names the plot.
-    label : str
-        Name in the legend.
-    color : (int, int, int)
-        RGB, 0 to 255.
-    of_attempt : function of Attempt, or None
-        Returns the figure of an attempt, or None if the attempt does not have it. None if the figure does not come from
-        an attempt.
-    """
-
+    #: Path of the entity; its last but one part names the plot.
     entity: str
+    #: Name in the legend.
     label: str
+    #: (int, int, int) RGB, 0 to 255.
     color: Color
+    #: Returns the figure of an attempt, or None if the attempt does not have it. None if the figure does not come
+    #: from an attempt.
     of_attempt: Callable[[Attempt], float | None] | None = None
 
 
@@ -168,16 +134,7 @@ class End(StrEnum):
 def blueprint(end: End = End.MAP, *, rolling: bool = False) -> Any:
     """Make the layout: map, verdict and texts at the left; frame, pair and series at the right.
 
-    Parameters
-    ----------
-    end : End
-        Decides which tab of the map is in front.
-    rolling : bool
-        Whether the view of the rolling shutter is in front of that of the keyframes.
-
-    Returns
-    -------
-    rerun.blueprint.Blueprint
+    * ``rolling``: Whether the view of the rolling shutter is in front of that of the keyframes.
     """
     import rerun.blueprint as rrb
 
@@ -330,15 +287,7 @@ def _eye() -> Any:
 
 
 def name_parts(part: Any, path: str) -> None:
-    """Replace the random ids of a layout by ids that depend on the position of each part.
-
-    Parameters
-    ----------
-    part : rerun.blueprint.Container or View
-        The part, with its contents.
-    path : str
-        Position of the part.
-    """
+    """Replace the random ids of a layout by ids that depend on the position of each part."""
     part.id = uuid.uuid5(uuid.NAMESPACE_URL, path)
     for i, child in enumerate(getattr(part, "contents", ())):
         if hasattr(child, "id"):

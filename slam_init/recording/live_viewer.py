@@ -13,8 +13,6 @@ from urllib.parse import urlsplit
 from slam_init.errors import OutputError
 from slam_init.system.process_guard import RELEASE, launcher
 
-__all__ = ["SPAWN", "VIEWER_PORT", "viewer_url"]
-
 #: Given instead of an address, it means that a viewer is started on this machine.
 SPAWN = "spawn"
 
@@ -33,20 +31,7 @@ _viewer: subprocess.Popen[bytes] | None = None
 def viewer_url(text: str) -> str:
     """Find a viewer, or start one. A viewer that already runs on this machine is used.
 
-    Parameters
-    ----------
-    text : str
-        ``spawn``, or an address as ``rerun+http://127.0.0.1:9876/proxy``.
-
-    Returns
-    -------
-    str
-        The address.
-
-    Raises
-    ------
-    OutputError
-        If the text is no address, or no viewer answers there.
+    * ``text``: ``spawn``, or an address as ``rerun+http://127.0.0.1:9876/proxy``.
     """
     if text == SPAWN:
         return _spawned()

@@ -15,8 +15,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose, Trajectory
 
-__all__ = ["FRUSTUM", "MapView", "log_pinhole"]
-
 #: Size of the frustum of the camera in units of the map, whose median depth is 1. On a short path the frusta of the
 #: keyframes would hide the path. Their size is then a tenth of the path, so that five of them do not overlap.
 FRUSTUM, _SMALLEST_FRUSTUM, _FRUSTUM_OF_PATH = 0.08, 0.005, 0.1
@@ -25,12 +23,7 @@ FRUSTUM, _SMALLEST_FRUSTUM, _FRUSTUM_OF_PATH = 0.08, 0.005, 0.1
 class MapView:
     """Logs a map when it is accepted, and the path of the camera from then on.
 
-    Parameters
-    ----------
-    rec : rerun.RecordingStream
-    groundtruth : Trajectory or None
-    scale : float
-        Size of the recorded images divided by that of the images as they were read.
+    * ``scale``: Size of the recorded images divided by that of the images as they were read.
     """
 
     def __init__(self, rec: Any, groundtruth: Trajectory | None, scale: float) -> None:
@@ -42,12 +35,7 @@ class MapView:
         self._first_s = 0.0
 
     def log(self, map_: InitialMap) -> None:
-        """Log the map before and after bundle adjustment, and the errors of the adjustment.
-
-        Parameters
-        ----------
-        map_ : InitialMap
-        """
+        """Log the map before and after bundle adjustment, and the errors of the adjustment."""
         import rerun as rr
 
         rec = self._rec
@@ -77,13 +65,7 @@ class MapView:
         rec.disable_timeline("ba_iter")
 
     def extend(self, keyframe: Keyframe) -> None:
-        """Move the camera, and extend both paths.
-
-        Parameters
-        ----------
-        keyframe : Keyframe
-            A frame after the initialization.
-        """
+        """Move the camera, and extend both paths."""
         self._path.append(keyframe.world_from_cam.t)
         self._log_camera(keyframe.world_from_cam)
         if self._groundtruth is not None and self._world_from_gt is not None:
@@ -127,17 +109,9 @@ class MapView:
 def log_pinhole(rec: Any, entity: str, camera: Camera, color: Color, size: float, *, static: bool = False) -> None:
     """Log a frustum. It has no lens distortion, so its rays at the border are not exact.
 
-    Parameters
-    ----------
-    rec : rerun.RecordingStream
-    entity : str
-    camera : Camera
-        Of the recorded images, which are smaller than those that were read.
-    color : (int, int, int)
-    size : float
-        In units of the map.
-    static : bool
-        Whether the frustum is there on all timelines.
+    Shapes: ``color`` (int, int, int).
+
+    * ``camera``: Of the recorded images, which are smaller than those that were read.
     """
     import rerun as rr
 

@@ -11,8 +11,6 @@ from slam_init.recording.layout import GREEN, PURPLE, RED, YELLOW
 from slam_init.types.camera import Camera
 from slam_init.types.result import Attempt
 
-__all__ = ["log_pair"]
-
 #: At most this many matches are drawn as lines, since more lines cannot be told apart. All matches are drawn as points.
 _MAX_LINES = 120
 #: The images of a pair are put one above the other if width divided by height is larger than this.
@@ -22,13 +20,7 @@ _WIDE = 1.8
 def log_pair(rec: Any, attempt: Attempt, recent: RecentImages, camera: Camera) -> None:
     """Log the images and the matches of a pair.
 
-    Parameters
-    ----------
-    rec : rerun.RecordingStream
-    attempt : Attempt
-        With its matches. Where no motion was estimated, they are neither inliers nor outliers.
-    recent : RecentImages
-    camera : Camera
+    * ``attempt``: With its matches. Where no motion was estimated, they are neither inliers nor outliers.
     """
     import rerun as rr
 

@@ -12,8 +12,6 @@ from slam_init.types.arrays import Floats
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose
 
-__all__ = ["TWIN_NAMES", "dashes", "log_hypotheses", "log_twins"]
-
 #: Number of dashes of the ground truth. It is dashed so that the estimate can be seen where both agree.
 _DASHES = 30
 #: The better one of two undecided maps, and its rival.
@@ -28,14 +26,7 @@ _COLORS: tuple[Color, ...] = ((190, 120, 255), (130, 110, 150))
 def dashes(positions: Floats) -> list[Floats]:
     """Cut a path into pieces of equal length, and return every other piece.
 
-    Parameters
-    ----------
-    positions : (N, 3) float
-        The path.
-
-    Returns
-    -------
-    list of (M, 3) float
+    Shapes: ``positions`` (N, 3), returns (M, 3).
     """
     lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -49,14 +40,7 @@ def dashes(positions: Floats) -> list[Floats]:
 
 
 def log_hypotheses(rec: Any, maps: Sequence[InitialMap]) -> None:
-    """Log the paths of up to two maps, and clear the entities of the maps that do not exist.
-
-    Parameters
-    ----------
-    rec : rerun.RecordingStream
-    maps : sequence of InitialMap
-        At most two, the better one first.
-    """
+    """Log the paths of up to two maps, and clear the entities of the maps that do not exist."""
     import rerun as rr
 
     for k, color in enumerate(_COLORS):
@@ -70,14 +54,7 @@ def log_hypotheses(rec: Any, maps: Sequence[InitialMap]) -> None:
 
 
 def log_twins(rec: Any, maps: Sequence[InitialMap]) -> None:
-    """Log the landmarks, the frusta and the path of up to two maps, each in a space of its own; clear the others.
-
-    Parameters
-    ----------
-    rec : rerun.RecordingStream
-    maps : sequence of InitialMap
-        At most two, the better one first.
-    """
+    """Log the landmarks, the frusta and the path of up to two maps, each in a space of its own; clear the others."""
     import rerun as rr
 
     for k, name in enumerate(TWIN_NAMES):

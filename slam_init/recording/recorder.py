@@ -17,97 +17,47 @@ from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.result import Attempt
 from slam_init.types.scale import Scale
 
-__all__ = ["Recorder", "Several"]
-
 
 class Recorder:
     """Receives the reports of a run and ignores them. It is also a context manager that closes itself."""
 
     def frame(self, frame: Frame, observations: Observations) -> None:
-        """Report a frame and its tracks. The reports that follow belong to this frame.
-
-        Parameters
-        ----------
-        frame : Frame
-        observations : Observations
-            The tracks of the frame.
-        """
+        """Report a frame and its tracks. The reports that follow belong to this frame."""
 
     def attempt(self, attempt: Attempt) -> None:
-        """Report an attempt.
-
-        Parameters
-        ----------
-        attempt : Attempt
-            With the matches of the pair.
-        """
+        """Report an attempt."""
 
     def frame_time(self, elapsed_ms: float) -> None:
-        """Report what a frame took.
-
-        Parameters
-        ----------
-        elapsed_ms : float
-            In milliseconds, this recording included.
-        """
+        """Report what a frame took."""
 
     def row_times(self, observations: Observations, corrected: Floats) -> None:
         """Report what the correction of a rolling shutter moves in a frame.
 
-        Parameters
-        ----------
-        observations : Observations
-            The tracks of the frame.
-        corrected : (N, 2) float
-            Their pixels as if all rows were taken at the time of the middle one.
+        Shapes: ``corrected`` (N, 2).
+
+        * ``corrected``: Their pixels as if all rows were taken at the time of the middle one.
         """
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
-        """Report an accepted map.
-
-        Parameters
-        ----------
-        map_ : InitialMap
-        observations : sequence of Observations
-            The observations of the keyframes, in the same order.
-        """
+        """Report an accepted map."""
 
     def undecided(self, maps: Sequence[InitialMap]) -> None:
         """Report the maps that the views could not decide between.
 
-        Parameters
-        ----------
-        maps : sequence of InitialMap
-            The better one first. Empty if the earlier ones are no longer kept.
+        * ``maps``: The better one first. Empty if the earlier ones are no longer kept.
         """
 
     def continued(self, keyframe: Keyframe) -> None:
-        """Report a frame after the initialization that was located in the map.
-
-        Parameters
-        ----------
-        keyframe : Keyframe
-        """
+        """Report a frame after the initialization that was located in the map."""
 
     def scaled(self, scale: Scale) -> None:
-        """Report the scale of the last map.
-
-        Parameters
-        ----------
-        scale : Scale
-            Truthy: it was found.
-        """
+        """Report the scale of the last map."""
 
     def restarted(self) -> None:
         """Report that the map was lost, and that the initialization starts anew."""
 
     def summary(self, summary: Summary) -> None:
-        """Report the summary at the end of the run.
-
-        Parameters
-        ----------
-        summary : Summary
-        """
+        """Report the summary at the end of the run."""
 
     def close(self) -> None:
         """End the reports. It may be called twice."""
@@ -122,96 +72,51 @@ class Recorder:
 
 
 class Several(Recorder):
-    """Passes each report to several recorders, in their order.
-
-    Parameters
-    ----------
-    *recorders : Recorder
-    """
+    """Passes each report to several recorders, in their order."""
 
     def __init__(self, *recorders: Recorder) -> None:
         self._recorders = recorders
 
     def frame(self, frame: Frame, observations: Observations) -> None:
-        """Report a frame and its tracks.
-
-        Parameters
-        ----------
-        frame : Frame
-        observations : Observations
-        """
+        """Report a frame and its tracks."""
         for recorder in self._recorders:
             recorder.frame(frame, observations)
 
     def attempt(self, attempt: Attempt) -> None:
-        """Report an attempt.
-
-        Parameters
-        ----------
-        attempt : Attempt
-        """
+        """Report an attempt."""
         for recorder in self._recorders:
             recorder.attempt(attempt)
 
     def frame_time(self, elapsed_ms: float) -> None:
-        """Report what a frame took.
-
-        Parameters
-        ----------
-        elapsed_ms : float
-        """
+        """Report what a frame took."""
         for recorder in self._recorders:
             recorder.frame_time(elapsed_ms)
 
     def row_times(self, observations: Observations, corrected: Floats) -> None:
         """Report what the correction of a rolling shutter moves in a frame.
 
-        Parameters
-        ----------
-        observations : Observations
-        corrected : (N, 2) float
+        Shapes: ``corrected`` (N, 2).
         """
         for recorder in self._recorders:
             recorder.row_times(observations, corrected)
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
-        """Report an accepted map.
-
-        Parameters
-        ----------
-        map_ : InitialMap
-        observations : sequence of Observations
-        """
+        """Report an accepted map."""
         for recorder in self._recorders:
             recorder.initialized(map_, observations)
 
     def undecided(self, maps: Sequence[InitialMap]) -> None:
-        """Report the maps that the views could not decide between.
-
-        Parameters
-        ----------
-        maps : sequence of InitialMap
-        """
+        """Report the maps that the views could not decide between."""
         for recorder in self._recorders:
             recorder.undecided(maps)
 
     def continued(self, keyframe: Keyframe) -> None:
-        """Report a frame after the initialization.
-
-        Parameters
-        ----------
-        keyframe : Keyframe
-        """
+        """Report a frame after the initialization."""
         for recorder in self._recorders:
             recorder.continued(keyframe)
 
     def scaled(self, scale: Scale) -> None:
-        """Report the scale of the last map.
-
-        Parameters
-        ----------
-        scale : Scale
-        """
+        """Report the scale of the last map."""
         for recorder in self._recorders:
             recorder.scaled(scale)
 
@@ -221,12 +126,7 @@ class Several(Recorder):
             recorder.restarted()
 
     def summary(self, summary: Summary) -> None:
-        """Report the summary at the end of the run.
-
-        Parameters
-        ----------
-        summary : Summary
-        """
+        """Report the summary at the end of the run."""
         for recorder in self._recorders:
             recorder.summary(summary)
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     import rerun as rr
     import rerun.blueprint as rrb
 
-__all__ = ["RecordingFile"]
-
 _PIPES = Path("/dev/fd")
 _READ_BYTES = 1 << 18
 #: Data that waits for the disk. It takes minutes to record so much.
@@ -34,23 +32,11 @@ _MAX_WAITING_BYTES = 1 << 28
 class RecordingFile:
     """A file that receives a recording while it is made. It has another name until it is complete.
 
-    Parameters
-    ----------
-    path : Path
-        The file; an existing one is replaced when the recording is complete.
-    recording : rerun.RecordingStream
-        The stream. Its data up to now and all further data go to the file.
-    layout : rerun.blueprint.Blueprint
-        The layout in the viewer.
-    viewer : str or None
-        Address of a viewer that receives the same data.
-    patience_s : float
-        At the end, a disk that takes no data for this long has failed.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be created.
+    * ``path``: The file; an existing one is replaced when the recording is complete.
+    * ``recording``: The stream. Its data up to now and all further data go to the file.
+    * ``layout``: The layout in the viewer.
+    * ``viewer``: Address of a viewer that receives the same data.
+    * ``patience_s``: At the end, a disk that takes no data for this long has failed.
     """
 
     def __init__(
@@ -90,26 +76,14 @@ class RecordingFile:
             os.close(write)  # Rerun has opened the pipe again
 
     def check(self) -> None:
-        """Raise the error of the disk, if there was one.
-
-        Raises
-        ------
-        OutputError
-            If data could not be written, or the file is gone: it was removed, or its disk was unmounted.
-        """
+        """Raise the error of the disk, if there was one."""
         if self._error is None and self._open and not self._partial.exists():
             self._error = FileNotFoundError("the file is gone")
         if self._error is not None:
             raise self._failure(self._error) from self._error
 
     def complete(self) -> None:
-        """Write the rest, close the file, and give it its name. It may be called twice.
-
-        Raises
-        ------
-        OutputError
-            If data could not be written; the file is then removed.
-        """
+        """Write the rest, close the file, and give it its name. It may be called twice."""
         if not self._open:
             return
         self._close()

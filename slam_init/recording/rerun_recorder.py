@@ -79,8 +79,6 @@ from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 from slam_init.types.scale import Scale
 
-__all__ = ["FRAMES_AT_FULL_RATE", "RerunRecorder", "load_rerun"]
-
 _NOWHERE = np.zeros((0, 2))
 
 #: Images are reduced to this many pixels on their longer side, and the images of a pair to half of it. This is enough
@@ -108,26 +106,13 @@ class RerunRecorder(Recorder):
     The file is called ``.partial.rrd`` until it is closed, so that an earlier file stays until then. If a ``with``
     statement ends with a :class:`SlamInitError`, the partial file is removed.
 
-    Parameters
-    ----------
-    path : Path
-        The file; an existing one is replaced.
-    camera : Camera
-        The calibration of the frames.
-    source_name : str
-        Name of the source; the name of the recording contains it.
-    groundtruth : Trajectory or None
-        It is shown beside the estimate, once there is a map.
-    seed : int
-        Seed of the run. The id of the recording depends on the name of the source and the seed.
-    viewer : str or None
-        Address of a viewer that shows the recording while it is made. The file then depends on the time, since its
-        data are cut into chunks by time.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    * ``path``: The file; an existing one is replaced.
+    * ``camera``: The calibration of the frames.
+    * ``source_name``: Name of the source; the name of the recording contains it.
+    * ``groundtruth``: It is shown beside the estimate, once there is a map.
+    * ``seed``: Seed of the run. The id of the recording depends on the name of the source and the seed.
+    * ``viewer``: Address of a viewer that shows the recording while it is made. The file then depends on the time,
+      since its data are cut into chunks by time.
     """
 
     def __init__(
@@ -178,18 +163,7 @@ class RerunRecorder(Recorder):
                 self._rec.log(series.entity, style(names=series.label, colors=[series.color]), static=True)
 
     def frame(self, frame: Frame, observations: Observations) -> None:
-        """Log the reduced image, its keypoints, and their motion over the last frames.
-
-        Parameters
-        ----------
-        frame : Frame
-        observations : Observations
-
-        Raises
-        ------
-        OutputError
-            If earlier data could not be written, for example to a full disk.
-        """
+        """Log the reduced image, its keypoints, and their motion over the last frames."""
         rr, rec = self._rr, self._rec
         self._file.check()
         rec.set_time("frame", sequence=frame.index)
@@ -221,12 +195,7 @@ class RerunRecorder(Recorder):
         rec.log(TRACKS, rr.Scalars(float(len(observations))))
 
     def attempt(self, attempt: Attempt) -> None:
-        """Log the pair with its matches, the verdict with its evidence, and the figures as series.
-
-        Parameters
-        ----------
-        attempt : Attempt
-        """
+        """Log the pair with its matches, the verdict with its evidence, and the figures as series."""
         rr, rec = self._rr, self._rec
         accepted = attempt.verdict == Verdict.ACCEPTED
         level = rr.TextLogLevel.INFO if accepted else rr.TextLogLevel.WARN
@@ -243,22 +212,14 @@ class RerunRecorder(Recorder):
             self._log_moving(attempt.pixels2[attempt.moving & ~attempt.inliers] if attempt.moving.size else _NOWHERE)
 
     def frame_time(self, elapsed_ms: float) -> None:
-        """Log what a frame took, beside the time between two frames at 30 Hz.
-
-        Parameters
-        ----------
-        elapsed_ms : float
-        """
+        """Log what a frame took, beside the time between two frames at 30 Hz."""
         self._rec.log(FRAME_TIME, self._rr.Scalars(elapsed_ms))
         self._rec.log(FRAME_BUDGET, self._rr.Scalars(BUDGET_MS))
 
     def row_times(self, observations: Observations, corrected: Floats) -> None:
         """Log arrows from the raw pixels to the corrected ones.
 
-        Parameters
-        ----------
-        observations : Observations
-        corrected : (N, 2) float
+        Shapes: ``corrected`` (N, 2).
         """
         rr, rec = self._rr, self._rec
         moved = ARROW_FACTOR * (corrected - observations.pixels) * self._scale
@@ -271,14 +232,7 @@ class RerunRecorder(Recorder):
         self._rolling = True
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
-        """Log the map before and after bundle adjustment, and the ground truth aligned to it.
-
-        Parameters
-        ----------
-        map_ : InitialMap
-        observations : sequence of Observations
-            Not used.
-        """
+        """Log the map before and after bundle adjustment, and the ground truth aligned to it."""
         rr, rec = self._rr, self._rec
         rec.log(
             "log",
@@ -295,12 +249,7 @@ class RerunRecorder(Recorder):
         self._map_view.log(map_)
 
     def undecided(self, maps: Sequence[InitialMap]) -> None:
-        """Draw both maps with their paths, and clear those drawn before.
-
-        Parameters
-        ----------
-        maps : sequence of InitialMap
-        """
+        """Draw both maps with their paths, and clear those drawn before."""
         if self._hypotheses or maps:
             log_hypotheses(self._rec, maps)
             log_twins(self._rec, maps)
@@ -309,21 +258,11 @@ class RerunRecorder(Recorder):
         self._end = End.TWINS if len(maps) == len(TWIN_NAMES) else End.MAP
 
     def continued(self, keyframe: Keyframe) -> None:
-        """Move the camera, and extend both trajectories.
-
-        Parameters
-        ----------
-        keyframe : Keyframe
-        """
+        """Move the camera, and extend both trajectories."""
         self._map_view.extend(keyframe)
 
     def scaled(self, scale: Scale) -> None:
-        """Draw a bar of a round length in metres at the first keyframe; the scene stays in units of the map.
-
-        Parameters
-        ----------
-        scale : Scale
-        """
+        """Draw a bar of a round length in metres at the first keyframe; the scene stays in units of the map."""
         log_scale_bar(self._rec, scale)
 
     def restarted(self) -> None:
@@ -335,25 +274,14 @@ class RerunRecorder(Recorder):
         self._map_view.clear()
 
     def summary(self, summary: Summary) -> None:
-        """Log the summary as a table. Times and provenance are left out, since they differ between equal runs.
-
-        Parameters
-        ----------
-        summary : Summary
-        """
+        """Log the summary as a table. Times and provenance are left out, since they differ between equal runs."""
         self._log_text("summary", summary_markdown(summary), static=True)
         self._log_text(ADVICE, advice_markdown(summary), static=True)
         if summary.reason is not None and self._end is End.MAP:
             self._end = End.NO_MAP
 
     def close(self) -> None:
-        """Finish the file and rename it to its final name.
-
-        Raises
-        ------
-        OutputError
-            If the file cannot be written.
-        """
+        """Finish the file and rename it to its final name."""
         if not self._closed and (self._end is not End.MAP or self._rolling):
             # The layout that the file began with shows a map. The viewer takes the last layout of a file.
             self._rr.send_blueprint(blueprint(self._end, rolling=self._rolling), recording=self._rec)

@@ -7,8 +7,6 @@ from typing import Any
 
 from slam_init.types.scale import Scale
 
-__all__ = ["SCALE_BAR", "bar_metres", "log_scale_bar"]
-
 #: The entity of the bar.
 SCALE_BAR = "world/scale"
 _COLOR = (230, 230, 230)
@@ -19,14 +17,7 @@ _LONGEST = 0.25
 def bar_metres(metres_per_unit: float) -> float:
     """Choose the length of the bar.
 
-    Parameters
-    ----------
-    metres_per_unit : float
-
-    Returns
-    -------
-    float
-        1, 2 or 5 times a power of ten, at most a quarter of the unit.
+    * Returns: 1, 2 or 5 times a power of ten, at most a quarter of the unit.
     """
     most = _LONGEST * metres_per_unit
     power = 10.0 ** math.floor(math.log10(most))
@@ -34,14 +25,7 @@ def bar_metres(metres_per_unit: float) -> float:
 
 
 def log_scale_bar(rec: Any, scale: Scale) -> None:
-    """Log the bar from the first camera to the right, with its length and the scale as label.
-
-    Parameters
-    ----------
-    rec : rerun.RecordingStream
-    scale : Scale
-        Nothing is logged where it was not found.
-    """
+    """Log the bar from the first camera to the right, with its length and the scale as label."""
     import rerun as rr
 
     if scale.metres_per_unit is None or scale.sigma is None:

@@ -13,16 +13,6 @@ from slam_init.types.gates import Direction, Gate, GateName
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
-__all__ = [
-    "advice_markdown",
-    "attempt_line",
-    "attempt_markdown",
-    "evidence_markdown",
-    "legend_markdown",
-    "summary_markdown",
-    "twins_markdown",
-]
-
 #: Fields of the summary that have one line each.
 _FIGURES = (
     "schema",
@@ -45,14 +35,7 @@ _TABLES = ("margin", "ground_truth", "camera", "focal_length", "source", "contin
 def attempt_line(attempt: Attempt) -> str:
     """Write one line: the verdict, the frames and the advice.
 
-    Parameters
-    ----------
-    attempt : Attempt
-
-    Returns
-    -------
-    str
-        The verdict comes first, because the view of the log cuts long lines.
+    * Returns: The verdict comes first, because the view of the log cuts long lines.
     """
     advice = f": {attempt.advice}" if attempt.advice else ""
     return f"{_words(attempt.verdict)}, frames {_frames(attempt)}{advice}"
@@ -61,14 +44,7 @@ def attempt_line(attempt: Attempt) -> str:
 def attempt_markdown(attempt: Attempt) -> str:
     """Write the verdict, the advice and the gates, short enough for a small panel.
 
-    Parameters
-    ----------
-    attempt : Attempt
-
-    Returns
-    -------
-    str
-        In Markdown, without headings: those of the viewer are large.
+    * Returns: In Markdown, without headings: those of the viewer are large.
     """
     accepted = attempt.verdict == Verdict.ACCEPTED
     verdict = "accepted" if accepted else f"refused: {_words(attempt.verdict)}"
@@ -86,33 +62,12 @@ def attempt_markdown(attempt: Attempt) -> str:
 
 
 def evidence_markdown(attempt: Attempt) -> str:
-    """Write all evidence of an attempt as a table.
-
-    Parameters
-    ----------
-    attempt : Attempt
-
-    Returns
-    -------
-    str
-        In Markdown.
-    """
+    """Write all evidence of an attempt as a table."""
     return "\n".join(_table(f"frames {_frames(attempt)}", _evidence(attempt)))
 
 
 def twins_markdown(attempt: Attempt | None) -> str:
-    """Write what has to decide between the two maps of a plane.
-
-    Parameters
-    ----------
-    attempt : Attempt or None
-        The attempt that left the maps.
-
-    Returns
-    -------
-    str
-        In Markdown.
-    """
+    """Write what has to decide between the two maps of a plane."""
     lines = ["Two motions explain these views of a plane: one of the maps is right.", ""]
     bound = None if attempt is None else next((g for g in attempt.gates if g.name is GateName.RISK), None)
     if attempt is not None and attempt.window is not None and bound is not None:
@@ -126,15 +81,7 @@ def twins_markdown(attempt: Attempt | None) -> str:
 def legend_markdown(arrow_factor: int) -> str:
     """Write what the colours of the views mean.
 
-    Parameters
-    ----------
-    arrow_factor : int
-        How many times as long the arrows of a rolling shutter are drawn.
-
-    Returns
-    -------
-    str
-        In Markdown.
+    * ``arrow_factor``: How many times as long the arrows of a rolling shutter are drawn.
     """
     rows = (
         ("map, keyframes", "blue", "estimated cameras and path"),
@@ -154,17 +101,7 @@ def legend_markdown(arrow_factor: int) -> str:
 
 
 def advice_markdown(summary: Summary) -> str:
-    """Write the result of a run in large letters: initialized, or why not and what to do.
-
-    Parameters
-    ----------
-    summary : Summary
-
-    Returns
-    -------
-    str
-        In Markdown.
-    """
+    """Write the result of a run in large letters: initialized, or why not and what to do."""
     if summary.reason is None:
         return f"# Initialized after {summary.frames_to_init} frames"
     said, _, advice = summary.advice.partition(": ")
@@ -180,17 +117,7 @@ def advice_markdown(summary: Summary) -> str:
 
 
 def summary_markdown(summary: Summary) -> str:
-    """Write the figures of a summary as tables, with a list of its keyframes.
-
-    Parameters
-    ----------
-    summary : Summary
-
-    Returns
-    -------
-    str
-        In Markdown.
-    """
+    """Write the figures of a summary as tables, with a list of its keyframes."""
     fields = summary.as_dict()
     reason = f": {summary.reason}" if summary.reason else ""
     lines = [f"# {summary.status}{reason}", *_table("figure", {name: fields[name] for name in _FIGURES})]

@@ -25,8 +25,6 @@ from slam_init.system.regular_file import open_regular
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
 
-__all__ = ["Served", "check_recording", "has_display", "screenshots", "serve", "show"]
-
 _HOST = "127.0.0.1"
 #: Rerun's own ports, where they are free.
 _WEB_PORT, _DATA_PORT = 9090, 9876
@@ -40,17 +38,7 @@ _WINDOW = "1280x720"
 
 
 def check_recording(path: Path) -> None:
-    """Check that a file is a recording.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    SourceError
-        If the file cannot be read, or is something else.
-    """
+    """Check that a file is a recording."""
     with open_regular(path, SourceError) as file:
         if file.read(len(_MAGIC)) != _MAGIC:
             raise SourceError(f"{path}: is not a rerun recording, or is cut off: run again")
@@ -59,10 +47,7 @@ def check_recording(path: Path) -> None:
 def has_display() -> bool:
     """Return whether a window can be opened here.
 
-    Returns
-    -------
-    bool
-        On Linux whether a display is named in the environment; elsewhere True.
+    * Returns: On Linux whether a display is named in the environment; elsewhere True.
     """
     if not sys.platform.startswith("linux"):
         return True
@@ -70,17 +55,7 @@ def has_display() -> bool:
 
 
 def show(path: Path) -> None:
-    """Open a recording in a window, and return when the window is closed.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    ViewerError
-        If the viewer cannot be started, or fails.
-    """
+    """Open a recording in a window, and return when the window is closed."""
     with _viewer([str(path), "--port", str(_free_port(_DATA_PORT)), "--bind", _HOST]) as (process, log):
         if code := process.wait():
             raise ViewerError(f"the viewer ended with code {code}{_last_line(log)}: try --web or --screenshot")
@@ -89,14 +64,9 @@ def show(path: Path) -> None:
 class Served:
     """A recording that is served to browsers.
 
-    Parameters
-    ----------
-    url : str
-        The address for a browser on this machine.
-    process : subprocess.Popen
-        The server.
-    log : binary file
-        Its messages.
+    * ``url``: The address for a browser on this machine.
+    * ``process``: The server.
+    * ``log``: Its messages.
     """
 
     def __init__(self, url: str, process: subprocess.Popen[bytes], log: BinaryIO) -> None:
@@ -104,13 +74,7 @@ class Served:
         self._process, self._log = process, log
 
     def wait(self) -> None:
-        """Wait until the server ends.
-
-        Raises
-        ------
-        ViewerError
-            If it fails.
-        """
+        """Wait until the server ends."""
         if code := self._process.wait():
             raise ViewerError(f"the web viewer ended with code {code}{_last_line(self._log)}")
 
@@ -119,21 +83,7 @@ class Served:
 def serve(path: Path, port: int | None = None) -> Iterator[Served]:
     """Serve a recording and the viewer as a web page, on this machine only.
 
-    Parameters
-    ----------
-    path : Path
-    port : int, optional
-        Of the web page; by default 9090, or a free one.
-
-    Yields
-    ------
-    Served
-        Once the page answers. The server ends with the ``with`` block.
-
-    Raises
-    ------
-    ViewerError
-        If the server cannot be started.
+    * Returns: Once the page answers. The server ends with the ``with`` block.
     """
     web, data = port or _free_port(_WEB_PORT), _free_port(_DATA_PORT)
     ports = ["--web-viewer-port", str(web), "--port", str(data), "--bind", _HOST]
@@ -143,26 +93,7 @@ def serve(path: Path, port: int | None = None) -> Iterator[Served]:
 
 
 def screenshots(path: Path, frames: Sequence[int], window: str = _WINDOW) -> dict[int, bytes]:
-    """Draw a recording without a display.
-
-    Parameters
-    ----------
-    path : Path
-    frames : sequence of int
-        Frames to show; -1 for the last one.
-    window : str
-        Size in pixels, ``WIDTHxHEIGHT``.
-
-    Returns
-    -------
-    dict of int to bytes
-        The frames and their PNG files.
-
-    Raises
-    ------
-    ViewerError
-        If there is no graphics driver, the installed viewer is too old, or a frame is not in the recording.
-    """
+    """Draw a recording without a display."""
     port = _free_port(_DATA_PORT)
     options = ["--headless", "--hide-welcome-screen", "--window-size", window, "--port", str(port), "--bind", _HOST]
     with _viewer(options) as (process, log):

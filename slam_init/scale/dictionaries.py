@@ -6,26 +6,9 @@ from typing import Any
 
 from slam_init.errors import ConfigError
 
-__all__ = ["marker_dictionary"]
-
 
 def marker_dictionary(name: str) -> Any:
-    """Look up a dictionary of markers.
-
-    Parameters
-    ----------
-    name : str
-        As in :class:`slam_init.scale.requests.KnownMarkers`.
-
-    Returns
-    -------
-    cv2.aruco.Dictionary
-
-    Raises
-    ------
-    ConfigError
-        If OpenCV has no such dictionary.
-    """
+    """Look up a dictionary of markers."""
     import cv2
 
     known = {key.upper(): key for key in sorted(vars(cv2.aruco)) if key.startswith("DICT_")}

@@ -27,8 +27,6 @@ from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Trajectory
 from slam_init.types.scale import Scale
 
-__all__ = ["find_scale"]
-
 #: A scale that is known worse than this is none: its interval of two deviations reaches half of the value.
 _WORST_SIGMA = 0.25
 #: Markers of one size disagree by more than this many standard deviations once in 15,000.
@@ -50,28 +48,12 @@ def find_scale(
 ) -> Scale:
     """Find how many metres a unit of a map is.
 
-    Parameters
-    ----------
-    map_ : InitialMap
-        In its own unit.
-    request : ScaleRequest
-        What is known, as from :func:`slam_init.scale.requests.parse_scale`.
-    images : mapping of int to (H, W) uint8, optional
-        Grey images by the absolute index of their frame, for markers and boards. Only keyframes count.
-    located : sequence of Keyframe
-        Frames that were located in the map, for distances and for the true trajectory.
-    groundtruth : Trajectory, optional
-        The true trajectory in metres.
+    Shapes: ``images`` (H, W).
 
-    Returns
-    -------
-    Scale
-        Falsy with a reason where the map or the images do not tell it.
-
-    Raises
-    ------
-    ConfigError
-        If OpenCV has no such dictionary of markers.
+    * ``request``: What is known, as from :func:`slam_init.scale.requests.parse_scale`.
+    * ``images``: Grey images by the absolute index of their frame, for markers and boards. Only keyframes count.
+    * ``located``: Frames that were located in the map, for distances and for the true trajectory.
+    * Returns: Falsy with a reason where the map or the images do not tell it.
     """
     match request:
         case KnownMarkers():

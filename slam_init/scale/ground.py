@@ -37,8 +37,6 @@ from slam_init.scale.sensitivity import InverseDepths, inverse_depths
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.initial_map import InitialMap
 
-__all__ = ["Ground", "NoGround", "find_ground"]
-
 #: Heights of the ground under the landmarks, as share of the height of the camera: 3 cm below a car's camera.
 _ROUGHNESS = 0.02
 #: Slopes of the ground in radians: a floor, a road, a lawn. The second one is used to look for a plane.
@@ -68,39 +66,25 @@ _PARTS = 3
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """The ground plane.
+    """The ground plane."""
 
-    Attributes
-    ----------
-    height : float
-        Height of the camera above it in units of the map, on average over the keyframes.
-    variance : float
-        Variance of the logarithm of the height for given poses.
-    by_poses : (6 K,) float
-        Derivatives of the logarithm by the poses of the keyframes.
-    landmarks : int
-        Number of landmarks on the plane.
-    tilt_deg : float
-        Angle between the normal of the plane and the expected direction, in the first camera.
-    """
-
+    #: Height of the camera above it in units of the map, on average over the keyframes.
     height: float
+    #: Variance of the logarithm of the height for given poses.
     variance: float
+    #: Derivatives of the logarithm by the poses of the keyframes.
     by_poses: Floats
+    #: Number of landmarks on the plane.
     landmarks: int
+    #: Angle between the normal of the plane and the expected direction, in the first camera.
     tilt_deg: float
 
 
 @dataclass(frozen=True)
 class NoGround:
-    """Why no ground was found.
+    """Why no ground was found."""
 
-    Attributes
-    ----------
-    reason : str
-        One sentence.
-    """
-
+    #: One sentence.
     reason: str
 
     def __bool__(self) -> bool:
@@ -110,15 +94,7 @@ class NoGround:
 def find_ground(map_: InitialMap, *, nadir: bool = False) -> Ground | NoGround:
     """Find the ground plane.
 
-    Parameters
-    ----------
-    map_ : InitialMap
-    nadir : bool
-        Whether the camera looks down, so that the ground lies ahead of it and not below.
-
-    Returns
-    -------
-    Ground or NoGround
+    * ``nadir``: Whether the camera looks down, so that the ground lies ahead of it and not below.
     """
     seen = inverse_depths(map_)
     where = "ahead of" if nadir else "below"

@@ -13,8 +13,6 @@ from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
 from slam_init.types.scale import Scale
 
-__all__ = ["in_metres", "scaled_keyframes"]
-
 #: Relative standard deviation of the range that holds the scale of a map in its own unit, see
 #: :mod:`slam_init.bundle.graph`.
 _HELD_SIGMA = 1e-3
@@ -26,23 +24,6 @@ def in_metres(map_: InitialMap, scale: Scale) -> InitialMap:
     The graph keeps the scale: the range factor between the first camera and the one farthest from it measures metres,
     with the standard deviation of the scale. The covariances of the poses are those of this graph, so that they include
     it.
-
-    Parameters
-    ----------
-    map_ : InitialMap
-        In its own unit.
-    scale : Scale
-        From :func:`slam_init.scale.find.find_scale`.
-
-    Returns
-    -------
-    InitialMap
-        A new map; the given one does not change.
-
-    Raises
-    ------
-    SlamInitError
-        If the scale was not found, or the map is in metres already.
     """
     if scale.metres_per_unit is None or scale.sigma is None:
         raise SlamInitError(f"the map stays in its own unit: {scale.reason or 'the scale was not found'}")
@@ -88,18 +69,7 @@ def _of_scale(sigma: float, offsets: Floats) -> Floats:
 
 
 def scaled_keyframes(keyframes: tuple[Keyframe, ...], factor: float) -> tuple[Keyframe, ...]:
-    """Change the unit of keyframes.
-
-    Parameters
-    ----------
-    keyframes : tuple of Keyframe
-    factor : float
-        Factor on their positions.
-
-    Returns
-    -------
-    tuple of Keyframe
-    """
+    """Change the unit of keyframes."""
     return tuple(
         replace(keyframe, world_from_cam=Pose(keyframe.world_from_cam.R, factor * keyframe.world_from_cam.t))
         for keyframe in keyframes

@@ -23,8 +23,6 @@ from slam_init.types.arrays import Floats
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose
 
-__all__ = ["TargetSize", "fit_target"]
-
 #: Least standard deviation of a corner: blur and the print move all corners of a target alike, which the residuals do
 #: not show.
 _LEAST_NOISE_PX = 0.1
@@ -38,26 +36,17 @@ _CONVERGED = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class TargetSize:
-    """The size of a target.
+    """The size of a target."""
 
-    Attributes
-    ----------
-    target : int
-        Number of the target.
-    log_units : float
-        Logarithm of the units of the map in a metre.
-    variance : float
-        Its variance for given poses, by the noise of the corners.
-    by_poses : (6 K,) float
-        Its derivatives by the poses of the keyframes.
-    frames : tuple of int
-        Frames of the views.
-    """
-
+    #: Number of the target.
     target: int
+    #: Logarithm of the units of the map in a metre.
     log_units: float
+    #: Its variance for given poses, by the noise of the corners.
     variance: float
+    #: Its derivatives by the poses of the keyframes.
     by_poses: Floats
+    #: Frames of the views.
     frames: tuple[int, ...]
 
 
@@ -86,16 +75,8 @@ class _Target:
 def fit_target(map_: InitialMap, sightings: Sequence[Sighting]) -> TargetSize | None:
     """Fit the pose and the size of a target.
 
-    Parameters
-    ----------
-    map_ : InitialMap
-    sightings : sequence of Sighting
-        Of one target. Those of frames that are no keyframes are ignored.
-
-    Returns
-    -------
-    TargetSize or None
-        None if fewer than two views fit together: the target moves, or the camera does not.
+    * ``sightings``: Of one target. Those of frames that are no keyframes are ignored.
+    * Returns: None if fewer than two views fit together: the target moves, or the camera does not.
     """
     views = _views(map_, sightings)
     while len(views) >= 2:

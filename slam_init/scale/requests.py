@@ -21,18 +21,6 @@ from typing import TypeAlias
 from slam_init.errors import ConfigError
 from slam_init.types.scale import ScaleOrigin
 
-__all__ = [
-    "CameraHeight",
-    "KnownBoard",
-    "KnownDistance",
-    "KnownLength",
-    "KnownMarkers",
-    "ScaleRequest",
-    "TrueTrajectory",
-    "origin_of",
-    "parse_scale",
-]
-
 _FORMS = (
     "marker:tag36h11:0.14, board:9x6:0.025, height:1.65, height:40,nadir, distance:0.25, distance:0.25,10,40 "
     "or groundtruth"
@@ -48,16 +36,10 @@ _DIGITS = 12
 
 @dataclass(frozen=True)
 class KnownLength:
-    """A length that somebody measured.
-
-    Attributes
-    ----------
-    metres : float
-    sigma_m : float
-        Its standard deviation in metres; 0 where the length is exact.
-    """
+    """A length that somebody measured."""
 
     metres: float
+    #: Its standard deviation in metres; 0 where the length is exact.
     sigma_m: float = 0.0
 
     def __post_init__(self) -> None:
@@ -69,45 +51,28 @@ class KnownLength:
 
     @property
     def relative_sigma(self) -> float:
-        """Standard deviation over the length.
-
-        Returns
-        -------
-        float
-        """
+        """Standard deviation over the length."""
         return self.sigma_m / self.metres
 
 
 @dataclass(frozen=True)
 class KnownMarkers:
-    """Square markers, all of one dictionary and size.
+    """Square markers, all of one dictionary and size."""
 
-    Attributes
-    ----------
-    dictionary : str
-        A dictionary of OpenCV: ``tag36h11``, ``tag25h9``, ``4x4_50``, ``DICT_5X5_100``, in upper or lower case.
-    side : KnownLength
-        Side of the black square, without the white margin.
-    """
-
+    #: A dictionary of OpenCV: ``tag36h11``, ``tag25h9``, ``4x4_50``, ``DICT_5X5_100``, in upper or lower case.
     dictionary: str
+    #: Side of the black square, without the white margin.
     side: KnownLength
 
 
 @dataclass(frozen=True)
 class KnownBoard:
-    """A checkerboard.
+    """A checkerboard."""
 
-    Attributes
-    ----------
-    columns, rows : int
-        Number of inner corners.
-    square : KnownLength
-        Side of a square.
-    """
-
+    #: columns, rows: Number of inner corners.
     columns: int
     rows: int
+    #: Side of a square.
     square: KnownLength
 
     def __post_init__(self) -> None:
@@ -120,33 +85,21 @@ class KnownBoard:
 
 @dataclass(frozen=True)
 class CameraHeight:
-    """The height of the camera above the ground, on average over the keyframes.
-
-    Attributes
-    ----------
-    height : KnownLength
-    nadir : bool
-        Whether the camera looks down, so that the ground lies ahead of it. By default the ground lies below it, in the
-        direction of the lower border of the image.
-    """
+    """The height of the camera above the ground, on average over the keyframes."""
 
     height: KnownLength
+    #: Whether the camera looks down, so that the ground lies ahead of it. By default the ground lies below it, in the
+    #: direction of the lower border of the image.
     nadir: bool = False
 
 
 @dataclass(frozen=True)
 class KnownDistance:
-    """The distance between the positions of the camera at two frames.
-
-    Attributes
-    ----------
-    distance : KnownLength
-    frames : (int, int) or None
-        Absolute indices of the frames: keyframes, or frames that were located after the initialization. None for the
-        first and the last keyframe.
-    """
+    """The distance between the positions of the camera at two frames."""
 
     distance: KnownLength
+    #: (int, int) Absolute indices of the frames: keyframes, or frames that were located after the initialization.
+    #: None for the first and the last keyframe.
     frames: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
@@ -164,16 +117,7 @@ ScaleRequest: TypeAlias = KnownMarkers | KnownBoard | CameraHeight | KnownDistan
 
 
 def origin_of(request: ScaleRequest) -> ScaleOrigin:
-    """Name the origin of the scale of a request.
-
-    Parameters
-    ----------
-    request : ScaleRequest
-
-    Returns
-    -------
-    ScaleOrigin
-    """
+    """Name the origin of the scale of a request."""
     match request:
         case KnownMarkers():
             return ScaleOrigin.MARKER
@@ -188,22 +132,7 @@ def origin_of(request: ScaleRequest) -> ScaleOrigin:
 
 
 def parse_scale(text: str) -> ScaleRequest:
-    """Read a request from its text.
-
-    Parameters
-    ----------
-    text : str
-        As in the table of :mod:`slam_init.scale.requests`.
-
-    Returns
-    -------
-    ScaleRequest
-
-    Raises
-    ------
-    ConfigError
-        If the text has another form, a length is out of range, or OpenCV has no such dictionary.
-    """
+    """Read a request from its text."""
     kind, _, rest = text.strip().partition(":")
     try:
         request = _parsed(kind.lower(), rest)

@@ -14,8 +14,6 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.initial_map import InitialMap
 
-__all__ = ["InverseDepths", "by_pose", "inverse_depths", "projection_derivatives", "skew"]
-
 #: Half of the step of a numerical derivative, over the distance of the point: its error is 1e-8 of the derivative.
 _STEP = 1e-4
 
@@ -23,14 +21,7 @@ _STEP = 1e-4
 def skew(vectors: Floats) -> Floats:
     """Make the matrices of cross products.
 
-    Parameters
-    ----------
-    vectors : (..., 3) float
-
-    Returns
-    -------
-    (..., 3, 3) float
-        ``skew(a) @ b = a x b``.
+    Shapes: ``vectors`` (..., 3), returns (..., 3, 3).
     """
     x, y, z = np.moveaxis(np.asarray(vectors, float), -1, 0)
     zero = np.zeros_like(x)
@@ -41,16 +32,7 @@ def skew(vectors: Floats) -> Floats:
 def projection_derivatives(camera: Camera, in_camera: Floats) -> Floats:
     """Differentiate the projection of points.
 
-    Parameters
-    ----------
-    camera : Camera
-    in_camera : (N, 3) float
-        Points in the camera frame.
-
-    Returns
-    -------
-    (N, 2, 3) float
-        In px per unit; NaN where the camera does not see a point.
+    Shapes: ``in_camera`` (N, 3), returns (N, 2, 3).
     """
     step = _STEP * np.linalg.norm(in_camera, axis=1)
     columns = []
@@ -63,16 +45,7 @@ def projection_derivatives(camera: Camera, in_camera: Floats) -> Floats:
 def by_pose(derivatives: Floats, in_camera: Floats) -> Floats:
     """Differentiate the projection of points by the pose of the camera.
 
-    Parameters
-    ----------
-    derivatives : (N, 2, 3) float
-        From :func:`projection_derivatives`.
-    in_camera : (N, 3) float
-
-    Returns
-    -------
-    (N, 2, 6) float
-        By (rotation, translation).
+    Shapes: ``derivatives`` (N, 2, 3), ``in_camera`` (N, 3), returns (N, 2, 6).
     """
     return np.asarray(
         derivatives @ np.concatenate([skew(in_camera), -np.broadcast_to(np.eye(3), (len(in_camera), 3, 3))], -1)
@@ -81,38 +54,20 @@ def by_pose(derivatives: Floats, in_camera: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class InverseDepths:
-    """The landmarks as seen by the first camera: inverse depth along a ray. On a plane it is linear in the ray.
+    """The landmarks as seen by the first camera: inverse depth along a ray. On a plane it is linear in the ray."""
 
-    Attributes
-    ----------
-    rays : (N, 3) float
-        ``(x, y, 1)`` in the frame of the first camera.
-    values : (N,) float
-        Inverse of the depth.
-    sigmas : (N,) float
-        Standard deviation for given poses, by the noise of the tracks.
-    by_poses : (N, 6 K) float
-        Derivatives by the poses of all keyframes.
-    """
-
+    #: (N, 3) ``(x, y, 1)`` in the frame of the first camera.
     rays: Floats
+    #: (N,) Inverse of the depth.
     values: Floats
+    #: (N,) Standard deviation for given poses, by the noise of the tracks.
     sigmas: Floats
+    #: (N, 6 K) Derivatives by the poses of all keyframes.
     by_poses: Floats
 
 
 def inverse_depths(map_: InitialMap) -> InverseDepths:
-    """Compute the inverse depths of the landmarks in front of the first camera, and what they depend on.
-
-    Parameters
-    ----------
-    map_ : InitialMap
-
-    Returns
-    -------
-    InverseDepths
-        Landmarks that no other view tells a depth of are left out.
-    """
+    """Compute the inverse depths of the landmarks in front of the first camera, and what they depend on."""
     first = map_.keyframes[0].world_from_cam
     points = first.inverse().apply(map_.points)
     count, poses = len(points), len(map_.keyframes)

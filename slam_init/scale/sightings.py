@@ -11,52 +11,30 @@ from slam_init.scale.dictionaries import marker_dictionary
 from slam_init.scale.requests import KnownBoard, KnownMarkers
 from slam_init.types.arrays import Floats, Image
 
-__all__ = ["Sighting", "find_board", "find_markers"]
-
 #: Corners of a marker of side 2 as OpenCV lists them: from the upper left one, clockwise.
 _CORNERS = np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """A target of known size in one image.
+    """A target of known size in one image."""
 
-    Attributes
-    ----------
-    frame : int
-        Absolute index of the frame.
-    target : int
-        Number of the marker; 0 for the board.
-    points_m : (P, 3) float
-        Points of the target in its own frame, in metres; z = 0.
-    pixels : (P, 2) float
-        Their raw pixels.
-    """
-
+    #: Absolute index of the frame.
     frame: int
+    #: Number of the marker; 0 for the board.
     target: int
+    #: (P, 3) Points of the target in its own frame, in metres; z = 0.
     points_m: Floats
+    #: (P, 2) Their raw pixels.
     pixels: Floats
 
 
 def find_markers(images: Mapping[int, Image], markers: KnownMarkers) -> list[Sighting]:
     """Find all markers of a dictionary in images.
 
-    Parameters
-    ----------
-    images : mapping of int to (H, W) uint8
-        Grey images by the absolute index of their frame.
-    markers : KnownMarkers
+    Shapes: ``images`` (H, W).
 
-    Returns
-    -------
-    list of Sighting
-        A number that an image shows twice is left out of this image: a marker on a poster, or a copy.
-
-    Raises
-    ------
-    ConfigError
-        If OpenCV has no such dictionary.
+    * Returns: A number that an image shows twice is left out of this image: a marker on a poster, or a copy.
     """
     import cv2
 
@@ -77,17 +55,10 @@ def find_markers(images: Mapping[int, Image], markers: KnownMarkers) -> list[Sig
 def find_board(images: Mapping[int, Image], board: KnownBoard) -> list[Sighting]:
     """Find a checkerboard in images.
 
-    Parameters
-    ----------
-    images : mapping of int to (H, W) uint8
-        Grey images by the absolute index of their frame.
-    board : KnownBoard
+    Shapes: ``images`` (H, W).
 
-    Returns
-    -------
-    list of Sighting
-        At most one for each image. Half a turn of a board may look the same, so the order of the corners may be
-        reversed from one image to another.
+    * Returns: At most one for each image. Half a turn of a board may look the same, so the order of the corners may be
+      reversed from one image to another.
     """
     import cv2
 

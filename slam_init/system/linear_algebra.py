@@ -38,11 +38,6 @@ def single_threaded() -> AbstractContextManager[object]:
     With matrices of some hundred rows, several threads wait for each other longer than they compute: on two busy cores
     the elimination of the tracks took 5.6 ms with two threads, and 0.3 ms with one. One core is also what the
     initializer is meant to need.
-
-    Returns
-    -------
-    context manager
-        The earlier limit returns at its end.
     """
     limited: AbstractContextManager[object] = _controller().limit(limits=1, user_api="blas")
     return limited

@@ -22,8 +22,6 @@ import threading
 import time
 from types import FrameType
 
-__all__ = ["NOT_STARTED", "end_with_parent", "guarded", "main"]
-
 #: Interval at which a process asks for its parent.
 _ASK_S = 0.5
 _PR_SET_PDEATHSIG = 1
@@ -36,10 +34,7 @@ NOT_STARTED = 127
 def end_with_parent(parent: int) -> None:
     """Let this process be killed when its parent ends.
 
-    Parameters
-    ----------
-    parent : int
-        Process id of the parent. If it has ended already, this process ends at once.
+    * ``parent``: Process id of the parent. If it has ended already, this process ends at once.
     """
     _signal_at_end_of_parent(signal.SIGKILL)
     if os.getppid() != parent:
@@ -51,10 +46,7 @@ def end_with_parent(parent: int) -> None:
 def guarded(parent: int) -> None:
     """Fork. The child returns; the parent stays here as its guard, and exits as the child does.
 
-    Parameters
-    ----------
-    parent : int
-        Process id of the process that started this one. The caller must be the leader of a process group.
+    * ``parent``: Process id of the process that started this one. The caller must be the leader of a process group.
     """
     read, write = os.pipe()
     guard = os.getpid()
@@ -96,10 +88,8 @@ def launcher(memory_limit_mb: int = 0) -> list[str]:
 def main(arguments: list[str]) -> None:
     """Run an external program in the process group of this process, which becomes its guard.
 
-    Parameters
-    ----------
-    arguments : list of str
-        Process id of the parent; limit of the address space in MB, 0 for no limit; the program and its arguments.
+    * ``arguments``: Process id of the parent; limit of the address space in MB, 0 for no limit; the program and its
+      arguments.
     """
     parent, limit_mb, *words = arguments
     guarded(int(parent))

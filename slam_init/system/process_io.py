@@ -12,16 +12,6 @@ from typing import TypeAlias
 
 from slam_init.errors import OutputError, plain_line
 
-__all__ = [
-    "FirstInterruptTold",
-    "InterruptsDeferred",
-    "InterruptsNoted",
-    "NativeStderrSilenced",
-    "complain",
-    "fill_closed_streams",
-    "tell",
-]
-
 
 def fill_closed_streams() -> None:
     """Connect standard streams that the caller closed to the null device.
@@ -42,15 +32,7 @@ def fill_closed_streams() -> None:
 def tell(text: str) -> None:
     """Write to the standard output. If the reader of a pipe has closed it, the text is dropped without an error.
 
-    Parameters
-    ----------
-    text : str
-        With line ends. Characters that the encoding of the stream lacks are escaped.
-
-    Raises
-    ------
-    OutputError
-        If the text cannot be written for another reason.
+    * ``text``: With line ends. Characters that the encoding of the stream lacks are escaped.
     """
     try:
         # File names may hold characters that the encoding of the stream lacks.
@@ -76,10 +58,7 @@ def _drop_stdout() -> None:
 class InterruptsNoted:
     """A context manager in which SIGTERM and SIGHUP interrupt the program as SIGINT does, by a KeyboardInterrupt.
 
-    Attributes
-    ----------
-    seen : int or None
-        The first signal that has come since the start of the context; None if none has come.
+    * ``seen``: The first signal that has come since the start of the context; None if none has come.
     """
 
     def __enter__(self) -> InterruptsNoted:
@@ -111,10 +90,7 @@ class InterruptsDeferred:
 class FirstInterruptTold:
     """A context manager in which the first interrupt is told to a function; further ones interrupt as before.
 
-    Parameters
-    ----------
-    told : callable
-        Takes nothing. It runs in a signal handler, so that it must not wait for a lock.
+    * ``told``: Takes nothing. It runs in a signal handler, so that it must not wait for a lock.
     """
 
     def __init__(self, told: Callable[[], object]) -> None:
@@ -165,10 +141,7 @@ def _restore_handlers(before: _Handlers) -> None:
 def complain(message: str) -> None:
     """Write a message to the standard error as one line that starts with ``slam-init:``.
 
-    Parameters
-    ----------
-    message : str
-        Line breaks and other characters that are no plain text are escaped.
+    * ``message``: Line breaks and other characters that are no plain text are escaped.
     """
     print("slam-init:", plain_line(message), file=sys.stderr)
 

@@ -15,8 +15,6 @@ from typing import BinaryIO
 
 from slam_init.errors import SlamInitError, SourceError
 
-__all__ = ["check_inside", "kind_problem", "open_regular", "read_regular", "user_path"]
-
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a named pipe"),
@@ -29,14 +27,8 @@ _KINDS = (
 def user_path(text: str | os.PathLike[str]) -> Path:
     """Make a path of what a user typed.
 
-    Parameters
-    ----------
-    text : str or path-like
-        ``~`` and ``~name`` at the start stand for a home folder. If there is no such user, they stand for themselves.
-
-    Returns
-    -------
-    Path
+    * ``text``: ``~`` and ``~name`` at the start stand for a home folder. If there is no such user, they stand for
+      themselves.
     """
     return Path(os.path.expanduser(text))  # noqa: PTH111 (Path.expanduser raises where there is no such user)
 
@@ -44,14 +36,7 @@ def user_path(text: str | os.PathLike[str]) -> Path:
 def kind_problem(path: str | os.PathLike[str]) -> str | None:
     """Find why a path is no regular file, without opening it. Links are followed.
 
-    Parameters
-    ----------
-    path : str or path-like
-
-    Returns
-    -------
-    str or None
-        The rest of a sentence that starts with the path; None for a regular file.
+    * Returns: The rest of a sentence that starts with the path; None for a regular file.
     """
     path = Path(path)
     try:
@@ -77,17 +62,7 @@ def _mode_problem(mode: int) -> str | None:
 def open_regular(path: str | os.PathLike[str], error: type[SlamInitError]) -> BinaryIO:
     """Open a regular file for reading. Nothing else is opened.
 
-    Parameters
-    ----------
-    path : str or path-like
-        Links are followed.
-    error : type of SlamInitError
-        Raised where this is no regular file, or where it cannot be opened.
-
-    Returns
-    -------
-    binary file
-        To be closed by the caller.
+    * ``error``: Raised where this is no regular file, or where it cannot be opened.
     """
     path = Path(path)
     if problem := kind_problem(path):
@@ -106,20 +81,8 @@ def open_regular(path: str | os.PathLike[str], error: type[SlamInitError]) -> Bi
 def read_regular(path: str | os.PathLike[str], limit_bytes: int, what: str, error: type[SlamInitError]) -> bytes:
     """Read a regular file of limited size.
 
-    Parameters
-    ----------
-    path : str or path-like
-        Links are followed.
-    limit_bytes : int
-        Largest size. The size is looked up before anything is read, and no more than this is read.
-    what : str
-        What the file should be, for the message.
-    error : type of SlamInitError
-        Raised where this is no regular file, or where it cannot be read or is larger.
-
-    Returns
-    -------
-    bytes
+    * ``limit_bytes``: Largest size. The size is looked up before anything is read, and no more than this is read.
+    * ``error``: Raised where this is no regular file, or where it cannot be read or is larger.
     """
     with open_regular(path, error) as file:
         try:
@@ -139,18 +102,6 @@ def check_inside(path: str | os.PathLike[str], root: str | os.PathLike[str]) -> 
     The user names a source, and allows that what is in it is read. A link in it, a path with ``..`` or an absolute path
     in one of its lists may lead to any other file, which the user did not name. A link that stays in the folder is
     followed, and so is a link that the user names as the source.
-
-    Parameters
-    ----------
-    path : str or path-like
-        A file or folder of the source; it need not exist.
-    root : str or path-like
-        The folder of the source.
-
-    Raises
-    ------
-    SourceError
-        If the path leads out of the folder, or if its links are circular.
     """
     try:
         target = os.path.realpath(path, strict=False)

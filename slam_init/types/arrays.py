@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Bools", "Floats", "Image", "Ints", "evenly_spaced"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -16,16 +14,6 @@ Image = NDArray[np.uint8]
 def evenly_spaced(count: int, most: int) -> Ints:
     """Positions in an array, evenly spaced.
 
-    Parameters
-    ----------
-    count : int
-        Length of the array.
-    most : int
-        Largest number of positions.
-
-    Returns
-    -------
-    (N,) int
-        Ascending; all positions where there are no more.
+    Shapes: returns (N,).
     """
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))

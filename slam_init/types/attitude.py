@@ -10,8 +10,6 @@ import numpy as np
 from slam_init.errors import SlamInitError
 from slam_init.types.arrays import Floats
 
-__all__ = ["Attitude", "checked_rotation"]
-
 #: A matrix that is farther from a rotation was not meant as one: numbers of four digits are nearer.
 _NOT_A_ROTATION = 1e-3
 #: Standard deviations of a measured rotation, in radians: nothing measures better than the least; more than the most is
@@ -21,33 +19,19 @@ _SIGMAS_RAD = (1e-6, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class Attitude:
-    """The measured rotation of the camera since some frame.
+    """The measured rotation of the camera since some frame."""
 
-    Attributes
-    ----------
-    cam_from_start : (3, 3) float
-    variance_rad2 : float
-        Of each component of its rotation vector; the sum of those of the steps.
-    start : int
-        Frame since which the rotation of every frame was measured.
-    """
-
+    #: (3, 3)
     cam_from_start: Floats
+    #: Of each component of its rotation vector; the sum of those of the steps.
     variance_rad2: float
+    #: Frame since which the rotation of every frame was measured.
     start: int
 
     def after(self, rotation: Floats, sigma_rad: float) -> Attitude:
         """The attitude in the next frame.
 
-        Parameters
-        ----------
-        rotation : (3, 3) float
-            Next camera from this camera.
-        sigma_rad : float
-
-        Returns
-        -------
-        Attitude
+        Shapes: ``rotation`` (3, 3).
         """
         return Attitude(rotation @ self.cam_from_start, self.variance_rad2 + sigma_rad**2, self.start)
 
@@ -55,21 +39,7 @@ class Attitude:
 def checked_rotation(rotation: object, sigma_rad: float) -> Floats:
     """Check a measured rotation.
 
-    Parameters
-    ----------
-    rotation : (3, 3) array_like
-    sigma_rad : float
-        Standard deviation of each component of its rotation vector.
-
-    Returns
-    -------
-    (3, 3) float
-        The nearest rotation.
-
-    Raises
-    ------
-    SlamInitError
-        If it is no rotation, or the standard deviation is impossible.
+    Shapes: ``rotation`` (3, 3), returns (3, 3).
     """
     try:
         R = np.asarray(rotation, float)

@@ -32,8 +32,6 @@ from slam_init.types.lenses.planar import (
     undistort_radtan,
 )
 
-__all__ = ["Camera"]
-
 # Largest distortion coefficient. That of a telescope, whose rays have a tangent of 0.01, may reach thousands.
 _MAX_DISTORTION = 1e6
 

@@ -6,8 +6,6 @@ import math
 
 from slam_init.errors import CalibrationError
 
-__all__ = ["check_intrinsics"]
-
 # Range of the focal length in units of the longer side: a fisheye of 180 degrees has 0.3, a telescope 100. A value
 # outside is in a wrong unit (metres, a fraction of the width), and later numbers would overflow.
 _FOCAL_RANGE = (0.01, 1000.0)
@@ -22,21 +20,7 @@ _MAX_SIDE = 1_000_000
 
 
 def check_intrinsics(width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> None:
-    """Refuse numbers that no camera has.
-
-    Parameters
-    ----------
-    width, height : int
-        Image size in pixels.
-    fx, fy, cx, cy : float
-        Focal lengths and principal point in pixels.
-
-    Raises
-    ------
-    CalibrationError
-        If a focal length or a size is not positive, or if a number is not finite or outside of the range of real
-        cameras.
-    """
+    """Refuse numbers that no camera has."""
     for name, value in (("fx", fx), ("fy", fy)):
         if not (math.isfinite(value) and value > 0):
             raise CalibrationError(f"focal length {name} is {value!r}: it must be a positive number of pixels")

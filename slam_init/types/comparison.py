@@ -5,48 +5,33 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-__all__ = ["Margin"]
-
 
 @dataclass(frozen=True)
 class Margin:
-    """The amount by which one map explains the tracks better than another.
-
-    Attributes
-    ----------
-    log_likelihood : float
-        Difference of the truncated Gaussian log likelihoods, in nats; positive where the first map is better.
-    z : float
-        The same difference, in units of the standard deviation that it has by chance if both explain the tracks equally
-        well (after Vuong 1989). Each track votes by the difference of its two log likelihoods; the votes against the
-        first map tell the standard deviation (:mod:`slam_init.window.risk`).
-    z_needed : float
-        Smallest z that decides the vote. The default is exceeded by chance once in 30 000 cases.
-    """
+    """The amount by which one map explains the tracks better than another."""
 
     #: Smallest log likelihood that decides the vote, also if the assumed noise is wrong by a factor of two.
     LOG_LIKELIHOOD_NEEDED: ClassVar[float] = 20.0
 
+    #: Difference of the truncated Gaussian log likelihoods, in nats; positive where the first map is better.
     log_likelihood: float
+    #: The same difference, in units of the standard deviation that it has by chance if both explain the tracks
+    #: equally well (after Vuong 1989). Each track votes by the difference of its two log likelihoods; the votes
+    #: against the first map tell the standard deviation (:mod:`slam_init.window.risk`).
     z: float
+    #: Smallest z that decides the vote. The default is exceeded by chance once in 30 000 cases.
     z_needed: float = 4.0
 
     def decides(self) -> bool:
         """Return whether the first map is better beyond chance.
 
-        Returns
-        -------
-        bool
-            True if both z and the log likelihood reach their required values.
+        * Returns: True if both z and the log likelihood reach their required values.
         """
         return self.decision_ratio() >= 1
 
     def decision_ratio(self) -> float:
         """Divide z and the log likelihood by their required values.
 
-        Returns
-        -------
-        float
-            The smaller one of the two ratios; the vote decides from 1 on.
+        * Returns: The smaller one of the two ratios; the vote decides from 1 on.
         """
         return min(self.z / self.z_needed, self.log_likelihood / self.LOG_LIKELIHOOD_NEEDED)

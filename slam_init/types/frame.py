@@ -16,8 +16,6 @@ from slam_init.types.pose import Trajectory
 if TYPE_CHECKING:
     from slam_init.types.camera import Camera
 
-__all__ = ["Frame", "Observations", "Source", "length_of", "notes_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -85,33 +83,14 @@ class Source(Protocol):
         ...
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Give frames in time order.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame.
-        max_frames : int, optional
-            Largest number of frames; by default all.
-
-        Yields
-        ------
-        Frame
-        """
+        """Give frames in time order."""
         ...
 
 
 def length_of(source: Source) -> int | None:
     """Tell how many frames a source has.
 
-    Parameters
-    ----------
-    source : Source
-
-    Returns
-    -------
-    int or None
-        For a video, the number in its header. None for a live stream, whose end is not known.
+    * Returns: For a video, the number in its header. None for a live stream, whose end is not known.
     """
     return len(source) if isinstance(source, Sized) else None
 
@@ -119,15 +98,7 @@ def length_of(source: Source) -> int | None:
 def notes_of(source: Source) -> tuple[str, ...]:
     """List what the user should know about a source.
 
-    Parameters
-    ----------
-    source : Source
-        The attribute ``notes`` is optional, because a data set of the user need not have any.
-
-    Returns
-    -------
-    tuple of str
-        One sentence each.
+    * ``source``: The attribute ``notes`` is optional, because a data set of the user need not have any.
     """
     return tuple(getattr(source, "notes", ()))
 

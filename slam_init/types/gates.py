@@ -8,8 +8,6 @@ from enum import StrEnum
 
 from slam_init.types.reasons import Verdict
 
-__all__ = ["Direction", "Gate", "GateName", "Stage", "at_least", "at_most", "progress"]
-
 
 class Stage(StrEnum):
     """The stages that a pair has to pass, in this order.
@@ -38,13 +36,9 @@ class GateName(StrEnum):
     """The name of a gate, that is, of the figure that is compared with a threshold.
 
     A suffix ``_px`` or ``_deg`` is the unit.
-
-    Attributes
-    ----------
-    unit : str
-        Unit of the value and of the threshold; empty for shares, counts and ratios.
     """
 
+    #: Unit of the value and of the threshold; empty for shares, counts and ratios.
     unit: str
 
     def __new__(cls, value: str, unit: str = "") -> GateName:
@@ -134,42 +128,12 @@ class Gate:
 
 
 def at_least(name: GateName, value: float, threshold: float, reason: Verdict, advice: str | None = None) -> Gate:
-    """Make a gate that passes from the threshold upwards.
-
-    Parameters
-    ----------
-    name : GateName
-    value, threshold : float
-        In the unit of the name.
-    reason : Verdict
-        The verdict if the gate does not pass.
-    advice : str, optional
-        By default the advice of the reason.
-
-    Returns
-    -------
-    Gate
-    """
+    """Make a gate that passes from the threshold upwards."""
     return Gate(name, value, threshold, Direction.AT_LEAST, name.unit, reason, advice or reason.advice)
 
 
 def at_most(name: GateName, value: float, threshold: float, reason: Verdict, advice: str | None = None) -> Gate:
-    """Make a gate that passes from the threshold downwards.
-
-    Parameters
-    ----------
-    name : GateName
-    value, threshold : float
-        In the unit of the name.
-    reason : Verdict
-        The verdict if the gate does not pass.
-    advice : str, optional
-        By default the advice of the reason.
-
-    Returns
-    -------
-    Gate
-    """
+    """Make a gate that passes from the threshold downwards."""
     return Gate(name, value, threshold, Direction.AT_MOST, name.unit, reason, advice or reason.advice)
 
 
@@ -178,18 +142,6 @@ def progress(stage: Stage, gates: Iterable[Gate] = ()) -> float:
 
     Each of the four stages counts a quarter. Within its stage, the progress of a pair is that of the gate which is
     farthest from its threshold (:meth:`Gate.gate_fraction`).
-
-    Parameters
-    ----------
-    stage : Stage
-        The stage that refused the pair.
-    gates : iterable of Gate
-        The gates of this stage; empty if the refusal has no gate.
-
-    Returns
-    -------
-    float
-        From 0 to 1.
     """
     stages = tuple(Stage)
     return (stages.index(stage) + min((gate.gate_fraction() for gate in gates), default=0.0)) / len(stages)

@@ -16,8 +16,6 @@ from slam_init.types.pose import Pose
 from slam_init.types.savable import Savable
 from slam_init.types.scale import Scale
 
-__all__ = ["InitialMap", "Keyframe"]
-
 
 @dataclass(frozen=True, eq=False)
 class Keyframe:

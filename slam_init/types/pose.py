@@ -10,8 +10,6 @@ from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_ma
 from slam_init.errors import SlamInitError
 from slam_init.types.arrays import Floats
 
-__all__ = ["Pose", "Trajectory"]
-
 # A thousandth of a pixel at a focal length of 1000 px. A matrix with larger errors was not meant as a rotation.
 _ROTATION_TOLERANCE = 1e-6
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-__all__ = ["REASONS", "Verdict"]
-
 
 # To add a reason, add a line here: the value goes to ``summary.json``, and the advice is shown to the person who moves
 # the camera. A gate (``slam_init.types.gates.Gate``) or a rule of ``slam_init.decision`` then names the reason. The

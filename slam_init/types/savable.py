@@ -21,15 +21,7 @@ class Savable:
         A map is written as trajectory, points, COLMAP model, factor graph and ``handover.npz``. A result is written as
         its maps and ``summary.json``. Either all files are replaced, or none.
 
-        Parameters
-        ----------
-        folder : str or path
-            A folder that is new, empty, or was written by an earlier call or run.
-
-        Raises
-        ------
-        OutputError
-            If the folder holds other files, or a file cannot be written.
+        * ``folder``: A folder that is new, empty, or was written by an earlier call or run.
         """
         assert Savable._writer is not None, "slam_init/__init__.py sets it"
         Savable._writer(self, folder)

@@ -18,8 +18,6 @@ from slam_init.types.frame import Frame
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
-__all__ = ["State", "Status", "frame_of"]
-
 
 class State(StrEnum):
     """State of an initializer."""
@@ -121,27 +119,10 @@ def frame_of(
 ) -> Frame:
     """Make a frame from an image, which is checked. A frame is returned unchanged, but for a given time stamp or mask.
 
-    Parameters
-    ----------
-    image : (H, W) or (H, W, 3) uint8, or Frame
-        Grey or BGR.
-    timestamp_s : float or None
-        In seconds. If it is None, a frame keeps its own time stamp, and that of an image is its index.
-    index : int
-        Absolute index that an image gets.
-    camera : Camera
-        The images have the size of its calibration.
-    mask : (H, W) uint8 or bool, optional
-        Pixels that are 0 are ignored. By default a frame keeps its own mask.
+    Shapes: ``image`` (H, W), ``mask`` (H, W).
 
-    Returns
-    -------
-    Frame
-
-    Raises
-    ------
-    SlamInitError
-        If the array is not such an image, the time stamp is not finite, or the mask has another size.
+    * ``timestamp_s``: In seconds. If it is None, a frame keeps its own time stamp, and that of an image is its index.
+    * ``mask``: Pixels that are 0 are ignored. By default a frame keeps its own mask.
     """
     if timestamp_s is not None and not (isinstance(timestamp_s, Real) and abs(timestamp_s) <= sys.float_info.max):
         raise SlamInitError(f"time stamp {timestamp_s!r:.60}: give finite seconds, or None")

@@ -24,8 +24,6 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 
-__all__ = ["LARGEST_SECONDS", "LARGEST_STAMP", "TimeUnit", "in_seconds", "problem_of", "time_unit", "unit_notes"]
-
 #: No camera gives such a time in seconds: it is the year 5138. In milliseconds it is a day in 1973.
 LARGEST_SECONDS = 1e11
 
@@ -51,29 +49,14 @@ class TimeUnit(StrEnum):
 
     @property
     def per_second(self) -> float:
-        """How many of the unit are a second.
-
-        Returns
-        -------
-        float
-            1, 1e3, 1e6 or 1e9.
-        """
+        """How many of the unit are a second."""
         return 1e3 ** list(TimeUnit).index(self)
 
 
 def time_unit(stamps: Floats, stated: TimeUnit = TimeUnit.SECONDS) -> TimeUnit:
     """Decide the unit of time stamps by their step and their size.
 
-    Parameters
-    ----------
-    stamps : (N,) float
-        At least one; strictly increasing.
-    stated : TimeUnit
-        The unit that the format states.
-
-    Returns
-    -------
-    TimeUnit
+    Shapes: ``stamps`` (N,).
     """
     first, steps = float(stamps[0]), np.diff(stamps)
     possible = [unit for unit in (stated, *TimeUnit) if first / unit.per_second < LARGEST_SECONDS]
@@ -92,16 +75,7 @@ def time_unit(stamps: Floats, stated: TimeUnit = TimeUnit.SECONDS) -> TimeUnit:
 def in_seconds(stamps: Floats, unit: TimeUnit) -> Floats:
     """Convert time stamps to seconds.
 
-    Parameters
-    ----------
-    stamps : (N,) float
-    unit : TimeUnit
-        The unit of the stamps.
-
-    Returns
-    -------
-    (N,) float
-        Divided once, which keeps all digits that a double has.
+    Shapes: ``stamps`` (N,), returns (N,).
     """
     return stamps if unit == TimeUnit.SECONDS else np.asarray(stamps / unit.per_second)
 
@@ -109,17 +83,7 @@ def in_seconds(stamps: Floats, unit: TimeUnit) -> Floats:
 def problem_of(stamp: float, previous: float | None = None) -> str | None:
     """Find what is wrong with a time stamp.
 
-    Parameters
-    ----------
-    stamp : float
-        In any unit.
-    previous : float or None
-        The stamp before in the same unit; None for the first one.
-
-    Returns
-    -------
-    str or None
-        The rest of a sentence that starts with the stamp, and the remedy; None if nothing is wrong.
+    * Returns: The rest of a sentence that starts with the stamp, and the remedy; None if nothing is wrong.
     """
     if not math.isfinite(stamp):
         return "is not a finite number: give seconds"
@@ -133,20 +97,5 @@ def problem_of(stamp: float, previous: float | None = None) -> str | None:
 
 
 def unit_notes(what: str, unit: TimeUnit, stated: TimeUnit = TimeUnit.SECONDS) -> tuple[str, ...]:
-    """Tell a unit that the format did not state.
-
-    Parameters
-    ----------
-    what : str
-        The stamps, in the plural.
-    unit : TimeUnit
-        The unit of the stamps.
-    stated : TimeUnit
-        The unit that the format states.
-
-    Returns
-    -------
-    tuple of str
-        One note for the user; empty if the unit is the stated one.
-    """
+    """Tell a unit that the format did not state."""
     return () if unit == stated else (f"{what} are taken as {unit}, by their size and step",)

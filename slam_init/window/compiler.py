@@ -6,6 +6,4 @@ from pathlib import Path
 
 from quest.robust.kernels.compiler import compiler_of
 
-__all__ = ["compiled"]
-
 compiled = compiler_of(Path(__file__).parent)

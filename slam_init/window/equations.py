@@ -16,8 +16,6 @@ from slam_init.window.track_equations import FIELD_TERMS, collect, eliminate
 from slam_init.window.tracks import WindowTracks
 from slam_init.work import Prices, spend
 
-__all__ = ["OFF_PLANE_COST", "Records", "WindowEquations", "explained_at_most", "tangent_bases"]
-
 #: Cost of a track that leaves the plane: three nats, as much as a track may vote for or against a hypothesis.
 OFF_PLANE_COST = 6.0
 #: Stiffness of the held baseline over that of its view.
@@ -27,34 +25,18 @@ _NO_PLANE: Floats = np.zeros(3)
 
 @dataclass(frozen=True, eq=False)
 class Records:
-    """The observations of the tracks that take part, track by track.
+    """The observations of the tracks that take part, track by track."""
 
-    Attributes
-    ----------
-    observed : (N, 9) float
-        See :func:`slam_init.window.kernels.accumulate`.
-    view : (N,) int
-        The view of each observation.
-    first : (T + 1,) int
-        The first observation of each track, and their number.
-    """
-
+    #: (N, 9) See :func:`slam_init.window.kernels.accumulate`.
     observed: Floats
+    #: (N,) The view of each observation.
     view: Ints
+    #: (T + 1,) The first observation of each track, and their number.
     first: Ints
 
     @staticmethod
     def of(tracks: WindowTracks) -> Records:
-        """Collect the observations of some tracks.
-
-        Parameters
-        ----------
-        tracks : WindowTracks
-
-        Returns
-        -------
-        Records
-        """
+        """Collect the observations of some tracks."""
         count = int(tracks.seen[:, tracks.anchor >= 0].sum())
         observed, view = np.empty((count, 9)), np.empty(count, np.int64)
         first = np.empty(len(tracks.anchor) + 1, np.int64)
@@ -68,41 +50,19 @@ class Records:
 class WindowEquations:
     """The equations of one window and one kind of hypothesis; holds the arrays that all steps share.
 
-    Parameters
-    ----------
-    tracks : WindowTracks
-    start : WindowState
-        Its plane says whether points may lie on a plane. The length of its longest baseline is held.
-    priors : Priors
-    rotation_only : bool
-        Whether all points are at infinity.
-    with_shares : bool
-        Whether the share of each track in the gradient is wanted.
-
-    Attributes
-    ----------
-    tracks : WindowTracks
-    priors : Priors
-    rotation_only : bool
-    costs : (T,) float
-        Cost of each track at the last state, with the cost of leaving the plane.
-    residuals : (V, T, 2) float
-        Of each observation in units of the noise, at the last state; infinite behind a camera.
-    across : (T,) float
-        Chance across the epipolar lines, see :func:`slam_init.window.kernels.accumulate`.
-    gradient : (G,) float
-        Of the common unknowns, tracks eliminated.
-    shares : (T, G) float
-        The share of each track in it; empty where they are not wanted.
-    back : (T, 3, 4 + G) float
-        What the steps of the tracks need: gradient, inverse and coupling.
-    free : (T,) bool
-        Tracks whose inverse distance is an unknown.
-    focal : int
-        Place of the focal length among the common unknowns. The distortion follows it, then the readout and the
-        principal point where they are unknown.
-    held_view : int
-        View whose baseline is held.
+    * ``start``: Its plane says whether points may lie on a plane. The length of its longest baseline is held.
+    * ``rotation_only``: Whether all points are at infinity.
+    * ``with_shares``: Whether the share of each track in the gradient is wanted.
+    * ``costs``: (T,) Cost of each track at the last state, with the cost of leaving the plane.
+    * ``residuals``: (V, T, 2) Of each observation in units of the noise, at the last state; infinite behind a camera.
+    * ``across``: (T,) Chance across the epipolar lines, see :func:`slam_init.window.kernels.accumulate`.
+    * ``gradient``: (G,) Of the common unknowns, tracks eliminated.
+    * ``shares``: (T, G) The share of each track in it; empty where they are not wanted.
+    * ``back``: (T, 3, 4 + G) What the steps of the tracks need: gradient, inverse and coupling.
+    * ``free``: (T,) Tracks whose inverse distance is an unknown.
+    * ``focal``: Place of the focal length among the common unknowns. The distortion follows it, then the readout and
+      the principal point where they are unknown.
+    * ``held_view``: View whose baseline is held.
     """
 
     def __init__(
@@ -144,9 +104,7 @@ class WindowEquations:
     def normal(self) -> Floats:
         """The normal matrix of the last equations, with the scale free.
 
-        Returns
-        -------
-        (G, G) float
+        Shapes: returns (G, G).
         """
         return self._normal
 
@@ -154,39 +112,18 @@ class WindowEquations:
     def squares(self) -> Floats:
         """Squared residual of each observation in units of the noise, at the last state.
 
-        Returns
-        -------
-        (V, T) float
-            Infinite behind a camera.
+        Shapes: returns (V, T).
         """
         return np.asarray(np.einsum("vtq,vtq->vt", self.residuals, self.residuals))
 
     def cost(self, state: WindowState) -> float:
-        """Cost of a state: twice the negative logarithm of its posterior density, up to a constant.
-
-        Parameters
-        ----------
-        state : WindowState
-
-        Returns
-        -------
-        float
-        """
+        """Cost of a state: twice the negative logarithm of its posterior density, up to a constant."""
         return self._accumulate(state, fill=False)
 
     def build(self, state: WindowState, *, hold: bool = True) -> float:
         """Build the equations at a state.
 
-        Parameters
-        ----------
-        state : WindowState
-        hold : bool
-            Whether tracks at infinity whose distance would become negative are held there.
-
-        Returns
-        -------
-        float
-            The cost.
+        * ``hold``: Whether tracks at infinity whose distance would become negative are held there.
         """
         self.free[:] = not self.rotation_only
         return self._accumulate(state, fill=True, hold=hold)
@@ -194,13 +131,7 @@ class WindowEquations:
     def stopped(self, state: WindowState) -> Bools:
         """The tracks at infinity whose distance would become negative, by the last equations.
 
-        Parameters
-        ----------
-        state : WindowState
-
-        Returns
-        -------
-        (T,) bool
+        Shapes: returns (T,).
         """
         if self.rotation_only:
             return np.zeros(len(state.rays), bool)
@@ -209,14 +140,10 @@ class WindowEquations:
     def turned_pulls(self, state: WindowState) -> Floats:
         """How far the views are turned from where they were measured to be.
 
-        Parameters
-        ----------
-        state : WindowState
+        Shapes: returns (V, 3).
 
-        Returns
-        -------
-        (V, 3) float
-            Rotation vectors in the cameras, in rad; the measured rotation is that of the vector before the state's.
+        * Returns: Rotation vectors in the cameras, in rad; the measured rotation is that of the vector before the
+          state's.
         """
         off = state.R @ np.swapaxes(self.tracks.turned, 1, 2)
         return np.array([vector_from_rotation(R) for R in off])
@@ -224,13 +151,7 @@ class WindowEquations:
     def turned_gradient(self, state: WindowState) -> Floats:
         """The part of the gradient that measured rotations make.
 
-        Parameters
-        ----------
-        state : WindowState
-
-        Returns
-        -------
-        (G,) float
+        Shapes: returns (G,).
         """
         gradient = np.zeros_like(self.gradient)
         if self._turned:
@@ -241,9 +162,7 @@ class WindowEquations:
     def columns_of_fields(self) -> Bools:
         """Which common unknowns are coefficients of error fields.
 
-        Returns
-        -------
-        (G,) bool
+        Shapes: returns (G,).
         """
         columns = np.zeros(len(self.gradient), bool)
         for k in range(self._views):
@@ -253,13 +172,7 @@ class WindowEquations:
     def information(self, state: WindowState) -> Floats:
         """The normal matrix of the last equations with the length of one baseline held.
 
-        Parameters
-        ----------
-        state : WindowState
-
-        Returns
-        -------
-        (G, G) float
+        Shapes: returns (G, G).
         """
         normal = self._normal.copy()
         first = self._field_size + self._block * (self.held_view - 1) + 3
@@ -271,16 +184,7 @@ class WindowEquations:
     def moved(self, state: WindowState, step: Floats, length: float = 1.0) -> WindowState:
         """The state after a step of the common unknowns, which the tracks follow by the last equations.
 
-        Parameters
-        ----------
-        state : WindowState
-        step : (G,) float
-        length : float
-            Factor on the steps of all unknowns.
-
-        Returns
-        -------
-        WindowState
+        Shapes: ``step`` (G,).
         """
         coupled = self.back.reshape(-1, self.back.shape[2])[:, 4:] @ step
         rays, inverse = step_tracks(
@@ -381,14 +285,7 @@ def explained_at_most(freedom: Ints) -> Floats:
     one by chance but with a large weight. The bound is the mean of chi-square plus five of its standard deviations; one
     correct track in a thousand exceeds it.
 
-    Parameters
-    ----------
-    freedom : (T,) int
-        Degrees of freedom of each track.
-
-    Returns
-    -------
-    (T,) float
+    Shapes: ``freedom`` (T,), returns (T,).
     """
     return np.asarray(freedom + 5 * np.sqrt(2.0 * freedom))
 
@@ -396,14 +293,7 @@ def explained_at_most(freedom: Ints) -> Floats:
 def tangent_bases(rays: Floats) -> tuple[Floats, Floats]:
     """Two orthonormal vectors orthogonal to each ray, as :func:`quest.robust.kernels.small_algebra.tangents`.
 
-    Parameters
-    ----------
-    rays : (T, 3) float
-        Unit vectors.
-
-    Returns
-    -------
-    first, second : (T, 3) float
+    Shapes: ``rays`` (T, 3), returns ``first, second`` (T, 3).
     """
     x, y, z = rays.T
     none = np.zeros_like(x)

@@ -33,9 +33,6 @@ from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracker_errors import gain_of_lasting_errors, gain_of_shared_errors, gain_of_turning_errors
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["WindowHypotheses", "fit_hypotheses", "motions_of_pair"]
-
-
 #: Largest probability of the parallax of a pair without translation, for which its motions are tried: quest speaks of a
 #: translation from 1e-4 on, but further views may turn a twentieth into a certainty.
 _WORTH_TRYING = 0.05
@@ -69,41 +66,24 @@ _FAR_FACTOR = 1.5
 
 @dataclass(frozen=True, eq=False)
 class WindowHypotheses:
-    """The fitted hypotheses of a window.
-
-    Attributes
-    ----------
-    tracks : WindowTracks
-    planar : bool
-        Whether most points are held on a plane.
-    motions : tuple of FittedMotion
-        Different optima only, the best first: those that locate more views first, then by their cost.
-    rotation_only : JointFit
-        The camera that only rotates, with the focal length as an unknown.
-    priors : Priors
-        Of the fits.
-    rotation_priors : Priors
-        Of the camera that only rotates: its focal length may be wrong.
-    """
+    """The fitted hypotheses of a window."""
 
     tracks: WindowTracks
+    #: Whether most points are held on a plane.
     planar: bool
+    #: Different optima only, the best first: those that locate more views first, then by their cost.
     motions: tuple[FittedMotion, ...]
+    #: The camera that only rotates, with the focal length as an unknown.
     rotation_only: JointFit
+    #: Of the fits.
     priors: Priors
+    #: Of the camera that only rotates: its focal length may be wrong.
     rotation_priors: Priors
 
     def costs_of(self, motion: FittedMotion) -> Floats:
         """The cost of each track in all views; a view that a motion does not locate sees outliers.
 
-        Parameters
-        ----------
-        motion : FittedMotion
-            One of the motions.
-
-        Returns
-        -------
-        (T,) float
+        Shapes: returns (T,).
         """
         seen = self.tracks.seen
         missing = seen.sum(axis=0) - seen[list(motion.rows)].sum(axis=0)
@@ -112,15 +92,7 @@ class WindowHypotheses:
     def votes(self, motion: FittedMotion, rival: FittedMotion) -> Floats:
         """The votes of the tracks for a motion against a rival: differences of bounded costs.
 
-        Parameters
-        ----------
-        motion, rival : FittedMotion
-            Of the motions.
-
-        Returns
-        -------
-        (T,) float
-            Twice the nats, 6 at the most.
+        Shapes: returns (T,).
         """
         # Tracks that neither motion explains must not vote.
         bound = explained_at_most(np.maximum(2 * self.tracks.seen.sum(axis=0) - 3, 0))
@@ -150,12 +122,8 @@ class WindowHypotheses:
     def focal_of_rotation(self) -> tuple[float, float]:
         """The focal length of the rotation-only camera by the tracks alone, without the prior.
 
-        Returns
-        -------
-        log_scale : float
-            Logarithm of the focal length over the stated one; 0 where the tracks do not tell it.
-        sigma : float
-            Its standard deviation; infinite where the tracks do not tell it.
+        * Returns ``log_scale``: Logarithm of the focal length over the stated one; 0 where the tracks do not tell it.
+        * Returns ``sigma``: Its standard deviation; infinite where the tracks do not tell it.
         """
         views = len(self.tracks.frames)
         focal = 6 * (views - 1)
@@ -182,22 +150,11 @@ def motions_of_pair(
 ) -> list[Motion]:
     """The motions that explain the matches of a pair.
 
-    Parameters
-    ----------
-    pose : RelativePose
-        ``cam2_from_cam1`` with its alternatives. If its kind is "rotation", only the alternatives have a translation.
-        They are worth trying where a rotation-only camera would show as much parallax once in twenty pairs. So little
-        parallax shows no relief either: the points start on a plane then.
-    frames : (int, int)
-        Absolute indices of reference and current.
-    rays1, rays2 : (N, 3) float
-        The matches that the pose was estimated from.
-    readout_s : float
-        That the rays are corrected for.
+    Shapes: ``frames`` (int, int), ``rays1, rays2`` (N, 3).
 
-    Returns
-    -------
-    list of Motion
+    * ``pose``: ``cam2_from_cam1`` with its alternatives. If its kind is "rotation", only the alternatives have a
+      translation. They are worth trying where a rotation-only camera would show as much parallax once in twenty pairs.
+      So little parallax shows no relief either: the points start on a plane then.
     """
     proposed: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
     chance = pose.evidence.parallax_p
@@ -218,18 +175,10 @@ def motions_of_pair(
 def fit_hypotheses(tracks: WindowTracks, motions: Sequence[Motion], priors: Priors) -> WindowHypotheses | None:
     """Fit motions, and the rotation-only camera, to all views of a window.
 
-    Parameters
-    ----------
-    tracks : WindowTracks
-        Views: reference, current, then further ones. Their noise is measured again by the residuals of the best motion.
-    motions : sequence of Motion
-        Each knows two of the views or more. Those that know more come first: a later one that is near is left out.
-    priors : Priors
-
-    Returns
-    -------
-    WindowHypotheses or None
-        None where no motion locates reference and current.
+    * ``tracks``: Views: reference, current, then further ones. Their noise is measured again by the residuals of the
+      best motion.
+    * ``motions``: Each knows two of the views or more. Those that know more come first: a later one that is near is
+      left out.
     """
     first = motions[0] if motions else Motion({}, readout_s=tracks.readout_s)
     bearings = tracks.bearings(0.0, first.readout_s, first.k1)

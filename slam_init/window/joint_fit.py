@@ -21,8 +21,6 @@ from slam_init.window.equations import OFF_PLANE_COST, WindowEquations, explaine
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["JointFit", "costs_off_plane", "fit_window", "information_of_relief", "start_noise_factor"]
-
 #: Levenberg-Marquardt: first damping, the factor of a rejected step, and how often a step is tried.
 _DAMPING, _RAISE, _TRIES = 1e-4, 10.0, 6
 #: Robust costs converge linearly. A step that gains at least this share of what the step before gained is tried again
@@ -48,43 +46,30 @@ _MEDIAN_SQUARE, _LARGEST_START_FACTOR = 1.386, 30.0
 
 @dataclass(frozen=True, eq=False)
 class JointFit:
-    """A fitted window.
-
-    Attributes
-    ----------
-    state : WindowState
-    cost : float
-        Twice the negative logarithm of the posterior density, up to a constant.
-    track_costs : (T,) float
-        The share of each track in the cost, with the cost of leaving the plane.
-    iterations : int
-        Number of Gauss-Newton steps.
-    information : (G, G) float
-        Of the unknowns of the views, the focal length and the plane, tracks eliminated, baseline held; in the order of
-        :mod:`slam_init.window.kernels`.
-    held_view : int
-        View whose baseline was held.
-    noise_factor : float
-        The noise by the residuals over the noise of the tracks as assumed; 1 where there are too few residuals.
-    dispersion : float
-        How much the cost of a track falls by chance where its point may move in one direction, at least 1: 1 for errors
-        that are independent from view to view, more for a tracker that keeps its errors. It is measured across the
-        epipolar lines, where a rigid scene does not move.
-    residuals : (V, T, 2) float
-        Of each observation in units of the noise; infinite behind a camera.
-    explained, near_misses : int
-        Number of tracks that the fit explains, and of those that it does not although they stay near their projections.
-    """
+    """A fitted window."""
 
     state: WindowState
+    #: Twice the negative logarithm of the posterior density, up to a constant.
     cost: float
+    #: (T,) The share of each track in the cost, with the cost of leaving the plane.
     track_costs: Floats
+    #: Number of Gauss-Newton steps.
     iterations: int
+    #: (G, G) Of the unknowns of the views, the focal length and the plane, tracks eliminated, baseline held; in the
+    #: order of :mod:`slam_init.window.kernels`.
     information: Floats
+    #: View whose baseline was held.
     held_view: int
+    #: The noise by the residuals over the noise of the tracks as assumed; 1 where there are too few residuals.
     noise_factor: float
+    #: How much the cost of a track falls by chance where its point may move in one direction, at least 1: 1 for
+    #: errors that are independent from view to view, more for a tracker that keeps its errors. It is measured across
+    #: the epipolar lines, where a rigid scene does not move.
     dispersion: float
+    #: (V, T, 2) Of each observation in units of the noise; infinite behind a camera.
     residuals: Floats
+    #: explained, near_misses: Number of tracks that the fit explains, and of those that it does not although they
+    #: stay near their projections.
     explained: int
     near_misses: int
 
@@ -101,24 +86,10 @@ def fit_window(
 ) -> JointFit:
     """Fit all views of a window jointly, from a start near the answer.
 
-    Parameters
-    ----------
-    tracks : WindowTracks
-    start : WindowState
-        Its plane says whether the points lie on a plane. The length of the longest baseline from view 0 is held.
-    priors : Priors
-    rotation_only : bool
-        Whether all points are at infinity, so that the camera only rotates.
-    max_steps : int
-        Largest number of Gauss-Newton steps.
-    tolerance : float
-        The fit ends where a step lowers the cost by less: a fortieth of a nat is far below what decides.
-    hopeless : float
-        The fit ends early where its cost will stay above this.
-
-    Returns
-    -------
-    JointFit
+    * ``start``: Its plane says whether the points lie on a plane. The length of the longest baseline from view 0 is
+      held.
+    * ``rotation_only``: Whether all points are at infinity, so that the camera only rotates.
+    * ``tolerance``: The fit ends where a step lowers the cost by less: a fortieth of a nat is far below what decides.
     """
     equations = WindowEquations(tracks, start, priors, rotation_only, with_shares=False)
     fit = _optimized(equations, start, max_steps, tolerance, hopeless)
@@ -145,19 +116,6 @@ def start_noise_factor(
 
     A start is off by more than the noise, and the noise of a pair can be far smaller than that of the other views. With
     too small a noise all observations count as outliers, and the fit cannot move.
-
-    Parameters
-    ----------
-    tracks : WindowTracks
-    start : WindowState
-    priors : Priors
-    rotation_only : bool
-        Whether all points are at infinity.
-
-    Returns
-    -------
-    float
-        From 1 to 30.
     """
     equations = WindowEquations(tracks, start, priors, rotation_only, with_shares=False)
     equations.build(start)
@@ -170,19 +128,9 @@ def start_noise_factor(
 def costs_off_plane(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:
     """The cost of each track of a fit, at the same poses, if each point had a distance of its own.
 
-    Parameters
-    ----------
-    tracks : WindowTracks
-        As fitted.
-    fit : JointFit
-        With a plane.
-    priors : Priors
-        As fitted.
+    Shapes: returns (T,).
 
-    Returns
-    -------
-    (T,) float
-        Without the cost of leaving the plane. The rays and the distances are those of one Gauss-Newton step.
+    * Returns: Without the cost of leaving the plane. The rays and the distances are those of one Gauss-Newton step.
     """
     state = fit.state
     equations = WindowEquations(tracks, state, priors, with_shares=False)
@@ -192,19 +140,9 @@ def costs_off_plane(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floa
 def information_of_relief(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:
     """How well the distances of the tracks of a plane would be known with a distance for each, at the same poses.
 
-    Parameters
-    ----------
-    tracks : WindowTracks
-        As fitted.
-    fit : JointFit
-        With a plane.
-    priors : Priors
-        As fitted.
+    Shapes: returns (T,).
 
-    Returns
-    -------
-    (T,) float
-        Squared ratio of the distance to its standard deviation; 0 for a track off the plane or behind a camera.
+    * Returns: Squared ratio of the distance to its standard deviation; 0 for a track off the plane or behind a camera.
     """
     state = fit.state
     if state.plane is None:

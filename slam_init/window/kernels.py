@@ -47,8 +47,6 @@ from slam_init.window.pair_sums import assemble, pose_products, relative_poses
 from slam_init.window.projection import project_point
 from slam_init.window.track_equations import add_field, by_pose, clear_track, depth_on_plane, solve_track
 
-__all__ = ["TUKEY_GATES", "accumulate"]
-
 #: An observation whose square is this many squared gates has no influence. With 3 the cost of a small residual is its
 #: square.
 TUKEY_GATES = 3.0
@@ -91,81 +89,31 @@ def accumulate(
 ) -> float:
     """Robust cost of all observations, and the equations of a Gauss-Newton step.
 
-    Parameters
-    ----------
-    camera : (31,) float
-        Of :func:`slam_init.window.projection.camera_vector`.
-    R, t : (V, 3, 3), (V, 3) float
-        cam_from_world; view 0 is held.
-    log_scale : float
-        Logarithm of the focal scale.
-    k1 : float
-        Added to the first coefficient of the radial distortion.
-    plane : (3,) float
-        ``plane . X = 1`` in the world.
-    on_plane : (T,) bool
-        Tracks whose point lies on the plane.
-    field : (V, 12) float
-        Coefficients of the error fields.
-    field_size : int
-        12, or 0 for no field.
-    readout_s : float
-        Readout in seconds, beyond the one that the pixels are corrected for.
-    readout_size : int
-        1, or 0 where it is known.
-    principal_px : (2,) float
-        Added to the principal point.
-    principal_size : int
-        2, or 0 where it is known.
-    observed : (N, 9) float
-        The observations, track by track: measured pixel, one over the standard deviation in the direction in which the
-        pixel is best known, the matrix that makes the noise equal in all directions (row by row, symmetric), and the
-        derivative of the pixel by the readout. One record each, since reading them from arrays by view and track took
-        as long as the arithmetic.
-    view : (N,) int
-        The view of each observation.
-    first : (T + 1,) int
-        The first observation of each track, and their number.
-    places : (V, T, 6) float
-        The polynomials of the field at the measured pixels, over sigma_px.
-    anchor : (T,) int
-        First view of a track; negative for a track that is left out.
-    d : (T, 3) float
-        Unit rays in the anchor's frame.
-    rho : (T,) float
-        Inverse distances along the rays.
-    free : (T,) bool
-        Tracks off the plane whose inverse distance is an unknown; those of the others are held. With ``hold``, tracks
-        at infinity whose distance would become negative are held from here on.
-    gate2 : float
-        Squared outlier gate, in units of the noise.
-    normal : (G, G) float
-        Receives the lower half of the equations of the common unknowns, before the tracks are eliminated. With tracks
-        on the plane the last three unknowns are those of the plane.
-    gradient : (G,) float
-        Receives their gradient, before the tracks are eliminated.
-    shares : (T, G) or (0, G) float
-        Receives the share of each track in the gradient, the track eliminated; empty where the shares are not wanted.
-    back : (T, 3, 4 + G) float
-        Receives what the steps of the tracks need: gradient, inverse and coupling.
-    halves : (T, 3, G + 1) float
-        Receives what :func:`eliminate` needs: coupling and gradient of each track, over a root of its equations.
-    costs : (T,) float
-        Receives the cost of each track.
-    residuals : (V, T, 2) float
-        Receives the residual of each observation in units of the noise; infinite behind a camera.
-    across : (T,) float
-        Receives how much the cost of a track with a free distance would fall if its point moved across its epipolar
-        lines, in proportion to what a distance moves it along them. A rigid scene does not move so: this is chance.
-    fill : bool
-        Whether the equations are wanted; otherwise only the costs.
-    hold : bool
-        Whether tracks at infinity are held there, see ``free``.
+    Shapes: ``camera`` (31,), ``R, t`` (V, 3, 3), ``plane`` (3,), ``on_plane`` (T,), ``field`` (V, 12), ``principal_px``
+    (2,), ``observed`` (N, 9), ``view`` (N,), ``first`` (T + 1,), ``places`` (V, T, 6), ``anchor`` (T,), ``d`` (T, 3),
+    ``rho`` (T,), ``free`` (T,), ``normal`` (G, G), ``gradient`` (G,), ``shares`` (T, G), ``back`` (T, 3, 4 + G),
+    ``halves`` (T, 3, G + 1), ``costs`` (T,), ``residuals`` (V, T, 2), ``across`` (T,).
 
-    Returns
-    -------
-    float
-        The sum of the costs.
+    * ``readout_s``: Readout in seconds, beyond the one that the pixels are corrected for.
+    * ``observed``: The observations, track by track: measured pixel, one over the standard deviation in the direction
+      in which the pixel is best known, the matrix that makes the noise equal in all directions (row by row, symmetric),
+      and the derivative of the pixel by the readout. One record each, since reading them from arrays by view and track
+      took as long as the arithmetic.
+    * ``places``: The polynomials of the field at the measured pixels, over sigma_px.
+    * ``anchor``: First view of a track; negative for a track that is left out.
+    * ``free``: Tracks off the plane whose inverse distance is an unknown; those of the others are held. With ``hold``,
+      tracks at infinity whose distance would become negative are held from here on.
+    * ``normal``: Receives the lower half of the equations of the common unknowns, before the tracks are eliminated.
+      With tracks on the plane the last three unknowns are those of the plane.
+    * ``shares``: Receives the share of each track in the gradient, the track eliminated; empty where the shares are not
+      wanted.
+    * ``back``: Receives what the steps of the tracks need: gradient, inverse and coupling.
+    * ``halves``: Receives what :func:`eliminate` needs: coupling and gradient of each track, over a root of its
+      equations.
+    * ``residuals``: Receives the residual of each observation in units of the noise; infinite behind a camera.
+    * ``across``: Receives how much the cost of a track with a free distance would fall if its point moved across its
+      epipolar lines, in proportion to what a distance moves it along them. A rigid scene does not move so: this is
+      chance.
     """
     V, T = len(R), len(anchor)
     half = field_size // 2

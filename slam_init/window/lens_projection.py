@@ -13,8 +13,6 @@ from slam_init.types.lenses.lens import Lens
 from slam_init.types.lenses.profiles import Profile
 from slam_init.window.compiler import compiled
 
-__all__ = ["LENS_NUMBERS", "lens_vector", "project_ray"]
-
 #: Length of the vector of a lens.
 LENS_NUMBERS = 20
 
@@ -22,14 +20,7 @@ LENS_NUMBERS = 20
 def lens_vector(lens: Lens | None) -> Floats:
     """The numbers of a lens for the compiled loops.
 
-    Parameters
-    ----------
-    lens : Lens or None
-        None for the models on the plane z = 1.
-
-    Returns
-    -------
-    (20,) float
+    Shapes: returns (20,).
     """
     if lens is None:
         return np.zeros(LENS_NUMBERS)
@@ -89,21 +80,9 @@ def project_ray(
 ) -> tuple[bool, float, float, float, float, float, float, float, float, float, float]:
     """Project a point in any direction, and differentiate its pixel by the point and by the distortion.
 
-    Parameters
-    ----------
-    camera : (31,) float
-        Of :func:`slam_init.window.projection.camera_vector`; the last twenty are those of the lens.
-    scale : float
-        Factor of the focal length.
-    k1 : float
-        Radial distortion that is added.
-    X, Y, Z : float
-        The point in the camera frame, in any scale.
+    Shapes: ``camera`` (31,).
 
-    Returns
-    -------
-    bool, then 10 times float
-        Of :func:`slam_init.window.projection.project_point`.
+    * ``camera``: Of :func:`slam_init.window.projection.camera_vector`; the last twenty are those of the lens.
     """
     seen, u, v, u0, u1, u2, v0, v1, v2 = _profile(camera, X, Y, Z)
     if not seen:

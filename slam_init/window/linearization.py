@@ -13,41 +13,29 @@ from slam_init.window.kernels import TUKEY_GATES
 from slam_init.window.state import Priors
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["Linearization", "information_by_chance", "linearize_with_fields"]
-
 #: A gate that weights all observations alike.
 _NO_GATE = 1e6
 
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """The quadratic expansion of the cost about a fit, with an error field in each view that has no prior yet.
+    """The quadratic expansion of the cost about a fit, with an error field in each view that has no prior yet."""
 
-    Attributes
-    ----------
-    information, gradient : (G, G), (G,) float
-        Half of the second and half of the first derivatives of the cost, tracks eliminated, baseline held.
-    shares : (T, G) float
-        The share of each track in the gradient.
-    is_field : (G,) bool
-        Which unknowns are coefficients of the fields. The others have the order of :attr:`JointFit.information`.
-    distance_variance : (T,) float
-        Variance of the inverse distance of each track, if the unknowns that the tracks share were known.
-    distance_coupling : (T, G) float
-        How the inverse distance of each track follows the other unknowns.
-    k1_column : int
-        The radial distortion among the unknowns that are not coefficients of fields.
-    readout_column : int or None
-        The readout among them; None where it is known.
-    """
-
+    #: information, gradient: (G, G) Half of the second and half of the first derivatives of the cost, tracks
+    #: eliminated, baseline held.
     information: Floats
     gradient: Floats
+    #: (T, G) The share of each track in the gradient.
     shares: Floats
+    #: (G,) Which unknowns are coefficients of the fields. The others have the order of :attr:`JointFit.information`.
     is_field: Bools
+    #: (T,) Variance of the inverse distance of each track, if the unknowns that the tracks share were known.
     distance_variance: Floats
+    #: (T, G) How the inverse distance of each track follows the other unknowns.
     distance_coupling: Floats
+    #: The radial distortion among the unknowns that are not coefficients of fields.
     k1_column: int
+    #: The readout among them; None where it is known.
     readout_column: int | None
 
 
@@ -58,21 +46,6 @@ def linearize_with_fields(
 
     The distances of tracks at infinity count as unknowns too: that a distance is not negative bounds it on one side
     only. Their gradient, which the bound stops, is left out.
-
-    Parameters
-    ----------
-    tracks : WindowTracks
-        As fitted.
-    fit : JointFit
-        Without fields.
-    priors : Priors
-        The fields have no prior here.
-    rotation_only : bool
-        As fitted.
-
-    Returns
-    -------
-    Linearization
     """
     state = fit.state
     equations = WindowEquations(tracks, state, replace(priors, field_sigma_px=np.inf), rotation_only)
@@ -118,18 +91,9 @@ def information_by_chance(tracks: WindowTracks, fit: JointFit, priors: Priors) -
     most of the information is of this kind: a track then tells a direction, but one that depends on its error. The part
     is the mean of the information at ``rho + s`` and ``rho - s``, less that at ``rho``.
 
-    Parameters
-    ----------
-    tracks : WindowTracks
-        As fitted.
-    fit : JointFit
-        Without fields.
-    priors : Priors
+    Shapes: returns (X, X).
 
-    Returns
-    -------
-    (X, X) float
-        In the order of :attr:`JointFit.information`, tracks eliminated.
+    * Returns: In the order of :attr:`JointFit.information`, tracks eliminated.
     """
     state = fit.state
     # An error of a distance must not change the weight of an observation: each has the weight of the fit, as its noise.

@@ -16,8 +16,6 @@ from slam_init.window.motion import Motion
 from slam_init.window.state import Priors
 from slam_init.window.tracks import MAX_TRACKS, gather_tracks
 
-__all__ = ["LiveHypotheses"]
-
 #: Number of motions that are carried from frame to frame: both motions of a plane, and two that other pairs found.
 _MAX_MOTIONS = 4
 #: A motion against which the tracks vote by this is dropped: a hundred nats. More frames hardly turn that.
@@ -27,14 +25,8 @@ _HOPELESS = 200.0
 class LiveHypotheses:
     """The motions of the window, from frame to frame.
 
-    Parameters
-    ----------
-    camera : Camera
-    priors : Priors
-    least_noise_px : float
-        Lower limit of the noise of a track.
-    max_tracks : int
-        Largest number of tracks of a window.
+    * ``least_noise_px``: Lower limit of the noise of a track.
+    * ``max_tracks``: Largest number of tracks of a window.
     """
 
     def __init__(
@@ -62,18 +54,7 @@ class LiveHypotheses:
     ) -> None:
         """Add the motions of a pair.
 
-        Parameters
-        ----------
-        pose : RelativePose
-            Of the pair.
-        frames : (int, int)
-            Absolute indices of reference and current.
-        rays1, rays2 : (N, 3) float
-            The matches that the pose was estimated from.
-        noise_px : float
-            Standard deviation of a coordinate of a track.
-        readout_s : float
-            Readout that the rays are corrected for.
+        Shapes: ``frames`` (int, int), ``rays1, rays2`` (N, 3).
         """
         self._proposed = motions_of_pair(pose, frames, rays1, rays2, readout_s)
         self._noise_px = self._noise_px or noise_px
@@ -81,13 +62,7 @@ class LiveHypotheses:
     def adopt_lens(self, camera: Camera, priors: Priors, log_scale: float, k1: float) -> None:
         """Go on with another lens.
 
-        Parameters
-        ----------
-        camera : Camera
-        priors : Priors
-            Of this camera.
-        log_scale, k1 : float
-            From the earlier camera to this one, as in :class:`~slam_init.window.motion.Motion`.
+        * ``log_scale, k1``: From the earlier camera to this one, as in :class:`~slam_init.window.motion.Motion`.
         """
         self._camera, self._priors = camera, priors
         self._motions = [
@@ -101,20 +76,7 @@ class LiveHypotheses:
     def fitted(
         self, views: Sequence[Observations], attitudes: Sequence[Attitude | None] = ()
     ) -> WindowHypotheses | None:
-        """Fit all motions to the views of a window, and keep those that are not hopeless.
-
-        Parameters
-        ----------
-        views : sequence of Observations
-            Reference and current first.
-        attitudes : sequence of Attitude or None, optional
-            Measured rotations of the views; by default none.
-
-        Returns
-        -------
-        WindowHypotheses or None
-            None where no motion locates reference and current.
-        """
+        """Fit all motions to the views of a window, and keep those that are not hopeless."""
         with single_threaded():
             return self._fitted(views, attitudes)
 

@@ -15,8 +15,6 @@ from slam_init.window.motion import Motion
 from slam_init.window.tracks import WindowTracks
 from slam_init.work import Prices, spend
 
-__all__ = ["MIN_RESECTED", "align_views", "locate_views"]
-
 #: A further view needs this many points of the motion: twice the six unknowns of its pose in coordinates, and as many
 #: again to contradict the motion.
 MIN_RESECTED = 12
@@ -30,19 +28,9 @@ _ALIGNMENT_SCALES_RAD = (0.4, 0.1, 0.03, 0.01)
 def align_views(bearings: Floats, motions: Sequence[Motion], pair: tuple[int, ...]) -> Floats:
     """Align the first view with each view by a rotation.
 
-    Parameters
-    ----------
-    bearings : (V, T, 3) float
-        NaN where a view does not see a track.
-    motions : sequence of Motion
-        The rotation of the first one is a start for the second view.
-    pair : tuple of int
-        Absolute indices of the first two views.
+    Shapes: ``bearings`` (V, T, 3), returns (V, 3, 3).
 
-    Returns
-    -------
-    (V, 3, 3) float
-        Rotations ``cam_k_from_cam_0``.
+    * ``motions``: The rotation of the first one is a start for the second view.
     """
     R = np.tile(np.eye(3), (len(bearings), 1, 1))
     proposed = [np.eye(3)]
@@ -70,19 +58,9 @@ def _aligned(R: Floats, m: Floats, n: Floats) -> Floats:
 def locate_views(tracks: WindowTracks, motion: Motion, bearings: Floats, rotations: Floats) -> Motion | None:
     """Extend a motion to all views that its points locate; the reference becomes the world.
 
-    Parameters
-    ----------
-    tracks : WindowTracks
-    motion : Motion
-    bearings : (V, T, 3) float
-        NaN where a view does not see a track.
-    rotations : (V, 3, 3) float
-        Of :func:`align_views`.
+    Shapes: ``bearings`` (V, T, 3), ``rotations`` (V, 3, 3).
 
-    Returns
-    -------
-    Motion or None
-        None where reference or current is not among the views that it knows then.
+    * Returns: None where reference or current is not among the views that it knows then.
     """
     known = _resected(tracks, motion, bearings, rotations)
     if 0 not in known or 1 not in known:

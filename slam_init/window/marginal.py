@@ -19,8 +19,6 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.window.linearization import Linearization
 
-__all__ = ["FIELD_PRIOR", "FIELD_SCALES_PX", "LARGEST_PULL_SIGMAS", "FieldMarginal", "marginalize_fields"]
-
 #: Standard deviation of a coefficient of a field, in pixels: from none to a lens without its distortion, in steps of a
 #: factor of two. The root mean square of a coordinate over the image is 2.4 times as large.
 FIELD_SCALES_PX: Floats = np.array([0.0, 0.03, 0.06, 0.125, 0.25, 0.5, 1.0, 2.0])
@@ -41,45 +39,31 @@ FIELD_PRIOR.setflags(write=False)
 
 @dataclass(frozen=True, eq=False)
 class FieldMarginal:
-    """What a fit says for each scale of its fields.
+    """What a fit says for each scale of its fields."""
 
-    Attributes
-    ----------
-    log_evidence : (S,) float
-        Logarithm of the probability of the tracks with fields of each scale, over that without fields.
-    strength : (F,) float
-        Eigenvalues of the information about the fields that the other unknowns leave.
-    pull : (F,) float
-        The gradient along their eigenvectors, at most what fields of the largest scale explain.
-    covariance : (X, X) float
-        Of the other unknowns without fields.
-    response : (X, X) float
-        How the other unknowns follow a gradient, without fields: the covariance, unless :meth:`without_chance` changed
-        both.
-    shift : (X,) float
-        Of the other unknowns without fields; 0 up to the tolerance of the fit.
-    coupling : (X, F) float
-        How the other unknowns follow the fields along the eigenvectors.
-    axes : (F, F) float
-        The eigenvectors, as columns.
-    """
-
+    #: (S,) Logarithm of the probability of the tracks with fields of each scale, over that without fields.
     log_evidence: Floats
+    #: (F,) Eigenvalues of the information about the fields that the other unknowns leave.
     strength: Floats
+    #: (F,) The gradient along their eigenvectors, at most what fields of the largest scale explain.
     pull: Floats
+    #: (X, X) Of the other unknowns without fields.
     covariance: Floats
+    #: (X, X) How the other unknowns follow a gradient, without fields: the covariance, unless :meth:`without_chance`
+    #: changed both.
     response: Floats
+    #: (X,) Of the other unknowns without fields; 0 up to the tolerance of the fit.
     shift: Floats
+    #: (X, F) How the other unknowns follow the fields along the eigenvectors.
     coupling: Floats
+    #: (F, F) The eigenvectors, as columns.
     axes: Floats
 
     @cached_property
     def spread(self) -> Floats:
         """Variances of the coefficients along the eigenvectors for each scale, given the tracks.
 
-        Returns
-        -------
-        (S, F) float
+        Shapes: returns (S, F).
         """
         return _prior_variances(self.strength)
 
@@ -92,30 +76,14 @@ class FieldMarginal:
     def expected_scale_px(weights: Floats) -> float:
         """Expected scale of the fields.
 
-        Parameters
-        ----------
-        weights : (S,) float
-            Probability of each scale.
-
-        Returns
-        -------
-        float
+        Shapes: ``weights`` (S,).
         """
         return float(weights @ FIELD_SCALES_PX)
 
     def of(self, J: Floats) -> tuple[Floats, Floats]:
         """Posterior of linear functions of the unknowns, for each scale.
 
-        Parameters
-        ----------
-        J : (M, X) float
-            Derivatives of the functions.
-
-        Returns
-        -------
-        shifts : (S, M) float
-            From the value at the fit, which has no fields.
-        covariances : (S, M, M) float
+        Shapes: ``J`` (M, X), returns ``shifts`` (S, M), returns ``covariances`` (S, M, M).
         """
         follow = J @ self.coupling
         shifts = J @ self.shift + (self.spread * self.pull) @ follow.T
@@ -128,15 +96,9 @@ class FieldMarginal:
         The unknowns follow a gradient by the inverse of the information that is left. The scatter of the gradient is
         that of all the information: the errors of the tracks that make the part are in it.
 
-        Parameters
-        ----------
-        by_chance : (X, X) float
-            The part, of :func:`slam_init.window.linearization.information_by_chance`.
+        Shapes: ``by_chance`` (X, X).
 
-        Returns
-        -------
-        FieldMarginal
-            With wider covariance, response, shift and coupling.
+        * ``by_chance``: The part, of :func:`slam_init.window.linearization.information_by_chance`.
         """
         if not (np.diag(self.covariance) > 0).all():
             raise np.linalg.LinAlgError("a covariance is not positive definite")
@@ -160,18 +122,9 @@ class FieldMarginal:
     def variances(self, J: Floats, J_fields: Floats, weights: Floats) -> Floats:
         """Second moments about the fit of linear functions of the unknowns and of the fields, over all scales.
 
-        Parameters
-        ----------
-        J : (M, X) float
-            Derivatives of the functions by the other unknowns.
-        J_fields : (M, F) float
-            Derivatives of the functions by the coefficients of the fields.
-        weights : (S,) float
-            Probability of each scale.
+        Shapes: ``J`` (M, X), ``J_fields`` (M, F), ``weights`` (S,), returns (M,).
 
-        Returns
-        -------
-        (M,) float
+        * ``J_fields``: Derivatives of the functions by the coefficients of the fields.
         """
         # The sign is that of the coupling: a function falls along an eigenvector by this.
         follow = J @ self.coupling - J_fields @ self.axes
@@ -185,15 +138,8 @@ def marginalize_fields(
 ) -> FieldMarginal:
     """Integrate the error fields out.
 
-    Parameters
-    ----------
-    linearization : Linearization
-    largest_pull_sigmas : float
-        A larger pull of the fields counts as this number of its standard deviations; infinity for exact integrals.
-
-    Returns
-    -------
-    FieldMarginal
+    * ``largest_pull_sigmas``: A larger pull of the fields counts as this number of its standard deviations; infinity
+      for exact integrals.
     """
     field, other = linearization.is_field, ~linearization.is_field
     H, g = linearization.information, linearization.gradient

@@ -9,8 +9,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.lenses.planar import radial_part, turning_radius
 from slam_init.window.compiler import compiled
 
-__all__ = ["measured_rays", "triangulated"]
-
 #: Newton's method ends where it moves a point of the plane z = 1 by less, or after so many steps; a point whose pixel
 #: is still off by more has no ray. As :func:`slam_init.types.lenses.planar.undistort_radtan`.
 _CONVERGED, _STEPS, _SOLVED = 1e-13, 30, 1e-10
@@ -19,18 +17,9 @@ _CONVERGED, _STEPS, _SOLVED = 1e-13, 30, 1e-10
 def measured_rays(camera: Camera, pixels: Floats, seen: Bools) -> Floats:
     """The rays of observations, as :meth:`slam_init.types.camera.Camera.bearings` computes them.
 
-    Parameters
-    ----------
-    camera : Camera
-    pixels : (V, T, 2) float
-        Raw pixels.
-    seen : (V, T) bool
-        Which view sees which track.
+    Shapes: ``pixels`` (V, T, 2), ``seen`` (V, T), returns (V, T, 3).
 
-    Returns
-    -------
-    (V, T, 3) float
-        Unit rays in the cameras; NaN for pixels without a ray, any rays where a view does not see a track.
+    * Returns: Unit rays in the cameras; NaN for pixels without a ray, any rays where a view does not see a track.
     """
     if camera.lens is not None or camera.model not in ("pinhole", "radtan"):
         return camera.bearings(pixels.reshape(-1, 2)).reshape(*seen.shape, 3)
@@ -82,23 +71,9 @@ def _unproject(camera: Floats, limit: float, pixels: Floats, seen: Bools, rays: 
 def triangulated(R: Floats, t: Floats, bearings: Floats, seen: Bools, anchor: Ints, rays: Floats) -> Floats:
     """Inverse distances along rays, by ``n x (R_k R_a^T (d - rho t_a) + rho t_k) = 0`` for all measured rays n.
 
-    Parameters
-    ----------
-    R, t : (V, 3, 3), (V, 3) float
-        cam_from_world.
-    bearings : (V, T, 3) float
-        Measured rays; NaN where there is none.
-    seen : (V, T) bool
-        Which view sees which track.
-    anchor : (T,) int
-        The view of each ray; tracks with a negative one start in view 0.
-    rays : (T, 3) float
-        Unit rays in the anchor views.
+    Shapes: ``R, t`` (V, 3, 3), ``bearings`` (V, T, 3), ``seen`` (V, T), ``anchor`` (T,), ``rays`` (T, 3), returns (T,).
 
-    Returns
-    -------
-    (T,) float
-        By least squares, not negative.
+    * ``anchor``: The view of each ray; tracks with a negative one start in view 0.
     """
     V, T = seen.shape
     inverse = np.zeros(T)

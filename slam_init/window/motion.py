@@ -15,8 +15,6 @@ from slam_init.window.row_motion import with_translation
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["FittedMotion", "Motion", "difference_deg", "fit_motion", "noise_factor_at"]
-
 #: Motions nearer than this lead to the same optimum: a third of what makes an initialization wrong.
 _NEAR_ROTATION_DEG, _NEAR_DIRECTION_DEG = 1.5, 5.0
 #: Two fits nearer than this are one: an order below what makes an initialization wrong.
@@ -25,40 +23,21 @@ _SAME_ROTATION_DEG, _SAME_DIRECTION_DEG = 0.3, 2.0
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A motion of the camera through some frames.
+    """A motion of the camera through some frames."""
 
-    Attributes
-    ----------
-    cam_from_world : dict of int to Pose
-        By absolute frame index; the world is any frame of reference.
-    plane : (3,) float or None
-        ``plane . X = 1`` in the world, where most points lie on one plane.
-    log_scale : float
-        Logarithm of the true focal length over the stated one.
-    readout_s : float
-        Readout of the image.
-    k1 : float
-        Added to the first coefficient of the radial distortion.
-    """
-
+    #: By absolute frame index; the world is any frame of reference.
     cam_from_world: dict[int, Pose]
+    #: (3,) ``plane . X = 1`` in the world, where most points lie on one plane.
     plane: Floats | None = None
+    #: Logarithm of the true focal length over the stated one.
     log_scale: float = 0.0
+    #: Readout of the image.
     readout_s: float = 0.0
+    #: Added to the first coefficient of the radial distortion.
     k1: float = 0.0
 
     def is_near(self, other: Motion) -> bool:
-        """Whether another motion moves the first two frames alike, so that a fit ends in the same optimum.
-
-        Parameters
-        ----------
-        other : Motion
-
-        Returns
-        -------
-        bool
-            False where the other motion does not know these frames.
-        """
+        """Whether another motion moves the first two frames alike, so that a fit ends in the same optimum."""
         first, second = list(self.cam_from_world)[:2]
         if first not in other.cam_from_world or second not in other.cam_from_world:
             return False
@@ -69,22 +48,14 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class FittedMotion:
-    """A motion with the joint fit of the views that it could locate.
-
-    Attributes
-    ----------
-    fit : JointFit
-    tracks : WindowTracks
-        In the views of the fit, as they were fitted.
-    rows : tuple of int
-        Views of the window in the fit, reference and current first.
-    frames : tuple of int
-        Absolute indices of these views.
-    """
+    """A motion with the joint fit of the views that it could locate."""
 
     fit: JointFit
+    #: In the views of the fit, as they were fitted.
     tracks: WindowTracks
+    #: Views of the window in the fit, reference and current first.
     rows: tuple[int, ...]
+    #: Absolute indices of these views.
     frames: tuple[int, ...]
 
     @property
@@ -106,45 +77,17 @@ class FittedMotion:
         return Motion(poses, state.plane, state.log_scale, state.readout_s, state.k1)
 
     def same_as(self, other: FittedMotion) -> bool:
-        """Whether two fits ended in the same optimum.
-
-        Parameters
-        ----------
-        other : FittedMotion
-
-        Returns
-        -------
-        bool
-        """
+        """Whether two fits ended in the same optimum."""
         rotation_deg, direction_deg = self.difference_deg(other)
         return rotation_deg <= _SAME_ROTATION_DEG and direction_deg <= _SAME_DIRECTION_DEG
 
     def difference_deg(self, other: FittedMotion) -> tuple[float, float]:
-        """Angles between the rotations and between the directions of the pair.
-
-        Parameters
-        ----------
-        other : FittedMotion
-
-        Returns
-        -------
-        rotation_deg, direction_deg : float
-        """
+        """Angles between the rotations and between the directions of the pair."""
         return difference_deg(self.cam2_from_cam1, other.cam2_from_cam1)
 
 
 def difference_deg(a: Pose, b: Pose) -> tuple[float, float]:
-    """Angles between two rotations, and between the directions of two baselines.
-
-    Parameters
-    ----------
-    a, b : Pose
-        cam2_from_cam1 of the same two views.
-
-    Returns
-    -------
-    rotation_deg, direction_deg : float
-    """
+    """Angles between two rotations, and between the directions of two baselines."""
     centre_a, centre_b = a.R.T @ a.t, b.R.T @ b.t
     lengths = max(float(np.linalg.norm(centre_a) * np.linalg.norm(centre_b)), 1e-300)
     direction = math.acos(min(max(float(centre_a @ centre_b) / lengths, -1.0), 1.0))
@@ -152,21 +95,7 @@ def difference_deg(a: Pose, b: Pose) -> tuple[float, float]:
 
 
 def fit_motion(tracks: WindowTracks, motion: Motion, priors: Priors, hopeless: float = math.inf) -> FittedMotion:
-    """Fit a motion to the views that it knows.
-
-    Parameters
-    ----------
-    tracks : WindowTracks
-        Of all views.
-    motion : Motion
-    priors : Priors
-    hopeless : float
-        The fit ends early where its cost will stay above this.
-
-    Returns
-    -------
-    FittedMotion
-    """
+    """Fit a motion to the views that it knows."""
     part, R, t, rows = _part_of(tracks, motion)
     frames = tuple(tracks.frames[row] for row in rows)
     start = _start(part, R, t, motion, motion.plane)
@@ -175,19 +104,7 @@ def fit_motion(tracks: WindowTracks, motion: Motion, priors: Priors, hopeless: f
 
 
 def noise_factor_at(tracks: WindowTracks, motion: Motion, priors: Priors) -> float:
-    """The noise of a motion as a start over the noise of the tracks; see :func:`.joint_fit.start_noise_factor`.
-
-    Parameters
-    ----------
-    tracks : WindowTracks
-        Of all views.
-    motion : Motion
-    priors : Priors
-
-    Returns
-    -------
-    float
-    """
+    """The noise of a motion as a start over the noise of the tracks; see :func:`.joint_fit.start_noise_factor`."""
     part, R, t, _ = _part_of(tracks, motion)
     return start_noise_factor(part, _start(part, R, t, motion), priors)
 

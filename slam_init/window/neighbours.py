@@ -18,8 +18,6 @@ from slam_init.window.kernels import TUKEY_GATES
 from slam_init.window.state import Priors
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["variance_by_neighbours"]
-
 #: A neighbourhood holds a tenth of the tracks, and so about as much of the view: bodies and the errors of a lens extend
 #: that far. A larger one has fewer independent parts, and says less.
 _NEIGHBOURHOOD = 0.1
@@ -28,21 +26,10 @@ _NEIGHBOURHOOD = 0.1
 def variance_by_neighbours(tracks: WindowTracks, fit: JointFit, priors: Priors, places: Floats) -> float:
     """Factor on each variance of a fit for the errors that neighbouring tracks share.
 
-    Parameters
-    ----------
-    tracks : WindowTracks
-        As fitted.
-    fit : JointFit
-    priors : Priors
-        As fitted.
-    places : (T, 2) float
-        Where the tracks lie in the view.
+    Shapes: ``places`` (T, 2).
 
-    Returns
-    -------
-    float
-        At least 1. Without shared errors it exceeds 1 by chance: with 300 tracks in two views by 0.25, in twelve views
-        by 0.1.
+    * Returns: At least 1. Without shared errors it exceeds 1 by chance: with 300 tracks in two views by 0.25, in twelve
+      views by 0.1.
     """
     near = _neighbours(places, tracks.anchor >= 0)
     squares = np.einsum("vtq,vtq->vt", fit.residuals, fit.residuals)

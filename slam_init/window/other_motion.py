@@ -20,8 +20,6 @@ from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.uncertainty import places_of
 from slam_init.work import Prices, spend
 
-__all__ = ["OtherMotion", "explained_tracks", "other_motion"]
-
 #: A motion of other tracks is a rival from this share of the tracks that the best motion explains: half of them where
 #: the other tracks are compact, a quarter where they extend over half of the area or more. With a threshold of a half,
 #: two bodies that hold a fifth of the tracks each do not prevent a map of the rest; a body of half the view does.
@@ -35,13 +33,7 @@ _SIGMAS, _LEAST_TRACKS = 3.0, 20
 def explained_tracks(hypotheses: WindowHypotheses) -> Bools:
     """The tracks that the best motion explains in all views that see them.
 
-    Parameters
-    ----------
-    hypotheses : WindowHypotheses
-
-    Returns
-    -------
-    (T,) bool
+    Shapes: returns (T,).
     """
     costs = hypotheses.costs_of(hypotheses.motions[0])
     explained = costs <= explained_at_most(np.maximum(2 * hypotheses.tracks.seen.sum(axis=0) - 3, 0))
@@ -50,31 +42,16 @@ def explained_tracks(hypotheses: WindowHypotheses) -> Bools:
 
 @dataclass(frozen=True, eq=False)
 class OtherMotion:
-    """A rigid motion of tracks that the best motion does not explain.
+    """A rigid motion of tracks that the best motion does not explain."""
 
-    Attributes
-    ----------
-    probability : float
-        That the camera moves relative to these tracks; 0 where they are few, or have no rigid motion in the pair.
-    track_ids : (M,) int
-        The tracks that have this motion; empty where there is none.
-    """
-
+    #: That the camera moves relative to these tracks; 0 where they are few, or have no rigid motion in the pair.
     probability: float = 0.0
+    #: (M,) The tracks that have this motion; empty where there is none.
     track_ids: Ints = field(default_factory=lambda: np.zeros(0, int))
 
 
 def other_motion(hypotheses: WindowHypotheses) -> OtherMotion:
-    """Find a rigid motion of the tracks that the best motion does not explain.
-
-    Parameters
-    ----------
-    hypotheses : WindowHypotheses
-
-    Returns
-    -------
-    OtherMotion
-    """
+    """Find a rigid motion of the tracks that the best motion does not explain."""
     tracks, explained = hypotheses.tracks, explained_tracks(hypotheses)
     state = hypotheses.motions[0].fit.state
     rays = tracks.bearings(state.log_scale, state.readout_s, state.k1)[:2]

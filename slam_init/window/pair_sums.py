@@ -17,21 +17,12 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.window.compiler import compiled
 
-__all__ = ["assemble", "pose_products", "relative_poses"]
-
 
 @compiled
 def relative_poses(R: Floats, t: Floats, turn: Floats, shift: Floats) -> None:
     """The rotations ``R_k R_a^T``, and the derivatives of points by their inverse distances.
 
-    Parameters
-    ----------
-    R, t : (V, 3, 3), (V, 3) float
-        cam_from_world.
-    turn : (V, V, 9) float
-        Receives the rotations row by row, by anchor a and view k.
-    shift : (V, V, 3) float
-        Receives ``R_a R_k^T t_k - t_a``.
+    Shapes: ``R, t`` (V, 3, 3), ``turn`` (V, V, 9), ``shift`` (V, V, 3).
     """
     V = len(R)
     for a in range(V):
@@ -60,20 +51,8 @@ def pose_products(
 ) -> tuple[float, ...]:
     """``B^T M B`` of an observation. Numbers in place of arrays: a call with an array takes as long as the arithmetic.
 
-    Parameters
-    ----------
-    m00, m01, m02, m11, m12, m22 : float
-        The symmetric product M of its derivatives by the point.
-    v0, v1, v2 : float
-        ``d - rho t_a``.
-    r : float
-        rho.
-
-    Returns
-    -------
-    21 times float
-        Rotation by rotation (lower half), rotation by translation (row by row), translation by translation (lower
-        half).
+    * Returns: Rotation by rotation (lower half), rotation by translation (row by row), translation by translation
+      (lower half).
     """
     # Rows of N: v x rows of M.
     n00, n01, n02 = v1 * m02 - v2 * m01, v2 * m00 - v0 * m02, v0 * m01 - v1 * m00
@@ -101,24 +80,11 @@ def assemble(
 ) -> None:
     """Add the sums of all anchors and views to the equations.
 
-    Parameters
-    ----------
-    turn : (V, V, 9) float
-        Of :func:`relative_poses`.
-    pose_sums : (V, V, 21) float
-        Sums of :func:`pose_products` by anchor and view.
-    lens_sums : (V, V, 5, 6) float
-        Sums of ``B^T z`` with the product z of the derivatives by the point and by an unknown of the lens.
-    plane_sums : (V, V, 9, 6) float
-        Sums of ``c (B^T M s)^T``: by the plane, then by the pose of the anchor.
-    field_size : int
-        Coefficients of the error field of a view.
-    lens : int
-        Number of unknowns of the lens.
-    has_plane : bool
-        Whether the plane is unknown.
-    normal : (G, G) float
-        The lower half of the equations.
+    Shapes: ``turn`` (V, V, 9), ``pose_sums`` (V, V, 21), ``lens_sums`` (V, V, 5, 6), ``plane_sums`` (V, V, 9, 6),
+    ``normal`` (G, G).
+
+    * ``lens_sums``: Sums of ``B^T z`` with the product z of the derivatives by the point and by an unknown of the lens.
+    * ``plane_sums``: Sums of ``c (B^T M s)^T``: by the plane, then by the pose of the anchor.
     """
     V = len(turn)
     block = 6 + field_size

@@ -16,8 +16,6 @@ from slam_init.window.motion import FittedMotion, fit_motion
 from slam_init.window.state import Priors
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["is_plane"]
-
 #: Points lie on a plane if distances of their own lower the cost by as much as noise does: by chi-square with one
 #: degree of freedom a track, so by one on average. Their sum may exceed that by this number of standard deviations.
 _PLANE_SIGMAS = 2.5
@@ -36,20 +34,8 @@ _LEAST_ON_PLANE, _LEAST_TRACKS_ON_PLANE = 0.5, 20
 def is_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:
     """Whether the points of a fit lie on its plane.
 
-    Parameters
-    ----------
-    tracks : WindowTracks
-        Of all views.
-    fitted : FittedMotion
-        With a plane.
-    priors : Priors
-        Of the fit.
-
-    Returns
-    -------
-    bool
-        True if a relief would show, and distances of their own gain nothing: neither at the poses of the fit, nor where
-        the poses follow.
+    * Returns: True if a relief would show, and distances of their own gain nothing: neither at the poses of the fit,
+      nor where the poses follow.
     """
     return _fits_plane(tracks, fitted, priors) and not _has_relief(tracks, fitted, priors)
 

@@ -16,8 +16,6 @@ from slam_init.types.camera import Camera
 from slam_init.window.compiler import compiled
 from slam_init.window.lens_projection import lens_vector, project_ray
 
-__all__ = ["camera_vector", "project_point"]
-
 _MODELS = {"pinhole": 0.0, "radtan": 1.0, "fisheye": 2.0}
 _LENS = 3.0
 
@@ -25,13 +23,7 @@ _LENS = 3.0
 def camera_vector(camera: Camera) -> Floats:
     """The numbers of a camera for the compiled loops.
 
-    Parameters
-    ----------
-    camera : Camera
-
-    Returns
-    -------
-    (31,) float
+    Shapes: returns (31,).
     """
     coefficients = (*camera.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
     model = _MODELS[camera.model] if camera.lens is None else _LENS
@@ -47,28 +39,11 @@ def project_point(
 
     The results are numbers and not arrays: a call that fills arrays takes four times as long.
 
-    Parameters
-    ----------
-    camera : (31,) float
-        Of :func:`camera_vector`.
-    scale : float
-        Factor of the focal length. The derivative of the pixel by the logarithm of the scale is the pixel less the
-        principal point.
-    k1 : float
-        Added to the first coefficient of the radial distortion.
-    X, Y, Z : float
-        The point in the camera frame, in any scale.
+    Shapes: ``camera`` (31,).
 
-    Returns
-    -------
-    seen : bool
-        Whether the lens sees the point; otherwise the numbers are 0.
-    x, y : float
-        The pixel.
-    x_X, x_Y, x_Z, y_X, y_Y, y_Z : float
-        Its derivatives by the point.
-    x_k1, y_k1 : float
-        Its derivatives by k1.
+    * ``scale``: Factor of the focal length. The derivative of the pixel by the logarithm of the scale is the pixel less
+      the principal point.
+    * Returns ``seen``: Whether the lens sees the point; otherwise the numbers are 0.
     """
     if camera[0] == 3.0:
         return project_ray(camera, scale, k1, X, Y, Z)

@@ -52,8 +52,6 @@ from slam_init.window.uncertainty import (
 )
 from slam_init.work import Prices, spend
 
-__all__ = ["MERE_ROTATION", "WindowRisk", "risk_of"]
-
 #: A rotation and a direction are wrong from here on.
 _WRONG_ROTATION_DEG, _WRONG_DIRECTION_DEG = 5.0, 15.0
 #: Laplace is optimistic with few views. Factor on the standard deviation of the direction: 1.7 with two views, 1.2 with
@@ -94,71 +92,46 @@ _FLOOR = 5e-4
 
 @dataclass(frozen=True)
 class WindowRisk:
-    """The probability that a map of the best hypothesis is wrong, with its terms.
+    """The probability that a map of the best hypothesis is wrong, with its terms."""
 
-    Attributes
-    ----------
-    total : float
-        Sum of the terms, at most 1.
-    direction, rival, rotation, moving, floor : float
-        Probabilities, see the module docstring. ``moving`` is 0 where the camera merely rotates.
-    direction_sigma_deg : float
-        Standard deviation of the direction of the pair's baseline where it is largest.
-    rotation_sigma_deg : float
-        Standard deviation of the pair's rotation where it is largest.
-    direction_with_known_lens : float
-        The term of the direction if focal length and distortion were known, and the model of the lens left nothing
-        that neighbouring tracks share.
-    direction_if_rigid : float
-        The term of the direction if no track lies on a moving body, and neighbouring tracks share no errors.
-    depth_sigma : float
-        Median of the relative standard deviations of the distances from the reference, in units of the pair's baseline,
-        over the tracks that the best motion explains. The landmarks of a map have figures of their own.
-    field_px : float
-        Expected standard deviation of the coefficients of the error fields.
-    margin : Margin or None
-        The vote against the nearest rival; None without a rival.
-    rotation_log_likelihood : float
-        Log likelihood of the best motion over the rotation-only camera, in nats.
-    direction_of_views : tuple of float
-        The term of the direction for each view of the best motion but the first: the pair's own first. A view near the
-        reference has an uncertain direction although its position is certain.
-    moving_tracks : tuple of int
-        The tracks with a rigid motion of their own, where ``moving`` was evaluated and there are many.
-    camera : CameraEstimate
-        The distortion and the readout by the best motion, or by the camera that only rotates where that is likely.
-    """
-
+    #: Sum of the terms, at most 1.
     total: float
+    #: direction, rival, rotation, moving, floor: Probabilities, see the module docstring. ``moving`` is 0 where the
+    #: camera merely rotates.
     direction: float
     rival: float
     rotation: float
     moving: float
     floor: float
+    #: Standard deviation of the direction of the pair's baseline where it is largest.
     direction_sigma_deg: float
+    #: Standard deviation of the pair's rotation where it is largest.
     rotation_sigma_deg: float
+    #: The term of the direction if focal length and distortion were known, and the model of the lens left nothing
+    #: that neighbouring tracks share.
     direction_with_known_lens: float
+    #: The term of the direction if no track lies on a moving body, and neighbouring tracks share no errors.
     direction_if_rigid: float
+    #: Median of the relative standard deviations of the distances from the reference, in units of the pair's
+    #: baseline, over the tracks that the best motion explains. The landmarks of a map have figures of their own.
     depth_sigma: float
+    #: Expected standard deviation of the coefficients of the error fields.
     field_px: float
+    #: The distortion and the readout by the best motion, or by the camera that only rotates where that is likely.
     camera: CameraEstimate
+    #: The vote against the nearest rival; None without a rival.
     margin: Margin | None
+    #: Log likelihood of the best motion over the rotation-only camera, in nats.
     rotation_log_likelihood: float
+    #: The term of the direction for each view of the best motion but the first: the pair's own first. A view near the
+    #: reference has an uncertain direction although its position is certain.
     direction_of_views: tuple[float, ...]
+    #: The tracks with a rigid motion of their own, where ``moving`` was evaluated and there are many.
     moving_tracks: tuple[int, ...] = ()
 
 
 def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
-    """Compose the risk of the best hypothesis.
-
-    Parameters
-    ----------
-    hypotheses : WindowHypotheses
-
-    Returns
-    -------
-    WindowRisk
-    """
+    """Compose the risk of the best hypothesis."""
     with single_threaded():
         return _risk_of(hypotheses)
 

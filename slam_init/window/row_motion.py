@@ -20,23 +20,13 @@ from slam_init.types.arrays import Floats
 from slam_init.window.state import WindowState
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["with_translation"]
-
 
 def with_translation(tracks: WindowTracks, state: WindowState) -> WindowTracks:
     """Add what the translation of the camera moves to the sweeps of the tracks, and correct their pixels for it.
 
-    Parameters
-    ----------
-    tracks : WindowTracks
-        In the views of the state. Their sweeps are those of the turning.
-    state : WindowState
-        The velocity is that of its poses, the distances are its own.
-
-    Returns
-    -------
-    WindowTracks
-        The same tracks where the time stamps do not increase or no turning is known.
+    * ``tracks``: In the views of the state. Their sweeps are those of the turning.
+    * ``state``: The velocity is that of its poses, the distances are its own.
+    * Returns: The same tracks where the time stamps do not increase or no turning is known.
     """
     order = np.argsort(tracks.times_s, kind="stable")
     times = tracks.times_s[order]

@@ -12,99 +12,63 @@ from slam_init.window.measured_rays import triangulated
 from slam_init.window.track_equations import FIELD_TERMS
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["CALIBRATED_SIGMA", "Priors", "WindowState", "start_at"]
-
-
 #: Relative standard deviation of the focal length of a calibration: they are better than two per cent.
 CALIBRATED_SIGMA = 0.02
 
 
 @dataclass(frozen=True)
 class Priors:
-    """What is known before the fit.
+    """What is known before the fit."""
 
-    Attributes
-    ----------
-    focal_sigma : float
-        Relative standard deviation of the stated focal length.
-    k1_sigma : float
-        Standard deviation of the first coefficient of the radial distortion about the stated one.
-    field_sigma_px : float
-        Standard deviation of each coefficient of the error field of a view, in pixels; 0 for no field.
-    gate_sigmas : float
-        An observation counts as an outlier around this number of standard deviations.
-    readout_sigma_s : float
-        Standard deviation of the readout of a rolling shutter about none, in seconds; 0 where it is known, so that the
-        rays are corrected already.
-    principal_sigma_px : float
-        Standard deviation of each coordinate of the principal point about the stated one; 0 where it is known.
-    log_scale_mean, k1_mean : float
-        What is expected of the focal length and of the distortion, as :class:`WindowState` counts them: other than 0
-        where the camera of the window is an estimate already, and the prior is that of an earlier camera.
-    """
-
+    #: Relative standard deviation of the stated focal length.
     focal_sigma: float = CALIBRATED_SIGMA
+    #: Standard deviation of the first coefficient of the radial distortion about the stated one.
     k1_sigma: float = 0.05
+    #: Standard deviation of each coefficient of the error field of a view, in pixels; 0 for no field.
     field_sigma_px: float = 0.0
+    #: An observation counts as an outlier around this number of standard deviations.
     gate_sigmas: float = 3.0
+    #: Standard deviation of the readout of a rolling shutter about none, in seconds; 0 where it is known, so that the
+    #: rays are corrected already.
     readout_sigma_s: float = 0.0
+    #: Standard deviation of each coordinate of the principal point about the stated one; 0 where it is known.
     principal_sigma_px: float = 0.0
+    #: log_scale_mean, k1_mean: What is expected of the focal length and of the distortion, as :class:`WindowState`
+    #: counts them: other than 0 where the camera of the window is an estimate already, and the prior is that of an
+    #: earlier camera.
     log_scale_mean: float = 0.0
     k1_mean: float = 0.0
 
     def lens_pulls(self, state: WindowState) -> tuple[float, float]:
-        """How far the lens is from what is expected, in standard deviations.
-
-        Parameters
-        ----------
-        state : WindowState
-
-        Returns
-        -------
-        focal, k1 : float
-        """
+        """How far the lens is from what is expected, in standard deviations."""
         focal = (state.log_scale - self.log_scale_mean) / self.focal_sigma
         return focal, (state.k1 - self.k1_mean) / self.k1_sigma
 
 
 @dataclass(frozen=True, eq=False)
 class WindowState:
-    """The unknowns of a fit.
+    """The unknowns of a fit."""
 
-    Attributes
-    ----------
-    R, t : (V, 3, 3), (V, 3) float
-        cam_from_world; the world is the frame of view 0.
-    rays : (T, 3) float
-        True unit rays in the anchor views.
-    inverse_distances : (T,) float
-        Along the rays, not negative; not used on the plane.
-    log_scale : float
-        Logarithm of the true focal length over the stated one.
-    field : (V, 12) float
-        Coefficients of the error fields.
-    plane : (3,) float or None
-        ``plane . X = 1`` in the world; None without one.
-    on_plane : (T,) bool
-        Tracks whose point lies on the plane.
-    readout_s : float
-        Readout of the image.
-    k1 : float
-        Added to the first coefficient of the radial distortion of the stated camera.
-    principal_px : (2,) float
-        Added to the principal point of the stated camera.
-    """
-
+    #: R, t: (V, 3, 3) Cam_from_world; the world is the frame of view 0.
     R: Floats
     t: Floats
+    #: (T, 3) True unit rays in the anchor views.
     rays: Floats
+    #: (T,) Along the rays, not negative; not used on the plane.
     inverse_distances: Floats
+    #: Logarithm of the true focal length over the stated one.
     log_scale: float
+    #: (V, 12) Coefficients of the error fields.
     field: Floats
+    #: (3,) ``plane . X = 1`` in the world; None without one.
     plane: Floats | None
+    #: (T,) Tracks whose point lies on the plane.
     on_plane: Bools
+    #: Readout of the image.
     readout_s: float = 0.0
+    #: Added to the first coefficient of the radial distortion of the stated camera.
     k1: float = 0.0
+    #: (2,) Added to the principal point of the stated camera.
     principal_px: Floats = dataclasses.field(default_factory=lambda: np.zeros(2))
 
 
@@ -122,27 +86,7 @@ def start_at(
 ) -> WindowState:
     """A state at given poses: measured rays, and inverse distances by linear least squares.
 
-    Parameters
-    ----------
-    tracks : WindowTracks
-    R, t : (V, 3, 3), (V, 3) float
-        cam_from_world.
-    plane : (3,) float, optional
-        All points start on it.
-    log_scale : float
-        Logarithm of the true focal length over the stated one.
-    k1 : float
-        Added to the first coefficient of the radial distortion.
-    readout_s : float
-        Readout of the image.
-    principal_px : (2,) float, optional
-        Added to the principal point; by default nothing.
-    at_infinity : bool
-        Whether all points start at infinity.
-
-    Returns
-    -------
-    WindowState
+    Shapes: ``R, t`` (V, 3, 3), ``plane`` (3,), ``principal_px`` (2,).
     """
     anchor = np.maximum(tracks.anchor, 0)
     principal_px = np.zeros(2) if principal_px is None else principal_px

@@ -9,9 +9,6 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.window.compiler import compiled
 from slam_init.window.projection import project_point
 
-__all__ = ["step_poses", "step_tracks"]
-
-
 #: A change of the lens that moves the pixels of a ray to first order by less than a hundredth.
 _LEAST_CHANGE = 1e-3
 #: Newton's method starts at the ray to first order; with two steps the pixel is exact to a thousandth.
@@ -63,29 +60,12 @@ def step_tracks(
     square of the step: by several pixels where the distortion moves by a tenth. So the pixel moves to first order, and
     the ray is that of the pixel through the new lens.
 
-    Parameters
-    ----------
-    back : (T, 3, 4 + G) float
-        Of :func:`slam_init.window.kernels.accumulate`.
-    coupled : (T, 3) float
-        Product of the coupling and the step of the common unknowns: ``back[:, :, 4:] @ step``.
-    length : float
-        Factor on the steps of all unknowns.
-    rays : (T, 3) float
-        Unit rays.
-    rho : (T,) float
-        Inverse distances.
-    free, on_plane : (T,) bool
-        The inverse distance of a track is an unknown where it is free and not on the plane.
-    camera : (31,) float
-        Of :func:`slam_init.window.projection.camera_vector`.
-    lens, by_lens : (2,) float
-        Logarithm of the focal scale and k1, before the step, and their steps at length 1.
+    Shapes: ``back`` (T, 3, 4 + G), ``coupled`` (T, 3), ``rays`` (T, 3), ``rho`` (T,), ``free, on_plane`` (T,),
+    ``camera`` (31,), ``lens, by_lens`` (2,), returns ``rays, rho`` (T, 3).
 
-    Returns
-    -------
-    rays, rho : (T, 3), (T,) float
-        Unit rays, and inverse distances that are not negative.
+    * ``coupled``: Product of the coupling and the step of the common unknowns: ``back[:, :, 4:] @ step``.
+    * ``free, on_plane``: The inverse distance of a track is an unknown where it is free and not on the plane.
+    * ``lens, by_lens``: Logarithm of the focal scale and k1, before the step, and their steps at length 1.
     """
     moved, lengths = np.empty_like(rays), np.empty_like(rho)
     bends = length * max(abs(by_lens[0]), abs(by_lens[1])) > _LEAST_CHANGE
@@ -113,22 +93,9 @@ def step_poses(
 ) -> tuple[Floats, Floats, Floats]:
     """The poses and the error fields after a step of the common unknowns.
 
-    Parameters
-    ----------
-    step : (G,) float
-        In the order of :mod:`slam_init.window.kernels`.
-    length : float
-        Factor on the step.
-    field_size : int
-        Coefficients of the error field of a view that are unknowns; 0 for none.
-    R, t : (V, 3, 3), (V, 3) float
-        cam_from_world. Rotation vectors turn from the left.
-    field : (V, F) float
-        Coefficients of the fields.
+    Shapes: ``step`` (G,), ``R, t`` (V, 3, 3), ``field`` (V, F), returns ``R, t, field`` (V, 3, 3).
 
-    Returns
-    -------
-    R, t, field : (V, 3, 3), (V, 3), (V, F) float
+    * ``field_size``: Coefficients of the error field of a view that are unknowns; 0 for none.
     """
     turned, moved, bent = R.copy(), t.copy(), field.copy()
     place = 0

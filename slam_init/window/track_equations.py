@@ -7,17 +7,6 @@ import numpy as np
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.compiler import compiled
 
-__all__ = [
-    "FIELD_TERMS",
-    "add_field",
-    "by_pose",
-    "clear_track",
-    "collect",
-    "depth_on_plane",
-    "eliminate",
-    "solve_track",
-]
-
 #: Coefficients of the error field of a view: 1, u, v, u^2, uv, v^2 for each component of the pixel.
 FIELD_TERMS = 12
 
@@ -36,16 +25,10 @@ def collect(
 ) -> None:
     """Collect the observations of the tracks that take part, track by track.
 
-    Parameters
-    ----------
-    pixels, sigma_px, whitening, sweep_px_s : (V, T, 2), (V, T), (V, T, 2, 2), (V, T, 2) float
-        Of :class:`slam_init.window.tracks.WindowTracks`.
-    seen : (V, T) bool
-        Of the same.
-    anchor : (T,) int
-        Of the same.
-    observed, view, first : (N, 9), (N,), (T + 1,)
-        Receive the arguments of :func:`slam_init.window.kernels.accumulate`.
+    Shapes: ``pixels, sigma_px, whitening, sweep_px_s`` (V, T, 2), ``seen`` (V, T), ``anchor`` (T,), ``observed, view,
+    first`` (N, 9).
+
+    * ``observed, view, first``: Receive the arguments of :func:`slam_init.window.kernels.accumulate`.
     """
     V, T = seen.shape
     n = 0
@@ -67,22 +50,9 @@ def collect(
 def depth_on_plane(R: Floats, t: Floats, a: int, d: Floats, plane: Floats, out: Floats) -> float:
     """Inverse distance of a ray to a plane.
 
-    Parameters
-    ----------
-    R, t : (V, 3, 3), (V, 3) float
-        cam_from_world.
-    a : int
-        The view of the ray.
-    d : (3,) float
-        Unit ray.
-    plane : (3,) float
-        ``plane . X = 1`` in the world.
-    out : (12,) float
-        Receives the derivatives by the plane, by the ray, and by the rotation and the translation of the view.
+    Shapes: ``R, t`` (V, 3, 3), ``d`` (3,), ``plane`` (3,), ``out`` (12,).
 
-    Returns
-    -------
-    float
+    * ``out``: Receives the derivatives by the plane, by the ray, and by the rotation and the translation of the view.
     """
     u0 = R[a, 0, 0] * d[0] + R[a, 1, 0] * d[1] + R[a, 2, 0] * d[2]
     u1 = R[a, 0, 1] * d[0] + R[a, 1, 1] * d[1] + R[a, 2, 1] * d[2]
@@ -115,22 +85,7 @@ def depth_on_plane(R: Floats, t: Floats, a: int, d: Floats, plane: Floats, out: 
 def by_pose(
     m0: float, m1: float, m2: float, v0: float, v1: float, v2: float, r: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Turn a derivative by the point into one by a pose: ``B^T m`` (:mod:`slam_init.window.pair_sums`).
-
-    Parameters
-    ----------
-    m0, m1, m2 : float
-        By the point.
-    v0, v1, v2 : float
-        ``d - rho t_a``.
-    r : float
-        rho.
-
-    Returns
-    -------
-    6 times float
-        By the rotation vector, then by the translation.
-    """
+    """Turn a derivative by the point into one by a pose: ``B^T m`` (:mod:`slam_init.window.pair_sums`)."""
     return v1 * m2 - v2 * m1, v2 * m0 - v0 * m2, v0 * m1 - v1 * m0, r * m0, r * m1, r * m2
 
 
@@ -158,31 +113,12 @@ def add_field(
 ) -> None:
     """Add what an observation tells of the error field of its view, alone and with the other unknowns.
 
-    Parameters
-    ----------
-    n, k, i, a : int
-        Observation, view, track and anchor.
-    flat : bool
-        Whether the point lies on the plane.
-    observed : (N, 9) float
-        Of :func:`slam_init.window.kernels.accumulate`.
-    places : (V, T, 6) float
-        Of the same.
-    rows : (3, 7) float
-        The first two hold the derivatives by the point in the axes of the anchor (3), by the unknowns of the track (3)
-        and by the inverse distance. The third holds the weighted residual (2), the weight and rho.
-    Jc : (2, 5) float
-        Derivatives by the lens.
-    by : (12,) float
-        Of :func:`depth_on_plane`.
-    turn : (V, V, 9) float
-        Of :func:`slam_init.window.pair_sums.relative_poses`.
-    v0, v1, v2 : float
-        ``d - rho t_a``.
-    focal, lens : int
-        Place of the focal length, and number of unknowns of the lens.
-    back, share, normal : (T, 3, 4 + G), (G,), (G, G) float
-        What is added to.
+    Shapes: ``observed`` (N, 9), ``places`` (V, T, 6), ``rows`` (3, 7), ``Jc`` (2, 5), ``by`` (12,), ``turn`` (V, V, 9),
+    ``back, share, normal`` (T, 3, 4 + G).
+
+    * ``rows``: The first two hold the derivatives by the point in the axes of the anchor (3), by the unknowns of the
+      track (3) and by the inverse distance. The third holds the weighted residual (2), the weight and rho.
+    * ``focal, lens``: Place of the focal length, and number of unknowns of the lens.
     """
     half, block = FIELD_TERMS // 2, 6 + FIELD_TERMS
     first = FIELD_TERMS + block * (k - 1) + 6 if k > 0 else 0
@@ -235,14 +171,7 @@ def clear_track(
 ) -> None:
     """Set the equations of a track to zero.
 
-    Parameters
-    ----------
-    i : int
-        The track.
-    back, halves, shares : (T, 3, 4 + G), (T, 3, G + 1), (T, G) or (0, G) float
-        Of all tracks.
-    share, A, b, coupled, by_depth, by_lens : (G,), (3, 3), (3,), (3, 3), (3,), (5,) float
-        Sums over the observations of a track.
+    Shapes: ``back, halves, shares`` (T, 3, 4 + G), ``share, A, b, coupled, by_depth, by_lens`` (G,).
     """
     for q in range(len(share)):
         share[q] = 0.0
@@ -264,20 +193,9 @@ def clear_track(
 def solve_track(i: int, A: Floats, b: Floats, unknowns: int, back: Floats, halves: Floats) -> None:
     """Invert the equations of a track.
 
-    Parameters
-    ----------
-    i : int
-        The track.
-    A : (3, 3) float
-        The lower half of the equations.
-    b : (3,) float
-        Gradient.
-    unknowns : int
-        2 where the inverse distance is no unknown, else 3.
-    back : (T, 3, 4 + G) float
-        Holds the coupling W in the last columns; receives b and the inverse.
-    halves : (T, 3, G + 1) float
-        Receives ``L^-1 (W, b)`` with ``A = L L^T``.
+    Shapes: ``A`` (3, 3), ``b`` (3,), ``back`` (T, 3, 4 + G), ``halves`` (T, 3, G + 1).
+
+    * ``back``: Holds the coupling W in the last columns; receives b and the inverse.
     """
     G = back.shape[2] - 4
     for q in range(unknowns):
@@ -316,14 +234,9 @@ def eliminate(normal: Floats, gradient: Floats, halves: Floats) -> None:
     It is one product of a matrix with itself, for which the linear algebra library of numpy is several times as fast as
     a loop.
 
-    Parameters
-    ----------
-    normal : (G, G) float
-        Of :func:`slam_init.window.kernels.accumulate`, the lower half; receives all of the equations.
-    gradient : (G,) float
-        Of :func:`slam_init.window.kernels.accumulate`.
-    halves : (T, 3, G + 1) float
-        Of :func:`slam_init.window.kernels.accumulate`.
+    Shapes: ``normal`` (G, G), ``gradient`` (G,), ``halves`` (T, 3, G + 1).
+
+    * ``normal``: Of :func:`slam_init.window.kernels.accumulate`, the lower half; receives all of the equations.
     """
     rows = halves.reshape(-1, halves.shape[2])
     _take_out(normal, gradient, rows.T @ rows)

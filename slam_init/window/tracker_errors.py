@@ -12,8 +12,6 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.window.tracks import WindowTracks
 
-__all__ = ["gain_of_lasting_errors", "gain_of_shared_errors", "gain_of_turning_errors"]
-
 #: Errors that a tracker keeps from view to view: they grow with the displacement of the image, up to a limit in pixels.
 #: On rendered images of cameras that only turn, by up to 40 degrees with a wrong focal length or unstated distortion,
 #: the best translation gains as much as with errors of up to 0.0033 of the displacement, and of 0.27 px at the most.
@@ -26,16 +24,7 @@ _SHARED_PX = 0.02
 def gain_of_lasting_errors(tracks: WindowTracks, R: Floats) -> float:
     """Factor on what a translation gains by chance, for errors that the tracker keeps from view to view.
 
-    Parameters
-    ----------
-    tracks : WindowTracks
-    R : (V, 3, 3) float
-        cam_from_world of a camera that only rotates.
-
-    Returns
-    -------
-    float
-        At least 1.
+    Shapes: ``R`` (V, 3, 3).
     """
     cosines = (np.trace(R, axis1=1, axis2=2) - 1) / 2
     displacement_px = tracks.camera.focal_px * float(np.arccos(np.clip(cosines, -1.0, 1.0)).max())
@@ -43,34 +32,12 @@ def gain_of_lasting_errors(tracks: WindowTracks, R: Floats) -> float:
 
 
 def gain_of_shared_errors(tracks: WindowTracks) -> float:
-    """Sum of the squares, in units of the noise, of errors that the tracks of a view share.
-
-    Parameters
-    ----------
-    tracks : WindowTracks
-
-    Returns
-    -------
-    float
-        A translation may gain as much in chi-square.
-    """
+    """Sum of the squares, in units of the noise, of errors that the tracks of a view share."""
     return float(tracks.seen[:, tracks.anchor >= 0].sum()) * (_SHARED_PX / tracks.noise_px) ** 2
 
 
 def gain_of_turning_errors(tracks: WindowTracks, readout_s: float) -> float:
-    """Sum of the squares, in units of the noise, of what a rolling shutter moves by errors of the turning.
-
-    Parameters
-    ----------
-    tracks : WindowTracks
-    readout_s : float
-        Readout of the image.
-
-    Returns
-    -------
-    float
-        A translation may gain as much in chi-square.
-    """
+    """Sum of the squares, in units of the noise, of what a rolling shutter moves by errors of the turning."""
     moved_px = readout_s * tracks.sweep_errors[:, None] * np.linalg.norm(tracks.sweep_px_s, axis=2)
     seen = tracks.seen & (tracks.anchor >= 0)
     return float(np.sum((moved_px[seen] / tracks.sigma_px[seen]) ** 2))

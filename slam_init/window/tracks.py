@@ -16,8 +16,6 @@ from slam_init.types.frame import Observations
 from slam_init.window.measured_rays import measured_rays
 from slam_init.work import Prices, spend
 
-__all__ = ["MAX_TRACKS", "MAX_TRACKS_IN_SLICES", "MAX_VIEWS", "WindowTracks", "gather_tracks"]
-
 #: A decision needs a well-spread subset of the tracks, not all of them: the standard deviation of the direction falls
 #: with the square root of their number, and 300 of 800 tracks leave 1.6 times of it.
 MAX_TRACKS = 300
@@ -39,61 +37,42 @@ _LEAST_VARIANCE_RAD2 = 3e-10
 
 @dataclass(frozen=True, eq=False)
 class WindowTracks:
-    """The tracks of a window.
+    """The tracks of a window."""
 
-    Attributes
-    ----------
-    camera : Camera
-        As stated.
-    frames : tuple of V int
-        Absolute indices, in any order; the frame of the first view is the world.
-    track_ids : (T,) int
-    pixels : (V, T, 2) float
-        Raw pixels, corrected for the readout; any number where a view does not see a track.
-    seen : (V, T) bool
-    rays : (T, 3) float
-        Unit bearings in the anchor views, by the stated camera.
-    anchor : (T,) int
-        First view that sees a track; -1 for a track that fewer than two views see.
-    sigma_px : (V, T) float
-        Standard deviation of a pixel in the direction in which it is best known.
-    whitening : (V, T, 2, 2) float
-        Makes the noise of a pixel, in units of sigma_px, equal in all directions; symmetric with a largest eigenvalue
-        of 1.
-    places : (V, T, 6) float
-        Six polynomials of degree two or less, orthonormal over the image, at the pixels; over sigma_px.
-    sweep_px_s : (V, T, 2) float
-        Derivatives of the raw pixels by the readout of a rolling shutter.
-    sweep_errors : (V,) float
-        Relative standard deviations of the sweeps of each view.
-    readout_s : float
-        Readout that the pixels are corrected for.
-    times_s : (V,) float
-        Time stamps of the views.
-    least_noise_px : float
-        Lower limit of :attr:`noise_px`: what the tracker can measure, and how far it drifts.
-    turned : (V, 3, 3) float
-        Measured rotations of the views from the first view; any where there is no measurement.
-    turned_weights : (V,) float
-        One over the variances of these rotations, rad^-2; 0 where there is no measurement.
-    """
-
+    #: As stated.
     camera: Camera
+    #: Absolute indices, in any order; the frame of the first view is the world.
     frames: tuple[int, ...]
+    #: (T,)
     track_ids: Ints
+    #: (V, T, 2) Raw pixels, corrected for the readout; any number where a view does not see a track.
     pixels: Floats
+    #: (V, T)
     seen: Bools
+    #: (T, 3) Unit bearings in the anchor views, by the stated camera.
     rays: Floats
+    #: (T,) First view that sees a track; -1 for a track that fewer than two views see.
     anchor: Ints
+    #: (V, T) Standard deviation of a pixel in the direction in which it is best known.
     sigma_px: Floats
+    #: (V, T, 2, 2) Makes the noise of a pixel, in units of sigma_px, equal in all directions; symmetric with a
+    #: largest eigenvalue of 1.
     whitening: Floats
+    #: (V, T, 6) Six polynomials of degree two or less, orthonormal over the image, at the pixels; over sigma_px.
     places: Floats
+    #: (V, T, 2) Derivatives of the raw pixels by the readout of a rolling shutter.
     sweep_px_s: Floats
+    #: (V,) Relative standard deviations of the sweeps of each view.
     sweep_errors: Floats
+    #: Readout that the pixels are corrected for.
     readout_s: float
+    #: (V,) Time stamps of the views.
     times_s: Floats
+    #: Lower limit of :attr:`noise_px`: what the tracker can measure, and how far it drifts.
     least_noise_px: float
+    #: (V, 3, 3) Measured rotations of the views from the first view; any where there is no measurement.
     turned: Floats
+    #: (V,) One over the variances of these rotations, rad^-2; 0 where there is no measurement.
     turned_weights: Floats
 
     def __post_init__(self) -> None:
@@ -119,34 +98,14 @@ class WindowTracks:
     ) -> WindowTracks:
         """Prepare tracks for the fit.
 
-        Parameters
-        ----------
-        camera : Camera
-        frames : tuple of V int
-        track_ids : (T,) int
-        pixels : (V, T, 2) float
-        seen : (V, T) bool
-        noise_px : float
-            Standard deviation of a coordinate of a pixel, of the median observation.
-        sweep_px_s : (V, T, 2) float, optional
-            By default zero: all rows are taken at one time.
-        readout_s : float
-            That the pixels are corrected for.
-        times_s : (V,) float, optional
-            Time stamps of the views; by default zero. Only a rolling shutter needs them.
-        least_noise_px : float
-            Lower limit of the standard deviation of a coordinate of a pixel.
-        drifts : (V, T, 2, 2) float, optional
-            Covariances of the drifts since the anchor views, px^2; by default none. With the lower limit they are the
-            least that the noise can be; where it is larger, it is so by one factor.
-        sweep_errors : (V,) float, optional
-            By default 0.
-        attitudes : sequence of V Attitude or None, optional
-            Measured rotations of the views; by default none.
+        Shapes: ``track_ids`` (T,), ``pixels`` (V, T, 2), ``seen`` (V, T), ``sweep_px_s`` (V, T, 2), ``times_s`` (V,),
+        ``drifts`` (V, T, 2, 2), ``sweep_errors`` (V,).
 
-        Returns
-        -------
-        WindowTracks
+        * ``noise_px``: Standard deviation of a coordinate of a pixel, of the median observation.
+        * ``times_s``: Time stamps of the views; by default zero. Only a rolling shutter needs them.
+        * ``least_noise_px``: Lower limit of the standard deviation of a coordinate of a pixel.
+        * ``drifts``: Covariances of the drifts since the anchor views, px^2; by default none. With the lower limit they
+          are the least that the noise can be; where it is larger, it is so by one factor.
         """
         if sweep_px_s is None:
             sweep_px_s = np.zeros((*seen.shape, 2))
@@ -191,21 +150,10 @@ class WindowTracks:
     ) -> Floats:
         """The measured rays.
 
-        Parameters
-        ----------
-        log_scale : float
-            Logarithm of the true focal length over the stated one.
-        readout_s : float
-            Readout of the image.
-        k1 : float
-            Added to the first coefficient of the radial distortion of the stated camera.
-        principal_px : (2,) float
-            Added to the principal point of the stated camera.
+        Shapes: ``principal_px`` (2,), returns (V, T, 3).
 
-        Returns
-        -------
-        (V, T, 3) float
-            Unit rays in the cameras; any rays where a view does not see a track.
+        * ``k1``: Added to the first coefficient of the radial distortion of the stated camera.
+        * Returns: Unit rays in the cameras; any rays where a view does not see a track.
         """
         centre = np.array([self.camera.cx, self.camera.cy])
         moved = self.pixels - np.asarray(principal_px)
@@ -215,32 +163,12 @@ class WindowTracks:
         return measured_rays(self.camera.bent(k1), pixels, self.seen)
 
     def with_noise(self, noise_px: float) -> WindowTracks:
-        """The same tracks with another noise.
-
-        Parameters
-        ----------
-        noise_px : float
-            Standard deviation of a coordinate of a pixel.
-
-        Returns
-        -------
-        WindowTracks
-        """
+        """The same tracks with another noise."""
         factor = noise_px / self.noise_px
         return replace(self, sigma_px=self.sigma_px * factor, places=self.places / factor)
 
     def of_views(self, rows: tuple[int, ...]) -> WindowTracks:
-        """The same tracks in some of the views.
-
-        Parameters
-        ----------
-        rows : tuple of int
-            The first of them becomes the world.
-
-        Returns
-        -------
-        WindowTracks
-        """
+        """The same tracks in some of the views."""
         if rows == tuple(range(len(self.frames))):
             return self
         chosen = list(rows)
@@ -269,14 +197,7 @@ class WindowTracks:
     def of_tracks(self, chosen: Ints) -> WindowTracks:
         """Some of the tracks in the same views.
 
-        Parameters
-        ----------
-        chosen : (N,) int
-            Their positions.
-
-        Returns
-        -------
-        WindowTracks
+        Shapes: ``chosen`` (N,).
         """
         return replace(
             self,
@@ -302,24 +223,7 @@ def gather_tracks(
 ) -> WindowTracks:
     """Choose tracks that are seen in many views and spread over the image.
 
-    Parameters
-    ----------
-    camera : Camera
-    views : sequence of Observations
-        The pair first (reference, current), then further views in any order.
-    noise_px : float
-        Standard deviation of a coordinate of a pixel.
-    least_noise_px : float
-        Its lower limit where a track has not drifted.
-    max_tracks : int
-        Largest number of tracks.
-    attitudes : sequence of Attitude or None, optional
-        Measured rotations of the views; by default none.
-
-    Returns
-    -------
-    WindowTracks
-        Its first view is the reference, whose frame is the world.
+    * ``views``: The pair first (reference, current), then further views in any order.
     """
     spend(Prices.GATHER * sum(len(view) for view in views))
     track_ids, pixels, seen, rows = _table(camera, views)

@@ -34,23 +34,6 @@ from slam_init.window.motion import FittedMotion
 from slam_init.window.tracks import WindowTracks
 from slam_init.work import Prices, spend
 
-__all__ = [
-    "CameraEstimate",
-    "DirectionUncertainty",
-    "DistortionEstimate",
-    "ExpandedFit",
-    "InverseDistances",
-    "ReadoutEstimate",
-    "camera_estimate",
-    "direction_sigmas_deg",
-    "direction_uncertainty",
-    "expand",
-    "inverse_distances",
-    "places_of",
-    "rotation_covariance",
-    "sigma_with_known_lens",
-]
-
 #: Regions across and down for the scatter of the scores: a dozen sums determine a standard deviation to a fifth, and
 #: errors of the lens and of the shutter extend over a quarter of the image.
 _SCORE_REGIONS = (4, 3)
@@ -67,17 +50,9 @@ _DOUBTFUL_SIGMAS, _LEAST_DISTORTION = 5.0, 0.02
 
 @dataclass(frozen=True, eq=False)
 class ExpandedFit:
-    """A fit, its quadratic expansion, and the posterior of the scale of its error fields.
+    """A fit, its quadratic expansion, and the posterior of the scale of its error fields."""
 
-    Attributes
-    ----------
-    tracks : WindowTracks
-        In the views of the fit.
-    fit : JointFit
-    linearization : Linearization
-    marginal : FieldMarginal
-    """
-
+    #: In the views of the fit.
     tracks: WindowTracks
     fit: JointFit
     linearization: Linearization
@@ -87,30 +62,22 @@ class ExpandedFit:
     def scale_weights(self) -> Floats:
         """Posterior probability of each scale of the fields.
 
-        Returns
-        -------
-        (S,) float
+        Shapes: returns (S,).
         """
         return np.asarray(np.exp(self.marginal.log_evidence + np.log(FIELD_PRIOR) - self.log_evidence))
 
     @property
     def log_evidence(self) -> float:
-        """Logarithm of the probability of the tracks with fields of unknown scale, over that without fields.
-
-        Returns
-        -------
-        float
-        """
+        """Logarithm of the probability of the tracks with fields of unknown scale, over that without fields."""
         return float(np.logaddexp.reduce(self.marginal.log_evidence + np.log(FIELD_PRIOR)))
 
     @cached_property
     def scores(self) -> Floats:
         """How the unknowns follow the scores of each region of the image, for their scatter.
 
-        Returns
-        -------
-        (12, X) float
-            Its squares, summed over the regions, are the variances of the unknowns by the scatter.
+        Shapes: returns (12, X).
+
+        * Returns: Its squares, summed over the regions, are the variances of the unknowns by the scatter.
         """
         used = np.flatnonzero(self.tracks.anchor >= 0)
         region = regions_of(places_of(self.fit), _SCORE_REGIONS)[used]
@@ -124,45 +91,31 @@ class ExpandedFit:
 
 @dataclass(frozen=True, eq=False)
 class DirectionUncertainty:
-    """The uncertainty of the direction ``R^T t`` of a baseline.
+    """The uncertainty of the direction ``R^T t`` of a baseline."""
 
-    Attributes
-    ----------
-    basis : (2, 3) float
-        Orthonormal vectors orthogonal to the direction, in the reference.
-    covariance : (2, 2) float
-        Of the direction along these vectors, in rad^2.
-    """
-
+    #: (2, 3) Orthonormal vectors orthogonal to the direction, in the reference.
     basis: Floats
+    #: (2, 2) Of the direction along these vectors, in rad^2.
     covariance: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class InverseDistances:
-    """The inverse distances of the tracks from the reference, in units of the inverse of the pair's baseline.
+    """The inverse distances of the tracks from the reference, in units of the inverse of the pair's baseline."""
 
-    Attributes
-    ----------
-    known : (T,) bool
-        Tracks that the reference and another view of the fit see. The figures of the other tracks have no meaning.
-    values : (T,) float
-        0 for a track at infinity; negative for a track on the plane behind the camera.
-    sigmas : (T,) float
-        Standard deviations.
-    """
-
+    #: (T,) Tracks that the reference and another view of the fit see. The figures of the other tracks have no
+    #: meaning.
     known: Bools
+    #: (T,) 0 for a track at infinity; negative for a track on the plane behind the camera.
     values: Floats
+    #: (T,) Standard deviations.
     sigmas: Floats
 
     @property
     def relative_sigmas(self) -> Floats:
         """The standard deviations over the values, of the known tracks in front of the camera.
 
-        Returns
-        -------
-        (N,) float
+        Shapes: returns (N,).
         """
         used = self.known & (self.values > 0)
         return np.asarray(self.sigmas[used] / self.values[used])
@@ -170,104 +123,59 @@ class InverseDistances:
 
 @dataclass(frozen=True)
 class ReadoutEstimate:
-    """The readout of a rolling shutter by a fit.
+    """The readout of a rolling shutter by a fit."""
 
-    Attributes
-    ----------
-    seconds : float
-        Along the axis that the camera states.
-    sigma_s : float
-        Standard deviation.
-    """
-
+    #: Along the axis that the camera states.
     seconds: float
+    #: Standard deviation.
     sigma_s: float
 
     @property
     def told_seconds(self) -> float:
-        """The readout, 0 where the tracks do not tell it from none.
-
-        Returns
-        -------
-        float
-        """
+        """The readout, 0 where the tracks do not tell it from none."""
         return self.seconds if abs(self.seconds) > _TOLD_READOUT_SIGMAS * self.sigma_s else 0.0
 
 
 @dataclass(frozen=True)
 class FocalEstimate:
-    """The focal length by a fit.
+    """The focal length by a fit."""
 
-    Attributes
-    ----------
-    log_scale : float
-        Logarithm of the focal length over that of the window's camera.
-    sigma : float
-        Standard deviation.
-    """
-
+    #: Logarithm of the focal length over that of the window's camera.
     log_scale: float
+    #: Standard deviation.
     sigma: float
 
 
 @dataclass(frozen=True)
 class DistortionEstimate:
-    """The radial distortion that the calibration lacks, by a fit.
+    """The radial distortion that the calibration lacks, by a fit."""
 
-    Attributes
-    ----------
-    k1 : float
-        Added to the first coefficient of the stated camera.
-    sigma : float
-        Standard deviation.
-    """
-
+    #: Added to the first coefficient of the stated camera.
     k1: float
+    #: Standard deviation.
     sigma: float
 
     @property
     def suspected(self) -> float | None:
-        """``k1`` where the stated distortion is suspected to be wrong, else None.
-
-        Returns
-        -------
-        float or None
-        """
+        """``k1`` where the stated distortion is suspected to be wrong, else None."""
         told = abs(self.k1) > max(_DOUBTFUL_SIGMAS * self.sigma, _LEAST_DISTORTION)
         return self.k1 if told else None
 
 
 @dataclass(frozen=True)
 class CameraEstimate:
-    """The unknowns of the camera by a fit.
-
-    Attributes
-    ----------
-    focal : FocalEstimate
-    distortion : DistortionEstimate
-    readout : ReadoutEstimate or None
-        None where the readout is no unknown of the fit.
-    """
+    """The unknowns of the camera by a fit."""
 
     focal: FocalEstimate
     distortion: DistortionEstimate
+    #: None where the readout is no unknown of the fit.
     readout: ReadoutEstimate | None
 
 
 def expand(hypotheses: WindowHypotheses, motion: FittedMotion, *, evidence_only: bool = False) -> ExpandedFit:
     """Expand the cost of a fitted motion, and integrate the error fields out.
 
-    Parameters
-    ----------
-    hypotheses : WindowHypotheses
-    motion : FittedMotion
-        One of the hypotheses.
-    evidence_only : bool
-        Whether only the evidence is wanted: covariances then count information by chance too.
-
-    Returns
-    -------
-    ExpandedFit
+    * ``evidence_only``: Whether only the evidence is wanted: covariances then count information by chance too.
     """
     views = len(motion.rows)
     spend(Prices.LINEARIZE + Prices.LINEARIZE_VIEW * views)
@@ -284,15 +192,7 @@ def expand(hypotheses: WindowHypotheses, motion: FittedMotion, *, evidence_only:
 def camera_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> CameraEstimate:
     """The unknowns of the camera that a fit found, with the error fields integrated out.
 
-    Parameters
-    ----------
-    expanded : ExpandedFit
-    optimism : float
-        Factor on the standard deviation of the focal length, for what the covariance does not know.
-
-    Returns
-    -------
-    CameraEstimate
+    * ``optimism``: Factor on the standard deviation of the focal length, for what the covariance does not know.
     """
     fit, linearization, marginal = expanded.fit, expanded.linearization, expanded.marginal
     # The focal length stands before the distortion.
@@ -321,31 +221,15 @@ def _sigma_of(column: int, marginal: FieldMarginal) -> float:
 def rotation_covariance(expanded: ExpandedFit) -> Floats:
     """Covariance of the pair's rotation.
 
-    Parameters
-    ----------
-    expanded : ExpandedFit
+    Shapes: returns (3, 3).
 
-    Returns
-    -------
-    (3, 3) float
-        Of the vector ``w``, in rad^2, where the true rotation is that of ``w`` after the fitted one.
+    * Returns: Of the vector ``w``, in rad^2, where the true rotation is that of ``w`` after the fitted one.
     """
     return _second_moment(expanded, np.eye(3, len(expanded.marginal.shift)))
 
 
 def direction_uncertainty(expanded: ExpandedFit, view: int = 1) -> DirectionUncertainty:
-    """Uncertainty of the direction of a baseline by the expansion alone, without the scatter of the scores.
-
-    Parameters
-    ----------
-    expanded : ExpandedFit
-    view : int
-        The other end of the baseline; 1 is the pair's.
-
-    Returns
-    -------
-    DirectionUncertainty
-    """
+    """Uncertainty of the direction of a baseline by the expansion alone, without the scatter of the scores."""
     basis, J = _direction_derivatives(expanded, view)
     return DirectionUncertainty(basis, _second_moment(expanded, J))
 
@@ -353,16 +237,7 @@ def direction_uncertainty(expanded: ExpandedFit, view: int = 1) -> DirectionUnce
 def direction_sigmas_deg(expanded: ExpandedFit, view: int = 1) -> Floats:
     """Largest standard deviation of the direction of a baseline: by the expansion or by the scatter of the scores.
 
-    Parameters
-    ----------
-    expanded : ExpandedFit
-    view : int
-        The other end of the baseline; 1 is the pair's.
-
-    Returns
-    -------
-    (S,) float
-        For each scale of the fields, in degrees.
+    Shapes: returns (S,).
     """
     spend(Prices.DIRECTION)
     _, J = _direction_derivatives(expanded, view)
@@ -373,19 +248,7 @@ def direction_sigmas_deg(expanded: ExpandedFit, view: int = 1) -> Floats:
 
 
 def sigma_with_known_lens(expanded: ExpandedFit, view: int = 1) -> float:
-    """How much of the standard deviation of a direction is left if focal length and distortion were known.
-
-    Parameters
-    ----------
-    expanded : ExpandedFit
-    view : int
-        The other end of the baseline; 1 is the pair's.
-
-    Returns
-    -------
-    float
-        From 0 to 1.
-    """
+    """How much of the standard deviation of a direction is left if focal length and distortion were known."""
     _, J = _direction_derivatives(expanded, view)
     k1 = expanded.linearization.k1_column
     J = np.vstack([J, np.eye(2, J.shape[1], k1 - 1)])
@@ -397,16 +260,7 @@ def sigma_with_known_lens(expanded: ExpandedFit, view: int = 1) -> float:
 
 
 def inverse_distances(expanded: ExpandedFit) -> InverseDistances:
-    """The inverse distances of the tracks that the reference sees, with their standard deviations.
-
-    Parameters
-    ----------
-    expanded : ExpandedFit
-
-    Returns
-    -------
-    InverseDistances
-    """
+    """The inverse distances of the tracks that the reference sees, with their standard deviations."""
     spend(Prices.DISTANCES)
     lin, state = expanded.linearization, expanded.fit.state
     values = state.inverse_distances.copy()
@@ -423,14 +277,7 @@ def inverse_distances(expanded: ExpandedFit) -> InverseDistances:
 def places_of(fit: JointFit) -> Floats:
     """Where the tracks of a fit lie in their anchor views.
 
-    Parameters
-    ----------
-    fit : JointFit
-
-    Returns
-    -------
-    (T, 2) float
-        Angles in rad.
+    Shapes: returns (T, 2).
     """
     rays = fit.state.rays
     return np.arctan2(rays[:, :2], rays[:, 2:])

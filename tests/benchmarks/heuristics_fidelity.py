@@ -24,8 +24,6 @@ from slam_init.output.tables import markdown_table
 from tests.benchmarks.options import positive, show
 from tests.benchmarks.two_view_scenes import CAMERA, make_scene
 
-__all__ = ["ORIGINAL", "ROWS", "Cell", "fisher_p", "main", "run_cell"]
-
 #: Kind of scene and baseline over median depth, in the order of the columns of :data:`ORIGINAL`.
 ROWS: tuple[tuple[str, float], ...] = (
     ("general", 0.03),
@@ -54,19 +52,12 @@ _SMALL_P = 0.01
 
 @dataclass(frozen=True)
 class Cell:
-    """Counts of a method on the scenes of a row.
-
-    Attributes
-    ----------
-    correct, false : int
-    trials : int
-    times_ms : tuple of float
-        Time of each call.
-    """
+    """Counts of a method on the scenes of a row."""
 
     correct: int
     false: int
     trials: int
+    #: Time of each call.
     times_ms: tuple[float, ...]
 
     def p_values(self, original: tuple[int, int]) -> tuple[float, float]:

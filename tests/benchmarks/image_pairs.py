@@ -25,18 +25,6 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
-__all__ = [
-    "DIRECTION_UNKNOWN",
-    "STATIC_SEQUENCE",
-    "ImagePair",
-    "chessboard_pairs",
-    "data_folder",
-    "match_features",
-    "pair_set",
-    "sequence_pairs",
-    "true_matches",
-]
-
 #: Data sets whose ground truth does not resolve the direction of a short baseline: its error is about ten degrees. The
 #: causes are depth tracking (7-Scenes) and a rolling shutter (TUM RGB-D).
 DIRECTION_UNKNOWN = ("7scenes/", "tum_rgbd/")
@@ -51,24 +39,16 @@ _CHESSBOARD_STEPS = (1, 2)
 
 @dataclass(frozen=True, eq=False)
 class ImagePair:
-    """Matches of two images.
+    """Matches of two images."""
 
-    Attributes
-    ----------
-    bearings1, bearings2 : (N, 3) float
-        Unit rays.
-    distances : (N,) float
-        Distances of the descriptors; zero for numbered corners.
-    focal_px : float
-        Geometric mean over both cameras; converts pixels to radians.
-    cam2_from_cam1 : Pose
-        The true pose, in the units of the data.
-    """
-
+    #: bearings1, bearings2: (N, 3) Unit rays.
     bearings1: Floats
     bearings2: Floats
+    #: (N,) Distances of the descriptors; zero for numbered corners.
     distances: Floats
+    #: Geometric mean over both cameras; converts pixels to radians.
     focal_px: float
+    #: The true pose, in the units of the data.
     cam2_from_cam1: Pose
 
 
@@ -98,13 +78,7 @@ def true_matches(pair: ImagePair, bearings1: Floats, bearings2: Floats, threshol
 
 
 def pair_set(folder: str | os.PathLike[str]) -> Iterator[ImagePair]:
-    """Read the pairs of a folder with ``pairs.json``.
-
-    Raises
-    ------
-    SourceError
-        If an image cannot be read, or an entry has no pose.
-    """
+    """Read the pairs of a folder with ``pairs.json``."""
     folder = Path(folder)
     for entry in json.loads((folder / "pairs.json").read_text(encoding="utf-8")):
         if "T_0to1" not in entry:
@@ -135,11 +109,6 @@ def sequence_pairs(source: TimedSource, step: int, limit: int) -> Iterator[Image
     """Read up to ``limit`` pairs of frames that are ``step`` apart, spread evenly over a sequence.
 
     Pairs without a true pose are left out, and pairs whose baseline is much shorter than the longest one as well.
-
-    Raises
-    ------
-    SourceError
-        If the sequence has no calibration or no ground truth.
     """
     if source.camera is None or source.groundtruth is None:
         raise SourceError(f"{source.name} has no calibration or no ground truth: both are needed")

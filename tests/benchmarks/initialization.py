@@ -36,21 +36,6 @@ from slam_init.output.tables import markdown_table, number
 from tests.benchmarks.image_pairs import DIRECTION_UNKNOWN, STATIC_SEQUENCE, data_folder
 from tests.benchmarks.options import positive, show
 
-__all__ = [
-    "NO_TRANSLATION",
-    "Outcome",
-    "Task",
-    "classify",
-    "count",
-    "delay_text",
-    "find_sequences",
-    "from_first_motion",
-    "main",
-    "real_tasks",
-    "run_all",
-    "run_task",
-]
-
 #: Excluded: a person holds the chessboard in front of a fixed camera, so no single motion explains the image.
 _SEVERAL_MOTIONS = ("planar/opencv_chessboard",)
 #: Sources whose camera never translates.
@@ -69,18 +54,11 @@ _STRICT_DEG = (1.0, 5.0)
 
 @dataclass(frozen=True)
 class Task:
-    """One run: source, seed and start frame.
+    """One run: source, seed and start frame."""
 
-    Attributes
-    ----------
-    label : str
-        Name in the table: path below the data folder, or ``synth:NAME``.
-    source : str
-        SOURCE of the command line.
-    seed, start : int
-    """
-
+    #: Name in the table: path below the data folder, or ``synth:NAME``.
     label: str
+    #: SOURCE of the command line.
     source: str
     seed: int = 0
     start: int = 0
@@ -88,18 +66,10 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of a run. The figures are None if there is no map, or if the ground truth does not hold the value.
-
-    Attributes
-    ----------
-    task : Task
-    reason : str or None
-        None if a map was accepted.
-    frames_to_init, landmarks : int or None
-    rotation_error_deg, direction_error_deg, parallax_deg, rmse_px : float or None
-    """
+    """Result of a run. The figures are None if there is no map, or if the ground truth does not hold the value."""
 
     task: Task
+    #: None if a map was accepted.
     reason: str | None
     frames_to_init: int | None = None
     landmarks: int | None = None

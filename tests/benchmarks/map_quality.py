@@ -42,8 +42,6 @@ from slam_init.types.pose import Pose
 from tests.benchmarks.study_parts import GENERAL, PLANAR
 from tests.benchmarks.study_tables import interval_text
 
-__all__ = ["Errors", "adjusted_by_pycolmap", "errors_of", "map_quality_table", "opened_points", "posed_problems"]
-
 #: Defaults of COLMAP (IncrementalMapperOptions): scale of the soft kernel, threshold of the observation filter.
 _SOFT_PX, _FILTER_PX = 1.0, 4.0
 
@@ -60,15 +58,8 @@ class Errors:
 def map_quality_table(worlds: int, seed: int, *, progress: bool = False) -> str:
     """Adjust the maps of ``worlds`` worlds with both programs.
 
-    Returns
-    -------
-    str
-        The table in markdown: medians over the worlds, and the number of worlds in which slam_init is more accurate.
-
-    Raises
-    ------
-    ConfigError
-        If pycolmap is not installed.
+    * Returns: The table in markdown: medians over the worlds, and the number of worlds in which slam_init is more
+      accurate.
     """
     from tqdm import tqdm
 
@@ -111,16 +102,7 @@ def posed_problems(source: PointSource, map_: InitialMap) -> dict[str, tuple[Bun
 
 
 def adjusted_by_pycolmap(camera: Camera, problem: BundleProblem, *, robust: bool) -> BundleProblem:
-    """Adjust a problem with pycolmap; the calibration is fixed.
-
-    Parameters
-    ----------
-    camera : Camera
-        Pinhole without distortion.
-    problem : BundleProblem
-    robust : bool
-        Adjust with a soft kernel first, and remove outliers.
-    """
+    """Adjust a problem with pycolmap; the calibration is fixed."""
     if robust:
         soft = _solve(camera, problem, soft=True)
         # Residuals of points behind a camera are NaN; they do not count as inliers.

@@ -7,8 +7,6 @@ import os
 import sys
 from pathlib import Path
 
-__all__ = ["positive", "show"]
-
 
 def positive(text: str) -> int:
     """Parse an integer that is at least 1, for argparse."""

@@ -54,8 +54,6 @@ from tests.benchmarks.initialization import find_sequences
 from tests.benchmarks.quest.paper_problems import rotation_error
 from tests.benchmarks.quest.running import positive, run_on_one_thread, save
 
-__all__ = ["DataSet", "Errors", "main", "measure", "read_data_set", "sample_of_best"]
-
 _STEPS = (1, 2, 5, 10, 20, 30)
 _PARALLAX_RAD = np.deg2rad(1.0)
 #: The two measures of the errors, in the order of the tables and plots.
@@ -76,20 +74,14 @@ class DataSet:
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Errors of a solver on the pairs of a data set, in units of pi, by measure ("closest", "ranked").
+    """Errors of a solver on the pairs of a data set, in units of pi, by measure ("closest", "ranked")."""
 
-    Attributes
-    ----------
-    rotation, translation : dict of (P,) float
-    clean : float
-        Share of the samples without an outlier.
-    candidates : float
-        Mean number of candidates.
-    """
-
+    #: rotation, translation: (P,)
     rotation: dict[str, Floats]
     translation: dict[str, Floats]
+    #: Share of the samples without an outlier.
     clean: float
+    #: Mean number of candidates.
     candidates: float
 
 

@@ -39,8 +39,6 @@ from tests.benchmarks.quest.robust_methods import METHODS, Estimate, available, 
 from tests.benchmarks.quest.robust_trials import Answer, judge, warm_up
 from tests.benchmarks.quest.running import choice_list, number_list, positive, run_on_one_thread, save
 
-__all__ = ["Group", "groups", "main", "run_group"]
-
 #: Smallest number of matches that quest accepts. A pair with fewer matches counts as failed for all methods.
 _MIN_MATCHES = 10
 _CHESSBOARD = "planar/opencv_chessboard"
@@ -48,19 +46,12 @@ _CHESSBOARD = "planar/opencv_chessboard"
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Pairs that make one row of the tables.
-
-    Attributes
-    ----------
-    name : str
-    read : callable
-        Returns an iterator over the pairs.
-    rotation_only : bool
-        Only the rotation is compared.
-    """
+    """Pairs that make one row of the tables."""
 
     name: str
+    #: Returns an iterator over the pairs.
     read: Callable[[], Iterator[ImagePair]]
+    #: Only the rotation is compared.
     rotation_only: bool
 
 

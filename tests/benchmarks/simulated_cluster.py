@@ -23,8 +23,6 @@ from slam_init.compare.rows import TrialRow
 from slam_init.compare.sources import ComparedSource
 from slam_init.compare.trials import Settings, Trial, error_row
 
-__all__ = ["TRACKING_S", "TRIAL_S", "SimulatedCluster", "VirtualWorkers", "drawn_row", "simulated_sources"]
-
 #: Mean time of a trial, and time in which a worker makes the tracks of a source that it does not have.
 TRIAL_S, TRACKING_S = 1.0, 10.0
 #: Logarithmic spread of the times of the trials: one of twenty takes five times the median.
@@ -66,16 +64,8 @@ def drawn_row(trial: Trial, settings: Settings) -> TrialRow:
 class SimulatedCluster(Backend):
     """Workers in virtual time.
 
-    Parameters
-    ----------
-    workers : int
-    largest_batch : int
-        As that of a backend.
-
-    Attributes
-    ----------
-    virtual : VirtualWorkers
-        The executor, with the virtual clock.
+    * ``largest_batch``: As that of a backend.
+    * ``virtual``: The executor, with the virtual clock.
     """
 
     def __init__(self, workers: int, largest_batch: int = 1) -> None:
@@ -102,20 +92,11 @@ class _Event:
 class VirtualWorkers(Executor):
     """The executor of the simulation.
 
-    Parameters
-    ----------
-    count : int
-
-    Attributes
-    ----------
-    clock_s : float
-        The virtual time.
-    busy_s, tracking_s : float
-        Sum of the times of all workers; and the part of it in which they made tracks.
-    largest_open : int
-        Largest number of trials that were submitted and had not ended.
-    first_cpu_s, last_cpu_s, drawing_cpu_s : float
-        CPU time of this process at the first submission and at the last answer, and that for drawing between them.
+    * ``clock_s``: The virtual time.
+    * ``busy_s, tracking_s``: Sum of the times of all workers; and the part of it in which they made tracks.
+    * ``largest_open``: Largest number of trials that were submitted and had not ended.
+    * ``first_cpu_s, last_cpu_s, drawing_cpu_s``: CPU time of this process at the first submission and at the last
+      answer, and that for drawing between them.
     """
 
     def __init__(self, count: int) -> None:

@@ -21,31 +21,21 @@ from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from tests.benchmarks.options import positive, show
 
-__all__ = ["Tenth", "main", "memory_mb", "soak", "soak_table"]
-
 _SOURCE = "synth:static"
 _TENTHS = 10
 
 
 @dataclass(frozen=True)
 class Tenth:
-    """One tenth of the time.
+    """One tenth of the time."""
 
-    Attributes
-    ----------
-    end_s : float
-        Time since the start, at the end of this tenth.
-    frames : int
-        Number of frames that were processed in it.
-    memory_mb : float
-        Resident memory of the process at its end, in units of 2^20 bytes.
-    median_ms, p95_ms : float
-        Time of a frame, without the pause that bounds the rate.
-    """
-
+    #: Time since the start, at the end of this tenth.
     end_s: float
+    #: Number of frames that were processed in it.
     frames: int
+    #: Resident memory of the process at its end, in units of 2^20 bytes.
     memory_mb: float
+    #: median_ms, p95_ms: Time of a frame, without the pause that bounds the rate.
     median_ms: float
     p95_ms: float
 

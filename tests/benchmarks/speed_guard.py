@@ -24,8 +24,6 @@ from pathlib import Path
 
 from tests.benchmarks.options import positive, show
 
-__all__ = ["Change", "changes_of", "changes_table", "main", "measure_tree"]
-
 #: A first process of each tree compiles and is not counted.
 _WARM_UP = 1
 #: A change below this factor is not reported as a regression, even where it is certain.
@@ -35,26 +33,18 @@ _PROBE = "speed_probe.py"
 
 @dataclass(frozen=True)
 class Change:
-    """The change of the time of a task.
-
-    Attributes
-    ----------
-    task : str
-    old, new : float or None
-        Median time in units of the fixed piece of work; None if the commit cannot do the task.
-    ratio, low, high : float
-        Geometric mean of the ratios new / old, and the ends of its 95 % interval; NaN if they are not known. With a
-        single round the ends are 0 and infinity.
-    rounds : int
-        Number of ratios.
-    """
+    """The change of the time of a task."""
 
     task: str
+    #: old, new: Median time in units of the fixed piece of work; None if the commit cannot do the task.
     old: float | None
     new: float | None
+    #: ratio, low, high: Geometric mean of the ratios new / old, and the ends of its 95 % interval; NaN if they are
+    #: not known. With a single round the ends are 0 and infinity.
     ratio: float
     low: float
     high: float
+    #: Number of ratios.
     rounds: int
 
     def is_regression(self, limit: float) -> bool:
@@ -63,18 +53,7 @@ class Change:
 
 
 def changes_of(rounds: Iterable[tuple[Mapping[str, float], Mapping[str, float]]]) -> list[Change]:
-    """Compare the times of each task.
-
-    Parameters
-    ----------
-    rounds : iterable of (mapping of str to float, mapping of str to float)
-        Times by task: of the old commit, and of the new one.
-
-    Returns
-    -------
-    list of Change
-        In the order in which the tasks appear.
-    """
+    """Compare the times of each task."""
     known = list(rounds)
     tasks = dict.fromkeys(task for old, new in known for task in (*old, *new))
     return [_change(task, known) for task in tasks]
@@ -102,19 +81,7 @@ def _student(freedom: int) -> float:
 
 
 def changes_table(changes: Sequence[Change], limit: float) -> str:
-    """Make the table.
-
-    Parameters
-    ----------
-    changes : sequence of Change
-    limit : float
-        Intervals above it are marked.
-
-    Returns
-    -------
-    str
-        In markdown.
-    """
+    """Make the table."""
     from slam_init.output.tables import markdown_table, number
 
     rows = []
@@ -131,20 +98,8 @@ def changes_table(changes: Sequence[Change], limit: float) -> str:
 def measure_tree(tree: Path) -> dict[str, float]:
     """Measure a checkout in a new process.
 
-    Parameters
-    ----------
-    tree : Path
-        With the folders ``slam_init``, ``quest`` and ``sequences_synth``.
-
-    Returns
-    -------
-    dict of str to float
-        Time of each task that it can do, in units of the fixed piece of work.
-
-    Raises
-    ------
-    RuntimeError
-        If the process fails.
+    * ``tree``: With the folders ``slam_init``, ``quest`` and ``sequences_synth``.
+    * Returns: Time of each task that it can do, in units of the fixed piece of work.
     """
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "TBB_NUM_THREADS"), "1")
     # -P: the folder of the probe is that of this tree, and its modules must not hide those of the other.

@@ -16,8 +16,6 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 
-__all__ = ["main", "tasks"]
-
 #: Frames of a sequence, and matches with their outliers of an estimate.
 _FRAMES = 60
 _MATCHES = ((100, 0.2), (1000, 0.2), (1000, 0.5))

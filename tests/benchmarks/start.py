@@ -26,8 +26,6 @@ from pathlib import Path
 from tests.benchmarks.options import positive, show
 from tests.benchmarks.speed import flow_ms, machine
 
-__all__ = ["Started", "main", "started", "table"]
-
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "TBB_NUM_THREADS")
 #: Around each program. A program may set ``before`` anew.
 _HEAD = """
@@ -64,44 +62,17 @@ _AT_ONCE = 4
 
 @dataclass(frozen=True)
 class Started:
-    """Times of a process.
+    """Times of a process."""
 
-    Attributes
-    ----------
-    cpu_s, clock_s : float
-        CPU time of all threads, and time on the clock.
-    flow_ms : float
-        Time of the fixed piece of work.
-    """
-
+    #: cpu_s, clock_s: CPU time of all threads, and time on the clock.
     cpu_s: float
     clock_s: float
+    #: Time of the fixed piece of work.
     flow_ms: float
 
 
 def started(program: str, machine_code: Path | None, reference_ms: float, **environment: str) -> Started:
-    """Run a program in a fresh process.
-
-    Parameters
-    ----------
-    program : str
-        In Python.
-    machine_code : Path or None
-        Its folder; None for that of the installation.
-    reference_ms : float
-        Time of the fixed piece of work.
-    **environment : str
-        Variables.
-
-    Returns
-    -------
-    Started
-
-    Raises
-    ------
-    RuntimeError
-        If the program fails.
-    """
+    """Run a program in a fresh process."""
     return _times(_process(program, machine_code, **environment), reference_ms)
 
 
@@ -160,18 +131,7 @@ def _installed(folder: Path, reference_ms: float) -> Started:
 
 
 def table(measured: Mapping[str, Sequence[Started]]) -> str:
-    """The medians of each row.
-
-    Parameters
-    ----------
-    measured : mapping of str to sequence of Started
-        The processes of each row.
-
-    Returns
-    -------
-    str
-        In markdown.
-    """
+    """The medians of each row."""
     import numpy as np
 
     from slam_init.output.tables import markdown_table, number

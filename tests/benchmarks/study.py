@@ -40,8 +40,6 @@ from tests.benchmarks.study_oracle import solvable_worlds
 from tests.benchmarks.study_parts import PARTS, Cell, sources_of
 from tests.benchmarks.study_tables import grid_table, moving_table, read_rows, static_table
 
-__all__ = ["main", "run_part"]
-
 _METHODS = ("quest", "quest-two-view", "orb-slam3", "stella", "essential-5pt", "poselib")
 _GRID, _ABLATION, _MAP_QUALITY = "noise-baseline", "ablation", "map-quality"
 _ALL = (*PARTS, _ABLATION, _MAP_QUALITY)
@@ -52,10 +50,7 @@ _MAP_QUALITY_WORLDS = 30
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the chosen parts; print their tables and write them to ``DIR/PART.md``.
 
-    Returns
-    -------
-    int
-        2 if an option is wrong or a file cannot be written, with one line on stderr; otherwise 0.
+    * Returns: 2 if an option is wrong or a file cannot be written, with one line on stderr; otherwise 0.
     """
     arguments = _parser().parse_args(argv)
     try:
@@ -73,27 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def run_part(part: str, out: str | os.PathLike[str], trials: int, methods: Sequence[str], seed: int, jobs: int) -> str:
-    """Run one part and return its text in markdown.
-
-    Parameters
-    ----------
-    part : str
-        Name of the part.
-    out : str or os.PathLike
-        Folder that contains one folder for each part.
-    trials : int
-        Number of worlds in each row of a table.
-    methods : sequence of str
-        The other methods are compared with the first one.
-    seed : int
-    jobs : int
-        Number of processes.
-
-    Raises
-    ------
-    SlamInitError
-        As :func:`slam_init.compare.run.compare`.
-    """
+    """Run one part and return its text in markdown."""
     folder = Path(out) / part
     progress = sys.stderr.isatty()
     if part == _ABLATION:

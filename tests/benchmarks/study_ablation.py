@@ -25,23 +25,14 @@ from slam_init.output.tables import markdown_table, number
 from tests.benchmarks.study_parts import GENERAL, PLANAR, Cell, sources_of
 from tests.benchmarks.study_tables import Rows, counts_text, frames_to_correct, interval_text, read_rows
 
-__all__ = ["VARIANTS", "Variant", "ablation_cells", "run_ablation"]
-
 _VIEWS = 30
 
 
 @dataclass(frozen=True)
 class Variant:
-    """The method with one part changed.
+    """The method with one part changed."""
 
-    Attributes
-    ----------
-    name : str
-        What is changed.
-    method : str
-    config : Config
-    """
-
+    #: What is changed.
     name: str
     method: str = "quest"
     config: Config = field(default_factory=Config)
@@ -74,18 +65,10 @@ def ablation_cells(trials: int, seed: int) -> list[Cell]:
 def run_ablation(out: str | os.PathLike[str], trials: int, seed: int, jobs: int, *, progress: bool) -> str:
     """Run every variant on the same worlds and compare them.
 
-    Returns
-    -------
-    str
-        The table in markdown. It holds correct / false / none by group; the share of correct maps and the frames to the
-        first correct map (restricted mean) over all worlds with a translation; the share of false maps over all worlds;
-        the number of worlds that only the whole method, and only the variant, solves, with the p-value of McNemar's
-        exact test.
-
-    Raises
-    ------
-    SlamInitError
-        As :func:`slam_init.compare.run.compare`.
+    * Returns: The table in markdown. It holds correct / false / none by group; the share of correct maps and the frames
+      to the first correct map (restricted mean) over all worlds with a translation; the share of false maps over all
+      worlds; the number of worlds that only the whole method, and only the variant, solves, with the p-value of
+      McNemar's exact test.
     """
     cells = ablation_cells(trials, seed)
     sources = sources_of(cells)

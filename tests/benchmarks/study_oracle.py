@@ -17,8 +17,6 @@ from slam_init.compare.measures import PoseErrors, is_correct
 from slam_init.datasets.points import PointSource
 from tests.benchmarks.map_quality import adjusted_by_pycolmap, errors_of, opened_points
 
-__all__ = ["solvable_worlds", "true_problem"]
-
 #: Largest number of keyframes of a map of slam_init.
 _VIEWS = 6
 

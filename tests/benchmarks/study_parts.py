@@ -19,8 +19,6 @@ from itertools import product
 
 from slam_init.compare.sources import GRID, ComparedSource, describe_sources, drawn_sources
 
-__all__ = ["GENERAL", "NOISES_PX", "PARTS", "PLANAR", "Cell", "Part", "grid_name", "sources_of"]
-
 GENERAL = ("room", "corridor", "rotate-then-move")
 PLANAR = ("wall", "nadir-turn", "desk", "nadir")
 TILTED = ("tilted-15", "tilted-30", "tilted-45")
@@ -38,37 +36,23 @@ _NOISY = {"noise_px": 1.0}
 
 @dataclass(frozen=True)
 class Cell:
-    """Worlds that are counted together.
-
-    Attributes
-    ----------
-    name : str
-    sources : tuple of str
-        Arguments of :func:`slam_init.compare.sources.open_compared`.
-    """
+    """Worlds that are counted together."""
 
     name: str
+    #: Arguments of :func:`slam_init.compare.sources.open_compared`.
     sources: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Part:
-    """One part of the study, which is one table.
-
-    Attributes
-    ----------
-    title : str
-    text : str
-        Text above the table.
-    cells : callable
-        ``cells(trials, seed)`` returns the rows of the table.
-    no_translation : bool
-        The camera never translates, so every map is false.
-    """
+    """One part of the study, which is one table."""
 
     title: str
+    #: Text above the table.
     text: str
+    #: ``cells(trials, seed)`` returns the rows of the table.
     cells: Callable[[int, int], list[Cell]]
+    #: The camera never translates, so every map is false.
     no_translation: bool = False
 
 

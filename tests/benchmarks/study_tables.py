@@ -16,17 +16,6 @@ from slam_init.compare.statistics import Interval, restricted_mean, wilson
 from slam_init.output.tables import markdown_table, number
 from tests.benchmarks.study_parts import NOISES_PX, Cell, grid_name
 
-__all__ = [
-    "Rows",
-    "counts_text",
-    "frames_to_correct",
-    "grid_table",
-    "interval_text",
-    "moving_table",
-    "read_rows",
-    "static_table",
-]
-
 #: (source, method) -> row of the trial.
 Rows = Mapping[tuple[str, str], TrialRow]
 

@@ -17,8 +17,6 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
-__all__ = ["CAMERA", "KINDS", "TwoViewScene", "make_scene"]
-
 KINDS = ("general", "plane", "nadir", "rotation")
 CAMERA = Camera("pinhole", 640, 480, 458.0, 458.0, 320.0, 240.0)
 
@@ -35,20 +33,14 @@ _SURPLUS = 6
 
 @dataclass(frozen=True, eq=False)
 class TwoViewScene:
-    """Matches of two views, and the true motion.
+    """Matches of two views, and the true motion."""
 
-    Attributes
-    ----------
-    pixels1, pixels2 : (N, 2) float
-        With noise. The pixels of outliers in the second view are uniformly distributed.
-    cam2_from_cam1 : Pose
-        The translation has length 1, or 0 for ``rotation``.
-    inliers : (N,) bool
-    """
-
+    #: pixels1, pixels2: (N, 2) With noise. The pixels of outliers in the second view are uniformly distributed.
     pixels1: Floats
     pixels2: Floats
+    #: The translation has length 1, or 0 for ``rotation``.
     cam2_from_cam1: Pose
+    #: (N,)
     inliers: Bools
 
     def is_correct(self, pose: Pose, rotation_deg: float = 5.0, direction_deg: float = 15.0) -> bool:
@@ -65,24 +57,7 @@ def make_scene(
 ) -> TwoViewScene:
     """Draw a scene.
 
-    Parameters
-    ----------
-    kind : str
-        Of :data:`KINDS`.
-    baseline : float
-        In units of the median depth.
-    seed : int
-    count : int
-        Number of matches; fewer if the second camera does not see as many points.
-    noise_px : float
-        Standard deviation of each coordinate in both views.
-    outliers : float
-        Share of the matches that are outliers.
-
-    Raises
-    ------
-    ValueError
-        For an unknown kind.
+    * ``count``: Number of matches; fewer if the second camera does not see as many points.
     """
     if kind not in KINDS:
         raise ValueError(f"unknown kind {kind!r}: use one of {', '.join(KINDS)}")

@@ -24,8 +24,6 @@ from slam_init.window.uncertainty import (
 )
 from tests.benchmarks.window_log import Accuracy
 
-__all__ = ["WindowTruth", "accuracy_of"]
-
 #: A shorter baseline is none; in the units of the truth.
 _NO_BASELINE = 1e-9
 #: Half-width of the two-sided 95 % interval of a Gaussian, in standard deviations.
@@ -34,20 +32,13 @@ _Z95 = 1.96
 
 @dataclass(frozen=True, eq=False)
 class WindowTruth:
-    """The truth of the frames of a window.
+    """The truth of the frames of a window."""
 
-    Attributes
-    ----------
-    cam_from_world : mapping of int to Pose
-        By absolute frame index.
-    points : (M, 3) float or None
-        Points in the world by track id; NaN for outliers and for points that move. None if they are not known.
-    no_translation : bool
-        The camera does not translate, so that no direction is right.
-    """
-
+    #: By absolute frame index.
     cam_from_world: Mapping[int, Pose]
+    #: (M, 3) Points in the world by track id; NaN for outliers and for points that move. None if they are not known.
     points: Floats | None = None
+    #: The camera does not translate, so that no direction is right.
     no_translation: bool = False
 
 

@@ -51,8 +51,6 @@ from tests.benchmarks.window_accuracy import WindowTruth, accuracy_of
 from tests.benchmarks.window_log import Accuracy, Window, read_log, write_log
 from tests.benchmarks.window_tables import window_report
 
-__all__ = ["Clip", "World", "clips_of", "judge_window", "main", "run", "worlds_of"]
-
 PLANES = ("wall", "desk", "nadir", "nadir-turn")
 TILTED = ("tilted-15", "tilted-30", "tilted-45")
 WITHOUT_TRANSLATION = ("rotation", "static")
@@ -65,21 +63,13 @@ _PRIORS = Priors()
 
 @dataclass(frozen=True)
 class World:
-    """A drawn world: noise .3, .7 or 1 px, 5, 15 or 30 % outliers, by the seed.
-
-    Attributes
-    ----------
-    scene : str
-    baseline : float
-        Of the whole path over the median depth.
-    seed : int
-    focal_sigma : float
-        Standard deviation of the relative error of the stated focal length, which is drawn by the seed.
-    """
+    """A drawn world: noise .3, .7 or 1 px, 5, 15 or 30 % outliers, by the seed."""
 
     scene: str
+    #: Of the whole path over the median depth.
     baseline: float
     seed: int
+    #: Standard deviation of the relative error of the stated focal length, which is drawn by the seed.
     focal_sigma: float = 0.0
 
     def windows(self) -> list[Window]:
@@ -110,20 +100,13 @@ class World:
 
 @dataclass(frozen=True)
 class Clip:
-    """The first frames of a real sequence after a start.
+    """The first frames of a real sequence after a start."""
 
-    Attributes
-    ----------
-    data : str
-        Folder of the sequences.
-    name : str
-        Path of the sequence below this folder.
-    start : int
-        Absolute index of the first frame.
-    """
-
+    #: Folder of the sequences.
     data: str
+    #: Path of the sequence below this folder.
     name: str
+    #: Absolute index of the first frame.
     start: int
 
     def windows(self) -> list[Window]:

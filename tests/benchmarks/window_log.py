@@ -19,8 +19,6 @@ from slam_init.types.comparison import Margin
 from slam_init.window.risk import WindowRisk
 from slam_init.window.uncertainty import CameraEstimate, DistortionEstimate, FocalEstimate, ReadoutEstimate
 
-__all__ = ["DIRECTION_DEG", "ROTATION_DEG", "Accuracy", "Window", "read_log", "write_log"]
-
 #: What counts as wrong, in degrees.
 ROTATION_DEG, DIRECTION_DEG = 5.0, 15.0
 #: As many significant digits tell a float exactly.
@@ -33,71 +31,47 @@ class Accuracy:
 
     A normalized squared error (NEES) is ``e^T C^-1 e``. It has a chi-square distribution with as many degrees of
     freedom as the error has unknowns, if the covariance C is right. All figures are NaN or 0 without a hypothesis.
-
-    Attributes
-    ----------
-    rotation_deg : float
-        Largest error of a rotation over the views.
-    direction_deg : float
-        Error of the direction of the pair's baseline; 180 if the camera did not translate.
-    rotation_nees : float
-        Of the pair's rotation: 3 unknowns.
-    direction_nees : float
-        Of the direction of the pair's baseline by the expansion of the cost: 2 unknowns.
-    scattered_direction_nees : float
-        The same, with the covariance enlarged so that its largest standard deviation is that of the risk, which knows
-        the scatter of the scores as well.
-    depth_tracks : int
-        Tracks that the reference sees and whose distance is judged: points of a drawn world at rest.
-    depth_covered : int
-        Those whose inverse distance is within 1.96 standard deviations of the true one.
-    depth_nees : float
-        Mean over these tracks of the squared error of the inverse distance in units of its variance.
-    depth_median_nees : float
-        Median over these tracks; 0.455 for Gaussian errors.
     """
 
+    #: Largest error of a rotation over the views.
     rotation_deg: float = math.nan
+    #: Error of the direction of the pair's baseline; 180 if the camera did not translate.
     direction_deg: float = math.nan
+    #: Of the pair's rotation: 3 unknowns.
     rotation_nees: float = math.nan
+    #: Of the direction of the pair's baseline by the expansion of the cost: 2 unknowns.
     direction_nees: float = math.nan
+    #: The same, with the covariance enlarged so that its largest standard deviation is that of the risk, which knows
+    #: the scatter of the scores as well.
     scattered_direction_nees: float = math.nan
+    #: Tracks that the reference sees and whose distance is judged: points of a drawn world at rest.
     depth_tracks: int = 0
+    #: Those whose inverse distance is within 1.96 standard deviations of the true one.
     depth_covered: int = 0
+    #: Mean over these tracks of the squared error of the inverse distance in units of its variance.
     depth_nees: float = math.nan
+    #: Median over these tracks; 0.455 for Gaussian errors.
     depth_median_nees: float = math.nan
 
 
 @dataclass(frozen=True)
 class Window:
-    """One window, as it would have been judged.
+    """One window, as it would have been judged."""
 
-    Attributes
-    ----------
-    scene : str
-        Name of the scene, or path of the sequence below the folder of the data.
-    baseline : float
-        Over the median depth; 0 for real sequences.
-    start : str
-        Name of the trial: the seed of a world, or the first frame.
-    views : int
-        Number of views of the window.
-    kind : str
-        Kind of the best motion; that of the pair's pose where no motion was proposed; ``none`` without a pose.
-    risk : WindowRisk or None
-        None where no motion was proposed.
-    accuracy : Accuracy
-    milliseconds : float
-        Of all fits and the risk, without the pair's pose.
-    """
-
+    #: Name of the scene, or path of the sequence below the folder of the data.
     scene: str
+    #: Over the median depth; 0 for real sequences.
     baseline: float
+    #: Name of the trial: the seed of a world, or the first frame.
     start: str
+    #: Number of views of the window.
     views: int
+    #: Kind of the best motion; that of the pair's pose where no motion was proposed; ``none`` without a pose.
     kind: str
+    #: None where no motion was proposed.
     risk: WindowRisk | None
     accuracy: Accuracy = field(default_factory=Accuracy)
+    #: Of all fits and the risk, without the pair's pose.
     milliseconds: float = 0.0
 
     @property
@@ -116,13 +90,7 @@ def write_log(path: str | os.PathLike[str], windows: Iterable[Window]) -> Iterat
 
 
 def read_log(path: str | os.PathLike[str]) -> Iterator[Window]:
-    """Read windows.
-
-    Raises
-    ------
-    SlamInitError
-        If a line is no window.
-    """
+    """Read windows."""
     with Path(path).open(encoding="utf-8") as file:
         for number, line in enumerate(file, 1):
             try:

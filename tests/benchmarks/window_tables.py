@@ -11,17 +11,6 @@ from slam_init.compare.statistics import wilson
 from slam_init.output.tables import markdown_table, number
 from tests.benchmarks.window_log import Window
 
-__all__ = [
-    "CERTAIN_RISK",
-    "RISK_BINS",
-    "coverage_table",
-    "exchange_table",
-    "nees_table",
-    "reliability_table",
-    "rule_table",
-    "window_report",
-]
-
 #: Bins of the stated risk.
 RISK_BINS = (
     (0.0, 0.0006),

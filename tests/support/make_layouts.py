@@ -86,24 +86,16 @@ def tum_line(stamp: object, T: np.ndarray, separator: str = " ") -> str:
 
 @dataclass(frozen=True)
 class Layout:
-    """A maker of a folder, and what its reader must find.
-
-    Attributes
-    ----------
-    kind : str
-    make : callable
-        Writes the files into a folder and returns the folder to open.
-    stamps_s : tuple of float or None
-        The time stamps; None where the layout has none.
-    tables : tuple of str
-        Files that a reader cannot do without, relative to the opened folder.
-    focal, centre : float, (float, float)
-    """
+    """A maker of a folder, and what its reader must find."""
 
     kind: str
+    #: Writes the files into a folder and returns the folder to open.
     make: Callable[[Path], Path]
+    #: Files that a reader cannot do without, relative to the opened folder.
     tables: tuple[str, ...]
+    #: The time stamps; None where the layout has none.
     stamps_s: tuple[float, ...] | None = None
+    #: focal, centre: (float, float)
     focal: float = FOCAL
     centre: tuple[float, float] = field(default=CENTRE)
 

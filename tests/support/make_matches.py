@@ -27,18 +27,11 @@ CREATE TABLE two_view_geometries (pair_id INTEGER PRIMARY KEY, rows INTEGER, col
 
 @dataclass(frozen=True)
 class Matches:
-    """Keypoints and matches of a scene.
+    """Keypoints and matches of a scene."""
 
-    Attributes
-    ----------
-    keypoints : tuple of (N, 2) float
-        Of each view, in an order of its own.
-    point_of : tuple of (N,) int
-        The point of the world that each keypoint sees.
-    world_from_cam : tuple of Pose
-    """
-
+    #: (N, 2) Of each view, in an order of its own.
     keypoints: tuple[np.ndarray, ...]
+    #: (N,) The point of the world that each keypoint sees.
     point_of: tuple[np.ndarray, ...]
     world_from_cam: tuple[Pose, ...]
 

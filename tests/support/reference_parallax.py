@@ -16,19 +16,7 @@ Floats = NDArray[np.float64]
 def anisotropy_of(a: Floats, d: Floats, t: Floats) -> float:
     """The z of the module docstring, in plain numpy.
 
-    Parameters
-    ----------
-    a : (N, 3) float
-        Unit bearings R0 m of the near matches.
-    d : (N, 3) float
-        Their displacements, tangent to a.
-    t : (3,) float
-        The translation, unit norm.
-
-    Returns
-    -------
-    float
-        0 where fewer than four matches can be compared.
+    Shapes: ``a`` (N, 3), ``d`` (N, 3), ``t`` (3,).
     """
     across = np.cross(a, t)
     length = np.linalg.norm(across, axis=1)
@@ -50,16 +38,7 @@ def anisotropy_of(a: Floats, d: Floats, t: Floats) -> float:
 def typical_ratios(R: Floats, t: Floats, m: Floats, n: Floats) -> NDArray[np.bool_]:
     """The matches of which the mean ratio is taken: those within six median absolute deviations of the median.
 
-    Parameters
-    ----------
-    R, t : (3, 3) float, (3,) float
-        The motion, cam2_from_cam1, |t| = 1.
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-
-    Returns
-    -------
-    (N,) bool
+    Shapes: ``R, t`` (3, 3), ``m, n`` (N, 3), returns (N,).
     """
     shift, sine2, _, _ = _shifts(R, t, m, n)
     known = sine2 > LEAST_SINE2
@@ -80,21 +59,7 @@ def _shifts(R: Floats, t: Floats, m: Floats, n: Floats) -> tuple[Floats, Floats,
 def ratio_of(R: Floats, t: Floats, m: Floats, n: Floats, noise_rad: float) -> tuple[float, float]:
     """The weighted mean of |t| / depth and its standard deviation, in plain numpy.
 
-    Parameters
-    ----------
-    R, t : (3, 3) float, (3,) float
-        The motion, |t| = 1.
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    noise_rad : float
-        Standard deviation of a bearing.
-
-    Returns
-    -------
-    ratio : float
-        NaN where all rays lie along t.
-    sigma : float
-        Infinite where the direction of t is not determined.
+    Shapes: ``R, t`` (3, 3), ``m, n`` (N, 3).
     """
     _, J = sampson_jacobian(R, t, m, n)
     typical = typical_ratios(R, t, m, n)
@@ -141,19 +106,10 @@ def depths_along_epipolar_lines(R: Floats, t: Floats, m: Floats, n: Floats) -> t
 
     with ``c = (R m) . n``. The signs are those of the midpoint, and exact matches have the same depths.
 
-    Parameters
-    ----------
-    R : (3, 3) float
-        Rotation of cam2_from_cam1.
-    t : (3,) float
-        Translation, |t| = 1.
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
+    Shapes: ``R`` (3, 3), ``t`` (3,), ``m, n`` (N, 3), returns ``u, v`` (N,).
 
-    Returns
-    -------
-    u, v : (N,) float
-        Depths in camera 1 and camera 2 in units of |t|, negative for a point behind; infinite or NaN for parallel rays.
+    * Returns ``u, v``: Depths in camera 1 and camera 2 in units of |t|, negative for a point behind; infinite or NaN
+      for parallel rays.
     """
     a = m @ R.T
     c, a_t, n_t = np.einsum("ij,ij->i", a, n), a @ t, n @ t

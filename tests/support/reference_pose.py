@@ -24,23 +24,13 @@ GATE_SIGMAS, LEAST_ON_PLANE, SAMPLES = 3.0, 8, 64
 def refine_with_noise(problem: RelativePoseProblem, model: Floats) -> tuple[Floats, float]:
     """Refine a motion with the noise that its residuals show.
 
-    Parameters
-    ----------
-    problem : RelativePoseProblem
-    model : (7,) float
-        The motion (q_wxyz, t).
-
-    Returns
-    -------
-    model : (7,) float
-        The refined motion.
-    noise_rad : float
-        Standard deviation of a bearing, from the median absolute residual; at least a thousandth of the threshold.
-
-    References
-    ----------
     P. J. Rousseeuw and A. M. Leroy, "Robust Regression and Outlier Detection", 1987, section 5.1: the factor for small
     samples.
+
+    Shapes: ``model`` (7,), returns ``model`` (7,).
+
+    * Returns ``noise_rad``: Standard deviation of a bearing, from the median absolute residual; at least a thousandth
+      of the threshold.
     """
     noise_rad = problem.threshold_rad / GATE_SIGMAS
     before = np.zeros(len(problem), bool)
@@ -75,18 +65,9 @@ def _has_typical_depth(problem: RelativePoseProblem, model: Floats, inlying: Boo
 def settle(problem: RelativePoseProblem, model: Floats, noise_rad: float) -> Floats:
     """Refine a motion twice on its inliers, with a known noise.
 
-    Parameters
-    ----------
-    problem : RelativePoseProblem
-    model : (7,) float
-        The motion (q_wxyz, t).
-    noise_rad : float
-        Standard deviation of a bearing.
+    Shapes: ``model`` (7,), returns (7,).
 
-    Returns
-    -------
-    (7,) float
-        The motion as it came where fewer than six matches are inliers.
+    * Returns: The motion as it came where fewer than six matches are inliers.
     """
     for _ in range(2):
         use = problem.explained(model, problem.threshold_rad)
@@ -99,19 +80,9 @@ def settle(problem: RelativePoseProblem, model: Floats, noise_rad: float) -> Flo
 def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit:
     """Fit the plane that explains most of the matches of a motion.
 
-    Parameters
-    ----------
-    model : (7,) float
-        The motion (q_wxyz, t).
-    m, n : (N, 3) float
-        Unit bearings of its inliers in camera 1 and camera 2.
-    noise_rad : float
-        Standard deviation of a bearing.
+    Shapes: ``model`` (7,), ``m, n`` (N, 3).
 
-    Returns
-    -------
-    PlaneFit
-        Without poses where less than half of the matches lie on a plane, or fewer than eight.
+    * Returns: Without poses where less than half of the matches lie on a plane, or fewer than eight.
     """
     R, t = matrix_from_quaternion(model[:4]), model[4:]
     # The inverse depth of a point on a plane is k . m: project n x (R m + t (k . m)) = 0 on the epipolar line.
@@ -145,15 +116,7 @@ def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit
 def off_line_rad(rays: Floats) -> float:
     """Distance of rays from their best great circle, as a standard deviation by the median.
 
-    Parameters
-    ----------
-    rays : (N, 3) float
-        Unit rays.
-
-    Returns
-    -------
-    float
-        Radians; zero for points on a line.
+    Shapes: ``rays`` (N, 3).
     """
     weight = np.ones(len(rays))
     distance = np.zeros(len(rays))
@@ -188,19 +151,9 @@ def pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: flo
 
     It is ``mean(psi^2) / mean(psi')^2`` times the inverse of ``J^T J``, psi the derivative of the kernel.
 
-    Parameters
-    ----------
-    hypothesis : Hypothesis
-        A refined pose and its inliers.
-    m, n : (N, 3) float
-        Unit bearings of all matches in camera 1 and camera 2.
-    noise_rad : float
-        Standard deviation of a bearing.
+    Shapes: ``m, n`` (N, 3), returns (5, 5).
 
-    Returns
-    -------
-    (5, 5) float
-        In rad^2, in the unknowns of :attr:`quest.RelativePose.covariance`.
+    * Returns: In rad^2, in the unknowns of :attr:`quest.RelativePose.covariance`.
     """
     inliers = hypothesis.inliers
     r, J = sampson_jacobian(hypothesis.R, hypothesis.t, m[inliers], n[inliers])
@@ -213,19 +166,9 @@ def planar_pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_r
     The unknowns are the five of the pose and the three of k. A match has two residuals then, those of the homography
     ``R + t k^T``, so that the pose is better known than from epipolar lines alone.
 
-    Parameters
-    ----------
-    hypothesis : Hypothesis
-        A pose of the homography and its inliers.
-    m, n : (N, 3) float
-        Unit bearings of all matches in camera 1 and camera 2.
-    noise_rad : float
-        Standard deviation of a bearing.
+    Shapes: ``m, n`` (N, 3), returns (5, 5).
 
-    Returns
-    -------
-    (5, 5) float
-        In rad^2, in the unknowns of :attr:`quest.RelativePose.covariance`.
+    * Returns: In rad^2, in the unknowns of :attr:`quest.RelativePose.covariance`.
     """
     R, t, inliers = hypothesis.R, hypothesis.t, hypothesis.inliers
     m, n = m[inliers], n[inliers]
@@ -262,20 +205,11 @@ def _spread(r: Floats, noise_rad: float, unknowns: int) -> float:
 def refine_rotation(R: Floats, m: Floats, n: Floats, scale_rad: float, iterations: int = 10) -> Floats:
     """Robust rotation ``n = R m``: iteratively re-weighted Kabsch with the weights of :func:`refine_pose`.
 
-    Parameters
-    ----------
-    R : (3, 3) float
-        The start.
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    scale_rad : float
-        Scale of the Geman-McClure kernel for ``|n - R m| / sqrt(2)``, which has the noise of one bearing per component.
-    iterations : int
-        Largest number of steps. The loop ends earlier where a step changes nothing.
+    Shapes: ``R`` (3, 3), ``m, n`` (N, 3), returns (3, 3).
 
-    Returns
-    -------
-    (3, 3) float
+    * ``scale_rad``: Scale of the Geman-McClure kernel for ``|n - R m| / sqrt(2)``, which has the noise of one bearing
+      per component.
+    * ``iterations``: Largest number of steps. The loop ends earlier where a step changes nothing.
     """
     for _ in range(iterations):
         r2 = 0.5 * np.sum((n - m @ R.T) ** 2, axis=1)

@@ -35,14 +35,9 @@ _BATCHES = (16, 32, 64)
 
 
 class Problem(Protocol):
-    """A model and its data, as the loop sees them.
+    """A model and its data, as the loop sees them."""
 
-    Attributes
-    ----------
-    sample_size : int
-        Number of data in a sample.
-    """
-
+    #: Number of data in a sample.
     sample_size: int
 
     def __len__(self) -> int:
@@ -52,44 +47,21 @@ class Problem(Protocol):
     def solve(self, samples: Ints) -> Floats:
         """The models that a batch of samples proposes.
 
-        Parameters
-        ----------
-        samples : (B, sample_size) int
-            Indices of data.
-
-        Returns
-        -------
-        (H, P) float
-            Finite rows only.
+        Shapes: ``samples`` (B, sample_size), returns (H, P).
         """
         ...
 
     def costs(self, models: Floats) -> tuple[Floats, Ints]:
         """Cost and number of inliers of each model on all data.
 
-        Parameters
-        ----------
-        models : (H, P) float
-
-        Returns
-        -------
-        costs : (H,) float
-            Lower is better.
-        inliers : (H,) int
-            Number of data that the model explains.
+        Shapes: ``models`` (H, P), returns ``costs`` (H,), returns ``inliers`` (H,).
         """
         ...
 
     def polish(self, model: Floats) -> Floats:
         """Refine a model on its inliers.
 
-        Parameters
-        ----------
-        model : (P,) float
-
-        Returns
-        -------
-        (P,) float
+        Shapes: ``model`` (P,), returns (P,).
         """
         ...
 
@@ -106,24 +78,7 @@ def ransac(
 ) -> RansacReport | None:
     """Search for the model of least cost.
 
-    Parameters
-    ----------
-    problem : Problem
-    rng : numpy.random.Generator
-        The only source of randomness.
-    confidence : float
-        Probability that the best model is found, given its share of inliers.
-    min_samples, max_samples : int
-        Bounds on the number of samples.
-    yield_per_sample : float
-        See :func:`samples_needed`.
-    pool : int
-        Largest number of models to report.
-
-    Returns
-    -------
-    RansacReport or None
-        None where no sample proposed any model.
+    * ``confidence``: Probability that the best model is found, given its share of inliers.
     """
     count, size = len(problem), problem.sample_size
     if count < size:
@@ -169,17 +124,11 @@ def ransac(
 
 
 class Sampler(NamedTuple):
-    """A solver that proposes motions, and the number of matches that it takes.
+    """A solver that proposes motions, and the number of matches that it takes."""
 
-    Attributes
-    ----------
-    size : int
-        Number of matches in a sample.
-    candidates : callable
-        ``candidates(m, n)``: quaternions (B, K, 4) of samples (B, size, 3).
-    """
-
+    #: Number of matches in a sample.
     size: int
+    #: ``candidates(m, n)``: quaternions (B, K, 4) of samples (B, size, 3).
     candidates: Callable[[Floats, Floats], Floats]
 
 
@@ -194,14 +143,9 @@ SAMPLERS = {
 class RelativePoseProblem:
     """Matched bearings as a :class:`Problem`.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    threshold_rad : float
-        Sampson error above which a match is an outlier.
-    solver : str
-        A key of :data:`SAMPLERS`.
+    * ``m, n``: (N, 3) Unit bearings in camera 1 and camera 2.
+    * ``threshold_rad``: Sampson error above which a match is an outlier.
+    * ``solver``: A key of :data:`SAMPLERS`.
     """
 
     def __init__(self, m: Floats, n: Floats, threshold_rad: float, solver: str = "quest6") -> None:
@@ -215,14 +159,7 @@ class RelativePoseProblem:
     def solve(self, samples: Ints) -> Floats:
         """The models that samples propose: the best four candidates of each sample.
 
-        Parameters
-        ----------
-        samples : (B, sample_size) int
-            Indices of matches.
-
-        Returns
-        -------
-        (H, 7) float
+        Shapes: ``samples`` (B, sample_size), returns (H, 7).
         """
         m, n = self.m[samples], self.n[samples]
         q, t = select_candidates(self._sampler.candidates(m, n), m, n)
@@ -232,17 +169,7 @@ class RelativePoseProblem:
     def residuals(self, models: Floats) -> tuple[Floats, Bools]:
         """Residuals of all matches under each model.
 
-        Parameters
-        ----------
-        models : (H, 7) float
-            Motions (q_wxyz, t).
-
-        Returns
-        -------
-        r2 : (H, N) float
-            Squared Sampson errors, rad^2.
-        behind : (H, N) bool
-            Whether a match lies behind a camera beyond doubt.
+        Shapes: ``models`` (H, 7), returns ``r2`` (H, N), returns ``behind`` (H, N).
         """
         R = matrix_from_quaternion(models[:, :4])
         t = models[:, 4:]
@@ -272,17 +199,7 @@ class RelativePoseProblem:
     def costs(self, models: Floats) -> tuple[Floats, Ints]:
         """Truncated sums of squared Sampson errors, and numbers of inliers.
 
-        Parameters
-        ----------
-        models : (H, 7) float
-            Motions (q_wxyz, t).
-
-        Returns
-        -------
-        costs : (H,) float
-            The sums, rad^2.
-        inliers : (H,) int
-            Number of inliers of each model.
+        Shapes: ``models`` (H, 7), returns ``costs`` (H,), returns ``inliers`` (H,).
         """
         r2, behind = self.residuals(models)
         limit = self.threshold_rad**2
@@ -292,16 +209,7 @@ class RelativePoseProblem:
     def explained(self, model: Floats, gate_rad: float) -> Bools:
         """Whether each match lies within the gate and in front of both cameras.
 
-        Parameters
-        ----------
-        model : (7,) float
-            A motion (q_wxyz, t).
-        gate_rad : float
-            Largest Sampson error.
-
-        Returns
-        -------
-        (N,) bool
+        Shapes: ``model`` (7,), returns (N,).
         """
         r2, behind = self.residuals(model[None])
         return np.asarray((r2[0] < gate_rad**2) & ~behind[0])
@@ -309,15 +217,7 @@ class RelativePoseProblem:
     def polish(self, model: Floats) -> Floats:
         """Refine a model on the matches near it.
 
-        Parameters
-        ----------
-        model : (7,) float
-            A motion (q_wxyz, t).
-
-        Returns
-        -------
-        (7,) float
-            The model as it came where fewer than six matches are near.
+        Shapes: ``model`` (7,), returns (7,).
         """
         r2, behind = self.residuals(model[None])
         # Twice the threshold: a model from six noisy matches misses many of its own inliers by a little.
@@ -327,18 +227,7 @@ class RelativePoseProblem:
     def refine(self, model: Floats, use: Bools, scale_rad: float) -> Floats:
         """Refine a model on given matches, see :func:`quest.geometry.refine.refine_pose`.
 
-        Parameters
-        ----------
-        model : (7,) float
-            A motion (q_wxyz, t).
-        use : (N,) bool
-            The matches to refine on.
-        scale_rad : float
-            Scale of the Geman-McClure kernel.
-
-        Returns
-        -------
-        (7,) float
+        Shapes: ``model`` (7,), ``use`` (N,), returns (7,).
         """
         R, t = refine_pose(matrix_from_quaternion(model[:4]), model[4:], self.m[use], self.n[use], scale_rad)
         return np.concatenate([quaternion_from_matrix(R), t])

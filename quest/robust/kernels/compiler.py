@@ -21,8 +21,6 @@ except ValueError as error:  # it reads numbers in the environment: NUMBA_NUM_TH
 
 from quest.robust.kernels import machine_code
 
-__all__ = ["compiled", "compiler_of"]
-
 #: numba states no types for these.
 _njit: Any = numba.njit
 _rebuild: Any = CompileResult._rebuild
@@ -37,17 +35,9 @@ def compiler_of(folder: Path) -> Callable[[Function], Function]:
     A hash of all sources of the folder, and of this folder, is a part of the name under which machine code is kept: an
     edit of any of these files renews the machine code of all loops. A loop may call loops of these two folders only.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the loops.
-
-    Returns
-    -------
-    callable
-        Compiles a function of numbers and arrays, in the part of Python that numba compiles, at its first call, and
-        keeps the machine code on disk (:mod:`quest.robust.kernels.machine_code`). Where no folder can be written, each
-        process compiles for itself.
+    * Returns: Compiles a function of numbers and arrays, in the part of Python that numba compiles, at its first call,
+      and keeps the machine code on disk (:mod:`quest.robust.kernels.machine_code`). Where no folder can be written,
+      each process compiles for itself.
     """
     files = {*Path(__file__).parent.glob("*.py"), *folder.glob("*.py")}
     sources = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from quest.robust.kernels.compiler import compiled
 from quest.robust.kernels.small_algebra import shift, solve_in_place, tangents, turn
 
-__all__ = ["newton_five"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -40,20 +38,10 @@ def newton_five(m: Floats, n: Floats, rows: Ints, R: Floats, t: Floats) -> bool:
     degrees, one start in three to ten reaches the true solution. A start takes a few microseconds, which is cheaper
     than all solutions of one sample by eigenvalues.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings of all matches in camera 1 and camera 2.
-    rows : (5,) int
-        The sample.
-    R, t : (3, 3), (3,) float
-        The start; overwritten by the solution.
+    Shapes: ``m, n`` (N, 3), ``rows`` (5,), ``R, t`` (3, 3).
 
-    Returns
-    -------
-    bool
-        Whether a solution was found that has all five points in front of both cameras. t has the sign of that
-        solution.
+    * Returns: Whether a solution was found that has all five points in front of both cameras. t has the sign of that
+      solution.
     """
     A, b = np.empty((5, 5)), np.empty(5)
     for step in range(_NEWTON_STEPS):

@@ -10,8 +10,6 @@ from quest.robust.kernels.refinement import refine
 from quest.robust.kernels.scoring import match_residual, rays_by_row, score_or_refute
 from quest.robust.kernels.small_algebra import copy_pose
 
-__all__ = ["climb", "draw_starts", "draw_subset", "refit"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -23,14 +21,7 @@ _LEAST_NEAR = 6
 def draw_subset(uniform: Floats, count: int, subset: Ints) -> None:
     """Draw a subset of ``range(count)``, each with the same probability, by Floyd's method.
 
-    Parameters
-    ----------
-    uniform : (K,) float
-        Uniform random numbers from 0 to below 1.
-    count : int
-        At least the size of the subset.
-    subset : (S,) int
-        Overwritten by distinct numbers, S <= K.
+    Shapes: ``uniform`` (K,), ``subset`` (S,).
     """
     size = len(subset)
     for k in range(size):
@@ -48,16 +39,7 @@ def draw_subset(uniform: Floats, count: int, subset: Ints) -> None:
 def draw_starts(uniform: Floats, count: int, samples: Ints, directions: Floats) -> None:
     """Draw samples of matches, and directions that are uniform on the sphere.
 
-    Parameters
-    ----------
-    uniform : (S, 5 + 2 K) float
-        Uniform random numbers from 0 to below 1.
-    count : int
-        Number of matches; 0 leaves the samples as they are.
-    samples : (S, 5) int
-        Overwritten by rows of distinct numbers below ``count``.
-    directions : (S, K, 3) float
-        Overwritten by unit vectors.
+    Shapes: ``uniform`` (S, 5 + 2 K), ``samples`` (S, 5), ``directions`` (S, K, 3).
     """
     for i in range(len(samples)):
         if count > 0:
@@ -76,27 +58,12 @@ def climb(
 ) -> tuple[float, int]:
     """Refine a model in place in stages, each on the matches near it, and score it on all matches.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2, in random order where there are more than ``most``.
-    R, t : (3, 3) float, (3,) float
-        The pose; overwritten by the refined pose.
-    threshold_rad : float
-        Sampson error above which a match is an outlier.
-    stages : (S, 2) float
-        For each stage the largest Sampson error of a match that is near, and the scale of the Geman-McClure kernel.
-    most : int
-        Largest number of matches to refine on.
-    iterations : int
-        Largest number of steps of a stage.
+    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), ``stages`` (S, 2).
 
-    Returns
-    -------
-    cost : float
-        Truncated sum of squared Sampson errors, rad^2, of all matches.
-    inliers : int
-        Number of inliers.
+    * ``m, n``: Unit bearings in camera 1 and camera 2, in random order where there are more than ``most``.
+    * ``stages``: For each stage the largest Sampson error of a match that is near, and the scale of the Geman-McClure
+      kernel.
+    * Returns ``cost``: Truncated sum of squared Sampson errors, rad^2, of all matches.
     """
     near = np.empty(len(m), np.bool_)
     for k in range(len(stages)):
@@ -130,27 +97,12 @@ def refit(
 ) -> int:
     """Fit a pose to random subsets of its inliers, and keep the fits of least cost.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2, in random order where there are more than ``most``.
-    R, t : (3, 3) float, (3,) float
-        The pose.
-    threshold_rad : float
-        Sampson error above which a match is an outlier.
-    uniform : (S, K) float
-        Uniform random numbers from 0 to below 1: S subsets of K inliers.
-    most : int
-        Number of matches, from the first, by which the fits are made and compared.
-    iterations : int
-        Largest number of steps of a fit.
-    R_out, t_out : (P, 3, 3) float, (P, 3) float
-        Overwritten by the best fits, in order of their cost.
+    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), ``uniform`` (S, K), ``R_out, t_out`` (P, 3, 3).
 
-    Returns
-    -------
-    int
-        Number of fits in ``R_out`` and ``t_out``; zero where there are no more than K inliers.
+    * ``m, n``: Unit bearings in camera 1 and camera 2, in random order where there are more than ``most``.
+    * ``uniform``: Uniform random numbers from 0 to below 1: S subsets of K inliers.
+    * ``most``: Number of matches, from the first, by which the fits are made and compared.
+    * Returns: Number of fits in ``R_out`` and ``t_out``; zero where there are no more than K inliers.
     """
     limit, size, places, total = threshold_rad * threshold_rad, uniform.shape[1], len(R_out), min(most, len(m))
     inliers, count = np.empty(total, np.int64), 0

@@ -23,24 +23,14 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-__all__ = ["folders_of", "name_of", "read", "write"]
-
 _HASH_BYTES = 32
 
 
 def folders_of(sources: Path) -> tuple[Path, ...]:
     """Where machine code may be, in the order of the search; it is written to the first one that can be written.
 
-    Parameters
-    ----------
-    sources : Path
-        Folder of the compiled functions.
-
-    Returns
-    -------
-    tuple of Path
-        The folder that ``NUMBA_CACHE_DIR`` names, and no other, if it is set. Otherwise ``__pycache__`` of the sources,
-        then the folder for caches of the user.
+    * Returns: The folder that ``NUMBA_CACHE_DIR`` names, and no other, if it is set. Otherwise ``__pycache__`` of the
+      sources, then the folder for caches of the user.
     """
     named = os.environ.get("NUMBA_CACHE_DIR")
     if named:
@@ -60,36 +50,14 @@ def _user_folder() -> Path:
 def name_of(function: str, parts: Iterable[object]) -> str:
     """Name of the file of a function.
 
-    Parameters
-    ----------
-    function : str
-        Name of the function, for a reader of the folder.
-    parts : iterable
-        All that the machine code depends on; the text of each counts.
-
-    Returns
-    -------
-    str
+    * ``parts``: All that the machine code depends on; the text of each counts.
     """
     digest = hashlib.sha256("\n".join(str(part) for part in parts).encode()).hexdigest()
     return f"{function}-{digest[:32]}.code"
 
 
 def read(folders: Sequence[Path], name: str) -> bytes | None:
-    """Read machine code.
-
-    Parameters
-    ----------
-    folders : sequence of Path
-        In the order of the search.
-    name : str
-        Of the file.
-
-    Returns
-    -------
-    bytes or None
-        None where no folder has the file whole.
-    """
+    """Read machine code."""
     for folder in folders:
         try:
             content = (folder / name).read_bytes()
@@ -102,16 +70,7 @@ def read(folders: Sequence[Path], name: str) -> bytes | None:
 
 
 def write(folders: Sequence[Path], name: str, data: bytes) -> None:
-    """Write machine code to the first folder that can be written; where there is none, nothing happens.
-
-    Parameters
-    ----------
-    folders : sequence of Path
-        In the order of preference.
-    name : str
-        Of the file.
-    data : bytes
-    """
+    """Write machine code to the first folder that can be written; where there is none, nothing happens."""
     for folder in folders:
         with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)

@@ -9,8 +9,6 @@ from quest.robust.kernels.compiler import compiled
 from quest.robust.kernels.scoring import match_residual
 from quest.robust.kernels.small_algebra import median_in_place, rotation_of_model
 
-__all__ = ["chance_inliers", "mark_typical", "typical_inliers"]
-
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
@@ -19,18 +17,10 @@ Bools = NDArray[np.bool_]
 def mark_typical(m: Floats, n: Floats, R: Floats, t: Floats, mads: float, least_sine2: float, use: Bools) -> None:
     """Unmark the matches of untypical depth.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    R, t : (3, 3) float, (3,) float
-        The motion.
-    mads : float
-        Largest distance of a typical ratio from the median, in median absolute deviations.
-    least_sine2 : float
-        Least squared sine of the angle between a usable ray and t.
-    use : (N,) bool
-        The matches that count; of these, those of untypical depth are set to False.
+    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), ``use`` (N,).
+
+    * ``mads``: Largest distance of a typical ratio from the median, in median absolute deviations.
+    * ``use``: The matches that count; of these, those of untypical depth are set to False.
     """
     ratios, values, count = np.empty(len(m)), np.empty(len(m)), 0
     for i in range(len(m)):
@@ -76,27 +66,9 @@ def typical_inliers(
 ) -> tuple[int, int, float]:
     """Mark the inliers of typical depth, and find the median of their residuals.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    R, t : (3, 3) float, (3,) float
-        The motion.
-    threshold_rad : float
-        Sampson error above which a match is an outlier.
-    mads, least_sine2 : float
-        See :func:`mark_typical`.
-    use : (N,) bool
-        Overwritten: the inliers of typical depth.
+    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), ``use`` (N,).
 
-    Returns
-    -------
-    count : int
-        Number of these matches.
-    changed : int
-        Number of matches whose mark has changed.
-    median : float
-        Median absolute Sampson error of these matches, radians; 0 without such a match.
+    * Returns ``median``: Median absolute Sampson error of these matches, radians; 0 without such a match.
     """
     limit, total = threshold_rad * threshold_rad, len(m)
     r2, values, before = np.empty(total), np.empty(total), np.empty(total, np.bool_)
@@ -121,22 +93,9 @@ def chance_inliers(m: Floats, n: Floats, model: Floats, threshold_rad: float, ga
 
     Match i of camera 1 is compared with match i + 1 of camera 2, then with match i + 2 and so on.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2, in random order.
-    model : (7,) float
-        The motion (q_wxyz, t).
-    threshold_rad : float
-        Below a parallax of sqrt(2) times this angle the sign of a depth is left open.
-    gate_rad : float
-        Sampson error above which a match is not explained.
-    trials : int
-        Number of comparisons.
+    Shapes: ``m, n`` (N, 3), ``model`` (7,).
 
-    Returns
-    -------
-    int
+    * ``threshold_rad``: Below a parallax of sqrt(2) times this angle the sign of a depth is left open.
     """
     R, t = rotation_of_model(model), model[4:]
     limit, explained, total = 2 * threshold_rad * threshold_rad, 0, len(m)

@@ -11,8 +11,6 @@ from quest.robust.kernels.refinement import normal_equations, refine_rotation
 from quest.robust.kernels.scoring import rays_by_row
 from quest.robust.kernels.small_algebra import median_in_place, tangents
 
-__all__ = ["anisotropy_sums", "depths_and_parallax", "pose_information", "ratio_sums", "rotation_of_all"]
-
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
@@ -24,21 +22,7 @@ _NO_KERNEL = 1e300
 def pose_information(m: Floats, n: Floats, R: Floats, t: Floats, gate_rad: float) -> tuple[Floats, float, float, float]:
     """Sums over the Sampson errors r of matches and their derivatives J.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    R, t : (3, 3) float, (3,) float
-        The pose.
-    gate_rad : float
-        Scale of the Geman-McClure kernel, with the derivative psi.
-
-    Returns
-    -------
-    information : (5, 5) float
-        ``J^T J``.
-    squares, psi2, slope : float
-        The sums of r^2, of psi(r)^2 and of psi'(r).
+    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), returns ``information`` (5, 5).
     """
     count = len(m)
     rays, rows, information = rays_by_row(m, n), np.empty((7, count)), np.empty((5, 5))
@@ -58,16 +42,7 @@ def pose_information(m: Floats, n: Floats, R: Floats, t: Floats, gate_rad: float
 def rotation_of_all(m: Floats, n: Floats, R: Floats, noise_rad: float, iterations: int) -> None:
     """The best rotation of matches with parallax, in place.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    R : (3, 3) float
-        The start; overwritten by the rotation.
-    noise_rad : float
-        Standard deviation of a bearing.
-    iterations : int
-        Largest number of steps at a scale.
+    Shapes: ``m, n`` (N, 3), ``R`` (3, 3).
     """
     values, last = np.empty(len(m)), np.inf
     # The scale falls from the median residual to the noise, so that a scene with parallax is first fitted as a whole.
@@ -90,30 +65,13 @@ def anisotropy_sums(
 ) -> tuple[Floats, int, int, int]:
     """Sums over the near matches, from which the test value of a translation follows.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    R : (3, 3) float
-        The best rotation.
-    t : (3,) float
-        The translation to test, unit norm.
-    near_rad, far_rad : float
-        Displacements per component below which a match is near, and above which it is far.
-    least_sine2 : float
-        Least squared sine of the angle between a usable ray and t.
-    least_rad : float
-        Displacements count as at least this long.
+    Shapes: ``m, n`` (N, 3), ``R`` (3, 3), ``t`` (3,), returns ``sums`` (5, 3).
 
-    Returns
-    -------
-    sums : (5, 3) float
-        J^T J and J^T y, with y the components of the displacements across the epipolar lines and J their derivatives by
-        a small rotation: y = J w. The last row are the sums of |d|^2, of |d|^4 and of y^2, d the displacements.
-    count : int
-        Number of matches in the sums: those that are near and have a usable ray.
-    near, far : int
-        Number of near and of far matches.
+    * ``near_rad, far_rad``: Displacements per component below which a match is near, and above which it is far.
+    * Returns ``sums``: J^T J and J^T y, with y the components of the displacements across the epipolar lines and J
+      their derivatives by a small rotation: y = J w. The last row are the sums of |d|^2, of |d|^4 and of y^2, d the
+      displacements.
+    * Returns ``count``: Number of matches in the sums: those that are near and have a usable ray.
     """
     near = far = count = 0
     A00 = A01 = A02 = A11 = A12 = A22 = g0 = g1 = g2 = 0.0
@@ -160,25 +118,13 @@ def ratio_sums(
 ) -> tuple[float, float, Floats, Floats]:
     """Sums over the matches, from which the ratio |t| / depth and its deviation follow.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    R, t : (3, 3) float, (3,) float
-        The motion.
-    mads, least_sine2 : float
-        See :func:`quest.robust.kernels.noise.mark_typical`.
+    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), returns ``sums`` (7,), returns ``noise`` (2, 2).
 
-    Returns
-    -------
-    shift, weight : float
-        Sums of ``(n - a) . l`` and of ``|l|^2`` over the matches of typical depth, with a = R m and l the part of t
-        orthogonal to n. Their quotient is the ratio.
-    sums : (7,) float
-        Sums over these matches: a x l, the coordinates of n - a in the tangents of t, those of l.
-    noise : (2, 2) float
-        Mean contribution of noise to the information about the direction of t, in units of twice its variance, of all
-        matches.
+    * Returns ``shift, weight``: Sums of ``(n - a) . l`` and of ``|l|^2`` over the matches of typical depth, with a = R
+      m and l the part of t orthogonal to n. Their quotient is the ratio.
+    * Returns ``sums``: Sums over these matches: a x l, the coordinates of n - a in the tangents of t, those of l.
+    * Returns ``noise``: Mean contribution of noise to the information about the direction of t, in units of twice its
+      variance, of all matches.
     """
     typical = np.empty(len(m), np.bool_)
     for i in range(len(m)):
@@ -218,22 +164,10 @@ def ratio_sums(
 def depths_and_parallax(m: Floats, n: Floats, R: Floats, t: Floats, inliers: Bools) -> tuple[Floats, float]:
     """Depths of the inliers along their rays, and the median angle between their rays.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    R, t : (3, 3) float, (3,) float
-        The pose.
-    inliers : (N,) bool
-        At least one is True.
+    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), ``inliers`` (N,), returns ``depths`` (2, N).
 
-    Returns
-    -------
-    depths : (2, N) float
-        Depths in camera 1 and camera 2, see :func:`quest.geometry.epipolar.depths_along_epipolar_lines`; NaN for the
-        other matches.
-    parallax_rad : float
-        Median over the inliers, after the rotation is removed.
+    * Returns ``depths``: Depths in camera 1 and camera 2, see
+      :func:`quest.geometry.epipolar.depths_along_epipolar_lines`; NaN for the other matches.
     """
     depths, angles, count = np.empty((2, len(m))), np.empty(len(m)), 0
     for i in range(len(m)):

@@ -9,8 +9,6 @@ from quest.robust.kernels.compiler import compiled
 from quest.robust.kernels.local_optimization import draw_subset
 from quest.robust.kernels.small_algebra import eigen_in_place, median_in_place, solve_in_place, tangents
 
-__all__ = ["best_plane", "fit_plane", "off_line", "planar_information"]
-
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
@@ -21,23 +19,9 @@ def best_plane(m: Floats, n: Floats, R: Floats, t: Floats, limit: float, uniform
 
     The inverse depth of a point on the plane is k . m: project n x (R m + t (k . m)) = 0 on the epipolar line.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2, N >= 3.
-    R, t : (3, 3) float, (3,) float
-        The motion.
-    limit : float
-        Displacement along the epipolar line above which a match is off the plane, radians.
-    uniform : (S, 3) float
-        Uniform random numbers from 0 to below 1: S samples.
-    k : (3,) float
-        Overwritten by the plane.
+    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), ``uniform`` (S, 3), ``k`` (3,).
 
-    Returns
-    -------
-    bool
-        False where no sample determines a plane.
+    * ``limit``: Displacement along the epipolar line above which a match is off the plane, radians.
     """
     count = len(m)
     lhs, gain, root, sample = np.empty(count), np.empty(count), np.empty(count), np.empty(3, np.int64)
@@ -144,31 +128,11 @@ def fit_plane(
 ) -> tuple[int, float, float]:
     """Refine the homography of a plane on its matches, as :func:`quest.robust.plane.fit_plane`.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    t : (3,) float
-        Translation of the motion.
-    noise_rad : float
-        Standard deviation of a bearing.
-    sigmas : float
-        Gate of the matches on the plane, in standard deviations of a residual.
-    least : int
-        Smallest number of matches on a plane.
-    H : (3, 3) float
-        The start; overwritten by the homography.
-    on_plane : (N,) bool
-        Overwritten: the matches on the plane.
+    Shapes: ``m, n`` (N, 3), ``t`` (3,), ``H`` (3, 3), ``on_plane`` (N,).
 
-    Returns
-    -------
-    on : int
-        Number of matches on the plane.
-    along_rad : float
-        Residual of these along their epipolar lines; infinite where there is no plane.
-    relief : float
-        See :class:`quest.robust.plane.PlaneFit`; infinite where there is no plane.
+    * ``sigmas``: Gate of the matches on the plane, in standard deviations of a residual.
+    * Returns ``along_rad``: Residual of these along their epipolar lines; infinite where there is no plane.
+    * Returns ``relief``: See :class:`quest.robust.plane.PlaneFit`; infinite where there is no plane.
     """
     count = len(m)
     gate2 = 2 * (sigmas * noise_rad) ** 2
@@ -202,17 +166,7 @@ def fit_plane(
 def off_line(rays: Floats, sigmas: float) -> float:
     """Distance of rays from their best great circle, as :func:`quest.robust.plane.off_line_rad`.
 
-    Parameters
-    ----------
-    rays : (N, 3) float
-        Unit rays, N >= 1.
-    sigmas : float
-        Scale of the weights in standard deviations.
-
-    Returns
-    -------
-    float
-        A standard deviation by the median, radians.
+    Shapes: ``rays`` (N, 3).
     """
     count = len(rays)
     distance, values, A, V = np.empty(count), np.empty(count), np.empty((3, 3)), np.empty((3, 3))
@@ -246,21 +200,7 @@ def planar_information(m: Floats, n: Floats, R: Floats, t: Floats, gate_rad: flo
     The plane k is fitted. The residuals are those of :func:`quest.geometry.homography.homography_residuals`, two for a
     match; the unknowns are those of a pose, then k, see :func:`quest.covariance.planar_pose_covariance`.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    R, t : (3, 3) float, (3,) float
-        The pose.
-    gate_rad : float
-        Scale of the Geman-McClure kernel, with the derivative psi.
-
-    Returns
-    -------
-    information : (8, 8) float
-        ``J^T J``.
-    psi2, slope : float
-        The sums of psi(r)^2 and of psi'(r).
+    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), returns ``information`` (8, 8).
     """
     A, k, information = np.empty((3, 3)), np.empty(3), np.empty((8, 8))
     rotated, J = np.empty(3), np.empty(8)

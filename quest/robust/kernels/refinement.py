@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from quest.robust.kernels.compiler import compiled
 from quest.robust.kernels.small_algebra import copy_pose, shift, solve_in_place, tangents, turn
 
-__all__ = ["normal_equations", "refine", "refine_rotation"]
-
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
@@ -26,24 +24,11 @@ def normal_equations(rays: Floats, R: Floats, t: Floats, scale2: float, rows: Fl
 
     The derivatives are those of :func:`quest.geometry.refine.sampson_jacobian`.
 
-    Parameters
-    ----------
-    rays : (6, N) float
-        Unit bearings: three rows of camera 1 and three rows of camera 2.
-    R, t : (3, 3) float, (3,) float
-        The pose.
-    scale2 : float
-        Squared scale of the Geman-McClure kernel.
-    rows : (7, N) float
-        Overwritten: the derivatives by the rotation (0 to 2) and by the direction (3, 4), the error, and the root of
-        its weight.
-    A, g : (5, 5) float, (5,) float
-        Overwritten by the equations ``A x = -g``.
+    Shapes: ``rays`` (6, N), ``R, t`` (3, 3), ``rows`` (7, N), ``A, g`` (5, 5).
 
-    Returns
-    -------
-    float
-        The robust cost in units of the squared scale.
+    * ``rays``: Unit bearings: three rows of camera 1 and three rows of camera 2.
+    * ``rows``: Overwritten: the derivatives by the rotation (0 to 2) and by the direction (3, 4), the error, and the
+      root of its weight.
     """
     x, y, z, u, v, w = tangents(t)
     R00, R01, R02, R10, R11, R12 = R[0, 0], R[0, 1], R[0, 2], R[1, 0], R[1, 1], R[1, 2]
@@ -98,18 +83,7 @@ def normal_equations(rays: Floats, R: Floats, t: Floats, scale2: float, rows: Fl
 def refine(m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale_rad: float, iterations: int) -> None:
     """Refine a pose in place, as :func:`quest.geometry.refine.refine_pose`.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    use : (N,) bool
-        The matches to refine on.
-    R, t : (3, 3) float, (3,) float
-        The start; overwritten by the refined pose.
-    scale_rad : float
-        Scale of the Geman-McClure kernel.
-    iterations : int
-        Largest number of steps.
+    Shapes: ``m, n`` (N, 3), ``use`` (N,), ``R, t`` (3, 3).
     """
     count = at = 0
     for i in range(len(m)):
@@ -166,16 +140,7 @@ def refine_rotation(m: Floats, n: Floats, R: Floats, scale_rad: float, iteration
 
     The weights are the same; a Newton step takes the place of each Kabsch fit.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    R : (3, 3) float
-        The start; overwritten by the refined rotation.
-    scale_rad : float
-        Scale of the Geman-McClure kernel.
-    iterations : int
-        Largest number of steps.
+    Shapes: ``m, n`` (N, 3), ``R`` (3, 3).
     """
     scale2 = scale_rad * scale_rad
     A, g = np.empty((3, 3)), np.empty(3)

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from quest.robust.kernels.compiler import compiled
 from quest.robust.kernels.local_optimization import draw_subset
 
-__all__ = ["best_rotation"]
-
 Floats = NDArray[np.float64]
 
 
@@ -32,23 +30,9 @@ def _frame(rays: Floats, i: int, j: int, least_rad: float, F: Floats) -> bool:
 def best_rotation(m: Floats, n: Floats, uniform: Floats, threshold_rad: float, least_rad: float, best: Floats) -> bool:
     """The rotation of least truncated cost among those that pairs of matches propose.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2, N >= 2.
-    uniform : (S, 2) float
-        Uniform random numbers from 0 to below 1: S pairs.
-    threshold_rad : float
-        Residual above which a match has little weight.
-    least_rad : float
-        Two rays that are nearer to each other, or to opposite directions, determine no rotation.
-    best : (3, 3) float
-        Overwritten by the rotation.
+    Shapes: ``m, n`` (N, 3), ``uniform`` (S, 2), ``best`` (3, 3).
 
-    Returns
-    -------
-    bool
-        False where no pair determines a rotation.
+    * ``least_rad``: Two rays that are nearer to each other, or to opposite directions, determine no rotation.
     """
     pair, R, F1, F2 = np.empty(2, np.int64), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     lowest, limit = np.inf, 4 * threshold_rad * threshold_rad

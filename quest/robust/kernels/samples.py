@@ -10,8 +10,6 @@ from quest.robust.kernels.five_point import newton_five
 from quest.robust.kernels.scoring import rays_by_row, score_or_refute
 from quest.robust.kernels.small_algebra import copy_pose
 
-__all__ = ["SAME_MODE_RAD", "enter_if_better", "mode_distance", "try_samples"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -24,17 +22,7 @@ SAME_MODE_RAD = 0.26
 def mode_distance(R1: Floats, t1: Floats, R2: Floats, t2: Floats) -> float:
     """Angle between two rotations plus angle between two directions.
 
-    Parameters
-    ----------
-    R1, t1 : (3, 3) float, (3,) float
-        One pose.
-    R2, t2 : (3, 3) float, (3,) float
-        The other pose.
-
-    Returns
-    -------
-    float
-        Radians.
+    Shapes: ``R1, t1`` (3, 3), ``R2, t2`` (3, 3).
     """
     trace, cosine = 0.0, t1[0] * t2[0] + t1[1] * t2[1] + t1[2] * t2[2]
     for i in range(3):
@@ -60,23 +48,13 @@ def try_samples(
 ) -> None:
     """Solve samples from several starts each, score the solutions, and keep the best of each mode in the pool.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings, in random order: a bad model is recognized by the first matches.
-    samples : (S, 5) int
-        Rows of m and n.
-    rotations : (K, 3, 3) float
-        The starting rotations of every sample.
-    directions : (S, K, 3) float
-        The starting directions of each sample, unit norm.
-    threshold_rad : float
-        Sampson error above which a match is an outlier.
-    pool_R, pool_t, pool_costs, pool_inliers : (P, 3, 3), (P, 3), (P,) float, (P,) int
-        The pool, ordered by cost (infinite where empty); updated in place.
-    chance : (2,) float
-        The share of matches that a model explains, summed over all models so far, and the number of models; updated
-        in place.
+    Shapes: ``m, n`` (N, 3), ``samples`` (S, 5), ``rotations`` (K, 3, 3), ``directions`` (S, K, 3), ``pool_R, pool_t,
+    pool_costs, pool_inliers`` (P, 3, 3), ``chance`` (2,).
+
+    * ``m, n``: Unit bearings, in random order: a bad model is recognized by the first matches.
+    * ``pool_R, pool_t, pool_costs, pool_inliers``: The pool, ordered by cost (infinite where empty); updated in place.
+    * ``chance``: The share of matches that a model explains, summed over all models so far, and the number of models;
+      updated in place.
     """
     rays = rays_by_row(m, n)
     R, t = np.empty((3, 3)), np.empty(3)
@@ -111,18 +89,9 @@ def enter_if_better(
 ) -> None:
     """Score a model, and enter it into the pool where it is better than the last of the pool.
 
-    Parameters
-    ----------
-    rays : (6, N) float
-        Unit bearings in random order, see :func:`quest.robust.kernels.scoring.rays_by_row`.
-    R, t : (3, 3) float, (3,) float
-        The model.
-    threshold_rad : float
-        Sampson error above which a match is an outlier.
-    pool_R, pool_t, pool_costs, pool_inliers : (P, 3, 3), (P, 3), (P,) float, (P,) int
-        The pool, see :func:`try_samples`.
-    chance : (2,) float
-        See :func:`try_samples`.
+    Shapes: ``rays`` (6, N), ``R, t`` (3, 3), ``pool_R, pool_t, pool_costs, pool_inliers`` (P, 3, 3), ``chance`` (2,).
+
+    * ``rays``: Unit bearings in random order, see :func:`quest.robust.kernels.scoring.rays_by_row`.
     """
     size = len(pool_costs)
     # A model from a few noisy matches explains at least half of the matches that it explains after refinement. Nearly

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from quest.robust.kernels.compiler import compiled
 from quest.robust.kernels.small_algebra import rotation_of_model
 
-__all__ = ["match_residual", "rays_by_row", "residuals", "residuals_of_model", "score", "score_or_refute"]
-
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
@@ -30,27 +28,9 @@ _BLOCK = 32
 def match_residual(m: Floats, i: int, n: Floats, j: int, R: Floats, t: Floats, flat: float) -> tuple[float, bool]:
     """Squared Sampson error of a match, and whether the match lies behind a camera beyond doubt.
 
-    Parameters
-    ----------
-    m : (N, 3) float
-        Unit bearings in camera 1.
-    i : int
-        Row of the match.
-    n : (N, 3) float
-        Unit bearings in camera 2.
-    j : int
-        Row of the match.
-    R, t : (3, 3) float, (3,) float
-        The pose.
-    flat : float
-        The sign of a depth is beyond doubt where the squared sine of the parallax exceeds this value.
+    Shapes: ``m`` (N, 3), ``n`` (N, 3), ``R, t`` (3, 3).
 
-    Returns
-    -------
-    r2 : float
-        Squared Sampson error, rad^2.
-    behind : bool
-        Whether the match lies behind a camera.
+    * ``flat``: The sign of a depth is beyond doubt where the squared sine of the parallax exceeds this value.
     """
     a0 = R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2]
     a1 = R[1, 0] * m[i, 0] + R[1, 1] * m[i, 1] + R[1, 2] * m[i, 2]
@@ -69,22 +49,10 @@ def match_residual(m: Floats, i: int, n: Floats, j: int, R: Floats, t: Floats, f
 def residuals(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float) -> tuple[Floats, Bools]:
     """Residuals of one pose.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    R, t : (3, 3) float, (3,) float
-        The pose.
-    threshold_rad : float
-        Sampson error above which a match is an outlier. Below a parallax of sqrt(2) times this angle the sign of a
-        depth is left open.
+    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), returns ``r2`` (N,), returns ``behind`` (N,).
 
-    Returns
-    -------
-    r2 : (N,) float
-        Squared Sampson errors, rad^2.
-    behind : (N,) bool
-        Whether a match lies behind a camera beyond doubt.
+    * ``threshold_rad``: Sampson error above which a match is an outlier. Below a parallax of sqrt(2) times this angle
+      the sign of a depth is left open.
     """
     r2, behind = np.empty(len(m)), np.empty(len(m), np.bool_)
     for i in range(len(m)):
@@ -96,21 +64,7 @@ def residuals(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float) 
 def residuals_of_model(m: Floats, n: Floats, model: Floats, threshold_rad: float) -> tuple[Floats, Bools]:
     """Residuals as :func:`residuals`, of a pose in one row.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    model : (7,) float
-        (q_wxyz, t), unit norm each.
-    threshold_rad : float
-        See :func:`residuals`.
-
-    Returns
-    -------
-    r2 : (N,) float
-        Squared Sampson errors, rad^2.
-    behind : (N,) bool
-        Whether a match lies behind a camera beyond doubt.
+    Shapes: ``m, n`` (N, 3), ``model`` (7,), returns ``r2`` (N,), returns ``behind`` (N,).
     """
     r2, behind = residuals(m, n, rotation_of_model(model), model[4:], threshold_rad)
     return r2, behind
@@ -120,23 +74,9 @@ def residuals_of_model(m: Floats, n: Floats, model: Floats, threshold_rad: float
 def score(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, bail: float) -> tuple[float, int]:
     """Truncated sum of squared Sampson errors and number of inliers (MSAC [T00]_).
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-    R, t : (3, 3) float, (3,) float
-        The pose.
-    threshold_rad : float
-        Sampson error above which a match is an outlier.
-    bail : float
-        The loop stops once the sum exceeds this bound. No better pose is lost: the sum only grows.
+    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3).
 
-    Returns
-    -------
-    cost : float
-        The sum, rad^2; infinite where the loop stopped.
-    inliers : int
-        0 where the loop stopped.
+    * ``bail``: The loop stops once the sum exceeds this bound. No better pose is lost: the sum only grows.
     """
     cost, inliers, _ = score_or_refute(rays_by_row(m, n), R, t, threshold_rad, bail, 0.0, 0.0)
     return cost, inliers
@@ -146,15 +86,7 @@ def score(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, bail
 def rays_by_row(m: Floats, n: Floats) -> Floats:
     """Matches with one row for each coordinate, so that the compiler treats several matches at once.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings in camera 1 and camera 2.
-
-    Returns
-    -------
-    (6, N) float
-        Three rows of camera 1 and three rows of camera 2.
+    Shapes: ``m, n`` (N, 3), returns (6, N).
     """
     rays = np.empty((6, len(m)))
     for i in range(len(m)):
@@ -173,27 +105,11 @@ def score_or_refute(
     probability ``bad``. The likelihood ratio of the two is followed (Wald's sequential test, for RANSAC [M05]_) where
     ``good`` is more than 1.5 times ``bad``.
 
-    Parameters
-    ----------
-    rays : (6, N) float
-        Unit bearings by row, see :func:`rays_by_row`, in random order.
-    R, t : (3, 3) float, (3,) float
-        The pose.
-    threshold_rad : float
-        Sampson error above which a match is an outlier.
-    bail : float
-        See :func:`score`.
-    good, bad : float
-        Share of matches that a good pose and a bad pose explain; zero for no test.
+    Shapes: ``rays`` (6, N), ``R, t`` (3, 3).
 
-    Returns
-    -------
-    cost : float
-        The truncated sum, rad^2; infinite where the loop stopped.
-    inliers : int
-        0 where the loop stopped.
-    share : float
-        Share of inliers among the matches up to the end of the loop.
+    * ``rays``: Unit bearings by row, see :func:`rays_by_row`, in random order.
+    * ``good, bad``: Share of matches that a good pose and a bad pose explain; zero for no test.
+    * Returns ``share``: Share of inliers among the matches up to the end of the loop.
     """
     limit = threshold_rad * threshold_rad
     cost, inliers, evidence = 0.0, 0, 0.0

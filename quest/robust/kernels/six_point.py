@@ -51,8 +51,6 @@ from quest.robust.kernels.samples import enter_if_better, mode_distance
 from quest.robust.kernels.scoring import rays_by_row
 from quest.robust.kernels.small_algebra import copy_pose
 
-__all__ = ["MOST_POSES", "STEPS", "solve_six", "try_samples_of_six"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
@@ -359,28 +357,15 @@ def solve_six(
 ) -> int:
     """Find the poses that explain six matches, whatever their rotation.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings of all matches in camera 1 and camera 2.
-    rows : (6,) int
-        The sample.
-    threshold_rad : float
-        Sampson error above which a match is an outlier. Poses with residuals beyond it are not returned.
-    iterations : int
-        Number of steps that refine a pose on the sample, :data:`STEPS` in the search.
-    found_R, found_t : (6, 3, 3), (6, 3) float
-        The first entries are overwritten by the poses, in no order.
-
-    Returns
-    -------
-    int
-        Number of poses: for general points one or two, for points on a plane mostly two. None where two matches are
-        equal, or where the matches obey a rotation without translation.
-
-    References
-    ----------
     The solutions are those of QuEst 6 [F17]_; the elimination is derived in the module docstring.
+
+    Shapes: ``m, n`` (N, 3), ``rows`` (6,), ``found_R, found_t`` (6, 3, 3).
+
+    * ``threshold_rad``: Sampson error above which a match is an outlier. Poses with residuals beyond it are not
+      returned.
+    * ``iterations``: Number of steps that refine a pose on the sample, :data:`STEPS` in the search.
+    * Returns: Number of poses: for general points one or two, for points on a plane mostly two. None where two matches
+      are equal, or where the matches obey a rotation without translation.
     """
     E, P, ratios, squares = np.empty((3, 3, 3)), np.empty((3, 3, 4)), np.empty((24, 3)), np.empty(6)
     m6, n6, use = np.empty((6, 3)), np.empty((6, 3)), np.empty(6, np.bool_)
@@ -427,21 +412,14 @@ def try_samples_of_six(
 ) -> None:
     """Solve samples of six matches, score the poses, and keep the best of each mode in the pool.
 
-    Parameters
-    ----------
-    m, n : (N, 3) float
-        Unit bearings, in random order: a bad model is recognized by the first matches.
-    samples : (S, 6) int
-        Rows of m and n.
-    threshold_rad : float
-        Sampson error above which a match is an outlier.
-    iterations : int
-        See :func:`solve_six`.
-    pool_R, pool_t, pool_costs, pool_inliers : (P, 3, 3), (P, 3), (P,) float, (P,) int
-        The pool, see :func:`quest.robust.kernels.try_samples`; updated in place.
-    chance : (2,) float
-        The share of matches that a model explains, summed over all models so far, and the number of models; updated
-        in place.
+    Shapes: ``m, n`` (N, 3), ``samples`` (S, 6), ``pool_R, pool_t, pool_costs, pool_inliers`` (P, 3, 3), ``chance``
+    (2,).
+
+    * ``m, n``: Unit bearings, in random order: a bad model is recognized by the first matches.
+    * ``pool_R, pool_t, pool_costs, pool_inliers``: The pool, see :func:`quest.robust.kernels.try_samples`; updated in
+      place.
+    * ``chance``: The share of matches that a model explains, summed over all models so far, and the number of models;
+      updated in place.
     """
     rays, found_R, found_t = rays_by_row(m, n), np.empty((MOST_POSES, 3, 3)), np.empty((MOST_POSES, 3))
     for i in range(len(samples)):

@@ -7,19 +7,6 @@ from numpy.typing import NDArray
 
 from quest.robust.kernels.compiler import compiled
 
-__all__ = [
-    "copy_pose",
-    "eigen_in_place",
-    "median_in_place",
-    "model_of_pose",
-    "rotation_of_model",
-    "shift",
-    "solve_in_place",
-    "tangents",
-    "turn",
-    "unit_rows",
-]
-
 Floats = NDArray[np.float64]
 
 #: Jacobi's method settles in four to eight sweeps; the bound ends the loop on numbers that are not finite.
@@ -30,15 +17,7 @@ _SWEEPS = 30
 def tangents(t: Floats) -> tuple[float, float, float, float, float, float]:
     """Two orthonormal vectors orthogonal to t, as :func:`quest.geometry.refine.tangent_basis`.
 
-    Parameters
-    ----------
-    t : (3,) float
-        Unit norm.
-
-    Returns
-    -------
-    x, y, z, u, v, w : float
-        The first vector (x, y, z) and the second vector (u, v, w).
+    Shapes: ``t`` (3,).
     """
     k = 0
     if abs(t[1]) < abs(t[k]):
@@ -60,12 +39,7 @@ def tangents(t: Floats) -> tuple[float, float, float, float, float, float]:
 def turn(R: Floats, w0: float, w1: float, w2: float) -> None:
     """``R <- exp([w]x) R`` in place, through the unit quaternion of w.
 
-    Parameters
-    ----------
-    R : (3, 3) float
-        Overwritten by the result.
-    w0, w1, w2 : float
-        The rotation vector w, radians.
+    Shapes: ``R`` (3, 3).
     """
     angle = np.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
     half = 0.5 * angle
@@ -85,14 +59,7 @@ def turn(R: Floats, w0: float, w1: float, w2: float) -> None:
 def shift(t: Floats, b0: float, b1: float, x: float, y: float, z: float, u: float, v: float, w: float) -> None:
     """``t <- t + b0 (x, y, z) + b1 (u, v, w)`` in place, scaled back to unit norm.
 
-    Parameters
-    ----------
-    t : (3,) float
-        Unit norm; overwritten by the result.
-    b0, b1 : float
-        The step along the two tangents, radians.
-    x, y, z, u, v, w : float
-        The two tangents, see :func:`tangents`.
+    Shapes: ``t`` (3,).
     """
     t0, t1, t2 = t[0] + b0 * x + b1 * u, t[1] + b0 * y + b1 * v, t[2] + b0 * z + b1 * w
     norm = np.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
@@ -103,17 +70,9 @@ def shift(t: Floats, b0: float, b1: float, x: float, y: float, z: float, u: floa
 def solve_in_place(A: Floats, b: Floats) -> bool:
     """Solve ``A x = b`` by Gaussian elimination with row pivots.
 
-    Parameters
-    ----------
-    A : (N, N) float
-        Overwritten.
-    b : (N,) float
-        Overwritten by the solution x.
+    Shapes: ``A`` (N, N), ``b`` (N,).
 
-    Returns
-    -------
-    bool
-        False where A is singular (a pivot of at most 1e-14); b then has no meaning.
+    * Returns: False where A is singular (a pivot of at most 1e-14); b then has no meaning.
     """
     size = len(b)
     for c in range(size):
@@ -144,12 +103,7 @@ def solve_in_place(A: Floats, b: Floats) -> bool:
 def copy_pose(R: Floats, t: Floats, to_R: Floats, to_t: Floats) -> None:
     """Copy a pose into other arrays.
 
-    Parameters
-    ----------
-    R, t : (3, 3) float, (3,) float
-        The pose.
-    to_R, to_t : (3, 3) float, (3,) float
-        Overwritten by the pose.
+    Shapes: ``R, t`` (3, 3), ``to_R, to_t`` (3, 3).
     """
     for i in range(3):
         to_t[i] = t[i]
@@ -161,14 +115,7 @@ def copy_pose(R: Floats, t: Floats, to_R: Floats, to_t: Floats) -> None:
 def rotation_of_model(model: Floats) -> Floats:
     """Rotation matrix of a model, as :func:`quest.geometry.quaternion.matrix_from_quaternion`.
 
-    Parameters
-    ----------
-    model : (7,) float
-        (q_wxyz, t), where q has unit norm.
-
-    Returns
-    -------
-    (3, 3) float
+    Shapes: ``model`` (7,), returns (3, 3).
     """
     w, x, y, z = model[0], model[1], model[2], model[3]
     R = np.empty((3, 3))
@@ -182,15 +129,7 @@ def rotation_of_model(model: Floats) -> Floats:
 def model_of_pose(R: Floats, t: Floats) -> Floats:
     """Row of a pose, see :func:`quest.geometry.quaternion.quaternion_from_matrix`.
 
-    Parameters
-    ----------
-    R, t : (3, 3) float, (3,) float
-        The pose.
-
-    Returns
-    -------
-    (7,) float
-        (q_wxyz, t), q of canonical sign and unit norm.
+    Shapes: ``R, t`` (3, 3), returns (7,).
     """
     model = np.empty(7)
     a, b, c = R[0, 0], R[1, 1], R[2, 2]
@@ -223,17 +162,9 @@ def model_of_pose(R: Floats, t: Floats) -> Floats:
 def eigen_in_place(A: Floats, V: Floats) -> int:
     """Eigenvalues and eigenvectors of a symmetric matrix, by Jacobi's rotations.
 
-    Parameters
-    ----------
-    A : (N, N) float
-        Symmetric; its diagonal is overwritten by the eigenvalues, in no order.
-    V : (N, N) float
-        Overwritten: column k is the eigenvector of ``A[k, k]``.
+    Shapes: ``A`` (N, N), ``V`` (N, N).
 
-    Returns
-    -------
-    int
-        Column of the smallest eigenvalue.
+    * ``A``: Symmetric; its diagonal is overwritten by the eigenvalues, in no order.
     """
     size = len(A)
     for i in range(size):
@@ -272,15 +203,9 @@ def eigen_in_place(A: Floats, V: Floats) -> int:
 def median_in_place(values: Floats) -> float:
     """Median, by quickselect.
 
-    Parameters
-    ----------
-    values : (N,) float
-        At least one, finite; they are reordered.
+    Shapes: ``values`` (N,).
 
-    Returns
-    -------
-    float
-        The mean of the two middle values where N is even, as ``numpy.median``.
+    * Returns: The mean of the two middle values where N is even, as ``numpy.median``.
     """
     count = len(values)
     middle, low, high = count // 2, 0, count - 1
@@ -314,17 +239,9 @@ def median_in_place(values: Floats) -> float:
 def unit_rows(rays: Floats, unit: Floats) -> bool:
     """Scale rays to unit norm.
 
-    Parameters
-    ----------
-    rays : (N, 3) float
-        Rays of any norm.
-    unit : (N, 3) float
-        Overwritten by the rays of unit norm.
+    Shapes: ``rays`` (N, 3), ``unit`` (N, 3).
 
-    Returns
-    -------
-    bool
-        False where a ray is not finite, zero, or so long or short that its square has no exact double.
+    * Returns: False where a ray is not finite, zero, or so long or short that its square has no exact double.
     """
     for i in range(len(rays)):
         x, y, z = rays[i, 0], rays[i, 1], rays[i, 2]

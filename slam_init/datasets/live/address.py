@@ -10,8 +10,6 @@ from slam_init.datasets.live.pipe import open_pipe
 from slam_init.datasets.live.source import LiveSource
 from slam_init.errors import SourceError
 
-__all__ = ["is_live", "open_live", "without_password"]
-
 _PIPE = "-"
 _CAMERA = "camera:"
 _URL = re.compile(r"(rtsps?|https?)://[^/\s]", re.IGNORECASE)
@@ -21,14 +19,7 @@ _PASSWORD = re.compile(r"(?<=://)[^/@\s]*@")
 def is_live(text: str) -> bool:
     """Tell whether a name is that of a live source.
 
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    bool
-        True for ``camera:N``, ``rtsp://...``, ``http://...``, ``https://...`` and ``-``.
+    * Returns: True for ``camera:N``, ``rtsp://...``, ``http://...``, ``https://...`` and ``-``.
     """
     return text == _PIPE or text.startswith(_CAMERA) or _URL.match(text) is not None
 
@@ -36,23 +27,7 @@ def is_live(text: str) -> bool:
 def open_live(text: str, *, keep_all: bool = False, reconnects: int = 3) -> LiveSource:
     """Open a live source. Nothing is connected before its frames are asked for.
 
-    Parameters
-    ----------
-    text : str
-        ``camera:N``, ``rtsp://...``, ``http://...``, ``https://...``, or ``-`` for the standard input.
-    keep_all : bool
-        Let the sender wait instead of dropping images.
-    reconnects : int
-        How many times a lost connection is tried again.
-
-    Returns
-    -------
-    LiveSource
-
-    Raises
-    ------
-    SourceError
-        If the text is no name of a live source.
+    * ``text``: ``camera:N``, ``rtsp://...``, ``http://...``, ``https://...``, or ``-`` for the standard input.
     """
     if text == _PIPE:
         return LiveSource(
@@ -71,15 +46,5 @@ def open_live(text: str, *, keep_all: bool = False, reconnects: int = 3) -> Live
 
 
 def without_password(text: str) -> str:
-    """Remove user and password from the addresses in a text.
-
-    Parameters
-    ----------
-    text : str
-
-    Returns
-    -------
-    str
-        ``rtsp://host/path`` of ``rtsp://user:password@host/path``.
-    """
+    """Remove user and password from the addresses in a text."""
     return _PASSWORD.sub("", text)

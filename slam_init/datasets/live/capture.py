@@ -15,8 +15,6 @@ from slam_init.types.arrays import Image
 if TYPE_CHECKING:
     import cv2
 
-__all__ = ["CaptureStream", "open_camera", "open_url"]
-
 # A stream that sends nothing for this long is lost. Cameras send a picture within a second, key frames of network
 # cameras come every 2 to 4 s.
 _TIMEOUT_MS = 10_000
@@ -25,20 +23,9 @@ _TIMEOUT_MS = 10_000
 class CaptureStream:
     """A stream over an opened capture of OpenCV. The times are those that the container or the protocol states.
 
-    Parameters
-    ----------
-    name : str
-        For messages.
-    capture : cv2.VideoCapture
-        It is closed with the stream.
-    timed : bool
-        Whether the capture states times. Drivers of cameras state the time of the system's clock or nothing.
-
-    Raises
-    ------
-    SourceError
-        If the capture is not open, or its images are larger than
-        :data:`~slam_init.datasets.image_files.MAX_PIXELS`.
+    * ``name``: For messages.
+    * ``capture``: It is closed with the stream.
+    * ``timed``: Whether the capture states times. Drivers of cameras state the time of the system's clock or nothing.
     """
 
     def __init__(self, name: str, capture: cv2.VideoCapture, *, timed: bool) -> None:
@@ -54,13 +41,7 @@ class CaptureStream:
             raise SourceError(f"{name}: {width:.0f}x{height:.0f} pixels are more than {MAX_PIXELS / 1e6:.0f} million")
 
     def read(self) -> StreamImage | None:
-        """Wait for the next image.
-
-        Returns
-        -------
-        StreamImage or None
-            None where the capture has ended.
-        """
+        """Wait for the next image."""
         import cv2
 
         found, image = self._capture.read()
@@ -75,48 +56,14 @@ class CaptureStream:
 
 
 def open_camera(name: str, number: int) -> CaptureStream:
-    """Open a camera of this machine.
-
-    Parameters
-    ----------
-    name : str
-        For messages.
-    number : int
-        As OpenCV counts cameras, from 0.
-
-    Returns
-    -------
-    CaptureStream
-
-    Raises
-    ------
-    SourceError
-        If there is no such camera.
-    """
+    """Open a camera of this machine."""
     import cv2
 
     return _stream(name, lambda: cv2.VideoCapture(number), timed=False)
 
 
 def open_url(name: str, url: str) -> CaptureStream:
-    """Open a network stream. What it may refer to (a playlist) is bounded by FFmpeg: no file of this machine.
-
-    Parameters
-    ----------
-    name : str
-        For messages; without a password.
-    url : str
-        ``rtsp://``, ``http://`` or ``https://``.
-
-    Returns
-    -------
-    CaptureStream
-
-    Raises
-    ------
-    SourceError
-        If nothing answers within 10 s, or the answer is no video.
-    """
+    """Open a network stream. What it may refer to (a playlist) is bounded by FFmpeg: no file of this machine."""
     import cv2
 
     limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _TIMEOUT_MS]

@@ -17,8 +17,6 @@ from slam_init.datasets.live.stream import Stream, StreamImage
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Image
 
-__all__ = ["PipeBytes", "open_pipe"]
-
 _READ_BYTES = 1 << 16
 _HELP = "pipe raw video or MJPEG into it: ffmpeg -i INPUT -f yuv4mpegpipe -pix_fmt yuv420p - | slam-init run -"
 _Y4M, _JPEG = b"YUV4MPEG2 ", b"\xff\xd8\xff"
@@ -35,10 +33,7 @@ _CHROMA = {"420": (2, 2), "422": (2, 1), "444": (1, 1), "mono": None}
 class PipeBytes:
     """The bytes of a pipe, read as they come.
 
-    Parameters
-    ----------
-    descriptor : int
-        An open file descriptor. It is not closed.
+    * ``descriptor``: An open file descriptor. It is not closed.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -46,33 +41,13 @@ class PipeBytes:
         self._buffer = bytearray()
 
     def peek(self, count: int) -> bytes:
-        """Look at the next bytes without taking them.
-
-        Parameters
-        ----------
-        count : int
-
-        Returns
-        -------
-        bytes
-            Fewer at the end of the pipe.
-        """
+        """Look at the next bytes without taking them."""
         while len(self._buffer) < count and self._fill():
             pass
         return bytes(self._buffer[:count])
 
     def take(self, count: int) -> bytes:
-        """Take the next bytes.
-
-        Parameters
-        ----------
-        count : int
-
-        Returns
-        -------
-        bytes
-            Fewer at the end of the pipe.
-        """
+        """Take the next bytes."""
         taken = self.peek(count)
         del self._buffer[:count]
         return taken
@@ -80,18 +55,7 @@ class PipeBytes:
     def find(self, pattern: bytes, start: int, limit: int) -> int:
         """Find a pattern in the bytes that are not taken.
 
-        Parameters
-        ----------
-        pattern : bytes
-        start : int
-            Position at which the search starts.
-        limit : int
-            Position at which the search ends.
-
-        Returns
-        -------
-        int
-            Position; -1 if the pipe ends before, or the limit is reached.
+        * Returns: Position; -1 if the pipe ends before, or the limit is reached.
         """
         while (at := self._buffer.find(pattern, start)) < 0:
             start = max(start, len(self._buffer) - len(pattern) + 1)
@@ -106,24 +70,7 @@ class PipeBytes:
 
 
 def open_pipe(name: str, descriptor: int) -> Stream:
-    """Open a video that comes through a pipe.
-
-    Parameters
-    ----------
-    name : str
-        For messages.
-    descriptor : int
-        An open file descriptor.
-
-    Returns
-    -------
-    Stream
-
-    Raises
-    ------
-    SourceError
-        If the descriptor is a terminal or closed, or the data are neither Y4M nor MJPEG.
-    """
+    """Open a video that comes through a pipe."""
     if os.isatty(descriptor):
         raise SourceError(f"{name}: is a terminal: {_HELP}")
     data = PipeBytes(descriptor)

@@ -28,8 +28,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.pose import Trajectory
 
-__all__ = ["QUEUE_FRAMES", "LiveSource"]
-
 #: Frames that wait. The slowest frame of docs/speed.md took 224 ms, in which a camera at 30 Hz sends seven.
 QUEUE_FRAMES = 8
 # First pause before a lost connection is tried again; each further one is twice as long.
@@ -50,19 +48,12 @@ class LiveSource:
     The frames can be read once. A frame that was read stays the first one of the next call of :meth:`frames`, so that
     a caller may look at its size.
 
-    Parameters
-    ----------
-    name : str
-        Short name, for reports and messages.
-    connect : callable
-        Opens the stream; called again when the connection is lost. It raises :class:`~slam_init.errors.SourceError`
-        where it cannot.
-    pipe : bool
-        Whether the sender waits until its images are taken, as the writer of a pipe does.
-    keep_all : bool
-        Whether the sender waits for a free place in the queue instead of a frame being dropped.
-    reconnects : int
-        How many times in a row a lost connection is tried again.
+    * ``name``: Short name, for reports and messages.
+    * ``connect``: Opens the stream; called again when the connection is lost. It raises
+      :class:`~slam_init.errors.SourceError` where it cannot.
+    * ``pipe``: Whether the sender waits until its images are taken, as the writer of a pipe does.
+    * ``keep_all``: Whether the sender waits for a free place in the queue instead of a frame being dropped.
+    * ``reconnects``: How many times in a row a lost connection is tried again.
     """
 
     def __init__(
@@ -109,23 +100,15 @@ class LiveSource:
 
     @property
     def dropped(self) -> int:
-        """Frames that were dropped since the first one was processed.
-
-        Returns
-        -------
-        int
-        """
+        """Frames that were dropped since the first one was processed."""
         return self._dropped
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know.
 
-        Returns
-        -------
-        tuple of str
-            Dropped frames, times that are not those of the stream, connections that were lost, and how the source
-            ended.
+        * Returns: Dropped frames, times that are not those of the stream, connections that were lost, and how the
+          source ended.
         """
         notes = []
         if self._dropped:
@@ -143,24 +126,7 @@ class LiveSource:
         return tuple(notes)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Give the frames as they come, until the stream ends or :meth:`stop` is called.
-
-        Parameters
-        ----------
-        start : int
-            Number of the first frame; earlier ones are left out.
-        max_frames : int, optional
-            Largest number of frames; by default all.
-
-        Yields
-        ------
-        Frame
-
-        Raises
-        ------
-        SourceError
-            If no connection can be made, or the source ends before the first frame.
-        """
+        """Give the frames as they come, until the stream ends or :meth:`stop` is called."""
         given = 0
         frame = None if self._read is None else self._begin()
         while frame is not None or (frame := self._next()) is not None:
@@ -306,11 +272,8 @@ class LiveSource:
 class _Clock:
     """Makes time stamps of stated times and of times of arrival.
 
-    Parameters
-    ----------
-    nominal : bool
-        Whether images without a stated time get one by a nominal rate: where the sender waits, the times of arrival
-        are those of the processing.
+    * ``nominal``: Whether images without a stated time get one by a nominal rate: where the sender waits, the times of
+      arrival are those of the processing.
     """
 
     def __init__(self, nominal: bool) -> None:

@@ -7,22 +7,14 @@ from typing import Protocol
 
 from slam_init.types.arrays import Image
 
-__all__ = ["Stream", "StreamImage"]
-
 
 @dataclass(frozen=True, eq=False)
 class StreamImage:
-    """An image of a stream.
+    """An image of a stream."""
 
-    Attributes
-    ----------
-    image : (H, W) or (H, W, 3) uint8
-        Grey or BGR.
-    stream_s : float or None
-        Time in seconds that the stream states, from any origin; None if it states none.
-    """
-
+    #: (H, W) Grey or BGR.
     image: Image
+    #: Time in seconds that the stream states, from any origin; None if it states none.
     stream_s: float | None
 
 
@@ -32,15 +24,7 @@ class Stream(Protocol):
     def read(self) -> StreamImage | None:
         """Wait for the next image.
 
-        Returns
-        -------
-        StreamImage or None
-            None at the end of the stream, or when the connection is lost.
-
-        Raises
-        ------
-        SourceError
-            If the data are broken.
+        * Returns: None at the end of the stream, or when the connection is lost.
         """
         ...
 

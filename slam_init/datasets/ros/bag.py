@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from rosbags.rosbag2 import Reader as Reader2
     from rosbags.typesys.store import Typestore
 
-__all__ = ["MAX_CHUNK_BYTES", "Bag", "Header", "Message", "Topic"]
-
 #: Largest chunk or message when it is decompressed: a message holds one image of MAX_PIXELS with 8 bytes a pixel.
 MAX_CHUNK_BYTES = 8 * MAX_PIXELS
 # The metadata list each topic and each file. A bag that is split into 10,000 files has 2 MB.
@@ -53,49 +51,30 @@ _HINTS = {
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a bag.
-
-    Attributes
-    ----------
-    name : str
-    type : str
-        Message type in the spelling of ROS 2, for example ``sensor_msgs/msg/Image``.
-    count : int
-        Number of messages.
-    """
+    """A topic of a bag."""
 
     name: str
+    #: Message type in the spelling of ROS 2, for example ``sensor_msgs/msg/Image``.
     type: str
+    #: Number of messages.
     count: int
 
 
 @dataclass(frozen=True)
 class Header:
-    """The header of a message.
+    """The header of a message."""
 
-    Attributes
-    ----------
-    stamp_s : float
-        Time stamp in seconds; 0 where the sender has set none.
-    frame_id : str
-        Name of the coordinate frame.
-    """
-
+    #: Time stamp in seconds; 0 where the sender has set none.
     stamp_s: float
+    #: Name of the coordinate frame.
     frame_id: str
 
 
 @dataclass(frozen=True)
 class Message:
-    """A message that is not decoded.
+    """A message that is not decoded."""
 
-    Attributes
-    ----------
-    received_s : float
-        Time in seconds at which the recorder received it.
-    data : bytes
-    """
-
+    #: Time in seconds at which the recorder received it.
     received_s: float
     data: bytes
 
@@ -103,23 +82,9 @@ class Message:
 class Bag:
     """An open bag. It is a context manager that closes itself.
 
-    Parameters
-    ----------
-    path : str or path-like
-        A file (``.bag``, ``.db3``, ``.mcap``) or the folder of a ROS 2 bag.
-    version : int
-        1 or 2, of ROS.
-
-    Attributes
-    ----------
-    path : Path
-    topics : tuple of Topic
-        Sorted by name.
-
-    Raises
-    ------
-    SourceError
-        If the package ``rosbags`` is not installed, or the bag cannot be read.
+    * ``path``: A file (``.bag``, ``.db3``, ``.mcap``) or the folder of a ROS 2 bag.
+    * ``version``: 1 or 2, of ROS.
+    * ``topics``: Sorted by name.
     """
 
     def __init__(self, path: str | os.PathLike[str], version: int) -> None:
@@ -146,22 +111,7 @@ class Bag:
             self._reader.close()
 
     def messages(self, topic: str) -> Iterator[Message]:
-        """Read the messages of a topic in the order in which they were recorded.
-
-        Parameters
-        ----------
-        topic : str
-            The name of a topic of the bag.
-
-        Yields
-        ------
-        Message
-
-        Raises
-        ------
-        SourceError
-            If the bag is broken, or a part of it is larger than the bounds.
-        """
+        """Read the messages of a topic in the order in which they were recorded."""
         connections = [connection for connection in self._reader.connections if connection.topic == topic]
         messages = self._reader.messages(connections=connections)
         while True:
@@ -178,37 +128,11 @@ class Bag:
             yield Message(received_ns / 1e9, bytes(data))
 
     def first(self, topic: str) -> Message | None:
-        """Read the first message of a topic.
-
-        Parameters
-        ----------
-        topic : str
-
-        Returns
-        -------
-        Message or None
-            None if there is none.
-        """
+        """Read the first message of a topic."""
         return next(self.messages(topic), None)
 
     def decoded(self, message: Message, topic: Topic) -> Any:
-        """Decode a message of a standard type.
-
-        Parameters
-        ----------
-        message : Message
-        topic : Topic
-
-        Returns
-        -------
-        object
-            With the fields of the message type.
-
-        Raises
-        ------
-        SourceError
-            If the message is broken.
-        """
+        """Decode a message of a standard type."""
         decode = self._types.deserialize_ros1 if self._version == 1 else self._types.deserialize_cdr
         try:
             return decode(message.data, topic.type)
@@ -216,22 +140,7 @@ class Bag:
             raise self._broken(error, f"a message of {topic.name}") from None
 
     def header_of(self, message: Message, topic: Topic) -> Header:
-        """Read the header of a message whose first field it is, without decoding the rest.
-
-        Parameters
-        ----------
-        message : Message
-        topic : Topic
-
-        Returns
-        -------
-        Header
-
-        Raises
-        ------
-        SourceError
-            If the message is too short.
-        """
+        """Read the header of a message whose first field it is, without decoding the rest."""
         data = message.data
         try:
             if self._version == 1:  # the first number is a counter

@@ -10,33 +10,14 @@ import numpy as np
 from slam_init.calibration.files import camera_of
 from slam_init.types.camera import Camera
 
-__all__ = ["camera_of_info"]
-
 
 def camera_of_info(place: str, info: Any, images: str, image_size: tuple[int, int]) -> Camera | None:
     """Make the camera of a message.
 
-    Parameters
-    ----------
-    place : str
-        Bag and topic, for the message.
-    info : sensor_msgs/CameraInfo
-        Decoded by ``rosbags``.
-    images : str
-        The topic of the images. Of rectified images (``image_rect``, ``image_rect_color``) the calibration is the
-        projection matrix P, without distortion.
-    image_size : (int, int)
-        Width and height of the images in pixels.
+    Shapes: ``image_size`` (int, int).
 
-    Returns
-    -------
-    Camera or None
-        None if the message says that the camera is not calibrated.
-
-    Raises
-    ------
-    CalibrationError
-        If the calibration is impossible, of a model that is not supported, or of images of another size.
+    * ``images``: The topic of the images. Of rectified images (``image_rect``, ``image_rect_color``) the calibration is
+      the projection matrix P, without distortion.
     """
     # ROS 1 spells the matrices in capitals, ROS 2 does not.
     K, D, P = (np.asarray(getattr(info, name, getattr(info, name.upper(), ()))).ravel() for name in "kdp")

@@ -8,8 +8,6 @@ from pathlib import Path
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import open_regular
 
-__all__ = ["METADATA", "STORAGE_SUFFIXES", "detect_file", "is_bag_folder", "storage_files"]
-
 #: The file that describes a ROS 2 bag.
 METADATA = "metadata.yaml"
 #: The files that hold the messages of a ROS 2 bag.
@@ -23,20 +21,7 @@ _MAGIC_ROS1, _MAGIC_MCAP, _MAGIC_SQLITE = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLi
 def detect_file(path: str | os.PathLike[str]) -> str | None:
     """Tell whether a file is a ROS bag.
 
-    Parameters
-    ----------
-    path : str or path-like
-        An existing file.
-
-    Returns
-    -------
-    str or None
-        ``ros1`` or ``ros2``; None if it is none. A broken file with the suffix of a bag is one.
-
-    Raises
-    ------
-    SourceError
-        If the file cannot be read.
+    * Returns: ``ros1`` or ``ros2``; None if it is none. A broken file with the suffix of a bag is one.
     """
     path = Path(path)
     with open_regular(path, SourceError) as file:
@@ -50,17 +35,7 @@ def detect_file(path: str | os.PathLike[str]) -> str | None:
 
 
 def is_bag_folder(folder: str | os.PathLike[str]) -> bool:
-    """Tell whether a folder is a ROS 2 bag.
-
-    Parameters
-    ----------
-    folder : str or path-like
-        An existing folder.
-
-    Returns
-    -------
-    bool
-    """
+    """Tell whether a folder is a ROS 2 bag."""
     metadata = Path(folder) / METADATA
     if metadata.is_file():
         with open_regular(metadata, SourceError) as file:
@@ -70,18 +45,7 @@ def is_bag_folder(folder: str | os.PathLike[str]) -> bool:
 
 
 def storage_files(folder: str | os.PathLike[str]) -> list[Path]:
-    """List the files in a folder that hold messages of ROS 2.
-
-    Parameters
-    ----------
-    folder : str or path-like
-        An existing folder.
-
-    Returns
-    -------
-    list of Path
-        Sorted by name.
-    """
+    """List the files in a folder that hold messages of ROS 2."""
     with os.scandir(folder) as entries:
         names = [entry.name for entry in entries if entry.name.lower().endswith(STORAGE_SUFFIXES)]
     return [Path(folder, name) for name in sorted(names) if not name.startswith(".")]

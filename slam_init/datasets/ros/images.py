@@ -11,27 +11,18 @@ from slam_init.datasets.image_files import MAX_PIXELS, decode_image
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Image
 
-__all__ = ["COMPRESSED", "RAW", "decode", "is_picture"]
-
 #: The message types.
 RAW, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 
 
 @dataclass(frozen=True)
 class _Encoding:
-    """How pixels are stored.
-
-    Attributes
-    ----------
-    channels : int
-    wide : bool
-        Whether a channel has 16 bits.
-    conversion : str or None
-        Name of the conversion of OpenCV to BGR; None if the pixels are grey or BGR.
-    """
+    """How pixels are stored."""
 
     channels: int
+    #: Whether a channel has 16 bits.
     wide: bool = False
+    #: Name of the conversion of OpenCV to BGR; None if the pixels are grey or BGR.
     conversion: str | None = None
 
 
@@ -60,15 +51,7 @@ _ENCODINGS = _encodings()
 def is_picture(message: Any) -> bool:
     """Tell whether a message holds a picture, and no depth.
 
-    Parameters
-    ----------
-    message : sensor_msgs/Image or sensor_msgs/CompressedImage
-        Decoded by ``rosbags``.
-
-    Returns
-    -------
-    bool
-        An unknown encoding is a picture, so that :func:`decode` names it.
+    * Returns: An unknown encoding is a picture, so that :func:`decode` names it.
     """
     if hasattr(message, "format"):
         return "compresseddepth" not in str(message.format).lower().replace(" ", "")
@@ -78,21 +61,7 @@ def is_picture(message: Any) -> bool:
 def decode(place: str, message: Any) -> Image:
     """Decode a message to grey or BGR. Images of 16 bits keep their upper eight bits.
 
-    Parameters
-    ----------
-    place : str
-        The name of the image, for the message.
-    message : sensor_msgs/Image or sensor_msgs/CompressedImage
-        Decoded by ``rosbags``.
-
-    Returns
-    -------
-    (H, W) or (H, W, 3) uint8
-
-    Raises
-    ------
-    SourceError
-        If the encoding is unknown, or the data do not fit to the stated size.
+    Shapes: returns (H, W).
     """
     data = np.asarray(message.data).view(np.uint8)
     if hasattr(message, "format"):

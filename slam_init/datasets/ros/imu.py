@@ -12,8 +12,6 @@ from slam_init.datasets.ros.bag import Bag
 from slam_init.datasets.ros.truth import read_transforms
 from slam_init.errors import SourceError
 
-__all__ = ["IMU", "BagGyroscope", "read_gyroscope"]
-
 IMU = "sensor_msgs/msg/Imu"
 #: Most samples that are read: an hour and a half at 200 Hz.
 _MAX_SAMPLES = 1_000_000
@@ -23,38 +21,17 @@ _CLOCK_SIGMA_S = 0.005
 
 @dataclass(frozen=True, eq=False)
 class BagGyroscope:
-    """The gyroscope of a bag, or why there is none.
-
-    Attributes
-    ----------
-    gyroscope : Gyroscope or None
-    notes : tuple of str
-        For the user.
-    """
+    """The gyroscope of a bag, or why there is none."""
 
     gyroscope: Gyroscope | None
+    #: For the user.
     notes: tuple[str, ...] = ()
 
 
 def read_gyroscope(bag: Bag, camera_frame: str, *, by_header: bool) -> BagGyroscope:
     """Read the rates of a gyroscope. The whole topic is read.
 
-    Parameters
-    ----------
-    bag : Bag
-    camera_frame : str
-        Frame of the images.
-    by_header : bool
-        Whether the times are those of the headers; else those of the recorder, as for the images.
-
-    Returns
-    -------
-    BagGyroscope
-
-    Raises
-    ------
-    SourceError
-        If a message is broken.
+    * ``by_header``: Whether the times are those of the headers; else those of the recorder, as for the images.
     """
     topics = [topic for topic in bag.topics if topic.type == IMU and topic.count]
     if not topics:

@@ -24,33 +24,15 @@ from slam_init.types.frame import Frame
 from slam_init.types.pose import Trajectory
 from slam_init.types.time_stamps import problem_of
 
-__all__ = ["RosSource", "open_ros"]
-
 
 def open_ros(
     path: str | os.PathLike[str], version: int, topic: str | None = None, truth: str | None = None
 ) -> RosSource:
     """Open a bag.
 
-    Parameters
-    ----------
-    path : str or path-like
-        A file (``.bag``, ``.db3``, ``.mcap``) or the folder of a ROS 2 bag.
-    version : int
-        1 or 2, of ROS.
-    topic : str, optional
-        Of the images. By default the only one that holds pictures.
-    truth : str, optional
-        Topic of the true poses, or ``none``. By default the only one that holds poses, else that of the transforms.
-
-    Returns
-    -------
-    RosSource
-
-    Raises
-    ------
-    SourceError
-        If the package ``rosbags`` is missing, the bag cannot be read, or there is no such topic.
+    * ``path``: A file (``.bag``, ``.db3``, ``.mcap``) or the folder of a ROS 2 bag.
+    * ``truth``: Topic of the true poses, or ``none``. By default the only one that holds poses, else that of the
+      transforms.
     """
     return RosSource(Path(path), version, topic, truth)
 
@@ -65,20 +47,9 @@ class RosSource:
     Calibration and ground truth are read when they are asked for. The ground truth and :attr:`timestamps_s` go through
     the whole bag; :meth:`frames` does not.
 
-    Parameters
-    ----------
-    path : Path
-    version : int
-        1 or 2, of ROS.
-    topic : str or None
-    truth : str or None
-        See :func:`open_ros`.
-
-    Attributes
-    ----------
-    path : Path
-    topic : Topic
-        Of the images.
+    * ``version``: 1 or 2, of ROS.
+    * ``truth``: See :func:`open_ros`.
+    * ``topic``: Of the images.
     """
 
     def __init__(self, path: Path, version: int, topic: str | None = None, truth: str | None = None) -> None:
@@ -132,12 +103,7 @@ class RosSource:
 
     @property
     def gyroscope(self) -> Gyroscope | None:
-        """The gyroscope of the only topic of ``Imu``; None if nothing tells its rotation against the camera.
-
-        Returns
-        -------
-        Gyroscope or None
-        """
+        """The gyroscope of the only topic of ``Imu``; None if nothing tells its rotation against the camera."""
         if self._imu is None:
             with Bag(self.path, self._version) as bag:
                 self._imu = read_gyroscope(bag, self._frame_id, by_header=self._by_header)
@@ -153,10 +119,7 @@ class RosSource:
     def notes(self) -> tuple[str, ...]:
         """What the user should know.
 
-        Returns
-        -------
-        tuple of str
-            The topics that were chosen, what the ground truth is, and images that were left out up to now.
+        * Returns: The topics that were chosen, what the ground truth is, and images that were left out up to now.
         """
         count = len(self._left_out)
         late = (f"{count} images whose time stamps do not come after the one before were left out",) if count else ()
@@ -166,24 +129,7 @@ class RosSource:
         return self.topic.count
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Read frames in order; each image is decoded when its frame is requested.
-
-        Parameters
-        ----------
-        start : int
-            Absolute index of the first frame.
-        max_frames : int, optional
-            Largest number of frames; by default all.
-
-        Yields
-        ------
-        Frame
-
-        Raises
-        ------
-        SourceError
-            If a message is broken, its encoding is unknown, or its size differs from that of the first image.
-        """
+        """Read frames in order; each image is decoded when its frame is requested."""
         wanted = frame_range(len(self), start, max_frames, self.name)
         given = 0
         with Bag(self.path, self._version) as bag:

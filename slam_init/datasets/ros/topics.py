@@ -13,8 +13,6 @@ from slam_init.datasets.ros.images import COMPRESSED, RAW, is_picture
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import user_path
 
-__all__ = ["CAMERA_INFO", "NO_TRUTH", "POSES", "TRANSFORMS", "BagName", "image_topic", "info_topic", "truth_topic"]
-
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 #: Types of messages with one pose each.
 POSES = (
@@ -33,34 +31,17 @@ _QUERY = "?"
 
 @dataclass(frozen=True)
 class BagName:
-    """A bag with the topics that the user has chosen, as text: ``PATH?topic=/cam0/image_raw&truth_topic=/pose``.
-
-    Attributes
-    ----------
-    path : str
-    topic : str or None
-        Of the images.
-    truth_topic : str or None
-        Of the true poses; ``none`` for no ground truth.
-    """
+    """A bag with the topics that the user has chosen, as text: ``PATH?topic=/cam0/image_raw&truth_topic=/pose``."""
 
     path: str
+    #: Of the images.
     topic: str | None = None
+    #: Of the true poses; ``none`` for no ground truth.
     truth_topic: str | None = None
 
     @staticmethod
     def parse(text: str) -> BagName | None:
-        """Read the text form.
-
-        Parameters
-        ----------
-        text : str
-
-        Returns
-        -------
-        BagName or None
-            None if the text names no topic.
-        """
+        """Read the text form."""
         path, mark, query = text.rpartition(_QUERY)
         options = dict(parse_qsl(query))
         if not mark or not options or set(options) - {"topic", "truth_topic"} or _exists(text):
@@ -78,23 +59,6 @@ def image_topic(bag: Bag, name: str | None) -> tuple[Topic, tuple[str, ...]]:
 
     Without a name it is the only one that holds pictures. A camera that is recorded both raw and compressed counts
     once, and its raw images are taken. Depth images are left out.
-
-    Parameters
-    ----------
-    bag : Bag
-    name : str or None
-        The choice of the user.
-
-    Returns
-    -------
-    topic : Topic
-    notes : tuple of str
-        For the user.
-
-    Raises
-    ------
-    SourceError
-        If there is no such topic, or if there are several; the message lists them.
     """
     found = [topic for topic in bag.topics if topic.type in (RAW, COMPRESSED) and topic.count]
     if name is not None:
@@ -120,17 +84,6 @@ def info_topic(bag: Bag, images: Topic, frame_id: str) -> Topic | None:
     """Find the calibration of a topic of images.
 
     It is the ``camera_info`` beside the topic, as ROS names it; else the only one whose messages have the same frame.
-
-    Parameters
-    ----------
-    bag : Bag
-    images : Topic
-    frame_id : str
-        Frame of the images.
-
-    Returns
-    -------
-    Topic or None
     """
     infos = [topic for topic in bag.topics if topic.type == CAMERA_INFO and topic.count]
     beside = f"{_camera(images.name)}/camera_info"
@@ -149,24 +102,6 @@ def truth_topic(bag: Bag, name: str | None) -> tuple[Topic | None, tuple[str, ..
     """Choose the topic of the true poses.
 
     Without a name it is the only one that holds poses. If there is none, it is the topic of the transforms.
-
-    Parameters
-    ----------
-    bag : Bag
-    name : str or None
-        The choice of the user.
-
-    Returns
-    -------
-    topic : Topic or None
-        None if there is no ground truth.
-    notes : tuple of str
-        For the user: the topics that were not taken.
-
-    Raises
-    ------
-    SourceError
-        If there is no such topic; the message lists those that there are.
     """
     poses = [topic for topic in bag.topics if topic.type in POSES and topic.count]
     transforms = [topic for topic in bag.topics if topic.type in TRANSFORMS and topic.count]

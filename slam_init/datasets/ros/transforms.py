@@ -15,8 +15,6 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
 
-__all__ = ["Edge", "StampedTransform", "TransformTree"]
-
 # Edges are interpolated over at most this time. The error is a t^2 / 8: a hand that accelerates by 5 m/s^2 moves 6 mm
 # from the straight line in 0.1 s.
 _LONGEST_GAP_S = 0.1
@@ -26,68 +24,42 @@ _SAME = 1e-9
 
 @dataclass(frozen=True)
 class StampedTransform:
-    """A transform ``parent_from_child`` at a time.
-
-    Attributes
-    ----------
-    time_s : float
-    parent, child : str
-        Names of the frames.
-    t : (3,) float
-    q_wxyz : (4,) float
-        Unit quaternion.
-    """
+    """A transform ``parent_from_child`` at a time."""
 
     time_s: float
+    #: parent, child: Names of the frames.
     parent: str
     child: str
+    #: (3,)
     t: Floats
+    #: (4,) Unit quaternion.
     q_wxyz: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """A transform ``parent_from_child`` over time.
-
-    Attributes
-    ----------
-    parent : str
-    times_s : (N,) float
-        Strictly increasing; one for a transform that does not move.
-    t : (N, 3) float
-    q_wxyz : (N, 4) float
-        Unit quaternions.
-    """
+    """A transform ``parent_from_child`` over time."""
 
     parent: str
+    #: (N,) Strictly increasing; one for a transform that does not move.
     times_s: Floats
+    #: (N, 3)
     t: Floats
+    #: (N, 4) Unit quaternions.
     q_wxyz: Floats
 
     @property
     def moves(self) -> bool:
-        """Whether it changes.
-
-        Returns
-        -------
-        bool
-        """
+        """Whether it changes."""
         return len(self.times_s) > 1
 
     def at(self, times_s: Floats) -> tuple[Floats, list[Pose]]:
         """Interpolate the transform.
 
-        Parameters
-        ----------
-        times_s : (M,) float
-            Strictly increasing.
+        Shapes: ``times_s`` (M,), returns ``known`` (M,).
 
-        Returns
-        -------
-        known : (M,) bool
-            Where there is a transform before and after, no more than 0.1 s apart, or one at the time itself.
-        poses : list of Pose
-            For the times that are known.
+        * Returns ``known``: Where there is a transform before and after, no more than 0.1 s apart, or one at the time
+          itself.
         """
         from scipy.spatial.transform import Rotation, Slerp
 
@@ -107,28 +79,16 @@ class Edge:
 
 @dataclass(frozen=True, eq=False)
 class TransformTree:
-    """Coordinate frames and the edges between them.
+    """Coordinate frames and the edges between them."""
 
-    Attributes
-    ----------
-    edges : dict of str to Edge
-        By the name of the child.
-    """
-
+    #: By the name of the child.
     edges: dict[str, Edge] = field(default_factory=dict)
 
     @staticmethod
     def of(transforms: Iterable[StampedTransform]) -> TransformTree:
         """Gather transforms.
 
-        Parameters
-        ----------
-        transforms : iterable of StampedTransform
-            In any order. Of a child with several parents, the last parent is taken.
-
-        Returns
-        -------
-        TransformTree
+        * ``transforms``: In any order. Of a child with several parents, the last parent is taken.
         """
         by_child: dict[str, dict[float, StampedTransform]] = {}
         for transform in transforms:
@@ -143,14 +103,7 @@ class TransformTree:
     def above(self, frame: str) -> list[str]:
         """List a frame and the frames above it.
 
-        Parameters
-        ----------
-        frame : str
-
-        Returns
-        -------
-        list of str
-            From the frame to the root of its tree. A circle ends where it closes.
+        * Returns: From the frame to the root of its tree. A circle ends where it closes.
         """
         names = [frame]
         while (edge := self.edges.get(names[-1])) is not None and edge.parent not in names:
@@ -158,33 +111,13 @@ class TransformTree:
         return names
 
     def rigid_above(self, frame: str) -> list[str]:
-        """List a frame and the frames above it that do not move against it.
-
-        Parameters
-        ----------
-        frame : str
-
-        Returns
-        -------
-        list of str
-            From the frame to the first one above which something moves.
-        """
+        """List a frame and the frames above it that do not move against it."""
         names = self.above(frame)
         moving = [k for k, name in enumerate(names[:-1]) if self.edges[name].moves]
         return names[: moving[0] + 1] if moving else names
 
     def rigid(self, target: str, source: str) -> Pose | None:
-        """Find the transform between two frames that do not move against each other.
-
-        Parameters
-        ----------
-        target, source : str
-
-        Returns
-        -------
-        Pose or None
-            ``target_from_source``; None if the tree does not tell it.
-        """
+        """Find the transform between two frames that do not move against each other."""
         above_target, above_source = self.rigid_above(target), self.rigid_above(source)
         common = next((name for name in above_source if name in above_target), None)
         if common is None:
@@ -196,15 +129,7 @@ class TransformTree:
 
         The times are those of the edge that moves most often; the other edges are interpolated.
 
-        Parameters
-        ----------
-        frame : str
-
-        Returns
-        -------
-        root : str
-        stamped : list of (float, Pose)
-            Times, and ``root_from_frame``; empty if nothing moves.
+        Shapes: returns ``stamped`` (float, Pose).
         """
         names = self.above(frame)
         edges = [self.edges[name] for name in names[:-1]]

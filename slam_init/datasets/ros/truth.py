@@ -24,48 +24,22 @@ from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose, Trajectory
 
-__all__ = ["Truth", "read_transforms", "read_truth"]
-
 #: Most poses and transforms that are read: nine hours of one at 30 Hz, or an hour of nine at 30 Hz.
 MAX_POSES = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The true trajectory of the camera.
+    """The true trajectory of the camera."""
 
-    Attributes
-    ----------
-    trajectory : Trajectory or None
-        None if the topic tells nothing about the camera.
-    notes : tuple of str
-        What the poses are, for the user.
-    """
-
+    #: None if the topic tells nothing about the camera.
     trajectory: Trajectory | None
+    #: What the poses are, for the user.
     notes: tuple[str, ...]
 
 
 def read_truth(bag: Bag, topic: Topic, camera_frame: str) -> Truth:
-    """Read the true poses of the camera. The whole topic is read.
-
-    Parameters
-    ----------
-    bag : Bag
-    topic : Topic
-        Of poses or of transforms.
-    camera_frame : str
-        Frame of the images.
-
-    Returns
-    -------
-    Truth
-
-    Raises
-    ------
-    SourceError
-        If a pose is broken, or if the topic holds more than a million poses.
-    """
+    """Read the true poses of the camera. The whole topic is read."""
     if topic.type in TRANSFORMS:
         return _of_transforms(bag, topic, camera_frame)
     if topic.count > MAX_POSES:
@@ -102,24 +76,7 @@ def _of_transforms(bag: Bag, topic: Topic, camera_frame: str) -> Truth:
 
 
 def read_transforms(bag: Bag) -> tuple[TransformTree, tuple[str, ...]]:
-    """Read all transforms of a bag.
-
-    Parameters
-    ----------
-    bag : Bag
-
-    Returns
-    -------
-    tree : TransformTree
-        Empty where there are more than a million.
-    notes : tuple of str
-        For the user.
-
-    Raises
-    ------
-    SourceError
-        If a transform is broken.
-    """
+    """Read all transforms of a bag."""
     topics = [topic for topic in bag.topics if topic.type in TRANSFORMS]
     transforms: list[StampedTransform] = []
     for topic in topics:

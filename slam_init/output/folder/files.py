@@ -11,60 +11,26 @@ from pathlib import Path, PurePosixPath
 
 from slam_init.errors import OutputError
 
-__all__ = ["is_safe_name", "output_error", "remedy", "remove_tree", "replace_synced", "sync", "under"]
-
 #: Some file systems have no sync of a file or folder.
 _NO_SYNC = (errno.EINVAL, errno.ENOTSUP, errno.EBADF)
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def output_error(out: Path, error: OSError) -> OutputError:
-    """Return the error of a folder that cannot be written.
-
-    Parameters
-    ----------
-    out : Path
-        The folder of the results.
-    error : OSError
-        What the system answered.
-
-    Returns
-    -------
-    OutputError
-        One line with the remedy.
-    """
+    """Return the error of a folder that cannot be written."""
     return OutputError(
         f"cannot write to --out {out}: {error.strerror or error}: {remedy(error)}, or give another --out"
     )
 
 
 def remedy(error: BaseException) -> str:
-    """Return what a user can do about a file that cannot be written.
-
-    Parameters
-    ----------
-    error : BaseException
-
-    Returns
-    -------
-    str
-    """
+    """Return what a user can do about a file that cannot be written."""
     full = isinstance(error, OSError) and error.errno in _NO_SPACE
     return "make room" if full else "give a folder that you can write to"
 
 
 def sync(path: Path) -> None:
-    """Write the content of a file, or the entries of a folder, to the disk.
-
-    Parameters
-    ----------
-    path : Path
-
-    Raises
-    ------
-    OSError
-        If the disk fails. A file system without this operation is no failure.
-    """
+    """Write the content of a file, or the entries of a folder, to the disk."""
     if sys.platform == "win32" and path.is_dir():
         return  # Windows cannot open folders
     handle = os.open(path, os.O_RDONLY)
@@ -78,19 +44,7 @@ def sync(path: Path) -> None:
 
 
 def replace_synced(path: Path, content: bytes) -> None:
-    """Write a file completely or not at all, also if the power fails.
-
-    Parameters
-    ----------
-    path : Path
-        An existing file is replaced.
-    content : bytes
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
+    """Write a file completely or not at all, also if the power fails."""
     temporary = path.with_name(f"{path.name}.new")
     try:
         with temporary.open("wb") as file:
@@ -105,18 +59,7 @@ def replace_synced(path: Path, content: bytes) -> None:
 
 
 def remove_tree(path: Path) -> None:
-    """Remove a file, a link, or a folder with its content. A link is not followed.
-
-    Parameters
-    ----------
-    path : Path
-        It need not exist.
-
-    Raises
-    ------
-    OSError
-        If it cannot be removed.
-    """
+    """Remove a file, a link, or a folder with its content. A link is not followed."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     else:
@@ -126,16 +69,7 @@ def remove_tree(path: Path) -> None:
 def is_safe_name(name: object, hidden: str) -> bool:
     """Return whether a name from a file names a place inside the folder of the results.
 
-    Parameters
-    ----------
-    name : object
-        Relative path with slashes.
-    hidden : str
-        Name of the folder that belongs to the program. No result lies in it.
-
-    Returns
-    -------
-    bool
+    * ``hidden``: Name of the folder that belongs to the program. No result lies in it.
     """
     if not isinstance(name, str) or not name or "\0" in name:
         return False
@@ -145,24 +79,7 @@ def is_safe_name(name: object, hidden: str) -> bool:
 
 
 def under(out: Path, name: str) -> Path:
-    """Return the place of a result; a link to another folder is refused.
-
-    Parameters
-    ----------
-    out : Path
-        The folder of the results.
-    name : str
-        Relative path with slashes.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    OutputError
-        If a folder on the way is a file or a link.
-    """
+    """Return the place of a result; a link to another folder is refused."""
     path = out / name
     for folder in path.relative_to(out).parents:
         place = out / folder

@@ -9,8 +9,6 @@ from typing import Any
 from slam_init.output.folder.marker import Marker
 from slam_init.output.names import COLMAP_FILES, COMPARE_FILES, RECORDING
 
-__all__ = ["legacy_marker"]
-
 _VERSION = "0.1"
 #: The keys that the summary of each command had, and the files that the command wrote.
 _RUN_KEYS = {"schema", "method", "seed", "camera", "attempts", "frames_read"}
@@ -27,23 +25,7 @@ _MAX_BYTES, _MAX_LINE = 1 << 26, 1 << 20
 
 
 def legacy_marker(out: Path) -> Marker | None:
-    """Return the marker that version 0.1 would have written.
-
-    Parameters
-    ----------
-    out : Path
-        A folder without a marker.
-
-    Returns
-    -------
-    Marker or None
-        None if the folder is not one of version 0.1.
-
-    Raises
-    ------
-    OSError
-        If a file cannot be read.
-    """
+    """Return the marker that version 0.1 would have written."""
     summary, journal = out / "summary.json", out / "trials.jsonl"
     keys: set[str] = set()
     if summary.is_file() and summary.stat().st_size <= _MAX_BYTES:

@@ -9,8 +9,6 @@ from pathlib import Path
 
 from slam_init.errors import OutputError
 
-__all__ = ["FolderLock"]
-
 #: Another process may remove the file between opening and locking it. Then the lock is tried again.
 _TRIES = 20
 
@@ -20,10 +18,7 @@ class FolderLock:
 
     File systems without locks do not refuse a second process.
 
-    Parameters
-    ----------
-    path : Path
-        The file; it is created if it does not exist.
+    * ``path``: The file; it is created if it does not exist.
     """
 
     def __init__(self, path: Path) -> None:
@@ -31,20 +26,7 @@ class FolderLock:
         self._handle: int | None = None
 
     def acquire(self, out: Path) -> None:
-        """Take the lock, or refuse at once.
-
-        Parameters
-        ----------
-        out : Path
-            The folder, for the message.
-
-        Raises
-        ------
-        OutputError
-            If another process holds the lock.
-        OSError
-            If the file cannot be created.
-        """
+        """Take the lock, or refuse at once."""
         for _ in range(_TRIES):
             handle = os.open(self._path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666)
             if not _lock(handle):

@@ -10,8 +10,6 @@ from pathlib import Path
 from slam_init.errors import OutputError
 from slam_init.output.folder.files import is_safe_name, replace_synced
 
-__all__ = ["HOME", "MARKER", "Marker", "read_marker", "write_marker"]
-
 #: The hidden folder of the program in an output folder.
 HOME = ".slam-init"
 #: The name of the marker in it.
@@ -23,35 +21,18 @@ _MAX_BYTES = 1 << 26
 
 @dataclass(frozen=True)
 class Marker:
-    """What the program wrote to a folder.
+    """What the program wrote to a folder."""
 
-    Attributes
-    ----------
-    command : str
-        ``run``, ``compare`` or ``synth``.
-    version : str
-        Version of the program.
-    files : frozenset of str
-        Relative paths with slashes. A file on the list need not exist.
-    """
-
+    #: ``run``, ``compare`` or ``synth``.
     command: str
+    #: Version of the program.
     version: str
+    #: Relative paths with slashes. A file on the list need not exist.
     files: frozenset[str]
 
     @classmethod
     def of(cls, command: str, files: frozenset[str] = frozenset()) -> Marker:
-        """Make a marker of this version.
-
-        Parameters
-        ----------
-        command : str
-        files : frozenset of str
-
-        Returns
-        -------
-        Marker
-        """
+        """Make a marker of this version."""
         try:
             return cls(command, version("slam-init"), files)
         except PackageNotFoundError:  # run from a checkout
@@ -59,25 +40,7 @@ class Marker:
 
 
 def read_marker(out: Path) -> Marker | None:
-    """Read the marker of a folder.
-
-    Parameters
-    ----------
-    out : Path
-        The folder of the results.
-
-    Returns
-    -------
-    Marker or None
-        None if there is none.
-
-    Raises
-    ------
-    OutputError
-        If the file is no marker, or lists a file outside the folder.
-    OSError
-        If the file cannot be read.
-    """
+    """Read the marker of a folder."""
     path = out / HOME / MARKER
     if (out / HOME).is_symlink() or not path.is_file():
         return None
@@ -94,19 +57,7 @@ def read_marker(out: Path) -> Marker | None:
 
 
 def write_marker(out: Path, marker: Marker) -> None:
-    """Write the marker of a folder.
-
-    Parameters
-    ----------
-    out : Path
-        The folder of the results.
-    marker : Marker
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written; the earlier marker is then unchanged.
-    """
+    """Write the marker of a folder."""
     content = {
         "schema": _SCHEMA,
         "command": marker.command,

@@ -14,8 +14,6 @@ from slam_init.output.folder.marker import HOME, Marker, read_marker
 from slam_init.output.folder.renames import pending
 from slam_init.system.regular_file import user_path
 
-__all__ = ["check_folder", "chosen_folder", "refuse_foreign_files"]
-
 #: A folder that holds these only counts as empty: file systems and file managers create them.
 _NO_CONTENT = {HOME, "lost+found", ".DS_Store"}
 
@@ -26,26 +24,6 @@ def chosen_folder(
     """Return the folder of the option ``--out``.
 
     A place that the command cannot or must not write to is refused before any work. Nothing is created.
-
-    Parameters
-    ----------
-    text : str
-        What the user typed.
-    command : str
-        ``run``, ``compare`` or ``synth``.
-    targets : collection of str
-        Files that the command may write, as relative paths.
-    inputs : iterable of str or path
-        Files and folders that the command reads.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    OutputError
-        If there can be no such folder, it cannot be written, or :func:`check_folder` refuses it.
     """
     if not text:
         raise OutputError("--out is empty: give a folder")
@@ -75,26 +53,7 @@ def check_folder(
 ) -> Marker:
     """Refuse a folder that a command must not write to.
 
-    Parameters
-    ----------
-    out : str or path
-        The folder; it need not exist.
-    command : str
-        ``run``, ``compare`` or ``synth``.
-    targets : collection of str
-        Files that the command may write, as relative paths.
-    inputs : iterable of str or path
-        Files and folders that the command reads. A name that is no path is ignored.
-
-    Returns
-    -------
-    Marker
-        What the program wrote to the folder so far.
-
-    Raises
-    ------
-    OutputError
-        If the folder holds files that the program did not write, results of another command, or an input of this one.
+    * ``inputs``: Files and folders that the command reads. A name that is no path is ignored.
     """
     out = Path(out)
     try:
@@ -109,21 +68,7 @@ def check_folder(
 
 
 def refuse_foreign_files(out: Path, marker: Marker, targets: Collection[str]) -> None:
-    """Refuse to write where a file lies that the program did not write.
-
-    Parameters
-    ----------
-    out : Path
-        The folder of the results.
-    marker : Marker
-    targets : collection of str
-        Files to write, as relative paths.
-
-    Raises
-    ------
-    OutputError
-        If a target exists and is not on the list, is a folder, or lies behind a link.
-    """
+    """Refuse to write where a file lies that the program did not write."""
     for name in sorted({*targets, *marker.files}):
         path = under(out, name)
         if path.is_dir() and not path.is_symlink():

@@ -12,44 +12,24 @@ from slam_init.errors import OutputError
 from slam_init.output.folder.files import is_safe_name, output_error, replace_synced, sync, under
 from slam_init.output.folder.marker import HOME, Marker, write_marker
 
-__all__ = ["NEW", "OLD", "Renames", "pending"]
-
 NEW, OLD = "new", "old"
 _JOURNAL = "journal.json"
 
 
 @dataclass(frozen=True)
 class Renames:
-    """A step from earlier results to new ones.
+    """A step from earlier results to new ones."""
 
-    Attributes
-    ----------
-    put : tuple of str
-        Files that are moved from ``new`` to their places, in this order. The last one says that all are there: it is
-        the first that is taken away, and the last that is put.
-    remove : tuple of str
-        Files that are removed.
-    marker : Marker
-        The marker after the step.
-    """
-
+    #: Files that are moved from ``new`` to their places, in this order. The last one says that all are there: it is
+    #: the first that is taken away, and the last that is put.
     put: tuple[str, ...]
+    #: Files that are removed.
     remove: tuple[str, ...]
+    #: The marker after the step.
     marker: Marker
 
     def perform(self, out: Path) -> None:
-        """Replace the results: all of them, or none.
-
-        Parameters
-        ----------
-        out : Path
-            The folder of the results.
-
-        Raises
-        ------
-        OutputError
-            If a file cannot be moved; the earlier results are then in their places.
-        """
+        """Replace the results: all of them, or none."""
         try:
             self._prepare(out)
             replace_synced(out / HOME / _JOURNAL, self._text())
@@ -58,18 +38,7 @@ class Renames:
         self.complete(out)
 
     def complete(self, out: Path) -> None:
-        """Perform the renames that are left; undo all of them if one fails.
-
-        Parameters
-        ----------
-        out : Path
-            The folder of the results.
-
-        Raises
-        ------
-        OutputError
-            If a file cannot be moved.
-        """
+        """Perform the renames that are left; undo all of them if one fails."""
         try:
             self._move(out)
             write_marker(out, self.marker)
@@ -139,25 +108,7 @@ class Renames:
 
 
 def pending(out: Path) -> Renames | None:
-    """Return the renames that a killed command has begun.
-
-    Parameters
-    ----------
-    out : Path
-        The folder of the results.
-
-    Returns
-    -------
-    Renames or None
-        None if there are none.
-
-    Raises
-    ------
-    OutputError
-        If the journal is damaged, or names a file outside the folder.
-    OSError
-        If the journal cannot be read.
-    """
+    """Return the renames that a killed command has begun."""
     path = out / HOME / _JOURNAL
     if not path.is_file():
         return None

@@ -17,8 +17,6 @@ from slam_init.output.folder.ownership import check_folder, refuse_foreign_files
 from slam_init.output.folder.renames import NEW, OLD, Renames, pending
 from slam_init.system.process_io import InterruptsDeferred
 
-__all__ = ["OutputFolder", "staged_names"]
-
 _LOCK = "lock"
 
 
@@ -29,22 +27,12 @@ class OutputFolder:
     unfinished files are removed. On exit unfinished files are removed; a folder that was new and received no file is
     removed as well.
 
-    Parameters
-    ----------
-    path : str or path
-        The folder.
-    command : str
-        ``run``, ``compare`` or ``synth``.
-    targets : collection of str
-        Files that the command may write, as relative paths with slashes. An existing file of such a name that is not on
-        the list of the marker is refused on entry.
-
-    Attributes
-    ----------
-    path : Path
-        The folder.
-    staging : Path
-        Empty folder on the same file system, for new results.
+    * ``path``: The folder.
+    * ``command``: ``run``, ``compare`` or ``synth``.
+    * ``targets``: Files that the command may write, as relative paths with slashes. An existing file of such a name
+      that is not on the list of the marker is refused on entry.
+    * ``path``: The folder.
+    * ``staging``: Empty folder on the same file system, for new results.
     """
 
     def __init__(self, path: str | os.PathLike[str], command: str, targets: Collection[str] = ()) -> None:
@@ -58,13 +46,7 @@ class OutputFolder:
 
     @property
     def files(self) -> frozenset[str]:
-        """Return the files that the program wrote to the folder so far.
-
-        Returns
-        -------
-        frozenset of str
-            Relative paths with slashes.
-        """
+        """Return the files that the program wrote to the folder so far."""
         return self._marker.files
 
     def __enter__(self) -> OutputFolder:
@@ -96,18 +78,7 @@ class OutputFolder:
         self._leave(remove=True)
 
     def claim(self, names: Iterable[str]) -> None:
-        """Put files on the list that the command writes to their places itself. Call it before they are written.
-
-        Parameters
-        ----------
-        names : iterable of str
-            Relative paths with slashes.
-
-        Raises
-        ------
-        OutputError
-            If a file exists and is not on the list, or the list cannot be written.
-        """
+        """Put files on the list that the command writes to their places itself. Call it before they are written."""
         names = frozenset(names)
         refuse_foreign_files(self.path, self._marker, names)
         for name in names:
@@ -124,18 +95,8 @@ class OutputFolder:
     def publish(self, names: Sequence[str], remove: Collection[str] = ()) -> None:
         """Move files from :attr:`staging` to their places: all of them, or none.
 
-        Parameters
-        ----------
-        names : sequence of str
-            Relative paths with slashes. The last one is put last, so it says that the others are there.
-        remove : collection of str
-            Files of :attr:`files` that are removed; names that are published are ignored.
-
-        Raises
-        ------
-        OutputError
-            If a file cannot be moved, or would replace one that the program did not write. The earlier results are then
-            in their places.
+        * ``names``: Relative paths with slashes. The last one is put last, so it says that the others are there.
+        * ``remove``: Files of :attr:`files` that are removed; names that are published are ignored.
         """
         refuse_foreign_files(self.path, self._marker, names)
         removed = sorted((set(remove) & self.files) - set(names))
@@ -182,22 +143,7 @@ class OutputFolder:
 
 
 def staged_names(folder: OutputFolder) -> list[str]:
-    """Return the files in the staging folder.
-
-    Parameters
-    ----------
-    folder : OutputFolder
-
-    Returns
-    -------
-    list of str
-        Relative paths with slashes, sorted.
-
-    Raises
-    ------
-    OutputError
-        If the folder cannot be read.
-    """
+    """Return the files in the staging folder."""
     try:
         found = [path for path in folder.staging.rglob("*") if not path.is_dir()]
     except OSError as error:

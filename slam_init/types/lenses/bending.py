@@ -17,8 +17,6 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 
-__all__ = ["STRAIGHT", "Bending"]
-
 # Newton's method in one unknown, safeguarded by bisection: 60 halvings reach the precision of a float.
 _RADIUS_STEPS = 60
 # A step of Newton's method that is this small, over one plus the largest radius, was the last: the next one is its
@@ -31,29 +29,21 @@ _REACH = 1.1
 
 
 class Bending(NamedTuple):
-    """The coefficients of the distortion; see the module docstring.
+    """The coefficients of the distortion; see the module docstring."""
 
-    Attributes
-    ----------
-    n1, n2, n3, n4 : float
-        Of the numerator.
-    d1, d2, d3 : float
-        Of the denominator.
-    p1, p2 : float
-        Tangential.
-    s1, s2, s3, s4 : float
-        Of the thin prism.
-    """
-
+    #: n1, n2, n3, n4: Of the numerator.
     n1: float = 0.0
     n2: float = 0.0
     n3: float = 0.0
     n4: float = 0.0
+    #: d1, d2, d3: Of the denominator.
     d1: float = 0.0
     d2: float = 0.0
     d3: float = 0.0
+    #: p1, p2: Tangential.
     p1: float = 0.0
     p2: float = 0.0
+    #: s1, s2, s3, s4: Of the thin prism.
     s1: float = 0.0
     s2: float = 0.0
     s3: float = 0.0
@@ -62,17 +52,7 @@ class Bending(NamedTuple):
     def radial(self, radius: Floats) -> tuple[Floats, Floats, Floats]:
         """Compute the distorted radius by the radial terms alone.
 
-        Parameters
-        ----------
-        radius : (N,) float
-
-        Returns
-        -------
-        distorted : (N,) float
-        slope : (N,) float
-            Its derivative.
-        denominator : (N,) float
-            D; the distortion ends where it is not positive.
+        Shapes: ``radius`` (N,), returns ``distorted`` (N,), returns ``slope`` (N,), returns ``denominator`` (N,).
         """
         s = radius * radius
         ratio, change, denominator = self._ratio(s)
@@ -81,13 +61,7 @@ class Bending(NamedTuple):
     def apply(self, uv: Floats) -> Floats:
         """Distort lens coordinates.
 
-        Parameters
-        ----------
-        uv : (N, 2) float
-
-        Returns
-        -------
-        (N, 2) float
+        Shapes: ``uv`` (N, 2), returns (N, 2).
         """
         if self == STRAIGHT:
             return uv
@@ -104,13 +78,7 @@ class Bending(NamedTuple):
     def jacobian(self, uv: Floats) -> Floats:
         """Differentiate :meth:`apply`.
 
-        Parameters
-        ----------
-        uv : (N, 2) float
-
-        Returns
-        -------
-        (N, 2, 2) float
+        Shapes: ``uv`` (N, 2), returns (N, 2, 2).
         """
         u, v = uv[:, 0], uv[:, 1]
         s = u * u + v * v
@@ -127,16 +95,10 @@ class Bending(NamedTuple):
     def least_growth(self, radius: Floats, directions: int) -> Floats:
         """Compute by how much a small step of the coordinates moves the distorted ones at least.
 
-        Parameters
-        ----------
-        radius : (N,) float
-        directions : int
-            Number of directions that are tried, where the distortion is not symmetric about the axis.
+        Shapes: ``radius`` (N,), returns (N,).
 
-        Returns
-        -------
-        (N,) float
-            Smallest eigenvalue of the symmetric part of the Jacobian; negative where D is not positive.
+        * ``directions``: Number of directions that are tried, where the distortion is not symmetric about the axis.
+        * Returns: Smallest eigenvalue of the symmetric part of the Jacobian; negative where D is not positive.
         """
         if not any(self[7:]):
             ratio, change, denominator = self._ratio(radius * radius)
@@ -154,16 +116,7 @@ class Bending(NamedTuple):
     def invert(self, distorted: Floats, largest: float) -> Floats:
         """Invert :meth:`apply`: first its radial terms, then all terms by Newton's method.
 
-        Parameters
-        ----------
-        distorted : (N, 2) float
-        largest : float
-            Radius up to which the distorted radius grows.
-
-        Returns
-        -------
-        (N, 2) float
-            Of any radius where the distorted radius is not reached.
+        Shapes: ``distorted`` (N, 2), returns (N, 2).
         """
         if self == STRAIGHT:
             return distorted

@@ -12,8 +12,6 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.lenses.bending import STRAIGHT, Bending
 from slam_init.types.lenses.profiles import Profile, Shape, profile_of_angle, project_profile, unproject_profile
 
-__all__ = ["Lens"]
-
 # The field of a lens is found on a grid of angles, in rad: a tenth of a degree up to 179 degrees, in this many
 # directions.
 _ANGLES = np.radians(np.arange(0.0, 179.05, 0.1))
@@ -34,29 +32,19 @@ _SOLVED = 1e-10
 
 @dataclass(frozen=True)
 class Lens:
-    """A lens in units of the focal length.
-
-    Attributes
-    ----------
-    profile : Profile
-    shape : (float, float, float)
-        The parameters of the profile.
-    bending : Bending
-        The distortion of its coordinates.
-    """
+    """A lens in units of the focal length."""
 
     profile: Profile
+    #: (float, float, float) The parameters of the profile.
     shape: Shape = (0.0, 0.0, 1.0)
+    #: The distortion of its coordinates.
     bending: Bending = STRAIGHT
 
     @cached_property
     def magnification(self) -> float:
         """Lens coordinates per radian near the axis.
 
-        Returns
-        -------
-        float
-            1 for most models; the focal lengths times this number are those of a pinhole camera near the axis.
+        * Returns: 1 for most models; the focal lengths times this number are those of a pinhole camera near the axis.
         """
         if self.profile == Profile.SPHERE:
             return 1 / (1 + self.shape[0])
@@ -66,13 +54,7 @@ class Lens:
 
     @cached_property
     def max_angle_rad(self) -> float:
-        """Largest angle between the axis and a ray that the lens sees.
-
-        Returns
-        -------
-        float
-            In rad, at most 179 degrees; for a panorama 180 degrees.
-        """
+        """Largest angle between the axis and a ray that the lens sees."""
         if self.profile == Profile.PANORAMA:
             return math.pi
         radius, slope, reached = profile_of_angle(self.profile, self.shape, _ANGLES)
@@ -90,14 +72,7 @@ class Lens:
     def sees(self, rays: Floats) -> Bools:
         """Tell which rays are within the field of the lens.
 
-        Parameters
-        ----------
-        rays : (N, 3) float
-            Of any length.
-
-        Returns
-        -------
-        (N,) bool
+        Shapes: ``rays`` (N, 3), returns (N,).
         """
         X, Y, Z = rays[:, 0], rays[:, 1], rays[:, 2]
         if self.profile == Profile.PANORAMA:
@@ -113,15 +88,7 @@ class Lens:
     def project(self, rays: Floats) -> Floats:
         """Project rays to distorted lens coordinates.
 
-        Parameters
-        ----------
-        rays : (N, 3) float
-            Of any length.
-
-        Returns
-        -------
-        (N, 2) float
-            NaN for rays that the lens does not see.
+        Shapes: ``rays`` (N, 3), returns (N, 2).
         """
         uv = self.bending.apply(project_profile(self.profile, self.shape, rays))
         return np.where(self.sees(rays)[:, None], uv, np.nan)
@@ -129,14 +96,7 @@ class Lens:
     def unproject(self, distorted: Floats) -> Floats:
         """Invert :meth:`project`.
 
-        Parameters
-        ----------
-        distorted : (N, 2) float
-
-        Returns
-        -------
-        (N, 3) float
-            Unit rays; NaN where the lens has none.
+        Shapes: ``distorted`` (N, 2), returns (N, 3).
         """
         if self.profile == Profile.PANORAMA:
             rays = unproject_profile(self.profile, self.shape, distorted)
@@ -157,10 +117,9 @@ class Lens:
     def field_limits(self) -> tuple[float, float]:
         """The limits of the field for the compiled projection.
 
-        Returns
-        -------
-        (float, float)
-            Largest angle; for a panorama the largest longitude and latitude. In rad.
+        Shapes: returns (float, float).
+
+        * Returns: Largest angle; for a panorama the largest longitude and latitude. In rad.
         """
         if self.profile == Profile.PANORAMA:
             return _SEAM_RAD, _MAX_LATITUDE_RAD

@@ -30,8 +30,6 @@ from slam_init.types.lenses.bending import STRAIGHT, Bending
 from slam_init.types.lenses.lens import Lens
 from slam_init.types.lenses.profiles import Profile
 
-__all__ = ["COEFFICIENTS", "bent_coefficients", "check_coefficients", "lens_of", "scaled_coefficients"]
-
 #: The names of the coefficients of each model; those after a bar may be absent, all or none of them.
 COEFFICIENTS: dict[str, str] = {
     "pinhole": "",
@@ -64,20 +62,7 @@ def _sizes(model: str) -> tuple[int, ...]:
 
 
 def check_coefficients(model: str, coefficients: tuple[float, ...]) -> None:
-    """Refuse coefficients that a model does not take.
-
-    Parameters
-    ----------
-    model : str
-        A key of :data:`COEFFICIENTS`.
-    coefficients : tuple of float
-        Finite.
-
-    Raises
-    ------
-    CalibrationError
-        If their number or one of them is impossible for the model.
-    """
+    """Refuse coefficients that a model does not take."""
     if len(coefficients) not in _sizes(model):
         allowed = " or ".join(str(n) for n in _sizes(model))
         order = f" ({' '.join(COEFFICIENTS[model].replace('|', ' ').split())})" if COEFFICIENTS[model] else ""
@@ -104,19 +89,7 @@ def check_coefficients(model: str, coefficients: tuple[float, ...]) -> None:
 
 @lru_cache(maxsize=256)
 def lens_of(model: str, coefficients: tuple[float, ...]) -> Lens:
-    """Make the lens of a model.
-
-    Parameters
-    ----------
-    model : str
-        A key of :data:`COEFFICIENTS`.
-    coefficients : tuple of float
-        As :func:`check_coefficients` accepts them.
-
-    Returns
-    -------
-    Lens
-    """
+    """Make the lens of a model."""
     k = coefficients
     if model == "equirectangular":
         return Lens(Profile.PANORAMA)
@@ -142,18 +115,8 @@ def lens_of(model: str, coefficients: tuple[float, ...]) -> Lens:
 def bent_coefficients(model: str, coefficients: tuple[float, ...], k1: float) -> tuple[float, ...]:
     """Add radial distortion to the coefficients of a model.
 
-    Parameters
-    ----------
-    model : str
-        A key of :data:`COEFFICIENTS`, and no pinhole.
-    coefficients : tuple of float
-    k1 : float
-        Relative change of the radius of the image, at a radius of one focal length near the axis.
-
-    Returns
-    -------
-    tuple of float
-        The same ones for a panorama, which is defined by its angles.
+    * ``k1``: Relative change of the radius of the image, at a radius of one focal length near the axis.
+    * Returns: The same ones for a panorama, which is defined by its angles.
     """
     if model not in _FIRST_RADIAL:
         return coefficients
@@ -166,20 +129,6 @@ def bent_coefficients(model: str, coefficients: tuple[float, ...], k1: float) ->
 
 
 def scaled_coefficients(model: str, coefficients: tuple[float, ...], factor: float) -> tuple[float, ...]:
-    """Convert the coefficients of a perspective model to units of a longer focal length.
-
-    Parameters
-    ----------
-    model : str
-        ``radtan``, ``rational`` or ``thin-prism``.
-    coefficients : tuple of float
-    factor : float
-        New focal length over the old one.
-
-    Returns
-    -------
-    tuple of float
-        With them the undistorted pixels of raw ones do not change.
-    """
+    """Convert the coefficients of a perspective model to units of a longer focal length."""
     names = COEFFICIENTS[model].replace("|", " ").split()
     return tuple(k * factor ** _DEGREES[name] for name, k in zip(names, coefficients, strict=False))

@@ -9,17 +9,6 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 
-__all__ = [
-    "MAX_PLANAR_ANGLE_RAD",
-    "distort_fisheye",
-    "distort_radtan",
-    "polynomial",
-    "radial_part",
-    "turning_radius",
-    "undistort_fisheye",
-    "undistort_radtan",
-]
-
 # Newton's method doubles the number of correct digits in each step. Real lenses need 4 to 8 steps; pixels near the
 # radius at which the lens polynomial stops growing need more.
 _NEWTON_STEPS = 30
@@ -30,31 +19,14 @@ MAX_PLANAR_ANGLE_RAD = math.radians(89.0)
 
 
 def radial_part(distortion: tuple[float, ...]) -> tuple[float, ...]:
-    """Pick the radial coefficients ``k1, k2[, k3]`` of radtan ones.
-
-    Parameters
-    ----------
-    distortion : tuple of float
-        ``k1, k2, p1, p2[, k3]``.
-
-    Returns
-    -------
-    tuple of float
-    """
+    """Pick the radial coefficients ``k1, k2[, k3]`` of radtan ones."""
     return (*distortion[:2], *distortion[4:])
 
 
 def polynomial(k: tuple[float, ...], r: Floats) -> tuple[Floats, Floats]:
     """Compute the value and the derivative of ``r (1 + k1 r^2 + k2 r^4 + ...)``.
 
-    Parameters
-    ----------
-    k : tuple of float
-    r : (N,) float
-
-    Returns
-    -------
-    value, slope : (N,) float
+    Shapes: ``r`` (N,), returns ``value, slope`` (N,).
     """
     value, slope = np.ones_like(r), np.ones_like(r)
     for i, ki in enumerate(k, start=1):
@@ -66,18 +38,7 @@ def polynomial(k: tuple[float, ...], r: Floats) -> tuple[Floats, Floats]:
 
 @lru_cache(maxsize=1024)
 def turning_radius(k: tuple[float, ...], limit: float) -> float:
-    """Find the radius at which ``r (1 + k1 r^2 + ...)`` stops growing.
-
-    Parameters
-    ----------
-    k : tuple of float
-    limit : float
-        Largest answer.
-
-    Returns
-    -------
-    float
-    """
+    """Find the radius at which ``r (1 + k1 r^2 + ...)`` stops growing."""
     # The slope is a polynomial in s = r^2. At its smallest positive root the distorted radius stops growing.
     # A coefficient below 1e-100 moves nothing, and a division by it overflows.
     coefficients = [(2 * i + 1) * ki if abs(ki) > 1e-100 else 0.0 for i, ki in enumerate(k, start=1)]
@@ -89,16 +50,7 @@ def turning_radius(k: tuple[float, ...], limit: float) -> float:
 def distort_radtan(xy: Floats, distortion: tuple[float, ...]) -> Floats:
     """Distort points of the plane z = 1.
 
-    Parameters
-    ----------
-    xy : (N, 2) float
-        Ideal coordinates.
-    distortion : tuple of float
-        OpenCV's ``k1, k2, p1, p2[, k3]``.
-
-    Returns
-    -------
-    (N, 2) float
+    Shapes: ``xy`` (N, 2), returns (N, 2).
     """
     return np.column_stack(_distorted(xy[:, 0], xy[:, 1], distortion)[:2])
 
@@ -119,15 +71,7 @@ def undistort_radtan(distorted: Floats, distortion: tuple[float, ...]) -> Floats
     Newton's method starts from the distorted point. For the radial part alone it converges monotonically, for barrel
     and for pincushion lenses (the profile is concave or convex). The tangential part is small.
 
-    Parameters
-    ----------
-    distorted : (N, 2) float
-    distortion : tuple of float
-
-    Returns
-    -------
-    (N, 2) float
-        NaN where the inverse does not exist.
+    Shapes: ``distorted`` (N, 2), returns (N, 2).
     """
     k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
     wanted_x, wanted_y = np.ascontiguousarray(distorted.T)
@@ -158,16 +102,7 @@ def undistort_radtan(distorted: Floats, distortion: tuple[float, ...]) -> Floats
 def distort_fisheye(xy: Floats, distortion: tuple[float, ...]) -> Floats:
     """Distort points of the plane z = 1: their distorted radius is a polynomial of the angle.
 
-    Parameters
-    ----------
-    xy : (N, 2) float
-        Ideal coordinates.
-    distortion : tuple of float
-        OpenCV's ``k1, k2, k3, k4``.
-
-    Returns
-    -------
-    (N, 2) float
+    Shapes: ``xy`` (N, 2), returns (N, 2).
     """
     radius = np.hypot(xy[:, 0], xy[:, 1])
     distorted, _ = polynomial(distortion, np.arctan(radius))
@@ -177,15 +112,7 @@ def distort_fisheye(xy: Floats, distortion: tuple[float, ...]) -> Floats:
 def undistort_fisheye(distorted: Floats, distortion: tuple[float, ...]) -> Floats:
     """Invert :func:`distort_fisheye`.
 
-    Parameters
-    ----------
-    distorted : (N, 2) float
-    distortion : tuple of float
-
-    Returns
-    -------
-    (N, 2) float
-        NaN where the inverse does not exist.
+    Shapes: ``distorted`` (N, 2), returns (N, 2).
     """
     radius = np.hypot(distorted[:, 0], distorted[:, 1])
     limit = turning_radius(distortion, MAX_PLANAR_ANGLE_RAD)

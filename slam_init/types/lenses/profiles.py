@@ -26,8 +26,6 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats
 
-__all__ = ["Profile", "Shape", "profile_of_angle", "project_profile", "unproject_profile"]
-
 #: xi, a, b of a sphere; w of a field of view.
 Shape = tuple[float, float, float]
 
@@ -51,17 +49,9 @@ _TINY = 1e-12
 def project_profile(kind: Profile, shape: Shape, rays: Floats) -> Floats:
     """Project rays to lens coordinates.
 
-    Parameters
-    ----------
-    kind : Profile
-    shape : Shape
-    rays : (N, 3) float
-        Of any length.
+    Shapes: ``rays`` (N, 3), returns (N, 2).
 
-    Returns
-    -------
-    (N, 2) float
-        Any number, or NaN, for rays that the profile does not reach.
+    * Returns: Any number, or NaN, for rays that the profile does not reach.
     """
     X, Y, Z = rays[:, 0], rays[:, 1], rays[:, 2]
     if kind == Profile.PANORAMA:
@@ -83,16 +73,7 @@ def project_profile(kind: Profile, shape: Shape, rays: Floats) -> Floats:
 def unproject_profile(kind: Profile, shape: Shape, uv: Floats) -> Floats:
     """Invert :func:`project_profile`.
 
-    Parameters
-    ----------
-    kind : Profile
-    shape : Shape
-    uv : (N, 2) float
-
-    Returns
-    -------
-    (N, 3) float
-        Unit rays; NaN where there is none.
+    Shapes: ``uv`` (N, 2), returns (N, 3).
     """
     with np.errstate(all="ignore"):  # coordinates without a ray end as NaN
         if kind == Profile.PANORAMA:
@@ -123,21 +104,7 @@ def _unproject_sphere(shape: Shape, uv: Floats, r2: Floats) -> Floats:
 def profile_of_angle(kind: Profile, shape: Shape, angles: Floats) -> tuple[Floats, Floats, Bools]:
     """Compute the radius of a profile that is symmetric about the axis.
 
-    Parameters
-    ----------
-    kind : Profile
-        Not the panorama.
-    shape : Shape
-    angles : (N,) float
-        Between ray and axis, rad.
-
-    Returns
-    -------
-    radius : (N,) float
-    slope : (N,) float
-        Its derivative by the angle.
-    reached : (N,) bool
-        Whether the profile reaches the angle.
+    Shapes: ``angles`` (N,), returns ``radius`` (N,), returns ``slope`` (N,), returns ``reached`` (N,).
     """
     if kind == Profile.EQUIDISTANT:
         return angles, np.ones_like(angles), np.ones(len(angles), bool)

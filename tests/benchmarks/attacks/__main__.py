@@ -26,13 +26,7 @@ _ALL = (
 
 
 def main() -> int:
-    """Perform the attacks.
-
-    Returns
-    -------
-    int
-        0 if all hold, else 1.
-    """
+    """Perform the attacks."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.attacks", description=__doc__)
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the table to this file too")
     parser.add_argument("--only", default="", metavar="TEXT", help="only attacks whose area or name contains it")

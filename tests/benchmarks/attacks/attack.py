@@ -10,67 +10,43 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-__all__ = ["Attack", "Ended", "Seen", "command", "one_line", "program"]
-
 
 @dataclass(frozen=True)
 class Seen:
-    """What an attack caused.
+    """What an attack caused."""
 
-    Attributes
-    ----------
-    holds : bool
-        Whether what was expected has happened.
-    text : str
-        What was seen, in one line.
-    """
-
+    #: Whether what was expected has happened.
     holds: bool
+    #: What was seen, in one line.
     text: str
 
 
 @dataclass(frozen=True)
 class Attack:
-    """One row of the table of attacks.
+    """One row of the table of attacks."""
 
-    Attributes
-    ----------
-    area : str
-        ``command line``, ``readers``, ``API``, ``outputs`` or ``processes``.
-    name : str
-        What is done, in a few words.
-    expected : str
-        What has to happen.
-    run : callable
-        Performs the attack in an empty folder that it is given, and returns what was seen. An exception that it raises
-        is a failure of the project.
-    limit_s : float
-        The attack has to end within this time.
-    """
-
+    #: ``command line``, ``readers``, ``API``, ``outputs`` or ``processes``.
     area: str
+    #: What is done, in a few words.
     name: str
+    #: What has to happen.
     expected: str
+    #: Performs the attack in an empty folder that it is given, and returns what was seen. An exception that it raises
+    #: is a failure of the project.
     run: Callable[[Path], Seen] = field(repr=False)
+    #: The attack has to end within this time.
     limit_s: float = 60.0
 
 
 @dataclass(frozen=True)
 class Ended:
-    """How a command ended.
+    """How a command ended."""
 
-    Attributes
-    ----------
-    code : int
-        The exit code; negative: the signal that ended it; -1000: still running at the limit, and killed.
-    out : str
-        Standard output.
-    err : str
-        Standard error.
-    """
-
+    #: The exit code; negative: the signal that ended it; -1000: still running at the limit, and killed.
     code: int
+    #: Standard output.
     out: str
+    #: Standard error.
     err: str
 
 
@@ -84,23 +60,7 @@ def command(
     environment: Mapping[str, str] | None = None,
     limit_s: float = 55.0,
 ) -> Ended:
-    """Run ``slam-init`` in a process group of its own.
-
-    Parameters
-    ----------
-    *arguments : str or path
-        Of ``slam-init``.
-    folder : Path
-        Working directory.
-    environment : mapping of str to str, optional
-        Added to the environment.
-    limit_s : float
-        After this time the process group is killed.
-
-    Returns
-    -------
-    Ended
-    """
+    """Run ``slam-init`` in a process group of its own."""
     process = subprocess.Popen(
         program(arguments),
         cwd=folder,
@@ -122,35 +82,12 @@ def command(
 
 
 def program(arguments: Sequence[str | os.PathLike[str]]) -> list[str]:
-    """Return the command line of ``slam-init``.
-
-    Parameters
-    ----------
-    arguments : sequence of str or path
-        Of ``slam-init``.
-
-    Returns
-    -------
-    list of str
-    """
+    """Return the command line of ``slam-init``."""
     return [sys.executable, "-m", "slam_init", *(os.fspath(argument) for argument in arguments)]
 
 
 def one_line(ended: Ended, code: int, *words: str) -> Seen:
-    """Judge a command that has to end with one clear line.
-
-    Parameters
-    ----------
-    ended : Ended
-    code : int
-        The exit code that is expected.
-    *words : str
-        The line must contain each of them.
-
-    Returns
-    -------
-    Seen
-    """
+    """Judge a command that has to end with one clear line."""
     lines = ended.err.splitlines()
     holds = (
         ended.code == code

@@ -12,8 +12,6 @@ from pathlib import Path
 from tests.benchmarks.attacks.attack import Attack, Ended, Seen, command, one_line, program
 from tests.benchmarks.attacks.folders import STILL, contents, first_run, small_disk, still, verified
 
-__all__ = ["ATTACKS"]
-
 _AREA = "outputs"
 #: A run on it initializes after 8 frames, and writes 1.1 MB.
 _ROOM = "synth:room?frames=10&width=320&height=240"

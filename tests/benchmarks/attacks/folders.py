@@ -12,56 +12,25 @@ from pathlib import Path
 from slam_init.output.folder.marker import HOME
 from tests.benchmarks.attacks.attack import Ended, Seen, command, one_line
 
-__all__ = ["STILL", "contents", "first_run", "refused", "small_disk", "still", "tree", "verified"]
-
 #: A source that is read in no time, and never initializes.
 STILL = "synth:static?frames=2&width=96&height=64"
 _NO_MAP = 3
 
 
 def still(folder: Path, *options: str, out: str = "out") -> Ended:
-    """Run on :data:`STILL` in a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        Working directory.
-    *options : str
-    out : str
-        The folder of the results.
-
-    Returns
-    -------
-    Ended
-    """
+    """Run on :data:`STILL` in a folder."""
     return command("run", STILL, "--quiet", *options, "--out", out, folder=folder)
 
 
 def first_run(folder: Path) -> None:
-    """Write results to ``out``.
-
-    Parameters
-    ----------
-    folder : Path
-        Working directory.
-    """
+    """Write results to ``out``."""
     ended = still(folder)
     if ended.code != _NO_MAP:
         raise RuntimeError(f"exit code {ended.code}: {ended.err}")
 
 
 def tree(folder: Path) -> dict[str, bytes | str]:
-    """Return all entries of a folder: the bytes of files, the kind of other entries.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    dict
-        By relative path.
-    """
+    """Return all entries of a folder: the bytes of files, the kind of other entries."""
     found: dict[str, bytes | str] = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
@@ -73,36 +42,13 @@ def tree(folder: Path) -> dict[str, bytes | str]:
 
 
 def contents(out: Path) -> dict[str, bytes]:
-    """Return the files of a folder without those of the program's hidden folder.
-
-    Parameters
-    ----------
-    out : Path
-
-    Returns
-    -------
-    dict
-        By relative path.
-    """
+    """Return the files of a folder without those of the program's hidden folder."""
     found = ((path.relative_to(out).as_posix(), path) for path in out.rglob("*") if path.is_file())
     return {name: path.read_bytes() for name, path in found if not name.startswith(f"{HOME}/")}
 
 
 def refused(folder: Path, arguments: Sequence[str], *words: str) -> Seen:
-    """Run a command that has to be refused in one line, and to leave everything as it was.
-
-    Parameters
-    ----------
-    folder : Path
-        Working directory.
-    arguments : sequence of str
-    *words : str
-        Words of the line.
-
-    Returns
-    -------
-    Seen
-    """
+    """Run a command that has to be refused in one line, and to leave everything as it was."""
     before = tree(folder)
     ended = command(*arguments, folder=folder)
     seen = one_line(ended, 2, *words)
@@ -113,16 +59,7 @@ def refused(folder: Path, arguments: Sequence[str], *words: str) -> Seen:
 
 
 def verified(recording: Path) -> bool:
-    """Return whether a recording passes ``rerun rrd verify``.
-
-    Parameters
-    ----------
-    recording : Path
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether a recording passes ``rerun rrd verify``."""
     environment = os.environ | {"RERUN_ANALYTICS": "false"}
     done = subprocess.run(
         [sys.executable, "-m", "rerun", "rrd", "verify", str(recording)],
@@ -133,19 +70,7 @@ def verified(recording: Path) -> bool:
 
 @contextmanager
 def small_disk(folder: Path, options: str) -> Iterator[Path]:
-    """Mount a file system in memory. Only the superuser may do this.
-
-    Parameters
-    ----------
-    folder : Path
-    options : str
-        Options of ``mount``, as ``size=64k``.
-
-    Yields
-    ------
-    Path
-        Where it is mounted.
-    """
+    """Mount a file system in memory. Only the superuser may do this."""
     place = folder / "disk"
     place.mkdir()
     subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(place)], check=True, capture_output=True)

@@ -11,8 +11,6 @@ import numpy as np
 
 from slam_init.types.arrays import Image
 
-__all__ = ["CAMERA", "encoded", "folder_of_images", "huge_png", "picture", "tum_folder", "written"]
-
 #: A calibration for images of :func:`picture`.
 CAMERA = "model: pinhole\nwidth: 64\nheight: 48\nfx: 60\nfy: 60\ncx: 31.5\ncy: 23.5\n"
 

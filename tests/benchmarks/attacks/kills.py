@@ -49,53 +49,34 @@ _METHODS = (("stella,quest", "sequential"), ("quest,stella", "loky"))
 
 @dataclass(frozen=True)
 class _Kind:
-    """A command that is killed.
+    """A command that is killed."""
 
-    Attributes
-    ----------
-    command : str
-        ``run`` or ``compare``.
-    arguments : tuple of str
-        The options that all commands of this kind have.
-    each : tuple of tuple of str
-        Further options, in turn: the results of two commands that follow one another differ.
-    in_place : tuple of str
-        Files that grow during the command, so that they hold more than before after a kill.
-    """
-
+    #: ``run`` or ``compare``.
     command: str
+    #: The options that all commands of this kind have.
     arguments: tuple[str, ...]
+    #: Further options, in turn: the results of two commands that follow one another differ.
     each: tuple[tuple[str, ...], ...]
+    #: Files that grow during the command, so that they hold more than before after a kill.
     in_place: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class _Round:
-    """What one kill left.
-
-    Attributes
-    ----------
-    signal : str
-    found : str
-        ``earlier``, ``new``, ``between`` (completed by the next command), or what is wrong.
-    recordings : int
-        Recordings that were verified.
-    broken : int
-        Recordings that did not pass.
-    left : int
-        Processes that were left.
-    next_code : int
-        Exit code of the next command.
-    ended_first : bool
-        The command ended before the signal.
-    """
+    """What one kill left."""
 
     signal: str
+    #: ``earlier``, ``new``, ``between`` (completed by the next command), or what is wrong.
     found: str
+    #: Recordings that were verified.
     recordings: int
+    #: Recordings that did not pass.
     broken: int
+    #: Processes that were left.
     left: int
+    #: Exit code of the next command.
     next_code: int
+    #: The command ended before the signal.
     ended_first: bool
 
     @property
@@ -104,13 +85,7 @@ class _Round:
 
 
 def main() -> int:
-    """Kill commands, and write a table.
-
-    Returns
-    -------
-    int
-        0 if all kills held, else 1.
-    """
+    """Kill commands, and write a table."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.attacks.kills", description=__doc__)
     parser.add_argument("--runs", type=int, default=300, metavar="N", help="kills of run (default: 300)")
     parser.add_argument("--compares", type=int, default=100, metavar="N", help="kills of compare (default: 100)")

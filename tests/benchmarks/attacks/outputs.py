@@ -14,8 +14,6 @@ from pathlib import Path
 from tests.benchmarks.attacks.attack import Attack, Seen, command, one_line, program
 from tests.benchmarks.attacks.folders import STILL, contents, first_run, refused, still, tree, verified
 
-__all__ = ["ATTACKS"]
-
 _AREA = "outputs"
 _RUN = ("run", STILL, "--quiet", "--out")
 _COMPARE = ("compare", "points:room?views=5&seed=1", "--methods", "stella", "--backend", "sequential", "--out")

@@ -8,8 +8,6 @@ import uuid
 from contextlib import suppress
 from pathlib import Path
 
-__all__ = ["MARK", "left_over", "new_mark", "processes_with"]
-
 #: The variable that holds the mark.
 MARK = "SLAM_INIT_ATTACK"
 
@@ -20,18 +18,7 @@ def new_mark() -> str:
 
 
 def processes_with(mark: str) -> list[int]:
-    """Return the processes whose environment holds a mark, without this one and those that have ended.
-
-    Parameters
-    ----------
-    mark : str
-        From :func:`new_mark`.
-
-    Returns
-    -------
-    list of int
-        Process ids. Linux only: empty on other systems.
-    """
+    """Return the processes whose environment holds a mark, without this one and those that have ended."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):  # it has ended
@@ -42,20 +29,7 @@ def processes_with(mark: str) -> list[int]:
 
 
 def left_over(mark: str, within_s: float = 3.0) -> list[int]:
-    """Return the processes that are left after a time in which they may end.
-
-    Parameters
-    ----------
-    mark : str
-        From :func:`new_mark`.
-    within_s : float
-        A killed process takes a moment to end.
-
-    Returns
-    -------
-    list of int
-        Process ids.
-    """
+    """Return the processes that are left after a time in which they may end."""
     end = time.monotonic() + within_s
     while (found := processes_with(mark)) and time.monotonic() < end:
         time.sleep(0.02)

@@ -14,8 +14,6 @@ from tests.benchmarks.attacks import hostile
 from tests.benchmarks.attacks.attack import Attack, Ended, Seen, command, one_line, program
 from tests.benchmarks.attacks.process_tree import MARK, left_over, new_mark, processes_with
 
-__all__ = ["ATTACKS"]
-
 _AREA = "processes"
 _SOURCE = "points:room?views=5&seed=1"
 _HOSTILE = "tests.benchmarks.attacks.hostile"

@@ -20,8 +20,6 @@ from tests.benchmarks.attacks.hostile_files import (
     written,
 )
 
-__all__ = ["ATTACKS"]
-
 _LINE = "exit code 2, one line that says so"
 _WORKS = "works"
 

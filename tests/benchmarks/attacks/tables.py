@@ -9,8 +9,6 @@ from pathlib import Path
 from tests.benchmarks.attacks.attack import Attack, Seen, command, one_line
 from tests.benchmarks.attacks.hostile_files import CAMERA, folder_of_images, tum_folder, written
 
-__all__ = ["ATTACKS"]
-
 _LINE = "exit code 2, one line that says so"
 _SENSOR = "resolution: [64, 48]\nintrinsics: [60, 60, 31, 23]\nT_BS: {}\n"
 

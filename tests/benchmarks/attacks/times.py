@@ -8,8 +8,6 @@ from pathlib import Path
 from tests.benchmarks.attacks.attack import Attack, Seen, command, one_line
 from tests.benchmarks.attacks.hostile_files import folder_of_images, tum_folder, written
 
-__all__ = ["ATTACKS"]
-
 _UNITS = {"seconds": 1, "milliseconds": 10**3, "microseconds": 10**6, "nanoseconds": 10**9}
 _IMPOSSIBLE = {
     "repeated": (("5", "5", "6"), "does not come after"),

@@ -8,8 +8,6 @@ from pathlib import Path
 from tests.benchmarks.attacks.attack import Attack, Seen, command, one_line
 from tests.benchmarks.attacks.hostile_files import picture, written
 
-__all__ = ["ATTACKS"]
-
 _LINE = "exit code 2, one line that says so"
 
 

@@ -27,8 +27,6 @@ from tests.benchmarks.fuzz.mutations import mutated
 from tests.benchmarks.fuzz.targets import TARGETS
 from tests.benchmarks.options import positive, show
 
-__all__ = ["Outcomes", "fuzz", "main", "read_one"]
-
 _LIMIT_S = 20.0
 # Of a child. An input that needs more than this is broken.
 _MEMORY_BYTES = 6_000_000_000
@@ -37,20 +35,13 @@ _OUTCOMES = ("read", "refused", "broken", "crash", "hang")
 
 @dataclass
 class Outcomes:
-    """What happened to the inputs of one reader.
+    """What happened to the inputs of one reader."""
 
-    Attributes
-    ----------
-    counts : Counter of str
-        Of ``read``, ``refused``, ``broken``, ``crash`` and ``hang``.
-    findings : list of str
-        One line for each input that is broken, crashed or hung.
-    longest_s : float
-        Time of the slowest input.
-    """
-
+    #: Of ``read``, ``refused``, ``broken``, ``crash`` and ``hang``.
     counts: Counter[str] = field(default_factory=Counter)
+    #: One line for each input that is broken, crashed or hung.
     findings: list[str] = field(default_factory=list)
+    #: Time of the slowest input.
     longest_s: float = 0.0
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["mutated"]
-
 # Bytes that readers take for sizes, counts and signs.
 _TELLING = [
     b"\x00",
@@ -26,18 +24,7 @@ _WORDS = [
 
 
 def mutated(data: bytes, other: bytes, rng: np.random.Generator, *, is_text: bool) -> bytes:
-    """Change a file by one to four mutations.
-
-    Parameters
-    ----------
-    data : bytes
-        The file.
-    other : bytes
-        Another file of the same reader, from which pieces come.
-    rng : numpy.random.Generator
-    is_text : bool
-        Whether words and lines are changed too.
-    """
+    """Change a file by one to four mutations."""
     for _ in range(int(rng.integers(1, 5))):
         as_text = is_text and rng.random() < 0.75
         data = _changed_text(data, rng) if as_text else _changed_bytes(data, other, rng)

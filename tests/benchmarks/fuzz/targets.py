@@ -10,8 +10,6 @@ import numpy as np
 
 from slam_init.datasets import TimedSource
 
-__all__ = ["TARGETS", "Target"]
-
 _SIZE = (64, 48)
 _CAMERA = "model: pinhole\nwidth: 64\nheight: 48\nfx: 60\nfy: 60\ncx: 31.5\ncy: 23.5\n"
 _SENSOR = (
@@ -49,24 +47,16 @@ _COLMAP = {
 
 @dataclass(frozen=True)
 class Target:
-    """A reader under test.
+    """A reader under test."""
 
-    Attributes
-    ----------
-    is_text : bool
-        Whether its files are texts.
-    seeds : callable
-        Makes the sound files: name, relative to the folder, and content. One of them is mutated at a time.
-    around : callable
-        Makes the files that stay sound.
-    read : callable
-        Reads the mutated file, given the folder and the name of the file. Raises what the reader raises, and
-        AssertionError if it returns what cannot be.
-    """
-
+    #: Whether its files are texts.
     is_text: bool
+    #: Makes the sound files: name, relative to the folder, and content. One of them is mutated at a time.
     seeds: Callable[[], Mapping[str, bytes]]
+    #: Makes the files that stay sound.
     around: Callable[[], Mapping[str, bytes]]
+    #: Reads the mutated file, given the folder and the name of the file. Raises what the reader raises, and
+    #: AssertionError if it returns what cannot be.
     read: Callable[[Path, str], None]
 
 

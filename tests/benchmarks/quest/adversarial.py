@@ -22,8 +22,6 @@ import quest
 from slam_init.output.tables import markdown_table
 from tests.benchmarks.quest.running import positive, run_on_one_thread, save
 
-__all__ = ["FUNCTIONS", "call", "defect_of", "draw_input", "is_rotation", "main"]
-
 Floats = NDArray[np.float64]
 #: Two views in any form that a caller could pass: arrays, lists, numbers, texts.
 Views = tuple[object, object]

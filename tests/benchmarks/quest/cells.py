@@ -9,8 +9,6 @@ import numpy as np
 from tests.benchmarks.quest.measures import accuracy, area_under_recall
 from tests.benchmarks.quest.robust_trials import Answer
 
-__all__ = ["FOUND_DEG", "auc_cell", "errors_cell", "kept_cell", "success_cell", "times_cell", "verdicts_cell"]
-
 #: A pose with smaller errors counts as the true pose: the two poses of a plane are farther apart, and a bundle
 #: adjustment converges from it.
 FOUND_DEG = 5.0

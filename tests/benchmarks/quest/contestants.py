@@ -14,8 +14,6 @@ from quest.registry import SOLVERS
 from quest.solvers.printed import quest6_printed, quest7_printed
 from quest.solvers.quest6 import quest6
 
-__all__ = ["Contestant", "contestants"]
-
 Floats = NDArray[np.float64]
 Solve = Callable[[Floats, Floats], Floats]
 

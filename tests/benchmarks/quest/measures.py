@@ -7,8 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.geometry.quaternion import rotation_angle
 
-__all__ = ["accuracy", "area_under_recall", "pose_errors_deg"]
-
 Floats = NDArray[np.float64]
 
 

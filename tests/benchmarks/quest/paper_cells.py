@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["NOISES_PX", "Cell"]
-
 Floats = NDArray[np.float64]
 
 #: The levels of the paper's figures, by scene.
@@ -17,24 +15,17 @@ NOISES_PX = {"general": (0.0, 0.5, 1.0, 2.0, 5.0, 10.0), "coplanar": (0.0, 0.25,
 
 @dataclass(frozen=True)
 class Cell:
-    """The results of a solver on the problems of one scene and level.
+    """The results of a solver on the problems of one scene and level."""
 
-    Attributes
-    ----------
-    closest, first : (B,) float
-        Rotation error of the candidate closest to the truth, and of the one ranked first.
-    direction, direction_of_first : (B,) float
-        Direction error of the translation of these two candidates.
-    candidates : float
-        Mean number of candidates.
-    reached_by_first, reached_by_four : float
-        Share of problems from which refinement reaches the truth; NaN where it was not measured.
-    """
-
+    #: closest, first: (B,) Rotation error of the candidate closest to the truth, and of the one ranked first.
     closest: Floats
     first: Floats
+    #: direction, direction_of_first: (B,) Direction error of the translation of these two candidates.
     direction: Floats
     direction_of_first: Floats
+    #: Mean number of candidates.
     candidates: float
+    #: reached_by_first, reached_by_four: Share of problems from which refinement reaches the truth; NaN where it was
+    #: not measured.
     reached_by_first: float
     reached_by_four: float

@@ -9,8 +9,6 @@ import numpy as np
 
 from tests.benchmarks.quest.paper_cells import NOISES_PX, Cell
 
-__all__ = ["draw"]
-
 # Solvers whose lines can be told apart in the plot. Variants with nearly the same line are in the tables only.
 _SHOWN = {
     "QuEst 6 printed": ("tab:blue", ":", "o"),

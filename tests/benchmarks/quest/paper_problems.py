@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from quest.geometry.quaternion import matrix_from_quaternion
 
-__all__ = ["Problems", "draw_problems", "rotation_error"]
-
 Floats = NDArray[np.float64]
 
 _FOCAL_PX, _HALF_WIDTH_PX, _HALF_HEIGHT_PX = 800.0, 320.0, 240.0

@@ -19,8 +19,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = []
-
 Floats = NDArray[np.float64]
 
 

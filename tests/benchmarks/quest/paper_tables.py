@@ -18,8 +18,6 @@ from tests.benchmarks.quest.paper_cells import NOISES_PX, Cell
 from tests.benchmarks.quest.paper_problems import Problems, draw_problems, rotation_error
 from tests.benchmarks.quest.running import save
 
-__all__ = ["measure", "report"]
-
 Floats = NDArray[np.float64]
 
 # Noise levels of the tables with the measures that do not favour many candidates.

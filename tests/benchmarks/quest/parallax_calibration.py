@@ -30,8 +30,6 @@ from slam_init.output.tables import markdown_table
 from tests.benchmarks.quest.running import positive, run_on_one_thread, save
 from tests.support.reference_parallax import typical_ratios
 
-__all__ = ["Motion", "Scene", "Views", "draw_views", "fitted_motion", "main", "true_ratio"]
-
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 

@@ -35,8 +35,6 @@ from tests.benchmarks.quest.robust_trials import Cell, Trial, full_grid, run_tri
 from tests.benchmarks.quest.running import choice_list, number_list, positive, run_on_one_thread, save
 from tests.benchmarks.quest.scenes import SCENES
 
-__all__ = ["main", "tables"]
-
 _OUTLIERS = [0.1, 0.5, 0.7]
 _ALL_OUTLIERS = [0.1, 0.3, 0.5, 0.7, 0.8]
 _NOISES_PX = [0.3, 0.7, 1.0]

@@ -21,8 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["METHODS", "Estimate", "Method", "available", "limit_threads"]
-
 Floats = NDArray[np.float64]
 
 #: Focal length of the camera for the others; it cancels against the threshold in pixels.
@@ -37,22 +35,15 @@ _FARTHEST_BASELINES = 1e6
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """The answer of an estimator.
+    """The answer of an estimator."""
 
-    Attributes
-    ----------
-    poses : tuple of (R, t)
-        ``cam2_from_cam1``, the best first, then the other returned poses; t is zero for a rotation-only camera. Empty
-        without a pose.
-    seconds : float
-        Processor time of the call.
-    kind : str
-        "general", "planar" or "rotation" as the estimator reports; "general" if it reports no kind; "none" without a
-        pose.
-    """
-
+    #: (R, t) ``cam2_from_cam1``, the best first, then the other returned poses; t is zero for a rotation-only camera.
+    #: Empty without a pose.
     poses: tuple[tuple[Floats, Floats], ...]
+    #: Processor time of the call.
     seconds: float
+    #: "general", "planar" or "rotation" as the estimator reports; "general" if it reports no kind; "none" without a
+    #: pose.
     kind: str
 
 

@@ -16,20 +16,6 @@ from tests.benchmarks.quest.measures import pose_errors_deg
 from tests.benchmarks.quest.robust_methods import METHODS, Estimate
 from tests.benchmarks.quest.scenes import FOCAL_PX, SCENES, Scene, draw_scene
 
-__all__ = [
-    "Answer",
-    "Cell",
-    "Trial",
-    "full_grid",
-    "judge",
-    "oracle_error_deg",
-    "run_trials",
-    "star_grid",
-    "warm_up",
-    "write_csv",
-]
-
-
 Floats = NDArray[np.float64]
 
 
@@ -45,28 +31,19 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """The answer of a method, compared with the truth.
-
-    Attributes
-    ----------
-    method : str
-    kind : str
-        See :class:`tests.benchmarks.quest.robust_methods.Estimate`.
-    kept : int
-        Number of returned poses.
-    rotation_error_deg, direction_error_deg : float
-        Errors of the first pose; infinite without a pose. The error of the direction is infinite too where the pose or
-        the truth has no translation, and NaN where the true direction is unknown.
-    kept_error_deg : float
-        The larger of the two errors, of the best of the returned poses.
-    time_ms : float
-    """
+    """The answer of a method, compared with the truth."""
 
     method: str
+    #: See :class:`tests.benchmarks.quest.robust_methods.Estimate`.
     kind: str
+    #: Number of returned poses.
     kept: int
+    #: rotation_error_deg, direction_error_deg: Errors of the first pose; infinite without a pose. The error of the
+    #: direction is infinite too where the pose or the truth has no translation, and NaN where the true direction is
+    #: unknown.
     rotation_error_deg: float
     direction_error_deg: float
+    #: The larger of the two errors, of the best of the returned poses.
     kept_error_deg: float
     time_ms: float
 
@@ -78,23 +55,16 @@ class Answer:
 
 @dataclass(frozen=True, kw_only=True)
 class Trial(Answer):
-    """An answer on a scene.
+    """An answer on a scene."""
 
-    Attributes
-    ----------
-    scene, outlier_share, noise_px, matches
-        See :class:`Cell`.
-    seed : int
-        Number of the trial; the same scene for all methods, and the same geometry at all shares of outliers.
-    oracle_error_deg : float
-        Error of a refinement from the truth on the true inliers: the smallest error that the data allow.
-    """
-
+    #: scene, outlier_share, noise_px, matches: See :class:`Cell`.
     scene: str
     outlier_share: float
     noise_px: float
     matches: int
+    #: Number of the trial; the same scene for all methods, and the same geometry at all shares of outliers.
     seed: int
+    #: Error of a refinement from the truth on the true inliers: the smallest error that the data allow.
     oracle_error_deg: float
 
 

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from quest.geometry.quaternion import rotation_from_vector
 
-__all__ = ["FOCAL_PX", "SCENES", "Scene", "SceneKind", "draw_scene"]
-
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
@@ -38,47 +36,32 @@ _MAX_ROUNDS = 50
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Matches of two views, and the true motion: ``u R m + t = v n`` up to noise and outliers.
+    """Matches of two views, and the true motion: ``u R m + t = v n`` up to noise and outliers."""
 
-    Attributes
-    ----------
-    bearings1, bearings2 : (N, 3) float
-        Unit rays, noisy.
-    R : (3, 3) float
-    t : (3,) float
-        Translation of cam2_from_cam1: of norm 1, or zero for a rotation-only camera.
-    points : (N, 3) float
-        True points in camera 1, in the unit of t (where t is zero: in that of the depths).
-    inliers : (N,) bool
-    on_plane : (N,) bool
-        The points on the plane of the scene; none in a general scene.
-    """
-
+    #: bearings1, bearings2: (N, 3) Unit rays, noisy.
     bearings1: Floats
     bearings2: Floats
+    #: (3, 3)
     R: Floats
+    #: (3,) Translation of cam2_from_cam1: of norm 1, or zero for a rotation-only camera.
     t: Floats
+    #: (N, 3) True points in camera 1, in the unit of t (where t is zero: in that of the depths).
     points: Floats
+    #: (N,)
     inliers: Bools
+    #: (N,) The points on the plane of the scene; none in a general scene.
     on_plane: Bools
 
 
 @dataclass(frozen=True)
 class SceneKind:
-    """A kind of scene to draw.
+    """A kind of scene to draw."""
 
-    Attributes
-    ----------
-    surface : callable
-        ``rng -> Surface``: draws the shape of a world.
-    direction : callable
-        ``rng -> (3,)``: where camera 2 stands, of any norm.
-    baseline : float
-        Its distance in units of the median depth.
-    """
-
+    #: ``rng -> Surface``: draws the shape of a world.
     surface: Callable[[np.random.Generator], Surface]
+    #: ``rng -> (3,)``: where camera 2 stands, of any norm.
     direction: Callable[[np.random.Generator], Floats]
+    #: Its distance in units of the median depth.
     baseline: float
 
 
@@ -87,22 +70,7 @@ def draw_scene(
 ) -> Scene:
     """Draw a scene.
 
-    Parameters
-    ----------
-    kind : SceneKind
-    rng : numpy.random.Generator
-        The only source of randomness.
-    matches : int
-        Number of matches N.
-    outlier_share : float
-        Share of them that are outliers, rounded to the nearest whole number of matches.
-    noise_px : float
-        Standard deviation of each coordinate in each image.
-
-    Raises
-    ------
-    ValueError
-        If the two views have too few points in common.
+    * ``outlier_share``: Share of them that are outliers, rounded to the nearest whole number of matches.
     """
     axis = rng.normal(size=3)
     R = rotation_from_vector(_TURN_RAD * axis / np.linalg.norm(axis))

@@ -42,8 +42,6 @@ from tests.benchmarks.quest.measures import accuracy, pose_errors_deg
 from tests.benchmarks.quest.running import positive, run_on_one_thread, save
 from tests.benchmarks.quest.scenes import FOCAL_PX, SCENES, Scene, draw_scene
 
-__all__ = ["SAMPLES", "Sample", "draw_sample", "main", "poses_by_six"]
-
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Pose = tuple[Floats, Floats]

@@ -17,8 +17,6 @@ from tests.benchmarks.speed.timing import cpu_flow_ms, flow_ms, machine
 if TYPE_CHECKING:
     from slam_init.types.frame import Source
 
-__all__ = ["main"]
-
 #: Real video, below ``SLAM_INIT_DATA``.
 _REAL = (
     "tartanair/hospital_clip",

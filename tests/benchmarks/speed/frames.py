@@ -18,56 +18,32 @@ if TYPE_CHECKING:
     from slam_init.types.frame import Frame, Source
     from slam_init.types.stopwatch import StageTimes
 
-__all__ = ["Frames", "frames_table", "measure", "stages_table"]
-
 #: A camera at 30 Hz delivers a frame in this time.
 _FRAME_MS = 33.3
 
 
 @dataclass
 class Frames:
-    """Times of a sequence, in milliseconds.
-
-    Attributes
-    ----------
-    name : str
-    waiting_ms : list of float
-        Time of each frame before the one that hands over the map.
-    handover_ms : float or None
-        Time of the frame that hands over the map; None without one.
-    frames, seconds : int and float, or None
-        Frames and seconds until the map, for a camera whose frames wait in a queue; None without a map.
-    frames_whole, seconds_whole : int and float, or None
-        The same where every frame is judged at once.
-    stages_ms : dict
-        Times of each stage.
-    """
+    """Times of a sequence, in milliseconds."""
 
     name: str
+    #: Time of each frame before the one that hands over the map.
     waiting_ms: list[float] = field(default_factory=list)
+    #: Time of the frame that hands over the map; None without one.
     handover_ms: float | None = None
+    #: frames, seconds: Frames and seconds until the map, for a camera whose frames wait in a queue; None without a
+    #: map.
     frames: int | None = None
     seconds: float | None = None
+    #: frames_whole, seconds_whole: The same where every frame is judged at once.
     frames_whole: int | None = None
     seconds_whole: float | None = None
+    #: Times of each stage.
     stages_ms: dict[str, StageTimes] = field(default_factory=dict)
 
 
 def measure(name: str, source: Source, max_frames: int | None = None) -> Frames:
-    """Measure a sequence.
-
-    Parameters
-    ----------
-    name : str
-    source : Source
-        With a calibration.
-    max_frames : int, optional
-        Largest number of frames; by default all.
-
-    Returns
-    -------
-    Frames
-    """
+    """Measure a sequence."""
     from slam_init.config import REALTIME_WORK, Config
     from slam_init.initializer import Initializer
 
@@ -109,19 +85,7 @@ def _queued_s(arrivals_s: Sequence[float], times_ms: Sequence[float]) -> float:
 
 
 def frames_table(measured: Sequence[Frames], flow_ms: float) -> str:
-    """The table of the frames.
-
-    Parameters
-    ----------
-    measured : sequence of Frames
-    flow_ms : float
-        Time of the fixed piece of work.
-
-    Returns
-    -------
-    str
-        In markdown.
-    """
+    """The table of the frames."""
     import numpy as np
 
     from slam_init.output.tables import markdown_table, number
@@ -144,17 +108,7 @@ def frames_table(measured: Sequence[Frames], flow_ms: float) -> str:
 
 
 def stages_table(measured: Sequence[Frames]) -> str:
-    """The table of the stages.
-
-    Parameters
-    ----------
-    measured : sequence of Frames
-
-    Returns
-    -------
-    str
-        In markdown.
-    """
+    """The table of the stages."""
     from slam_init.output.tables import markdown_table
 
     stages = list(dict.fromkeys(stage for one in measured for stage in one.stages_ms))

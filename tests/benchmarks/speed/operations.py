@@ -15,15 +15,6 @@ from slam_init.types.arrays import Bools, Ints
 from slam_init.types.camera import Camera
 from tests.benchmarks.speed.roofline import Stage, measure_stage
 
-__all__ = [
-    "bundle_operations",
-    "elimination_operations",
-    "flow_operations",
-    "measured_stages",
-    "scoring_operations",
-    "window_operations",
-]
-
 #: The projection of a point by a radial-tangential lens with its derivatives by the point and by k1: x, y (2), the
 #: radius (3), radial factor and slope (14), distorted point (20), its derivatives (26), scale (2), pixel (4),
 #: derivatives by k1 (4) and by the point (18).
@@ -57,14 +48,9 @@ def window_operations(seen: Bools, anchor: Ints, lens: int) -> float:
 
     Each track adds its point (21), its tangents (10) and the inverse of its 3x3 equations (45).
 
-    Parameters
-    ----------
-    seen : (V, T) bool
-        Which view sees which track.
-    anchor : (T,) int
-        First view of a track; negative for a track that is left out.
-    lens : int
-        Unknowns of the lens.
+    Shapes: ``seen`` (V, T), ``anchor`` (T,).
+
+    * ``anchor``: First view of a track; negative for a track that is left out.
     """
     view, track = np.nonzero(seen & (anchor >= 0))
     others = view != anchor[track]
@@ -121,17 +107,7 @@ def bundle_operations(views: int, landmarks: int) -> float:
 
 
 def measured_stages(calls: int = 15) -> list[Stage]:
-    """Measure the stages, each on typical input.
-
-    Parameters
-    ----------
-    calls : int
-        Of each stage; the fastest counts.
-
-    Returns
-    -------
-    list of Stage
-    """
+    """Measure the stages, each on typical input."""
     return [*_window(calls), _bundle(calls), _scoring(calls), _flow(calls)]
 
 

@@ -13,22 +13,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from slam_init.types.frame import Source
 
-__all__ = ["prices_table"]
-
 
 def prices_table(sources: Sequence[tuple[str, Source]], max_frames: int | None = None) -> str:
     """What the parts of a judgement announce and what they take, over some sequences.
 
-    Parameters
-    ----------
-    sources : sequence of (str, Source)
-    max_frames : int, optional
-        Of each sequence.
-
-    Returns
-    -------
-    str
-        In markdown.
+    Shapes: ``sources`` (str, Source).
     """
     import numpy as np
 

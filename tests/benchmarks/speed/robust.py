@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from tests.benchmarks.quest.robust_methods import Floats
 
-__all__ = ["estimates_table", "robust_table"]
-
 #: Matches and outliers of the drawn scenes.
 _CASES = ((100, 0.2), (1000, 0.2), (1000, 0.5), (1000, 0.7), (5000, 0.5))
 _OURS, _THEIRS = "quest", "PoseLib min 100"
@@ -31,17 +29,7 @@ _LEAST_MATCHES = 10
 def robust_table(repetitions: int, data: Path) -> str:
     """Measure both estimators.
 
-    Parameters
-    ----------
-    repetitions : int
-        Scenes of each case.
-    data : Path
-        Folder of the real data.
-
-    Returns
-    -------
-    str
-        In markdown; a line that tells what is missing where PoseLib is not installed.
+    * Returns: In markdown; a line that tells what is missing where PoseLib is not installed.
     """
     from importlib.util import find_spec
 
@@ -70,15 +58,8 @@ def robust_table(repetitions: int, data: Path) -> str:
 def estimates_table(cases: Mapping[str, Mapping[str, Sequence[float]]]) -> str:
     """The table of the estimates.
 
-    Parameters
-    ----------
-    cases : mapping of str to (mapping of str to sequence of float)
-        Times in milliseconds by case and estimator: first that of this project, then the other.
-
-    Returns
-    -------
-    str
-        In markdown. The ratios are those of the medians and of the 99th percentiles.
+    * ``cases``: Times in milliseconds by case and estimator: first that of this project, then the other.
+    * Returns: In markdown. The ratios are those of the medians and of the 99th percentiles.
     """
     import numpy as np
 

@@ -21,8 +21,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from slam_init.types.arrays import Floats
 
-__all__ = ["Limits", "Stage", "measure_limits", "measure_stage", "roofline_table"]
-
 #: Side of the matrices: their product takes 0.27 billion operations in 6 MB, beyond the caches of a core's own.
 _SIDE = 512
 #: Bytes of source and target of the copies: they fit the first cache of a core (32 KiB or more), the second one (1 MiB
@@ -32,17 +30,11 @@ _COPIES = (1 << 15, 1 << 20, 1 << 24, 1 << 28)
 
 @dataclass(frozen=True)
 class Limits:
-    """What the core can do.
+    """What the core can do."""
 
-    Attributes
-    ----------
-    operations : float
-        Floating-point operations in a second (64 bits).
-    bandwidths : dict of int to float
-        Bytes that are read and written in a second, by the size of what is read and written, in bytes and ascending.
-    """
-
+    #: Floating-point operations in a second (64 bits).
     operations: float
+    #: Bytes that are read and written in a second, by the size of what is read and written, in bytes and ascending.
     bandwidths: dict[int, float]
 
     def bandwidth(self, touched: float) -> float:
@@ -52,23 +44,15 @@ class Limits:
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage that was measured.
-
-    Attributes
-    ----------
-    name : str
-    size : str
-        What it was measured on.
-    operations, bytes : float
-        Operations of one call, and memory that it touches.
-    ms : float
-        CPU time of a call.
-    """
+    """A stage that was measured."""
 
     name: str
+    #: What it was measured on.
     size: str
+    #: operations, bytes: Operations of one call, and memory that it touches.
     operations: float
     bytes: float
+    #: CPU time of a call.
     ms: float
 
     def least_ms(self, limits: Limits) -> float:
@@ -115,20 +99,7 @@ def measure_stage(
 
 
 def roofline_table(stages: Sequence[Stage], limits: Limits, flow_ms: float) -> str:
-    """The table of the stages.
-
-    Parameters
-    ----------
-    stages : sequence of Stage
-    limits : Limits
-    flow_ms : float
-        CPU time of the fixed piece of work.
-
-    Returns
-    -------
-    str
-        In markdown, with a line about the core.
-    """
+    """The table of the stages."""
     from slam_init.output.tables import markdown_table, number
 
     rows = []

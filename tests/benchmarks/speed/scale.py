@@ -28,17 +28,6 @@ from slam_init.initializer import Initializer
 from slam_init.output.tables import markdown_table, number
 from tests.benchmarks.simulated_cluster import SimulatedCluster, simulated_sources
 
-__all__ = [
-    "Overhead",
-    "Waiting",
-    "measure_processes",
-    "measure_simulated",
-    "measure_waiting",
-    "overhead_table",
-    "processes_table",
-    "waiting_table",
-]
-
 #: The worlds of the wait. The tracks of some frames are shown forth and back.
 _WORLDS = ("points:static", "points:rotation")
 _METHODS = ("quest", "stella")
@@ -55,22 +44,14 @@ _SIMULATED = (
 
 @dataclass(frozen=True)
 class Waiting:
-    """The first and the last tenth of a wait.
-
-    Attributes
-    ----------
-    name : str
-    frames : int
-    median_ms, p99_ms : (float, float)
-        CPU time of a frame.
-    memory_mb : (float, float)
-        Resident memory at the end of each of them.
-    """
+    """The first and the last tenth of a wait."""
 
     name: str
     frames: int
+    #: median_ms, p99_ms: (float, float) CPU time of a frame.
     median_ms: tuple[float, float]
     p99_ms: tuple[float, float]
+    #: (float, float) Resident memory at the end of each of them.
     memory_mb: tuple[float, float]
 
 
@@ -119,34 +100,23 @@ def waiting_table(measured: Sequence[Waiting], flow_ms: float) -> str:
 
 @dataclass(frozen=True)
 class Overhead:
-    """A comparison on simulated workers.
-
-    Attributes
-    ----------
-    sources, trials, workers, largest_batch : int
-    loop_ms : float
-        CPU time of the scheduler for a trial, from the first submission to the last answer, with the journal.
-    tables_ms : float
-        The same for all before and after: plan, result files, report.
-    memory_mb : float or None
-        Largest memory that Python held at a time for the comparison; None where it was not measured.
-    open_trials : int
-        Largest number of trials that were submitted and had not ended.
-    busy : float
-        Share of the virtual time in which a worker works, in the mean.
-    tracking : float
-        Share of the work that goes into tracks, which each worker makes for each source that it gets.
-    """
+    """A comparison on simulated workers."""
 
     sources: int
     trials: int
     workers: int
     largest_batch: int
+    #: CPU time of the scheduler for a trial, from the first submission to the last answer, with the journal.
     loop_ms: float
+    #: The same for all before and after: plan, result files, report.
     tables_ms: float
+    #: Largest memory that Python held at a time for the comparison; None where it was not measured.
     memory_mb: float | None
+    #: Largest number of trials that were submitted and had not ended.
     open_trials: int
+    #: Share of the virtual time in which a worker works, in the mean.
     busy: float
+    #: Share of the work that goes into tracks, which each worker makes for each source that it gets.
     tracking: float
 
 

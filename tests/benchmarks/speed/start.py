@@ -16,8 +16,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["Start", "measure_start", "start_table"]
-
 _IMPORT = "import slam_init"
 #: The first pose: one estimate of a drawn scene with 500 matches. Loading numpy and drawing the scene are part of it.
 _POSE = """
@@ -32,33 +30,16 @@ _WORLD = "synth:room"
 
 @dataclass(frozen=True)
 class Start:
-    """Times of a process.
+    """Times of a process."""
 
-    Attributes
-    ----------
-    wall_s : float
-        From its start to its end.
-    cpu_s : float
-        CPU time of the process and of its children.
-    """
-
+    #: From its start to its end.
     wall_s: float
+    #: CPU time of the process and of its children.
     cpu_s: float
 
 
 def measure_start(repetitions: int) -> dict[str, list[Start]]:
-    """Measure the starts.
-
-    Parameters
-    ----------
-    repetitions : int
-        Processes of each kind; one process without machine code.
-
-    Returns
-    -------
-    dict of str to list of Start
-        By the kind of the process.
-    """
+    """Measure the starts."""
     found: dict[str, list[Start]] = {}
     with tempfile.TemporaryDirectory() as folder:
         environment = {"NUMBA_CACHE_DIR": str(Path(folder) / "code")}
@@ -85,19 +66,7 @@ def _process(arguments: Sequence[str], environment: Mapping[str, str]) -> Start:
 
 
 def start_table(starts: Mapping[str, Sequence[Start]], flow_ms: float) -> str:
-    """The table of the starts.
-
-    Parameters
-    ----------
-    starts : mapping of str to sequence of Start
-    flow_ms : float
-        Time of the fixed piece of work.
-
-    Returns
-    -------
-    str
-        In markdown, with medians.
-    """
+    """The table of the starts."""
     from statistics import median
 
     from slam_init.output.tables import markdown_table, number

@@ -6,17 +6,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-__all__ = ["cpu_flow_ms", "cpu_ms", "flow_ms", "machine", "median_ms"]
-
 
 def flow_ms() -> float:
-    """The fixed piece of work: the flow of 400 points in an image of 640x480 pixels.
-
-    Returns
-    -------
-    float
-        Median wall time in milliseconds.
-    """
+    """The fixed piece of work: the flow of 400 points in an image of 640x480 pixels."""
     return median_ms(_flow(), 21, time.perf_counter)
 
 
@@ -60,13 +52,7 @@ def cpu_ms(work: Callable[[], object], calls: int) -> float:
 
 
 def machine() -> str:
-    """Describe the CPU model and the versions, without anything that identifies the machine.
-
-    Returns
-    -------
-    str
-        One line.
-    """
+    """Describe the CPU model and the versions, without anything that identifies the machine."""
     import platform
 
     import cv2
