@@ -18,16 +18,24 @@ from slam_init.types.frame import Frame, Observations
 
 @dataclass(frozen=True)
 class Provenance:
-    """The versions, options and input of a run."""
+    """The versions, options and input of a run.
 
-    #: Versions of Python and of the packages that a result depends on.
+    Attributes
+    ----------
+    packages : mapping of str to str
+        Versions of Python and of the packages that a result depends on.
+    command : tuple of str
+        The command line.
+    options : mapping of str to JSON
+        The resolved configuration and the options of the run.
+    input_blake2b : str
+        Hash of the calibration and of the frames that were read: pixels, names, time
+        stamps and measured rotations, in order.
+    """
+
     packages: Mapping[str, str]
-    #: The command line.
     command: tuple[str, ...]
-    #: The resolved configuration and the options of the run.
     options: Mapping[str, Json]
-    #: Hash of the calibration and of the frames that were read: pixels, names, time stamps and measured rotations, in
-    #: order.
     input_blake2b: str
 
 
@@ -38,7 +46,10 @@ _PACKAGES = ("slam-init", "numpy", "scipy", "opencv-python-headless", "gtsam", "
 class InputHash:
     """Hash of the frames that a run reads. Equal pixels, masks, names, time stamps and calibrations have equal hashes.
 
-    * ``camera``: The stated calibration.
+    Parameters
+    ----------
+    camera : Camera
+        The stated calibration.
     """
 
     def __init__(self, camera: Camera) -> None:

@@ -8,18 +8,25 @@ from typing import ClassVar
 
 @dataclass(frozen=True)
 class Margin:
-    """The amount by which one map explains the tracks better than another."""
+    """The amount by which one map explains the tracks better than another.
+
+    Attributes
+    ----------
+    log_likelihood : float
+        Difference of the truncated Gaussian log likelihoods, in nats; positive where the first map is better.
+    z : float
+        The same difference, in units of the standard deviation that it has by chance if both explain the tracks equally
+        well (after Vuong 1989). Each track votes by the difference of its two log likelihoods; the votes against the
+        first map tell the standard deviation (:mod:`slam_init.window.risk`).
+    z_needed : float
+        Smallest z that decides the vote. The default is exceeded by chance once in 30 000 cases.
+    """
 
     #: Smallest log likelihood that decides the vote, also if the assumed noise is wrong by a factor of two.
     LOG_LIKELIHOOD_NEEDED: ClassVar[float] = 20.0
 
-    #: Difference of the truncated Gaussian log likelihoods, in nats; positive where the first map is better.
     log_likelihood: float
-    #: The same difference, in units of the standard deviation that it has by chance if both explain the tracks
-    #: equally well (after Vuong 1989). Each track votes by the difference of its two log likelihoods; the votes
-    #: against the first map tell the standard deviation (:mod:`slam_init.window.risk`).
     z: float
-    #: Smallest z that decides the vote. The default is exceeded by chance once in 30 000 cases.
     z_needed: float = 4.0
 
     def decides(self) -> bool:
