@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from two_view_scenes import CAMERA
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.methods.models import normalize, normalizing_transform
 from slam_init.types.pose import Pose
-from tests.benchmarks.two_view_scenes import CAMERA
 
 
 def views(seed: int, count: int = 60, planar: bool = False) -> tuple[np.ndarray, np.ndarray, Pose]:

@@ -1,11 +1,10 @@
-"""The tables of the speed: robust estimates, starts, waits, comparisons."""
+"""The tables of the speed: robust estimates and starts."""
 
 import pytest
 from comparisons import table_cells
 
 from tests.benchmarks.speed.__main__ import main
 from tests.benchmarks.speed.robust import estimates_table, robust_table
-from tests.benchmarks.speed.scale import measure_waiting, overhead_table, simulate, waiting_table
 from tests.benchmarks.speed.start import Start, start_table
 
 
@@ -26,28 +25,6 @@ def test_real_pairs_that_are_absent_are_named(tmp_path):
 def test_starts_show_medians_and_the_ratio_to_the_flow():
     table = start_table({"first pose, warm": [Start(1.0, 0.5), Start(3.0, 0.7), Start(2.0, 0.6)]}, 4.0)
     assert table_cells(table) == [["first pose, warm", "3", "2.00", "0.60", "150"]]
-
-
-def test_a_wait_shows_its_first_and_its_last_tenth():
-    measured = measure_waiting(20)
-    assert [one.frames for one in measured] == [20, 20]
-    rows = table_cells(waiting_table(measured, 4.0))
-    assert [row[0] for row in rows] == ["points:static", "points:rotation"]
-
-
-def test_a_simulated_comparison_shows_the_overhead_of_a_trial():
-    measured = simulate(sources=3, every=40, workers=5, largest_batch=1)
-    assert measured.trials == 30
-    assert measured.open_trials == 10
-    assert 0 < measured.busy <= 1
-    (row,) = table_cells(overhead_table([measured]))
-    assert row[:4] == ["3", "30", "5", "1"]
-
-
-def test_the_memory_of_a_comparison_grows_by_less_than_a_kilobyte_a_trial():
-    few, many = (simulate(sources=6, every=every, workers=10, largest_batch=1) for every in (40, 2))
-    assert many.trials > 15 * few.trials
-    assert (many.memory_mb - few.memory_mb) * 2**20 < 1024 * (many.trials - few.trials)
 
 
 def test_the_program_runs_a_part_of_its_tables(capsys, tmp_path):

@@ -1,4 +1,7 @@
-"""Perform all attacks, and write their table."""
+"""Attacks that take a process or a disk of their own: performs them, and writes their table.
+
+Hostile files, folders and arguments are tests of the readers and of :mod:`slam_init.output.folder`.
+"""
 
 from __future__ import annotations
 
@@ -10,19 +13,10 @@ import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from tests.benchmarks.attacks import api, disks, outputs, processes, readers, tables, times, videos
+from tests.benchmarks.attacks import disks, processes
 from tests.benchmarks.attacks.attack import Attack, Seen
 
-_ALL = (
-    *outputs.ATTACKS,
-    *disks.ATTACKS,
-    *readers.ATTACKS,
-    *videos.ATTACKS,
-    *tables.ATTACKS,
-    *times.ATTACKS,
-    *api.ATTACKS,
-    *processes.ATTACKS,
-)
+_ALL = (*disks.ATTACKS, *processes.ATTACKS)
 
 
 def main() -> int:

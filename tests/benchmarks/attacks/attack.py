@@ -25,7 +25,7 @@ class Seen:
 class Attack:
     """One row of the table of attacks."""
 
-    #: ``command line``, ``readers``, ``API``, ``outputs`` or ``processes``.
+    #: ``outputs`` or ``processes``.
     area: str
     #: What is done, in a few words.
     name: str

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from slam_init.output.folder.marker import HOME
-from tests.benchmarks.attacks.attack import Ended, Seen, command, one_line
+from tests.benchmarks.attacks.attack import Ended, command
 
 #: A source that is read in no time, and never initializes.
 STILL = "synth:static?frames=2&width=96&height=64"
@@ -29,33 +29,10 @@ def first_run(folder: Path) -> None:
         raise RuntimeError(f"exit code {ended.code}: {ended.err}")
 
 
-def tree(folder: Path) -> dict[str, bytes | str]:
-    """Return all entries of a folder: the bytes of files, the kind of other entries."""
-    found: dict[str, bytes | str] = {}
-    for path in sorted(folder.rglob("*")):
-        name = path.relative_to(folder).as_posix()
-        if path.is_symlink():
-            found[name] = f"link to {path.readlink()}"
-        else:
-            found[name] = path.read_bytes() if path.is_file() else "no file"
-    return found
-
-
 def contents(out: Path) -> dict[str, bytes]:
     """Return the files of a folder without those of the program's hidden folder."""
     found = ((path.relative_to(out).as_posix(), path) for path in out.rglob("*") if path.is_file())
     return {name: path.read_bytes() for name, path in found if not name.startswith(f"{HOME}/")}
-
-
-def refused(folder: Path, arguments: Sequence[str], *words: str) -> Seen:
-    """Run a command that has to be refused in one line, and to leave everything as it was."""
-    before = tree(folder)
-    ended = command(*arguments, folder=folder)
-    seen = one_line(ended, 2, *words)
-    same = tree(folder) == before
-    return Seen(
-        seen.holds and same and not ended.out, seen.text + ("; nothing has changed" if same else "; FILES CHANGED")
-    )
 
 
 def verified(recording: Path) -> bool:

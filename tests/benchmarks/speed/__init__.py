@@ -8,12 +8,10 @@ prices                 what the parts of a judgement announce, and what they tak
 robust                 quest and PoseLib on the same matches, drawn and real (:mod:`.robust`)
 start                  the first pose of a process, and ``slam-init run`` (:mod:`.start`)
 roofline               operations, memory and the limit of the core, for the largest stages (:mod:`.roofline`)
-scale                  10,000 frames of waiting; comparisons with many trials and workers (:mod:`.scale`)
 =====================  ===============================================================================================
 
 Beside the times stand their ratios to a fixed piece of work of the same run: OpenCV's flow of 400 points in an image of
 640x480 pixels. The ratios of two machines, or of two states of one machine, can be compared.
-:mod:`tests.benchmarks.speed_guard` compares two commits by such ratios.
 
 All libraries run on one thread. The numerical libraries read the number of threads when they are imported, so this
 package imports them only after the program has set that number.

@@ -91,28 +91,12 @@ def _roofline(options: argparse.Namespace) -> str:
     return roofline_table(measured_stages(), measure_limits(), cpu_flow_ms())
 
 
-def _scale(options: argparse.Namespace) -> str:
-    from tests.benchmarks.speed import scale
-
-    flow = cpu_flow_ms()
-    waiting = scale.waiting_table(scale.measure_waiting(options.waiting), flow)
-    simulated = scale.overhead_table(scale.measure_simulated())
-    processes = scale.processes_table(scale.measure_processes(10))
-    return (
-        f"### Waiting\n\nThe flow took {flow:.2f} ms of CPU.\n\n{waiting}\n\n### Comparison on simulated workers\n\n"
-        f"The loop, journal and tables are those of `slam-init compare`. The workers only let virtual time pass: 1 s "
-        f"for a trial in the mean, 10 s for the tracks of a source that a worker does not have.\n\n{simulated}\n\n"
-        f"### Comparison on this machine\n\nThe start of the processes is counted.\n\n{processes}"
-    )
-
-
 #: Title and function of each part.
 _PARTS: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     "frames": ("Frames", _frames),
     "robust": ("Robust estimates", _robust),
     "start": ("Start", _start),
     "roofline": ("Limits of the core", _roofline),
-    "scale": ("Scale", _scale),
 }
 
 
@@ -126,12 +110,11 @@ def _parts(text: str) -> list[str]:
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the tables; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.speed", allow_abbrev=False)
-    parser.description = "Time frames, robust estimates, the start, the largest stages and long runs, on one thread."
+    parser.description = "Time frames, robust estimates, the start, and the largest stages, on one thread."
     parser.add_argument("--only", type=_parts, default=list(_PARTS), metavar="A,B", help=f"of {', '.join(_PARTS)}")
     parser.add_argument("--max-frames", type=positive, default=100, metavar="N", help="of a sequence (default: 100)")
     parser.add_argument("--repetitions", type=positive, default=100, metavar="N", help="of an estimate (default: 100)")
     parser.add_argument("--processes", type=positive, default=3, metavar="N", help="of a kind of start (default: 3)")
-    parser.add_argument("--waiting", type=positive, default=10_000, metavar="N", help="frames of a wait (10,000)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the tables to a file as well")
     options = parser.parse_args(argv)
     for variable in _THREADS:

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from make_model_views import estimate, views
+from two_view_scenes import CAMERA
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from slam_init.methods.models import fundamental_eight_point, homography_dlt
 from slam_init.methods.motions import CheckRule, check_motions, motions_of_essential, motions_of_homography
-from tests.benchmarks.two_view_scenes import CAMERA
 
 RULE = CheckRule(max_error_px=1e-3, distant_cos=1.0)
 

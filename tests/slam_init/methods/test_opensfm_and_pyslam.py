@@ -6,6 +6,8 @@ The counts of correct and false maps of the original programs are not known, so 
 import numpy as np
 import pytest
 from make_window import point_source
+from original_methods import count_maps
+from two_view_scenes import CAMERA, make_scene
 
 from slam_init.config import Config
 from slam_init.methods import make_initializer, make_two_view
@@ -14,8 +16,6 @@ from slam_init.methods.opensfm import OpenSfm, OpenSfmRules
 from slam_init.methods.pair_initializer import PairInitializer
 from slam_init.methods.pyslam import PySlam, PySlamRules
 from slam_init.methods.two_view import PairRule, TwoViewOutcome
-from tests.benchmarks.heuristics_fidelity import run_cell
-from tests.benchmarks.two_view_scenes import CAMERA, make_scene
 
 
 def outcome(two_view, scene):
@@ -33,7 +33,7 @@ def test_the_constants_are_those_of_the_sources():
 
 
 def test_opensfm_solves_a_general_scene_with_a_wide_baseline():
-    cell = run_cell("opensfm", "general", 0.15, scenes=4)
+    cell = count_maps("opensfm", "general", 0.15, scenes=4)
     assert (cell.correct, cell.false) == (4, 0)
 
 
@@ -49,7 +49,7 @@ def test_pyslam_solves_a_general_scene_of_many_matches_and_not_one_of_few():
 
 @pytest.mark.parametrize("name", ["opensfm", "pyslam"])
 def test_without_translation_there_is_no_map(name):
-    cell = run_cell(name, "rotation", 0.15, scenes=4)
+    cell = count_maps(name, "rotation", 0.15, scenes=4)
     assert (cell.correct, cell.false) == (0, 0)
 
 

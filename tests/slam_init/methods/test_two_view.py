@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from two_view_scenes import CAMERA, make_scene
 
 from slam_init.errors import SlamInitError
 from slam_init.methods import METHODS, make_two_view
@@ -12,7 +13,6 @@ from slam_init.methods.two_view import TwoViewOutcome, check_matches, undistorte
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import REASONS, Verdict
-from tests.benchmarks.two_view_scenes import CAMERA, make_scene
 
 TWO_VIEW = [name for name, info in METHODS.items() if info.home]
 #: COLMAP requires 16 degrees of parallax.

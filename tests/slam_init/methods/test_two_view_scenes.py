@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from two_view_scenes import CAMERA, KINDS, make_scene
 
 from slam_init.types.pose import Pose
-from tests.benchmarks.two_view_scenes import CAMERA, KINDS, make_scene
 
 #: For each kind, the first pixel of the first view and the last pixel of the second view.
 EXPECTED_PIXELS = {
