@@ -2,8 +2,9 @@
 
 In video, points are followed by Lucas-Kanade flow from frame to frame, with a forward-backward check. If the flow loses
 more than half of the tracks in one step (photographs, a cut, a fast pan), SIFT descriptors link the frame to the last
-few frames. Of flow and descriptors, the one that links more points is used. Both give the same kind of tracks: the
-modules that use the tracks do not know their origin.
+few frames, if they link more points than the flow. The tracks that the flow kept go on beside the new ones where the
+descriptors confirm the flow (:func:`confirmed_by`): a map whose landmarks they show is not lost at such a frame. Both
+give the same kind of tracks: the modules that use the tracks do not know their origin.
 
 Descriptors take 100 to 360 ms. A video whose frames must not wait is linked by the flow alone (see
 :meth:`Tracker.track`).
@@ -27,7 +28,7 @@ from slam_init.frontend.conventions import check_lengths
 from slam_init.frontend.flow import Drift, Exposure, flow
 from slam_init.frontend.masking import Trackable
 from slam_init.frontend.sift import detect_sift, match_descriptors
-from slam_init.types.arrays import Floats, Image, Ints, evenly_spaced
+from slam_init.types.arrays import Bools, Floats, Image, Ints, evenly_spaced
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
@@ -36,6 +37,10 @@ from slam_init.types.frame import Frame, Observations
 #: a half, a quarter, ...: detection takes 4 ms in 640x480 pixels and 11 in 1280x720. Images of 640x480 pixels are not
 #: reduced: in the half of them, a corridor with little texture gave 127 landmarks and not 191.
 _LARGEST_TO_DETECT = 400_000
+#: The flow of a track agrees with descriptors where it lies among those of so many neighbours, which span the depths
+#: around the track. The flow of a frame is trusted where two thirds of its tracks agree: in 4 links of a driving car 86
+#: to 93 %, of which 98 % are right by the true motion; in 6 links of photographs whose flow is wrong 16 to 59 %.
+_NEIGHBOURS, _LEAST_CONFIRMED = 4, 2 / 3
 
 
 def common_tracks(a: Observations, b: Observations) -> tuple[Ints, Ints]:
@@ -236,15 +241,15 @@ class Tracker:
         if by_flow_alone and len(self._last) > self._config.max_tracks:  # after photographs
             self._last = self._last.at(evenly_spaced(len(self._last), self._config.max_tracks))
         followed = flow(self._last_gray, gray, self._last.pixels, self._config)
-        kept, moved = followed.kept, followed.pixels
+        kept, moved, known_ids = followed.kept, followed.pixels, self._last.track_ids
         if self._trackable is not None:
             kept = kept & self._trackable.patches_are_clear(moved)
         self._step_px = followed.step_px
-        self._drift.follow(self._last.track_ids[kept], followed.covariances[kept])
         self._exposure_s = self._exposure.take(followed.trail, frame.timestamp_s - self._last.timestamp_s)
         survived = kept.sum() >= self._config.flow_survival * len(self._last) and kept.any()
         if survived or by_flow_alone:
-            return self._last.track_ids[kept], moved[kept], False
+            self._drift.follow(known_ids[kept], followed.covariances[kept])
+            return known_ids[kept], moved[kept], False
         sift = self._detect_sift(frame.index, gray, self._trackable)
         if not self._sift_frames or self._sift_frames[-1].frame != self._last.frame:
             # The last frame was linked by flow, or not at all. Its keypoints are the first to match with.
@@ -254,14 +259,29 @@ class Tracker:
             (old, *match_descriptors(old.descriptors, sift.descriptors, self._config.sift_ratio))
             for old in self._sift_frames
         ]
-        if len(matches[-1][1]) <= kept.sum():
-            return self._last.track_ids[kept], moved[kept], False
-        self._drift, self._step_px = Drift(), 0.0
+        last, i_last, i_now = matches[-1]
+        if len(i_last) <= kept.sum():
+            self._drift.follow(known_ids[kept], followed.covariances[kept])
+            return known_ids[kept], moved[kept], False
         for old, i_old, i_new in reversed(matches):
             self._join(old, sift, i_old, i_new)
         self._sift_frames.append(sift)
-        linked = sift.track_ids >= 0
-        return sift.track_ids[linked], sift.pixels[linked], True
+        self._step_px = 0.0
+        kept[kept] = confirmed_by(
+            last.pixels[i_last], sift.pixels[i_now], self._last.pixels[kept], moved[kept],
+            self._config.forward_backward_px,
+        )  # fmt: skip
+        kept &= ~np.isin(known_ids, sift.track_ids)
+        self._drift.follow(known_ids[kept], followed.covariances[kept])
+        # Of two tracks that meet in one place only that of the flow is kept, as it is the older one.
+        linked = np.flatnonzero(sift.track_ids >= 0)
+        pixels = np.concatenate([moved[kept], sift.pixels[linked]])
+        ids = np.concatenate([known_ids[kept], sift.track_ids[linked]])
+        single = np.ones(len(ids), bool)
+        if kept.any():
+            squares = np.sum((sift.pixels[linked][:, None] - moved[kept][None]) ** 2, axis=2)
+            single[kept.sum() :] = squares.min(axis=1) > (0.5 * self._config.min_distance * gray.shape[1]) ** 2
+        return ids[single], pixels[single], True
 
     def _detect(self, gray: Image, occupied: Floats, count: int, largest: int) -> Floats:
         """Up to ``count`` corners (n, 2) at a distance from the occupied pixels; in an image of so many pixels."""
@@ -305,7 +325,8 @@ class Tracker:
 
     def _add_to_history(self, frame: int, ids: Ints, pixels: Floats) -> None:
         known = self.history[frame]
-        seen = np.isfinite(self._camera.bearings(pixels)).all(axis=1)
+        # The flow may have continued a track into this frame already.
+        seen = np.isfinite(self._camera.bearings(pixels)).all(axis=1) & ~np.isin(ids, known.track_ids)
         ids, pixels = ids[seen], pixels[seen]
         all_ids = np.concatenate([known.track_ids, ids])
         order = np.argsort(all_ids)
@@ -327,6 +348,24 @@ class Tracker:
         ids = np.arange(self._next_id, self._next_id + count, dtype=np.int64)
         self._next_id += count
         return ids
+
+
+def confirmed_by(old: Floats, new: Floats, before: Floats, after: Floats, tolerance_px: float) -> Bools:
+    """Which points the flow has moved as matches around them moved; none where it is not to be trusted.
+
+    Shapes: ``old, new`` (M, 2), ``before, after`` (N, 2), returns (N,).
+
+    * ``old, new``: Matches by descriptors.
+    * ``before, after``: Points, and where the flow put them.
+    """
+    if len(old) < _NEIGHBOURS or not len(before):
+        return np.zeros(len(before), bool)
+    squares = np.sum((before[:, None] - old[None]) ** 2, axis=2)
+    around = (new - old)[np.argpartition(squares, _NEIGHBOURS - 1, axis=1)[:, :_NEIGHBOURS]]
+    low, high = around.min(axis=1) - tolerance_px, around.max(axis=1) + tolerance_px
+    moved = after - before
+    agrees = ((low <= moved) & (moved <= high)).all(axis=1)
+    return np.asarray(agrees & (agrees.mean() >= _LEAST_CONFIRMED))
 
 
 def _colors_at(image: Image, pixels: Floats) -> Image:

@@ -8,7 +8,7 @@ import pytest
 from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
-from slam_init.frontend.tracks import History, Tracker, common_tracks
+from slam_init.frontend.tracks import History, Tracker, common_tracks, confirmed_by
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 
@@ -117,6 +117,34 @@ def test_a_link_by_descriptors_adds_tracks_to_the_frames_before():
     moved = displacement(enriched, tracker.history[1])
     assert len(moved) >= 30
     assert np.mean(np.linalg.norm(moved - (-130, 0), axis=1) < 1.0) > 0.9
+
+
+def test_the_tracks_that_the_flow_kept_go_on_over_a_link_by_descriptors():
+    """A part of the view jumps by half an image, the rest moves by a few pixels: the flow keeps the rest."""
+    (first,), (near,), (far,) = look((100, 60)), look((106, 60)), look((230, 60))
+    image = far.image.copy()
+    image[:, :140] = near.image[:, :140]
+    tracker, (seen, linked) = follow([first, replace(far, index=1, image=image)])
+    a, b = common_tracks(seen, linked)  # without the tracks that the link added to the first frame
+    assert len(a) > 0.2 * len(seen)
+    assert np.mean(np.linalg.norm(linked.pixels[b] - seen.pixels[a] - (-6, 0), axis=1) < 1.0) > 0.95
+    i, j = common_tracks(tracker.history[0], linked)
+    jumped = linked.pixels[j] - tracker.history[0].pixels[i]
+    assert np.sum(np.linalg.norm(jumped - (-130, 0), axis=1) < 1.0) >= 20
+    assert (np.diff(linked.track_ids) > 0).all()
+
+
+def test_the_flow_is_confirmed_by_matches_that_move_alike_and_not_trusted_where_few_agree():
+    rng = np.random.default_rng(0)
+    old = rng.uniform(0, 300, (60, 2))
+    before = rng.uniform(20, 280, (40, 2))
+    right = before + (5.0, -3.0)
+    assert confirmed_by(old, old + (5.0, -3.0), before, right, 0.7).all()
+    some = right + np.where(np.arange(40) < 10, 4.0, 0.0)[:, None]
+    np.testing.assert_array_equal(confirmed_by(old, old + (5.0, -3.0), before, some, 0.7), np.arange(40) >= 10)
+    most = right + np.where(np.arange(40) < 20, 4.0, 0.0)[:, None]
+    assert not confirmed_by(old, old + (5.0, -3.0), before, most, 0.7).any()
+    assert not confirmed_by(old[:3], old[:3] + (5.0, -3.0), before, right, 0.7).any()
 
 
 def test_a_frame_that_must_not_wait_is_linked_by_flow_alone(monkeypatch):
