@@ -138,13 +138,14 @@ def test_the_flow_is_confirmed_by_matches_that_move_alike_and_not_trusted_where_
     rng = np.random.default_rng(0)
     old = rng.uniform(0, 300, (60, 2))
     before = rng.uniform(20, 280, (40, 2))
-    right = before + (5.0, -3.0)
-    assert confirmed_by(old, old + (5.0, -3.0), before, right, 0.7).all()
+    step = np.array([5.0, -3.0])
+    right = before + step
+    assert confirmed_by(old, old + step, before, right, 0.7).all()
     some = right + np.where(np.arange(40) < 10, 4.0, 0.0)[:, None]
-    np.testing.assert_array_equal(confirmed_by(old, old + (5.0, -3.0), before, some, 0.7), np.arange(40) >= 10)
+    np.testing.assert_array_equal(confirmed_by(old, old + step, before, some, 0.7), np.arange(40) >= 10)
     most = right + np.where(np.arange(40) < 20, 4.0, 0.0)[:, None]
-    assert not confirmed_by(old, old + (5.0, -3.0), before, most, 0.7).any()
-    assert not confirmed_by(old[:3], old[:3] + (5.0, -3.0), before, right, 0.7).any()
+    assert not confirmed_by(old, old + step, before, most, 0.7).any()
+    assert not confirmed_by(old[:3], old[:3] + step, before, right, 0.7).any()
 
 
 def test_a_frame_that_must_not_wait_is_linked_by_flow_alone(monkeypatch):
