@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of
+from slam_init.datasets.image_files import check_size, frame_range
 from slam_init.datasets.timed import TimedSource
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
@@ -55,3 +56,30 @@ class DerivedSource:
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Give the frames of the source."""
         yield from self.source.frames(start, max_frames)
+
+
+@dataclass(frozen=True, eq=False)
+class RestatedSource:
+    """The frames of a source with another statement of their times, their calibration and their truth."""
+
+    source: TimedSource
+    name: str
+    kind: str
+    camera: Camera | None
+    #: (N,) In seconds, strictly increasing; the frames after the last stamp are left out.
+    timestamps_s: Floats
+    groundtruth: Trajectory | None
+    #: What the user should know, for example the unit of the stamps.
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.timestamps_s)
+
+    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
+        """Give the frames of the source in order, with these times."""
+        wanted = frame_range(len(self), start, max_frames, self.name)
+        expected = None if self.camera is None else (self.camera.width, self.camera.height)
+        for frame in self.source.frames(start, len(wanted)):
+            if expected is not None:
+                check_size(f"{self.name}, frame {frame.index}", frame.image.shape[1::-1], expected, "the camera")
+            yield replace(frame, timestamp_s=float(self.timestamps_s[frame.index]))

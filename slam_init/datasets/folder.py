@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.datasets.image_files import ImageFileSource, list_images, stored_camera
+from slam_init.datasets.image_files import ImageFileSource, holds_image, list_images, stored_camera
 from slam_init.datasets.stamps import image_times
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats
@@ -22,6 +22,11 @@ def find_images(folder: str | os.PathLike[str]) -> list[Path]:
     """List the images of a folder, or of its subfolder ``images`` if the folder itself holds none."""
     folder = Path(folder)
     return list_images(folder) or (list_images(folder / "images") if (folder / "images").is_dir() else [])
+
+
+def holds_images(folder: Path) -> bool:
+    """Tell whether a folder, or its subfolder ``images``, holds an image."""
+    return holds_image(folder) or ((folder / "images").is_dir() and holds_image(folder / "images"))
 
 
 def open_folder(folder: str | os.PathLike[str]) -> ImageFileSource:

@@ -54,6 +54,13 @@ def list_images(folder: str | os.PathLike[str]) -> list[Path]:
     return [Path(folder, name) for name in sorted(names, key=natural_key)]
 
 
+def images_of(folder: Path) -> list[Path]:
+    """List the image files of a folder that holds at least one."""
+    if paths := list_images(folder):
+        return paths
+    raise SourceError(f"{folder}: holds no image")
+
+
 def holds_image(folder: str | os.PathLike[str]) -> bool:
     """Tell whether a folder holds an image; faster than to list all of them."""
     return next(_image_names(folder), None) is not None
@@ -142,6 +149,15 @@ def _check_header(name: str, data: bytes) -> None:
         )
 
 
+def image_size(path: str | os.PathLike[str], root: str | os.PathLike[str]) -> tuple[int, int]:
+    """Read the width and height of an image, in pixels.
+
+    * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
+    """
+    height, width = read_image(path, root).shape[:2]
+    return width, height
+
+
 def check_size(what: str, size: tuple[int, int], expected: tuple[int, int], of: str) -> None:
     """Check that an image has the expected size.
 
@@ -172,8 +188,7 @@ def stored_camera(folder: str | os.PathLike[str], first_image: str | os.PathLike
     if not path.is_file():
         return None
     check_inside(path, folder)
-    height, width = read_image(first_image, folder).shape[:2]
-    return load_camera(path, (width, height))
+    return load_camera(path, image_size(first_image, folder))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,27 +1,33 @@
-"""Sources of images whose poses, and perhaps calibrations, are known one by one.
+"""Makes the source of a sequence of images from what its data set states of them.
 
-The formats of photogrammetry and of rendering state no times. Their images are photographs, or few frames of a video:
-they are put in the natural order of their names, one a second. At the rate of a video, a rolling shutter would be
-looked for in them. The poses of the formats have several conventions of the camera axes;
-here they are converted to those of this project: x right, y down, z forward.
+Each reader of a layout lists its images, and for each image the time stamp, the calibration and the true pose as far as
+the files state them. :func:`image_sequence` checks these and makes the source. The poses of the layouts have several
+conventions of the camera axes; :func:`with_axes` converts them to those of this project: x right, y down, z forward.
+
+Photographs and rendered images have no times. :func:`photographs` puts them in the natural order of their names, one a
+second. At the rate of a video, a rolling shutter would be looked for in them.
 """
 
 from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
 
+from slam_init.datasets.gyroscope import Gyroscope
 from slam_init.datasets.image_files import MAX_FRAMES, ImageFileSource, natural_key
+from slam_init.datasets.stamps import image_times, truth_on_clock
 from slam_init.datasets.text import trajectory
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
-from slam_init.types.pose import Pose
+from slam_init.types.pose import Pose, Trajectory
+from slam_init.types.time_stamps import TimeUnit
 
 #: Nominal rate of images without times.
 PHOTO_RATE_HZ = 1.0
@@ -30,22 +36,99 @@ PHOTO_RATE_HZ = 1.0
 # The focal length of a telephone that focuses changes by less.
 _MAX_SHIFT = 0.01
 
-#: Axes of an OpenGL camera (x right, y up, z backward) in a camera of this project; the matrix is its own inverse.
-_FLIP = np.diag([1.0, -1.0, -1.0])
+#: Camera axes by name, as columns in those of this project (right, down, forward).
+AXES: dict[str, Floats] = {
+    "right, up, backward": np.diag([1.0, -1.0, -1.0]),  # OpenGL
+    "forward, right, down": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),  # aircraft
+    "down, right, backward": np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),  # LLFF
+}
+
+
+def with_axes(world_from_cam: Pose, axes: str) -> Pose:
+    """Convert the pose of a camera whose axes are a key of :data:`AXES`."""
+    return Pose(world_from_cam.R @ AXES[axes].T, world_from_cam.t)
 
 
 @dataclass(frozen=True, eq=False)
 class PosedImage:
-    """An image with what a data set knows about it."""
+    """A photograph with what a data set knows about it."""
 
     path: Path
     world_from_cam: Pose | None = None
     camera: Camera | None = None
 
 
-def from_opengl(world_from_gl: Pose) -> Pose:
-    """Convert the pose of an OpenGL camera, which looks along its negative z axis."""
-    return Pose(world_from_gl.R @ _FLIP, world_from_gl.t)
+def image_sequence(
+    kind: str,
+    root: Path,
+    paths: Sequence[Path],
+    *,
+    name: str | None = None,
+    stamps: Sequence[tuple[str, float]] = (),
+    unit: TimeUnit = TimeUnit.SECONDS,
+    rate_hz: float = PHOTO_RATE_HZ,
+    camera: Camera | None = None,
+    cameras: Sequence[Camera | None] = (),
+    poses: Sequence[Pose | None] = (),
+    truth: Trajectory | None = None,
+    truth_unit: TimeUnit = TimeUnit.SECONDS,
+    notes: tuple[str, ...] = (),
+    imu: Callable[[], Gyroscope] | None = None,
+) -> ImageFileSource:
+    """Make a source of images in the order of their times.
+
+    * ``root``: The folder that no image may lie outside of.
+    * ``stamps``: The time stamp of each image with its place for messages, in ``unit``. Without them the images have
+      the nominal rate.
+    * ``cameras``: The calibration of each image. Images of another camera are left out.
+    * ``poses``: The true pose of each image, where it is known.
+    * ``truth``: True poses with stamps of their own, in ``truth_unit``.
+    """
+    if cameras:
+        camera, kept, camera_notes = common_camera(cameras, str(root))
+        paths, stamps, poses = list(compress(paths, kept)), list(compress(stamps, kept)), list(compress(poses, kept))
+        notes = (*notes, *camera_notes)
+    timestamps_s, time_notes = np.arange(len(paths)) / rate_hz, tuple[str, ...]()
+    if stamps:
+        timestamps_s, time_notes = image_times([stamp for _, stamp in stamps], [place for place, _ in stamps], unit)
+    truth, truth_notes = truth_on_clock(truth, timestamps_s, truth_unit)
+    if poses:
+        stamped = zip(timestamps_s.tolist(), poses, strict=True)
+        truth = trajectory([(time_s, pose) for time_s, pose in stamped if pose is not None])
+    return ImageFileSource(
+        root.resolve().name if name is None else name,
+        kind,
+        tuple(paths),
+        timestamps_s,
+        camera,
+        truth,
+        (*time_notes, *notes, *truth_notes),
+        root,
+        imu,
+    )
+
+
+def photographs(kind: str, root: Path, images: Sequence[PosedImage]) -> ImageFileSource:
+    """Make a source of posed images without times.
+
+    Images that the folder does not hold are left out, since data sets are often passed on in part.
+    """
+    if len(images) > MAX_FRAMES:
+        raise SourceError(f"{root}: lists more than {MAX_FRAMES} images: split it")
+    there = sorted(
+        (image for image in images if image.path.is_file()), key=lambda image: natural_key(image.path.as_posix())
+    )
+    if not there:
+        listed = f", for example {os.path.relpath(images[0].path, root)}" if images else ""
+        raise SourceError(f"{root}: holds none of the {len(images)} images that its {kind} lists{listed}")
+    paths = [image.path for image in there]
+    twice = next((path for path, count in Counter(paths).items() if count > 1), None)
+    if twice is not None:
+        raise SourceError(f"{root}: its {kind} lists {os.path.relpath(twice, root)} twice")
+    missing = len(images) - len(paths)
+    notes = (f"{missing} of {len(images)} listed images are not in the folder",) if missing else ()
+    cameras, poses = [image.camera for image in there], [image.world_from_cam for image in there]
+    return image_sequence(kind, root, paths, cameras=cameras, poses=poses, notes=notes)
 
 
 def common_camera(cameras: Sequence[Camera | None], what: str) -> tuple[Camera | None, list[bool], tuple[str, ...]]:
@@ -92,31 +175,3 @@ def _largest_shift_px(camera: Camera, other: Camera) -> float:
     shift = np.linalg.norm(other.project(camera.bearings(pixels)) - pixels, axis=1)
     seen = shift[np.isfinite(shift)]
     return float(seen.max()) if len(seen) else np.inf
-
-
-def posed_source(name: str, kind: str, images: Sequence[PosedImage], root: Path) -> ImageFileSource:
-    """Make a source of posed images without times.
-
-    Images that the folder does not hold are left out, since data sets are often passed on in part.
-    """
-    if len(images) > MAX_FRAMES:
-        raise SourceError(f"{root}: lists more than {MAX_FRAMES} images: split it")
-    there = sorted(
-        (image for image in images if image.path.is_file()), key=lambda image: natural_key(image.path.as_posix())
-    )
-    if not there:
-        listed = f", for example {os.path.relpath(images[0].path, root)}" if images else ""
-        raise SourceError(f"{root}: holds none of the {len(images)} images that its {kind} lists{listed}")
-    paths = [image.path for image in there]
-    twice = next((path for path, count in Counter(paths).items() if count > 1), None)
-    if twice is not None:
-        raise SourceError(f"{root}: its {kind} lists {os.path.relpath(twice, root)} twice")
-    camera, kept, notes = common_camera([image.camera for image in there], str(root))
-    there = [image for image, keep in zip(there, kept, strict=True) if keep]
-    if len(paths) < len(images):
-        notes = (f"{len(images) - len(paths)} of {len(images)} listed images are not in the folder", *notes)
-    timestamps_s = np.arange(len(there)) / PHOTO_RATE_HZ
-    stamped = zip(timestamps_s.tolist(), (image.world_from_cam for image in there), strict=True)
-    truth = trajectory([(time_s, pose) for time_s, pose in stamped if pose is not None])
-    kept_paths = tuple(image.path for image in there)
-    return ImageFileSource(name, kind, kept_paths, timestamps_s, camera, truth, notes, root)

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from quest.geometry.quaternion import quaternion_from_matrix
-from slam_init.errors import SourceError
+from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose, Trajectory
 
 #: The place of a line for error messages (``file:line``), and its text.
@@ -114,16 +116,68 @@ def _position(place: str, t: Floats) -> Floats:
     return t
 
 
-def read_tum_trajectory(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Trajectory | None:
-    """Read a trajectory in the format of TUM RGB-D: lines of ``timestamp tx ty tz qx qy qz qw``.
+@dataclass(frozen=True, eq=False)
+class PoseRow:
+    """A line of a table of poses."""
+
+    #: The line, for messages.
+    row: Row
+    #: Its numbers by the names of the columns.
+    values: dict[str, float]
+    pose: Pose
+
+
+def read_poses(path: str | os.PathLike[str], root: str | os.PathLike[str] | None, columns: str) -> Iterator[PoseRow]:
+    """Read a table of poses whose columns are separated by commas or white space.
+
+    * ``columns``: Their names. Those of the pose are ``tx ty tz`` and ``qw qx qy qz``, in any order. Further columns
+      are ignored, and a line of names is skipped.
+    """
+    names = columns.split()
+    for row in read_rows(path, root):
+        if not row[1].startswith(names[0]):
+            values = dict(zip(names, numbers(row, fields_of(row), len(names), columns), strict=True))
+            t, q_wxyz = [values[f"t{axis}"] for axis in "xyz"], [values[f"q{part}"] for part in "wxyz"]
+            yield PoseRow(row, values, pose_from_quaternion(row, t, q_wxyz))
+
+
+def fields_of(row: Row) -> list[str]:
+    """Split a line at its commas, or at white space where it has none."""
+    return [field.strip() for field in row[1].split(",")] if "," in row[1] else row[1].split()
+
+
+def check_count(table: str | os.PathLike[str], rows: Sequence[object], what: str, paths: Sequence[Path]) -> None:
+    """Check that a table has one row for each image.
+
+    * ``what``: The rows, for the message: ``poses``.
+    """
+    if len(rows) != len(paths):
+        where = f" in {paths[0].parent.name}" if paths else ""
+        raise SourceError(f"{table}: {len(rows)} {what} for {len(paths)} images{where}")
+
+
+def pinhole(place: str, size: tuple[int, int], fx: float, fy: float, cx: float, cy: float) -> Camera:
+    """Make the camera of the numbers of a file; the error of impossible ones names the place."""
+    try:
+        return Camera("pinhole", *size, fx, fy, cx, cy)
+    except CalibrationError as error:
+        raise CalibrationError(f"{place}: {error}") from None
+
+
+def read_trajectory(
+    path: str | os.PathLike[str],
+    root: str | os.PathLike[str] | None = None,
+    columns: str = "timestamp tx ty tz qx qy qz qw",
+    body_from_cam: Pose | None = None,
+) -> Trajectory | None:
+    """Read a trajectory; by default in the format of TUM RGB-D.
 
     * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
+    * ``columns``: See :func:`read_poses`; one of them is ``timestamp``.
+    * ``body_from_cam``: Pose of the camera in the body whose poses the file states; by default they are the same.
     * Returns: Time stamps as they stand in the file and poses world_from_cam in the unit of the file; None if the file
       holds no pose.
     """
-    stamped = []
-    for row in read_rows(path, root):
-        fields = row[1].replace(",", " ").split()
-        stamp, tx, ty, tz, qx, qy, qz, qw = numbers(row, fields, 8, "timestamp tx ty tz qx qy qz qw")
-        stamped.append((stamp, pose_from_quaternion(row, [tx, ty, tz], [qw, qx, qy, qz])))
-    return trajectory(stamped)
+    rows = read_poses(path, root, columns)
+    stamped = ((row.values["timestamp"], row.pose) for row in rows)
+    return trajectory([(stamp, pose @ body_from_cam if body_from_cam else pose) for stamp, pose in stamped])

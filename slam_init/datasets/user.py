@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from slam_init.datasets.derived import RestatedSource
 from slam_init.datasets.stamps import image_times, truth_on_clock
 from slam_init.errors import SourceError
 from slam_init.system.user_code import attribute_of
-from slam_init.types.arrays import Floats
-from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame
-from slam_init.types.pose import Trajectory
 
 if TYPE_CHECKING:
     from slam_init.datasets.timed import TimedSource
@@ -57,41 +52,5 @@ def _with_checked_times(text: str, source: TimedSource) -> TimedSource:
     if not notes:
         return source
     truth, truth_notes = truth_on_clock(source.groundtruth, times_s)
-    return ConvertedSource(source, times_s, truth, (*notes, *truth_notes))
-
-
-@dataclass(frozen=True, eq=False)
-class ConvertedSource:
-    """A source of the user whose time stamps are converted to seconds."""
-
-    #: The source of the user.
-    source: TimedSource
-    #: (N,) In seconds, strictly increasing.
-    timestamps_s: Floats
-    #: On the same clock.
-    groundtruth: Trajectory | None
-    #: The unit of the stamps, for the user.
-    notes: tuple[str, ...]
-
-    @property
-    def name(self) -> str:
-        """That of the source."""
-        return self.source.name
-
-    @property
-    def kind(self) -> str:
-        """That of the source."""
-        return self.source.kind
-
-    @property
-    def camera(self) -> Camera | None:
-        """That of the source."""
-        return self.source.camera
-
-    def __len__(self) -> int:
-        return len(self.source)
-
-    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Give the frames of the source, with times in seconds."""
-        for frame in self.source.frames(start, max_frames):
-            yield replace(frame, timestamp_s=float(self.timestamps_s[frame.index]))
+    notes = (*notes, *truth_notes)
+    return RestatedSource(source, source.name, source.kind, source.camera, times_s, truth, notes)

@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam_init.calibration.writing import camera_yaml
-from slam_init.datasets.text import read_tum_trajectory
+from slam_init.datasets.text import read_trajectory
 from slam_init.errors import OutputError, SlamInitError
 from slam_init.frontend.tracks import Tracker
 from slam_init.methods.external_command import parse_external
@@ -214,7 +214,7 @@ class ExternalInitializer:
         if not (out / _TRAJECTORY).exists():
             word = self._word(out, _REASON)
             return self._without_map(Verdict(word) if word in REASONS else Verdict.EXTERNAL_METHOD)
-        trajectory = read_tum_trajectory(out / _TRAJECTORY, out)
+        trajectory = read_trajectory(out / _TRAJECTORY, out)
         keyframes, unmatched = self._keyframes(trajectory)
         notes = [f"{self._command.label}: an external program; its map has no landmarks"]
         if unmatched:

@@ -112,6 +112,47 @@ def eth3d(folder: Path) -> Path:
     return folder
 
 
+def euroc(folder: Path) -> Path:
+    mav = folder / "MH_01" / "mav0"
+    body_from_cam = np.eye(4)
+    body_from_cam[:3, :3], body_from_cam[:3, 3] = axes("left", "down", "backward"), (0.01, 0.02, 0.03)
+    stamps = [1403636579763555584 + 50_000_000 * i for i in range(FRAMES)]
+    for i, stamp in enumerate(stamps):
+        write_spot(mav / "cam0" / "data" / f"{stamp}.png", i)
+    rows = "".join(f"{stamp},{stamp}.png\r\n" for stamp in stamps)
+    write(mav / "cam0" / "data.csv", "#timestamp [ns],filename\r\n" + rows)
+    write(
+        mav / "cam0" / "sensor.yaml",
+        f"T_BS:\n  rows: 4\n  cols: 4\n  data: [{text(body_from_cam, ', ')}]\nresolution: [64, 48]\n"
+        f"intrinsics: [{FOCAL}, {FOCAL}, {CENTRE[0]}, {CENTRE[1]}]\ndistortion_model: radial-tangential\n"
+        "distortion_coefficients: [0, 0, 0, 0]\n",
+    )
+    lines = []
+    for i, stamp in enumerate(stamps):
+        world_from_body = pose(i) @ np.linalg.inv(body_from_cam)
+        x, y, z, w = quaternion(world_from_body[:3, :3])
+        lines.append(f"{stamp},{text([*world_from_body[:3, 3], w, x, y, z], ',')},0,0\n")
+    write(mav / "state_groundtruth_estimate0" / "data.csv", "#timestamp, p_RS_R_x [m], ...\n" + "".join(lines))
+    return mav.parent
+
+
+def kitti(folder: Path) -> Path:
+    sequence = folder / "dataset" / "sequences" / "06"
+    K = np.array(K_ROWS)
+    # Camera 2 stands 0.6 to the right of camera 0.
+    P2 = np.column_stack([K, K @ [-0.6, 0.0, 0.0]])
+    lines = []
+    for i in range(FRAMES):
+        write_spot(sequence / "image_2" / f"{i:06d}.png", i)
+        T = pose(i)
+        T[:3, 3] -= 0.6 * T[:3, 0]
+        lines.append(f"{text(T[:3])}\n")
+    write(sequence / "times.txt", "0.000000e+00\n1.04e-01\n2.07e-01\n")
+    write(sequence / "calib.txt", f"P0: {text(np.column_stack([K, np.zeros(3)]))}\nP2: {text(P2)}\nTr: 1\n")
+    write(folder / "dataset" / "poses" / "06.txt", "".join(lines))
+    return sequence / "image_2"
+
+
 def tartanair(folder: Path) -> Path:
     for i in range(FRAMES):
         write_spot(folder / "image_left" / f"{i:06d}_left.png", i, 32.0, (32.0, 24.0))
@@ -290,6 +331,8 @@ def trakmark(folder: Path) -> Path:
 
 
 LAYOUTS = {
+    "euroc": Layout("euroc", euroc, ("mav0/cam0/data.csv", "mav0/state_groundtruth_estimate0/data.csv")),
+    "kitti": Layout("kitti", kitti, ("../times.txt", "../calib.txt"), (0.0, 0.104, 0.207)),
     "eth3d": Layout("tum", eth3d, ("calibration.txt", "groundtruth.txt"), (10.0, 10.1, 10.2)),
     "tartanair": Layout("tartanair", tartanair, ("pose_left.txt",), (0.0, 0.1, 0.2), 32.0, (32.0, 24.0)),
     "kitti360": Layout("kitti360", kitti360, ("image_01/timestamps.txt",), (1.5, 2.5, 3.5)),

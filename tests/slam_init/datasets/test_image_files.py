@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from make_files import CAMERA_YAML, picture, write, write_image
+from make_layouts import eth3d
 from path_types import PATH_TYPES
 
 from slam_init.datasets import open_source
@@ -117,6 +118,6 @@ def test_images_of_two_sizes_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(("start", "count"), [(-1, None), (3, None), (100, 1), (0, 0), (0, -2)])
-def test_requests_for_frames_outside_of_the_source_are_refused(tum, start, count):
+def test_requests_for_frames_outside_of_the_source_are_refused(tmp_path, start, count):
     with pytest.raises(SourceError):
-        next(open_source(str(tum)).frames(start, count))
+        next(open_source(eth3d(tmp_path)).frames(start, count))

@@ -2,6 +2,7 @@
 
 import pytest
 from make_files import write_image
+from make_layouts import eth3d
 from path_types import PATH_TYPES, OtherPath
 
 from slam_init.datasets import detect_kind, open_source
@@ -9,9 +10,10 @@ from slam_init.errors import SourceError
 
 
 @pytest.mark.parametrize("path_type", PATH_TYPES)
-def test_a_source_is_opened_from_every_type_of_path(tum, path_type):
-    assert detect_kind(path_type(tum)) == "tum"
-    assert open_source(path_type(tum)).name == tum.name
+def test_a_source_is_opened_from_every_type_of_path(tmp_path, path_type):
+    folder = eth3d(tmp_path / "a séquence with spaces")
+    assert detect_kind(path_type(folder)) == "tum"
+    assert open_source(path_type(folder)).name == folder.name
 
 
 def test_a_synthetic_source_may_be_named_by_a_path_like_object():

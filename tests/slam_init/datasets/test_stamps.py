@@ -126,16 +126,18 @@ def test_each_reader_refuses_what_is_no_time_in_one_line(opened, reader, stamps,
     assert len(str(caught.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize("unit", ["milliseconds", "microseconds", "nanoseconds"])
+@pytest.mark.parametrize("unit", UNITS)
 def test_names_of_images_that_are_dates_in_any_unit_are_times(tmp_path, unit):
     for text in texts(TIMES_S["a date"], unit):
         write_image(tmp_path / f"{text}.png")
     source = open_source(str(tmp_path))
     np.testing.assert_allclose(source.timestamps_s, TIMES_S["a date"], atol=1e-5)
-    assert bool(source.notes) == (unit != "nanoseconds")
+    assert bool(source.notes) == (unit not in ("seconds", "nanoseconds"))
 
 
-@pytest.mark.parametrize("names", [["9223372036854775808", "9223372036854775908"], ["0000000000000", "0000000000001"]])
+@pytest.mark.parametrize(
+    "names", [["9223372036854775808", "9223372036854775908"], ["0000000000000", "0000000000001"], ["000012", "000013"]]
+)
 def test_names_that_are_no_possible_time_are_counters(tmp_path, names):
     for name in names:
         write_image(tmp_path / f"{name}.png")

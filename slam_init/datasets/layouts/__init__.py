@@ -1,0 +1,5 @@
+"""Folders of posed images, as the data sets of this field are published.
+
+Each module has a table ``LAYOUTS``. A layout finds its files, and lists the images with what the files state of each;
+:func:`slam_init.datasets.posed_images.image_sequence` makes the source.
+"""

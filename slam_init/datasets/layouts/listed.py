@@ -1,0 +1,314 @@
+"""Sequences with a list of their images and a trajectory with times of its own: TUM RGB-D, EuRoC, UZH-FPV.
+
+**TUM RGB-D**, ICL-NUIM in its TUM-compatible form, and ETH3D SLAM:
+
+* ``rgb.txt`` (``timestamp filename``), or ``associations.txt`` (``timestamp filename timestamp filename``, colour and
+  depth in either order);
+* ``groundtruth.txt`` (``timestamp tx ty tz qx qy qz qw``, world_from_cam), optional;
+* ``camera.yaml``, the calibration, optional; or ``calibration.txt`` of ETH3D SLAM: ``fx fy cx cy``, where the centre of
+  the first pixel is at 0. Without them the published calibrations are used: for ICL-NUIM, and for TUM
+  RGB-D where the name of the folder holds ``freiburg1``, ``freiburg2`` or ``freiburg3``.
+
+ICL-NUIM is rendered in a frame whose y axis points up, which its authors write as a negative focal length ``fy``. Its
+TUM-compatible images are stored from top to bottom like all others. Therefore the camera has ``fy = +480`` here, and
+the poses of ``*.gt.freiburg`` are reflected: with ``F = diag(1, -1, 1)``, ``R <- F R F``, ``t <- F t``. The first
+column of its files is a frame number, which is converted to seconds at the published 30 Hz.
+
+**EuRoC MAV** (the ASL folder layout):
+
+* ``mav0/cam0/data.csv`` lists ``timestamp [ns],filename``.
+* ``mav0/cam0/sensor.yaml`` holds the calibration and ``T_BS`` (body_from_cam).
+* ``mav0/imu0`` holds the rates of the gyroscope in ``data.csv`` (``timestamp [ns],w_x,w_y,w_z [rad/s],...``), its own
+  ``T_BS`` (body_from_imu) and its noise density in ``sensor.yaml``. The folder is optional.
+* ``mav0/state_groundtruth_estimate0/data.csv`` holds the poses world_from_body.
+
+**UZH-FPV**, the Snapdragon camera:
+
+* ``left_images.txt`` lists ``id timestamp filename``.
+* ``groundtruth.txt`` holds the poses world_from_body in the format of TUM RGB-D, of the inertial sensor.
+* The calibration is published apart from the sequences, a camchain of Kalibr. It is looked for as ``camchain*.yaml`` in
+  the folder, in a folder ``*calib*`` in it, or in one beside it. Its ``cam0`` is the left camera; ``T_cam_imu`` moves
+  the true poses to the camera. Without it the true poses are not used, because they are those of another body.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from slam_init.calibration.files import load_camera, load_yaml
+from slam_init.datasets.gyroscope import Gyroscope, made_gyroscope
+from slam_init.datasets.image_files import MAX_FRAMES, ImageFileSource, image_size, stored_camera
+from slam_init.datasets.layouts.layout import Layout, file_of
+from slam_init.datasets.posed_images import image_sequence
+from slam_init.datasets.stamps import stamp_of
+from slam_init.datasets.text import fields_of, numbers, pinhole, pose_from_matrix, read_rows, read_trajectory
+from slam_init.errors import CalibrationError, SourceError
+from slam_init.system.regular_file import check_inside
+from slam_init.types.camera import Camera
+from slam_init.types.pose import Pose, Trajectory
+from slam_init.types.time_stamps import TimeUnit, in_seconds, time_unit
+
+#: Files that list the images of TUM RGB-D; the first that exists is read.
+TUM_INDEX = ("rgb.txt", "associations.txt", "associated.txt")
+#: The list of the images of the left camera of UZH-FPV.
+UZH_FPV_INDEX = "left_images.txt"
+
+# Published with the data sets: the colour cameras of the three Kinects of TUM RGB-D (the images of the third one are
+# already undistorted), and the renderer of ICL-NUIM.
+_FREIBURG_LENSES = {
+    "1": (0.262383, -0.953104, -0.005358, 0.002628, 1.163314),
+    "2": (0.231222, -0.784899, -0.003257, -0.000105, 0.917205),
+}
+_FREIBURG = {
+    "1": Camera("radtan", 640, 480, 517.306408, 516.469215, 318.64304, 255.313989, _FREIBURG_LENSES["1"]),
+    "2": Camera("radtan", 640, 480, 520.908620, 521.007327, 325.141442, 249.701764, _FREIBURG_LENSES["2"]),
+    "3": Camera("pinhole", 640, 480, 535.4, 539.2, 320.1, 247.6),
+}
+_ICL_NUIM = Camera("pinhole", 640, 480, 481.2, 480.0, 319.5, 239.5)
+_ICL_NUIM_RATE_HZ = 30.0
+
+# Noise densities of gyroscopes: from a fibre-optic one to the worst that is sold, in rad/s/sqrt(Hz).
+_NOISE_DENSITIES = (1e-8, 0.1)
+
+
+def _read_list(
+    path: Path, folder: Path, fields_of_image: Callable[[str], list[str]], what: str
+) -> tuple[list[Path], list[tuple[str, float]]]:
+    """The images of a list, and the time stamp of each with the place of its line.
+
+    * ``fields_of_image``: Makes of a line the time stamp and the file name.
+    """
+    paths: list[Path] = []
+    stamps: list[tuple[str, float]] = []
+    for row in read_rows(path, folder if path.is_relative_to(folder) else None):
+        fields = fields_of_image(row[1])
+        stamps.append((row[0], stamp_of(row, fields, what)))
+        if len(fields) < 2 or not fields[1]:
+            raise SourceError(f"{row[0]}: expected {what}, found {row[1][:60]!r}")
+        paths.append(path.parent / fields[1])
+        if len(paths) > MAX_FRAMES:
+            raise SourceError(f"{path}: lists more than {MAX_FRAMES} images: split the sequence")
+    if not paths:
+        raise SourceError(f"{path}: lists no image")
+    return paths, stamps
+
+
+def open_tum(folder: Path, index: Path) -> ImageFileSource:
+    """Open a TUM RGB-D or ICL-NUIM folder."""
+    reflected = sorted(folder.glob("*.gt.freiburg"))
+    if len(reflected) > 1:
+        raise SourceError(f"{folder}: several *.gt.freiburg: keep the one that belongs to the images")
+    split = _name_may_hold_spaces if index.name == "rgb.txt" else _colour_of_pair
+    paths, stamps = _read_list(index, folder, split, "a timestamp and a file name")
+    camera = stored_camera(folder, paths[0]) or _eth3d_camera(folder, paths[0])
+    truth: Trajectory | None = None
+    if reflected:
+        stamps = [(place, stamp / _ICL_NUIM_RATE_HZ) for place, stamp in stamps]
+        camera, truth = camera or _ICL_NUIM, _reflected(read_trajectory(reflected[0], folder))
+    else:
+        named = re.search(r"freiburg([123])", folder.resolve().name)
+        camera = camera or (_FREIBURG[named[1]] if named else None)
+        if (folder / "groundtruth.txt").exists():
+            truth = read_trajectory(folder / "groundtruth.txt", folder)
+    return image_sequence("tum", folder, paths, stamps=stamps, camera=camera, truth=truth)
+
+
+def _name_may_hold_spaces(line: str) -> list[str]:
+    return line.split(maxsplit=1)
+
+
+def _colour_of_pair(line: str) -> list[str]:
+    fields = line.split()
+    return fields[2:] if len(fields) >= 4 and fields[1].lower().startswith("depth") else fields
+
+
+def _eth3d_camera(folder: Path, first_image: Path) -> Camera | None:
+    """The camera of ``calibration.txt``; None if there is no such file."""
+    path = folder / "calibration.txt"
+    if not path.is_file():
+        return None
+    row = next(read_rows(path, folder), None)
+    if row is None:
+        raise SourceError(f"{path}: is empty: expected fx fy cx cy")
+    fx, fy, cx, cy = numbers(row, fields_of(row), 4, "fx fy cx cy")
+    return pinhole(row[0], image_size(first_image, folder), fx, fy, cx, cy)
+
+
+def _reflected(truth: Trajectory | None) -> Trajectory | None:
+    """The poses of ICL-NUIM for world and camera frames whose y axes point down, with times in seconds."""
+    if truth is None:
+        return None
+    F = np.diag([1.0, -1.0, 1.0])
+    poses = tuple(Pose(F @ pose.R @ F, F @ pose.t) for pose in truth.world_from_cam)
+    return Trajectory(truth.timestamps_s * (1 / _ICL_NUIM_RATE_HZ), poses)
+
+
+def open_uzh_fpv(folder: Path, index: Path) -> ImageFileSource:
+    """Open a UZH-FPV sequence."""
+    paths, stamps = _read_list(index, folder, _after_the_number, "id, timestamp and file name")
+    camera = stored_camera(folder, paths[0])
+    truth: Trajectory | None = None
+    notes: tuple[str, ...] = ()
+    truth_file = folder / "groundtruth.txt"
+    if chain := _find_chain(folder):
+        home, path = chain
+        check_inside(path, home)
+        camera = camera or load_camera(path, image_size(paths[0], folder))
+        if truth_file.is_file():
+            truth = read_trajectory(truth_file, folder, body_from_cam=_cam_from_body(path).inverse())
+    elif truth_file.is_file():
+        notes = ("the ground truth is that of the inertial sensor: put the camchain.yaml into the folder",)
+    return image_sequence("uzh-fpv", folder, paths, stamps=stamps, camera=camera, truth=truth, notes=notes)
+
+
+def _after_the_number(line: str) -> list[str]:
+    return line.split(maxsplit=2)[1:]
+
+
+def _find_chain(folder: Path) -> tuple[Path, Path] | None:
+    """The folder that the calibration must lie in, and the calibration."""
+    beside = folder.resolve().parent
+    inside, elsewhere = "camchain*.yaml", "*calib*/camchain*.yaml"
+    for home, pattern in ((folder, inside), (folder, elsewhere), (beside, elsewhere)):
+        found = sorted(home.glob(pattern))
+        if len(found) > 1:
+            names = ", ".join(str(path.relative_to(home)) for path in found[:2])
+            raise SourceError(f"{home}: several calibrations ({names}): keep the one that belongs to the images")
+        if found:
+            return home, found[0]
+    return None
+
+
+def _cam_from_body(path: Path) -> Pose:
+    content = load_yaml(path)
+    entry = content.get("cam0") if isinstance(content, dict) else None
+    pose = _matrix(path, "cam0: T_cam_imu", entry.get("T_cam_imu") if isinstance(entry, dict) else None)
+    if pose is None:
+        raise CalibrationError(f"{path}: cam0: T_cam_imu is missing: expected a matrix of 4x4 numbers")
+    return pose
+
+
+def _matrix(path: Path, key: str, data: object) -> Pose | None:
+    """The pose of 16 numbers of a YAML file; None where it is not stated."""
+    if data is None:
+        return None
+    try:
+        matrix = np.array(data, float).reshape(4, 4)
+    except (TypeError, ValueError):
+        raise CalibrationError(f"{path}: {key} is not a matrix of 4x4 numbers") from None
+    return pose_from_matrix(f"{path}: {key}", matrix)
+
+
+def find_euroc(folder: Path) -> Path | None:
+    """Find the folder that holds the ``data.csv`` of the first camera."""
+    candidates = (folder / "mav0" / "cam0", folder / "cam0", folder)
+    return next((candidate for candidate in candidates if (candidate / "data.csv").is_file()), None)
+
+
+def open_euroc(folder: Path, found: Path) -> ImageFileSource:
+    """Open a EuRoC sequence, or its first camera."""
+    cam0 = found.resolve()
+    # The camera of a sequence has its ground truth beside it, so that the folder of the camera alone names its parent.
+    root = cam0.parent if found == folder else folder
+    names, stamps = _read_list(cam0 / "data.csv", root, _comma, "timestamp,filename")
+    paths = [cam0 / "data" / path.relative_to(cam0) for path in names]
+    camera, body_from_cam = None, None
+    sensor = cam0 / "sensor.yaml"
+    if sensor.exists():
+        check_inside(sensor, root)
+        camera, body_from_cam = load_camera(sensor, image_size(paths[0], root)), _body_from_sensor(sensor)
+    mav = cam0.parent
+    truth_file = mav / "state_groundtruth_estimate0" / "data.csv"
+    truth: Trajectory | None = None
+    if truth_file.exists():
+        columns = "timestamp tx ty tz qw qx qy qz"
+        truth = read_trajectory(truth_file, root, columns, body_from_cam or Pose.identity())
+    imu, notes = None, tuple[str, ...]()
+    if (mav / "imu0" / "data.csv").exists():
+        if body_from_cam is not None and (mav / "imu0" / "sensor.yaml").exists():
+            unit = time_unit(np.array([stamp for _, stamp in stamps]), TimeUnit.NANOSECONDS)
+            imu = partial(_read_gyroscope, mav / "imu0", root, body_from_cam, unit)
+        else:
+            notes = ("imu0 is not used: no sensor.yaml tells its rotation against the camera (T_BS)",)
+    return image_sequence(
+        "euroc",
+        root,
+        paths,
+        name=mav.parent.name if mav.name == "mav0" else mav.name,
+        stamps=stamps,
+        unit=TimeUnit.NANOSECONDS,
+        camera=camera,
+        truth=truth,
+        truth_unit=TimeUnit.NANOSECONDS,
+        notes=notes,
+        imu=imu,
+    )
+
+
+def _comma(line: str) -> list[str]:
+    return [field.strip() for field in line.split(",")]
+
+
+def _body_from_sensor(sensor: Path) -> Pose | None:
+    """The pose ``T_BS`` of a sensor in the body; None where it is not stated."""
+    content = load_yaml(sensor)
+    entry = content.get("T_BS") if isinstance(content, dict) else None
+    return _matrix(sensor, "T_BS", entry.get("data") if isinstance(entry, dict) else entry)
+
+
+def _read_gyroscope(folder: Path, root: Path, body_from_cam: Pose, unit: TimeUnit) -> Gyroscope:
+    """The gyroscope in the axes of the camera; its stamps have the unit of those of the images."""
+    sensor, table = folder / "sensor.yaml", folder / "data.csv"
+    check_inside(sensor, root)
+    body_from_imu = _body_from_sensor(sensor)
+    if body_from_imu is None:
+        raise SourceError(f"{sensor}: no T_BS, the pose of the gyroscope: add it, or leave --imu out")
+    stamps: list[float] = []
+    rates: list[list[float]] = []
+    columns = 0
+    for row in read_rows(table, root):
+        fields = _comma(row[1])
+        stamp = stamp_of(row, fields, "a timestamp in nanoseconds")
+        if stamps and stamp <= stamps[-1]:
+            raise SourceError(f"{row[0]}: time stamp {fields[0][:40]} does not come after the one before")
+        columns = columns or len(fields)
+        if len(fields) != columns:  # a line that is cut off may end in the middle of a number
+            raise SourceError(f"{row[0]}: has {len(fields)} fields, the first line {columns}: copy it again")
+        stamps.append(stamp)
+        rates.append(numbers(row, fields[1:], 3, "timestamp,w_x,w_y,w_z (rad/s)"))
+    if len(stamps) < 2:
+        raise SourceError(f"{table}: holds less than two samples of the gyroscope: copy it again, or leave --imu out")
+    return made_gyroscope(
+        in_seconds(np.array(stamps), unit),
+        np.array(rates),
+        body_from_cam.R.T @ body_from_imu.R,
+        noise_density=_read_noise_density(sensor),
+        name="imu0",
+    )
+
+
+def _read_noise_density(sensor: Path) -> float | None:
+    content = load_yaml(sensor)
+    stated = content.get("gyroscope_noise_density") if isinstance(content, dict) else None
+    if stated is None:
+        return None
+    try:
+        density = float(stated)
+    except (TypeError, ValueError):
+        density = math.nan
+    if not _NOISE_DENSITIES[0] <= density <= _NOISE_DENSITIES[1]:
+        raise SourceError(f"{sensor}: gyroscope_noise_density is {stated!r}: give rad/s/sqrt(Hz), as 1.7e-4")
+    return density
+
+
+LAYOUTS = (
+    Layout("tum", f"{', '.join(TUM_INDEX)} (TUM)", file_of(*TUM_INDEX), open_tum),
+    Layout("euroc", "mav0/cam0/data.csv (EuRoC)", find_euroc, open_euroc),
+    Layout("uzh-fpv", f"{UZH_FPV_INDEX} (UZH-FPV)", file_of(UZH_FPV_INDEX), open_uzh_fpv),
+)

@@ -1,0 +1,248 @@
+"""Images with poses and no times: COLMAP, nerfstudio and instant-ngp, LLFF, TrakMark.
+
+**COLMAP**: the model lies in the folder, or in ``sparse/0``, ``sparse``, ``colmap/sparse/0`` or ``colmap`` in it.
+Beside a folder ``images`` it may have any name, for example ``dslr_calibration_undistorted`` of ETH3D. The images lie
+in ``images`` or in the folder itself. A model is an estimate: it has no scale, and its errors are those of the
+reconstruction.
+
+**transforms.json** (nerfstudio, instant-ngp, Blender) states for each image ``file_path`` and ``transform_matrix``,
+world_from_cam of an OpenGL camera (x right, y up, z backward), and the calibration for all images or for each one:
+``fl_x``, ``fl_y`` or ``camera_angle_x``, ``cx``, ``cy``, ``w``, ``h``, ``k1`` to ``k4``, ``p1``, ``p2``. As in COLMAP,
+from which most of these files are made, pixel centres lie at .5.
+
+**LLFF**: ``poses_bounds.npy`` has a row of 17 numbers for each image in the order of the names: a matrix of 3x5, which
+is ``[R | t | (height, width, focal length)]``, and two depths. The columns of R are the camera axes x down, y right,
+z backward.
+
+**TrakMark**, the benchmark of which [F17] uses the NAIST sequences, provides images with intrinsic parameters and, for
+each image, extrinsic parameters. The names and headers of its files differ between the packages, and could not be
+checked with a file of the data set. The reader takes the general form:
+
+* images in the folder or in ``images``;
+* one text file with ``intrinsic`` in its name: ``fx fy cx cy``, or a matrix of 3x3 numbers;
+* one text file with ``extrinsic`` in its name: for each image in the order of the names a line of 12 or 16 numbers, the
+  matrix cam_from_world, perhaps with a frame number before it.
+
+References
+----------
+.. [F17] K. Fathian et al., "Quaternion Based Camera Pose Estimation From Matched Feature Points", arXiv:1704.02672.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from slam_init.datasets.bounded import JsonObject, json_array, json_number, read_json, read_npy
+from slam_init.datasets.colmap_files import ColmapImage, model_files, read_cameras, read_images
+from slam_init.datasets.folder import NOMINAL_RATE_HZ, find_images
+from slam_init.datasets.image_files import IMAGE_SUFFIXES, ImageFileSource, image_size, stored_camera
+from slam_init.datasets.layouts.layout import Layout, file_of
+from slam_init.datasets.posed_images import AXES, PosedImage, image_sequence, photographs, with_axes
+from slam_init.datasets.text import check_count, fields_of, numbers, pinhole, pose_from_matrix, read_rows
+from slam_init.errors import CalibrationError, SourceError
+from slam_init.system.regular_file import check_inside
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
+
+#: Names of the index; the first that exists is read. The second is that of Blender's synthetic scenes.
+TRANSFORMS = ("transforms.json", "transforms_train.json")
+#: Poses of LLFF.
+LLFF_FILE = "poses_bounds.npy"
+
+_TRAKMARK_TABLES = (".txt", ".csv", ".dat")
+_COLMAP_PLACES = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "colmap")
+_INTRINSICS = ("fl_x", "fl_y", "camera_angle_x", "cx", "cy", "w", "h", "k1", "k2", "k3", "k4", "p1", "p2")
+_PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
+# Images of LLFF are reduced to whole pixels, so that the factors of width and height differ a little.
+_MAX_ASPECT_CHANGE = 0.01
+
+
+def find_colmap(folder: Path) -> Path | None:
+    """Find the folder of a model: the folder itself, a usual place below it, or else the first folder in it."""
+    usual = [folder, *(folder / place for place in _COLMAP_PLACES)]
+    # Other names only where there are images for the model: the folder may be one of many sequences.
+    below = sorted(entry for entry in folder.iterdir() if entry.is_dir()) if (folder / "images").is_dir() else []
+    return next((place for place in (*usual, *below) if model_files(place)), None)
+
+
+def open_colmap(folder: Path, model: Path) -> ImageFileSource:
+    """Open a folder of images with a COLMAP model."""
+    check_inside(model, folder)
+    cameras_file, images_file = model_files(model) or (model / "cameras.txt", model / "images.txt")
+    cameras, listed = read_cameras(cameras_file, folder), read_images(images_file, folder)
+    for image in listed:
+        if image.camera_id not in cameras:
+            raise SourceError(
+                f"{images_file}: image {image.name[:100]} has camera {image.camera_id}, which is not stated"
+            )
+    home = _folder_of_images(folder, listed)
+    images = [
+        PosedImage(home / image.name, image.cam_from_world.inverse(), cameras[image.camera_id]) for image in listed
+    ]
+    return photographs("colmap", folder, images)
+
+
+def _folder_of_images(folder: Path, images: list[ColmapImage]) -> Path:
+    """The folder where most of the first images are."""
+    places = (folder / "images", folder)
+    return max(places, key=lambda place: sum((place / image.name).is_file() for image in images[:20]))
+
+
+def open_transforms(folder: Path, path: Path) -> ImageFileSource:
+    """Open a folder with a ``transforms.json``."""
+    content = read_json(path, folder, "a list of posed images")
+    return photographs("transforms", folder, list(_transforms(path, folder, content)))
+
+
+def _transforms(path: Path, folder: Path, content: JsonObject) -> Iterator[PosedImage]:
+    frames = content.get("frames")
+    if not isinstance(frames, list) or not frames:
+        raise SourceError(f"{path}: frames is missing or empty: expected a list of images")
+    size: tuple[int, int] | None = None
+    cameras: dict[str, Camera | None] = {}  # by their stated values: most files state one
+    for number, frame in enumerate(frames):
+        place = f"{path}: frame {number}"
+        if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+            raise SourceError(f"{place}: file_path is missing")
+        image = _image_path(folder, frame["file_path"])
+        matrix = json_array(place, frame.get("transform_matrix"), (-1, 4), "transform_matrix")
+        if len(matrix) not in (3, 4):
+            raise SourceError(f"{place}: transform_matrix is not an array of 4x4 finite numbers")
+        stated = {key: frame.get(key, content.get(key)) for key in _INTRINSICS}
+        model = frame.get("camera_model", content.get("camera_model", "OPENCV"))
+        key = repr((stated, model))
+        if key not in cameras:
+            if size is None and (stated["w"] is None or stated["h"] is None) and image.is_file():
+                size = image_size(image, folder)
+            given: JsonObject = {name: value for name, value in stated.items() if value is not None}
+            cameras[key] = _transforms_camera(place, given, str(model), bool(content.get("is_fisheye")), size)
+        yield PosedImage(image, with_axes(pose_from_matrix(place, matrix), "right, up, backward"), cameras[key])
+
+
+def _image_path(folder: Path, text: str) -> Path:
+    """The file of an image; Blender's scenes name it without its suffix."""
+    path = folder / text
+    return path if path.suffix.lower() in IMAGE_SUFFIXES else path.with_name(path.name + ".png")
+
+
+def _transforms_camera(
+    place: str, stated: JsonObject, model: str, fisheye: bool, size: tuple[int, int] | None
+) -> Camera | None:
+    """The camera of a frame; None where the file states no focal length."""
+    if "fl_x" not in stated and "camera_angle_x" not in stated:
+        return None
+    fisheye = fisheye or model == "OPENCV_FISHEYE"
+    if not fisheye and model.upper() not in _PERSPECTIVE:
+        raise CalibrationError(f"{place}: camera_model {model[:40]!r} is not supported: use OPENCV or OPENCV_FISHEYE")
+    if size is None and not {"w", "h"} <= stated.keys():
+        return None  # the image is not in the folder either
+    width, height = (
+        json_number(place, stated, key, None if size is None else size[i]) for i, key in enumerate(("w", "h"))
+    )
+    if width != round(width) or height != round(height):
+        raise CalibrationError(f"{place}: w and h are {width:g} and {height:g}: expected whole pixels")
+    if "fl_x" in stated:
+        fx = json_number(place, stated, "fl_x")
+    else:
+        angle = json_number(place, stated, "camera_angle_x")
+        if not 0 < angle < math.pi:
+            raise CalibrationError(f"{place}: camera_angle_x is {angle:g}: expected radians between 0 and pi")
+        fx = 0.5 * width / math.tan(0.5 * angle)
+    fy = json_number(place, stated, "fl_y", fx)
+    cx, cy = json_number(place, stated, "cx", width / 2) - 0.5, json_number(place, stated, "cy", height / 2) - 0.5
+    names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+    distortion = [json_number(place, stated, name, 0.0) for name in names]
+    if not fisheye and json_number(place, stated, "k4", 0.0) != 0:
+        raise CalibrationError(f"{place}: k4 is not supported for a perspective camera: use k1, k2, k3, p1, p2")
+    kind = "fisheye" if fisheye else ("radtan" if any(distortion) else "pinhole")
+    if not fisheye and distortion[4] == 0:
+        del distortion[4]
+    given = () if kind == "pinhole" else tuple(distortion)
+    try:
+        return Camera(kind, round(width), round(height), fx, fy, cx, cy, given)
+    except CalibrationError as error:
+        raise CalibrationError(f"{place}: {error}") from None
+
+
+def open_llff(folder: Path, path: Path) -> ImageFileSource:
+    """Open a folder with ``poses_bounds.npy`` and ``images``."""
+    rows = np.asarray(read_npy(path, folder, "poses of LLFF"))
+    if rows.ndim != 2 or rows.shape[1] != 17 or rows.dtype.kind not in "iuf" or not np.isfinite(rows).all():
+        raise SourceError(f"{path}: is an array of {rows.shape}: expected a row of 17 finite numbers for each image")
+    paths = find_images(folder)
+    check_count(path, rows.tolist(), "poses", paths)
+    size = image_size(paths[0], folder)
+    images = []
+    for number, (image, row) in enumerate(zip(paths, rows.astype(float), strict=True)):
+        matrix: Floats = row[:15].reshape(3, 5)
+        place = f"{path}: pose {number}"
+        R = matrix[:, :3] @ AXES["down, right, backward"].T
+        pose = pose_from_matrix(place, np.column_stack([R, matrix[:, 3]]))
+        images.append(PosedImage(image, pose, _llff_camera(place, matrix[:, 4], size)))
+    return photographs("llff", folder, images)
+
+
+def _llff_camera(place: str, stated: Floats, size: tuple[int, int]) -> Camera:
+    height, width, focal = (float(value) for value in stated)
+    if not (width > 0 and height > 0):
+        raise CalibrationError(f"{place}: the image size is {width:g}x{height:g}: both sides must be positive")
+    factor = size[0] / width
+    if abs(factor * height / size[1] - 1) > _MAX_ASPECT_CHANGE:
+        raise CalibrationError(
+            f"{place}: the poses are for {width:g}x{height:g} images, but the images are {size[0]}x{size[1]}: "
+            "give images that are reduced alike in both directions"
+        )
+    focal *= factor
+    return pinhole(place, size, focal, focal, (size[0] - 1) / 2, (size[1] - 1) / 2)
+
+
+def find_trakmark(folder: Path) -> Path | None:
+    """Find the extrinsic parameters of a sequence."""
+    return _named(folder, "extrinsic")
+
+
+def _named(folder: Path, word: str) -> Path | None:
+    found = (path for path in sorted(folder.glob("*")) if word in path.name.lower() and path.suffix in _TRAKMARK_TABLES)
+    return next((path for path in found if path.is_file()), None)
+
+
+def open_trakmark(folder: Path, extrinsics: Path) -> ImageFileSource:
+    """Open a sequence in the manner of TrakMark."""
+    paths = find_images(folder)
+    if not paths:
+        raise SourceError(f"{folder}: holds no image")
+    poses = []
+    for row in read_rows(extrinsics, folder):
+        fields = fields_of(row)
+        if len(fields) not in (12, 13, 16, 17):
+            raise SourceError(f"{row[0]}: expected 12 or 16 numbers of a pose, found {row[1][:60]!r}")
+        # 13 and 17 fields start with the number of the frame.
+        values = numbers(row, fields[len(fields) % 4 :], 12, "12 or 16 numbers of a pose")
+        poses.append(pose_from_matrix(row[0], np.array(values).reshape(3, 4)).inverse())
+    check_count(extrinsics, poses, "poses", paths)
+    intrinsics = _named(folder, "intrinsic")
+    camera = stored_camera(folder, paths[0])
+    if camera is None and intrinsics is not None:
+        camera = _trakmark_camera(intrinsics, folder, image_size(paths[0], folder))
+    return image_sequence("trakmark", folder, paths, rate_hz=NOMINAL_RATE_HZ, camera=camera, poses=poses)
+
+
+def _trakmark_camera(path: Path, root: Path, size: tuple[int, int]) -> Camera:
+    fields = [field for row in read_rows(path, root) for field in fields_of(row)]
+    if len(fields) not in (4, 9):
+        raise CalibrationError(f"{path}: {len(fields)} numbers: expected fx fy cx cy, or a matrix of 3x3 numbers")
+    values = numbers((str(path), " ".join(fields)), fields, len(fields), "fx fy cx cy, or a matrix of 3x3 numbers")
+    fx, fy, cx, cy = values if len(values) == 4 else (values[0], values[4], values[2], values[5])
+    return pinhole(str(path), size, fx, fy, cx, cy)
+
+
+LAYOUTS = (
+    Layout("transforms", f"{TRANSFORMS[0]} (nerfstudio, instant-ngp)", file_of(*TRANSFORMS), open_transforms),
+    Layout("colmap", "cameras and images, .txt or .bin, perhaps in sparse/0 (COLMAP)", find_colmap, open_colmap),
+    Layout("llff", f"{LLFF_FILE} (LLFF)", file_of(LLFF_FILE), open_llff),
+    Layout("trakmark", "a table *extrinsic* (TrakMark)", find_trakmark, open_trakmark),
+)
