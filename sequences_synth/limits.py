@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
+from difflib import get_close_matches
 from typing import Any
 
 from sequences_synth.shutter import READOUT_DIRECTIONS
@@ -19,6 +20,14 @@ EFFECT_LIMITS: dict[str, tuple[float, float]] = {
     "turning_deg_s": (0, 1000), "speed": (0, 100), "body_turn_deg_s": (0, 1000), "principal_error": (0, 0.5),
     "k1": (-0.2, 1), "stabilized": (0, 1), "dropped": (0, 0.9), "repeated": (0, 0.9),
 }  # fmt: skip
+
+
+def unknown_scene(name: str, scenes: Iterable[str]) -> str:
+    """The message about a scene that does not exist: the nearest name, and all."""
+    known = list(scenes)
+    meant = get_close_matches(name, known, n=1)
+    hint = f"did you mean {meant[0]}? " if meant else ""
+    return f"unknown scene {name!r}: {hint}use one of {', '.join(known)}"
 
 
 def check_options(options: Any, limits: Limits) -> None:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sequences_synth.camera import PinholeCamera, stated_camera
+from sequences_synth.limits import unknown_scene
 from sequences_synth.point_options import PointOptions
 from sequences_synth.point_scenes import HAND_LAYOUTS, LAYOUTS
 from sequences_synth.point_shot import Shot
@@ -147,7 +148,7 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
         If the scene is unknown (the message lists the known ones), or if the seed is negative.
     """
     if name not in POINT_SCENES:
-        raise ValueError(f"unknown scene {name!r}: use one of {', '.join(POINT_SCENES)}")
+        raise ValueError(unknown_scene(name, POINT_SCENES))
     if seed < 0:
         raise ValueError(f"seed is {seed}: it must not be negative")
     options = options or PointOptions()

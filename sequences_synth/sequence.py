@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sequences_synth.camera import PinholeCamera, stated_camera
 from sequences_synth.hand_motion import Handling
 from sequences_synth.lens_camera import LENSES, LensCamera, lens_camera
-from sequences_synth.limits import EFFECT_LIMITS, check_options
+from sequences_synth.limits import EFFECT_LIMITS, check_options, unknown_scene
 from sequences_synth.noise import expose
 from sequences_synth.scene import SCENES, Motions, World, build_world
 from sequences_synth.schedule import Schedule
@@ -351,7 +351,7 @@ def make_sequence(name: str, seed: int = 0, options: SynthOptions | None = None)
         If the scene is unknown (the message lists the known ones), or if the seed is negative.
     """
     if name not in SCENES:
-        raise ValueError(f"unknown scene {name!r}: use one of {', '.join(SCENES)}")
+        raise ValueError(unknown_scene(name, SCENES))
     if seed < 0:
         raise ValueError(f"seed is {seed}: it must not be negative")
     options = options or SynthOptions()

@@ -262,6 +262,10 @@ class Config(Described):
     external: ExternalConfig = field(default_factory=ExternalConfig)
 
     def __post_init__(self) -> None:
+        for wanted, name in _SECTIONS.items():
+            found = type(getattr(self, name)).__name__
+            if found != wanted:
+                raise ConfigError(f"{name} is of the type {found}: give a {wanted} (from slam_init.config)")
         _check_ranges(self, "")
 
     @property
@@ -320,7 +324,8 @@ def load_config(path: str | os.PathLike[str] | None, overrides: Mapping[str, obj
         path = Path(path)
         try:
             table = tomllib.loads(read_regular(path, _MAX_BYTES, "a configuration", ConfigError).decode("utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        # ValueError: no TOML, no UTF-8, or an integer of thousands of digits.
+        except (ValueError, RecursionError) as error:
             raise ConfigError(f"{path} is not valid TOML: {error}") from None
     table |= {key: value for key, value in (overrides or {}).items() if value is not None}
     where = str(path) if path else "options"

@@ -7,7 +7,7 @@ import warnings
 
 from slam_init.calibration.choosing import GivenCamera, camera_of_source
 from slam_init.config import Config, config_toml
-from slam_init.errors import OutputError, SlamInitError
+from slam_init.errors import OutputError, SlamInitError, SourceError
 from slam_init.job import Job, reduction_of
 from slam_init.methods.external_command import is_external
 from slam_init.methods.registry import method_info
@@ -92,6 +92,8 @@ def run(
         If the method is unknown, a frame cannot be read, or a result cannot be written. The earlier results are then
         unchanged.
     """
+    if not callable(getattr(source, "frames", None)):
+        raise SourceError(f"the source is of the type {type(source).__name__}: open it by slam_init.open_source(PATH)")
     config = config or Config()
     method_info(config.method)  # an unknown method is an error before anything is written
     if is_external(config.method):

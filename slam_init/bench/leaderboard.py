@@ -20,7 +20,7 @@ from slam_init.compare.rows import finite_json
 from slam_init.errors import SourceError
 from slam_init.output.folder import OutputFolder, output_error
 from slam_init.output.names import PAGE, SHEET_FILES
-from slam_init.system.regular_file import read_regular, user_path
+from slam_init.system.regular_file import check_inside, read_regular, user_path
 
 #: A sheet of 1,000 worlds and 20 methods has 300 kB.
 _MAX_BYTES = 20_000_000
@@ -79,6 +79,7 @@ def read_entries(folder: str) -> list[Entry]:
     path = user_path(folder) / SHEET_FILES[0]
     if not path.exists():
         raise SourceError(f"{folder} has no {SHEET_FILES[0]}: give folders of results of slam-init bench")
+    check_inside(path, user_path(folder))
     try:
         sheet = finite_json(read_regular(path, _MAX_BYTES, "a score sheet", SourceError))
         if sheet.get("benchmark") != NAME or sheet.get("version") != VERSION or sheet.get("schema") != SCHEMA:
@@ -120,8 +121,8 @@ def _entries(sheet: Mapping[str, Any], folder: str) -> list[Entry]:
                 none=_interval(row["none"]),
                 delay=_interval(row["delay"]),
                 errors=int(row["errors"]),
-                risk="" if risk is None else f"{int(risk['false'])} ({float(risk['expected_false']):.2g})",
-                frame_ms=None if frame_ms is None else float(frame_ms),
+                risk="" if risk is None else f"{int(risk['false'])} ({_known(risk['expected_false']) or 0.0:.2g})",
+                frame_ms=_known(frame_ms),
                 machine=machine[:_MAX_TEXT],
                 folder=folder,
             )
@@ -194,7 +195,14 @@ def _cell(interval: Sequence[float | None], scale: float, digits: int) -> str:
 def _interval(value: object) -> tuple[float | None, ...]:
     if not isinstance(value, list) or len(value) != 3:
         raise ValueError("no interval")
-    return tuple(None if end is None else float(end) for end in value)
+    return tuple(_known(end) for end in value)
+
+
+def _known(value: object) -> float | None:
+    """A number, or None; a text such as "nan" is neither."""
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+        raise TypeError("not a number")
+    return None if value is None else float(value)
 
 
 def _text(value: object) -> str:

@@ -66,7 +66,7 @@ def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:
     SourceError, CalibrationError
         If there is nothing to read, or if a file is broken. The message is one line that says what to do.
     """
-    text = os.fspath(text)
+    text = _text(text)
     if text.startswith(PREFIX):
         return open_synth(text, seed)
     if text.startswith(PYTHON):
@@ -83,12 +83,18 @@ def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:
 
 def detect_kind(text: str | os.PathLike[str]) -> str:
     """Detect the kind of a source."""
-    text = os.fspath(text)
+    text = _text(text)
     if text.startswith(PREFIX):
         return "synth"
     if text.startswith(PYTHON):
         return "python"
     return _layout_of(text)[0].kind
+
+
+def _text(source: str | os.PathLike[str]) -> str:
+    if not isinstance(source, str | os.PathLike):
+        raise SourceError(f"the source is of the type {type(source).__name__}: give a path, or synth:NAME")
+    return os.fspath(source)
 
 
 def _layout_of(text: str) -> tuple[Layout, Any]:

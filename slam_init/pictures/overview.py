@@ -101,7 +101,7 @@ def _subtitle(result: Result) -> str:
     if result.map is None:
         if result.hypotheses:
             return "Two maps explain the views, and one of them is right. Both are kept until further views decide."
-        return f"{len(result.attempts)} attempts; no map is handed over before its risk is small enough."
+        return f"attempts: {len(result.attempts)}; {_missing(result)}."
     map_ = result.map
     facts = [
         f"{len(map_.keyframes)} keyframes",
@@ -113,6 +113,14 @@ def _subtitle(result: Result) -> str:
     if window is not None:
         facts.insert(0, f"risk {window.risk:.2g} that the map is wrong")
     return "  |  ".join(facts)
+
+
+def _missing(result: Result) -> str:
+    """What a map has to have before it is handed over, and this run had not."""
+    failed = [gate.name for one in result.attempts[-1:] for gate in one.failed_gates]
+    if failed and GateName.RISK not in failed:
+        return "a map is handed over once its risk and all other conditions are met"
+    return "no map is handed over before its risk is small enough"
 
 
 def _draw_frames(figure: Figure, result: Result, summary: Summary, story: Story) -> None:

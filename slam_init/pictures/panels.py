@@ -100,7 +100,7 @@ def draw_pair(axes: Axes, pair: MatchedImages, width: int) -> None:
             LineCollection(list(ends[chosen & drawn]), colors=color, linewidths=0.6, alpha=0.8), autolim=False
         )
         dots = ends[chosen].reshape(-1, 2)
-        label = f"{np.count_nonzero(chosen)} {name}"
+        label = f"{name}: {np.count_nonzero(chosen)}"
         axes.plot(dots[:, 0], dots[:, 1], ".", color=color, markersize=2.2, markeredgewidth=0, label=label)
     axes.set_title(f"the pair: frames {pair.frames[0]} and {pair.frames[1]}", loc="left", color=INK, weight="bold")
     if not axes.get_legend_handles_labels()[0]:

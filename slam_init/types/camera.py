@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from quest.display import Described
 from slam_init.errors import CalibrationError
 from slam_init.types.arrays import Floats
-from slam_init.types.camera_checks import check_intrinsics
+from slam_init.types.camera_checks import check_intrinsics, is_number
 from slam_init.types.lenses.lens import Lens
 from slam_init.types.lenses.models import COEFFICIENTS, bent_coefficients, check_coefficients, lens_of
 from slam_init.types.lenses.planar import (
@@ -98,9 +98,11 @@ class Camera(Described):
     readout_direction: str = "down"
 
     def __post_init__(self) -> None:
-        if self.model not in COEFFICIENTS:
-            raise CalibrationError(f"unknown camera model {self.model!r}: use one of {', '.join(COEFFICIENTS)}")
+        if not isinstance(self.model, str) or self.model not in COEFFICIENTS:
+            raise CalibrationError(f"unknown camera model {self.model!r:.60}: use one of {', '.join(COEFFICIENTS)}")
         check_intrinsics(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+        if not (isinstance(self.distortion, tuple | list) and all(map(is_number, self.distortion))):
+            raise CalibrationError(f"distortion is {self.distortion!r:.60}: give a tuple of numbers, () for none")
         if not all(abs(k) <= _MAX_DISTORTION for k in self.distortion):
             raise CalibrationError(
                 f"distortion {list(self.distortion)} holds a number that is not finite, or larger than that of any lens"

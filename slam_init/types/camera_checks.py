@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from numbers import Real
 
 from slam_init.errors import CalibrationError
 
@@ -19,8 +20,17 @@ _MIN_SIDE = 16
 _MAX_SIDE = 1_000_000
 
 
+def is_number(value: object) -> bool:
+    """Whether a value is a real number, of numpy too."""
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
 def check_intrinsics(width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> None:
-    """Refuse numbers that no camera has."""
+    """Refuse numbers that no camera has, and what is no number."""
+    given = {"width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy}
+    for name, value in given.items():
+        if not is_number(value):
+            raise CalibrationError(f"{name} of the camera is {value!r:.60}: give a number of pixels")
     for name, value in (("fx", fx), ("fy", fy)):
         if not (math.isfinite(value) and value > 0):
             raise CalibrationError(f"focal length {name} is {value!r}: it must be a positive number of pixels")

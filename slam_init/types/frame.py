@@ -152,6 +152,15 @@ class Observations:
     step_px: float = 0.0
     exposure_s: float = 0.0
 
+    def __post_init__(self) -> None:
+        count = len(self.track_ids) if isinstance(self.track_ids, np.ndarray) else 0
+        for name, shape in (("track_ids", (count,)), ("pixels", (count, 2)), ("bearings", (count, 3))):
+            value = getattr(self, name)
+            if not isinstance(value, np.ndarray) or value.shape != shape:
+                found = f"shape {value.shape}" if isinstance(value, np.ndarray) else f"type {type(value).__name__}"
+                wanted = ", ".join(["N", *map(str, shape[1:])])
+                raise SlamInitError(f"{name} of the observations has the {found}: give an array ({wanted})")
+
     def __len__(self) -> int:
         return len(self.track_ids)
 

@@ -29,6 +29,12 @@ class Pose:
     R: Floats
     t: Floats
 
+    def __post_init__(self) -> None:
+        for name, value, shape in (("R", self.R, (3, 3)), ("t", self.t, (3,))):
+            if not isinstance(value, np.ndarray) or value.shape != shape:
+                found = f"shape {value.shape}" if isinstance(value, np.ndarray) else f"type {type(value).__name__}"
+                raise SlamInitError(f"{name} of a pose has the {found}: give an array of the shape {shape}")
+
     @staticmethod
     def identity() -> Pose:
         """Make the identity.
@@ -143,6 +149,15 @@ class Trajectory:
 
     timestamps_s: Floats
     world_from_cam: tuple[Pose, ...]
+
+    def __post_init__(self) -> None:
+        times, poses = self.timestamps_s, self.world_from_cam
+        if not isinstance(times, np.ndarray) or times.ndim != 1 or not isinstance(poses, tuple | list):
+            raise SlamInitError("a trajectory has the times as an array (N,), and the poses as a tuple: give these")
+        if len(times) != len(poses) or not all(isinstance(pose, Pose) for pose in poses):
+            raise SlamInitError(
+                f"a trajectory has {len(times)} times for {len(poses)} poses: give a Pose for each time"
+            )
 
     def at(self, timestamp_s: float, tolerance_s: float = 0.02) -> Pose | None:
         """Find the pose that is nearest in time.

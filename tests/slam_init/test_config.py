@@ -234,6 +234,14 @@ def test_files_that_cannot_be_read(tmp_path):
         load_config(binary)
 
 
+def test_a_number_of_five_thousand_digits_in_a_file_is_one_line(tmp_path):
+    path = tmp_path / "c.toml"
+    path.write_text(f"seed = 1{'0' * 5000}\n")
+    with pytest.raises(ConfigError, match="not valid TOML") as told:
+        load_config(path)
+    assert "\n" not in str(told.value) and len(str(told.value)) < 500
+
+
 @pytest.mark.parametrize("text", ["window_px = 1", "window_px = 1000", "max_tracks = 100000000000000"])
 def test_numbers_that_would_crash_a_library_are_refused(tmp_path, text):
     path = tmp_path / "c.toml"

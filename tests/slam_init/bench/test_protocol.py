@@ -1,6 +1,7 @@
 """The protocol of InitBench: fixed worlds, frozen tracks, a sheet that repeats itself, a page that trusts nothing."""
 
 import json
+import math
 import re
 import shlex
 from dataclasses import replace
@@ -146,6 +147,10 @@ def test_a_text_in_a_sheet_is_escaped(finished):
         lambda sheet: sheet["rows"][0].pop("correct"),
         lambda sheet: sheet["rows"][0].update(correct="much"),
         lambda sheet: sheet["rows"][0].update(label=5),
+        lambda sheet: sheet["rows"][0].update(correct=["nan", "inf", 1]),
+        lambda sheet: sheet["rows"][0].update(false=[math.nan, 0, 1]),
+        lambda sheet: sheet["rows"][0].update(delay=[math.inf, 0, 1]),
+        lambda sheet: sheet["times"]["stella"].update(frame_ms="inf"),
         lambda sheet: sheet.update(version=99),
         lambda sheet: sheet.update(suite="own"),
         lambda sheet: sheet.update(rows=7),
@@ -158,6 +163,13 @@ def test_a_damaged_sheet_is_told_in_one_line(finished, tmp_path, change):
     with pytest.raises(SourceError, match=r"damaged|no score sheet") as error:
         read_entries(str(tmp_path))
     assert "\n" not in str(error.value)
+
+
+def test_a_sheet_that_is_a_link_out_of_its_folder_is_not_followed(finished, tmp_path):
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs" / "sheet.json").symlink_to(finished[0] / "sheet.json")
+    with pytest.raises(SourceError, match="leads out of the folder"):
+        read_entries(str(tmp_path / "theirs"))
 
 
 @pytest.mark.parametrize(

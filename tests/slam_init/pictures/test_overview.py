@@ -17,6 +17,7 @@ from slam_init.pictures.panels import draw_decision, draw_frame
 from slam_init.pictures.story import ShownFrame, Story, StoryRecorder
 from slam_init.pictures.style import canvas
 from slam_init.types.comparison import Margin
+from slam_init.types.gates import GateName, at_least
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Segment
 
@@ -61,6 +62,19 @@ def test_each_end_of_a_run_has_a_picture_of_its_own(story):
     assert all(np.any(one != other) for one, other in pairwise(pictures))
     dark = [np.mean(one[320:700, 770:].max(axis=2) < 60) for one in pictures]  # maps have a dark ground
     assert dark[0] > 0.5 and dark[1] > 0.5 > dark[2]
+
+
+@pytest.mark.parametrize(
+    ("name", "wanted"), [(GateName.RISK, "its risk is small enough"), (GateName.KNOWN_DEPTHS, "all other conditions")]
+)
+def test_the_subtitle_of_a_failure_does_not_contradict_the_risk_beside_it(story, name, wanted, monkeypatch):
+    gate = at_least(name, 0.1, 0.5, Verdict.LOW_PARALLAX)
+    result = make_result(None, Verdict.LOW_PARALLAX)
+    last = replace(result.attempts[-1], gates=(gate,), verdict=Verdict.LOW_PARALLAX)
+    told = []
+    monkeypatch.setattr("slam_init.pictures.overview.write", lambda axes, x, y, text, *_: told.append(text))
+    draw(replace(result, attempts=(*result.attempts[:-1], last)), story)
+    assert any(wanted in text for text in told)
 
 
 def test_a_run_without_a_frame_or_an_attempt_has_a_picture_and_names_are_no_mathematics():

@@ -1,0 +1,44 @@
+"""What is made of wrong types is refused at once, in one line that names the part and what to give."""
+
+import numpy as np
+import pytest
+
+from slam_init import Camera, Config, Observations, Pose, SlamInitError, Trajectory, open_source, run
+
+ONE = np.ones((1, 3))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Camera("pinhole", "a", 48, 60.0, 60.0, 31.5, 23.5), "width of the camera is 'a'"),
+        (lambda: Camera("pinhole", 64, 48, None, 60.0, 31.5, 23.5), "fx of the camera is None"),
+        (lambda: Camera(["pinhole"], 64, 48, 60.0, 60.0, 31.5, 23.5), "unknown camera model"),
+        (lambda: Camera("radtan", 64, 48, 60.0, 60.0, 31.5, 23.5, "0.1"), "give a tuple of numbers"),
+        (lambda: Pose(None, np.zeros(3)), "R of a pose has the type NoneType"),
+        (
+            lambda: Pose(np.eye(4), np.zeros(3)),
+            r"R of a pose has the shape \(4, 4\): give an array of the shape \(3, 3\)",
+        ),
+        (lambda: Pose(np.eye(3), [0.0, 0.0, 0.0]), "t of a pose has the type list"),
+        (lambda: Trajectory(1, 2), "the times as an array"),
+        (lambda: Trajectory(np.zeros(2), (Pose.identity(),)), "2 times for 1 poses"),
+        (lambda: Trajectory(np.zeros(1), (np.eye(4),)), "give a Pose for each time"),
+        (lambda: Observations(0, 0.0, "", None, None, None), "track_ids of the observations has the type NoneType"),
+        (lambda: Observations(0, 0.0, "", np.arange(1), ONE[:, :2], ONE[:, :2]), r"give an array \(N, 3\)"),
+        (lambda: Observations(0, 0.0, "", np.arange(2), ONE[:, :2], ONE), r"pixels .* shape \(1, 2\)"),
+        (lambda: Config(map=5), "map is of the type int: give a MapConfig"),
+        (lambda: open_source(5), "type int: give a path"),
+        (lambda: open_source(None), "type NoneType: give a path"),
+        (lambda: run("video.mp4"), r"type str: open it by slam_init.open_source"),
+    ],
+)
+def test_a_wrong_type_is_one_line(make, words):
+    with pytest.raises(SlamInitError, match=words) as told:
+        make()
+    assert "\n" not in str(told.value)
+
+
+def test_numbers_of_numpy_make_a_camera():
+    numbers = (np.int64(64), np.int32(48), np.float32(60), np.float64(60), 31.5, np.float16(23.5))
+    assert Camera("pinhole", *numbers).fx == 60
