@@ -6,7 +6,20 @@ import sys
 import pytest
 from paths import ROOT
 
-HEAVY = ("cv2", "gtsam", "rerun", "scipy", "tqdm", "matplotlib", "evo", "pycolmap", "loky", "distributed", "tabulate")
+HEAVY = (
+    "av",
+    "cv2",
+    "gtsam",
+    "rerun",
+    "scipy",
+    "tqdm",
+    "matplotlib",
+    "evo",
+    "pycolmap",
+    "loky",
+    "distributed",
+    "tabulate",
+)
 
 
 def loaded_by(code):

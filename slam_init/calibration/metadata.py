@@ -110,8 +110,7 @@ def focal_from_metadata(path: str | os.PathLike[str], size: tuple[int, int]) -> 
     Shapes: ``size`` (int, int).
 
     * ``path``: A photograph (JPEG, TIFF, PNG or WebP), a video, or a folder of photographs or with a subfolder
-      ``images``. The metadata of a video are read if PyAV is installed, ``slam-init[video]``; the sensor table if
-      lensfunpy is, ``slam-init[exif]``.
+      ``images``. The sensor table is used if lensfunpy is installed, ``slam-init[exif]``.
     * ``size``: Width and height of the images that are used, in pixels. They may have been resized, and turned.
     * Returns: None where the metadata tell no focal length, where the images were cut to another format, or where the
       first and the last photograph of a folder have different ones (a zoom).
@@ -242,11 +241,9 @@ def _crop_factor(maker: str, model: str) -> float | None:
 
 
 def _video_tags(path: Path) -> dict[str, str]:
-    """The tags of a video and of its stream of images; empty without PyAV, or if the file is no video."""
-    try:
-        import av
-    except ImportError:
-        return {}
+    """The tags of a video and of its stream of images; empty if the file is no video."""
+    import av
+
     try:
         with open_regular(path, SourceError) as file, av.open(file, mode="r", metadata_errors="replace") as container:
             streams = [stream.metadata for stream in container.streams.video]

@@ -1,6 +1,6 @@
 """Video files.
 
-A frame comes upright and at the time that the container states (:mod:`slam_init.datasets.video_decoders`); an
+A frame comes upright and at the time that the container states (:mod:`slam_init.datasets.video_decoder`); an
 interlaced video gives one field of each frame (:mod:`slam_init.datasets.interlaced`).
 """
 
@@ -11,39 +11,22 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
 from slam_init.datasets.image_files import MAX_FRAMES, check_size, frame_range
 from slam_init.datasets.interlaced import NOTE, Deinterlacer
-from slam_init.datasets.video_decoders import (
-    Decoder,
-    count_frames,
-    decoded,
-    is_gif,
-    packet_times_s,
-    read_header,
-)
+from slam_init.datasets.video_decoder import count_frames, decoded, is_gif, packet_times_s, read_header
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import open_regular
-from slam_init.types.arrays import Floats, Image
+from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.pose import Trajectory
 
 # Frame rate where the header states none, or one that is impossible.
 _NOMINAL_RATE_HZ = 30.0
-
-# A camera shows noise: so many equal frames are an image that stands still, or no images.
-_EQUAL_FRAMES = 60
-_EQUAL = f"the first {_EQUAL_FRAMES} frames are equal in each pixel: "
-_EQUAL_NOTE = f"{_EQUAL}a still image, or a camera that sends none"
-_FIELDS_NOTE = (
-    f"{_EQUAL}if the video is interlaced, OpenCV cannot convert it; "
-    'pip install "slam-init[video]", or convert it: ffmpeg -i IN -vf bwdif OUT.mp4'
-)
 
 # A file whose first bytes have no control character but white space is a text.
 _TEXT_BYTES = 4096
@@ -62,8 +45,6 @@ class VideoSource:
     rate_hz: float
     #: (int, int) Width and height of the upright frames in pixels.
     size: tuple[int, int]
-    #: ``opencv`` or ``pyav``.
-    decoder: Decoder = "opencv"
     #: What the header tells the user: whether the frame rate is assumed, or the frames are turned.
     header_notes: tuple[str, ...] = ()
     _seen: set[str] = field(default_factory=set, init=False, repr=False)
@@ -96,7 +77,7 @@ class VideoSource:
     @cached_property
     def timestamps_s(self) -> Floats:
         """(N,) float: time stamps in seconds. The file is read for them, and nothing is decoded."""
-        times_s = list(_increasing(packet_times_s(self.path, self.decoder)[: self.length], 1 / self.rate_hz))
+        times_s = list(_increasing(packet_times_s(self.path)[: self.length], 1 / self.rate_hz))
         # A container may hold fewer times than frames, or none.
         nominal = (times_s[-1] if times_s else -1 / self.rate_hz) + np.arange(1, self.length + 1) / self.rate_hz
         return np.array([*times_s, *nominal[: self.length - len(times_s)]])
@@ -112,10 +93,8 @@ class VideoSource:
         wanted = frame_range(self.length, start, max_frames, self.name)
         # A GIF has no fields; its few colours are dithered, which looks like a comb.
         deinterlacer = None if is_gif(self.path) else Deinterlacer()
-        stream = decoded(self.path, self.decoder, skip=wanted.start)
+        stream = decoded(self.path, skip=wanted.start)
         last_s: float | None = None
-        first: Image | None = None
-        equal = 0
         for index in range(wanted.stop):
             time_s, image = next(stream, (0.0, None))
             if image is None and index >= wanted.start:
@@ -130,13 +109,6 @@ class VideoSource:
                 image = deinterlacer.take(image)
                 if deinterlacer.found:
                     self._seen.add(NOTE)
-            if first is None:
-                first = image
-            if self.decoder == "opencv" and equal == index - wanted.start and np.array_equal(first, image):
-                equal += 1
-                if equal == _EQUAL_FRAMES:
-                    # With PyAV the header was asked already, and the frames have no fields.
-                    self._seen.add(_FIELDS_NOTE if find_spec("av") is None else _EQUAL_NOTE)
             yield Frame(index, last_s, f"frame-{index:06d}", image)
 
 
@@ -159,8 +131,8 @@ def open_video(path: str | os.PathLike[str]) -> VideoSource:
     if 1 <= header.frames <= min(path.stat().st_size, MAX_FRAMES):
         length = int(header.frames)
     else:
-        length = max(count_frames(path, header.decoder), 1)
-    return VideoSource(path, length, rate_hz, header.size, header.decoder, tuple(notes))
+        length = max(count_frames(path), 1)
+    return VideoSource(path, length, rate_hz, header.size, tuple(notes))
 
 
 def _next_time(time_s: float, last_s: float | None, interval_s: float) -> float:
@@ -179,15 +151,8 @@ def _increasing(times_s: Iterable[float], interval_s: float) -> Iterator[float]:
 
 def _check_file(path: Path) -> None:
     """Refuse a file that is not to be given to a decoder."""
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:  # OpenCV crashes on such names
-        raise SourceError(f"{path}: rename the video: its name is not valid Unicode in this locale") from None
-    # OpenCV takes a name with a % for a pattern of image names.
-    if "%" in path.name:
-        raise SourceError(f"{path}: rename the video: OpenCV cannot open names with a %")
     with open_regular(path, SourceError) as file:
         start = file.read(_TEXT_BYTES)
-    # A playlist is a text with the names of other files, or of addresses, which OpenCV would read.
+    # A playlist is a text with the names of other files, or of addresses, which FFmpeg would read.
     if start and not _NOT_TEXT.search(start):
         raise SourceError(f"{path}: is a text, not a readable video; give a video file, or a folder of images")

@@ -1,7 +1,6 @@
 """Focal lengths from EXIF and from the tags of videos, with what is known of their errors."""
 
 import math
-import sys
 
 import pytest
 from make_files import picture, write, write_image
@@ -122,12 +121,6 @@ def test_a_video_tells_the_focal_length_of_its_photographs_which_is_less_sure(tm
     # Android writes maker and model alone.
     tags = {"com.android.manufacturer": "Google", "com.android.model": "Pixel"}
     assert focal_from_metadata(write_by_pyav(tmp_path / "a.mp4", corner_frames(3), tags=tags), SIZE) is None
-
-
-def test_without_pyav_a_video_tells_nothing(tmp_path, monkeypatch):
-    path = write_by_pyav(tmp_path / "v.mp4", corner_frames(3), tags={APPLE: "26"})
-    monkeypatch.setitem(sys.modules, "av", None)
-    assert focal_from_metadata(path, SIZE) is None
 
 
 def test_broken_files_tell_nothing_and_missing_ones_are_errors(tmp_path):

@@ -42,7 +42,6 @@ BAD = {
     "empty folder": (["run", "empty"], "no sequence"),
     "text file": (["run", "file"], "video"),
     "garbage video": (["run", "garbage.mp4"], "garbage.mp4"),
-    "video of no Unicode name": (["run", "\udcff.mp4"], "rename"),
     "empty video": (["run", "empty.mp4"], "empty.mp4"),
     "one image": (["run", f"{IMAGES}/0.png"], "folder"),
     "unreadable image": (["run", "cut", *WITH], "0.png"),
