@@ -3,10 +3,10 @@
 :func:`estimate_relative_pose` answers four questions in this order:
 
 1. Which rigid motion explains most matches? RANSAC with small samples, cheirality and local optimization.
-2. Is its translation observable (:mod:`quest.uncertainty.parallax`)? If not, the kind is "rotation" where a rotation
-   explains a quarter of the matches; otherwise there is no pose.
-3. Does the motion explain more matches than chance would, and do the points spread beyond a line? If not, there is no
-   pose.
+2. Does the motion explain more matches than chance would (:mod:`quest.chance`), and is its translation observable
+   (:mod:`quest.uncertainty.parallax`)? If not, the kind is "rotation" where a rotation explains more matches than
+   chance would, outside each patch of the view too; otherwise there is no pose.
+3. Do the points spread beyond a line? If not, there is no pose.
 4. Do the points lie on a plane, and does the second motion of the plane (its twin) explain them as well? If so, the
    twin is an alternative. Any other mode of RANSAC that explains the matches as well is an alternative too
    (:mod:`quest.alternatives`).
@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quest.alternatives import as_hypothesis, equivalent_motions, explained_by_plane
+from quest.chance import LARGEST_OF_MOTION, LARGEST_OF_ROTATION, false_alarms_of_motion, false_alarms_of_rotation
 from quest.covariance import planar_pose_covariance, pose_covariance
 from quest.errors import InputError, as_floats, as_index, as_positive
 from quest.geometry.epipolar import as_matches
@@ -34,7 +35,6 @@ from quest.robust.pose_problem import PoseProblem
 from quest.robust.rotation import propose_rotation, settle_rotation
 from quest.robust.samples import RansacReport
 from quest.uncertainty.parallax import ParallaxStatement, statement_of_inliers
-from quest.uncertainty.tails import poisson_tail
 
 __all__ = ["Hypothesis", "NoPose", "PoseEvidence", "RelativePose", "estimate_relative_pose"]
 
@@ -49,8 +49,8 @@ _LEAST_NOISE = 0.05
 #: A motion always fits the five to seven matches that it was computed from. With fewer than ten matches, too few others
 #: remain to confirm it: of 360 drawn cameras that only rotate, 2 showed a translation by eight matches, none by ten.
 _MIN_MATCHES = 10
-#: A motion is fitted to five matches. The others agree by chance at most this often: the best of a million motions.
-_FITTED, _CHANCE_LEVEL = 5, 1e-6
+#: Share of the matches that a rotation explains at least.
+_LEAST_SHARE = 0.25
 #: Points along a line allow a whole family of motions. Over 48 strips of points the pose was wrong by degrees wherever
 #: their half width was under ten times the noise, and it was among the returned ones from fifteen times on.
 _LINE_SIGMAS = 10.0
@@ -80,6 +80,16 @@ class _Motion(NamedTuple):
     n: Floats
     noise_rad: float
     gate_rad: float
+
+
+class _Rotation(NamedTuple):
+    """A rotation (3, 3), its residuals r2 and inliers, and how many rotations explain as many by chance."""
+
+    R: Floats
+    r2: Floats
+    inliers: Bools
+    false_alarms: float
+    false_alarms_off_patch: float
 
 
 def estimate_relative_pose(
@@ -154,25 +164,27 @@ def estimate_relative_pose(
     )
     if report is None:
         # Every sample was singular, as for an exact rotation-only camera.
-        return _rotation_or_no_pose(problem, rotation, threshold_rad, PoseEvidence(total))
+        return _rotation_or_no_pose(_rotation_of(problem, rotation, threshold_rad, rng), PoseEvidence(total))
 
     best, noise_rad = refine_with_noise(problem, report.models[0])
     gate_rad = min(threshold_rad, GATE_SIGMAS * noise_rad)
     inliers = problem.explained(best, gate_rad)
     motion = _Motion(best, inliers, m[inliers], n[inliers], noise_rad, gate_rad)
     count = len(motion.m)
-    evidence = PoseEvidence(total, samples=report.samples, inliers=count, noise_rad=noise_rad)
-    if count < 6:
-        return _rotation_or_no_pose(problem, rotation, gate_rad, evidence)
+    false_alarms = false_alarms_of_motion(problem, best, rng)
+    evidence = PoseEvidence(
+        total, samples=report.samples, inliers=count, noise_rad=noise_rad, false_alarms=false_alarms
+    )
+    if count < _MIN_MATCHES or false_alarms > LARGEST_OF_MOTION:
+        return _rotation_or_no_pose(_rotation_of(problem, rotation, gate_rad, rng), evidence)
     chance = chance_inliers(problem, best, gate_rad, rng)
     parallax = _tested_parallax(problem, motion, chance, rotation)
     evidence = replace(evidence, chance_inliers=chance, parallax_z=parallax.test_value, parallax_p=parallax.p_value)
     if not parallax.observable(_ERROR_RATE):
-        return _rotation_or_no_pose(
-            problem, rotation, gate_rad, evidence, parallax, _unobserved_motions(problem, motion)
-        )
-    if count < _MIN_MATCHES or poisson_tail(count - _FITTED, chance) > _CHANCE_LEVEL:
-        return NoPose("no_consistent_motion", evidence)
+        turned = _rotation_of(problem, rotation, gate_rad, rng)
+        # Where a rotation explains no more than chance would, the camera does not only rotate.
+        if turned.false_alarms <= LARGEST_OF_ROTATION:
+            return _rotation_or_no_pose(turned, evidence, parallax, _unobserved_motions(problem, motion))
     spread = max(off_line_rad(motion.m), off_line_rad(motion.n))
     if spread < _LINE_SIGMAS * noise_rad:
         return NoPose("no_consistent_motion", replace(evidence, off_line_rad=spread))
@@ -318,31 +330,35 @@ def _unobserved_motions(problem: PoseProblem, motion: _Motion) -> tuple[Hypothes
     return tuple(as_hypothesis(model, problem.explained(model, motion.gate_rad)) for model in different)
 
 
-def _rotation_or_no_pose(
-    problem: PoseProblem,
-    rotation: Floats,
-    gate_rad: float,
-    evidence: PoseEvidence,
-    parallax: ParallaxStatement | None = None,
-    unobserved: tuple[Hypothesis, ...] = (),
-) -> RelativePose | NoPose:
-    """The pose of kind "rotation" where the rotation explains a quarter of the matches."""
-    total = len(problem)
+def _rotation_of(problem: PoseProblem, rotation: Floats, gate_rad: float, rng: np.random.Generator) -> _Rotation:
+    """The rotation that explains most matches, refined from a first estimate, and whether chance explains as many."""
     R = settle_rotation(rotation, problem.m, problem.n, problem.threshold_rad)
     r2 = 0.5 * np.sum((problem.n - problem.m @ R.T) ** 2, axis=1)
     # The residual of a rotation has two components, the Sampson error has one: the gate per component is the same.
     inliers = r2 < 2 * gate_rad**2
+    anywhere, off_patch = false_alarms_of_rotation(problem, R, inliers, rng)
+    return _Rotation(R, r2, inliers, anywhere, off_patch)
+
+
+def _rotation_or_no_pose(
+    rotation: _Rotation,
+    evidence: PoseEvidence,
+    parallax: ParallaxStatement | None = None,
+    unobserved: tuple[Hypothesis, ...] = (),
+) -> RelativePose | NoPose:
+    """The pose of kind "rotation" if a rotation explains many matches, outside a patch too; otherwise no pose."""
+    inliers, total = rotation.inliers, len(rotation.inliers)
     count = int(inliers.sum())
     evidence = replace(evidence, rotation_inliers=count)
-    # Two matches fix a rotation, and a random match agrees with it in two components: even a tenth of the matches does
-    # not agree by chance. But an eighth may be one moving object; twice that share is required.
-    if count < max(_MIN_MATCHES, 0.25 * total):
+    false_alarms = max(rotation.false_alarms, rotation.false_alarms_off_patch)
+    # Points of equal depth all over the view turn alike where the camera moves: they are no chance, but a part.
+    if count < max(_MIN_MATCHES, _LEAST_SHARE * total) or false_alarms > LARGEST_OF_ROTATION:
         return NoPose("no_consistent_motion", evidence)
     nan = np.full(total, np.nan)
-    noise_rad = float(np.sqrt(np.median(r2[inliers]) / (2 * np.log(2))))  # Rayleigh: median^2 = 2 ln 2 sigma^2
+    noise_rad = float(np.sqrt(np.median(rotation.r2[inliers]) / (2 * np.log(2))))  # Rayleigh: median^2 = 2 ln 2 sigma^2
     return RelativePose(
-        q_wxyz=quaternion_from_matrix(R),
-        R=R,
+        q_wxyz=quaternion_from_matrix(rotation.R),
+        R=rotation.R,
         t=np.zeros(3),
         inliers=inliers,
         depths1=nan,
@@ -353,5 +369,5 @@ def _rotation_or_no_pose(
         parallax_rad=0.0,
         parallax=parallax,
         covariance=np.full((5, 5), np.nan),
-        evidence=evidence,
+        evidence=replace(evidence, false_alarms=false_alarms),
     )

@@ -34,6 +34,9 @@ class PoseEvidence:
         Standard deviation of a bearing, from the residuals of these inliers.
     chance_inliers : float or None
         Mean number of matches that this motion explains after the matches are shuffled.
+    false_alarms : float or None
+        Expected number of motions that explain as many matches by chance, over all samples and gates (for kind
+        "rotation" that of rotations). A motion counts up to 0.1, a rotation up to 0.001.
     parallax_z : float or None
         Test value of the translation, see :attr:`quest.ParallaxStatement.test_value`.
     parallax_p : float or None
@@ -52,6 +55,7 @@ class PoseEvidence:
     inliers: int | None = None
     noise_rad: float | None = None
     chance_inliers: float | None = None
+    false_alarms: float | None = None
     parallax_z: float | None = None
     parallax_p: float | None = None
     rotation_inliers: int | None = None

@@ -32,12 +32,12 @@ def regions_of(where: Floats, shape: tuple[int, int] = _REGIONS) -> Ints:
     """
     if len(where) == 0:
         return np.zeros(0, np.int64)
-    low, high = _percentiles(where)
+    low, high = percentiles(where)
     cells = np.clip((where - low) / np.maximum(high - low, 1e-12) * shape, 0, np.array(shape) - 1).astype(int)
     return np.asarray(cells[:, 0] * shape[1] + cells[:, 1])
 
 
-def _percentiles(values: Floats) -> tuple[Floats, Floats]:
+def percentiles(values: Floats) -> tuple[Floats, Floats]:
     """The 1st and the 99th percentile of each column, as ``numpy.percentile``, which takes ten times as long."""
     last = len(values) - 1
     ordered = np.sort(values, axis=0)

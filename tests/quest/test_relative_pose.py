@@ -11,7 +11,7 @@ from make_two_views import NO_TRANSLATION, NOISE_RAD, box, line, plane, views
 from quest import PoseEvidence, estimate_relative_pose
 
 BEFORE_PARALLAX = ["matches", "samples", "inliers", "noise_rad"]
-PARALLAX = ["chance_inliers", "parallax_z", "parallax_p"]
+PARALLAX = ["chance_inliers", "false_alarms", "parallax_z", "parallax_p"]
 
 
 @pytest.mark.parametrize(

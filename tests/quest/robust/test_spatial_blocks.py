@@ -32,7 +32,7 @@ def test_neighbouring_rays_stay_neighbours_in_all_directions():
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 49, 50, 51, 100, 101, 997])
-def test_the_view_is_the_rectangle_between_the_percentiles_of_numpy(count):
+def test_the_view_is_the_rectangle_between_thepercentiles_of_numpy(count):
     rng = np.random.default_rng(count)
     where = rng.normal(size=(count, 2))
     low, high = np.percentile(where, [1, 99], axis=0)

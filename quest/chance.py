@@ -1,0 +1,139 @@
+"""Whether a motion explains more matches than chance would: an a-contrario test over all gates and all samples.
+
+Under the null hypothesis the matches are random: any two rays may be partners. A motion that was not fitted to a match
+then explains it, within a gate e, with the probability p(e). Shuffles of the matches measure p. The motion was chosen
+to explain many matches, and the gate is chosen afterwards, so the test counts all of them. N matches have C(N, 5)
+samples, each with s motions in the mean. The expected number of these motions that explain k or more matches within one
+of G gates is at most [M04]_ ::
+
+    F = min over the gates of   G . s . C(N, 5) . P(Binomial(N - 5, p(e)) >= k(e) - 5)
+
+A rotation is fitted to two matches, its p grows with the square of the gate, and a sample has one rotation.
+
+A body that moves, or one patch of a repeated texture, turns as a rotation does, and it is no chance. So a rotation has
+to explain more matches than chance would outside each patch of the view, too. One match outside may be fitted: the
+patch leaves the turn about itself open.
+
+References
+----------
+.. [M04] L. Moisan, B. Stival, "A probabilistic criterion to detect rigid point matches between two images and estimate
+   the fundamental matrix", IJCV 57, 2004.
+"""
+
+from __future__ import annotations
+
+from math import exp, lgamma, log, log1p, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from quest.robust.pose_problem import PoseProblem
+from quest.robust.spatial_blocks import directions_of, percentiles
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: Gates of the test: the threshold times these shares. The least is the least noise, see quest.noise.refine_with_noise.
+_GATES = 0.5 ** (0.5 * np.arange(20))
+#: Matches that fix a motion, and the mean number of motions with all five random points in front of both cameras.
+_OF_MOTION, _MOTIONS = 5, 2
+#: Matches that fix a rotation, and matches outside a patch that fix the turn about the patch.
+_OF_ROTATION, _OF_TURN = 2, 1
+#: Expected number by chance up to which a motion counts, and up to which a rotation counts. F bounds the number among
+#: all samples, of which a search tries a small part: random matches had an F above 100 in each of 2,000 searches. A
+#: search for a rotation tries most pairs.
+LARGEST_OF_MOTION, LARGEST_OF_ROTATION = 0.1, 1e-3
+#: Number of shuffled matches by which p is measured, and the gate for it where a rotation is tested, in thresholds:
+#: within one threshold a rotation explains one random match in several thousand.
+_TRIALS, _WIDE = 3000, 8.0
+#: Radius of a patch, as a share of the diagonal of the view; the disc fills a quarter of the view. Number of inliers at
+#: which the patch is tried.
+_PATCH, _CENTRES = 0.2, 100
+
+
+def false_alarms_of_motion(problem: PoseProblem, model: Floats, rng: np.random.Generator) -> float:
+    """Expected number of motions that explain as many random matches as a motion (q_wxyz, t) explains."""
+    from quest.robust import kernels
+
+    total, threshold_rad = len(problem), problem.threshold_rad
+    trials = max(total, _TRIALS)
+    order = rng.permutation(total)
+    m, n = problem.m[order], problem.n[order]
+    explained = kernels.chance_inliers(m, n, model, threshold_rad, threshold_rad, trials)
+    r2, behind = kernels.residuals_of_model(problem.m, problem.n, model, threshold_rad)
+    counts = _counts(r2[~behind], threshold_rad)
+    tests = log(len(_GATES) * _MOTIONS) + log_binomial(total, _OF_MOTION)
+    return _false_alarms(counts, total, _OF_MOTION, tests, np.asarray(_upper_share(explained, trials) * _GATES))
+
+
+def false_alarms_of_rotation(
+    problem: PoseProblem, R: Floats, inliers: NDArray[np.bool_], rng: np.random.Generator
+) -> tuple[float, float]:
+    """Expected numbers of rotations that explain as many random matches as a rotation does: anywhere, and off a patch.
+
+    Shapes: ``R`` (3, 3), ``inliers`` (N,).
+
+    * ``inliers``: The matches that the rotation explains; they tell where the patch is.
+    """
+    total, threshold_rad = len(problem), problem.threshold_rad
+    # One component of the residual has the size of a Sampson error.
+    turned, half = problem.m @ R.T, 0.5
+    r2 = half * np.sum((problem.n - turned) ** 2, axis=1)
+    explained, shuffles = 0, max(1, min(total - 1, -(-_TRIALS // total)))
+    order = rng.permutation(total)
+    for shuffle in range(1, shuffles + 1):
+        wrong = half * np.sum((problem.n[np.roll(order, shuffle)] - turned[order]) ** 2, axis=1)
+        explained += int(np.count_nonzero(wrong < (_WIDE * threshold_rad) ** 2))
+    share = np.asarray(_upper_share(explained, shuffles * total) / _WIDE**2 * _GATES**2)
+    tests = log(len(_GATES)) + log_binomial(total, _OF_ROTATION)
+    everywhere = _false_alarms(_counts(r2, threshold_rad), total, _OF_ROTATION, tests, share)
+    outside = ~_largest_patch(directions_of(problem.m), inliers)
+    count = int(outside.sum())
+    tests = log(len(_GATES)) + log_binomial(count, _OF_TURN)
+    return everywhere, _false_alarms(_counts(r2[outside], threshold_rad), count, _OF_TURN, tests, share)
+
+
+def log_binomial(n: int, k: int) -> float:
+    """Logarithm of the number of subsets of k of n; zero where there is none."""
+    return lgamma(n + 1) - lgamma(k + 1) - lgamma(n - k + 1) if n >= k else 0.0
+
+
+def _counts(r2: Floats, threshold_rad: float) -> Ints:
+    """Number of squared residuals within each gate."""
+    return np.searchsorted(np.sort(r2), (_GATES * threshold_rad) ** 2)
+
+
+def _upper_share(explained: int, trials: int) -> float:
+    """Share of random matches that is explained, one standard deviation above the measured one."""
+    return min(1.0, (explained + sqrt(explained) + 1) / trials)
+
+
+def _false_alarms(counts: Ints, total: int, fitted: int, tests: float, share: Floats) -> float:
+    """The F of the module docstring, from the counts within the gates; ``tests`` is the logarithm of their number."""
+    others = total - fitted
+    if others <= 0:
+        return float("inf")
+    least = min(_log_tail(int(count) - fitted, others, p) for count, p in zip(counts, share.tolist(), strict=True))
+    return exp(min(tests + least, 700.0))
+
+
+def _log_tail(count: int, trials: int, p: float) -> float:
+    """Logarithm of a bound on the probability of ``count`` or more hits in a number of trials."""
+    if count <= trials * p:
+        return 0.0
+    term = log_binomial(trials, count) + count * log(p) + (trials - count) * log1p(-p)
+    # Each term is smaller than the one before by this factor at least: a geometric series.
+    ratio = (trials - count) * p / ((count + 1) * (1 - p))
+    return min(0.0, term - log1p(-ratio))
+
+
+def _largest_patch(where: Floats, inliers: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The matches at places (N, 2) in the disc about an inlier that holds most inliers."""
+    low, high = percentiles(where)
+    radius2 = (_PATCH**2) * float(np.sum((high - low) ** 2))
+    centres = where[inliers]
+    if len(centres) == 0:
+        return np.zeros(len(where), bool)
+    some = centres[:: max(1, len(centres) // _CENTRES)]
+    held = [np.count_nonzero(np.sum((centres - centre) ** 2, axis=1) <= radius2) for centre in some]
+    return np.asarray(np.sum((where - some[int(np.argmax(held))]) ** 2, axis=1) <= radius2)
