@@ -16,6 +16,7 @@ from typing import Any
 
 from slam_init.bench.protocol import DEFAULTS, NAME, VERSION
 from slam_init.bench.sheet import SCHEMA
+from slam_init.compare.charts import share_bar
 from slam_init.compare.rows import finite_json
 from slam_init.errors import SourceError
 from slam_init.output.folder import OutputFolder, output_error
@@ -27,6 +28,10 @@ _MAX_BYTES = 20_000_000
 #: More sheets than anybody compares on one page.
 _MAX_SHEETS = 1000
 _MAX_TEXT = 2000
+#: A start without a map costs frames; a false one costs what is built on it. With this cost a method whose maps are
+#: false in a tenth of the trials ranks no higher than one that never answers.
+FALSE_COST = 10
+OUTCOMES = ("correct", "false", "none", "error")
 
 
 @dataclass(frozen=True)
@@ -45,7 +50,8 @@ class Entry:
     false: tuple[float | None, ...]
     none: tuple[float | None, ...]
     delay: tuple[float | None, ...]
-    errors: int
+    #: Number of trials with a correct map, a false one, none, and an error.
+    outcomes: tuple[int, int, int, int]
     #: Of maps with a stated risk: false ones, and the expected number.
     risk: str
     frame_ms: float | None
@@ -54,9 +60,9 @@ class Entry:
     folder: str
 
     @property
-    def net(self) -> float:
-        """Return the rank: share of correct maps minus share of false maps."""
-        return (self.correct[0] or 0.0) - (self.false[0] or 0.0)
+    def score(self) -> float:
+        """The rank: share of correct maps minus :data:`FALSE_COST` times that of false maps."""
+        return (self.correct[0] or 0.0) - FALSE_COST * (self.false[0] or 0.0)
 
 
 def publish(folders: Sequence[str], out: Path) -> str:
@@ -120,7 +126,7 @@ def _entries(sheet: Mapping[str, Any], folder: str) -> list[Entry]:
                 false=_interval(row["false"]),
                 none=_interval(row["none"]),
                 delay=_interval(row["delay"]),
-                errors=int(row["errors"]),
+                outcomes=_outcomes(row),
                 risk="" if risk is None else f"{int(risk['false'])} ({_known(risk['expected_false']) or 0.0:.2g})",
                 frame_ms=_known(frame_ms),
                 machine=machine[:_MAX_TEXT],
@@ -128,6 +134,13 @@ def _entries(sheet: Mapping[str, Any], folder: str) -> list[Entry]:
             )
         )
     return entries
+
+
+def _outcomes(row: Mapping[str, Any]) -> tuple[int, int, int, int]:
+    """Numbers of trials by their outcome; a false map in a trial that no map can solve counts as well."""
+    trials, solvable, false, errors = (int(row[name]) for name in ("trials", "solvable", "false_maps", "errors"))
+    correct = round(solvable * (_interval(row["correct"])[0] or 0.0))
+    return correct, false, max(0, trials - correct - false - errors), errors
 
 
 def leaderboard_html(entries: Sequence[Entry]) -> str:
@@ -142,13 +155,15 @@ def leaderboard_html(entries: Sequence[Entry]) -> str:
         f"<h1>{NAME} {VERSION}</h1>"
         '<p class="soft">Initialization of monocular SLAM. A trial starts a method at a frame and ends at its first '
         "map. Correct: share of the trials in which a map can be correct, with a rotation within 5&deg; and a "
-        "direction of the baseline within 15&deg;. False: share of all trials with any other map. Delay: frames until "
-        "the first correct map; a trial without one counts as its limit. Risk: false maps among those with a "
-        "stated risk, and the number that the stated risks promise. Intervals are 95 %. Rows are sorted by the share "
-        "of correct maps minus that of false maps; a click on a heading sorts by its column.</p>"
+        "direction of the baseline within 15&deg;. False: share of all judged trials with any other map. Delay: frames "
+        "until the first correct map; a trial without one counts as its limit. Risk: false maps among those with a "
+        "stated risk, and the number that the stated risks promise. Intervals are 95 %.</p>"
+        f"<p><b>Order.</b> Score: share of correct maps minus {FALSE_COST} times that of false maps. A start without a "
+        "map costs frames; a false map costs what is built on it. So a method whose maps are false in one trial of ten "
+        "ranks no higher than one that never answers. A click on a heading sorts by its column.</p>"
     ]
     for name, rows in sorted(groups.items(), key=lambda item: (order.index(item[1][0].suite), item[0])):
-        body.append(_section(name, sorted(rows, key=lambda entry: (-entry.net, entry.label))))
+        body.append(_section(name, sorted(rows, key=lambda entry: (-entry.score, entry.label))))
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -158,17 +173,23 @@ def leaderboard_html(entries: Sequence[Entry]) -> str:
 
 
 def _section(name: str, entries: Sequence[Entry]) -> str:
-    columns = ["method", "trials", "correct %", "false %", "none %", "delay<br>(frames)", "error"]
-    columns += ("risk: false<br>(expected)", "frame<br>(ms)", "net")
-    head = "".join(f'<th scope="col">{column}</th>' for column in columns)
+    columns = [("method", ""), ("score", ""), ("correct %", ""), ("false %", ""), ("delay<br>(frames)", "")]
+    columns += [
+        (title, "more") for title in ("none %", "error", "trials", "risk: false<br>(expected)", "frame<br>(ms)")
+    ]
+    head = "".join(f'<th scope="col"{_class(kind)}>{title}</th>' for title, kind in columns)
     rows = "".join(
-        f'<tr><th scope="row" title="{escape(entry.about)}">{escape(entry.label)}</th><td>{entry.trials}</td>'
-        f"<td>{_cell(entry.correct, 100, 1)}</td><td>{_cell(entry.false, 100, 1)}</td>"
-        f"<td>{_cell(entry.none, 100, 1)}</td><td>{_cell(entry.delay, 1, 2)}</td><td>{entry.errors}</td>"
-        f"<td>{escape(entry.risk) or '-'}</td><td>{'-' if entry.frame_ms is None else f'{entry.frame_ms:.1f}'}</td>"
-        f"<td>{100 * entry.net:.1f}</td></tr>"
+        f'<tr><th scope="row" title="{escape(entry.about)}">{escape(entry.label)}</th>'
+        + "".join(f"<td{_class(kind)}>{cell}</td>" for cell, (_, kind) in zip(_cells(entry), columns[1:], strict=True))
+        + "</tr>"
         for entry in entries
     )
+    chart = "".join(
+        f"<b>{escape(entry.label)}</b>{share_bar(list(zip(OUTCOMES, entry.outcomes, strict=True)))}"
+        f"<span>{100 * entry.score:.0f}</span>"
+        for entry in entries
+    )
+    legend = "".join(f'<li><i class="{outcome}"></i>{outcome}</li>' for outcome in OUTCOMES)
     commands = "".join(
         f"<li><b>{escape(entry.label)}</b> <code>{escape(entry.command)}</code>"
         f'<br><span class="soft">{escape(entry.machine)}; {escape(entry.folder)}</span></li>'
@@ -176,10 +197,31 @@ def _section(name: str, entries: Sequence[Entry]) -> str:
     )
     return (
         f"<h2>{escape(name)}</h2>"
+        f'<figure><figcaption><b>Outcomes of the trials, and the score</b></figcaption><div class="board">{chart}</div>'
+        f'<ul class="legend">{legend}</ul></figure>'
         f'<div class="scroll"><table class="sortable"><caption>{escape(name)}</caption>'
         f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
         f"<details><summary>Commands that give these rows, and machines</summary><ul>{commands}</ul></details>"
     )
+
+
+def _class(kind: str) -> str:
+    return f' class="{kind}"' if kind else ""
+
+
+def _cells(entry: Entry) -> list[str]:
+    """The cells of a row behind the name of the method."""
+    return [
+        f"{100 * entry.score:.1f}",
+        _cell(entry.correct, 100, 1),
+        _cell(entry.false, 100, 1),
+        _cell(entry.delay, 1, 2),
+        _cell(entry.none, 100, 1),
+        str(entry.outcomes[3]),
+        str(entry.trials),
+        escape(entry.risk) or "-",
+        "-" if entry.frame_ms is None else f"{entry.frame_ms:.1f}",
+    ]
 
 
 def _cell(interval: Sequence[float | None], scale: float, digits: int) -> str:

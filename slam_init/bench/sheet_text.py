@@ -9,7 +9,7 @@ from slam_init.bench.sheet import PairedTest, Row, Sheet
 from slam_init.bench.strata import AXES, Stratum
 from slam_init.compare.statistics import Interval
 from slam_init.methods.external_command import method_label
-from slam_init.output.tables import markdown_table
+from slam_init.output.tables import fitted_tables
 
 #: Pairs with a larger adjusted p-value are not listed one by one.
 _SIGNIFICANT = 0.05
@@ -49,7 +49,7 @@ def _facts(sheet: Sheet) -> list[str]:
 def _scores(rows: Sequence[Row]) -> str:
     header = ["method", "trials", "correct", "strict", "false", "none", "error", "delay (frames)", "reason right"]
     header += ["risk: false (expected) of maps", "frame (ms)", "p95 (ms)"]
-    return markdown_table(
+    return fitted_tables(
         header,
         [
             [
@@ -90,14 +90,14 @@ def _pairs_text(pairs: Sequence[PairedTest]) -> str:
     if not rows:
         return told
     header = ["pair", "outcome", "trials in which only one of them has it", "p (Holm)"]
-    return f"{told} The others:\n\n{markdown_table(header, rows)}"
+    return f"{told} The others:\n\n{fitted_tables(header, rows)}"
 
 
 def _strata(kind: str, sheet: Sheet) -> str:
     strata = [stratum for stratum in sheet.strata if stratum.kind == kind]
     header = [kind, "trials", *(method_label(method) for method in sheet.run.methods)]
     rows = [[_stratum_name(one), str(max(cell.trials for cell in one.cells)), *_cells(one)] for one in strata]
-    return markdown_table(header, rows)
+    return fitted_tables(header, rows)
 
 
 def _stratum_name(stratum: Stratum) -> str:

@@ -35,7 +35,7 @@ class Figures:
     none: int
     error: int
     accepted: int
-    #: correct_rate, false_rate: Share of the trials with a correct map, and with a false map.
+    #: correct_rate, false_rate: Share of the trials with a correct map, and of the judged ones with a false map.
     correct_rate: Interval
     false_rate: Interval
     #: Correct maps as a share of the correct and false maps.
@@ -99,7 +99,7 @@ def figures_of(table: TrialTable, mask: Bools) -> Figures:
         error=counts["error"],
         accepted=accepted,
         correct_rate=wilson(correct, trials),
-        false_rate=wilson(false, trials),
+        false_rate=wilson(false, trials - counts["accepted"]),
         precision=wilson(correct, correct + false),
         frames_to_accept=restricted_mean(frames, limits),
         frames_to_correct=restricted_mean(np.where(is_correct, frames, np.nan), limits),

@@ -24,7 +24,7 @@ from slam_init.config import REALTIME_WORK, Config
 from slam_init.datasets.views import SourceView
 from slam_init.errors import ConfigError
 from slam_init.methods.external_command import is_external, method_label
-from slam_init.output.tables import markdown_table, number
+from slam_init.output.tables import fitted_tables, number
 
 #: The options on which the results depend, and their defaults.
 _OPTIONS = (
@@ -125,7 +125,7 @@ def _moving_table(title: str, figures: Mapping[str, Figures]) -> str:
         "strict %",
         "false %",
         "none",
-        "ambiguous: correct hypothesis kept %",
+        "plane: right map kept %",
         "error",
     ]
     header += ["wait (frames)", "rotation (deg)", "direction (deg)", "survival", "frame (ms)"]
@@ -148,7 +148,7 @@ def _moving_table(title: str, figures: Mapping[str, Figures]) -> str:
                 _number(f.times["frame_median_ms"], 1),
             ]
         )
-    return markdown_table(header, rows)
+    return fitted_tables(header, rows)
 
 
 def _static_table(title: str, figures: Mapping[str, Figures]) -> str:
@@ -167,13 +167,13 @@ def _static_table(title: str, figures: Mapping[str, Figures]) -> str:
         ]
         for method, f in figures.items()
     ]
-    return markdown_table(header, rows)
+    return fitted_tables(header, rows)
 
 
 def _wait_table(differences: Sequence[WaitDifference]) -> str:
     header = [f"wait of {differences[0].first} minus that of", "trials", "sequences", "frames"]
     rows = [[d.second, str(d.trials), str(d.sequences), _interval(d.difference_frames)] for d in differences]
-    return markdown_table(header, rows)
+    return fitted_tables(header, rows)
 
 
 def _risk_table(title: str, by_method: Mapping[str, Reliability]) -> str:
@@ -197,7 +197,7 @@ def _risk_table(title: str, by_method: Mapping[str, Reliability]) -> str:
                         *(_percent(coverage.rate) if is_total else "" for coverage in coverages),
                     ]
                 )
-    return markdown_table(header, rows)
+    return fitted_tables(header, rows, names=2)
 
 
 def _interval(interval: Interval) -> str:

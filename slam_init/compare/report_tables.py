@@ -215,6 +215,7 @@ def _p_value(p: float) -> str:
 
 
 def _table(caption: str, figures: Mapping[str, Figures], columns: Sequence[_Column]) -> str:
+    columns = [column for column in columns if any(column[1](f) != "-" for f in figures.values())]
     best = [_best(figures, rank, more) for _, _, rank, more in columns]
     rows = []
     for i, (method, of_method) in enumerate(figures.items()):

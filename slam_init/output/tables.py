@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+#: The width that terminals have at least, where somebody looks at figures. A wider table breaks its lines.
+TERMINAL_WIDTH = 120
+
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table in markdown with aligned columns.
@@ -15,6 +18,27 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
     alignment = ["left", *["right"] * (len(header) - 1)]
     return tabulate(rows, header, tablefmt="pipe", disable_numparse=True, colalign=alignment)
+
+
+def fitted_tables(header: Sequence[str], rows: Sequence[Sequence[str]], names: int = 1) -> str:
+    """Format a table for a terminal: in several tables one below the other where it is wider.
+
+    * ``names``: The first columns, which name a row; each table begins with them.
+    * Returns: The tables in markdown. A column that tells nothing of any row is left out.
+    """
+    cells = [header, *rows]
+    widths = [max(3, *(len(row[k]) for row in cells)) + 3 for k in range(len(header))]
+    told = [k for k in range(names, len(header)) if any(row[k] not in ("", "-") for row in rows)]
+    parts: list[list[int]] = []
+    for k in told or range(names, len(header)):
+        if not parts or 1 + sum(widths[i] for i in (*range(names), *parts[-1], k)) > TERMINAL_WIDTH:
+            parts.append([])
+        parts[-1].append(k)
+    tables = []
+    for part in parts:
+        first, *others = ([row[k] for k in (*range(names), *part)] for row in cells)
+        tables.append(markdown_table(first, others))
+    return "\n\n".join(tables)
 
 
 def number(value: float | None, digits: int = 2) -> str:

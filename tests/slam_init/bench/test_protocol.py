@@ -130,7 +130,27 @@ def test_the_page_ranks_the_rows_of_equal_protocols_and_loads_nothing(finished, 
     entries = read_entries(str(out))
     assert len({entry.group for entry in entries}) == 1
     order = re.findall(r'<th scope="row"[^>]*>([^<]*)<', page)
-    assert order == [entry.label for entry in sorted(entries, key=lambda entry: (-entry.net, entry.label))]
+    assert order == [entry.label for entry in sorted(entries, key=lambda entry: (-entry.score, entry.label))]
+    assert page.count('class="board"') == 1 and "10 times that of false maps" in page
+
+
+def test_a_false_map_costs_more_than_none(finished):
+    entry = read_entries(str(finished[0]))[0]
+    waits = replace(entry, label="waits", correct=(0.6, 0.5, 0.7), false=(0.0, 0.0, 0.1))
+    answers = replace(entry, label="answers", correct=(0.9, 0.8, 1.0), false=(0.04, 0.0, 0.1))
+    order = re.findall(r'<th scope="row"[^>]*>([^<]*)<', leaderboard_html([answers, waits]))
+    assert order == ["waits", "answers"]
+
+
+def test_the_page_and_the_report_of_a_run_tell_the_same_false_rates(finished):
+    out, _ = finished
+    summary = json.loads((out / "summary.json").read_text())
+    for entry in read_entries(str(out)):
+        figures = [part[entry.label] for part in summary["parts"].values() if entry.label in part]
+        assert sum(one["false"] for one in figures) == entry.outcomes[1]
+        judged = sum(one["trials"] - one["accepted"] + one["correct"] + one["false"] for one in figures)
+        assert entry.false[0] == pytest.approx(entry.outcomes[1] / judged)
+        assert sum(entry.outcomes) == entry.trials
 
 
 def test_a_text_in_a_sheet_is_escaped(finished):

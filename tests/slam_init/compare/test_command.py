@@ -30,6 +30,15 @@ def test_by_default_each_installed_method_is_compared_under_one_name():
     assert chosen_methods("magsac,quest") == ("magsac", "quest")
 
 
+def test_the_tables_fit_a_terminal_and_tell_something_in_each_column(finished):
+    text = main_table(finished[1])
+    assert max(map(len, text.splitlines())) <= 120
+    for table in text.split("\n\n"):
+        rows = [line.strip("|").split("|") for line in table.splitlines()]
+        columns = list(zip(*rows[2:], strict=True))
+        assert not any(set("".join(column).split()) <= {"-"} for column in columns), rows[0]
+
+
 def test_the_text_holds_the_wait_of_each_method_and_its_differences(finished):
     text = main_table(finished[1])
     assert "wait (frames)" in text
