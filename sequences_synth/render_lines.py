@@ -46,7 +46,7 @@ class _Grid:
     v: Floats
 
     @staticmethod
-    def of(camera: PinholeCamera, by_columns: bool) -> _Grid:
+    def for_camera(camera: PinholeCamera, by_columns: bool) -> _Grid:
         x, y = _samples(camera.width), _samples(camera.height)
         if camera.k1 == 0.0:
             return _Grid(camera, by_columns, x[None, :], y[:, None])
@@ -89,7 +89,7 @@ def render_lines(
     * ``by_columns``: Whether columns are exposed one after the other, and not rows.
     * ``frame_of``: Row (or column) of pixels, (N,) float -> frame number at which it is exposed, (N,) float.
     """
-    grid = _Grid.of(camera, by_columns)
+    grid = _Grid.for_camera(camera, by_columns)
     lines = _samples(camera.width if by_columns else camera.height)
     frames = frame_of(lines)
     cam_from_world = np.linalg.inv(np.stack([world_from_cam(float(frame)) for frame in frames]))

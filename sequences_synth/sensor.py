@@ -88,7 +88,7 @@ class Sensor:
         """Render a sharp frame."""
         return self._stabilize(frame, self._expose(frame))
 
-    def take(self, frame: int) -> View:
+    def expose(self, frame: int) -> View:
         """Render a frame with its motion blur; depth and ids are those of the middle of the exposure.
 
         * Returns: With a lens camera its inverse depth is the inverse distance along the ray.

@@ -222,7 +222,7 @@ class SynthSequence:
             If the sequence has no such frame.
         """
         sensor, frame = self._sensor(index)
-        view = sensor.take(frame)
+        view = sensor.expose(frame)
         # A repeated frame is the same image. The generator is seeded for this frame, so that the frame does not depend
         # on those rendered before.
         shown = int(self.schedule.content[index])

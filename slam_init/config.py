@@ -251,8 +251,8 @@ class Config(Described):
 
     method: str = "quest"
     seed: int = 0
-    #: A judgement takes 100 to 500 ms. A camera that can wait, or whose frames wait in a queue, has its map in half of
-    #: the time if each frame is judged at once.
+    #: A judgement takes several frame intervals (docs/speed.md). A camera that can wait, or whose frames wait in line,
+    #: has its map in half of the time if each frame is judged at once.
     work_per_frame: float | None = None
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     keyframes: KeyframeConfig = field(default_factory=KeyframeConfig)

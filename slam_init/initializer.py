@@ -210,7 +210,7 @@ class Initializer:
             self._masked = 0.0 if frame.mask is None else 1.0 - np.count_nonzero(frame.mask) / frame.mask.size
             with self.stopwatch("track"):
                 current = self.tracker.track(frame, by_flow_alone=self._must_not_wait(frame))
-                self._overlay.take(frame, current)
+                self._overlay.observe(frame, current)
             self.recorder.frame(frame, current)
             status = self._step(current, turned=turned)
         self.recorder.frame_time(self.stopwatch.last_ms("frame"))
@@ -270,11 +270,11 @@ class Initializer:
         turned: tuple[Floats, float] | None = None,
     ) -> Status:
         """Process the tracks of the next frame, whose time is checked."""
-        self.history.take(current, revised)
+        self.history.add(current, revised)
         self._clock.took(current)
         if turned is not None:
             self.history.turned(current.frame, *turned)
-        current = self.shutter.take(self.history, current.frame)
+        current = self.shutter.correct(self.history, current.frame)
         self._count(current)
         with self.stopwatch("pairs"):
             pairs = self.keyframes.preview(self.history, current)
@@ -360,7 +360,7 @@ class Initializer:
         self.status, self.frames_read, self._first_index = Status(), 0, None
         for observed in list(self.history):
             self._clock.took(observed)
-            current = self.shutter.take(self.history, observed.frame)
+            current = self.shutter.correct(self.history, observed.frame)
             self._count(current)
             self.keyframes.update(current, self.keyframes.preview(self.history, current))
         self.recorder.restarted()

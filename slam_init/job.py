@@ -285,7 +285,7 @@ class _Counted:
 
 def reduction_of(source: Source, camera: Camera) -> Reduction:
     """Choose how the frames are reduced; the tracks of a source that has its own are in original pixels."""
-    return Reduction(camera, 1, camera) if isinstance(source, KnowsTracks) else Reduction.of(camera)
+    return Reduction(camera, 1, camera) if isinstance(source, KnowsTracks) else Reduction.for_camera(camera)
 
 
 def _focal_notes(result: Result, stated: Camera) -> tuple[str, ...]:

@@ -14,10 +14,11 @@ from paths import ROOT
 
 from slam_init.cli.main import main, make_parser
 from slam_init.config import Config, config_toml
-from slam_init.output.names import COMPARE_FILES, RUN_FILES
+from slam_init.output.names import BENCH_FILES, CALIBRATION_FILES, COMPARE_FILES, PAGE, RUN_FILES
 from slam_init.types.reasons import REASONS
 
 DOCS = ROOT / "docs"
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 TUTORIALS = sorted((DOCS / "tutorials").glob("*.md"))
 
 
@@ -61,10 +62,70 @@ def test_each_tutorial_has_blocks_that_run():
         assert {language for language, _, _ in blocks(page)} >= {"python"}, page
 
 
-@pytest.mark.parametrize("name", [*RUN_FILES, *COMPARE_FILES])
-def test_every_file_of_a_command_is_documented(name):
-    text = "".join(page.read_text(encoding="utf-8") for page in DOCS.rglob("*.md"))
+@pytest.mark.parametrize("name", sorted({*RUN_FILES, *COMPARE_FILES, *BENCH_FILES, *CALIBRATION_FILES, PAGE}))
+def test_every_file_of_a_command_is_on_the_page_of_the_files(name):
+    text = (DOCS / "reference" / "files.md").read_text(encoding="utf-8")
     assert f"`{name}`" in text or f"`{name.partition('/')[0]}/`" in text
+
+
+def pages():
+    """The pages that people read: names and texts."""
+    for page in (
+        ROOT / "README.md",
+        ROOT / "CONTRIBUTING.md",
+        ROOT / "quest" / "README.md",
+        *sorted(DOCS.rglob("*.md")),
+    ):
+        yield page.relative_to(ROOT).as_posix(), page.read_text(encoding="utf-8")
+
+
+def test_every_extra_is_on_the_page_of_the_installation_and_is_installed_in_one_way():
+    extras = PROJECT["project"]["optional-dependencies"]
+    listed = re.findall(r"^\| (`[^|]*`) \|", (DOCS / "install.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert {name for row in listed for name in re.findall(r"`([\w-]+)`", row)} == set(extras)
+    for name, text in pages():
+        assert "slam-init[" not in text, name
+        assert set(re.findall(r"pip install [-\w ]*[\"']\.\[(\w+)", text)) <= {*extras, "NAME"}, name
+
+
+def test_no_page_names_a_package_that_is_no_module():
+    for name, text in pages():
+        assert "-m slam_init" not in text, name
+        for program in re.findall(r"python -m (tests\.[\w.]+)", text):
+            found = ROOT.joinpath(*program.split("."))
+            assert "NAME" in program or found.with_suffix(".py").exists() or (found / "__main__.py").exists(), program
+
+
+def test_the_times_of_the_project_are_on_one_page():
+    """Other pages link to it: a time that stands twice is wrong once."""
+    time = re.compile(
+        r"\b(takes?|took|judges [\w ]+ in) (up to |about |at most )?[\d.]+( to [\d.]+)? (ms|us|s|seconds)\b"
+    )
+    for name, text in pages():
+        assert name == "docs/speed.md" or time.search(text) is None, f"{name}: {time.search(text)[0]}"
+
+
+CONTRACTS = PROJECT["tool"]["importlinter"]["contracts"]
+
+
+@pytest.mark.parametrize("package", ["slam_init", "quest"])
+def test_contributing_lists_the_layers_in_their_order(package):
+    contract = next(one for one in CONTRACTS if one.get("containers") == [package])
+    level = {part: k for k, layer in enumerate(contract["layers"]) for part in re.findall(r"\w+", layer)}
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    block = re.search(rf"^{package}\b.*\n((?:^ .*\n)+)", text, re.MULTILINE)[1]
+    # The names stand in the first column, which goes on in the next line where a layer has many.
+    named = re.findall(r"[a-z_]+", " ".join(line[2:28] for line in block.splitlines()))
+    assert set(named) == set(level) - {"__main__", "display"}
+    assert [level[name] for name in named] == sorted(level[name] for name in named)
+
+
+def test_contributing_names_the_importers_of_gtsam():
+    contract = next(one for one in CONTRACTS if one.get("forbidden_modules") == ["gtsam"])
+    importers = {pair.split(" -> ")[0] for pair in contract["ignore_imports"]}
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    sentence = re.search(r"Only (`slam_init[^.]*\.[^\n]*\n.*?) import gtsam", text, re.DOTALL)[1]
+    assert set(re.findall(r"`(slam_init\.[\w.]+)`", sentence)) == importers
 
 
 @pytest.fixture(scope="module")

@@ -210,7 +210,7 @@ def _main(name: str, count: int) -> int:
     from importlib.util import find_spec
 
     if find_spec("pycolmap") is None:
-        raise SlamInitError('COLMAP is not installed: pip install "slam-init[colmap]"')
+        raise SlamInitError('COLMAP is not installed: pip install ".[colmap]"')
     source = open_source(name)
     if source.camera is None:
         raise SlamInitError(f"{name} has no calibration: give a source with a camera.yaml")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from slam_init.cli.exit_codes import DONE, NOT_INITIALIZED
 from slam_init.cli.parser import OUT_HELP, at_least
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
+from slam_init.output.names import CALIBRATION_FILES
 from slam_init.system.process_io import tell
 
 if TYPE_CHECKING:
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from slam_init.methods.self_calibration import SelfCalibration
 
 _DEFAULT_OUT = "slam-init-calibration"
-_FILES = ("camera.yaml", "calibration.json")
 
 
 def add_calibrate(commands: Commands) -> None:
@@ -41,7 +41,7 @@ def _calibrate(arguments: argparse.Namespace) -> int:
     at_least("--seed", arguments.seed, 0)
     from slam_init.output.folder import OutputFolder, chosen_folder, output_error
 
-    out = chosen_folder(arguments.out, "calibrate", _FILES, [arguments.source])
+    out = chosen_folder(arguments.out, "calibrate", CALIBRATION_FILES, [arguments.source])
 
     import json
 
@@ -53,7 +53,7 @@ def _calibrate(arguments: argparse.Namespace) -> int:
     source = opened_source(arguments, arguments.seed)
     arguments.camera = arguments.camera or "auto"
     camera = chosen_camera(arguments, source, arguments.start)
-    with OutputFolder(out, "calibrate", _FILES) as folder:
+    with OutputFolder(out, "calibrate", CALIBRATION_FILES) as folder:
         found = calibrate(
             source,
             camera,

@@ -120,7 +120,7 @@ def _viewed(source: TimedSource, view: SourceView, name: str) -> TimedSource:
 
     if view.query and isinstance(source, KnowsTracks):
         raise UsageError(f"{name} has tracks of its own: --every, --fps and --mask are for sources of images")
-    return view.of(source)
+    return view.apply(source)
 
 
 def chosen_camera(arguments: argparse.Namespace, source: Source, start: int) -> Camera:

@@ -61,7 +61,7 @@ def open_cluster(address: str, sources: Sequence[str] = ()) -> Iterator[Backend]
     try:
         distributed: Any = import_module("distributed")  # the package has no type annotations
     except ImportError:
-        raise ConfigError("the backend dask needs the package distributed: pip install 'slam-init[dask]'") from None
+        raise ConfigError("the backend dask needs the package distributed: pip install '.[dask]'") from None
     _check_certificates(distributed, address)
     with _quiet():
         try:

@@ -43,5 +43,5 @@ def reduced(source: TimedSource) -> TimedSource:
     """
     if source.camera is None:
         return source
-    reduction = Reduction.of(source.camera)
+    reduction = Reduction.for_camera(source.camera)
     return source if reduction.factor == 1 else ReducedSource(source, reduction)

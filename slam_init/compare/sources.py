@@ -87,7 +87,7 @@ def open_compared(text: str) -> TimedSource | PointSource:
 
     view, text = SourceView.parse(text)
     if not text.startswith((PREFIX, POINTS)):
-        return reduced(view.of(open_source(text), renumbered=True))
+        return reduced(view.apply(open_source(text), renumbered=True))
     name, _, query = text.partition("?")
     options = parse_qsl(query, keep_blank_values=True)
     seeds = [value for key, value in options if key == "seed"] or ["0"]
@@ -99,7 +99,7 @@ def open_compared(text: str) -> TimedSource | PointSource:
         if view.query:
             raise SourceError(f"{text}: has no images to leave out or to mask: compare it without these options")
         return open_points(name, int(seeds[-1]))
-    return reduced(view.of(open_source(name, int(seeds[-1])), renumbered=True))
+    return reduced(view.apply(open_source(name, int(seeds[-1])), renumbered=True))
 
 
 def calibration_of(source: TimedSource | PointSource, text: str) -> Camera:

@@ -116,7 +116,7 @@ class _Bytes:
         self._data = memoryview(read_regular(path, limit_bytes, "a COLMAP model", SourceError))
         self._at = 0
 
-    def take(self, layout: str) -> tuple[float, ...]:
+    def unpack(self, layout: str) -> tuple[float, ...]:
         try:
             values = struct.unpack_from(layout, self._data, self._at)
         except struct.error:
@@ -125,7 +125,7 @@ class _Bytes:
         return values
 
     def index(self, layout: str) -> int:
-        return int(self.take(layout)[0])
+        return int(self.unpack(layout)[0])
 
     def skip(self, count: int) -> None:
         self._at += count
@@ -148,11 +148,11 @@ def _read_cameras_bin(path: Path, root: Path) -> dict[int, Camera]:
     data = _Bytes(path, root, _MAX_CAMERAS_BYTES)
     cameras = {}
     for _ in range(data.index("<Q")):  # ends with the data, however many are stated
-        camera_id, model, width, height = (int(value) for value in data.take("<iiQQ"))
+        camera_id, model, width, height = (int(value) for value in data.unpack("<iiQQ"))
         place = f"{path}: camera {camera_id}"
         if not 0 <= model < len(_MODELS):
             raise CalibrationError(f"{place}: unknown camera model number {model}")
-        cameras[camera_id] = colmap_camera(place, model, width, height, data.take(f"<{_PARAMETERS[model]}d"))
+        cameras[camera_id] = colmap_camera(place, model, width, height, data.unpack(f"<{_PARAMETERS[model]}d"))
     return cameras
 
 
@@ -162,7 +162,7 @@ def _read_images_bin(path: Path, root: Path) -> list[ColmapImage]:
     for number in range(data.index("<Q")):
         data.skip(4)  # the id of the image
         row = (f"{path}: image {number + 1}", "")
-        values = [repr(value) for value in data.take("<7d")]
+        values = [repr(value) for value in data.unpack("<7d")]
         qw, qx, qy, qz, *t = numbers(row, values, 7, "a finite pose")
         camera_id = data.index("<i")
         name = data.name()

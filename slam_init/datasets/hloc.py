@@ -48,7 +48,7 @@ def open_hloc(path: Path) -> TrackSource:
     try:
         import h5py  # noqa: F401 (the readers below use it)
     except ImportError:
-        raise SourceError(f'{path}: reading .h5 needs h5py: pip install "slam-init[hloc]"') from None
+        raise SourceError(f'{path}: reading .h5 needs h5py: pip install ".[hloc]"') from None
     features = _Hdf5(_features_of(path))
     with features:
         names, keypoints, size = _read_features(features)

@@ -64,7 +64,7 @@ class Deinterlacer:
     def __init__(self) -> None:
         self.found = False
 
-    def take(self, image: Image) -> Image:
+    def process(self, image: Image) -> Image:
         """Return the frame as one instant shows it.
 
         Shapes: ``image`` (H, W).

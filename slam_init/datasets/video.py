@@ -106,7 +106,7 @@ class VideoSource:
                 continue
             check_size(f"{self.path}, frame {index}", image.shape[1::-1], self.size, "the first frame")
             if deinterlacer is not None:
-                image = deinterlacer.take(image)
+                image = deinterlacer.process(image)
                 if deinterlacer.found:
                     self._seen.add(NOTE)
             yield Frame(index, last_s, f"frame-{index:06d}", image)

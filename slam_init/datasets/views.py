@@ -28,7 +28,7 @@ class SourceView:
         if self.every != 1 and self.fps is not None:
             raise SourceError(f"every {self.every} frames and {self.fps:g} frames a second: give one of both")
 
-    def of(self, source: TimedSource, *, renumbered: bool = False) -> TimedSource:
+    def apply(self, source: TimedSource, *, renumbered: bool = False) -> TimedSource:
         """Limit a source to the frames and pixels that are used."""
         if self.every != 1 or self.fps is not None:
             source = SubsampledSource(source, self.every, self.fps, renumbered)

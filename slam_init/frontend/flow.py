@@ -190,7 +190,7 @@ class Exposure:
     def __init__(self) -> None:
         self._found: deque[float] = deque(maxlen=_TRAIL_FRAMES)
 
-    def take(self, trail: float | None, interval_s: float) -> float:
+    def update(self, trail: float | None, interval_s: float) -> float:
         """Take the trails of a frame.
 
         * Returns: The exposure time in seconds; 0 where no image showed a trail.
@@ -211,9 +211,9 @@ class Drift:
 
         Shapes: ``track_ids`` (N,), ``covariances`` (N, 2, 2).
         """
-        self._ids, self._sums = track_ids, covariances + self.of(track_ids)
+        self._ids, self._sums = track_ids, covariances + self.covariances(track_ids)
 
-    def of(self, track_ids: Ints) -> Floats:
+    def covariances(self, track_ids: Ints) -> Floats:
         """Covariances of the drift.
 
         Shapes: ``track_ids`` (N,), returns (N, 2, 2).

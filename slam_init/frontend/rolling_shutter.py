@@ -89,7 +89,7 @@ class RollingShutter:
         self._newest: int | None = None
         self._steps: list[_Step] = []
 
-    def take(self, history: History, frame: int) -> Observations:
+    def correct(self, history: History, frame: int) -> Observations:
         """Find how the camera turns in the two newest frames of a history, and correct their rays."""
         if self._off:
             return history[frame]

@@ -70,7 +70,7 @@ class StaticOverlay:
         self._black_cells: list[int] = []
         self._width = 0
 
-    def take(self, frame: Frame, current: Observations) -> None:
+    def observe(self, frame: Frame, current: Observations) -> None:
         """Take the next frame."""
         self._width = frame.image.shape[1]
         self._follow(current)

@@ -96,7 +96,7 @@ class History:
         """Add a frame, or replace its observations."""
         self._frames[observations.frame] = observations
 
-    def take(self, observations: Observations, revised: Iterable[Observations] = ()) -> None:
+    def add(self, observations: Observations, revised: Iterable[Observations] = ()) -> None:
         """Check and add the tracks of the next frame, and replace the observations of earlier frames.
 
         * ``revised``: Earlier frames with additional tracks. Frames that are no longer in the history are ignored.
@@ -219,7 +219,7 @@ class Tracker:
             pixels=pixels[order],
             bearings=bearings[order],
             colors=_colors_at(frame.image, pixels[order]),
-            drifts=self._drift.of(ids[order]),
+            drifts=self._drift.covariances(ids[order]),
             step_px=self._step_px,
             exposure_s=self._exposure_s,
         )
@@ -245,7 +245,7 @@ class Tracker:
         if self._trackable is not None:
             kept = kept & self._trackable.patches_are_clear(moved)
         self._step_px = followed.step_px
-        self._exposure_s = self._exposure.take(followed.trail, frame.timestamp_s - self._last.timestamp_s)
+        self._exposure_s = self._exposure.update(followed.trail, frame.timestamp_s - self._last.timestamp_s)
         survived = kept.sum() >= self._config.flow_survival * len(self._last) and kept.any()
         if survived or by_flow_alone:
             self._drift.follow(known_ids[kept], followed.covariances[kept])

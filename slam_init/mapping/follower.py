@@ -90,7 +90,7 @@ class Follower:
         self._misses: list[int] = []
         self._least = MapConfig().min_resected
 
-    def take(self, frame: Frame) -> Keyframe | None:
+    def locate(self, frame: Frame) -> Keyframe | None:
         """Locate the next frame."""
         camera, map_ = self._map.camera, self._map
         observed = self._tracker.track(frame)
@@ -98,7 +98,7 @@ class Follower:
         self._recorder.frame(frame, observed)
         self._rays.put(_by_camera(camera, observed))
         self._rays.forget(keep=())
-        seen = self._shutter.take(self._rays, observed.frame)
+        seen = self._shutter.correct(self._rays, observed.frame)
         _, i, j = np.intersect1d(map_.track_ids, seen.track_ids, return_indices=True)
         resected = resect(map_.points[i], seen.bearings[j], _SURVIVAL_PX / camera.focal_px, self._guess)
         self._judge(frame.index, len(i), 0 if resected is None else int(resected[1].sum()))
@@ -146,7 +146,7 @@ def follow(
             break
         if frame is None:
             break
-        follower.take(frame)
+        follower.locate(frame)
         if until_lost and follower.lost_at is not None:
             break
     lost_at = follower.lost_at if until_lost else None

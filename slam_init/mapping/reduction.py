@@ -37,7 +37,7 @@ class Reduction:
     camera: Camera
 
     @classmethod
-    def of(cls, camera: Camera) -> Reduction:
+    def for_camera(cls, camera: Camera) -> Reduction:
         """Choose the reduction for a camera."""
         factor = max(1, max(camera.width, camera.height) // TRACKED_SIDE)
         if needs_virtual_cameras(camera):  # its factors measure no pixels that could be enlarged

@@ -99,7 +99,7 @@ class PairInitializer:
 
     def _step(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
         """Process the tracks of the next frame, whose time is checked."""
-        self.history.take(current, revised)
+        self.history.add(current, revised)
         self._clock.took(current)
         self.frames_read += 1
         self._next_index = current.frame + 1

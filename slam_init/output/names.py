@@ -44,6 +44,8 @@ SHEET_FILES = ("sheet.json", "sheet.md")
 DIGESTS = "tracks.jsonl"
 #: All files that a benchmark can write, without its trajectories.
 BENCH_FILES = (*COMPARE_FILES, *SHEET_FILES, DIGESTS)
+#: The files of a calibration.
+CALIBRATION_FILES = ("camera.yaml", "calibration.json")
 #: The page of several benchmarks.
 PAGE = "leaderboard.html"
 

@@ -152,7 +152,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     methods, missing = available(options.methods)
     if missing:
-        print(f"not installed, left out: {', '.join(missing)} (pip install slam-init[bench])", file=sys.stderr)
+        print(f"not installed, left out: {', '.join(missing)} (pip install '.[bench]')", file=sys.stderr)
     data = data_folder()
     found = [group for group in groups(data, options.steps, options.pairs) if options.only in group.name]
     if not found or not methods:

@@ -40,7 +40,7 @@ def test_a_lens_without_distortion_renders_what_a_pinhole_camera_renders():
     c = sensor.camera
     lens = LensCamera(c.width, c.height, c.fx, c.fy, c.cx, c.cy, "radtan", (0.0, 0.0, 0.0, 0.0), 1.2)
     through = Sensor(lens, sensor.shutter, sensor.fps, sensor.motion_blur, 0.0, False, sensor.quads, sensor.path)
-    plain, bent = sensor.take(1), through.take(1)
+    plain, bent = sensor.expose(1), through.expose(1)
     np.testing.assert_array_equal(plain.ids, bent.ids)
     np.testing.assert_allclose(through.depth(bent), sensor.depth(plain), rtol=1e-3)
     assert np.abs(plain.image.astype(float) - bent.image).mean() < 1.0

@@ -46,7 +46,7 @@ class PipeBytes:
             pass
         return bytes(self._buffer[:count])
 
-    def take(self, count: int) -> bytes:
+    def read(self, count: int) -> bytes:
         """Take the next bytes."""
         taken = self.peek(count)
         del self._buffer[:count]
@@ -93,7 +93,7 @@ class _Y4MStream:
         end = data.find(b"\n", 0, _LONGEST_HEADER)
         if end < 0:
             raise SourceError(f"{name}: the Y4M header has no end")
-        fields = data.take(end + 1).decode("ascii", "replace").split()[1:]
+        fields = data.read(end + 1).decode("ascii", "replace").split()[1:]
         values = {field[0]: field[1:] for field in fields if field[0] != "X"}
         try:
             self._width, self._height = int(values["W"]), int(values["H"])
@@ -113,14 +113,14 @@ class _Y4MStream:
     def read(self) -> StreamImage | None:
         """Read the next image; None at the end of the pipe."""
         start = self._data.find(b"\n", 0, _LONGEST_HEADER)
-        header = self._data.take(start + 1) if start >= 0 else self._data.peek(5)
+        header = self._data.read(start + 1) if start >= 0 else self._data.peek(5)
         if not header:
             return None
         if not header.startswith(b"FRAME"):
             raise SourceError(f"{self._name}: image {self._count} of the Y4M stream does not start with FRAME")
         size = self._width * self._height
-        plane = self._data.take(size)
-        if len(plane) < size or len(self._data.take(self._skipped)) < self._skipped:
+        plane = self._data.read(size)
+        if len(plane) < size or len(self._data.read(self._skipped)) < self._skipped:
             return None  # the sender has ended within an image
         image = np.frombuffer(plane, np.uint8).reshape(self._height, self._width)
         stream_s = None if self._interval_s is None else self._count * self._interval_s
@@ -153,7 +153,7 @@ class _JpegStream:
         end = self._end()
         if end is None:
             return None  # the sender has ended within an image
-        image: Image = decode_image(f"{self._name}, image {self._count}", self._data.take(end))
+        image: Image = decode_image(f"{self._name}, image {self._count}", self._data.read(end))
         self._count += 1
         return StreamImage(image, None)
 

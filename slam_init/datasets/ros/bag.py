@@ -41,7 +41,7 @@ _BRACKETS = {ord("["): 1, ord("{"): 1, ord("]"): -1, ord("}"): -1}
 _DEEP_LINE = re.compile(rb"^[ ?:-]{%d}" % (2 * _MAX_DEPTH), re.MULTILINE)
 # The address of a SQLite database would end at these characters, or be decoded.
 _NOT_IN_SQLITE_NAMES = "?#%"
-_INSTALL = 'reading ROS bags needs rosbags: pip install "slam-init[ros]"'
+_INSTALL = 'reading ROS bags needs rosbags: pip install ".[ros]"'
 _HINTS = {
     "not indexed": "the recording was not finished: run `rosbag reindex` on it",
     "damaged": "it is cut off: copy it again, or run `rosbag reindex` on it",

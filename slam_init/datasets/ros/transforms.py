@@ -85,7 +85,7 @@ class TransformTree:
     edges: dict[str, Edge] = field(default_factory=dict)
 
     @staticmethod
-    def of(transforms: Iterable[StampedTransform]) -> TransformTree:
+    def gather(transforms: Iterable[StampedTransform]) -> TransformTree:
         """Gather transforms.
 
         * ``transforms``: In any order. Of a child with several parents, the last parent is taken.

@@ -84,7 +84,7 @@ def read_transforms(bag: Bag) -> tuple[TransformTree, tuple[str, ...]]:
             transforms += _transforms(bag, place, message, topic)
             if len(transforms) > MAX_POSES:
                 return TransformTree(), (f"more than {MAX_POSES} transforms: they were not read",)
-    return TransformTree.of(transforms), ()
+    return TransformTree.gather(transforms), ()
 
 
 def _transforms(bag: Bag, place: str, message: Message, topic: Topic) -> Iterator[StampedTransform]:

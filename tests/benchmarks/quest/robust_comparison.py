@@ -140,7 +140,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     methods, missing = available(options.methods)
     if missing:
-        print(f"not installed, left out: {', '.join(missing)} (pip install slam-init[bench])", file=sys.stderr)
+        print(f"not installed, left out: {', '.join(missing)} (pip install '.[bench]')", file=sys.stderr)
     if not methods:
         parser.error("no method is left")
     outliers = options.outliers or (_ALL_OUTLIERS if options.full else _OUTLIERS)

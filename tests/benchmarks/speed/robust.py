@@ -34,7 +34,7 @@ def robust_table(repetitions: int, data: Path) -> str:
     from importlib.util import find_spec
 
     if find_spec("poselib") is None:
-        return "PoseLib is not installed: pip install 'slam-init[poselib]'"
+        return "PoseLib is not installed: pip install '.[poselib]'"
     from tests.benchmarks.quest.robust_trials import warm_up
 
     warm_up([_OURS, _THEIRS])

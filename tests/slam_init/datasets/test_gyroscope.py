@@ -132,7 +132,7 @@ def euroc(tmp_path):
 
 @pytest.mark.parametrize("view", [SourceView(), SourceView(every=2), SourceView(fps=10)])
 def test_the_gyroscope_of_euroc_is_that_of_the_camera_for_each_view_of_it(euroc, view):
-    source = view.of(open_source(euroc))
+    source = view.apply(open_source(euroc))
     times_s = [frame.timestamp_s for frame in source.frames()]
     R, _ = gyroscope_of(source).between(times_s[0], times_s[1])
     np.testing.assert_allclose(R, rotation_from_vector(-CAM_FROM_IMU @ RATE * (times_s[1] - times_s[0])), atol=1e-7)
@@ -173,7 +173,7 @@ def test_a_run_gives_the_rotation_since_the_last_frame_that_is_used(euroc, monke
         return process(self, image, *arguments, **more)
 
     monkeypatch.setattr(Initializer, "process", spy)
-    source = SourceView(every=2).of(open_source(euroc))
+    source = SourceView(every=2).apply(open_source(euroc))
     result, summary = run(source, source.camera, Config(), start=1, imu=True)
     assert given[0] is None and len(given) == 3
     for R in given[1:]:

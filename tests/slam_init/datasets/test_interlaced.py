@@ -48,10 +48,10 @@ def test_the_rows_of_the_first_field_stay_and_the_others_lie_between_them(shape)
 def test_once_found_all_frames_give_one_field():
     """Where the camera rests a frame has no comb, and the sharpness must not change from frame to frame."""
     deinterlacer = Deinterlacer()
-    assert deinterlacer.take(shifted(0)) is not None and not deinterlacer.found
-    deinterlacer.take(woven(6))
+    assert deinterlacer.process(shifted(0)) is not None and not deinterlacer.found
+    deinterlacer.process(woven(6))
     assert deinterlacer.found
-    assert np.array_equal(deinterlacer.take(shifted(0)), first_field(shifted(0)))
+    assert np.array_equal(deinterlacer.process(shifted(0)), first_field(shifted(0)))
 
 
 def test_an_interlaced_video_is_read_and_told(tmp_path):

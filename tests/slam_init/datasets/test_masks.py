@@ -68,5 +68,5 @@ def test_a_wrong_mask_is_one_line(source, tmp_path, case):
         write_image(tmp_path / "elsewhere.png", LEFT)
         (path / "0.png").symlink_to(tmp_path / "elsewhere.png")
     with pytest.raises(SourceError, match=message) as raised:
-        list(SourceView(mask=str(path)).of(source).frames())
+        list(SourceView(mask=str(path)).apply(source).frames())
     assert "\n" not in str(raised.value)

@@ -122,17 +122,17 @@ def test_the_trails_of_a_blurred_image_tell_the_exposure(share):
 def test_little_motion_tells_no_exposure():
     _, found = followed(image(100, 60), image(103, 60))
     assert found.trail is None
-    assert Exposure().take(None, 1 / 30) == 0.0
+    assert Exposure().update(None, 1 / 30) == 0.0
 
 
 def test_the_exposure_is_the_median_of_what_the_last_frames_showed():
     exposure = Exposure()
-    assert exposure.take(0.5, 0.1) == pytest.approx(0.05)
-    exposure.take(0.7, 0.1)
-    assert exposure.take(0.6, 0.1) == pytest.approx(0.06)
-    assert exposure.take(None, 0.1) == pytest.approx(0.06)
+    assert exposure.update(0.5, 0.1) == pytest.approx(0.05)
+    exposure.update(0.7, 0.1)
+    assert exposure.update(0.6, 0.1) == pytest.approx(0.06)
+    assert exposure.update(None, 0.1) == pytest.approx(0.06)
     # Frames without a time do not tell it.
-    assert exposure.take(0.1, 0.0) == pytest.approx(0.06)
+    assert exposure.update(0.1, 0.0) == pytest.approx(0.06)
 
 
 def test_the_covariances_of_the_steps_of_a_track_add_up():
@@ -140,9 +140,9 @@ def test_the_covariances_of_the_steps_of_a_track_add_up():
     one, two = np.diag([1.0, 4.0]), np.array([[2.0, 1.0], [1.0, 2.0]])
     drift.follow(np.array([3, 5, 9]), np.stack([one, one, one]))
     drift.follow(np.array([3, 9, 12]), np.stack([two, one, two]))
-    np.testing.assert_allclose(drift.of(np.array([3, 9, 12])), [one + two, 2 * one, two])
+    np.testing.assert_allclose(drift.covariances(np.array([3, 9, 12])), [one + two, 2 * one, two])
     # A track that is new has not drifted; one that was lost begins anew.
-    np.testing.assert_array_equal(drift.of(np.array([5, 20])), np.zeros((2, 2, 2)))
+    np.testing.assert_array_equal(drift.covariances(np.array([5, 20])), np.zeros((2, 2, 2)))
 
 
 def test_the_drift_of_a_tracker_grows_with_the_frames_and_is_zero_for_new_tracks():

@@ -50,8 +50,8 @@ def vector(camera):
 def taken(camera, frames):
     history, shutter = History(100), RollingShutter(camera)
     for one in frames:
-        history.take(one)
-        shutter.take(history, one.frame)
+        history.add(one)
+        shutter.correct(history, one.frame)
     return history, shutter
 
 

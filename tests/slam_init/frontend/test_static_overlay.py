@@ -21,7 +21,7 @@ TEXTURE = texture(1, 320, 520)
 def notes_of(images):
     tracker, overlay = Tracker(CAMERA, TrackingConfig(max_tracks=300)), StaticOverlay()
     for frame in images:
-        overlay.take(frame, tracker.track(frame))
+        overlay.observe(frame, tracker.track(frame))
     return overlay.notes
 
 
@@ -100,5 +100,5 @@ def test_flow_that_vanishes_somewhere_is_no_overlay(field):
         pixels = pixels + np.random.default_rng(k).normal(0, 0.05, pixels.shape)
         frame = window(TEXTURE, 100, 60, *SIZE, index=k)
         ids = np.arange(len(pixels))
-        overlay.take(frame, Observations(k, k / 30, "", ids, pixels, np.zeros((len(ids), 3))))
+        overlay.observe(frame, Observations(k, k / 30, "", ids, pixels, np.zeros((len(ids), 3))))
     assert overlay.notes == ()

@@ -34,7 +34,7 @@ def enlarged_camera(model):
 def test_images_below_twice_the_tracked_side_are_not_touched(side):
     camera = Camera("pinhole", side, side // 2, side, side, side / 2, side / 4)
     frame = Frame(0, 0.0, "", np.zeros((side // 2, side), np.uint8))
-    reduction = Reduction.of(camera)
+    reduction = Reduction.for_camera(camera)
     assert reduction.camera is camera and reduction.notes == ()
     assert next(reduction.frames(iter([frame]))) is frame
     result = make_result(make_map())
@@ -42,7 +42,7 @@ def test_images_below_twice_the_tracked_side_are_not_touched(side):
 
 
 def test_a_reduced_pixel_is_the_mean_of_a_square_and_sees_the_ray_of_its_middle():
-    reduction = Reduction.of(LARGE)
+    reduction = Reduction.for_camera(LARGE)
     n, small = reduction.factor, reduction.camera
     assert (n, small.width, small.height) == (2, 1365, 901)
     image = picture(3, (LARGE.width, LARGE.height), 1)
@@ -101,5 +101,5 @@ def test_an_image_that_is_larger_by_a_factor_is_reduced_to_the_same_image():
     image = picture(5, (1280, 720))
     larger = cv2.resize(image, None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST)
     camera = Camera("pinhole", 3840, 2160, 3000.0, 3000.0, 1919.5, 1079.5)
-    (frame,) = Reduction.of(camera).frames(iter([Frame(0, 0.0, "", larger)]))
+    (frame,) = Reduction.for_camera(camera).frames(iter([Frame(0, 0.0, "", larger)]))
     assert np.array_equal(frame.image, image)

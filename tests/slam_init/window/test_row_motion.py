@@ -19,8 +19,8 @@ def window(scene, seed, **options):
     sequence, camera = source.sequence, source.camera
     history, shutter = History(20), RollingShutter(camera)
     for observed in source.observations():
-        history.take(observed)
-        shutter.take(history, observed.frame)
+        history.add(observed)
+        shutter.correct(history, observed.frame)
     frames = [3, 7, 4, 5, 6]
     tracks = gather_tracks(camera, [history[frame] for frame in frames], 0.5)
     cam_from_world = np.linalg.inv(sequence.poses[frames]) @ sequence.poses[frames[0]]

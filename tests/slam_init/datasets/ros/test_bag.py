@@ -124,4 +124,4 @@ def test_what_is_decompressed_is_bounded(tmp_path, monkeypatch, kind, method):
 def test_without_the_extra_the_command_says_what_to_install(bag, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "rosbags", None)
     assert main(["info", str(bag)]) == 2
-    assert capsys.readouterr().err.strip().endswith('pip install "slam-init[ros]"')
+    assert capsys.readouterr().err.strip().endswith('pip install ".[ros]"')

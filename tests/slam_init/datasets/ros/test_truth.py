@@ -128,7 +128,7 @@ def sent(time_s: float, parent: str, child: str, value: Pose) -> StampedTransfor
 
 
 def test_a_transform_between_fixed_frames_goes_up_and_down():
-    tree = TransformTree.of(
+    tree = TransformTree.gather(
         [sent(0, "root", "a", pose(0, 0, 1, 1, 0, 0)), sent(0, "root", "b", pose(1, 0, 0, 0, 2, 0))]
     )
     there, back = tree.rigid("a", "b"), tree.rigid("b", "a")
@@ -140,13 +140,13 @@ def test_a_transform_between_fixed_frames_goes_up_and_down():
 def test_a_slower_edge_is_interpolated_and_a_gap_is_left_out():
     fast = [sent(k / 20, "odom", "cam", pose(0, 0, 0, k, 0, 0)) for k in range(9)]
     slow = [sent(time_s, "map", "odom", pose(0, 0, 2 * time_s, 0, 0, 0)) for time_s in (0.05, 0.15, 0.2, 0.4)]
-    root, stamped = TransformTree.of([*fast, *slow]).path_of("cam")
+    root, stamped = TransformTree.gather([*fast, *slow]).path_of("cam")
     assert root == "map"
     np.testing.assert_allclose([time_s for time_s, _ in stamped], [0.05, 0.1, 0.15, 0.2, 0.4])
     np.testing.assert_allclose(stamped[1][1].R, rotation_from_vector(np.array([0, 0, 0.2])), atol=1e-12)
 
 
 def test_a_circle_of_frames_ends():
-    tree = TransformTree.of([sent(0, "a", "b", pose(0, 0, 0, 1, 0, 0)), sent(0, "b", "a", pose(0, 0, 0, 1, 0, 0))])
+    tree = TransformTree.gather([sent(0, "a", "b", pose(0, 0, 0, 1, 0, 0)), sent(0, "b", "a", pose(0, 0, 0, 1, 0, 0))])
     assert tree.above("a") == ["a", "b"]
     assert tree.path_of("a") == ("b", [])
