@@ -28,7 +28,7 @@ import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from threading import get_ident
 from typing import TYPE_CHECKING
@@ -43,6 +43,7 @@ from slam_init.decision.attempt_log import AttemptLog, focal_notes
 from slam_init.decision.focal_check import FocalCheck
 from slam_init.decision.maps_so_far import MapsSoFar
 from slam_init.decision.outcome import Outcome
+from slam_init.decision.pose_so_far import PoseSoFar
 from slam_init.decision.screening import screen
 from slam_init.errors import ConfigError, SlamInitError
 from slam_init.frontend.conventions import check_rays
@@ -135,7 +136,7 @@ class Initializer:
         self._first_index: int | None = None
         self._segments: deque[Segment] = deque(maxlen=MAX_SEGMENTS)
         self._attempts = AttemptLog()
-        self._maps = MapsSoFar(self.recorder)
+        self._maps, self._pose = MapsSoFar(self.recorder), PoseSoFar()
         self._window: WindowRule | None = None
         self._judgement: _Judgement | None = None
         self._last_s: float | None = None
@@ -283,7 +284,10 @@ class Initializer:
         self.keyframes.update(current, pairs)
         in_use = () if self._judgement is None else self._judgement.frames
         self.history.forget(keep=(*self.keyframes.candidates, *in_use))
-        self.status = self._status_after(attempt)
+        judged = self._window is not None and attempt is not None and attempt.window is not None
+        window = self._window.newest_motion() if judged and self._window is not None else None
+        pose = self._pose.after(self.history, current, window, self.map)
+        self.status = replace(self._status_after(attempt), pose=pose)
         return self.status
 
     @property
@@ -355,7 +359,7 @@ class Initializer:
         self.history.start_at(newest[0] if since is None else min(since, newest[0]))
         self.keyframes = KeyframeManager(self.camera, self.config)
         self._focal_check = FocalCheck(self.camera, self.config)
-        self._attempts, self._maps = AttemptLog(), MapsSoFar(self.recorder)
+        self._attempts, self._maps, self._pose = AttemptLog(), MapsSoFar(self.recorder), PoseSoFar()
         self._window, self._judgement = None, None
         self.status, self.frames_read, self._first_index = Status(), 0, None
         for observed in list(self.history):

@@ -20,6 +20,7 @@ from slam_init.config import Config
 from slam_init.decision.depths import depth_gates
 from slam_init.decision.lens import MAX_FOCAL_SIGMA, WindowLens
 from slam_init.decision.outcome import Outcome
+from slam_init.decision.pose_so_far import WindowMotion
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
 from slam_init.decision.screening import LEAST_PARALLAX_SHARE, preview_evidence
 from slam_init.decision.two_views import (
@@ -177,6 +178,19 @@ class WindowRule:
         risk = 1.0 if _moved_frames(bundle, last.hypotheses.motions[0]) else last.risk.total
         built = self._built(bundle, last.hypotheses, risk)
         return None if built is None else ProvisionalMap(built.map, risk)
+
+    def newest_motion(self) -> WindowMotion | None:
+        """What the last window says of its cameras; None where the last judgement had none."""
+        if self._last is None:
+            return None
+        hypotheses, risk = self._last.hypotheses, self._last.risk
+        best = hypotheses.motions[0]
+        rotates_only, poses = risk.rotation > MERE_ROTATION, best.motion.cam_from_world
+        if rotates_only:
+            R = hypotheses.rotation_only.state.R
+            poses = {frame: Pose(R[k], np.zeros(3)) for k, frame in enumerate(hypotheses.tracks.frames)}
+        pair = (best.frames[0], best.frames[1])
+        return WindowMotion(poses, pair, rotates_only, risk.rotation_sigma_deg, risk.direction_sigma_deg)
 
     def follow_lens(self) -> bool:
         """Take the lens that the last judgement found, where the stated focal length is no calibration.

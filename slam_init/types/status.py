@@ -13,6 +13,7 @@ from quest.display import Described
 from slam_init.errors import SlamInitError
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
+from slam_init.types.camera_pose import CameraPose
 from slam_init.types.evidence import WindowEvidence
 from slam_init.types.frame import Frame
 from slam_init.types.reasons import Verdict
@@ -48,6 +49,9 @@ class Status(Described):
         What the joint estimate of the last judged window says: the risk that its map is wrong with the terms of the
         risk, and the standard deviations of rotation, direction and depth. It stays while no frame is judged; None
         before the first, and for methods that state no risk.
+    pose : CameraPose or None
+        The pose of the newest camera from the first one: its rotation from the second frame on, and its centre where a
+        motion is known. None for the first frame, where too few tracks go on, and for other methods than quest.
     """
 
     state: State = State.WAITING
@@ -56,6 +60,7 @@ class Status(Described):
     advice: str = Verdict.TOO_FEW_FRAMES.advice
     attempt: Attempt | None = None
     window: WindowEvidence | None = None
+    pose: CameraPose | None = None
 
     @property
     def risk(self) -> float | None:

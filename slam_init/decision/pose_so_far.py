@@ -1,0 +1,132 @@
+"""The pose of the newest camera while there is no map yet.
+
+Where a window was judged, its best motion, or the camera that only rotates, tells the rotation of its newest frame.
+From there the rotation is carried on: the tracks that a frame shares with an anchor are aligned by a rotation. Frames
+that were not judged have little parallax to all candidates, so that a rotation explains them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from quest.robust.rotation import refine_rotation
+from slam_init.frontend.tracks import History, common_tracks
+from slam_init.types.arrays import Floats
+from slam_init.types.camera_pose import CameraPose, PoseKind
+from slam_init.types.frame import Observations
+from slam_init.types.initial_map import InitialMap
+from slam_init.types.pose import Pose
+
+#: A rotation needs two rays; with eight, half of them may be outliers.
+_LEAST_TRACKS = 8
+#: The anchor is replaced where it shares fewer than this share of the tracks of a frame: what it shows no longer covers
+#: the view.
+_LEAST_SHARED = 0.5
+#: Scales of the robust kernel, from a fast turn between photographs to the residuals of a parallax of a tenth of a
+#: degree.
+_SCALES_RAD = (0.1, 0.03, 0.01, 0.003)
+_MEDIAN_OF_RAYLEIGH = 1.1774
+
+
+@dataclass(frozen=True, eq=False)
+class WindowMotion:
+    """What a judged window says of its cameras: those of the best motion, or of the camera that only rotates."""
+
+    #: By absolute frame index.
+    cam_from_world: dict[int, Pose]
+    #: Reference, and the frame that was judged.
+    frames: tuple[int, int]
+    rotates_only: bool
+    rotation_sigma_deg: float
+    direction_sigma_deg: float
+
+
+class PoseSoFar:
+    """Keeps the rotation of each frame of the history from the first frame, and tells the pose of the newest."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[Floats, float]] = {}
+        self._anchor: int | None = None
+
+    def after(
+        self, history: History, current: Observations, window: WindowMotion | None, map_: InitialMap | None
+    ) -> CameraPose | None:
+        """Take a frame, what its judgement says, and the map if it was accepted.
+
+        * Returns: None for the first frame, and where too few tracks go on.
+        """
+        if not self._known:
+            self._known, self._anchor = {current.frame: (np.eye(3), 0.0)}, current.frame
+            return None
+        if window is not None:
+            self._fix(history, window)
+        found = self._known.get(current.frame) or self._from_anchor(history, current)
+        self._known = {frame: one for frame, one in self._known.items() if frame in history}
+        if found is None:
+            return None
+        self._known[current.frame] = found
+        R, variance = found
+        if map_ is not None:
+            return self._in_map(map_, current.frame, window)
+        if window is None or window.rotates_only or current.frame not in window.cam_from_world:
+            return CameraPose(PoseKind.ROTATION, R, math.degrees(math.sqrt(variance)))
+        reference = window.frames[0]
+        pose = window.cam_from_world[current.frame] @ window.cam_from_world[reference].inverse()
+        baseline = window.cam_from_world[window.frames[1]] @ window.cam_from_world[reference].inverse()
+        centre = -R.T @ pose.t / max(float(np.linalg.norm(baseline.t)), 1e-300)
+        return CameraPose(
+            PoseKind.PROVISIONAL, R, math.degrees(math.sqrt(variance)), centre, window.direction_sigma_deg, reference
+        )
+
+    def _fix(self, history: History, window: WindowMotion) -> None:
+        """Take the rotation of the judged frame from that of the window's oldest known frame."""
+        reference, judged = window.frames
+        start = self._known.get(reference)
+        if start is None or judged not in history or judged not in window.cam_from_world:
+            return
+        turned = window.cam_from_world[judged].R @ window.cam_from_world[reference].R.T
+        sigma_rad = math.radians(window.rotation_sigma_deg)
+        self._known[judged] = (turned @ start[0], start[1] + sigma_rad**2)
+        self._anchor = judged
+
+    def _from_anchor(self, history: History, current: Observations) -> tuple[Floats, float] | None:
+        """The rotation of a frame by the tracks that it shares with the anchor, or with the frame before."""
+        before = max((frame for frame in self._known if frame in history), default=None)
+        for anchor in (self._anchor, before):
+            if anchor is None or anchor not in history or anchor not in self._known:
+                continue
+            i, j = common_tracks(history[anchor], current)
+            if len(i) >= _LEAST_TRACKS and (len(i) >= _LEAST_SHARED * len(current) or anchor == before):
+                self._anchor = anchor
+                R, sigma_rad = _aligned(history[anchor].bearings[i], current.bearings[j])
+                known, variance = self._known[anchor]
+                return R @ known, variance + sigma_rad**2
+        return None
+
+    def _in_map(self, map_: InitialMap, frame: int, window: WindowMotion | None) -> CameraPose:
+        keyframe = max(map_.keyframes, key=lambda one: one.frame if one.frame <= frame else -1)
+        first = next((one for one in map_.keyframes if one.frame in self._known), map_.keyframes[0])
+        start, variance = self._known.get(first.frame, (np.eye(3), 0.0))
+        cam_from_first = keyframe.world_from_cam.R.T @ first.world_from_cam.R @ start
+        centre = keyframe.world_from_cam.t - map_.keyframes[0].world_from_cam.t
+        sigma_deg = 0.0 if window is None else window.rotation_sigma_deg
+        return CameraPose(
+            PoseKind.MAP,
+            cam_from_first,
+            math.hypot(math.degrees(math.sqrt(variance)), sigma_deg),
+            start.T @ first.world_from_cam.R.T @ centre,
+            None if window is None else window.direction_sigma_deg,
+            map_.keyframes[0].frame,
+        )
+
+
+def _aligned(m: Floats, n: Floats) -> tuple[Floats, float]:
+    """The rotation ``n = R m`` of most tracks, and its standard deviation: what is left of the tracks is shared."""
+    R = np.eye(3)
+    for scale_rad in _SCALES_RAD:
+        R = refine_rotation(R, m, n, scale_rad, iterations=4)
+    left = np.linalg.norm(np.cross(n, m @ R.T), axis=1)
+    return R, float(np.median(left)) / _MEDIAN_OF_RAYLEIGH
