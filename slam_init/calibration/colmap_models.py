@@ -8,24 +8,26 @@ from slam_init.calibration.making import camera_of_values
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
 
-#: Names of the parameters of each model.
+#: Names of the parameters of each model. The first ones have their numbers in binary files and databases as places.
 COLMAP_PARAMETERS = {
     "SIMPLE_PINHOLE": "f cx cy",
     "PINHOLE": "fx fy cx cy",
     "SIMPLE_RADIAL": "f cx cy k1",
     "RADIAL": "f cx cy k1 k2",
     "OPENCV": "fx fy cx cy k1 k2 p1 p2",
+    "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
     "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
-    "SIMPLE_FISHEYE": "f cx cy",
-    "FISHEYE": "fx fy cx cy",
+    "FOV": "fx fy cx cy omega",
     "SIMPLE_RADIAL_FISHEYE": "f cx cy k1",
     "RADIAL_FISHEYE": "f cx cy k1 k2",
-    "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
     "THIN_PRISM_FISHEYE": "fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1",
-    "FOV": "fx fy cx cy omega",
+    "SIMPLE_FISHEYE": "f cx cy",
+    "FISHEYE": "fx fy cx cy",
     "EUCM": "fx fy cx cy alpha beta",
     "EQUIRECTANGULAR": "w h",
 }
+#: The models whose numbers are known: COLMAP, src/colmap/sensor/models.h.
+NUMBERED = tuple(COLMAP_PARAMETERS)[:11]
 #: Coefficients of each model of this project, in its order; those that a model of COLMAP lacks are 0.
 _COEFFICIENTS = {
     "radtan": "k1 k2 p1 p2 k3 k4 k5 k6",

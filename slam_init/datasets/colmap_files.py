@@ -12,19 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from slam_init.calibration.colmap_models import COLMAP_PARAMETERS, NUMBERED
 from slam_init.calibration.formats import parse_colmap
 from slam_init.datasets.text import Row, numbers, pose_from_quaternion, read_lines, read_rows
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
-
-# Numbers of the camera models in binary files and databases: COLMAP, src/colmap/sensor/models.h.
-_MODELS = (
-    "SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV",
-    "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE",
-)  # fmt: skip
-_PARAMETERS = (3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12)
 
 # A thousand images with ten thousand points each have 240 MB.
 _MAX_BYTES = 2_000_000_000
@@ -73,7 +67,7 @@ def read_cameras(path: Path, root: Path) -> dict[int, Camera]:
 
 def colmap_camera(place: str, model: int, width: int, height: int, parameters: Sequence[float]) -> Camera:
     """Make a camera of the number of its model and its parameters, as in binary files and databases."""
-    name = _MODELS[model] if 0 <= model < len(_MODELS) else f"number {model}"
+    name = NUMBERED[model] if 0 <= model < len(NUMBERED) else f"number {model}"
     values = " ".join(repr(float(value)) for value in parameters)
     try:
         return parse_colmap(f"1 {name} {width} {height} {values}")
@@ -150,9 +144,10 @@ def _read_cameras_bin(path: Path, root: Path) -> dict[int, Camera]:
     for _ in range(data.index("<Q")):  # ends with the data, however many are stated
         camera_id, model, width, height = (int(value) for value in data.unpack("<iiQQ"))
         place = f"{path}: camera {camera_id}"
-        if not 0 <= model < len(_MODELS):
+        if not 0 <= model < len(NUMBERED):
             raise CalibrationError(f"{place}: unknown camera model number {model}")
-        cameras[camera_id] = colmap_camera(place, model, width, height, data.unpack(f"<{_PARAMETERS[model]}d"))
+        count = len(COLMAP_PARAMETERS[NUMBERED[model]].split())
+        cameras[camera_id] = colmap_camera(place, model, width, height, data.unpack(f"<{count}d"))
     return cameras
 
 

@@ -15,14 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam_init.datasets.image_files import frame_range
-from slam_init.datasets.synth import option_values
-from slam_init.datasets.text import pose_from_matrix
+from slam_init.datasets.synth import SimulatedSource, option_values
 from slam_init.datasets.track_source import draw_points
 from slam_init.errors import SourceError
-from slam_init.types.arrays import Floats
-from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
-from slam_init.types.pose import Trajectory
 
 if TYPE_CHECKING:
     from sequences_synth import PointSequence
@@ -34,40 +30,15 @@ _DOT = 220
 
 
 @dataclass(frozen=True, eq=False)
-class PointSource:
+class PointSource(SimulatedSource):
     """A :class:`slam_init.types.frame.Source` with given tracks; its images are dots on a dark background."""
 
     sequence: PointSequence
 
     @property
-    def name(self) -> str:
-        """Name of the scene."""
-        return self.sequence.name
-
-    @property
     def kind(self) -> str:
         """``points``."""
         return "points"
-
-    @property
-    def camera(self) -> Camera:
-        """The stated camera, which is wrong by the options ``focal_error``, ``principal_error`` and ``k1``."""
-        c = self.sequence.camera
-        return Camera("pinhole", c.width, c.height, c.fx, c.fy, c.cx, c.cy)
-
-    @property
-    def groundtruth(self) -> Trajectory:
-        """The exact true trajectory."""
-        poses = (pose_from_matrix(self.name, matrix) for matrix in self.sequence.poses)
-        return Trajectory(self.sequence.timestamps_s, tuple(poses))
-
-    @property
-    def timestamps_s(self) -> Floats:
-        """(N,) float."""
-        return self.sequence.timestamps_s
-
-    def __len__(self) -> int:
-        return len(self.sequence)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Draw images of the tracks."""

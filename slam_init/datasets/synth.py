@@ -16,7 +16,7 @@ from slam_init.types.frame import Frame
 from slam_init.types.pose import Trajectory
 
 if TYPE_CHECKING:
-    from sequences_synth import SynthOptions, SynthSequence
+    from sequences_synth import PointSequence, SynthOptions, SynthSequence
 
 PREFIX = "synth:"
 # Values of options that are on or off.
@@ -24,22 +24,15 @@ _SWITCH = {"0": False, "1": True}
 
 
 @dataclass(frozen=True, eq=False)
-class SynthSource:
-    """A :class:`slam_init.types.frame.Source` that renders a frame when it is requested."""
+class SimulatedSource:
+    """What a rendered sequence and one of tracks alone state: their name, camera, truth and times."""
 
-    sequence: SynthSequence
-    #: The newest image by its index: a command reads the first frame before its run, to check it.
-    _newest: dict[int, Image] = field(default_factory=dict, init=False, repr=False)
+    sequence: SynthSequence | PointSequence
 
     @property
     def name(self) -> str:
         """Name of the scene."""
         return self.sequence.name
-
-    @property
-    def kind(self) -> str:
-        """``synth``."""
-        return "synth"
 
     @property
     def camera(self) -> Camera:
@@ -64,6 +57,20 @@ class SynthSource:
 
     def __len__(self) -> int:
         return len(self.sequence)
+
+
+@dataclass(frozen=True, eq=False)
+class SynthSource(SimulatedSource):
+    """A :class:`slam_init.types.frame.Source` that renders a frame when it is requested."""
+
+    sequence: SynthSequence
+    #: The newest image by its index: a command reads the first frame before its run, to check it.
+    _newest: dict[int, Image] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def kind(self) -> str:
+        """``synth``."""
+        return "synth"
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Render frames in order, each when it is requested."""

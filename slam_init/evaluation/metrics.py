@@ -104,27 +104,6 @@ def ate_rmse(estimated: Floats, truth: Floats) -> float:
     return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
 
 
-def relative_pose_errors(estimated: Sequence[Pose], truth: Sequence[Pose], delta: int = 1) -> tuple[Floats, Floats]:
-    """Compute the relative pose errors (RPE) of all pairs that are ``delta`` poses apart.
-
-    The trajectories are not aligned. The caller must first bring the estimate to the scale of the ground truth
-    (:func:`align_positions`).
-
-    Shapes: returns ``translation`` (N - delta,), returns ``rotation_deg`` (N - delta,).
-
-    * Returns ``translation``: Distance between the estimated and the true relative translation, in units of the
-      trajectories.
-    """
-    steps = range(len(truth) - delta)
-    errors = [
-        (truth[i].inverse() @ truth[i + delta]).inverse() @ (estimated[i].inverse() @ estimated[i + delta])
-        for i in steps
-    ]
-    translation = np.array([np.linalg.norm(error.t) for error in errors])
-    rotation_deg = np.array([np.rad2deg(rotation_angle(error.R)) for error in errors])
-    return translation, rotation_deg
-
-
 def compare_with_groundtruth(
     keyframes: Sequence[Keyframe], trajectory: Trajectory | None, tolerance_s: float = 0.02
 ) -> GroundTruthErrors | None:

@@ -73,18 +73,13 @@ def difference_gate(noise: float) -> float:
     return 3 * float(np.sqrt(2)) * noise
 
 
-def preview_pair(camera: Camera, reference: Observations, current: Observations, noise_px: float) -> PairPreview:
-    """Remove the best rotation between two frames and measure the remaining displacement of the common tracks.
-
-    * Returns: With zero motion and parallax if there are fewer than 3 common tracks.
-    """
-    return _previewed(camera, [reference], current, noise_px)[0]
-
-
-def _previewed(
+def preview_pairs(
     camera: Camera, references: Sequence[Observations], current: Observations, noise_px: float
 ) -> list[PairPreview]:
-    """The previews of a frame with some references, without their order."""
+    """Remove the best rotation from each reference to a frame, and measure the remaining displacement of the tracks.
+
+    * Returns: In the order of the references, with zero motion and parallax for fewer than 3 common tracks.
+    """
     aligned = [_align(camera, reference, current, noise_px) for reference in references]
     # The angles of all rotations at once take as long as that of one.
     angles_deg = np.degrees(rotation_angle(np.array([R for _, R in aligned]).reshape(-1, 3, 3))).tolist()
@@ -156,7 +151,7 @@ class KeyframeManager:
             self._step = step if self._step is None else min(self._step, step)
         self._last = current.frame
         noise_px = self._config.map.noise_px
-        pairs = _previewed(self.camera, [history[frame] for frame in self.candidates], current, noise_px)
+        pairs = preview_pairs(self.camera, [history[frame] for frame in self.candidates], current, noise_px)
         return sorted(pairs, key=lambda pair: -pair.direction_score)
 
     def best_pair_to_try(self, pairs: list[PairPreview]) -> PairPreview | None:

@@ -1,8 +1,8 @@
 """The size of a planar target in units of the map, from its pixels in keyframes of known poses.
 
 The target is a rigid set of points ``X = c + a R m`` with the points m in metres. Its pose (R, c) and its size a, the
-units of the map in a metre, are fitted to all pixels by Gauss-Newton. Start: a view tells R and the direction of c from
-the homography of the target (IPPE [1]_), and a is then a linear unknown of the other views.
+units of the map in a metre, are fitted to all pixels by least squares. Start: a view tells R and the direction of c
+from the homography of the target (IPPE [1]_), and a is then a linear unknown of the other views.
 
 References
 ----------
@@ -29,8 +29,7 @@ _LEAST_NOISE_PX = 0.1
 #: A view whose corners miss by more is that of another target, or of one that moved: a track that misses by as much is
 #: not located either.
 _WORST_PX = 3.0
-_ITERATIONS = 20
-#: Gauss-Newton has converged where a step changes the size by less than a billionth.
+#: The fit has converged where a step changes pose and size by less than a billionth.
 _CONVERGED = 1e-9
 
 
@@ -192,38 +191,20 @@ def _jacobians(map_: InitialMap, view: _View, target: _Target) -> tuple[Floats, 
 
 
 def _refined(map_: InitialMap, views: Sequence[_View], target: _Target) -> _Target | None:
-    """Gauss-Newton with a step that is halved while it does not help; None where the target leaves the view."""
+    """The target with the least residuals near a start; None where the start leaves the view."""
+    from scipy.optimize import least_squares
 
-    def cost(one: _Target) -> float:
-        total = float(sum(np.sum(_residuals(map_, view, one) ** 2) for view in views))
-        return total if np.isfinite(total) else np.inf
+    def moved(step: Floats) -> _Target:
+        R = rotation_from_vector(step[:3]) @ target.R
+        return _Target(R, target.centre + step[3:6], target.log_units + float(step[6]))
 
-    now = cost(target)
-    if not np.isfinite(now):
+    def residuals(step: Floats) -> Floats:
+        return np.concatenate([_residuals(map_, view, moved(step)).ravel() for view in views])
+
+    start = np.zeros(7)
+    if not np.isfinite(residuals(start)).all():
         return None
-    for _ in range(_ITERATIONS):
-        J = np.concatenate([_jacobians(map_, view, target)[0] for view in views])
-        r = np.concatenate([_residuals(map_, view, target).ravel() for view in views])
-        if not np.isfinite(J).all():
-            return None
-        step = -np.linalg.lstsq(J, r, rcond=None)[0]
-        moved, later = target, now
-        for factor in (1.0, 0.5, 0.25, 0.125, 0.0625):
-            moved = _Target(
-                rotation_from_vector(factor * step[:3]) @ target.R,
-                target.centre + factor * step[3:6],
-                target.log_units + float(np.clip(factor * step[6], -1, 1)),
-            )
-            later = cost(moved)
-            if later <= now:
-                break
-        if later > now:
-            break
-        done = abs(moved.log_units - target.log_units) < _CONVERGED
-        target, now = moved, later
-        if done:
-            break
-    return target
+    return moved(least_squares(residuals, start, x_scale="jac", xtol=_CONVERGED).x)
 
 
 def _size(map_: InitialMap, views: Sequence[_View], target: _Target) -> TargetSize | None:

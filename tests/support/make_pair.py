@@ -8,14 +8,14 @@ from make_scene import CAMERA, CONFIG, history_of
 
 from quest.estimate import RelativePose
 from slam_init.decision.two_views import MatchedPair, match_pair, pose_at_fitting_threshold
-from slam_init.frontend.keyframes import PairPreview, preview_pair
+from slam_init.frontend.keyframes import PairPreview, preview_pairs
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 
 
 def preview_of(observations: Sequence[Observations], camera: Camera = CAMERA) -> PairPreview:
     """The preview of the first and the last frame."""
-    return preview_pair(camera, observations[0], observations[-1], CONFIG.map.noise_px)
+    return preview_pairs(camera, [observations[0]], observations[-1], CONFIG.map.noise_px)[0]
 
 
 def matched(observations: Sequence[Observations], camera: Camera = CAMERA) -> MatchedPair:

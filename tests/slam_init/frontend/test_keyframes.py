@@ -10,7 +10,7 @@ from make_map import make_poses
 from make_scene import CAMERA, CONFIG, cloud, history_of, observe
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.frontend.keyframes import KeyframeManager, PairPreview, preview_pair
+from slam_init.frontend.keyframes import KeyframeManager, PairPreview, preview_pairs
 from slam_init.types.pose import Pose
 
 NOISE_PX = CONFIG.map.noise_px
@@ -20,7 +20,7 @@ TURN = rotation_from_vector(np.array([0.01, 0.04, 0.02]))
 def preview(poses, noise_px=0.0, seed=0):
     rng = np.random.default_rng(seed)
     a, b = observe(CAMERA, poses, cloud(rng), noise_px, rng)
-    return preview_pair(CAMERA, a, b, NOISE_PX)
+    return preview_pairs(CAMERA, [a], b, NOISE_PX)[0]
 
 
 def pair(reference, current, matches=100, parallax_px=10.0, spread=1.0):
@@ -62,11 +62,11 @@ def test_an_additional_rotation_does_not_change_the_parallax():
 
 def test_a_pair_without_common_tracks_has_score_0():
     a, b = observe(CAMERA, make_poses(2), cloud(np.random.default_rng(0)))
-    strangers = preview_pair(CAMERA, a, replace(b, track_ids=b.track_ids + 1), NOISE_PX)
+    (strangers,) = preview_pairs(CAMERA, [a], replace(b, track_ids=b.track_ids + 1), NOISE_PX)
     assert strangers.matches == 0
     assert strangers.direction_score == 0
     empty = replace(b, track_ids=b.track_ids[:0], pixels=b.pixels[:0], bearings=b.bearings[:0])
-    assert preview_pair(CAMERA, empty, empty, NOISE_PX).direction_score == 0
+    assert preview_pairs(CAMERA, [empty], empty, NOISE_PX)[0].direction_score == 0
 
 
 @pytest.mark.parametrize(
