@@ -1,0 +1,156 @@
+"""Laws that rendered worlds and worlds of tracks have in common: options, stated cameras, motions, schedules, cuts."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from sequences_synth import PointOptions, SynthOptions, make_points, make_sequence
+from sequences_synth.trajectory import vector_from_rotation
+
+RENDERED = {"width": 160, "height": 120, "noise": 0.0, "motion_blur": 0.0, "exposure_change": 0.0}
+
+
+class Points:
+    """Worlds of tracks, at the rate of a video."""
+
+    @staticmethod
+    def make(scene, seed, frames=100, **options):
+        return make_points(scene, seed, PointOptions(**{"views": frames, "fps": 30.0, **options}))
+
+    @staticmethod
+    def shown(world, index):
+        return world.pixels[index], world.visible[index]
+
+
+class Rendered:
+    """Rendered worlds of small images."""
+
+    @staticmethod
+    def make(scene, seed, **options):
+        return make_sequence(scene, seed, SynthOptions(**{**RENDERED, **options}))
+
+    @staticmethod
+    def shown(world, index):
+        return world.render(index)
+
+
+@pytest.fixture(params=[Points, Rendered], ids=["points", "rendered"])
+def kind(request):
+    return request.param
+
+
+def same(kind, a, i, b, j):
+    """Whether frame i of a world shows the same as frame j of another."""
+    return all(np.array_equal(x, y) for x, y in zip(kind.shown(a, i), kind.shown(b, j), strict=True))
+
+
+def turning_deg_s(world):
+    """Root mean square of the angular speed from view to view."""
+    angles = [np.linalg.norm(vector_from_rotation(a.T @ b)) for a, b in pairwise(world.poses[:, :3, :3])]
+    return np.degrees(np.sqrt(np.mean((np.array(angles) / np.diff(world.timestamps_s)) ** 2)))
+
+
+OUT_OF_RANGE = [
+    {"k1": -1.0}, {"readout_ms": -1.0}, {"readout_ms": 40.0, "fps": 30.0}, {"exposure_ms": -1.0},
+    {"readout_direction": "in"}, {"dropped": 1.0}, {"repeated": -0.1}, {"bodies": 0}, {"turning_deg_s": float("nan")},
+    {"principal_error": 0.6}, {"moving": 2.0},
+]  # fmt: skip
+OF_POINTS = [
+    {"exposure_ms": 101.0},
+    {"cut": 1},
+    {"cut": 13},
+    {"fps": 0.0},
+    {"field_px": -1.0},
+    {"drift_px": float("nan")},
+]
+OF_RENDERED = [{"cut": 100}, {"flicker": 1.0}, {"fade": -1}, {"frames": 0}, {"noise": -1.0}, {"moving_objects": 2.0}]
+
+
+@pytest.mark.parametrize(
+    ("made", "options"),
+    [(PointOptions, one) for one in (*OUT_OF_RANGE, *OF_POINTS)]
+    + [(SynthOptions, {k: v for k, v in one.items() if k != "fps"}) for one in (*OUT_OF_RANGE, *OF_RENDERED)],
+)
+def test_options_out_of_range_are_refused_by_name(made, options):
+    with pytest.raises(ValueError, match=next(iter(options))):
+        made(**options)
+
+
+def test_equal_seeds_give_equal_worlds_and_different_seeds_different_ones(kind):
+    a, b, c = (kind.make("desk", seed, frames=12) for seed in (5, 5, 6))
+    assert same(kind, a, 11, b, 11)
+    assert not np.allclose(a.poses[6], c.poses[6], atol=1e-3)
+    assert not same(kind, a, 11, c, 11)
+
+
+def test_calibration_errors_change_only_the_stated_camera(kind):
+    right, scaled, shifted = (
+        kind.make("wall", 0, frames=6, **options) for options in ({}, {"focal_error": 0.05}, {"principal_error": 0.03})
+    )
+    assert right.camera == right.true_camera == scaled.true_camera == shifted.true_camera
+    assert scaled.camera.fx == scaled.camera.fy == pytest.approx(1.05 * right.camera.fx)
+    assert abs(shifted.camera.cx - right.camera.cx) == pytest.approx(0.03 * right.camera.width)
+    assert abs(shifted.camera.cy - right.camera.cy) == pytest.approx(0.03 * right.camera.height)
+    for wrong in (scaled, shifted):
+        assert same(kind, right, 5, wrong, 5) and np.array_equal(right.poses, wrong.poses)
+    bent = kind.make("wall", 0, frames=6, k1=0.1)
+    assert bent.camera == right.camera and bent.true_camera.k1 == 0.1
+
+
+@pytest.mark.parametrize("scene", ["room", "nadir-turn", "rotate-then-move", "static"])
+def test_options_that_do_not_apply_change_no_pixel(kind, scene):
+    neutral = {"turning_deg_s": 90.0, "speed": 1.0, "readout_direction": "left", "body_turn_deg_s": 0.0, "bodies": 2}
+    a, b = (kind.make(scene, 4, frames=12, **options) for options in ({"bodies": 2}, neutral))
+    assert same(kind, a, 9, b, 9) and np.array_equal(a.poses, b.poses)
+
+
+@pytest.mark.parametrize("scene", ["handheld", "handheld-wall", "pan"])
+@pytest.mark.parametrize("speed", [20.0, 60.0, 150.0])
+def test_a_turning_camera_has_the_requested_speed_and_no_translation(kind, scene, speed):
+    world = kind.make(scene, 1, frames=301, turning_deg_s=speed)
+    assert turning_deg_s(world) == pytest.approx(speed, rel=0.03)
+    assert (world.poses[:, :3, 3] == world.poses[0, :3, 3]).all()
+
+
+@pytest.mark.parametrize("scene", ["handheld", "handheld-wall"])
+def test_a_hand_held_camera_translates_at_a_constant_speed(kind, scene):
+    world = kind.make(scene, 4, frames=90, speed=0.1)
+    steps = np.linalg.norm(np.diff(world.poses[:, :3, 3], axis=0), axis=1) * 30
+    np.testing.assert_allclose(steps, steps[0], rtol=1e-3)
+    assert 0.1 < steps[0] < 0.5
+
+
+def test_a_stabilized_camera_is_where_the_shaken_one_is_and_turns_more_slowly(kind):
+    shaken, steady = (kind.make("handheld", 2, frames=60, stabilized=stabilized) for stabilized in (False, True))
+    np.testing.assert_array_equal(shaken.poses[:, :3, 3], steady.poses[:, :3, 3])
+    assert turning_deg_s(steady) < 0.9 * turning_deg_s(shaken)
+
+
+def test_dropped_frames_are_gaps_in_the_time_stamps(kind):
+    world = kind.make("pan", 3, frames=40, dropped=0.25, turning_deg_s=60.0)
+    gaps = np.diff(world.timestamps_s) * 30
+    np.testing.assert_allclose(gaps, np.round(gaps), atol=1e-6)
+    assert len(world) == 40 and gaps.sum() == pytest.approx(52) and gaps.max() >= 2
+    # The motion is even in time: the angle is that of the gap.
+    angles = [np.degrees(np.linalg.norm(vector_from_rotation(a.T @ b))) for a, b in pairwise(world.poses[:, :3, :3])]
+    np.testing.assert_allclose(angles, 2 * gaps, rtol=1e-6)
+
+
+def test_a_repeated_frame_has_a_new_time_and_shows_what_the_frame_before_shows(kind):
+    noise = {"noise": 3.0} if kind is Rendered else {"field_px": 0.3}
+    world = kind.make("room", 3, frames=30, repeated=0.2, **noise)
+    copies = [k for k in range(1, 30) if np.array_equal(world.poses[k], world.poses[k - 1])]
+    assert len(copies) == 6
+    assert all(same(kind, world, k, world, k - 1) for k in copies)
+    np.testing.assert_allclose(np.diff(world.timestamps_s), 1 / 30, atol=1e-9)
+    other = next(k for k in range(1, 30) if k not in copies)
+    assert not same(kind, world, other, world, other - 1)
+
+
+def test_the_first_scene_of_a_cut_is_a_scene_of_its_own_length(kind):
+    whole, part = kind.make("handheld", 3, frames=10, cut=6), kind.make("handheld", 3, frames=6)
+    np.testing.assert_array_equal(whole.poses[:6], part.poses)
+    count = len(kind.shown(part, 5)[0])
+    assert all(np.array_equal(a[:count], b) for a, b in zip(kind.shown(whole, 5), kind.shown(part, 5), strict=True))
+    assert np.abs(whole.poses[6] - whole.poses[5]).max() > 1e-3
