@@ -7,17 +7,19 @@ bound, each value is checked, and every text is escaped.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from html import escape
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from slam_init.bench.protocol import DEFAULTS, NAME, VERSION
 from slam_init.bench.sheet import SCHEMA
-from slam_init.compare.charts import share_bar
 from slam_init.compare.rows import finite_json
+from slam_init.compare.statistics import Interval
+from slam_init.compare.tables import HTML_ENDS, figure_text, page_html, share_bar
 from slam_init.errors import SourceError
 from slam_init.output.folder import OutputFolder, output_error
 from slam_init.output.names import PAGE, SHEET_FILES
@@ -32,6 +34,7 @@ _MAX_TEXT = 2000
 #: false in a tenth of the trials ranks no higher than one that never answers.
 FALSE_COST = 10
 OUTCOMES = ("correct", "false", "none", "error")
+_html = partial(figure_text, ends=HTML_ENDS)
 
 
 @dataclass(frozen=True)
@@ -45,11 +48,11 @@ class Entry:
     command: str
     about: str
     trials: int
-    #: correct, false, none, delay: Value, low and high end.
-    correct: tuple[float | None, ...]
-    false: tuple[float | None, ...]
-    none: tuple[float | None, ...]
-    delay: tuple[float | None, ...]
+    #: correct, false, none, delay: As in the sheet.
+    correct: Interval
+    false: Interval
+    none: Interval
+    delay: Interval
     #: Number of trials with a correct map, a false one, none, and an error.
     outcomes: tuple[int, int, int, int]
     #: Of maps with a stated risk: false ones, and the expected number.
@@ -62,7 +65,8 @@ class Entry:
     @property
     def score(self) -> float:
         """The rank: share of correct maps minus :data:`FALSE_COST` times that of false maps."""
-        return (self.correct[0] or 0.0) - FALSE_COST * (self.false[0] or 0.0)
+        correct, false = (0.0 if math.isnan(share.value) else share.value for share in (self.correct, self.false))
+        return correct - FALSE_COST * false
 
 
 def publish(folders: Sequence[str], out: Path) -> str:
@@ -139,14 +143,12 @@ def _entries(sheet: Mapping[str, Any], folder: str) -> list[Entry]:
 def _outcomes(row: Mapping[str, Any]) -> tuple[int, int, int, int]:
     """Numbers of trials by their outcome; a false map in a trial that no map can solve counts as well."""
     trials, solvable, false, errors = (int(row[name]) for name in ("trials", "solvable", "false_maps", "errors"))
-    correct = round(solvable * (_interval(row["correct"])[0] or 0.0))
+    correct = round(solvable * (_known(row["correct"][0]) or 0.0))
     return correct, false, max(0, trials - correct - false - errors), errors
 
 
 def leaderboard_html(entries: Sequence[Entry]) -> str:
     """Make the page."""
-    style = files("slam_init.compare").joinpath("report.css").read_text(encoding="utf-8")
-    script = files("slam_init.compare").joinpath("report.js").read_text(encoding="utf-8")
     groups: dict[str, list[Entry]] = {}
     for entry in entries:
         groups.setdefault(entry.group, []).append(entry)
@@ -164,12 +166,7 @@ def leaderboard_html(entries: Sequence[Entry]) -> str:
     ]
     for name, rows in sorted(groups.items(), key=lambda item: (order.index(item[1][0].suite), item[0])):
         body.append(_section(name, sorted(rows, key=lambda entry: (-entry.score, entry.label))))
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{NAME} {VERSION}</title><style>{style}</style></head>"
-        f"<body><main>{''.join(body)}</main><script>{script}</script></body></html>\n"
-    )
+    return page_html(f"{NAME} {VERSION}", body)
 
 
 def _section(name: str, entries: Sequence[Entry]) -> str:
@@ -213,31 +210,22 @@ def _cells(entry: Entry) -> list[str]:
     """The cells of a row behind the name of the method."""
     return [
         f"{100 * entry.score:.1f}",
-        _cell(entry.correct, 100, 1),
-        _cell(entry.false, 100, 1),
-        _cell(entry.delay, 1, 2),
-        _cell(entry.none, 100, 1),
+        _html(entry.correct, 1, 100),
+        _html(entry.false, 1, 100),
+        _html(entry.delay, 2),
+        _html(entry.none, 1, 100),
         str(entry.outcomes[3]),
         str(entry.trials),
         escape(entry.risk) or "-",
-        "-" if entry.frame_ms is None else f"{entry.frame_ms:.1f}",
+        _html(entry.frame_ms),
     ]
 
 
-def _cell(interval: Sequence[float | None], scale: float, digits: int) -> str:
-    value, low, high = interval
-    if value is None:
-        return "-"
-    ends = ""
-    if low is not None and high is not None:
-        ends = f'<span class="interval">{scale * low:.{digits}f} to {scale * high:.{digits}f}</span>'
-    return f"{scale * value:.{digits}f}{ends}"
-
-
-def _interval(value: object) -> tuple[float | None, ...]:
+def _interval(value: object) -> Interval:
     if not isinstance(value, list) or len(value) != 3:
         raise ValueError("no interval")
-    return tuple(_known(end) for end in value)
+    known = [_known(end) for end in value]
+    return Interval(*(math.nan if end is None else end for end in known))
 
 
 def _known(value: object) -> float | None:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from itertools import combinations
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,16 +12,15 @@ from slam_init.bench.frozen import FrozenCheck, check_frozen
 from slam_init.bench.hardware import hardware, versions
 from slam_init.bench.protocol import NAME, VERSION, Run
 from slam_init.bench.strata import Stratum, strata_of
-from slam_init.compare.aggregate import figures_of
+from slam_init.compare.aggregate import figures_of, only_counts, paired_outcomes
 from slam_init.compare.plan import Plan
-from slam_init.compare.reliability import reliability_of
+from slam_init.compare.reliability import RiskBin, reliability_of
 from slam_init.compare.statistics import Interval, cluster_share, holm, sign_flip
-from slam_init.compare.summary import six_digits
 from slam_init.compare.trial_table import TrialTable
 from slam_init.compare.wait import mean_wait
 from slam_init.methods.external_command import is_external, method_label
 from slam_init.methods.registry import method_info
-from slam_init.output.plain_json import Json
+from slam_init.output.plain_json import Json, plain, plain_fields
 from slam_init.types.arrays import Bools
 
 #: Version of the layout of ``sheet.json``.
@@ -41,14 +38,9 @@ class Risk:
     #: Number of false maps among them.
     false: int
     false_rate: Interval
-
-    @property
-    def reliable(self) -> bool:
-        """Return whether the share of false maps agrees with the stated risks.
-
-        * Returns: True if the 95 % interval of the share holds the mean stated risk, or lies below.
-        """
-        return self.false_rate.low <= self.expected_false / self.maps
+    #: Whether the share of false maps agrees with the stated risks: its 95 % interval holds the mean stated risk, or
+    #: lies below.
+    reliable: bool
 
 
 @dataclass(frozen=True)
@@ -153,27 +145,22 @@ class Sheet:
         * Returns: An interval becomes a list of value, low and high end, with six significant digits and None for NaN.
           Times are in ``times`` by method, apart from the rows.
         """
-        rows = [{name: _plain(value) for name, value in vars(row).items() if name != "times"} for row in self.rows]
+        facts = ("run", "command", "departures", "sequences", "frozen", "notes")
+        rows = [plain_fields(row) for row in self.rows]
+        times = {row.method: plain(row.times) for row in self.rows}
         return {
             "schema": SCHEMA,
             "benchmark": NAME,
             "version": VERSION,
             "suite": self.run.suite,
-            "run": _plain(asdict(self.run)),
-            "command": self.command,
-            "departures": list(self.departures),
-            "sequences": list(self.sequences),
-            "frozen": _plain(vars(self.frozen)),
-            "notes": list(self.notes),
-            "rows": list(rows),
-            "pairs": [_plain(vars(pair)) for pair in self.pairs],
-            "strata": [
-                _plain({**vars(one), "cells": [{**vars(cell)} for cell in one.cells]}) for one in self.strata
-            ],
-            "times": {row.method: _plain(vars(row.times)) for row in self.rows},
-            "machine": _plain(self.machine),
-            "packages": _plain(self.packages),
-        }  # fmt: skip
+            **{name: plain(getattr(self, name)) for name in facts},
+            "rows": [{name: value for name, value in row.items() if name != "times"} for row in rows],
+            "pairs": plain(self.pairs),
+            "strata": plain(self.strata),
+            "times": times,
+            "machine": plain(self.machine),
+            "packages": plain(self.packages),
+        }
 
 
 def sheet_of(table: TrialTable, plan: Plan, run: Run, digests: Mapping[str, str], notes: Sequence[str]) -> Sheet:
@@ -202,7 +189,6 @@ def _row(table: TrialTable, run: Run, method: str, not_applicable: int) -> Row:
     figures, reliability = figures_of(table, mask), reliability_of(table, mask)
     info = method_info(method)
     about = "an external program" if is_external(method) else f"{info.summary} ({info.source})"
-    total = None if reliability is None else reliability.total
     return Row(
         method=method,
         label=method_label(method),
@@ -218,13 +204,16 @@ def _row(table: TrialTable, run: Run, method: str, not_applicable: int) -> Row:
         errors=int(np.sum(mask & (outcome == "error"))),
         delay=mean_wait(table, mask),
         reason=_share(table.reason_right, mask & table.reason_expected, table),
-        risk=None if total is None else Risk(total.maps, total.expected_false, total.false, total.false_rate),
+        risk=None if reliability is None else _risk(reliability.total),
         not_applicable=not_applicable,
         command=shlex.join(run.words((method,))),
-        times=Times(
-            figures.times["frame_median_ms"], figures.times["frame_p95_ms"], figures.times["attempt_median_ms"]
-        ),
+        times=Times(figures.frame_median_ms, figures.frame_p95_ms, figures.attempt_median_ms),
     )
+
+
+def _risk(maps: RiskBin) -> Risk:
+    reliable = maps.false_rate.low <= maps.mean_risk
+    return Risk(maps.maps, maps.expected_false, maps.false, maps.false_rate, reliable)
 
 
 def _share(hits: Bools, mask: Bools, table: TrialTable) -> Interval:
@@ -233,52 +222,20 @@ def _share(hits: Bools, mask: Bools, table: TrialTable) -> Interval:
 
 def _pairs(table: TrialTable, methods: Sequence[str]) -> list[PairedTest]:
     """Test each pair of methods on the trials that both ran."""
-    by_method = {method: _outcomes(table, method) for method in methods}
-    found = []
-    for first, second in combinations(methods, 2):
-        shared = sorted(by_method[first].keys() & by_method[second].keys())
-        clusters = np.array([source for source, _ in shared], object)
-        counts: list[int] = []
-        p_values: list[float] = []
-        for outcome in ("correct", "false"):
-            one, other = (np.array([by_method[m][key] == outcome for key in shared], bool) for m in (first, second))
-            counts += [int(np.sum(one & ~other)), int(np.sum(other & ~one))]
-            p_values.append(sign_flip(one.astype(float) - other.astype(float), clusters))
-        found.append((first, second, len(shared), counts, p_values))
-    p_correct, p_false = (holm([values[i] for *_, values in found]) for i in (0, 1))
+    pairs = paired_outcomes(table, methods, np.ones(len(table), bool))
+    p_correct, p_false = (
+        holm([sign_flip(getattr(pair, kind).astype(float), pair.sources) for pair in pairs])
+        for kind in ("correct", "false")
+    )
     return [
         PairedTest(
-            method_label(first),
-            method_label(second),
-            trials,
-            counts[0],
-            counts[1],
-            counts[2],
-            counts[3],
-            p_correct[i],
-            p_false[i],
+            method_label(pair.first),
+            method_label(pair.second),
+            len(pair.sources),
+            *only_counts(pair.correct),
+            *only_counts(pair.false),
+            correct,
+            false,
         )
-        for i, (first, second, trials, counts, _) in enumerate(found)
+        for pair, correct, false in zip(pairs, p_correct, p_false, strict=True)
     ]
-
-
-def _outcomes(table: TrialTable, method: str) -> dict[tuple[str, int], str]:
-    mask = table.where(method=method)
-    sources, starts = table.text["source"][mask].tolist(), table.numbers["start"][mask].astype(int).tolist()
-    return dict(zip(zip(sources, starts, strict=True), table.text["outcome"][mask].tolist(), strict=True))
-
-
-def _plain(value: object) -> Json:
-    if isinstance(value, Interval):
-        return [six_digits(value.value), six_digits(value.low), six_digits(value.high)]
-    if isinstance(value, Risk):
-        return {name: _plain(item) for name, item in vars(value).items()} | {"reliable": value.reliable}
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float):
-        return six_digits(value) if math.isfinite(value) else None
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    raise TypeError(f"{type(value).__name__} has no JSON type")

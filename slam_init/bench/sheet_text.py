@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from slam_init.bench.sheet import PairedTest, Row, Sheet
 from slam_init.bench.strata import AXES, Stratum
-from slam_init.compare.statistics import Interval
+from slam_init.compare.tables import figure_text, p_value_text
 from slam_init.methods.external_command import method_label
 from slam_init.output.tables import fitted_tables
 
@@ -55,16 +54,16 @@ def _scores(rows: Sequence[Row]) -> str:
             [
                 row.label,
                 str(row.trials) if row.trials else "not applicable",
-                _percent(row.correct),
-                _percent(row.strict),
-                _percent(row.false),
-                _percent(row.none),
+                figure_text(row.correct, 1, 100),
+                figure_text(row.strict, 1, 100),
+                figure_text(row.false, 1, 100),
+                figure_text(row.none, 1, 100),
                 str(row.errors),
-                _frames(row.delay),
-                _percent(row.reason),
+                figure_text(row.delay, 2),
+                figure_text(row.reason, 1, 100),
                 _risk(row),
-                _ms(row.times.frame_ms),
-                _ms(row.times.frame_p95_ms),
+                figure_text(row.times.frame_ms),
+                figure_text(row.times.frame_p95_ms),
             ]
             for row in rows
         ],
@@ -80,7 +79,14 @@ def _pairs_text(pairs: Sequence[PairedTest]) -> str:
             ("false", pair.only_first_false, pair.only_second_false, pair.p_false),
         ):
             if p < _SIGNIFICANT:
-                rows.append([f"{pair.first} : {pair.second}", outcome, f"{one} : {other}", _p_value(p)])
+                rows.append(
+                    [
+                        f"{pair.first} : {pair.second}",
+                        outcome,
+                        f"{one} : {other}",
+                        p_value_text(p),
+                    ]
+                )
     if not pairs:
         return ""
     told = (
@@ -105,12 +111,8 @@ def _stratum_name(stratum: Stratum) -> str:
 
 
 def _cells(stratum: Stratum) -> list[str]:
-    cells = []
-    for cell in stratum.cells:
-        known = cell.trials > 0 and not math.isnan(cell.correct.value)
-        share = f"{100 * cell.correct.value:.0f}" if known else "-"
-        cells.append(f"{share} / {cell.false}" if cell.trials else "-")
-    return cells
+    cells = [(figure_text(cell.correct.value, 0, 100), cell) for cell in stratum.cells]
+    return [f"{share} / {cell.false}" if cell.trials else "-" for share, cell in cells]
 
 
 def _risk(row: Row) -> str:
@@ -118,26 +120,3 @@ def _risk(row: Row) -> str:
         return "-"
     verdict = "" if row.risk.reliable else ", understated"
     return f"{row.risk.false} ({row.risk.expected_false:.2g}) of {row.risk.maps}{verdict}"
-
-
-def _percent(interval: Interval) -> str:
-    if math.isnan(interval.value):
-        return "-"
-    known = not math.isnan(interval.low)
-    ends = f" [{100 * interval.low:.1f}, {100 * interval.high:.1f}]" if known else ""
-    return f"{100 * interval.value:.1f}{ends}"
-
-
-def _frames(interval: Interval) -> str:
-    if math.isnan(interval.value):
-        return "-"
-    known = not math.isnan(interval.low)
-    return f"{interval.value:.2f}" + (f" [{interval.low:.2f}, {interval.high:.2f}]" if known else "")
-
-
-def _ms(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1f}"
-
-
-def _p_value(p: float) -> str:
-    return "< 0.001" if p < 1e-3 else f"{p:.2g}"

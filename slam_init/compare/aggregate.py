@@ -8,18 +8,18 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slam_init.compare.statistics import Interval, holm, mcnemar_exact, restricted_mean, wilson
 from slam_init.compare.trial_table import TrialTable
 from slam_init.compare.wait import mean_wait
-from slam_init.types.arrays import Bools, Floats
+from slam_init.types.arrays import Bools, Floats, Ints
 
 #: Columns whose medians over the correct maps are reported.
 _MEDIANS_OF_CORRECT = (
     "rotation_error_deg", "direction_error_deg", "ate", "rotation_error_before_deg", "direction_error_before_deg",
     "ate_before", "survival", "depth_error", "depth_order_error", "landmarks",
 )  # fmt: skip
-_TIMES = ("frame_median_ms", "frame_p95_ms", "attempt_median_ms", "trial_ms")
 
 
 @dataclass(frozen=True)
@@ -65,11 +65,14 @@ class Figures:
     reasons: dict[str, int]
     #: Medians over the correct maps; None if there are no correct maps.
     medians: dict[str, float | None]
-    #: Medians over the trials in ms. ``frame_p95_ms`` is the 95th percentile over the trials of the 95th percentile
-    #: over the frames of a trial.
-    times: dict[str, float | None]
     #: Largest peak over the trials.
     peak_memory_mb: float | None
+    #: frame_median_ms, attempt_median_ms, trial_ms: Medians over the trials.
+    frame_median_ms: float | None
+    attempt_median_ms: float | None
+    trial_ms: float | None
+    #: 95th percentile over the trials of the 95th percentile over the frames of a trial.
+    frame_p95_ms: float | None
 
 
 def figures_of(table: TrialTable, mask: Bools) -> Figures:
@@ -88,8 +91,7 @@ def figures_of(table: TrialTable, mask: Bools) -> Figures:
     wrong_focal = table.wrong_focal[mask]
     suspects, reports = (np.isfinite(numbers[f"{name}_focal_factor"]) for name in ("suspected", "reported"))
     reasons = Counter(table.text["reason"][mask][(outcome == "none") | (outcome == "error")].tolist())
-    timed = {name: _median(numbers[name]) for name in _TIMES if name != "frame_p95_ms"}
-    peaks = numbers["peak_memory_mb"][np.isfinite(numbers["peak_memory_mb"])]
+    seconds = numbers["seconds_to_accept"][np.isfinite(numbers["seconds_to_accept"])]
     return Figures(
         trials=trials,
         correct=correct,
@@ -104,7 +106,7 @@ def figures_of(table: TrialTable, mask: Bools) -> Figures:
         frames_to_accept=restricted_mean(frames, limits),
         frames_to_correct=restricted_mean(np.where(is_correct, frames, np.nan), limits),
         wait=mean_wait(table, mask),
-        seconds_to_accept=_mean_seconds(numbers["seconds_to_accept"]),
+        seconds_to_accept=restricted_mean(seconds, np.full(len(seconds), np.inf)),
         reason_accuracy=wilson(int(np.sum(table.reason_right[mask])), expected),
         undecided=undecided,
         kept_truth_rate=wilson(int(np.sum(table.kept_truth[mask])), undecided),
@@ -113,9 +115,46 @@ def figures_of(table: TrialTable, mask: Bools) -> Figures:
         false_report_rate=wilson(int(np.sum(reports & ~wrong_focal)), int(np.sum(~wrong_focal))),
         reasons=dict(sorted(reasons.items(), key=lambda item: (-item[1], item[0]))),
         medians={name: _median(numbers[name][is_correct]) for name in _MEDIANS_OF_CORRECT},
-        times=timed | {"frame_p95_ms": _quantile(numbers["frame_p95_ms"], 0.95)},
-        peak_memory_mb=float(peaks.max()) if len(peaks) else None,
+        peak_memory_mb=_quantile(numbers["peak_memory_mb"], 1.0),
+        frame_median_ms=_median(numbers["frame_median_ms"]),
+        attempt_median_ms=_median(numbers["attempt_median_ms"]),
+        trial_ms=_median(numbers["trial_ms"]),
+        frame_p95_ms=_quantile(numbers["frame_p95_ms"], 0.95),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Paired:
+    """The outcomes of two methods on the N trials that both ran."""
+
+    #: first, second: The methods.
+    first: str
+    second: str
+    #: (N,) Source of each trial.
+    sources: NDArray[np.object_]
+    #: correct, false: (N,) 1 where only the first method has a correct (false) map, -1 where only the second one has.
+    correct: Ints
+    false: Ints
+
+
+def paired_outcomes(table: TrialTable, methods: Sequence[str], mask: Bools) -> list[Paired]:
+    """Compare the outcomes of every pair of methods, trial by trial.
+
+    Shapes: ``mask`` (N,).
+    """
+    outcomes = {m: table.by_trial(table.text["outcome"], mask & table.where(method=m)) for m in methods}
+    pairs = []
+    for first, second in combinations(methods, 2):
+        shared = sorted(outcomes[first].keys() & outcomes[second].keys())
+        one, other = (np.array([outcomes[method][key] for key in shared], object) for method in (first, second))
+        correct, false = ((one == kind).astype(int) - (other == kind) for kind in ("correct", "false"))
+        pairs.append(Paired(first, second, np.array([source for source, _ in shared], object), correct, false))
+    return pairs
+
+
+def only_counts(difference: Ints) -> tuple[int, int]:
+    """Number of trials in which only the first method has an outcome, and in which only the second one has it."""
+    return int(np.sum(difference > 0)), int(np.sum(difference < 0))
 
 
 @dataclass(frozen=True)
@@ -144,41 +183,19 @@ class PairTest:
 
 
 def pair_tests(table: TrialTable, methods: Sequence[str], mask: Bools) -> list[PairTest]:
-    """Compare every pair of methods on the trials that both ran.
+    """Test every pair of methods on the trials that both ran.
 
     Shapes: ``mask`` (N,).
     """
-    outcomes = {
-        method: _by_trial(table, mask & table.where(method=method)) for method in methods
-    }  # source and start -> outcome
-    found = []
-    for first, second in combinations(methods, 2):
-        shared = outcomes[first].keys() & outcomes[second].keys()
-        counts = Counter((outcomes[first][key], outcomes[second][key]) for key in shared)
-
-        def _only(outcome: str, counts: Counter[tuple[str, str]] = counts) -> tuple[int, int]:
-            one = sum(n for (a, b), n in counts.items() if a == outcome and b != outcome)
-            return one, sum(n for (a, b), n in counts.items() if b == outcome and a != outcome)
-
-        found.append((first, second, len(shared), _only("correct"), _only("false")))
-    correct = [mcnemar_exact(*pair[3]) for pair in found]
-    false = [mcnemar_exact(*pair[4]) for pair in found]
-    adjusted = zip(found, correct, holm(correct), false, holm(false), strict=True)
-    return [
-        PairTest(first, second, trials, *only_correct, p_correct, p_correct_holm, *only_false, p_false, p_false_holm)
-        for (
-            first,
-            second,
-            trials,
-            only_correct,
-            only_false,
-        ), p_correct, p_correct_holm, p_false, p_false_holm in adjusted
-    ]
-
-
-def _by_trial(table: TrialTable, mask: Bools) -> dict[tuple[str, int], str]:
-    sources, starts = table.text["source"][mask].tolist(), table.numbers["start"][mask].astype(int).tolist()
-    return dict(zip(zip(sources, starts, strict=True), table.text["outcome"][mask].tolist(), strict=True))
+    pairs = paired_outcomes(table, methods, mask)
+    correct = [mcnemar_exact(*only_counts(pair.correct)) for pair in pairs]
+    false = [mcnemar_exact(*only_counts(pair.false)) for pair in pairs]
+    p_values = zip(correct, holm(correct), false, holm(false), strict=True)
+    tests = []
+    for pair, p in zip(pairs, p_values, strict=True):
+        only_correct, only_false = only_counts(pair.correct), only_counts(pair.false)
+        tests.append(PairTest(pair.first, pair.second, len(pair.sources), *only_correct, *p[:2], *only_false, *p[2:]))
+    return tests
 
 
 def _median(values: Floats) -> float | None:
@@ -188,9 +205,3 @@ def _median(values: Floats) -> float | None:
 def _quantile(values: Floats, q: float) -> float | None:
     known = values[np.isfinite(values)]
     return float(np.quantile(known, q)) if len(known) else None
-
-
-def _mean_seconds(values: Floats) -> Interval:
-    """Return the mean over the accepted maps."""
-    known = values[np.isfinite(values)]
-    return restricted_mean(known, np.full(len(known), np.inf))

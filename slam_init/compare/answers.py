@@ -7,22 +7,11 @@ import os
 import resource
 import shutil
 import sys
-import time
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
-from slam_init.compare.messages import (
-    Answer,
-    MethodAnswer,
-    MethodRequest,
-    Request,
-    TracksAnswer,
-    TracksRequest,
-    TrialAnswer,
-    TrialRequest,
-    answer_line,
-)
+from slam_init.compare.messages import Answer, MethodRequest, Request, TracksRequest, TrialRequest
 from slam_init.compare.replay import find_tracks, replay, tracks_digest
 from slam_init.compare.sources import open_compared
 from slam_init.compare.trials import Settings, error_row, run_trial
@@ -32,10 +21,14 @@ from slam_init.methods.external_command import is_external
 
 def answer_to(request: Request) -> Answer:
     """Do what a request asks for."""
+    name = type(request).__name__
     if isinstance(request, MethodRequest):
-        return _method(request)
+        return Answer(name, _failure_of_method(request.name))
     _create_tracks_folder(request.settings)
-    return _trial(request) if isinstance(request, TrialRequest) else _tracks(request)
+    if isinstance(request, TracksRequest):
+        digest, error = _tracks(request)
+        return Answer(name, error, digest=digest)
+    return _trial(request)
 
 
 def load_libraries() -> None:
@@ -47,69 +40,62 @@ def load_libraries() -> None:
     cv2.setNumThreads(1)
 
 
-def _method(request: MethodRequest) -> MethodAnswer:
+def _failure_of_method(name: str) -> str | None:
     from slam_init.methods import make_two_view
 
     try:
-        make_two_view(request.name)
+        make_two_view(name)
     except SlamInitError as error:
-        return MethodAnswer(str(error))
-    return MethodAnswer(None)
+        return str(error)
+    return None
 
 
-def _trial(request: TrialRequest) -> TrialAnswer:
+def _trial(request: TrialRequest) -> Answer:
     trial, settings = request.trial, request.settings
-    exhausted = False
+    exhausted, unwritten = False, None
     _reset_peak_memory()
     try:
         row = run_trial(trial, settings)
-        answer_line(TrialAnswer(row, exhausted))  # figures that are not finite raise a ValueError
+        Answer("", row=row).line()  # figures that are not finite raise a ValueError
     except MemoryError:
         exhausted = True
         row = error_row(trial, settings, _memory_message(settings))
-    except OutputError as error:
-        return TrialAnswer(error_row(trial, settings, str(error)), exhausted, str(error))
     except SlamInitError as error:
         row = error_row(trial, settings, str(error))
+        unwritten = str(error) if isinstance(error, OutputError) else None
     except Exception as error:  # raised by the method: the trial counts as an error, and the row holds the message
         exhausted = _is_out_of_memory(error)
         cause = f"{type(error).__name__}: {error}"
         row = error_row(trial, settings, _memory_message(settings) if exhausted else cause)
     if not is_external(trial.method):  # the memory of this process is not that of an external program
         row = replace(row, peak_memory_mb=_peak_memory_mb())
-    return TrialAnswer(row, exhausted)
+    return Answer(type(request).__name__, unwritten, row, exhausted)
 
 
-def _tracks(request: TracksRequest) -> TracksAnswer:
-    begin = time.perf_counter()
-    failure: str | None = None
-    digest = ""
+def _tracks(request: TracksRequest) -> tuple[str, str | None]:
+    """Store the tracks of a source; return their digest, or why the source cannot be read."""
+    tracks = Path(request.settings.tracks)
     try:
         source = open_compared(request.text)
-        find_tracks(source, request.text, Path(request.settings.tracks))
-        digest = tracks_digest(source, replay(source, request.text, 0, Path(request.settings.tracks)))
+        find_tracks(source, request.text, tracks)
+        return tracks_digest(source, replay(source, request.text, 0, tracks)), None
     except SlamInitError as error:
-        failure = str(error)
+        return "", str(error)
     except OSError as error:
-        failure = f"cannot write the tracks of {request.text} ({error.strerror or error}): make room"
-    return TracksAnswer(failure, 1e3 * (time.perf_counter() - begin), digest)
+        return "", f"cannot write the tracks of {request.text} ({error.strerror or error}): make room"
 
 
 def _reset_peak_memory() -> None:
     """Reset the peak memory that the kernel counts for this process, so that the next reading is that of the trial."""
-    if _linux():
+    if sys.platform == "linux":
         Path("/proc/self/clear_refs").write_text("5")
 
 
 def _peak_memory_mb() -> float:
-    if _linux():
+    if sys.platform == "linux":
         line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
         return round(int(line.split()[1]) / 1024, 1)
     return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20, 1)  # macOS: in bytes, over all trials
-
-
-def _linux() -> bool:
-    return sys.platform == "linux"
 
 
 def _memory_message(settings: Settings) -> str:

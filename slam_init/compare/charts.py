@@ -1,7 +1,8 @@
 """Charts as inline SVG: curves, boxes, bars, points with intervals.
 
-Colours are CSS classes of the page, so that the charts follow its light and its dark theme. The charts are 460 units
-wide, and letters are 12 units high. A phone shows these letters at 9 pixels, and a column on a desktop at 15 pixels.
+Colours are CSS classes of the page, so that the charts follow its light and its dark theme, which pictures of
+matplotlib cannot. The charts are 460 units wide, and letters are 12 units high. A phone shows these letters at 9
+pixels, and a column on a desktop at 15 pixels.
 """
 
 from __future__ import annotations
@@ -18,8 +19,11 @@ from slam_init.types.arrays import Floats
 
 _WIDTH, _HEIGHT = 460.0, 260.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52.0, 12.0, 10.0, 38.0
+#: Width and height of the area between two axes.
+_PLOT_WIDTH, _PLOT = _WIDTH - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
 #: For charts with one row per method: width of the column of names, height of a row.
 _NAMES, _ROW = 112.0, 24.0
+_ROW_WIDTH = _WIDTH - _NAMES - _RIGHT
 _MAX_TICKS = 6
 
 
@@ -61,29 +65,21 @@ def curve_chart(
 ) -> str:
     """Draw step curves.
 
-    Shapes: ``curves`` (x, y).
-
-    * ``curves``: CSS class to the points of the curve. Each value of y holds from its x to the next x.
+    * ``curves``: CSS class to the points x, y of the curve. Each value of y holds from its x to the next x.
     """
-    height = _HEIGHT - _BOTTOM - _TOP
-    width = _WIDTH - _LEFT - _RIGHT
-
-    def _place(a: float, b: float) -> tuple[float, float]:
-        return _LEFT + width * x.at(a), _TOP + height * (1 - y.at(b))
-
-    parts = [_horizontal_axis(x, _LEFT, width, _TOP, height), _vertical_axis(y, _LEFT, width, _TOP, height)]
+    parts = _axes(x, y)
     for mark in marks:
-        column, _ = _place(mark, y.low)
-        parts.append(f'<line class="mark" x1="{column:.1f}" x2="{column:.1f}" y1="{_TOP:g}" y2="{_TOP + height:g}"/>')
+        column, _ = _place(x, y, mark, y.low)
+        parts.append(f'<line class="mark" x1="{column:.1f}" x2="{column:.1f}" y1="{_TOP:g}" y2="{_TOP + _PLOT:g}"/>')
     for name, (xs, ys) in reversed(list(curves.items())):  # the first is drawn last, on top
         if len(xs) == 0:
             continue
         path, before = [], y.low
         for a, b in zip(xs.tolist(), ys.tolist(), strict=True):
-            column, row = _place(a, b)
-            path.append(f"{column:.1f},{_place(a, before)[1]:.1f} {column:.1f},{row:.1f}")
+            (column, start), (_, row) = _place(x, y, a, before), _place(x, y, a, b)
+            path.append(f"{column:.1f},{start:.1f} {column:.1f},{row:.1f}")
             before = b
-        end, row = _place(x.high, before)
+        end, row = _place(x, y, x.high, before)
         path.append(f"{end:.1f},{row:.1f}")
         parts.append(f'<polyline class="curve {name}" points="{" ".join(path)}"/>')
     return _svg(title, _HEIGHT, parts)
@@ -92,49 +88,32 @@ def curve_chart(
 def interval_chart(title: str, series: Mapping[str, Sequence[tuple[float, Interval]]], x: Axis, y: Axis) -> str:
     """Draw points with their intervals, and a dashed line on which both axes have the same value.
 
-    Shapes: ``series`` (float, Interval).
-
     * ``series``: CSS class to the points: x, and y with its interval. Values outside an axis are drawn at its nearer
       end.
     """
-    height = _HEIGHT - _BOTTOM - _TOP
-    width = _WIDTH - _LEFT - _RIGHT
-
-    def _place(a: float, b: float) -> tuple[float, float]:
-        return _LEFT + width * x.at(a), _TOP + height * (1 - y.at(b))
-
-    first, last = (_place(end, end) for end in (max(x.low, y.low), min(x.high, y.high)))
-    parts = [
-        _horizontal_axis(x, _LEFT, width, _TOP, height),
-        _vertical_axis(y, _LEFT, width, _TOP, height),
-        f'<line class="mark" x1="{first[0]:.1f}" y1="{first[1]:.1f}" x2="{last[0]:.1f}" y2="{last[1]:.1f}"/>',
-    ]
+    (x1, y1), (x2, y2) = (_place(x, y, end, end) for end in (max(x.low, y.low), min(x.high, y.high)))
+    parts = [*_axes(x, y), f'<line class="mark" x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}"/>']
     for name, points in reversed(list(series.items())):  # the first is drawn last, on top
         for a, share in points:
-            column, row = _place(a, share.value)
-            ends = [_place(a, end)[1] for end in (share.low, share.high)]
+            (column, row), (_, low), (_, high) = (_place(x, y, a, value) for value in share)
             parts.append(
-                f'<line class="whisker {name}" x1="{column:.1f}" x2="{column:.1f}" y1="{ends[0]:.1f}" '
-                f'y2="{ends[1]:.1f}"/><circle class="{name}" cx="{column:.1f}" cy="{row:.1f}" r="4"/>'
+                f'<line class="whisker {name}" x1="{column:.1f}" x2="{column:.1f}" y1="{low:.1f}" y2="{high:.1f}"/>'
+                f'<circle class="{name}" cx="{column:.1f}" cy="{row:.1f}" r="4"/>'
             )
     return _svg(title, _HEIGHT, parts)
 
 
 def box_chart(title: str, rows: Sequence[tuple[str, str, Floats]], x: Axis) -> str:
-    """Draw a box for each row: quartiles, median, whiskers from the 5th to the 95th percentile.
-
-    Shapes: ``rows`` (N,).
-    """
-    width, height = _WIDTH - _NAMES - _RIGHT, _ROW * len(rows)
-    parts = [_horizontal_axis(x, _NAMES, width, _TOP, height)]
+    """Draw quartiles, median, and whiskers to the 5th and 95th percentile for each row: label, CSS class, values."""
+    parts = [_horizontal_axis(x, _NAMES, _ROW_WIDTH, _ROW * len(rows))]
     for i, (label, name, values) in enumerate(rows):
         middle = _TOP + _ROW * (i + 0.5)
-        parts.append(f'<text class="end" x="{_NAMES - 8:g}" y="{middle + 4:.1f}">{escape(label)}</text>')
+        parts.append(_row_label(label, middle))
         if len(values) == 0:
             parts.append(f'<text class="faint" x="{_NAMES + 6:g}" y="{middle + 4:.1f}">none</text>')
             continue
         low, first, median, third, high = (
-            _NAMES + width * x.at(float(q)) for q in np.quantile(values, [0.05, 0.25, 0.5, 0.75, 0.95])
+            _NAMES + _ROW_WIDTH * x.at(float(q)) for q in np.quantile(values, [0.05, 0.25, 0.5, 0.75, 0.95])
         )
         parts += [
             f'<line class="whisker {name}" x1="{low:.1f}" x2="{high:.1f}" y1="{middle:.1f}" y2="{middle:.1f}"/>',
@@ -143,66 +122,55 @@ def box_chart(title: str, rows: Sequence[tuple[str, str, Floats]], x: Axis) -> s
             f'<line class="median {name}" x1="{median:.1f}" x2="{median:.1f}" y1="{middle - 7:.1f}" '
             f'y2="{middle + 7:.1f}"/>',
         ]
-    return _svg(title, _TOP + height + _BOTTOM, parts)
+    return _svg(title, _TOP + _ROW * len(rows) + _BOTTOM, parts)
 
 
 def stacked_chart(title: str, rows: Sequence[tuple[str, Sequence[tuple[str, float]]]], x: Axis) -> str:
-    """Draw a stacked bar for each row.
-
-    Shapes: ``rows`` (str, float).
-
-    * ``rows``: Label, and CSS class and length of each piece in units of the axis.
-    """
-    width, height = _WIDTH - _NAMES - _RIGHT, _ROW * len(rows)
-    parts = [_horizontal_axis(x, _NAMES, width, _TOP, height)]
+    """Draw a stacked bar for each row: label, and CSS class and length of each piece in units of the axis."""
+    parts = [_horizontal_axis(x, _NAMES, _ROW_WIDTH, _ROW * len(rows))]
     for i, (label, pieces) in enumerate(rows):
         middle, done = _TOP + _ROW * (i + 0.5), 0.0
-        parts.append(f'<text class="end" x="{_NAMES - 8:g}" y="{middle + 4:.1f}">{escape(label)}</text>')
+        parts.append(_row_label(label, middle))
         for name, length in pieces:
-            begin, end = (_NAMES + width * x.at(value) for value in (done, done + length))
+            begin, end = (_NAMES + _ROW_WIDTH * x.at(value) for value in (done, done + length))
             parts.append(
                 f'<rect class="piece {name}" x="{begin:.1f}" y="{middle - 8:.1f}" width="{max(end - begin, 0):.1f}" '
                 f'height="16"/>'
             )
             done += length
-    return _svg(title, _TOP + height + _BOTTOM, parts)
+    return _svg(title, _TOP + _ROW * len(rows) + _BOTTOM, parts)
 
 
-def share_bar(pieces: Sequence[tuple[str, int]]) -> str:
-    """Draw a stacked bar of shares for a cell of a table.
-
-    Shapes: ``pieces`` (str, int).
-    """
-    total = sum(count for _, count in pieces) or 1
-    words = ", ".join(f"{count} {name}" for name, count in pieces if count)
-    spans = "".join(
-        f'<span class="{name}" style="width:{100 * count / total:.2f}%"></span>' for name, count in pieces if count
-    )
-    return f'<div class="shares" title="{escape(words)}" role="img" aria-label="{escape(words)}">{spans}</div>'
+def _place(x: Axis, y: Axis, a: float, b: float) -> tuple[float, float]:
+    """Column and row of a point of a chart with two axes."""
+    return _LEFT + _PLOT_WIDTH * x.at(a), _TOP + _PLOT * (1 - y.at(b))
 
 
-def _horizontal_axis(x: Axis, left: float, width: float, top: float, height: float) -> str:
+def _row_label(label: str, middle: float) -> str:
+    return f'<text class="end" x="{_NAMES - 8:g}" y="{middle + 4:.1f}">{escape(label)}</text>'
+
+
+def _axes(x: Axis, y: Axis) -> list[str]:
+    parts = [_horizontal_axis(x, _LEFT, _PLOT_WIDTH, _PLOT)]
+    for tick in y.ticks():
+        row = _TOP + _PLOT * (1 - y.at(tick))
+        parts.append(
+            f'<line class="grid" x1="{_LEFT:g}" x2="{_LEFT + _PLOT_WIDTH:g}" y1="{row:.1f}" y2="{row:.1f}"/>'
+            f'<text class="end" x="{_LEFT - 6:g}" y="{row + 4:.1f}">{_number(tick)}</text>'
+        )
+    middle = f"translate(11 {_TOP + _PLOT / 2:g}) rotate(-90)"
+    return [*parts, f'<text class="rotated" transform="{middle}">{escape(y.label)}</text>']
+
+
+def _horizontal_axis(x: Axis, left: float, width: float, height: float) -> str:
     parts = []
     for tick in x.ticks():
         column = left + width * x.at(tick)
         parts.append(
-            f'<line class="grid" x1="{column:.1f}" x2="{column:.1f}" y1="{top:g}" y2="{top + height:g}"/>'
-            f'<text class="middle" x="{column:.1f}" y="{top + height + 15:g}">{_number(tick)}</text>'
+            f'<line class="grid" x1="{column:.1f}" x2="{column:.1f}" y1="{_TOP:g}" y2="{_TOP + height:g}"/>'
+            f'<text class="middle" x="{column:.1f}" y="{_TOP + height + 15:g}">{_number(tick)}</text>'
         )
-    parts.append(f'<text class="middle" x="{left + width / 2:g}" y="{top + height + 32:g}">{escape(x.label)}</text>')
-    return "".join(parts)
-
-
-def _vertical_axis(y: Axis, left: float, width: float, top: float, height: float) -> str:
-    parts = []
-    for tick in y.ticks():
-        row = top + height * (1 - y.at(tick))
-        parts.append(
-            f'<line class="grid" x1="{left:g}" x2="{left + width:g}" y1="{row:.1f}" y2="{row:.1f}"/>'
-            f'<text class="end" x="{left - 6:g}" y="{row + 4:.1f}">{_number(tick)}</text>'
-        )
-    middle = f"translate(11 {top + height / 2:g}) rotate(-90)"
-    parts.append(f'<text class="rotated" transform="{middle}">{escape(y.label)}</text>')
+    parts.append(f'<text class="middle" x="{left + width / 2:g}" y="{_TOP + height + 32:g}">{escape(x.label)}</text>')
     return "".join(parts)
 
 

@@ -9,14 +9,13 @@ from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from slam_init.compare.aggregate import Figures
 from slam_init.compare.isolation import check_method
 from slam_init.compare.plan import Plan
 from slam_init.compare.reliability import Reliability
 from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources, grid_sources
-from slam_init.compare.statistics import Interval
-from slam_init.compare.summary import ComparisonSummary, six_digits
+from slam_init.compare.summary import ComparisonSummary
+from slam_init.compare.tables import QUALITY, RATES, STATIC, figure_text, text_figures
 from slam_init.compare.trial_table import LEVELS, PARTS
 from slam_init.compare.trials import Settings
 from slam_init.compare.wait import WaitDifference
@@ -24,7 +23,7 @@ from slam_init.config import REALTIME_WORK, Config
 from slam_init.datasets.views import SourceView
 from slam_init.errors import ConfigError
 from slam_init.methods.external_command import is_external, method_label
-from slam_init.output.tables import fitted_tables, number
+from slam_init.output.tables import fitted_tables
 
 #: The options on which the results depend, and their defaults.
 _OPTIONS = (
@@ -109,70 +108,17 @@ def main_table(summary: ComparisonSummary) -> str:
     tables = []
     for part, title in PARTS.items():
         if part in summary.parts:
-            table = _static_table if part.endswith("static") else _moving_table
-            tables.append(table(title, summary.parts[part]))
+            columns = STATIC if part.endswith("static") else (*RATES, *QUALITY)
+            tables.append(text_figures(title, summary.parts[part], columns))
         if summary.waits.get(part):
             tables.append(_wait_table(summary.waits[part]))
     tables += [_risk_table(LEVELS[level], by_method) for level, by_method in summary.reliability.items()]
     return "\n\n".join(tables)
 
 
-def _moving_table(title: str, figures: Mapping[str, Figures]) -> str:
-    header = [
-        title,
-        "trials",
-        "correct %",
-        "strict %",
-        "false %",
-        "none",
-        "plane: right map kept %",
-        "error",
-    ]
-    header += ["wait (frames)", "rotation (deg)", "direction (deg)", "survival", "frame (ms)"]
-    rows = []
-    for method, f in figures.items():
-        rows.append(
-            [
-                method,
-                str(f.trials),
-                _percent(f.correct_rate),
-                number(100 * f.strict / f.trials if f.trials else None, 1),
-                _percent(f.false_rate),
-                str(f.none),
-                _percent(f.kept_truth_rate),
-                str(f.error),
-                _interval(f.wait),
-                _number(f.medians["rotation_error_deg"]),
-                _number(f.medians["direction_error_deg"]),
-                _number(f.medians["survival"]),
-                _number(f.times["frame_median_ms"], 1),
-            ]
-        )
-    return fitted_tables(header, rows)
-
-
-def _static_table(title: str, figures: Mapping[str, Figures]) -> str:
-    header = [title, "trials", "false %", "none", "error", "expected reason %"]
-    header += ["focal error suspected %", "focal error reported %"]
-    rows = [
-        [
-            method,
-            str(f.trials),
-            _percent(f.false_rate),
-            str(f.none),
-            str(f.error),
-            _percent(f.reason_accuracy),
-            _percent(f.suspicion_rate),
-            _percent(f.report_rate),
-        ]
-        for method, f in figures.items()
-    ]
-    return fitted_tables(header, rows)
-
-
 def _wait_table(differences: Sequence[WaitDifference]) -> str:
     header = [f"wait of {differences[0].first} minus that of", "trials", "sequences", "frames"]
-    rows = [[d.second, str(d.trials), str(d.sequences), _interval(d.difference_frames)] for d in differences]
+    rows = [[d.second, str(d.trials), str(d.sequences), figure_text(d.difference_frames, 2)] for d in differences]
     return fitted_tables(header, rows)
 
 
@@ -181,41 +127,12 @@ def _risk_table(title: str, by_method: Mapping[str, Reliability]) -> str:
     header += ["direction covered %", "rotation covered %"]
     rows = []
     for method, reliability in by_method.items():
-        for one in (*reliability.bins, reliability.total):
-            if one.maps:
-                is_total = one is reliability.total
-                coverages = (reliability.direction, reliability.rotation)
-                rows.append(
-                    [
-                        method,
-                        "all" if is_total else f"{one.low:g} to {one.high:g}",
-                        str(one.maps),
-                        _number(100 * one.mean_risk, 3),
-                        _number(one.expected_false, 3),
-                        str(one.false),
-                        _percent(one.false_rate),
-                        *(_percent(coverage.rate) if is_total else "" for coverage in coverages),
-                    ]
-                )
+        for name, one in reliability.named_bins():
+            row = [method, name, str(one.maps), figure_text(one.mean_risk, 3, 100), figure_text(one.expected_false, 3)]
+            row += [str(one.false), figure_text(one.false_rate, 1, 100)]
+            coverages = (reliability.direction.rate, reliability.rotation.rate)
+            rows.append([*row, *(figure_text(rate, 1, 100) if name == "all" else "" for rate in coverages)])
     return fitted_tables(header, rows, names=2)
-
-
-def _interval(interval: Interval) -> str:
-    """Return a figure with its 95 % interval; without it if a single sequence gives none."""
-    value, low, high = (six_digits(end) for end in (interval.value, interval.low, interval.high))
-    ends = "" if low is None or high is None else f" [{low:.2f}, {high:.2f}]"
-    return f"{number(value, 2)}{ends}"
-
-
-def _number(value: float | None, digits: int = 2) -> str:
-    return number(six_digits(value), digits)
-
-
-def _percent(interval: Interval) -> str:
-    value, low, high = (six_digits(end) for end in (interval.value, interval.low, interval.high))
-    if value is None or low is None or high is None:
-        return "-"
-    return f"{100 * value:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
 
 
 def _command(arguments: argparse.Namespace) -> str:

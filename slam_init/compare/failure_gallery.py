@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,8 +45,9 @@ def failure_cases(table: TrialTable, texts: dict[str, str]) -> list[FailureCase]
     * ``texts``: Label of each source to the argument of :func:`slam_init.compare.sources.open_compared`.
     """
     outcome = table.text["outcome"]
-    rotation = np.nan_to_num(table.numbers["rotation_error_deg"], nan=0.0)
-    direction = np.nan_to_num(table.numbers["direction_error_deg"], nan=0.0)
+    rotation, direction = (
+        np.nan_to_num(table.numbers[f"{name}_error_deg"], nan=0.0) for name in ("rotation", "direction")
+    )
     criteria = {group: criteria_of(group) for group in set(table.text["group"])}
     of_row = [criteria[group] for group in table.text["group"]]
     # A direction that is not judged has no error.
@@ -54,39 +55,34 @@ def failure_cases(table: TrialTable, texts: dict[str, str]) -> list[FailureCase]
         rotation / np.array([c.rotation_deg for c in of_row]),
         direction / np.array([c.direction_deg or np.inf for c in of_row]),
     )
-    shown = np.flatnonzero((outcome == "false") | (outcome == "correct"))
-    shown = shown[(outcome[shown] == "false") | (error[shown] > _MIN_ERROR)]
+    shown = np.flatnonzero((outcome == "false") | ((outcome == "correct") & (error > _MIN_ERROR)))
     order = shown[np.lexsort((-error[shown], outcome[shown] != "false"))]
-    alike: Counter[tuple[str, str]] = Counter()
-    cases: list[FailureCase] = []
-    for row in order.tolist():
-        kind = table.text["method"][row], table.text["group"][row]
-        alike[kind] += 1
-        if alike[kind] <= _MAX_ALIKE:
-            frames = [int(frame) for frame in table.text["keyframes"][row].split()]
-            text = texts[table.text["source"][row]]
-            # A row of a journal from elsewhere may have no keyframes.
-            cases.append(FailureCase(row, _picture(text, frames[0], frames[-1]) if frames else ""))
-        if len(cases) == _MAX_CASES:
-            break
-    return cases
+    # A row of a journal from elsewhere may have no keyframes.
+    keyframes = {row: [int(frame) for frame in table.text["keyframes"][row].split()] for row in order.tolist()}
+    spans = {row: (frames[0], frames[-1]) if frames else None for row, frames in keyframes.items()}
+    return _cases(table, texts, spans, _MAX_ALIKE)
 
 
 def waiting_cases(table: TrialTable, texts: dict[str, str]) -> list[FailureCase]:
     """Choose trials without a map in which a map can be correct: one of each method and scene, most frames first."""
     outcome = table.text["outcome"]
     waiting = np.flatnonzero(table.solvable & ((outcome == "none") | (outcome == "error")))
-    limits = table.numbers["frames_limit"]
-    seen: set[tuple[str, str]] = set()
+    starts, limits = (table.numbers[name].astype(int) for name in ("start", "frames_limit"))
+    order = waiting[np.argsort(-limits[waiting], kind="stable")].tolist()
+    return _cases(table, texts, {row: (starts[row], starts[row] + limits[row] - 1) for row in order}, 1)
+
+
+def _cases(
+    table: TrialTable, texts: dict[str, str], spans: Mapping[int, tuple[int, int] | None], most_alike: int
+) -> list[FailureCase]:
+    """Take the first trials, so many of a method in a scene, each with its first and its last frame."""
+    alike: Counter[tuple[str, str]] = Counter()
     cases: list[FailureCase] = []
-    for row in waiting[np.argsort(-limits[waiting], kind="stable")].tolist():
+    for row, span in spans.items():
         kind = table.text["method"][row], table.text["group"][row]
-        if kind in seen:
-            continue
-        seen.add(kind)
-        start = int(table.numbers["start"][row])
-        last = start + int(limits[row]) - 1
-        cases.append(FailureCase(row, _picture(texts[table.text["source"][row]], start, last)))
+        alike[kind] += 1
+        if alike[kind] <= most_alike:
+            cases.append(FailureCase(row, _picture(texts[table.text["source"][row]], *span) if span else ""))
         if len(cases) == _MAX_CASES:
             break
     return cases

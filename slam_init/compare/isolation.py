@@ -4,6 +4,9 @@ Each worker of a backend keeps one such process and sends it one trial after the
 in time, or that dies, is replaced. So is a process in which a method of somebody else (``package.module:attribute``)
 has run: the method may have changed the libraries, or left threads. The process sets the limit of memory on itself, so
 that allocations beyond the limit fail in that process. The program of the process is :mod:`slam_init.compare.worker`.
+
+A pool of loky has no time limit for a task, and loses all its open tasks when a worker dies. A pool of pebble unpickles
+what a method of somebody else sends. So the backends run such a process for each of their workers.
 """
 
 from __future__ import annotations
@@ -20,16 +23,13 @@ from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from typing import TypeVar
 
 from slam_init.compare.messages import (
     READY,
-    MethodAnswer,
+    Answer,
     MethodRequest,
     Request,
-    TracksAnswer,
     TracksRequest,
-    TrialAnswer,
     TrialRequest,
     parse_answer,
 )
@@ -53,8 +53,6 @@ _MAX_ANSWER_BYTES = 1 << 20
 
 _local = threading.local()
 
-_Answer = TypeVar("_Answer", TrialAnswer, TracksAnswer, MethodAnswer)
-
 
 def isolated_trial(trial: Trial, settings: Settings) -> TrialRow:
     """Run a trial in the process of this thread.
@@ -64,7 +62,7 @@ def isolated_trial(trial: Trial, settings: Settings) -> TrialRow:
     process = _process(settings)
     failed_row = error_row(trial, settings, "")
     try:
-        answer = process.ask(TrialRequest(trial, settings), TrialAnswer, _limit_s(trial, settings))
+        answer = process.ask(TrialRequest(trial, settings), _limit_s(trial, settings))
     except TimeoutError:
         end_process()
         return replace(failed_row, reason=f"no answer within {settings.time_limit_s:g} s")
@@ -75,9 +73,9 @@ def isolated_trial(trial: Trial, settings: Settings) -> TrialRow:
     if answer.memory_exhausted or (":" in trial.method and not is_external(trial.method)):
         # After a failed allocation, or a method of somebody else, the state of the libraries is unknown.
         end_process()
-    if answer.output_error is not None and (settings.recordings or settings.trajectories) is not None:
-        raise OutputError(answer.output_error)
-    if _of_trial(answer.row) != _of_trial(failed_row):
+    if answer.error is not None and (settings.recordings or settings.trajectories) is not None:
+        raise OutputError(answer.error)
+    if answer.row is None or _of_trial(answer.row) != _of_trial(failed_row):
         return replace(failed_row, reason="the answer is that of another trial")
     return answer.row
 
@@ -97,24 +95,24 @@ def _of_trial(row: TrialRow) -> tuple[str | int | None, ...]:
     return (*row.key, row.group, row.frames_limit, row.injected_cause, row.judged_by)
 
 
-def isolated_tracks(text: str, settings: Settings) -> TracksAnswer:
-    """Compute and store the tracks of a source in the process of this thread."""
+def isolated_tracks(text: str, settings: Settings) -> str:
+    """Compute and store the tracks of a source in the process of this thread; return their digest."""
     process = _process(replace(settings, memory_limit_mb=0))
     try:
-        answer = process.ask(TracksRequest(text, settings), TracksAnswer, _TRACKING_S)
+        answer = process.ask(TracksRequest(text, settings), _TRACKING_S)
     except (TimeoutError, EOFError):
         end_process()
         raise SlamInitError(f"{text}: the tracking process died: run slam-init run on this source to see why") from None
     if answer.error is not None:
         raise SlamInitError(answer.error)
-    return answer
+    return answer.digest
 
 
 def check_method(name: str) -> None:
     """Import and make a method in a process of its own."""
     process = TrialProcess(0)
     try:
-        error = process.ask(MethodRequest(name), MethodAnswer, _METHOD_S).error
+        error = process.ask(MethodRequest(name), _METHOD_S).error
     except TimeoutError:
         error = f"the method {name!r} cannot be made: no answer within {_METHOD_S:g} s"
     except EOFError:
@@ -180,12 +178,10 @@ class TrialProcess:
         self._ready = False
         self._rest = b""
 
-    def ask(self, request: Request, kind: type[_Answer], limit_s: float) -> _Answer:
+    def ask(self, request: Request, limit_s: float) -> Answer:
         """Send a request and wait for the answer.
 
-        * ``kind``: Class of the answer to such a request: TrialAnswer, TracksAnswer or MethodAnswer.
-        * ``limit_s``: Longest time to wait for the answer; the time in which the process loads its libraries is not
-          counted.
+        * ``limit_s``: The time in which the process loads its libraries is not counted.
         """
         try:
             if not self._ready:
@@ -198,8 +194,8 @@ class TrialProcess:
             raise EOFError from None
         except ValueError as error:
             raise EOFError(f"not an answer: {error}"[:200]) from None
-        if not isinstance(answer, kind):
-            raise EOFError(f"not an answer: {type(answer).__name__}")
+        if answer.request != type(request).__name__:
+            raise EOFError(f"not the answer to {type(request).__name__}")
         return answer
 
     def exit_code(self) -> int | None:

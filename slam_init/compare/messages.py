@@ -8,8 +8,7 @@ and every value is checked.
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
-from typing import TypeAlias
+from dataclasses import dataclass
 
 from slam_init.compare.rows import TrialRow, finite_json, parse_row, row_text
 from slam_init.compare.trials import Settings, Trial
@@ -22,27 +21,15 @@ _MAX_TEXT = 2000
 
 @dataclass(frozen=True)
 class TrialRequest:
-    """Run a trial; the answer is a :class:`TrialAnswer`."""
+    """Run a trial."""
 
     trial: Trial
     settings: Settings
 
 
 @dataclass(frozen=True)
-class TrialAnswer:
-    """The result of a trial."""
-
-    #: With ``peak_memory_mb``.
-    row: TrialRow
-    #: Whether an allocation failed. The state of the libraries in the process is unknown then.
-    memory_exhausted: bool
-    #: Why a file of the trial could not be written; None if all were. The row then tells nothing about the method.
-    output_error: str | None = None
-
-
-@dataclass(frozen=True)
 class TracksRequest:
-    """Compute and store the tracks of a source; the answer is a :class:`TracksAnswer`."""
+    """Compute and store the tracks of a source."""
 
     #: Argument of :func:`slam_init.compare.sources.open_compared`.
     text: str
@@ -51,67 +38,50 @@ class TracksRequest:
 
 
 @dataclass(frozen=True)
-class TracksAnswer:
-    """The tracks of a source are stored, or the source cannot be read."""
-
-    #: Why the source cannot be read to its end; None if the tracks are stored.
-    error: str | None
-    #: Time until the tracks were stored, or until the error, in milliseconds.
-    tracking_ms: float
-    #: :func:`slam_init.compare.replay.tracks_digest` of the tracks; empty for an error.
-    digest: str = ""
-
-
-@dataclass(frozen=True)
 class MethodRequest:
-    """Import and make a method; the answer is a :class:`MethodAnswer`."""
+    """Import and make a method."""
 
     #: ``package.module:attribute``.
     name: str
 
 
 @dataclass(frozen=True)
-class MethodAnswer:
-    """Whether there is such a method."""
+class Answer:
+    """The answer to a request."""
 
-    #: Why there is none; None if there is one.
-    error: str | None
+    #: Name of the class of the request.
+    request: str
+    #: Why a file of a trial cannot be written, a source cannot be read to its end, or a method cannot be made.
+    error: str | None = None
+    #: The row of a trial. If a file of the trial could not be written, the row tells nothing about the method.
+    row: TrialRow | None = None
+    #: Whether an allocation of a trial failed. The state of the libraries in the process is unknown then.
+    memory_exhausted: bool = False
+    #: :func:`slam_init.compare.replay.tracks_digest` of the tracks.
+    digest: str = ""
+
+    def line(self) -> bytes:
+        """Write the answer as one line. A row with a number that is not finite is a ValueError."""
+        row = None if self.row is None else json.loads(row_text(self.row))
+        return json.dumps(vars(self) | {"row": row}, allow_nan=False).encode() + b"\n"
 
 
-Request: TypeAlias = TrialRequest | TracksRequest | MethodRequest
-Answer: TypeAlias = TrialAnswer | TracksAnswer | MethodAnswer
-
-
-def answer_line(answer: Answer) -> bytes:
-    """Write an answer as one line."""
-    if isinstance(answer, TrialAnswer):
-        content = {
-            "row": json.loads(row_text(answer.row)),
-            "memory_exhausted": answer.memory_exhausted,
-            "output_error": answer.output_error,
-        }
-    else:
-        content = asdict(answer)
-    return json.dumps({"answer": type(answer).__name__, **content}, allow_nan=False).encode() + b"\n"
+Request = TrialRequest | TracksRequest | MethodRequest
 
 
 def parse_answer(line: bytes) -> Answer:
     """Read an answer, and check each of its values."""
     content = finite_json(line)
-    kind = content.get("answer")
-    if kind == "TrialAnswer":
-        exhausted = content.get("memory_exhausted")
-        if not isinstance(exhausted, bool):
-            raise ValueError("memory_exhausted is no truth value")
-        return TrialAnswer(parse_row(json.dumps(content.get("row"))), exhausted, _text(content.get("output_error")))
-    if kind == "TracksAnswer":
-        duration = content.get("tracking_ms")
-        if not isinstance(duration, float | int):
-            raise ValueError("tracking_ms is no number")
-        return TracksAnswer(_text(content.get("error")), float(duration), _text(content.get("digest")) or "")
-    if kind == "MethodAnswer":
-        return MethodAnswer(_text(content.get("error")))
-    raise ValueError("not an answer")
+    exhausted, row = content.get("memory_exhausted"), content.get("row")
+    if not isinstance(exhausted, bool):
+        raise ValueError("memory_exhausted is no truth value")
+    return Answer(
+        _text(content.get("request")) or "",
+        _text(content.get("error")),
+        None if row is None else parse_row(json.dumps(row)),
+        exhausted,
+        _text(content.get("digest")) or "",
+    )
 
 
 def _text(value: object) -> str | None:

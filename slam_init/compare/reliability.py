@@ -78,6 +78,10 @@ class Reliability:
     rotation: Coverage
     direction: Coverage
 
+    def named_bins(self) -> list[tuple[str, RiskBin]]:
+        """Return the bins with maps and all maps, each with its name in a table."""
+        return [*((f"{one.low:g} to {one.high:g}", one) for one in self.bins if one.maps), ("all", self.total)]
+
 
 def reliability_of(table: TrialTable, mask: Bools) -> Reliability | None:
     """Compare the stated risks of a set of trials with their outcomes.

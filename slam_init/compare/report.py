@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from importlib.resources import files
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,13 +21,11 @@ from slam_init.compare.report_tables import (
     group_table,
     judging_table,
     pair_table,
-    quality_table,
-    rates_table,
     risk_table,
-    static_table,
     wait_table,
 )
 from slam_init.compare.statistics import Interval
+from slam_init.compare.tables import QUALITY, RATES, STATIC, html_figures, page_html
 from slam_init.compare.trial_table import LEVELS, PARTS, TrialTable
 from slam_init.compare.wait import wait_differences
 from slam_init.methods.external_command import method_label
@@ -85,14 +82,7 @@ def report_html(table: TrialTable, plan: Plan, command: str) -> str:
         waiting_section(table, plan),
     ]
     body.append(_footer(plan))
-    home = files("slam_init.compare")
-    css, script = (home.joinpath(f"report.{kind}").read_text(encoding="utf-8") for kind in ("css", "js"))
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>slam-init compare</title><style>{css}</style></head><body><main>{''.join(body)}</main>"
-        f"<script>{script}</script></body></html>\n"
-    )
+    return page_html("slam-init compare", body)
 
 
 def _header(table: TrialTable, plan: Plan, command: str, parts: Sequence[_Part], *, stated_risk: bool) -> str:
@@ -126,12 +116,12 @@ def _moving_section(table: TrialTable, plan: Plan, part: _Part, colors: dict[str
     return (
         f'<h2 id="{part.name}">{escape(part.title[0].upper() + part.title[1:])}</h2>'
         '<p class="soft">Shares have 95 % intervals (Wilson). Frames are restricted means: a trial without a map (or '
-        "without a correct map) counts as its limit. Ambiguous: of the trials that ended with an ambiguous plane, the "
+        "without a correct map) counts as its limit. Ambiguous: the trials that ended with an ambiguous plane, and the "
         "share in which one of the stored hypotheses is correct. Errors are medians over the correct maps. The best "
         "value of a column is bold.</p>"
-        + rates_table(part.figures)
+        + html_figures("outcomes and time by method", part.figures, RATES, bar=True)
         + "<h3>Quality of the correct maps, and time</h3>"
-        + quality_table(part.figures)
+        + html_figures("quality of the correct maps, and time, by method", part.figures, QUALITY)
         + _legend([(colors[method], method_label(method)) for method in plan.methods])
         + f'<div class="charts">{"".join(_charts(table, plan, part, colors))}</div>'
         + "<h3>On the same trials</h3>"
@@ -213,7 +203,7 @@ def _static_section(part: _Part) -> str:
         "pure_rotation. Focal error: of the trials whose stated focal length is wrong on purpose, the share in which "
         "an attempt suspects it, and the share in which the result reports it. False alarm: of the trials with the "
         "true focal length, the share in which the result reports that it is wrong.</p>"
-        + static_table(part.figures)
+        + html_figures("outcomes by method without translation", part.figures, STATIC, bar=True)
         + f'<div class="charts">{_reasons(part)}</div>'
     )
 

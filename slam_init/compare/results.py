@@ -34,7 +34,7 @@ def publish_results(
         with (folder.staging / _RESULTS).open("w", encoding="utf-8", errors="backslashreplace", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(COLUMNS)
-            table = TrialTable.of(_write_rows(rows, writer.writerow))
+            table = TrialTable.read(_write_rows(rows, writer.writerow))
         summary = summary_of(table, plan)
         texts = {
             _REPORT: report_html(table, plan, command),

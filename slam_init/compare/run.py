@@ -151,8 +151,8 @@ def _run_trials(
         unfinished = {trial.source.text for trial in plan.trials() if trial.key not in journal}
         tracked = sorted(text for text in unfinished if not text.startswith(POINTS))
         labels = {source.text: source.label for source in plan.sources}
-        for text, answer in workers.run(partial(isolated_tracks, settings=settings), tracked):
-            digests.add(labels[text], answer.digest)
+        for text, digest in workers.run(partial(isolated_tracks, settings=settings), tracked):
+            digests.add(labels[text], digest)
             bar.refresh()
         bar.set_description("trials")
         batches = plan.batches(lambda key: key not in journal, _batch_size(missing, workers))

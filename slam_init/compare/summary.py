@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -12,10 +11,9 @@ import numpy as np
 from slam_init.compare.aggregate import Figures, PairTest, figures_of, pair_tests
 from slam_init.compare.judging import Criteria
 from slam_init.compare.reliability import Reliability, reliabilities
-from slam_init.compare.statistics import Interval
 from slam_init.compare.trial_table import TrialTable
 from slam_init.compare.wait import WaitDifference, wait_differences
-from slam_init.output.plain_json import Json
+from slam_init.output.plain_json import Json, plain_fields
 from slam_init.types.arrays import Ints
 
 if TYPE_CHECKING:
@@ -67,29 +65,9 @@ class ComparisonSummary:
         """Convert to plain JSON types, as in the file.
 
         * Returns: An :class:`~slam_init.compare.statistics.Interval` becomes a list of value, low and high end. Figures
-          have six significant digits, and a figure that is not finite is None. The keys of ``Figures.times`` are beside
-          the other figures.
+          have six significant digits, and a figure that is not finite is None.
         """
-        return {
-            "schema": self.schema,
-            "seed": self.seed,
-            "every": self.every,
-            "min_left": self.min_left,
-            "limit_frames": self.limit_frames,
-            "limit_s": self.limit_s,
-            "trials": self.trials,
-            "methods": list(self.methods),
-            "sources": list(self.sources),
-            "judging": {group: _plain(vars(criteria)) for group, criteria in self.judging.items()},
-            "parts": {name: _plain_by_method(figures) for name, figures in self.parts.items()},
-            "groups": {name: _plain_by_method(figures) for name, figures in self.groups.items()},
-            "pairs": {name: [_plain(vars(test)) for test in tests] for name, tests in self.pairs.items()},
-            "waits": {name: [_plain(vars(item)) for item in items] for name, items in self.waits.items()},
-            "reliability": {
-                name: {method: _plain_reliability(one) for method, one in by_method.items()}
-                for name, by_method in self.reliability.items()
-            },
-        }
+        return plain_fields(self)
 
 
 def summary_of(table: TrialTable, plan: Plan) -> ComparisonSummary:
@@ -126,43 +104,5 @@ def summary_of(table: TrialTable, plan: Plan) -> ComparisonSummary:
 
 def _cell(table: TrialTable, rows: Ints | None) -> Figures:
     """Figures of a method in a scene. They are computed from its trials alone: there may be a thousand scenes."""
-    cell = table.at(np.zeros(0, np.int64) if rows is None else rows)
+    cell = table.select(np.zeros(0, np.int64) if rows is None else rows)
     return figures_of(cell, np.ones(len(cell), bool))
-
-
-def six_digits(value: float | None) -> float | None:
-    """Round a figure as ``summary.json`` holds it.
-
-    * Returns: The value with six significant digits; None if there is no value or it is not finite.
-    """
-    return None if value is None or not math.isfinite(value) else float(f"{value:.6g}")
-
-
-def _plain_by_method(figures: Mapping[str, Figures]) -> dict[str, Json]:
-    return {method: _plain_figures(of_method) for method, of_method in figures.items()}
-
-
-def _plain_figures(figures: Figures) -> dict[str, Json]:
-    values = {name: _plain(value) for name, value in vars(figures).items() if name != "times"}
-    return values | {name: _plain(value) for name, value in figures.times.items()}
-
-
-def _plain_reliability(reliability: Reliability) -> dict[str, Json]:
-    return {
-        "bins": [_plain(vars(one)) for one in reliability.bins],
-        "total": _plain(vars(reliability.total)),
-        "rotation": _plain(vars(reliability.rotation)),
-        "direction": _plain(vars(reliability.direction)),
-    }
-
-
-def _plain(value: object) -> Json:
-    if isinstance(value, Interval):
-        return [six_digits(value.value), six_digits(value.low), six_digits(value.high)]
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, float):
-        return six_digits(value)
-    if value is None or isinstance(value, int | str):
-        return value
-    raise TypeError(f"{type(value).__name__} has no JSON type")

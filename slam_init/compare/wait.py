@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slam_init.compare.statistics import Interval, cluster_mean
 from slam_init.compare.trial_table import TrialTable
@@ -37,11 +36,9 @@ class WaitDifference:
 
 
 def waits(table: TrialTable) -> Floats:
-    """Return the wait of each trial.
+    """Return the wait of each trial in frames; NaN for a trial in which no map can be correct.
 
     Shapes: returns (N,).
-
-    * Returns: In frames. The limit for a trial without a correct map; NaN for a trial in which no map can be correct.
     """
     limits = table.numbers["frames_limit"] - 1
     frames = np.where(table.text["outcome"] == "correct", table.numbers["frames_to_accept"] - 1, limits)
@@ -49,11 +46,9 @@ def waits(table: TrialTable) -> Floats:
 
 
 def mean_wait(table: TrialTable, mask: Bools) -> Interval:
-    """Compute the restricted mean of the wait.
+    """Compute the restricted mean of the wait of some trials in frames.
 
     Shapes: ``mask`` (N,).
-
-    * Returns: In frames, from a bootstrap over sequences. The ends are NaN for a single sequence.
     """
     mask = mask & table.solvable
     return cluster_mean(waits(table)[mask], table.text["source"][mask])
@@ -64,21 +59,14 @@ def wait_differences(table: TrialTable, methods: Sequence[str], mask: Bools) -> 
 
     Shapes: ``mask`` (N,).
     """
-    values = waits(table)
-    by_method = {method: _by_trial(table, values, mask & table.where(method=method)) for method in methods}
-    return [_difference(methods[0], other, by_method) for other in methods[1:]]
-
-
-def _difference(first: str, second: str, by_method: dict[str, dict[tuple[str, int], float]]) -> WaitDifference:
-    ours, theirs = by_method[first], by_method[second]
-    shared = sorted(ours.keys() & theirs.keys())
-    sources: NDArray[np.object_] = np.array([source for source, _ in shared], object)
-    differences = np.array([ours[key] - theirs[key] for key in shared], float)
-    return WaitDifference(first, second, len(shared), len(set(sources)), cluster_mean(differences, sources))
-
-
-def _by_trial(table: TrialTable, values: Floats, mask: Bools) -> dict[tuple[str, int], float]:
-    """Return the wait by source and start frame."""
-    mask = mask & table.solvable
-    sources, starts = table.text["source"][mask].tolist(), table.numbers["start"][mask].astype(int).tolist()
-    return dict(zip(zip(sources, starts, strict=True), values[mask].tolist(), strict=True))
+    values, mask = waits(table), mask & table.solvable
+    by_method = {method: table.by_trial(values, mask & table.where(method=method)) for method in methods}
+    first = by_method[methods[0]]
+    differences = []
+    for other in methods[1:]:
+        shared = sorted(first.keys() & by_method[other].keys())
+        sources = np.array([source for source, _ in shared], object)
+        frames = np.array([first[key] - by_method[other][key] for key in shared], float)
+        mean = cluster_mean(frames, sources)
+        differences.append(WaitDifference(methods[0], other, len(shared), len(set(sources)), mean))
+    return differences

@@ -165,7 +165,7 @@ class SendsHalfAnAnswer(_Method):
     def _damage(self) -> None:
         for descriptor in range(3, 50):
             try:
-                os.write(descriptor, b'{"answer": "TrialAnswer", ')
+                os.write(descriptor, b'{"request": "TrialRequest", ')
             except OSError:
                 continue
         time.sleep(1000)
@@ -198,7 +198,7 @@ class ForgesAnotherTrial(_Method):
         row += b'"group": "points:room", "frames_limit": 5}'
         for descriptor in range(3, 50):
             try:
-                os.write(descriptor, b'{"answer": "TrialAnswer", "memory_exhausted": false, "row": ' + row + b"}\n")
+                os.write(descriptor, b'{"request": "TrialRequest", "memory_exhausted": false, "row": ' + row + b"}\n")
             except OSError:
                 continue
 
@@ -209,7 +209,7 @@ class SendsNumbersThatAreNone(_Method):
     def _damage(self) -> None:
         for descriptor in range(3, 50):
             try:
-                os.write(descriptor, b'{"answer": "TracksAnswer", "error": null, "tracking_ms": NaN}\n')
+                os.write(descriptor, b'{"request": "TrialRequest", "memory_exhausted": false, "digest": NaN}\n')
             except OSError:
                 continue
 

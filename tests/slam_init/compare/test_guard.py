@@ -10,7 +10,7 @@ import pytest
 from comparisons import SOURCES
 
 from slam_init.compare.isolation import check_method, isolated_trial
-from slam_init.compare.messages import TracksAnswer, answer_line, parse_answer
+from slam_init.compare.messages import Answer, parse_answer
 from slam_init.compare.sources import describe_sources
 from slam_init.compare.trials import Settings, Trial
 from slam_init.errors import ConfigError
@@ -68,12 +68,12 @@ def test_what_is_no_method_is_an_error_of_one_line():
         b"",
         b"[]",
         b"\xff\xfe",
-        b'{"answer": "TracksAnswer", "error": null, "tracking_ms": NaN}',
-        b'{"answer": "TracksAnswer", "error": null, "tracking_ms": 1e999}',
-        b'{"answer": "TracksAnswer", "error": 3, "tracking_ms": 1.0}',
-        b'{"answer": "TrialAnswer", "memory_exhausted": 1, "row": {}}',
-        b'{"answer": "TrialAnswer", "memory_exhausted": true, "row": {}}',
-        b'{"answer": "Another"}',
+        b'{"request": "TracksRequest", "memory_exhausted": false, "digest": NaN}',
+        b'{"request": "TracksRequest", "memory_exhausted": false, "more": 1e999}',
+        b'{"request": "TracksRequest", "memory_exhausted": false, "error": 3}',
+        b'{"request": "TrialRequest", "memory_exhausted": 1, "row": null}',
+        b'{"request": "TrialRequest", "memory_exhausted": true, "row": {}}',
+        b'{"request": "TrialRequest"}',
         b"[" * 100_000,
     ],
 )
@@ -83,5 +83,5 @@ def test_a_line_that_is_no_answer_is_a_value_error(line):
 
 
 def test_an_answer_is_read_as_it_was_written():
-    answer = TracksAnswer("no such file", 2.5)
-    assert parse_answer(answer_line(answer)) == answer
+    answer = Answer("TracksRequest", "no such file")
+    assert parse_answer(answer.line()) == answer

@@ -38,7 +38,7 @@ def row(risk, outcome="correct", *, method="quest", group="points:room", start=0
 
 
 def reliability(*rows):
-    return reliability_of(TrialTable.of(rows), np.ones(len(rows), bool))
+    return reliability_of(TrialTable.read(rows), np.ones(len(rows), bool))
 
 
 @given(st.lists(st.tuples(st.sampled_from(RISK_EDGES) | st.floats(0, 1), st.booleans()), min_size=1, max_size=40))
@@ -82,11 +82,11 @@ def test_methods_that_state_no_risk_are_absent_and_images_are_separate_from_poin
         row(0.004, "false", group="points:rotation"),
         row(0.002, group="a"),
     ]
-    found = reliabilities(TrialTable.of(rows), ("poselib", "quest"))
+    found = reliabilities(TrialTable.read(rows), ("poselib", "quest"))
     assert {level: list(by_method) for level, by_method in found.items()} == {"image": ["quest"], "points": ["quest"]}
     assert (found["image"]["quest"].total.maps, found["points"]["quest"].total.maps) == (1, 2)
     assert found["points"]["quest"].total.false == 1
-    assert reliabilities(TrialTable.of([row(None)]), ("quest",)) == {}
+    assert reliabilities(TrialTable.read([row(None)]), ("quest",)) == {}
 
 
 def test_an_error_is_covered_up_to_the_stated_number_of_standard_deviations():
@@ -129,7 +129,7 @@ def test_a_row_without_the_columns_of_the_risk_is_read_and_states_no_risk():
 def test_the_tables_hold_a_row_for_each_bin_with_maps_and_one_for_all_maps():
     plan = Plan(tuple(describe_sources(["points:room"])), ("quest", "poselib"))
     rows = [row(None, method="poselib"), row(0.0005, start=1), row(0.004, "false", start=2), row(0.003, start=3)]
-    *_, table = main_table(summary_of(TrialTable.of(rows), plan)).split("\n\n")
+    *_, table = main_table(summary_of(TrialTable.read(rows), plan)).split("\n\n")
     assert [cells[:6] for cells in table_cells(table)] == [
         ["quest", "0 to 0.001", "1", "0.050", "0.001", "0"],
         ["quest", "0.002 to 0.005", "2", "0.350", "0.007", "1"],
@@ -140,11 +140,11 @@ def test_the_tables_hold_a_row_for_each_bin_with_maps_and_one_for_all_maps():
 def test_the_page_and_the_summary_hold_the_section_only_if_a_method_states_a_risk():
     plan = Plan(tuple(describe_sources(["points:room"])), ("quest", "poselib"))
     without = [row(None, method=method) for method in plan.methods]
-    table = TrialTable.of(without)
+    table = TrialTable.read(without)
     assert TITLE not in report_html(table, plan, "")
     assert summary_of(table, plan).as_dict()["reliability"] == {}
 
-    table = TrialTable.of([*without, row(0.0005, start=1), row(0.004, "false", start=2), row(0.003, start=3)])
+    table = TrialTable.read([*without, row(0.0005, start=1), row(0.004, "false", start=2), row(0.003, start=3)])
     page = report_html(table, plan, "")
     assert page.count(TITLE) == 1
     assert "href=#reliability" in page

@@ -66,7 +66,7 @@ def test_holm_has_the_textbook_values():
 
 
 def test_a_trial_that_fails_counts_as_its_limit():
-    assert restricted_mean([10, None, 30], [50, 50, 20]).value == pytest.approx((10 + 50 + 20) / 3)
+    assert restricted_mean([10, math.nan, 30], [50, 50, 20]).value == pytest.approx((10 + 50 + 20) / 3)
 
 
 @given(st.lists(st.tuples(st.floats(0, 100), st.floats(1, 100)), min_size=2, max_size=30))

@@ -18,7 +18,7 @@ def row(outcome, frames=None, *, source="a", method="quest", start=0, limit=11, 
 
 def test_a_correct_map_at_the_second_frame_has_a_wait_of_1_and_other_trials_count_as_their_limit():
     rows = [row("correct", 2), row("correct", 11), row("false", 2), row("none"), row("error", limit=3)]
-    assert waits(TrialTable.of(rows)).tolist() == [1, 10, 10, 10, 2]
+    assert waits(TrialTable.read(rows)).tolist() == [1, 10, 10, 10, 2]
 
 
 def test_trials_that_no_map_can_solve_have_no_wait():
@@ -28,7 +28,7 @@ def test_trials_that_no_map_can_solve_have_no_wait():
         row("accepted", 2, judged_by=None),
         row("none", judged_by=NOT_JUDGED.rule),
     ]
-    table = TrialTable.of(rows)
+    table = TrialTable.read(rows)
     assert np.isnan(waits(table)).all()
     assert math.isnan(mean_wait(table, np.ones(4, bool)).value)
     assert wait_differences(table, ("quest", "stella"), np.ones(4, bool))[0].trials == 0
@@ -41,7 +41,7 @@ def test_a_difference_compares_the_same_trials_and_its_interval_the_sequences():
             rows.append(row("correct", 4 + k, source=source, start=start))
             rows.append(row("correct", 2, source=source, start=start, method="stella"))
     rows.append(row("correct", 2, source="e", method="stella"))  # quest did not run this trial
-    table = TrialTable.of(rows)
+    table = TrialTable.read(rows)
     (difference,) = wait_differences(table, ("quest", "stella"), np.ones(len(table), bool))
     assert (difference.first, difference.second) == ("quest", "stella")
     assert (difference.trials, difference.sequences) == (8, 4)
@@ -52,7 +52,7 @@ def test_a_difference_compares_the_same_trials_and_its_interval_the_sequences():
 
 
 def test_a_single_sequence_has_a_mean_and_no_interval():
-    table = TrialTable.of([row("correct", 3, start=start) for start in (0, 10)])
+    table = TrialTable.read([row("correct", 3, start=start) for start in (0, 10)])
     interval = mean_wait(table, np.ones(2, bool))
     assert interval.value == 2
     assert math.isnan(interval.low)
