@@ -114,7 +114,6 @@ class Job:
         notes = (*self.notes, *notes_of(self.source), *reduction.notes, *_focal_notes(result, self.camera))
         result = replace(result, notes=(*notes, *front.turns.notes, *result.notes, *_colmap_notes(result)))
         summary = self._summary(result, parts, hashed)
-        recorder.summary(summary)
         descriptors = tuple(part.descriptors for part in parts if part.descriptors is not None)
         return Finished(result, summary, parts[0].located, descriptors)
 
@@ -217,7 +216,7 @@ class Job:
             ground_truth=parts[0].truth,
             continued=None if continued is None else continued.record(),
             segments=tuple(
-                SegmentRecord.of(segment_folder(number), segment, part.continued.record(), part.truth)
+                SegmentRecord.describe(segment_folder(number), segment, part.continued.record(), part.truth)
                 for number, (segment, part) in enumerate(zip(result.segments, parts, strict=False), start=1)
                 if part.continued is not None
             ),

@@ -123,6 +123,7 @@ def run(
                 drawn = overview and not is_external(config.method)
                 story = StoryRecorder(recorder.images) if drawn else None
                 done = job.run(recorder if story is None else Several(recorder, story))
+                recorder.summary(done.summary)
             picture = None if story is None else _drawn(done.result, done.summary, story, truth)
             toml = config_toml(config)
             publish_results(folder, done.result, done.summary, toml, done.located, picture, done.descriptors)

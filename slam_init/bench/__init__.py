@@ -17,6 +17,5 @@ module               content
 ``hardware``         the machine
 ``command``          runs ``slam-init bench``
 ``leaderboard``      runs ``slam-init bench publish``
-``freeze``           a program that writes ``frozen.json`` for a new version
 ===================  ===============================================================================
 """

@@ -29,11 +29,10 @@ import numpy as np
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.bench.manifest import BY_HAND, MANIFEST, READ
-from slam_init.calibration.files import load_camera
 from slam_init.calibration.writing import camera_yaml
 from slam_init.datasets import open_source
-from slam_init.datasets.image_files import ImageFileSource, list_images, natural_key, read_image
-from slam_init.datasets.text import numbers, pose_from_matrix, pose_from_quaternion, read_rows
+from slam_init.datasets.image_files import ImageFileSource, list_images, read_image
+from slam_init.datasets.text import numbers, pose_from_matrix, read_rows
 from slam_init.errors import ConfigError, SourceError
 from slam_init.output.folder import OutputFolder, output_error, staged_names
 from slam_init.output.results import tum_text
@@ -45,13 +44,11 @@ from slam_init.types.pose import Pose
 
 #: More images than any of these data sets has in a sequence.
 _MOST_IMAGES = 100_000
-_SCENES_HZ, _TARTAN_HZ = 30.0, 10.0
-#: Published with TartanAir: 90 degrees on 640 pixels. 7-Scenes states 585 px for the depth camera; the poses fit the
-#: colour images best with 525 to 545 px.
-_TARTAN = Camera("pinhole", 640, 480, 320.0, 320.0, 320.0, 240.0)
+_SCENES_HZ = 30.0
+#: 7-Scenes states 585 px for the depth camera; the poses fit the colour images best with 525 to 545 px.
 _SCENES = Camera("pinhole", 640, 480, 532.57, 531.54, 320.0, 240.0)
-#: Axes of the camera (x right, y down, z forward) in those of a drone (x forward, y right, z down).
-_BODY_FROM_OPTICAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+#: Axes of TartanAir's world (north, east, down) in those of a camera that looks north (x right, y down, z forward).
+_WORLD_FROM_NED = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 
 
 @dataclass(frozen=True)
@@ -139,20 +136,10 @@ def _seven_scenes(folder: Path) -> Converted:
 
 
 def _tartanair(folder: Path) -> Converted:
-    for name, pose_name in (("image_left", "pose_left.txt"), ("image_lcam_front", "pose_lcam_front.txt")):
-        if (folder / name).is_dir():
-            images = _images(folder / name)
-            poses = []
-            for row in read_rows(folder / pose_name, folder):
-                tx, ty, tz, qx, qy, qz, qw = numbers(row, row[1].split(), 7, "tx ty tz qx qy qz qw")
-                body = pose_from_quaternion(row, [tx, ty, tz], [qw, qx, qy, qz])
-                # Both the world and the camera are in axes of a drone.
-                poses.append(Pose(_BODY_FROM_OPTICAL.T @ body.R @ _BODY_FROM_OPTICAL, _BODY_FROM_OPTICAL.T @ body.t))
-            if len(poses) != len(images):
-                raise SourceError(f"{folder}: {len(images)} images and {len(poses)} poses: give a whole trajectory")
-            stamps = tuple(i / _TARTAN_HZ for i in range(len(images)))
-            return Converted(tuple(images), stamps, tuple(poses), _TARTAN)
-    raise SourceError(f"{folder} has neither image_left nor image_lcam_front: this is no trajectory of TartanAir")
+    found = _readable(folder)
+    # The readers keep the axes of the world (north, east, down); these are those of its first camera.
+    rotated = (Pose(_WORLD_FROM_NED @ pose.R, _WORLD_FROM_NED @ pose.t) for pose in found.poses)
+    return replace(found, poses=tuple(rotated))
 
 
 def _middlebury(folder: Path) -> Converted:
@@ -213,22 +200,6 @@ def _uzh(folder: Path) -> Converted:
     camera = replace(pinhole, model="radtan", distortion=(k1, k2, 0.0, 0.0))
     stamps = tuple(i / _SCENES_HZ for i in range(count))
     return Converted(tuple(images[:count]), stamps, tuple(poses[:count]), camera)
-
-
-def _colmap(folder: Path) -> Converted:
-    camera = load_camera(folder / "cameras.txt")
-    home = folder / "images" if (folder / "images").is_dir() else folder
-    found = []
-    for row in read_rows(folder / "images.txt", folder):
-        fields = row[1].split()
-        # Each image has a line of ten fields, and a line of its points.
-        if len(fields) != 10 or not (home / fields[9]).is_file():
-            continue
-        _, qw, qx, qy, qz, tx, ty, tz = numbers(row, fields, 8, "id, quaternion, translation")
-        found.append((fields[9], pose_from_quaternion(row, [tx, ty, tz], [qw, qx, qy, qz]).inverse()))
-    found.sort(key=lambda item: natural_key(item[0]))
-    stamps = tuple(float(i) for i in range(len(found)))
-    return Converted(tuple(home / name for name, _ in found), stamps, tuple(pose for _, pose in found), camera)
 
 
 def _readable(folder: Path) -> Converted:
@@ -303,6 +274,6 @@ LAYOUTS: dict[str, Callable[[Path], Converted]] = {
     "middlebury": _middlebury,
     "strecha": _strecha,
     "uzh": _uzh,
-    "colmap": _colmap,
+    "colmap": _readable,
     READ: _readable,
 }

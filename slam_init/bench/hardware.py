@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import platform
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+
+from slam_init.output.provenance import NOT_INSTALLED, package_versions
 
 #: Packages whose versions may change a figure.
 _PACKAGES = ("slam-init", "numpy", "opencv-python-headless", "gtsam", "numba", "poselib", "pysuperansac")
@@ -24,13 +25,8 @@ def hardware() -> dict[str, str]:
 
 def versions() -> dict[str, str]:
     """Return the versions of the program and its libraries."""
-    found = {"python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
+    found = package_versions(_PACKAGES)
+    return {name: number for name, number in found.items() if number != NOT_INSTALLED}
 
 
 def _processor() -> str:

@@ -13,35 +13,9 @@ get the same tracks. A trial ends at the first map or at the limit of frames. Ea
 The *wait* of a trial is the number of frames after its start frame until the first correct map: 1 is the second frame.
 A trial without a correct map counts as its limit.
 
-===================  ===============================================================================
-module               content
-===================  ===============================================================================
-``sources``          the sequences, the start frames
-``judging``          how each sequence is judged: the bounds of a correct map
-``plan``             the list of trials
-``replay``           tracks on disk
-``trials``           one trial, and how its row is made
-``rows``             the row of a trial, and its line in the files
-``measures``         the quality of a map
-``isolation``        starts a process for trials, with limits of time and memory
-``messages``         the requests to this process, and its answers
-``worker``           the program that runs in this process; ``answers`` is its other part, and its guard is
-                     :mod:`slam_init.system.process_guard`
-``backends``         loky, sequential, Dask
-``journal``          finished trials on disk
-``statistics``       intervals and tests
-``wait``             the wait, and its differences between methods
-``reliability``      the stated risk compared with the share of false maps
-``trial_table``      all rows as a table of columns
-``aggregate``        figures from this table
-``summary``          all figures of a comparison, as in ``summary.json``
-``extras``           the additions of a benchmark; ``trajectories`` in the formats of other tools
-``results``          the output files; ``recordings`` has the names of the recordings
-``report``           the HTML page; ``report_tables``, ``report_gallery``, ``html_table``, ``charts``,
-                     ``failure_gallery`` and ``method_colors`` are its parts
-``trial_recording``  the recording of a trial
-``side_by_side``     the recording of all methods; ``map_snapshot`` and ``methods_recorder`` are its parts
-===================  ===============================================================================
+A run goes ``plan`` (the trials), ``backends`` (where they run), ``isolation`` (a process with limits for each worker),
+``trials`` (one trial and its row), ``journal`` (rows on disk), ``trial_table`` and ``summary`` (figures), ``results``
+and ``report`` (files).
 """
 
 from slam_init.compare.plan import Plan

@@ -51,9 +51,11 @@ class TrialRecording:
         from slam_init.compare.map_snapshot import save_snapshot
         from slam_init.evaluation.metrics import compare_with_groundtruth
         from slam_init.output.summary import summary_of
+        from slam_init.recording.rerun_recorder import RerunRecorder
 
         errors = compare_with_groundtruth(result.map.keyframes, source.groundtruth) if result.map is not None else None
-        recorder.summary(summary_of(result, source, camera, self.method, self.seed, ground_truth=errors))
+        if isinstance(recorder, RerunRecorder):
+            recorder.summary(summary_of(result, source, camera, self.method, self.seed, ground_truth=errors))
         folder = self._home()
         try:
             save_snapshot(folder / snapshot_name(self.method), result, self.start, source.groundtruth)

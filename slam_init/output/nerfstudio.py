@@ -33,14 +33,6 @@ def opengl_matrix(world_from_cam: Pose) -> Floats:
     return matrix
 
 
-def pose_of_opengl(matrix: Floats) -> Pose:
-    """Convert a pose from the axes of OpenGL: the inverse of :func:`opengl_matrix`.
-
-    Shapes: ``matrix`` (4, 4).
-    """
-    return Pose(np.asarray(matrix[:3, :3] @ _FLIP, float), np.array(matrix[:3, 3], float))
-
-
 def transforms_text(map_: InitialMap, located: Sequence[Keyframe] = ()) -> str | None:
     """Write the keyframes, and the frames that were located after the initialization.
 

@@ -18,38 +18,28 @@ from slam_init.types.frame import Frame, Observations
 
 @dataclass(frozen=True)
 class Provenance:
-    """The versions, options and input of a run.
+    """The versions, options and input of a run."""
 
-    Attributes
-    ----------
-    packages : mapping of str to str
-        Versions of Python and of the packages that a result depends on.
-    command : tuple of str
-        The command line.
-    options : mapping of str to JSON
-        The resolved configuration and the options of the run.
-    input_blake2b : str
-        Hash of the calibration and of the frames that were read: pixels, names, time
-        stamps and measured rotations, in order.
-    """
-
+    #: Versions of Python and of the packages that a result depends on.
     packages: Mapping[str, str]
+    #: The command line.
     command: tuple[str, ...]
+    #: The resolved configuration and the options of the run.
     options: Mapping[str, Json]
+    #: Hash of the calibration and of the frames that were read: pixels, names, time stamps and measured rotations, in
+    #: order.
     input_blake2b: str
 
 
 #: The versions of these packages may change a result.
 _PACKAGES = ("slam-init", "numpy", "scipy", "opencv-python-headless", "gtsam", "rerun-sdk", "numba")
+NOT_INSTALLED = "not installed"
 
 
 class InputHash:
     """Hash of the frames that a run reads. Equal pixels, masks, names, time stamps and calibrations have equal hashes.
 
-    Parameters
-    ----------
-    camera : Camera
-        The stated calibration.
+    * ``camera``: The stated calibration.
     """
 
     def __init__(self, camera: Camera) -> None:
@@ -85,10 +75,15 @@ class InputHash:
 
 def provenance_of(command: Sequence[str], options: Mapping[str, Json], input_hash: InputHash) -> Provenance:
     """Gather the provenance of a run."""
+    return Provenance(package_versions(_PACKAGES), tuple(command), dict(options), input_hash.hexdigest())
+
+
+def package_versions(names: Sequence[str]) -> dict[str, str]:
+    """Return the versions of Python and of packages."""
     packages = {"python": platform.python_version()}
-    for name in _PACKAGES:
+    for name in names:
         try:
             packages[name] = version(name)
         except PackageNotFoundError:
-            packages[name] = "not installed"
-    return Provenance(packages, tuple(command), dict(options), input_hash.hexdigest())
+            packages[name] = NOT_INSTALLED
+    return packages

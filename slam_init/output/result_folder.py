@@ -12,6 +12,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from slam_init.errors import SourceError, plain_line
 from slam_init.output.folder.marker import read_marker
@@ -23,6 +24,8 @@ _SUMMARY = "summary.json"
 _LIMIT_BYTES = 64_000_000
 #: More keyframes and longer texts are cut in the text, never in the description.
 _SHOWN_KEYFRAMES = 20
+
+_Kind = TypeVar("_Kind")
 
 
 @dataclass(frozen=True)
@@ -89,31 +92,31 @@ def is_result_folder(path: str | os.PathLike[str]) -> bool:
 def describe_result(path: str | os.PathLike[str]) -> ResultDescription:
     """Describe a folder of results."""
     folder = Path(path)
-    summary = _read_summary(folder)
-    get = _Fields(folder / _SUMMARY, summary)
-    provenance = _Fields(folder / _SUMMARY, get.table("provenance") or {})
-    packages = provenance.table("packages") or {}
-    version = packages.get("slam-init")
-    keyframes = [_Fields(folder / _SUMMARY, one) for one in get.tables("keyframes")]
+    get = _Fields(folder / _SUMMARY, _read_summary(folder))
+    provenance = get.below("provenance")
+    version = provenance.get("packages", dict, {}).get("slam-init")
+    keyframes = [_Fields(folder / _SUMMARY, one) for one in get.each("keyframes", dict)]
+    attempts = [_Fields(folder / _SUMMARY, one) for one in get.each("attempts", dict)]
+    reason = get.get("reason", str, "") or None
     return ResultDescription(
         folder=str(folder),
-        status=get.text("status"),
-        reason=get.text("reason", "") or None,
-        advice=get.text("advice", ""),
-        risk=_last_risk(folder / _SUMMARY, get.tables("attempts")),
-        source=_Fields(folder / _SUMMARY, get.table("source") or {}).text("name", ""),
-        method=get.text("method"),
-        seed=get.whole("seed"),
-        frames_read=get.whole("frames_read"),
-        frames_to_init=get.whole("frames_to_init") if summary.get("frames_to_init") is not None else None,
-        keyframes=tuple(one.whole("frame") for one in keyframes),
-        landmarks=get.whole("landmarks"),
-        hypotheses=len(get.tables("hypotheses")),
-        attempts=len(get.tables("attempts")),
+        status=get.get("status", str),
+        reason=reason,
+        advice=get.get("advice", str, ""),
+        risk=_last_risk(attempts),
+        source=get.below("source").get("name", str, ""),
+        method=get.get("method", str),
+        seed=get.get("seed", int),
+        frames_read=get.get("frames_read", int),
+        frames_to_init=get.get("frames_to_init", int) if reason is None else None,
+        keyframes=tuple(one.get("frame", int) for one in keyframes),
+        landmarks=get.get("landmarks", int),
+        hypotheses=len(get.each("hypotheses", dict)),
+        attempts=len(attempts),
         files=_sizes(folder),
         version=version if isinstance(version, str) else None,
-        command=tuple(provenance.texts("command")),
-        notes=tuple(get.texts("notes")),
+        command=tuple(provenance.each("command", str)),
+        notes=tuple(get.each("notes", str)),
     )
 
 
@@ -152,37 +155,25 @@ class _Fields:
     def __init__(self, path: Path, table: Mapping[str, object]) -> None:
         self._path, self._table = path, table
 
-    def text(self, key: str, missing: str | None = None) -> str:
+    def get(self, key: str, kind: type[_Kind], missing: _Kind | None = None) -> _Kind:
+        """Return a value of a kind; ``missing`` for null or no value, unless that is None."""
         value = self._table.get(key)
         if value is None and missing is not None:
             return missing
-        if not isinstance(value, str):
+        if not isinstance(value, kind) or isinstance(value, bool):
             raise self._damaged(key)
         return value
 
-    def whole(self, key: str) -> int:
-        value = self._table.get(key)
-        if not isinstance(value, int) or isinstance(value, bool):
+    def each(self, key: str, kind: type[_Kind]) -> list[_Kind]:
+        """Return a list of values of a kind; an empty one if there is none."""
+        values = self.get(key, list, [])
+        if not all(isinstance(value, kind) for value in values):
             raise self._damaged(key)
-        return value
+        return values
 
-    def table(self, key: str) -> Mapping[str, object] | None:
-        value = self._table.get(key)
-        if value is not None and not isinstance(value, dict):
-            raise self._damaged(key)
-        return value
-
-    def tables(self, key: str) -> list[Mapping[str, object]]:
-        value = self._table.get(key, [])
-        if not isinstance(value, list) or not all(isinstance(one, dict) for one in value):
-            raise self._damaged(key)
-        return value
-
-    def texts(self, key: str) -> list[str]:
-        value = self._table.get(key, [])
-        if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
-            raise self._damaged(key)
-        return value
+    def below(self, key: str) -> _Fields:
+        """Return a table in this table; an empty one if there is none."""
+        return _Fields(self._path, self.get(key, dict, {}))
 
     def _damaged(self, key: str) -> SourceError:
         return SourceError(f"{self._path}: {key} is missing or is not what a run writes: run again")
@@ -203,10 +194,9 @@ def _read_summary(folder: Path) -> Mapping[str, object]:
     return summary
 
 
-def _last_risk(path: Path, attempts: list[Mapping[str, object]]) -> float | None:
+def _last_risk(attempts: list[_Fields]) -> float | None:
     for attempt in reversed(attempts):
-        window = _Fields(path, attempt).table("window")
-        if window is not None:
+        if window := attempt.get("window", dict, {}):
             risk = window.get("risk")
             return float(risk) if isinstance(risk, int | float) and math.isfinite(risk) else None
     return None

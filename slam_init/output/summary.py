@@ -42,99 +42,66 @@ SCHEMA_FILE = "summary.schema.json"
 
 @dataclass(frozen=True)
 class Summary:
-    """The content of ``summary.json``. Two equal runs differ in ``timing_ms`` and ``provenance`` only.
+    """The content of ``summary.json``. Two equal runs differ in ``timing_ms`` and ``provenance`` only."""
 
-    Attributes
-    ----------
-    schema : int
-        Version of this layout.
-    status : str
-        ``initialized`` or ``not_initialized``.
-    reason : Verdict or None
-        Why there is no map; None when initialized.
-    advice : str
-        What the person who moves the camera should do; empty when initialized.
-    source : SourceRecord
-        The source of the frames.
-    method : str
-        Name of the method, e.g. ``quest``.
-    seed : int
-        Seed of all random draws.
-    camera : CameraRecord
-        The stated calibration.
-    frames_read : int
-        Number of frames that were read.
-    frames_to_init : int or None
-        Number of frames that were read when the map was accepted; None without a map.
-    keyframes : tuple of KeyframeRecord
-        The keyframes of the map; empty without a map.
-    landmarks : int
-        Number of landmarks; 0 without a map.
-    median_parallax_deg : float or None
-        Median over the landmarks of the largest angle between two rays of a landmark.
-    depth_sigma : float or None
-        Median over the landmarks of the relative standard deviation of the distance from the newest keyframe.
-    reprojection_rmse_px : float or None
-        Root mean square of the reprojection errors, in pixels.
-    scene : str or None
-        ``general`` or ``planar``.
-    focal_length : FocalLengthRecord or None
-        The focal length, if bundle adjustment adjusted it.
-    scale : float or None
-        Metres in a unit of the map of bundle adjustment, the median depth. Lengths of this summary and of all files are
-        metres where it is given; None where no scale was found or looked for.
-    scale_sigma : float or None
-        Relative standard deviation of the scale.
-    scale_origin : ScaleRecord or None
-        Where the scale comes from, or why none was found; None if none was looked for.
-    hypotheses : tuple of HypothesisRecord
-        The two maps that the views could not decide between, the better one first; else empty.
-    margin : Margin or None
-        The last vote between two maps.
-    attempts : tuple of AttemptRecord
-        The last attempts.
-    timing_ms : mapping of str to StageTimes
-        Times by stage of the pipeline.
-    ground_truth : GroundTruthErrors or None
-        Errors of the keyframes, if there is ground truth.
-    continued : ContinuationRecord or None
-        The frames after the initialization, if the run continued.
-    segments : tuple of SegmentRecord
-        All maps of a run that starts anew after a loss, in time order; the keys above describe the first. Else empty.
-    notes : tuple of str
-        Notes for the user, e.g. that the calibration was guessed.
-    provenance : Provenance or None
-        The versions, options and input of the run.
-    """
-
+    #: Version of this layout.
     schema: int
+    #: ``initialized`` or ``not_initialized``.
     status: str
+    #: Why there is no map; None when initialized.
     reason: Verdict | None
+    #: What the person who moves the camera should do; empty when initialized.
     advice: str
+    #: The source of the frames.
     source: SourceRecord
+    #: Name of the method, e.g. ``quest``.
     method: str
+    #: Seed of all random draws.
     seed: int
+    #: The stated calibration.
     camera: CameraRecord
+    #: Number of frames that were read.
     frames_read: int
+    #: Number of frames that were read when the map was accepted; None without a map.
     frames_to_init: int | None
+    #: The keyframes of the map; empty without a map.
     keyframes: tuple[KeyframeRecord, ...]
+    #: Number of landmarks; 0 without a map.
     landmarks: int
+    #: Median over the landmarks of the largest angle between two rays of a landmark.
     median_parallax_deg: float | None
+    #: Median over the landmarks of the relative standard deviation of the distance from the newest keyframe.
     depth_sigma: float | None
+    #: Root mean square of the reprojection errors, in pixels.
     reprojection_rmse_px: float | None
+    #: ``general`` or ``planar``.
     scene: str | None
+    #: The focal length, if bundle adjustment adjusted it.
     focal_length: FocalLengthRecord | None
+    #: Metres in a unit of the map of bundle adjustment, the median depth. Lengths of this summary and of all files are
+    #: metres where it is given; None where no scale was found or looked for.
     scale: float | None
+    #: Relative standard deviation of the scale.
     scale_sigma: float | None
+    #: Where the scale comes from, or why none was found; None if none was looked for.
     scale_origin: ScaleRecord | None
+    #: The two maps that the views could not decide between, the better one first; else empty.
     hypotheses: tuple[HypothesisRecord, ...]
+    #: The last vote between two maps.
     margin: Margin | None
+    #: The last attempts.
     attempts: tuple[AttemptRecord, ...]
+    #: Times by stage of the pipeline.
     timing_ms: Mapping[str, StageTimes]
+    #: Errors of the keyframes, if there is ground truth.
     ground_truth: GroundTruthErrors | None
+    #: The frames after the initialization, if the run continued.
     continued: ContinuationRecord | None
+    #: All maps of a run that starts anew after a loss, in time order; the keys above describe the first. Else empty.
     segments: tuple[SegmentRecord, ...]
+    #: Notes for the user, e.g. that the calibration was guessed.
     notes: tuple[str, ...]
+    #: The versions, options and input of the run.
     provenance: Provenance | None
 
     def as_dict(self) -> dict[str, Json]:
@@ -173,23 +140,23 @@ def summary_of(
         source=SourceRecord(source.name, source.kind),
         method=method,
         seed=int(seed),
-        camera=CameraRecord.of(camera),
+        camera=CameraRecord.describe(camera),
         frames_read=result.frames_read,
         frames_to_init=result.frames_to_init,
-        keyframes=() if map_ is None else tuple(KeyframeRecord.of(keyframe) for keyframe in map_.keyframes),
+        keyframes=() if map_ is None else tuple(KeyframeRecord.describe(keyframe) for keyframe in map_.keyframes),
         landmarks=0 if map_ is None else len(map_.points),
         median_parallax_deg=None if map_ is None else _known(map_.median_parallax_deg),
         depth_sigma=None if map_ is None else _known(map_.depth_sigma),
         reprojection_rmse_px=None if map_ is None else _known(map_.reprojection_rmse_px),
         scene=None if map_ is None else map_.scene,
-        focal_length=None if map_ is None else FocalLengthRecord.of(map_),
+        focal_length=None if map_ is None else FocalLengthRecord.describe(map_),
         scale=None if result.scale is None else result.scale.metres_per_unit,
         scale_sigma=None if result.scale is None else result.scale.sigma,
-        scale_origin=ScaleRecord.of(result.scale),
+        scale_origin=ScaleRecord.describe(result.scale),
         # The hypotheses of an initialized run are the map itself, which the keys above describe.
-        hypotheses=() if map_ is not None else tuple(HypothesisRecord.of(kept) for kept in result.hypotheses),
+        hypotheses=() if map_ is not None else tuple(HypothesisRecord.describe(kept) for kept in result.hypotheses),
         margin=result.margin,
-        attempts=tuple(AttemptRecord.of(attempt) for attempt in result.attempts),
+        attempts=tuple(AttemptRecord.describe(attempt) for attempt in result.attempts),
         timing_ms=result.timing_ms,
         ground_truth=ground_truth,
         continued=continued,

@@ -6,11 +6,10 @@ for the Rerun viewer.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Self
 
-from slam_init.output.summary import Summary
 from slam_init.types.arrays import Floats
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
@@ -56,9 +55,6 @@ class Recorder:
     def restarted(self) -> None:
         """Report that the map was lost, and that the initialization starts anew."""
 
-    def summary(self, summary: Summary) -> None:
-        """Report the summary at the end of the run."""
-
     def close(self) -> None:
         """End the reports. It may be called twice."""
 
@@ -77,60 +73,14 @@ class Several(Recorder):
     def __init__(self, *recorders: Recorder) -> None:
         self._recorders = recorders
 
-    def frame(self, frame: Frame, observations: Observations) -> None:
-        """Report a frame and its tracks."""
-        for recorder in self._recorders:
-            recorder.frame(frame, observations)
 
-    def attempt(self, attempt: Attempt) -> None:
-        """Report an attempt."""
-        for recorder in self._recorders:
-            recorder.attempt(attempt)
+def _pass_on(report: str) -> Callable[..., None]:
+    def passed_on(several: Several, *arguments: object) -> None:
+        for recorder in several._recorders:
+            getattr(recorder, report)(*arguments)
 
-    def frame_time(self, elapsed_ms: float) -> None:
-        """Report what a frame took."""
-        for recorder in self._recorders:
-            recorder.frame_time(elapsed_ms)
+    return passed_on
 
-    def row_times(self, observations: Observations, corrected: Floats) -> None:
-        """Report what the correction of a rolling shutter moves in a frame.
 
-        Shapes: ``corrected`` (N, 2).
-        """
-        for recorder in self._recorders:
-            recorder.row_times(observations, corrected)
-
-    def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
-        """Report an accepted map."""
-        for recorder in self._recorders:
-            recorder.initialized(map_, observations)
-
-    def undecided(self, maps: Sequence[InitialMap]) -> None:
-        """Report the maps that the views could not decide between."""
-        for recorder in self._recorders:
-            recorder.undecided(maps)
-
-    def continued(self, keyframe: Keyframe) -> None:
-        """Report a frame after the initialization."""
-        for recorder in self._recorders:
-            recorder.continued(keyframe)
-
-    def scaled(self, scale: Scale) -> None:
-        """Report the scale of the last map."""
-        for recorder in self._recorders:
-            recorder.scaled(scale)
-
-    def restarted(self) -> None:
-        """Report that the map was lost."""
-        for recorder in self._recorders:
-            recorder.restarted()
-
-    def summary(self, summary: Summary) -> None:
-        """Report the summary at the end of the run."""
-        for recorder in self._recorders:
-            recorder.summary(summary)
-
-    def close(self) -> None:
-        """End the reports of all recorders."""
-        for recorder in self._recorders:
-            recorder.close()
+for _report in [name for name in vars(Recorder) if not name.startswith("_")]:
+    setattr(Several, _report, _pass_on(_report))

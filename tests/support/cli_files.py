@@ -12,7 +12,7 @@ CAMERA = "model: pinhole\nwidth: 64\nheight: 48\nfx: 60\nfy: 60\ncx: 31.5\ncy: 2
 
 
 def attempts(*verdicts):
-    return tuple(AttemptRecord.of(Attempt((0, k + 1), Verdict(verdict))) for k, verdict in enumerate(verdicts))
+    return tuple(AttemptRecord.describe(Attempt((0, k + 1), Verdict(verdict))) for k, verdict in enumerate(verdicts))
 
 
 INITIALIZED = Summary(

@@ -6,6 +6,7 @@ Run ``python tests/support/make_schema.py`` after each change of these types. It
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 from pathlib import Path
@@ -42,7 +43,7 @@ def schema_text() -> str:
 
 
 def summary_json_schema() -> dict[str, Any]:
-    """The JSON Schema (draft 2020-12) of :class:`Summary`, with descriptions from its docstrings."""
+    """The JSON Schema (draft 2020-12) of :class:`Summary`, with descriptions from docstrings and comments."""
     # pydantic reads TypedDict of typing_extensions only (before Python 3.12), and has a type of its own for JSON.
     stage_times = TypedDict("StageTimes", get_type_hints(stopwatch.StageTimes))
     with patch.object(summary, "StageTimes", stage_times), patch.object(provenance, "Json", JsonValue):
@@ -56,19 +57,35 @@ def summary_json_schema() -> dict[str, Any]:
 
 
 def _describe(schema: dict[str, Any], name: str) -> None:
-    """Describe a type and its properties by the docstring of its class; other keys than these are not allowed."""
+    """Describe a type and its properties by the docstring and the comments of its class; allow no other keys."""
     if name == "JsonValue":
         schema["description"] = "Any JSON value."
         return
     classes = {"PoseEvidence": PoseEvidence} | {k: v for module in _MODULES for k, v in vars(module).items()}
-    doc = ClassDoc(classes[name])
+    doc, comments = ClassDoc(classes[name]), _field_comments(classes[name])
     schema["description"] = _plain(" ".join([*doc["Summary"], *doc["Extended Summary"]]))
     if "properties" not in schema:
         return
-    texts = {part.strip(): item.desc for item in doc["Attributes"] for part in item.name.split(",")}
+    texts = {part.strip(): " ".join(item.desc) for item in doc["Attributes"] for part in item.name.split(",")}
     for key, value in schema["properties"].items():
-        value["description"] = _plain(" ".join(texts[key]))
+        value["description"] = _plain((texts | comments)[key])
     schema["additionalProperties"] = False
+
+
+def _field_comments(cls: type) -> dict[str, str]:
+    """The ``#:`` comment above each field; a comment of several fields begins with their names and a colon."""
+    comments: dict[str, str] = {}
+    lines: list[str] = []
+    for line in inspect.getsource(cls).splitlines():
+        if line.startswith("    #:"):
+            lines.append(line[6:].strip())
+        elif lines:
+            text, (field, *_) = " ".join(lines), line.strip().partition(":")
+            names, shared, meaning = text.partition(": ")
+            several = shared and re.fullmatch(r"\w+(, \w+)+", names)
+            comments |= dict.fromkeys(names.split(", "), meaning) if several else {field: text}
+            lines = []
+    return comments
 
 
 def _tidy(schema: dict[str, Any], *, nullable: bool) -> None:

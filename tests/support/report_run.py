@@ -8,6 +8,7 @@ from make_map import make_attempts, make_frame, make_map, make_observations, mak
 from make_summary import summarize
 
 from slam_init.recording.recorder import Recorder
+from slam_init.recording.rerun_recorder import RerunRecorder
 from slam_init.types.initial_map import InitialMap, Keyframe
 
 
@@ -25,6 +26,7 @@ def report_run(recorder: Recorder, model: str = "pinhole", color: bool = True) -
     later = replace(observations[-1], frame=32, timestamp_s=observations[-1].timestamp_s + 1 / 30)
     recorder.frame(make_frame(32, later.timestamp_s, later.name, color), later)
     recorder.continued(Keyframe(32, later.timestamp_s, later.name, make_poses(5)[4]))
-    recorder.summary(summarize(make_result(map_)))
+    if isinstance(recorder, RerunRecorder):
+        recorder.summary(summarize(make_result(map_)))
     recorder.close()
     return map_

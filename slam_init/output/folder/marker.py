@@ -31,7 +31,7 @@ class Marker:
     files: frozenset[str]
 
     @classmethod
-    def of(cls, command: str, files: frozenset[str] = frozenset()) -> Marker:
+    def make(cls, command: str, files: frozenset[str] = frozenset()) -> Marker:
         """Make a marker of this version."""
         try:
             return cls(command, version("slam-init"), files)

@@ -80,7 +80,7 @@ def refuse_foreign_files(out: Path, marker: Marker, targets: Collection[str]) ->
 def _marker_of(out: Path, command: str) -> Marker:
     """Return the marker of the folder; an empty one for a new or empty folder."""
     if not os.path.lexists(out):
-        return Marker.of(command)
+        return Marker.make(command)
     if not out.is_dir():
         raise OutputError(f"--out {out} is a file: give a folder")
     home = out / HOME
@@ -98,7 +98,7 @@ def _marker_of(out: Path, command: str) -> Marker:
             f"--out {out} is not empty, and slam-init did not write it (it holds {found!r}): "
             "give a new or an empty folder"
         )
-    return Marker.of(command)
+    return Marker.make(command)
 
 
 def _refuse_inputs(out: Path, names: Collection[str], inputs: Iterable[str | os.PathLike[str]]) -> None:

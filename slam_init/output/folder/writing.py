@@ -40,7 +40,7 @@ class OutputFolder:
         self.staging = self.path / HOME / NEW
         self._command = command
         self._targets = targets
-        self._marker = Marker.of(command)
+        self._marker = Marker.make(command)
         self._lock = FolderLock(self.path / HOME / _LOCK)
         self._created: list[Path] = []
 
@@ -85,7 +85,7 @@ class OutputFolder:
             path = self.path / name
             if path.is_symlink() or (path.exists() and not path.is_file()):  # a pipe would block
                 raise OutputError(f"{path} is not a file that slam-init wrote: move it, or give another --out")
-        marker = replace(Marker.of(self._command), files=self._marker.files | names)
+        marker = replace(Marker.make(self._command), files=self._marker.files | names)
         try:
             write_marker(self.path, marker)
         except OSError as error:
@@ -100,7 +100,7 @@ class OutputFolder:
         """
         refuse_foreign_files(self.path, self._marker, names)
         removed = sorted((set(remove) & self.files) - set(names))
-        marker = Marker.of(self._command, (self.files - set(removed)) | set(names))
+        marker = Marker.make(self._command, (self.files - set(removed)) | set(names))
         # Half of the renames must not stay because of a key that was pressed.
         with InterruptsDeferred():
             Renames(tuple(names), tuple(removed), marker).perform(self.path)

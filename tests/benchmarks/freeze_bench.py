@@ -1,6 +1,6 @@
 """Writes ``frozen.json`` anew: for a new version of the protocol, and for further public sequences.
 
-The program is run as ``python -m slam_init.bench.freeze SUITE [--from tracks.jsonl]``. The digests of the suites of
+Run it as ``python -m tests.benchmarks.freeze_bench SUITE [--from tracks.jsonl]``. The digests of the suites of
 images are those that a run wrote to its ``tracks.jsonl``.
 """
 
@@ -11,6 +11,7 @@ import json
 import sys
 from pathlib import Path
 
+from slam_init.bench import frozen
 from slam_init.bench.hardware import versions
 from slam_init.bench.manifest import checksum, data_folder, find_sequences
 from slam_init.bench.protocol import DEFAULTS, SUITES, VERSION
@@ -18,7 +19,7 @@ from slam_init.bench.suites import drawn_worlds
 from slam_init.compare.replay import replay, tracks_digest
 from slam_init.compare.sources import open_compared
 
-_FILE = Path(__file__).with_name("frozen.json")
+_FILE = Path(frozen.__file__).with_name("frozen.json")
 #: What the tracks of each suite depend on.
 _LIBRARIES = {
     "drawn": ("numpy",),
@@ -34,17 +35,17 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--from", dest="tracks", type=Path)
     chosen = parser.parse_args(arguments)
     content = json.loads(_FILE.read_text(encoding="utf-8"))
-    frozen = content[str(VERSION)]
+    of_version = content[str(VERSION)]
     if chosen.suite == "drawn":
         sources = [(text, open_compared(text)) for text in drawn_worlds(DEFAULTS["drawn"].worlds, 0)]
-        frozen["drawn"] = [tracks_digest(source, replay(source, text, 0, "")) for text, source in sources]
+        of_version["drawn"] = [tracks_digest(source, replay(source, text, 0, "")) for text, source in sources]
     else:
-        frozen[chosen.suite] |= dict(
+        of_version[chosen.suite] |= dict(
             json.loads(line) for line in chosen.tracks.read_text(encoding="utf-8").splitlines()
         )
     if chosen.suite == "video":
-        frozen["checksums"] = {name: checksum(path) for name, path in find_sequences(data_folder()).found.items()}
-    frozen["made_with"][chosen.suite] = {
+        of_version["checksums"] = {name: checksum(path) for name, path in find_sequences(data_folder()).found.items()}
+    of_version["made_with"][chosen.suite] = {
         name: number for name, number in versions().items() if name in _LIBRARIES[chosen.suite]
     }
     _FILE.write_text(json.dumps(content, indent=0) + "\n", encoding="utf-8")
