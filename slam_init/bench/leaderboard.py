@@ -65,7 +65,7 @@ class Entry:
     @property
     def score(self) -> float:
         """The rank: share of correct maps minus :data:`FALSE_COST` times that of false maps."""
-        correct, false = (0.0 if math.isnan(share[0]) else share[0] for share in (self.correct, self.false))
+        correct, false = (0.0 if math.isnan(share.value) else share.value for share in (self.correct, self.false))
         return correct - FALSE_COST * false
 
 

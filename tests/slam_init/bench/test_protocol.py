@@ -17,6 +17,7 @@ from slam_init.bench.suites import DRAWN_OPTIONS, drawn_worlds, rendered_worlds
 from slam_init.cli import main
 from slam_init.compare.replay import replay, tracks_digest
 from slam_init.compare.sources import open_compared
+from slam_init.compare.statistics import Interval
 from slam_init.errors import SourceError
 
 RUN = Run("drawn", 6, 0, DEFAULTS["drawn"].every, (), ("stella", "essential-8pt"))
@@ -136,8 +137,8 @@ def test_the_page_ranks_the_rows_of_equal_protocols_and_loads_nothing(finished, 
 
 def test_a_false_map_costs_more_than_none(finished):
     entry = read_entries(str(finished[0]))[0]
-    waits = replace(entry, label="waits", correct=(0.6, 0.5, 0.7), false=(0.0, 0.0, 0.1))
-    answers = replace(entry, label="answers", correct=(0.9, 0.8, 1.0), false=(0.04, 0.0, 0.1))
+    waits = replace(entry, label="waits", correct=Interval(0.6, 0.5, 0.7), false=Interval(0.0, 0.0, 0.1))
+    answers = replace(entry, label="answers", correct=Interval(0.9, 0.8, 1.0), false=Interval(0.04, 0.0, 0.1))
     order = re.findall(r'<th scope="row"[^>]*>([^<]*)<', leaderboard_html([answers, waits]))
     assert order == ["waits", "answers"]
 
