@@ -170,7 +170,7 @@ def leaderboard_html(entries: Sequence[Entry]) -> str:
 
 
 def _section(name: str, entries: Sequence[Entry]) -> str:
-    columns = [("method", ""), ("score", ""), ("correct %", ""), ("false %", ""), ("delay<br>(frames)", "")]
+    columns = [("method", ""), ("score", "more"), ("correct %", ""), ("false %", ""), ("delay<br>(frames)", "")]
     columns += [
         (title, "more") for title in ("none %", "error", "trials", "risk: false<br>(expected)", "frame<br>(ms)")
     ]
@@ -196,7 +196,7 @@ def _section(name: str, entries: Sequence[Entry]) -> str:
         f"<h2>{escape(name)}</h2>"
         f'<figure><figcaption><b>Outcomes of the trials, and the score</b></figcaption><div class="board">{chart}</div>'
         f'<ul class="legend">{legend}</ul></figure>'
-        f'<div class="scroll"><table class="sortable"><caption>{escape(name)}</caption>'
+        f'<div class="scroll board-table"><table class="sortable"><caption>{escape(name)}</caption>'
         f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
         f"<details><summary>Commands that give these rows, and machines</summary><ul>{commands}</ul></details>"
     )

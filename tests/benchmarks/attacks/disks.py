@@ -14,7 +14,7 @@ from tests.benchmarks.attacks.folders import STILL, contents, first_run, small_d
 
 _AREA = "outputs"
 #: A run on it initializes after 8 frames, and writes 1.1 MB.
-_ROOM = "synth:room?frames=10&width=320&height=240"
+_ROOM = "synth:room?frames=14&width=320&height=240"
 _LONG = "synth:static?frames=250&width=320&height=240"
 _POINTS = "points:room?views=5&seed=1"
 #: From 16 kB to 4 MB, in steps of a constant factor.
