@@ -132,29 +132,20 @@ class End(StrEnum):
 
 
 def blueprint(end: End = End.MAP, *, rolling: bool = False) -> Any:
-    """Make the layout: map, verdict and texts at the left; frame, pair and series at the right.
+    """Make the layout of four panels: the map, large, over the texts; the frame over the plots.
 
-    * ``rolling``: Whether the view of the rolling shutter is in front of that of the keyframes.
+    * ``rolling``: Whether the view of the rolling shutter is in front of that of the frame.
     """
     import rerun.blueprint as rrb
 
-    space, keyframes = _space_views()
-    frame, shutter, pair = _image_views()
     advice = rrb.TextDocumentView(origin=ADVICE, name="result")
     first = {End.MAP: 0, End.TWINS: 1, End.NO_MAP: 2}[end]
-    left = rrb.Vertical(
-        rrb.Tabs(space, _twins(), advice, active_tab=first),
-        rrb.Horizontal(
-            rrb.TextDocumentView(origin="pairs/verdict", name="verdict on the pair"), _texts(), column_shares=[1, 1]
-        ),
-        row_shares=[5, 4],
-    )
-    if end is End.NO_MAP and not rolling:  # there are no keyframes
-        images: Any = rrb.Tabs(frame, keyframes, shutter)
-    else:
-        images = rrb.Horizontal(frame, rrb.Tabs(keyframes, shutter, active_tab=int(rolling)), column_shares=[1, 1])
-    right = rrb.Vertical(images, pair, _plots(), row_shares=[30, 26, 34])
-    root = rrb.Horizontal(left, right, column_shares=[1, 1])
+    space, keyframes = _space_views()
+    frame, shutter, pair = _image_views()
+    images = rrb.Tabs(frame, pair, keyframes, shutter, active_tab=3 if rolling else int(end is not End.MAP))
+    left = rrb.Vertical(rrb.Tabs(space, _twins(), advice, active_tab=first), _texts(), row_shares=[7, 3])
+    right = rrb.Vertical(images, _plots(), row_shares=[1, 1])
+    root = rrb.Horizontal(left, right, column_shares=[5, 3])
     name_parts(root, f"slam-init {end} {rolling}")
     return rrb.Blueprint(root, rrb.TimePanel(timeline="frame", state="collapsed"), collapse_panels=True)
 
@@ -162,7 +153,7 @@ def blueprint(end: End = End.MAP, *, rolling: bool = False) -> Any:
 def _image_views() -> tuple[Any, Any, Any]:
     """Make the views of the frame, of the rolling shutter, and of the pair.
 
-    Names are short, since the viewer cuts them: beside another view in a window of 1280 pixels they have 20 letters.
+    Names are short, since the viewer cuts them: in a window of 1280 pixels all four have 45 letters.
     """
     import rerun.blueprint as rrb
 
@@ -170,17 +161,14 @@ def _image_views() -> tuple[Any, Any, Any]:
     frame = rrb.Spatial2DView(
         origin=image,
         contents=["$origin/**", f"- /{ARROWS}/**"],
-        name="frame and tracks",
+        name="frame",
     )
     shutter = rrb.Spatial2DView(
         origin=image,
         contents=[f"/{image}", f"/{ARROWS}/**"],
-        name="rolling shutter",
+        name="shutter",
     )
-    pair = rrb.Spatial2DView(
-        origin="pairs/image", name="pair: green inliers, red outliers, purple moving, yellow not judged"
-    )
-    return frame, shutter, pair
+    return frame, shutter, rrb.Spatial2DView(origin="pairs/image", name="pair")
 
 
 def _twins() -> Any:
@@ -210,6 +198,7 @@ def _texts() -> Any:
         columns=rrb.TextLogColumns(timeline_columns=["frame"], text_log_columns=["Body"]),
     )
     return rrb.Tabs(
+        rrb.TextDocumentView(origin="pairs/verdict", name="verdict on the pair"),
         log,
         rrb.TextDocumentView(origin="pairs/evidence", name="evidence"),
         rrb.TextDocumentView(origin="summary", name="summary"),
@@ -219,38 +208,42 @@ def _texts() -> Any:
 
 
 def _plots() -> Any:
-    """Make the plots: the risk and the time of a frame beside one another, the rest in tabs."""
+    """Make the plots: the risk in front, the time of a frame, and the rest side by side.
+
+    A legend would hide a part of a plot of this size. The names tell the colours, and so does the view "legend".
+    """
     import rerun.blueprint as rrb
 
-    series = {
-        plot: rrb.TimeSeriesView(origin=f"stats/{plot}", name=name, plot_legend=corner)
-        for plot, name, corner in (
-            ("parallax", "parallax (px)", rrb.Corner2D.LeftTop),
-            ("shares", "shares of matches", rrb.Corner2D.LeftTop),
-            ("direction", "direction (deg)", rrb.Corner2D.RightTop),
-            ("readout", "readout (ms)", rrb.Corner2D.RightTop),
-            ("counts", "counts", rrb.Corner2D.LeftBottom),
-        )
-    }
+    hidden = rrb.PlotLegend(visible=False)
+    risk = rrb.TimeSeriesView(
+        origin="stats/risk_log10",
+        name="log10 of the risk (bound red)",
+        plot_legend=hidden,
+        axis_y=rrb.ScalarAxis(range=(math.log10(LEAST_RISK) - 0.2, 0.2)),
+    )
     time = rrb.TimeSeriesView(
         origin="stats/time",
         name="ms",
-        plot_legend=rrb.Corner2D.RightTop,
+        plot_legend=hidden,
         # A judgement in one piece takes a second; on its scale the budget would lie on the axis.
         axis_y=rrb.ScalarAxis(range=(0.0, 5 * BUDGET_MS)),
     )
-    risk = rrb.TimeSeriesView(
-        origin="stats/risk_log10",
-        name="log10 of the risk",
-        plot_legend=rrb.Corner2D.LeftBottom,
-        axis_y=rrb.ScalarAxis(range=(math.log10(LEAST_RISK) - 0.2, 0.2)),
+    more = rrb.Grid(
+        *(
+            rrb.TimeSeriesView(origin=f"stats/{plot}", name=name, plot_legend=hidden)
+            for plot, name in (
+                ("parallax", "parallax px"),
+                ("counts", "counts"),
+                ("direction", "direction"),
+                ("shares", "shares"),
+                ("readout", "readout ms"),
+            )
+        ),
+        rrb.BarChartView(origin=ERROR_BARS, name="BA rms px", plot_legend=hidden),
+        grid_columns=2,
+        name="more",
     )
-    bars = rrb.BarChartView(origin=ERROR_BARS, name="BA rms (px)", plot_legend=rrb.PlotLegend(visible=False))
-    iterations = rrb.TimeSeriesView(origin=ERROR, name="BA rms (px), timeline ba_iter")
-    more = rrb.Tabs(
-        *(series[plot] for plot in ("parallax", "counts", "direction", "shares", "readout")), bars, iterations
-    )
-    return rrb.Horizontal(risk, time, more, column_shares=[5, 3, 3])
+    return rrb.Tabs(risk, time, more)
 
 
 def _space_views() -> tuple[Any, Any]:
@@ -263,7 +256,7 @@ def _space_views() -> tuple[Any, Any]:
         origin="world",
         # Keypoints are shown on the flat image only; on the frustum they would hide the image.
         contents=["$origin/**", *(f"- /world/camera/image/{name}" for name in _FLAT), f"- /{ARROWS}/**"],
-        name="map: estimate blue, ground truth orange",
+        name="map: estimate blue, truth orange, newest frame yellow",
         defaults=no_axes,
         line_grid=False,
         eye_controls=_eye(),

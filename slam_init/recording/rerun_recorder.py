@@ -20,8 +20,8 @@ entity                      content
 ``advice``                  the result of the run in large letters
 ==========================  =======================================================================
 
-Timelines: ``frame`` (absolute index), ``sensor_time``, ``stage`` (0 for the map before bundle adjustment, 1 after it),
-``ba_iter``. The content depends on the run and its seed only: it has no wall clock and no random ids.
+Timelines: ``frame`` (absolute index), ``sensor_time`` or, where the stamps are dates, ``sensor_date``, ``stage`` (0 for
+the map before bundle adjustment, 1 after it), ``ba_iter``. The content depends on the run and its seed only: it has no wall clock and no random ids.
 """
 
 from __future__ import annotations
@@ -78,6 +78,7 @@ from slam_init.types.pose import Trajectory
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 from slam_init.types.scale import Scale
+from slam_init.types.time_stamps import is_date
 
 _NOWHERE = np.zeros((0, 2))
 
@@ -139,6 +140,7 @@ class RerunRecorder(Recorder):
         self._hypotheses = 0
         self._attempt: Attempt | None = None
         self._frame = -1
+        self._dated: bool | None = None
         self._moving = False
         self._end, self._rolling, self._closed = End.MAP, False, False
 
@@ -167,7 +169,12 @@ class RerunRecorder(Recorder):
         rr, rec = self._rr, self._rec
         self._file.check()
         rec.set_time("frame", sequence=frame.index)
-        rec.set_time("sensor_time", duration=frame.timestamp_s)
+        # Bags and cameras log dates; times from a start of the clock are no dates, and have no day.
+        self._dated = is_date(frame.timestamp_s) if self._dated is None else self._dated
+        if self._dated:
+            rec.set_time("sensor_date", timestamp=frame.timestamp_s)
+        else:
+            rec.set_time("sensor_time", duration=frame.timestamp_s)
         self.images.add(frame)
         if self._frames % (1 + self._frames // FRAMES_AT_FULL_RATE) == 0:
             rec.log("world/camera/image", jpeg(reduced(frame.image, _LONG_SIDE_PX)))

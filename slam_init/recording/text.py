@@ -86,15 +86,24 @@ def legend_markdown(arrow_factor: int) -> str:
     rows = (
         ("map, keyframes", "blue", "estimated cameras and path"),
         ("map, keyframes", "orange", "true path, aligned"),
+        ("map", "yellow", "camera of the newest frame, with its image"),
         ("map, keyframes", "purple", "paths of map A and map B"),
         ("frame", "green", "tracks"),
         ("frame", "yellow", "motion over three frames"),
         ("frame, pair", "purple", "on a body that moves"),
         ("pair", "green, red", "inliers, outliers"),
         ("pair", "yellow", "no motion was estimated"),
-        ("rolling shutter", "yellow", "pixels as read"),
-        ("rolling shutter", "purple", f"corrected; arrows are {arrow_factor} times as long"),
+        ("shutter", "yellow", "pixels as read"),
+        ("shutter", "purple", f"corrected; arrows are {arrow_factor} times as long"),
         ("log10 of the risk", "red", "bound; below it the map is handed over"),
+        ("log10 of the risk", "purple", "the risk that the map is wrong"),
+        (
+            "log10 of the risk",
+            "light blue, pink, grey, brown",
+            "its parts: direction, other motion, rotation, moving bodies",
+        ),
+        ("counts", "blue, green", "tracks, landmarks"),
+        ("ms", "blue", "time of a frame"),
         ("ms", "red", "time between two frames at 30 Hz"),
     )
     return "\n".join(["| view | colour | |", "|---|---|---|", *(f"| {' | '.join(row)} |" for row in rows)])

@@ -62,7 +62,7 @@ def time_unit(stamps: Floats, stated: TimeUnit = TimeUnit.SECONDS) -> TimeUnit:
     possible = [unit for unit in (stated, *TimeUnit) if first / unit.per_second < LARGEST_SECONDS]
     if len(steps):
         step = float(np.median(steps))
-        dated = stated == TimeUnit.SECONDS and _CENTURY_S[0] <= first <= _CENTURY_S[1]
+        dated = stated == TimeUnit.SECONDS and is_date(first)
         low_s, high_s = _STATED_STEP_S[0], _DATED_STEP_S if dated else _STATED_STEP_S[1]
         if stated in possible and low_s <= step / stated.per_second <= high_s:
             return stated
@@ -70,6 +70,11 @@ def time_unit(stamps: Floats, stated: TimeUnit = TimeUnit.SECONDS) -> TimeUnit:
             if _USUAL_STEP_S[0] <= step / unit.per_second < _USUAL_STEP_S[1]:
                 return TimeUnit(unit)
     return TimeUnit(possible[0]) if possible else stated
+
+
+def is_date(stamp_s: float) -> bool:
+    """Whether seconds are a date of this century, and no time since a clock was started."""
+    return _CENTURY_S[0] <= stamp_s <= _CENTURY_S[1]
 
 
 def in_seconds(stamps: Floats, unit: TimeUnit) -> Floats:

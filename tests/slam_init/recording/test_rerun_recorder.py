@@ -73,6 +73,37 @@ def test_a_recording_holds_the_whole_run_and_passes_verification(tmp_path, model
     assert column(path, "/log", "TextLog:level") == [["WARN"], ["WARN"], ["INFO"], ["INFO"]]
 
 
+@pytest.mark.parametrize(
+    ("start_s", "name", "kind"),
+    [(0.0, "sensor_time", "duration"), (1.4e9, "sensor_date", "timestamp"), (2000.0, "sensor_time", "duration")],
+)
+def test_dates_are_logged_as_dates_and_other_times_as_durations(tmp_path, start_s, name, kind):
+    """A bag that is opened beside the recording has dates: only then both lie at the same time."""
+    path = tmp_path / "recording.rrd"
+    with RerunRecorder(path, CAMERAS["pinhole"], "arc") as recorder:
+        for k in range(2):
+            frame = make_frame(k, start_s + 0.1 * k, str(k))
+            recorder.frame(frame, replace(make_observations(make_map())[0], frame=k))
+    batch = chunks(path, "/stats/counts/tracks")[-1]
+    assert str(batch.schema.field(name).type).startswith(kind)
+
+
+def test_the_layout_has_four_panels_and_no_legend_over_a_plot():
+    from slam_init.recording.layout import End, blueprint
+
+    for end in End:
+        left, right = blueprint(end).root_container.contents
+        assert [len(left.contents), len(right.contents)] == [2, 2]
+        assert left.row_shares[0] > 2 * left.row_shares[1]  # the map
+        plots = right.contents[1].contents
+        views = [
+            view for plot in plots for view in (plot, *getattr(plot, "contents", ())) if hasattr(view, "properties")
+        ]
+        legends = [view.properties["PlotLegend"] for view in views if "PlotLegend" in getattr(view, "properties", ())]
+        assert len(legends) > 5
+        assert not any(legend.visible.as_arrow_array().to_pylist()[0] for legend in legends)
+
+
 def test_a_recording_holds_the_map_before_and_after_bundle_adjustment(tmp_path):
     map_ = record(tmp_path / "a.rrd")
     stages = dict(
