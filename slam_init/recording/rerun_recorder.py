@@ -21,7 +21,8 @@ entity                      content
 ==========================  =======================================================================
 
 Timelines: ``frame`` (absolute index), ``sensor_time`` or, where the stamps are dates, ``sensor_date``, ``stage`` (0 for
-the map before bundle adjustment, 1 after it), ``ba_iter``. The content depends on the run and its seed only: it has no wall clock and no random ids.
+the map before bundle adjustment, 1 after it), ``ba_iter``. The content depends on the run and its
+seed only: it has no wall clock and no random ids.
 """
 
 from __future__ import annotations
