@@ -20,7 +20,6 @@ import signal
 import sys
 import threading
 import time
-from types import FrameType
 
 #: Interval at which a process asks for its parent.
 _ASK_S = 0.5
@@ -56,14 +55,23 @@ def guarded(parent: int) -> None:
         end_with_parent(guard)
         return
     os.close(write)
-    released = threading.Event()
+    released, disarmed = threading.Event(), threading.Event()
 
     def release(*_: object) -> None:
         """The parent leaves the program to the user: a window stays open."""
         released.set()
         _signal_at_end_of_parent(0)
+        if os.getppid() == parent:
+            disarmed.set()
 
-    signal.signal(signal.SIGTERM, _kill_group)
+    def terminate(*_: object) -> None:
+        """End the program, unless the parent released it and ended at once: then this signal tells its end."""
+        if released.is_set() and not disarmed.is_set():
+            disarmed.set()
+            return
+        _kill_group()
+
+    signal.signal(signal.SIGTERM, terminate)
     signal.signal(RELEASE, release)
     _signal_at_end_of_parent(signal.SIGTERM)
     # The connection and the standard streams are those of the child alone.
@@ -121,7 +129,7 @@ def _ask(parent: int) -> None:
     os._exit(1)
 
 
-def _kill_group(*_: int | FrameType | None) -> None:
+def _kill_group() -> None:
     os.killpg(0, signal.SIGKILL)
 
 
