@@ -7,9 +7,9 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from slam_init.cli.compare import add_method
 from slam_init.cli.exit_codes import DONE
-from slam_init.cli.parser import OUT_HELP, UsageError, at_least
+from slam_init.cli.parser import OUT_HELP, UsageError
+from slam_init.cli.trial_options import add_methods, add_processes, check_trials
 from slam_init.system.process_io import tell
 
 if TYPE_CHECKING:
@@ -33,18 +33,12 @@ def add_bench(commands: Commands) -> None:
         "action", metavar="ACTION", nargs="*", help="nothing, list, publish DIR..., convert LAYOUT FOLDER"
     )
     bench.add_argument("--suite", choices=_SUITES, help="drawn (default), rendered or video")
-    bench.add_argument("--methods", metavar="A,B", help="of slam-init run --method (default: all that are installed)")
-    add_method(bench)
+    add_methods(bench)
     bench.add_argument("--worlds", type=int, metavar="N", help="number of worlds (default: 1000 drawn, 24 rendered)")
     bench.add_argument("--seed", type=int, default=0, metavar="N", help="of worlds and random draws (default: 0)")
     bench.add_argument("--every", type=int, metavar="K", help="start at every K-th frame of a sequence (default: 20)")
     bench.add_argument("--sequences", metavar="A,B", help="of the suite video (default: all at hand)")
-    bench.add_argument("--jobs", type=int, metavar="N", help="processes (default: one a core)")
-    bench.add_argument(
-        "--backend", default="loky", metavar="NAME", help="loky (default), sequential or dask:ADDRESS of a scheduler"
-    )
-    bench.add_argument("--time-limit", type=float, default=300.0, metavar="S", help="of a trial (default: 300 s)")
-    bench.add_argument("--memory-limit", type=int, default=6000, metavar="MB", help="of a trial (default: 6000 MB)")
+    add_processes(bench)
     bench.add_argument(
         "--trajectories", action="store_true", help="write the trajectories in the formats of evo and VSLAM-LAB"
     )
@@ -71,12 +65,7 @@ def _bench(arguments: argparse.Namespace) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    at_least("--worlds", arguments.worlds, 1)
-    at_least("--seed", arguments.seed, 0)
-    at_least("--every", arguments.every, 1)
-    at_least("--jobs", arguments.jobs, 1)
-    at_least("--time-limit", arguments.time_limit, 1)
-    at_least("--memory-limit", arguments.memory_limit, 100)
+    check_trials(arguments, worlds=1, every=1)
     suite = arguments.suite or "drawn"
     if suite != "video" and arguments.sequences is not None:
         raise UsageError("--sequences belongs to --suite video")

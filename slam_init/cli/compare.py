@@ -7,8 +7,9 @@ import sys
 from typing import TYPE_CHECKING
 
 from slam_init.cli.exit_codes import DONE
-from slam_init.cli.parser import OUT_HELP, UsageError, at_least
+from slam_init.cli.parser import OUT_HELP, UsageError
 from slam_init.cli.source_options import add_mask, add_topics, view_of, with_topics
+from slam_init.cli.trial_options import add_methods, add_processes, check_trials
 from slam_init.system.process_io import tell
 
 if TYPE_CHECKING:
@@ -32,8 +33,7 @@ def add_compare(commands: Commands) -> None:
         nargs="*",
         help="a sequence, a folder of sequences, synth:NAME[?seed=N&...] or points:NAME[?seed=N&...]",
     )
-    compare.add_argument("--methods", metavar="A,B", help="of slam-init run --method (default: all that are installed)")
-    add_method(compare)
+    add_methods(compare)
     compare.add_argument("--every", type=int, default=10, metavar="K", help="start at every K-th frame (default: 10)")
     compare.add_argument("--use-every", type=int, default=1, metavar="N", help="use every N-th frame of each sequence")
     compare.add_argument("--fps", type=float, metavar="F", help="use the frames nearest to F a second, by their times")
@@ -45,45 +45,17 @@ def add_compare(commands: Commands) -> None:
     compare.add_argument(
         "--limit-frames", type=int, default=150, metavar="N", help="a trial reads at most N frames (default: 150)"
     )
-    compare.add_argument("--jobs", type=int, metavar="N", help="processes (default: one a core)")
-    compare.add_argument(
-        "--backend", default="loky", metavar="NAME", help="loky (default), sequential or dask:ADDRESS of a scheduler"
-    )
+    add_processes(compare)
     compare.add_argument("--seed", type=int, default=0, metavar="N", help="of random draws (default: 0)")
-    compare.add_argument("--time-limit", type=float, default=300.0, metavar="S", help="of a trial (default: 300 s)")
-    compare.add_argument("--memory-limit", type=int, default=6000, metavar="MB", help="of a trial (default: 6000 MB)")
     compare.add_argument("--realtime", action="store_true", help="judge in slices, as for a camera that does not wait")
     add_topics(compare)
     compare.add_argument("--recordings", action="store_true", help="write a recording of each trial")
     compare.add_argument("--out", metavar="DIR", default=_DEFAULT_COMPARISON, help=OUT_HELP)
 
 
-def add_method(parser: argparse.ArgumentParser) -> None:
-    """Add the option of a further method."""
-    parser.add_argument(
-        "--method",
-        metavar="NAME",
-        action="append",
-        default=[],
-        help="a further method; may be repeated. NAME=command:'PROGRAM {images} {times} {camera} {out}' is an external "
-        "program (docs/bench.md)",
-    )
-
-
 def _compare(arguments: argparse.Namespace) -> int:
     """``slam-init compare``."""
-    for option, least in (
-        ("every", 1),
-        ("use_every", 1),
-        ("min_left", 2),
-        ("grid", 0),
-        ("limit_frames", 2),
-        ("jobs", 1),
-        ("seed", 0),
-    ):
-        at_least(f"--{option.replace('_', '-')}", getattr(arguments, option), least)
-    at_least("--time-limit", arguments.time_limit, 1)
-    at_least("--memory-limit", arguments.memory_limit, 100)
+    check_trials(arguments, every=1, use_every=1, min_left=2, grid=0, limit_frames=2)
     if not arguments.sources and not arguments.grid:
         raise UsageError("no SOURCE: give sequences, or --grid N (see slam-init compare --help)")
     from slam_init.output.folder import chosen_folder

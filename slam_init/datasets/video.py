@@ -47,27 +47,16 @@ class VideoSource:
     size: tuple[int, int]
     #: What the header tells the user: whether the frame rate is assumed, or the frames are turned.
     header_notes: tuple[str, ...] = ()
+    kind: str = "video"
+    #: camera, groundtruth: A video holds neither.
+    camera: Camera | None = None
+    groundtruth: Trajectory | None = None
     _seen: set[str] = field(default_factory=set, init=False, repr=False)
 
     @property
     def name(self) -> str:
         """File name."""
         return self.path.name
-
-    @property
-    def kind(self) -> str:
-        """``video``."""
-        return "video"
-
-    @property
-    def camera(self) -> Camera | None:
-        """None: a video holds no calibration."""
-        return None
-
-    @property
-    def groundtruth(self) -> Trajectory | None:
-        """None: a video holds no ground truth."""
-        return None
 
     @property
     def notes(self) -> tuple[str, ...]:

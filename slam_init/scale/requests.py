@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from slam_init.errors import ConfigError
 from slam_init.types.scale import ScaleOrigin
@@ -141,8 +141,6 @@ def parse_scale(text: str) -> ScaleRequest:
     if request is None:
         raise ConfigError(f"--scale is {text[:100]!r}: give {_FORMS}")
     if isinstance(request, KnownMarkers):
-        from slam_init.scale.dictionaries import marker_dictionary
-
         marker_dictionary(request.dictionary)
     return request
 
@@ -176,3 +174,19 @@ def _length(text: str) -> KnownLength:
     if not all(map(math.isfinite, numbers)):
         raise ConfigError(f"{text[:40]!r} is no length: give metres, as in 1.65 or 1.65+-0.02")
     return KnownLength(*numbers)
+
+
+def marker_dictionary(name: str) -> Any:
+    """Look up OpenCV's dictionary of markers by a name that people write."""
+    import cv2
+
+    known = {key.upper(): key for key in sorted(vars(cv2.aruco)) if key.startswith("DICT_")}
+    wanted = name.strip().upper().removeprefix("DICT_").removeprefix("APRILTAG_")
+    wanted = (
+        f"APRILTAG_{wanted.removeprefix('TAG')}" if f"DICT_APRILTAG_{wanted.removeprefix('TAG')}" in known else wanted
+    )
+    if f"DICT_{wanted}" not in known:
+        raise ConfigError(
+            f"unknown marker dictionary {name[:40]!r}: give tag36h11, tag25h9, tag16h5, 4x4_50, 5x5_100, 6x6_250, ..."
+        )
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, known[f"DICT_{wanted}"]))

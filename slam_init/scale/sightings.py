@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slam_init.scale.dictionaries import marker_dictionary
-from slam_init.scale.requests import KnownBoard, KnownMarkers
+from slam_init.scale.requests import KnownBoard, KnownMarkers, marker_dictionary
 from slam_init.types.arrays import Floats, Image
 
 #: Corners of a marker of side 2 as OpenCV lists them: from the upper left one, clockwise.

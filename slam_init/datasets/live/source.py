@@ -48,7 +48,8 @@ class LiveSource:
     The frames can be read once. A frame that was read stays the first one of the next call of :meth:`frames`, so that
     a caller may look at its size.
 
-    * ``name``: Short name, for reports and messages.
+    * ``name``: Name of the camera or the address, without a password.
+    * ``dropped``: Number of frames that were dropped since the first one was processed.
     * ``connect``: Opens the stream; called again when the connection is lost. It raises
       :class:`~slam_init.errors.SourceError` where it cannot.
     * ``pipe``: Whether the sender waits until its images are taken, as the writer of a pipe does.
@@ -65,7 +66,10 @@ class LiveSource:
         keep_all: bool = False,
         reconnects: int = 3,
     ) -> None:
-        self._name = name
+        self.name, self.kind = name, "live"
+        # A stream holds neither.
+        self.camera: Camera | None = None
+        self.groundtruth: Trajectory | None = None
         self._connect, self._pipe, self._keep_all, self._reconnects = connect, pipe, keep_all, reconnects
         self._thread: threading.Thread | None = None
         self._changed = threading.Condition()
@@ -74,34 +78,9 @@ class LiveSource:
         self._read: Frame | None = None
         self._begun = self._stale = False
         self._stopped = self._ended = self._interrupted = False
-        self._received = self._dropped = self._connections = 0
+        self._received = self.dropped = self._connections = 0
         self._error: BaseException | None = None
         self._ended_by: str | None = None
-
-    @property
-    def name(self) -> str:
-        """Name of the camera or the address, without a password."""
-        return self._name
-
-    @property
-    def kind(self) -> str:
-        """``live``."""
-        return "live"
-
-    @property
-    def camera(self) -> Camera | None:
-        """None: a stream holds no calibration."""
-        return None
-
-    @property
-    def groundtruth(self) -> Trajectory | None:
-        """None: a stream holds no ground truth."""
-        return None
-
-    @property
-    def dropped(self) -> int:
-        """Frames that were dropped since the first one was processed."""
-        return self._dropped
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -111,9 +90,9 @@ class LiveSource:
           source ended.
         """
         notes = []
-        if self._dropped:
+        if self.dropped:
             notes.append(
-                f"{self._dropped} of {self._received} frames were dropped, because they came faster than they were "
+                f"{self.dropped} of {self._received} frames were dropped, because they came faster than they were "
                 "processed"
             )
         notes += self._clock.notes
@@ -137,7 +116,7 @@ class LiveSource:
                     return
             frame = None
         if not given and not self._interrupted:
-            raise SourceError(self._ended_by or f"{self._name}: ends before frame {start}")
+            raise SourceError(self._ended_by or f"{self.name}: ends before frame {start}")
 
     def stop(self) -> None:
         """End the source as if its data had ended. It may be called from a signal handler."""
@@ -224,7 +203,7 @@ class LiveSource:
             failures = 0 if self._received > received else failures
             if failures == self._reconnects:
                 tried = f", and {failures} attempts to connect again failed" if failures else ""
-                raise SourceError(f"{self._name}: no more images{tried}")
+                raise SourceError(f"{self.name}: no more images{tried}")
             self._pause(_FIRST_PAUSE_S * 2**failures)
             failures += 1
 
@@ -251,7 +230,7 @@ class LiveSource:
                     self._changed.wait(_POLL_S)
                 else:
                     self._queue.popleft()
-                    self._dropped += self._begun
+                    self.dropped += self._begun
                     self._stale |= not self._begun
             self._queue.append(frame)
             self._changed.notify_all()
@@ -261,7 +240,7 @@ class LiveSource:
         if frame.index == 0:
             self._size = size
         if size != self._size:
-            raise SourceError(f"{self._name}: image {frame.index} is {size[0]}x{size[1]}: all sizes must be equal")
+            raise SourceError(f"{self.name}: image {frame.index} is {size[0]}x{size[1]}: all sizes must be equal")
 
     def _pause(self, seconds: float) -> None:
         until = time.monotonic() + seconds

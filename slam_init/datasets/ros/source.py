@@ -54,6 +54,7 @@ class RosSource:
 
     def __init__(self, path: Path, version: int, topic: str | None = None, truth: str | None = None) -> None:
         self.path, self._version = path, version
+        self.name, self.kind = path.resolve().name, f"ros{version}"
         self._left_out: set[int] = set()
         self._imu: BagGyroscope | None = None
         with Bag(path, version) as bag:
@@ -74,16 +75,6 @@ class RosSource:
         if not self._by_header:
             self._notes += ("the images have no time stamps: the times at which they were recorded are taken",)
         self._notes += truth_notes
-
-    @property
-    def name(self) -> str:
-        """Name of the file or folder."""
-        return self.path.resolve().name
-
-    @property
-    def kind(self) -> str:
-        """``ros1`` or ``ros2``."""
-        return f"ros{self._version}"
 
     @cached_property
     def camera(self) -> Camera | None:
