@@ -34,8 +34,8 @@ class PointOptions:
     focal_error : float
         The stated focal length is the true one times ``1 + focal_error``.
     field_px : float
-        Root mean square of one coordinate of a smooth error field that the tracks of a view have in common, over the
-        image. The field of each view is independent of the others. Outliers do not have it.
+        Root mean square over the image of one coordinate of the correlated tracking error: a smooth field that the
+        tracks of a view have in common. The field of each view is independent of the others. Outliers do not have it.
     drift_px : float
         The same for a smooth field that performs a random walk over the views: 0 in the first view, and ``drift_px`` in
         the last one.
@@ -57,7 +57,7 @@ class PointOptions:
         Speed of the translation in the scenes ``handheld`` and ``handheld-wall``, median depths per second. The other
         scenes ignore it.
     bodies : int
-        Number of moving bodies among which the moving tracks are divided.
+        Number of moving objects among which the moving tracks are divided.
     body_turn_deg_s : float
         Angular speed of each body about its own centre; the axes are drawn.
     principal_error : float

@@ -1,4 +1,4 @@
-"""The world of a sequence of tracks: points on the surfaces of a scene, moving bodies, and the path of the camera."""
+"""The world of a sequence of tracks: points on the surfaces of a scene, moving objects, and the path of the camera."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def _spread_points(
 def _kinds(points: Floats, options: PointOptions, rng: np.random.Generator) -> tuple[Ints, Ints]:
     """(M,) kind of each track, and (M,) the cluster of each moving one, else -1.
 
-    Moving bodies are compact in the first view; outliers are random tracks.
+    Moving objects are compact in the first view; outliers are random tracks.
     """
     count = len(points)
     kinds, clusters = np.full(count, STATIC, np.int64), np.full(count, -1, np.int64)
@@ -142,7 +142,7 @@ def _bodies(
     rng: np.random.Generator,
     body_rng: np.random.Generator,
 ) -> Bodies:
-    """The moving bodies. Their translation is 0.5 to 1.5 times ``reach``."""
+    """The moving objects. Their translation is 0.5 to 1.5 times ``reach``."""
     count = options.bodies
     body_of_track = clusters
     if count == 2 and options.body_turn_deg_s == 0:

@@ -66,11 +66,11 @@ class PointSequence:
     poses: Floats
     #: (V,) Time of the middle row.
     timestamps_s: Floats
-    #: (M, 3) In the world frame of their scene, at its first view. Those on moving bodies change their place later.
+    #: (M, 3) In the world frame of their scene, at its first view. Those on moving objects change their place later.
     points: Floats
     #: (M,) Tracks that are outliers.
     is_outlier: Bools
-    #: (M,) Tracks on moving bodies.
+    #: (M,) Tracks on moving objects.
     is_moving: Bools
     #: (V, M, 2) Measured pixels, with noise and correlated error.
     pixels: Floats
@@ -103,7 +103,7 @@ class PointSequence:
 
         Shapes: returns (M,).
 
-        * Returns: Depth along the optical axis; NaN for outliers, for tracks on moving bodies and for those of another
+        * Returns: Depth along the optical axis; NaN for outliers, for tracks on moving objects and for those of another
           scene.
         """
         cam_from_world = np.linalg.inv(self.poses[index])

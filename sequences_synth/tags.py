@@ -26,7 +26,7 @@ _CELL_TEXELS = 32
 _NEARER = 0.7
 # Grey levels of the black and of the white print.
 _BLACK, _WHITE = 30, 225
-# The board is turned about its vertical axis, so that its size is told from its distance.
+# The board is turned about its vertical axis, so that its size and its distance are distinguished.
 _TURN_RAD = np.radians(20.0)
 
 

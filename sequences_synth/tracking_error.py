@@ -20,7 +20,7 @@ _TERMS = 6
 
 @dataclass(frozen=True, eq=False)
 class TrackingError:
-    """The smooth error field of each view.
+    """The smooth correlated error of each view.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class TrackingError:
         return TrackingError(width, height, field + walk)
 
     def at(self, index: int, pixels: Floats) -> Floats:
-        """Compute the error field of one view.
+        """Compute the correlated tracking error of one view.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
 """The command line: ``slam-init run``, ``view``, ``info``, ``synth``, ``compare``, ``bench`` and ``calibrate``.
 
 Exit codes: 0 initialized (or done), 2 bad usage or input, 3 the data never allowed initialization. An interrupt gives
-128 and the number of the signal: 130 for SIGINT, 143 for SIGTERM, 129 for SIGHUP. Whatever is wrong is told in one line
-on stderr.
+128 and the number of the signal: 130 for SIGINT, 143 for SIGTERM, 129 for SIGHUP. Whatever is wrong is reported in one
+line on stderr.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         complain("error: not enough memory: give fewer or smaller images (--every, --max-frames), or close programs")
         return BAD_INPUT
-    except ImportError as error:  # a broken installation; the modules of users are told where they are loaded
+    except ImportError as error:  # a broken installation; those of users are reported where they are loaded
         complain(f"error: {plain_line(str(error))[:300]}: install slam-init again in a new environment")
         return BAD_INPUT
     except KeyboardInterrupt as interrupt:

@@ -29,7 +29,7 @@ class UsageError(SlamInitError):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, told by :func:`main` like all others.
+    """A parser whose errors are one line, reported by :func:`main` like all others.
 
     An option in :attr:`bare_values` may stand without a value. A value stands behind ``=``: the next word is never one,
     so that the option may stand before SOURCE.
@@ -50,7 +50,7 @@ class Parser(argparse.ArgumentParser):
         return super().parse_known_args([*given, *words[end:]], namespace)
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse words; an option that does not exist is told with the command that it was given to."""
+        """Parse words; an option that does not exist is reported with the command that it was given to."""
         namespace, unknown = self.parse_known_args(args, namespace)
         if unknown:
             known = next((part.choices for part in self._actions if isinstance(part.choices, dict)), {})

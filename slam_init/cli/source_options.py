@@ -74,7 +74,7 @@ def with_topics(arguments: argparse.Namespace, source: str) -> str:
     try:
         if not detect_kind(source).startswith("ros"):
             return source
-    except SourceError:  # told when it is opened; for slam-init compare it may be a folder of sequences
+    except SourceError:  # reported when it is opened; for slam-init compare it may be a folder of sequences
         return source
     return str(BagName(source, arguments.topic, arguments.truth_topic))
 

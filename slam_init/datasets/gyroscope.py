@@ -31,7 +31,7 @@ from slam_init.types.frame import Frame, Source
 _LONGEST_STEP_S = 0.04
 #: The initializer adds the variances of the steps of a chain, but the errors of bias and scale are the same in all
 #: steps. A step therefore gets the variance that makes the sum right for a chain of this length: a window of a video
-#: has one or two seconds. A shorter chain is then more certain than it is told, never less.
+#: has one or two seconds. A shorter chain is then more certain than stated, never less.
 _CHAIN_S = 2.0
 #: Relative error of the rate: data sheets of MEMS gyroscopes state 0.5 to 3 % of scale and cross-axis sensitivity.
 _SCALE_ERROR = 0.01
@@ -44,10 +44,10 @@ _RESTED_BIAS_RAD_S = 0.005
 #: Noise density where none is stated: 0.01 deg/s/sqrt(Hz), that of the gyroscopes in phones.
 _NOISE_DENSITY = 2e-4
 #: At rest the rate scatters by the noise alone: 0.003 rad/s at 200 Hz. A hand that holds a camera scatters by 0.02.
-#: A moving hand may be calm for one second by chance.
+#: A moving hand may be calm for a single second.
 _REST_S, _REST_SCATTER_RAD_S, _LEAST_RESTS = 1.0, 0.01, 2
-#: A uniform turn scatters as little as rest. It is told by its rate, which is above the offset of most gyroscopes or
-#: differs from that of other calm seconds; or by a record that is calm for nearly all of its time.
+#: A uniform turn scatters as little as rest. It is recognized by its rate, which is above the offset of most gyroscopes
+#: or differs from that of other calm seconds; or by a record that is calm for nearly all of its time.
 _SAME_REST_RAD_S, _MOST_REST = 0.01, 0.9
 #: What :func:`slam_init.types.attitude.checked_rotation` takes.
 _SIGMAS_RAD = (1e-6, 1.0)

@@ -77,7 +77,7 @@ def corrected_pixels(camera: Camera, observations: Observations) -> Floats:
 class RollingShutter:
     """Corrects the rays of the frames of a video.
 
-    * ``camera``: Its readout is used; where it is unknown, the rays are corrected once :meth:`adopt` is told an
+    * ``camera``: Its readout is used; where it is unknown, the rays are corrected once :meth:`adopt` gets an
       estimate.
     * ``readout_s``: Readout that the rays are corrected for.
     """

@@ -1,21 +1,21 @@
 """The ground plane below the camera, in the landmarks of a map.
 
-A monocular map does not know the direction of gravity. The ground is taken to be the plane below the camera that is
-told from chance most clearly, with nothing beneath it. Below is the direction of the lower border of the image, for a
-camera that is held as cameras are held: rolled by at most 15 degrees, and tilted by at most 45 degrees, at which a wall
-is as near to that direction as the ground.
+A monocular map does not know the direction of gravity. The ground is taken to be the plane below the camera with the
+most significant number of inliers, with nothing beneath it. Below is the direction of the lower border of the image,
+for a camera that is held as cameras are held: rolled by at most 15 degrees, and tilted by at most 45 degrees, at which
+a wall is as near to that direction as the ground.
 
 **A plane is linear in inverse depths.** For a landmark seen along the ray ``(x, y, 1)`` of the first camera, the plane
 ``k . X = 1`` predicts the inverse depth ``k . (x, y, 1)``. The standard deviation of an inverse depth hardly depends on
 the depth, so that near and far landmarks count as they should.
 
-**Certainty.** A plane can be drawn through any cloud of points. So the number of its inliers is compared with the
-number that it has by chance: an a-contrario rule [1]_. Each ray that meets the plane has its own chance, which is large
-near the horizon, where all depths agree with a plane. Below a camera, the chance is that of a depth of another
+**Significance.** A plane can be laid through any cloud of points. So the number of its inliers is compared with the
+number expected without a plane: an a-contrario rule [1]_. Each ray that meets the plane has its own chance, which is
+large near the horizon, where all depths agree with a plane. Below a camera, the chance is that of a depth of another
 landmark. Ahead of a camera that looks down, all depths of a plane are alike, and the chance is that of any depth from
 half of that of the plane on. The probability of the number of inliers is bounded by that of a Poisson distribution
 (Chernoff), and multiplied by the number of planes through three landmarks. The slopes that the ground may have are
-those for which it is told from chance most clearly.
+those for which its inliers are most significant.
 
 **Uncertainty.** A road has a camber, a curb and a lawn. Their heights are alike for all landmarks of a place, so that
 the number of landmarks says nothing. The standard deviation is that of a jackknife over nine parts of the ground.
@@ -116,7 +116,7 @@ def find_ground(map_: InitialMap, *, nadir: bool = False) -> Ground | NoGround:
 
 @dataclass(frozen=True, eq=False)
 class _Plane:
-    """A plane ``k . X = 1``, its inliers, the expected number of such planes by chance, and the slopes allowed."""
+    """A plane ``k . X = 1``, its inliers, the number of such planes expected without a ground, and the slopes."""
 
     k: Floats
     inliers: Bools
@@ -167,7 +167,7 @@ def _log_triples(count: int) -> float:
 
 
 def _best_plane(seen: InverseDepths, nadir: bool) -> _Plane | None:
-    """The plane that is told from chance most clearly. Refined, it may lie in another direction than expected."""
+    """The most significant plane. Refined, it may lie in another direction than expected."""
     rng = np.random.default_rng(0)
     triples = rng.integers(len(seen.values), size=(_SAMPLES, 3))
     A = seen.rays[triples]

@@ -147,7 +147,7 @@ def _planar_poses(view: _View) -> list[Pose]:
 
 def _same_way(view: _View, largest: _View, start: Pose) -> _View:
     """The view with its corners in the order that fits the start: half a turn of a board may look the same."""
-    if len(view.sighting.points_m) == 4:  # the corners of a marker are told apart by its pattern
+    if len(view.sighting.points_m) == 4:  # the corners of a marker are distinguished by its pattern
         return view
     world = largest.world_from_cam.R @ start.R
     reversed_ = replace(view, sighting=replace(view.sighting, pixels=view.sighting.pixels[::-1]), rays=view.rays[::-1])

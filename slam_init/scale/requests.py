@@ -26,7 +26,7 @@ _FORMS = (
     "or groundtruth"
 )
 #: Lengths outside are in a wrong unit: a marker of 0.1 mm cannot be printed, and no camera is 1000 km above a ground
-#: whose landmarks are told from a plane.
+#: whose landmarks do not look like a plane.
 _LENGTHS_M = (1e-4, 1e6)
 #: The sub-pixel detector needs three corners a side. Boards of a hundred corners a side are not made.
 _BOARD_CORNERS = (3, 100)

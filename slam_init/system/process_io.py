@@ -87,22 +87,22 @@ class InterruptsDeferred:
             signal.raise_signal(number)
 
 
-class FirstInterruptTold:
-    """A context manager in which the first interrupt is told to a function; further ones interrupt as before.
+class FirstInterruptCalls:
+    """A context manager in which the first interrupt calls a function; further ones interrupt as before.
 
-    * ``told``: Takes nothing. It runs in a signal handler, so that it must not wait for a lock.
+    * ``at_first``: Takes nothing. It runs in a signal handler, so that it must not wait for a lock.
     """
 
-    def __init__(self, told: Callable[[], object]) -> None:
-        self._told = told
+    def __init__(self, at_first: Callable[[], object]) -> None:
+        self._at_first = at_first
 
-    def __enter__(self) -> FirstInterruptTold:
+    def __enter__(self) -> FirstInterruptCalls:
         self._before = _replace_handlers(self._tell)
         return self
 
     def _tell(self, _: int, __: FrameType | None) -> None:
         _restore_handlers(self._before)
-        self._told()
+        self._at_first()
 
     def __exit__(self, *_: object) -> None:
         _restore_handlers(self._before)

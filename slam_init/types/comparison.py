@@ -15,11 +15,11 @@ class Margin:
     log_likelihood : float
         Difference of the truncated Gaussian log likelihoods, in nats; positive where the first map is better.
     z : float
-        The same difference, in units of the standard deviation that it has by chance if both explain the tracks equally
-        well (after Vuong 1989). Each track votes by the difference of its two log likelihoods; the votes against the
+        The same difference, in units of its standard deviation if both maps explain the tracks equally well
+        (after Vuong 1989). Each track votes by the difference of its two log likelihoods; the votes against the
         first map tell the standard deviation (:mod:`slam_init.window.risk`).
     z_needed : float
-        Smallest z that decides the vote. The default is exceeded by chance once in 30 000 cases.
+        Smallest z that decides the vote. Two equally good maps exceed the default once in 30 000 cases.
     """
 
     #: Smallest log likelihood that decides the vote, also if the assumed noise is wrong by a factor of two.
@@ -30,7 +30,7 @@ class Margin:
     z_needed: float = 4.0
 
     def decides(self) -> bool:
-        """Return whether the first map is better beyond chance.
+        """Return whether the first map is significantly better.
 
         * Returns: True if both z and the log likelihood reach their required values.
         """

@@ -55,7 +55,7 @@ class Attempt(Described):
     inliers : (N,) bool
         Which of the matches the best model explains.
     moving : (N,) bool
-        Which of the matches lie on bodies with a rigid motion of their own; empty where it was not looked for.
+        Which of the matches lie on objects with a rigid motion of their own; empty where it was not looked for.
     preview : PreviewEvidence or None
         Figures before any epipolar geometry; None for the rules of another method.
     two_view : TwoViewEvidence or None

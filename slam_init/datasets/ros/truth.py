@@ -56,13 +56,13 @@ def read_truth(bag: Bag, topic: Topic, camera_frame: str) -> Truth:
         body_from_cam: Pose | None = Pose.identity()
     else:
         body_from_cam = None if body == camera_frame else tree.rigid(body, camera_frame)
-    told = f"the ground truth is {topic.name} ({topic.type.rsplit('/', 1)[-1]})"
+    note = f"the ground truth is {topic.name} ({topic.type.rsplit('/', 1)[-1]})"
     if body_from_cam is None:
         of = f" from {body} to the camera" if named else " of the camera"
-        return Truth(trajectory(stamped), (*notes, f"{told}: the pose of the body, since the bag has no transform{of}"))
-    told += f": the pose of {body}" + ("" if named else ", as the camera is fixed to it")
-    told += "" if body == camera_frame else f", with the transform from {body} to {camera_frame}"
-    return Truth(trajectory([(time_s, pose @ body_from_cam) for time_s, pose in stamped]), (*notes, told))
+        return Truth(trajectory(stamped), (*notes, f"{note}: the pose of the body, since the bag has no transform{of}"))
+    note += f": the pose of {body}" + ("" if named else ", as the camera is fixed to it")
+    note += "" if body == camera_frame else f", with the transform from {body} to {camera_frame}"
+    return Truth(trajectory([(time_s, pose @ body_from_cam) for time_s, pose in stamped]), (*notes, note))
 
 
 def _of_transforms(bag: Bag, topic: Topic, camera_frame: str) -> Truth:
@@ -71,8 +71,8 @@ def _of_transforms(bag: Bag, topic: Topic, camera_frame: str) -> Truth:
     if not stamped:
         what = f"does not tell how {camera_frame} moves" if camera_frame else "cannot be used: the images name no frame"
         return Truth(None, (*notes, f"no ground truth: {topic.name} {what}"))
-    told = f"the ground truth is {topic.name}: the pose of {camera_frame} in {root}, which the robot may have estimated"
-    return Truth(trajectory(stamped), (*notes, told))
+    note = f"the ground truth is {topic.name}: the pose of {camera_frame} in {root}, which the robot may have estimated"
+    return Truth(trajectory(stamped), (*notes, note))
 
 
 def read_transforms(bag: Bag) -> tuple[TransformTree, tuple[str, ...]]:

@@ -11,7 +11,7 @@ import slam_init.initializer
 import slam_init.recording.live_viewer
 from slam_init.cli import main
 from slam_init.config import REALTIME_WORK
-from slam_init.system.process_io import FirstInterruptTold
+from slam_init.system.process_io import FirstInterruptCalls
 
 
 @pytest.fixture
@@ -79,7 +79,7 @@ def test_the_first_interrupt_is_told_and_the_second_interrupts():
     # A program in the background of a shell ignores interrupts, and so would this test.
     at_first = signal.signal(signal.SIGINT, signal.default_int_handler)
     before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt), FirstInterruptTold(lambda: told.append("stop")):
+    with pytest.raises(KeyboardInterrupt), FirstInterruptCalls(lambda: told.append("stop")):
         signal.raise_signal(signal.SIGINT)
         assert told == ["stop"]
         signal.raise_signal(signal.SIGINT)
