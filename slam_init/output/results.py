@@ -53,7 +53,9 @@ _CHILD_S, _CHILD_BYTES = 120, 16_000_000_000
 _READ_BY_CHILD = """
 import resource, sys
 import gtsam
-resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2)
+limit, hard = int(sys.argv[1]), resource.getrlimit(resource.RLIMIT_AS)[1]
+limit = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 graph, values = sys.stdin.read().split("\\0")
 gtsam.NonlinearFactorGraph().deserialize(graph)

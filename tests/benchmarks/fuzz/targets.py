@@ -97,6 +97,8 @@ def _videos() -> dict[str, bytes]:
             ("b.avi", "XVID"),
             ("a.mkv", "MJPG"),
             ("a.webm", "VP80"),
+            ("a.mov", "MJPG"),
+            ("a.ts", "mp2v"),
         ):
             path = Path(folder, name)
             writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*codec), 20.0, _SIZE)
@@ -106,6 +108,63 @@ def _videos() -> dict[str, bytes]:
             if path.is_file() and path.stat().st_size:
                 files[name] = path.read_bytes()
     return files
+
+
+def _made(write: Callable[[Path], object]) -> dict[str, bytes]:
+    """The files that a maker writes to a folder."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write(folder)
+        paths = (path for path in sorted(folder.rglob("*")) if path.is_file())
+        return {path.relative_to(folder).as_posix(): path.read_bytes() for path in paths}
+
+
+def _database() -> dict[str, bytes]:
+    from tests.support.make_matches import scene, write_database
+
+    return _made(lambda folder: write_database(folder / "database.db", scene(points=20)))
+
+
+def _hloc() -> dict[str, bytes]:
+    from tests.support.make_matches import scene, write_hloc
+
+    return _made(lambda folder: write_hloc(folder, scene(points=20)))
+
+
+def _tracks() -> dict[str, bytes]:
+    from tests.support.make_matches import scene, write_tracks
+
+    return _made(lambda folder: write_tracks(folder / "tracks.npz", scene(points=20)))
+
+
+def _bag(kind: str) -> Callable[[], Mapping[str, bytes]]:
+    from slam_init.types.camera import Camera
+
+    def make() -> Mapping[str, bytes]:
+        from tests.support.make_bag import small_bag
+
+        images = [_picture(i, 1) for i in range(3)]
+        messages = small_bag(kind, images, Camera("pinhole", *_SIZE, 60.0, 60.0, 31.5, 23.5))
+        return _made(lambda folder: messages.write(folder / ("bag.bag" if kind == "ros1" else "bag")))
+
+    return make
+
+
+def _graph() -> dict[str, bytes]:
+    import gtsam
+
+    graph, values, K = gtsam.NonlinearFactorGraph(), gtsam.Values(), gtsam.Cal3_S2(60.0, 60.0, 0.0, 31.5, 23.5)
+    noise = gtsam.noiseModel.Isotropic.Sigma(2, 1.0)
+    for i in range(2):
+        values.insert(gtsam.symbol("x", i), gtsam.Pose3(gtsam.Rot3(), np.array([0.1 * i, 0.0, 0.0])))
+        for j in range(3):
+            pixel = np.array([20.0 + j, 20.0])
+            graph.add(gtsam.GenericProjectionFactorCal3_S2(pixel, noise, gtsam.symbol("x", i), gtsam.symbol("l", j), K))
+    for j in range(3):
+        values.insert(gtsam.symbol("l", j), np.array([0.1 * j, 0.0, 1.0]))
+    return {"graph.txt": graph.serialize().encode(), "values.txt": values.serialize().encode()}
 
 
 def _tum() -> dict[str, bytes]:
@@ -173,6 +232,28 @@ def _read_source(path: Path) -> None:
         assert frame.image.dtype == np.uint8
 
 
+def _read_tracks(path: Path) -> None:
+    from slam_init.datasets import open_source
+    from slam_init.datasets.track_source import KnowsTracks
+    from slam_init.types.camera import Camera
+
+    source = open_source(path)
+    _check(source, source.timestamps_s)
+    assert isinstance(source, KnowsTracks)
+    camera = source.camera or Camera("pinhole", 640, 480, 500.0, 500.0, 319.5, 239.5)
+    for frame in source.frames(max_frames=8):
+        observed = source.observed(frame, camera)
+        assert np.isfinite(observed.pixels).all() and (np.diff(observed.track_ids) > 0).all()
+
+
+def _read_graph(folder: Path) -> None:
+    from slam_init.output.results import load_graph
+
+    graph, values = load_graph(folder)
+    graph.keys()
+    values.keys()
+
+
 def _check(source: TimedSource, times_s: np.ndarray) -> None:
     assert np.isfinite(times_s).all() and (np.diff(times_s) > 0).all() and len(times_s) == len(source)
     poses = () if source.groundtruth is None else source.groundtruth.world_from_cam
@@ -190,6 +271,13 @@ TARGETS = {
     "videos": Target(False, _videos, _none, lambda folder, name: _read_source(folder / name)),
     "YAML and XML": Target(True, _encoded_texts(_CALIBRATIONS), _none, _read_calibration),
     "COLMAP": Target(True, _encoded_texts(_COLMAP), _none, _read_calibration),
+    "COLMAP databases": Target(False, _database, _none, lambda folder, _: _read_tracks(folder / "database.db")),
+    "hloc": Target(False, _hloc, _none, lambda folder, _: _read_tracks(folder / "feats_matches_pairs.h5")),
+    "tracks.npz": Target(False, _tracks, _none, lambda folder, _: _read_tracks(folder / "tracks.npz")),
+    "bags of ROS 1": Target(False, _bag("ros1"), _none, lambda folder, _: _read_source(folder / "bag.bag")),
+    "bags of ROS 2, SQLite": Target(False, _bag("sqlite3"), _none, lambda folder, _: _read_source(folder / "bag")),
+    "bags of ROS 2, MCAP": Target(False, _bag("mcap"), _none, lambda folder, _: _read_source(folder / "bag")),
+    "graphs": Target(False, _graph, _none, lambda folder, _: _read_graph(folder)),
     "TUM": Target(True, _tum, _four_images(""), lambda folder, _: _read_source(folder)),
     "KITTI": Target(True, _kitti, _four_images("s/00/image_0/"), lambda folder, _: _read_source(folder / "s" / "00")),
     "EuRoC": Target(True, _euroc, _four_images("mav0/cam0/data/"), lambda folder, _: _read_source(folder)),
