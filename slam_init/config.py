@@ -272,10 +272,7 @@ class Config(Described):
     def tracking_in_use(self) -> TrackingConfig:
         """The options of the tracker.
 
-        Returns
-        -------
-        TrackingConfig
-            With ``work_per_frame``, ``max_tracks`` is at most :data:`MAX_TRACKS_IN_SLICES`.
+        With ``work_per_frame``, ``max_tracks`` is at most :data:`MAX_TRACKS_IN_SLICES`.
         """
         if self.work_per_frame is None:
             return self.tracking

@@ -162,10 +162,7 @@ class Camera(Described):
     def lens(self) -> Lens | None:
         """The lens, where rays may point behind the image plane or the model is no formula on the plane z = 1.
 
-        Returns
-        -------
-        Lens or None
-            None for ``pinhole`` and ``radtan``, and for ``fisheye`` where the image ends before 89 degrees.
+        None for ``pinhole`` and ``radtan``, and for ``fisheye`` where the image ends before 89 degrees.
         """
         if self.model in ("pinhole", "radtan") or (self.model == "fisheye" and not self._sees_beyond_the_plane()):
             return None
@@ -185,10 +182,7 @@ class Camera(Described):
     def widest_rad(self) -> float:
         """Largest angle between the optical axis and the rays of the border of the image.
 
-        Returns
-        -------
-        float
-            In rad. Where a border has no rays, the largest angle that the lens sees.
+        Where a border has no rays, it is the largest angle that the lens sees.
         """
         x, y = np.linspace(0, self.width - 1, _BORDER_NODES), np.linspace(0, self.height - 1, _BORDER_NODES)
         columns, rows = np.meshgrid(x, y)
@@ -219,22 +213,12 @@ class Camera(Described):
 
     @property
     def focal_sigma_px(self) -> float | None:
-        """Standard deviation of the focal length in pixels; None for a calibration.
-
-        Returns
-        -------
-        float or None
-        """
+        """Standard deviation of the focal length in pixels; None for a calibration."""
         return None if self.focal_sigma is None else self.focal_sigma * self.focal_px
 
     @property
     def readout_s(self) -> float | None:
-        """Time from the first to the last row of a rolling shutter in seconds; None if unknown.
-
-        Returns
-        -------
-        float or None
-        """
+        """Time from the first to the last row of a rolling shutter in seconds; None if unknown."""
         return None if self.readout_ms is None else 1e-3 * self.readout_ms
 
     @property
@@ -243,10 +227,6 @@ class Camera(Described):
 
         Where the readout is unknown, sensors are taken to be read along their shorter side. An upright image comes from
         a phone that is held upright, whose columns are read one after the other.
-
-        Returns
-        -------
-        (float, float)
         """
         if self.readout_ms is None and self.height > self.width:
             return _READOUT_DIRECTIONS["right"]

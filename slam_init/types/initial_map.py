@@ -142,12 +142,7 @@ class InitialMap(Described, Savable):
 
     @property
     def poses(self) -> Floats:
-        """``world_from_cam`` of the keyframes as matrices.
-
-        Returns
-        -------
-        (K, 4, 4) float
-        """
+        """(K, 4, 4) ``world_from_cam`` of the keyframes as matrices."""
         return np.array([keyframe.world_from_cam.matrix() for keyframe in self.keyframes]).reshape(-1, 4, 4)
 
     def seen_in(self, observed: Observations) -> tuple[Ints, Ints, Floats]:

@@ -64,13 +64,7 @@ class Status(Described):
 
     @property
     def risk(self) -> float | None:
-        """Probability that a map of the last judged window is wrong.
-
-        Returns
-        -------
-        float or None
-            None where no window was judged.
-        """
+        """Probability that a map of the last judged window is wrong; None where no window was judged."""
         return None if self.window is None else self.window.risk
 
     def __bool__(self) -> bool:
