@@ -56,6 +56,23 @@ def test_the_tutorials_run(page, tmp_path, monkeypatch):
                     run_command(command, monkeypatch)
 
 
+def lines_without_figures(text):
+    return [re.sub(r"[-+]?\d[\d.e-]*|\bfirst/?|slam-init-out/?", "#", line) for line in text.strip().splitlines()]
+
+
+@pytest.mark.slow
+def test_the_pages_show_what_the_first_command_prints(tmp_path, monkeypatch, capsys):
+    """But for the figures, whose last digits depend on the machine."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "synth:room", "--out", "first", "--no-overview"]) == 0
+    printed = lines_without_figures(capsys.readouterr().out)
+    for page in (ROOT / "README.md", DOCS / "tutorials" / "first-map.md", DOCS / "quick-start.md"):
+        shown = re.search(r"^initialized after .*?(?=^```)", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+        assert shown, page
+        lines = lines_without_figures(shown[0])  # all of them, or some
+        assert lines == [line for line in printed if line in lines], page
+
+
 def test_each_tutorial_has_blocks_that_run():
     assert len(TUTORIALS) >= 7
     for page in TUTORIALS:
