@@ -13,10 +13,10 @@ import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from tests.benchmarks.attacks import disks, processes
+from tests.benchmarks.attacks import disks, processes, surroundings
 from tests.benchmarks.attacks.attack import Attack, Seen
 
-_ALL = (*disks.ATTACKS, *processes.ATTACKS)
+_ALL = (*disks.ATTACKS, *processes.ATTACKS, *surroundings.ATTACKS)
 
 
 def main() -> int:
