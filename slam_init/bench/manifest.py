@@ -131,17 +131,9 @@ def checksum(folder: Path) -> str:
 
 
 def _folders(root: Path) -> Iterator[Path]:
-    waiting, seen = [root], 0
-    while waiting:
-        folder = waiting.pop()
-        seen += 1
+    for seen, (folder, below, _) in enumerate(os.walk(root)):
         if seen > _MOST_FOLDERS:
             raise SourceError(f"{root} has more than {_MOST_FOLDERS} folders: name the folder of the sequences")
-        try:
-            with os.scandir(folder) as entries:
-                below = sorted(entry.path for entry in entries if entry.is_dir(follow_symlinks=False))
-        except OSError:
-            continue
-        for path in below:
-            yield Path(path)
-            waiting.append(Path(path))
+        below.sort()
+        if seen:
+            yield Path(folder)

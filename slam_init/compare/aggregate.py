@@ -76,10 +76,7 @@ class Figures:
 
 
 def figures_of(table: TrialTable, mask: Bools) -> Figures:
-    """Compute the figures of a set of trials.
-
-    Shapes: ``mask`` (N,).
-    """
+    """Compute the figures of a set of trials: ``mask`` (N,)."""
     outcome = table.text["outcome"][mask]
     counts = Counter(outcome.tolist())
     trials, correct, false = int(mask.sum()), counts["correct"], counts["false"]
@@ -138,10 +135,7 @@ class Paired:
 
 
 def paired_outcomes(table: TrialTable, methods: Sequence[str], mask: Bools) -> list[Paired]:
-    """Compare the outcomes of every pair of methods, trial by trial.
-
-    Shapes: ``mask`` (N,).
-    """
+    """Compare the outcomes of every pair of methods, trial by trial: ``mask`` (N,)."""
     outcomes = {m: table.by_trial(table.text["outcome"], mask & table.where(method=m)) for m in methods}
     pairs = []
     for first, second in combinations(methods, 2):
@@ -183,10 +177,7 @@ class PairTest:
 
 
 def pair_tests(table: TrialTable, methods: Sequence[str], mask: Bools) -> list[PairTest]:
-    """Test every pair of methods on the trials that both ran.
-
-    Shapes: ``mask`` (N,).
-    """
+    """Test every pair of methods on the trials that both ran: ``mask`` (N,)."""
     pairs = paired_outcomes(table, methods, mask)
     correct = [mcnemar_exact(*only_counts(pair.correct)) for pair in pairs]
     false = [mcnemar_exact(*only_counts(pair.false)) for pair in pairs]

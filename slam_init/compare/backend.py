@@ -36,8 +36,6 @@ class Backend:
     def run(self, function: Callable[[_Task], _Answer], tasks: Iterable[_Task]) -> Iterator[tuple[_Task, _Answer]]:
         """Call a function on each task.
 
-        Shapes: returns (task, answer).
-
         * ``function``: Takes a task and returns its answer. The executor must be able to pickle the function.
         * ``tasks``: Arguments of the function. They are read only as workers become free.
         """

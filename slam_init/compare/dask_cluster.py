@@ -181,14 +181,9 @@ def _versions(facts: Mapping[str, Any] | None) -> dict[str, str]:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Dask logs each failure with a traceback; the error that is raised tells it in one line."""
-    # Dask gives the loggers of its modules levels of their own.
-    known = list(logging.root.manager.loggerDict)
-    loggers = [logging.getLogger(name) for name in known if name.split(".")[0] in ("distributed", "asyncio", "tornado")]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL + 1)
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
     try:
         yield
     finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
+        logging.disable(before)

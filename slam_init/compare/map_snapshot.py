@@ -38,33 +38,25 @@ def save_snapshot(path: str | os.PathLike[str], result: Result, start: int, trut
     """Write the snapshot of a trial."""
     attempts = [(str(a.frames[1] if len(a.frames) > 1 else -1), a.verdict, a.advice) for a in result.attempts]
     map_ = result.map
-    poses = np.zeros((0 if map_ is None else len(map_.keyframes), 4, 4))
-    for pose, keyframe in zip(poses, map_.keyframes if map_ is not None else (), strict=True):
-        pose[:3, :3], pose[:3, 3], pose[3, 3] = keyframe.world_from_cam.R, keyframe.world_from_cam.t, 1.0
-    np.savez(
-        path,
+    keyframes = () if map_ is None else map_.keyframes
+    poses = np.array([keyframe.world_from_cam.matrix() for keyframe in keyframes]).reshape(-1, 4, 4)
+    snapshot = MapSnapshot(
         verdicts=np.array(attempts, np.str_).reshape(-1, 3),
-        reason=np.array(result.reason or "", np.str_),
-        last_frame=np.array(start + result.frames_read - 1),
+        reason=result.reason or "",
+        last_frame=start + result.frames_read - 1,
         poses=poses,
         points=np.zeros((0, 3)) if map_ is None else map_.points,
         colors=np.zeros((0, 3), np.uint8) if map_ is None else map_.colors,
         truth=_true_path(result, truth),
     )
+    np.savez(path, **vars(snapshot))
 
 
 def load_snapshot(path: str | os.PathLike[str]) -> MapSnapshot:
     """Read a snapshot."""
     with np.load(path) as stored:
-        return MapSnapshot(
-            verdicts=stored["verdicts"],
-            reason=str(stored["reason"]),
-            last_frame=int(stored["last_frame"]),
-            poses=stored["poses"],
-            points=stored["points"],
-            colors=stored["colors"],
-            truth=stored["truth"],
-        )
+        fields = {name: stored[name] for name in stored.files}
+    return MapSnapshot(**fields | {"reason": str(fields["reason"]), "last_frame": int(fields["last_frame"])})
 
 
 def _true_path(result: Result, truth: Trajectory | None) -> Floats:

@@ -61,10 +61,7 @@ def record_side_by_side(
     outcomes: Mapping[str, str],
     frames: Iterable[tuple[Frame, Observations]],
 ) -> None:
-    """Write the recording.
-
-    Shapes: ``frames`` (Frame, Observations).
-    """
+    """Write the recording."""
     os.environ.setdefault("RERUN_ANALYTICS", "false")
     import rerun as rr
 

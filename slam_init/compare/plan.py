@@ -70,10 +70,7 @@ class Plan:
             yield from trajectory_names(source.label, self.starts(source), self.methods_on(source))
 
     def holds(self, key: Key) -> bool:
-        """Return whether a trial belongs to this comparison. A results folder can hold the trials of a wider one.
-
-        Shapes: ``key`` (str, str, int).
-        """
+        """Return whether a trial belongs to this comparison. A results folder can hold the trials of a wider one."""
         label, method, start = key
         return method in self.methods and start in self._starts.get(label, ())
 

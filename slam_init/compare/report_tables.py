@@ -113,10 +113,7 @@ def judging_table(judging: Mapping[str, Criteria]) -> str:
 
 
 def pair_table(table: TrialTable, methods: Sequence[str], mask: Bools) -> str:
-    """Make the table of paired comparisons: trials that only one of two methods solves, and p-values.
-
-    Shapes: ``mask`` (N,).
-    """
+    """Make the table of paired comparisons: p-values, and trials that only one of two methods solves: ``mask`` (N,)."""
     tests = {(test.first, test.second): test for test in pair_tests(table, methods, mask)}
     rows = []
     for first in methods:

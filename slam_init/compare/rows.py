@@ -116,10 +116,7 @@ class TrialRow:
 
     @property
     def key(self) -> Key:
-        """Return what names the trial; rows are sorted by it.
-
-        Shapes: returns (str, str, int).
-        """
+        """Return what names the trial; rows are sorted by it."""
         return self.source, self.method, self.start
 
     def values(self) -> tuple[str | int | float | bool | None, ...]:

@@ -117,10 +117,7 @@ class TrialTable:
         return mask
 
     def select(self, rows: Ints) -> TrialTable:
-        """Return some trials as a table.
-
-        Shapes: ``rows`` (K,).
-        """
+        """Return some trials as a table: ``rows`` (K,)."""
         return TrialTable(
             text={name: values[rows] for name, values in self.text.items()},
             numbers={name: values[rows] for name, values in self.numbers.items()},

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,6 +29,8 @@ from slam_init.types.result import Result
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
     from slam_init.datasets.points import PointSource
+    from slam_init.recording.recorder import Recorder
+    from slam_init.types.camera import Camera
     from slam_init.types.pose import Trajectory
 
 #: A sequence with fewer frames per second is a set of photographs. The limit in seconds is not applied to it.
@@ -47,10 +49,7 @@ class Trial:
 
     @property
     def key(self) -> Key:
-        """Sort key of the rows.
-
-        Shapes: returns (str, str, int).
-        """
+        """Sort key of the rows."""
         return self.source.label, self.method, self.start
 
 
@@ -90,72 +89,68 @@ class Settings:
 
 def run_trial(trial: Trial, settings: Settings) -> TrialRow:
     """Run a trial and measure its result."""
-    from slam_init.methods import make_initializer
-
     begin = time.perf_counter()
-    if is_external(trial.method):
-        return _run_external(trial, settings, begin)
     source = _opened(trial.source.text)
     camera = calibration_of(source, trial.source.text)
+    recording = TrialRecording(settings.recordings, trial.source.label, trial.method, trial.start, settings.seed)
+    run = _run_program if is_external(trial.method) else _run_method
+    with recording.recorder(source, camera) as recorder:
+        result, following, times_ms = run(trial, settings, source, camera, recorder)
+        row = result_row(trial, settings, result, source, following)
+        recording.end(result, source, camera, recorder)
+    times_ms["trial_ms"] = 1e3 * (time.perf_counter() - begin)
+    columns: dict[str, Any] = {name: _rounded(value) for name, value in times_ms.items()}
+    return replace(row, **columns)
+
+
+def _run_method(
+    trial: Trial, settings: Settings, source: TimedSource | PointSource, camera: Camera, recorder: Recorder
+) -> tuple[Result, Iterable[Step], dict[str, Any]]:
+    """Feed a method; return its result, the tracks of the frames that follow, and the columns of its times."""
+    from slam_init.methods import make_initializer
+
     steps = replay(source, trial.source.text, trial.start, Path(settings.tracks))
     limit = settings.frames_limit(trial.source, trial.start)
     pictures = source.frames(trial.start, limit) if settings.recordings is not None else None
     frames_ms: list[float] = []
     attempts_ms: list[float] = []
-    recording = _recording(trial, settings)
-    with recording.recorder(source, camera) as recorder:
-        initializer = make_initializer(trial.method, camera, replace(settings.config, seed=settings.seed), recorder)
-        for _, step in zip(range(limit), steps, strict=False):
-            if pictures is not None:
-                recorder.frame(next(pictures), step.current)
-            fed = time.perf_counter()
-            status = initializer.process_tracks(step.current, step.revised)
-            frames_ms.append(1e3 * (time.perf_counter() - fed))
-            if status.attempt is not None:
-                attempts_ms.append(frames_ms[-1])
-            if status:
-                break
-        result = initializer.finish()
-        row = result_row(trial, settings, result, source, steps)
-        recording.end(result, source, camera, recorder)
-    return replace(
-        row,
-        frame_median_ms=_quantile(frames_ms, 0.5),
-        frame_p95_ms=_quantile(frames_ms, 0.95),
-        attempt_median_ms=_quantile(attempts_ms, 0.5),
-        trial_ms=_rounded(1e3 * (time.perf_counter() - begin)),
-    )
+    initializer = make_initializer(trial.method, camera, replace(settings.config, seed=settings.seed), recorder)
+    for _, step in zip(range(limit), steps, strict=False):
+        if pictures is not None:
+            recorder.frame(next(pictures), step.current)
+        fed = time.perf_counter()
+        status = initializer.process_tracks(step.current, step.revised)
+        frames_ms.append(1e3 * (time.perf_counter() - fed))
+        if status.attempt is not None:
+            attempts_ms.append(frames_ms[-1])
+        if status:
+            break
+    columns = {"frame_median_ms": (frames_ms, 0.5), "frame_p95_ms": (frames_ms, 0.95)}
+    columns["attempt_median_ms"] = (attempts_ms, 0.5)
+    times_ms = {name: float(np.quantile(values, q)) if values else None for name, (values, q) in columns.items()}
+    return initializer.finish(), steps, times_ms
 
 
-def _run_external(trial: Trial, settings: Settings, begin: float) -> TrialRow:
-    """Run a trial of an external program, which gets images. The time of a frame is its share of the program's time."""
+def _run_program(
+    trial: Trial, settings: Settings, source: TimedSource | PointSource, camera: Camera, recorder: Recorder
+) -> tuple[Result, Iterable[Step], dict[str, Any]]:
+    """Run an external program, which gets images. The time of a frame is its share of the program's time."""
     from slam_init.methods.external import ExternalInitializer
 
-    source = _opened(trial.source.text)
-    camera = calibration_of(source, trial.source.text)
     limit = settings.frames_limit(trial.source, trial.start)
     limits = ExternalConfig(settings.time_limit_s, settings.memory_limit_mb, max(limit, 2))
     config = replace(settings.config, seed=settings.seed, external=limits)
     scratch = settings.tracks if settings.tracks and Path(settings.tracks).is_dir() else None
-    recording = _recording(trial, settings)
-    with recording.recorder(source, camera) as recorder:
-        initializer = ExternalInitializer(trial.method, camera, config, recorder, scratch)
-        try:
-            for frame in source.frames(trial.start, limit):
-                initializer.process(frame)
-            result = initializer.finish()
-        finally:
-            initializer.close()
-        row = result_row(trial, settings, result, source, ())
-        recording.end(result, source, camera, recorder)
+    initializer = ExternalInitializer(trial.method, camera, config, recorder, scratch)
+    try:
+        for frame in source.frames(trial.start, limit):
+            initializer.process(frame)
+        result = initializer.finish()
+    finally:
+        initializer.close()
     program = initializer.program
-    frame_ms = None if program is None else _rounded(1e3 * program.seconds / initializer.frames_read)
-    return replace(
-        row,
-        frame_median_ms=frame_ms,
-        frame_p95_ms=frame_ms,
-        trial_ms=_rounded(1e3 * (time.perf_counter() - begin)),
-    )
+    frame_ms = None if program is None else 1e3 * program.seconds / initializer.frames_read
+    return result, (), {"frame_median_ms": frame_ms, "frame_p95_ms": frame_ms}
 
 
 def error_row(trial: Trial, settings: Settings, cause: str) -> TrialRow:
@@ -164,10 +159,6 @@ def error_row(trial: Trial, settings: Settings, cause: str) -> TrialRow:
     * ``cause``: Message of the error. Line breaks are removed, and the text is cut after 200 characters.
     """
     return replace(_blank(trial, settings, "error"), reason=" ".join(cause.split())[:_MAX_CAUSE])
-
-
-def _recording(trial: Trial, settings: Settings) -> TrialRecording:
-    return TrialRecording(settings.recordings, trial.source.label, trial.method, trial.start, settings.seed)
 
 
 @lru_cache(maxsize=1)
@@ -300,10 +291,6 @@ def _seconds(source: TimedSource | PointSource, start: int, result: Result) -> f
     """Return the seconds of video from the first frame of the trial to the frame at which the map was accepted."""
     last = start + (result.frames_to_init or 1) - 1
     return float(source.timestamps_s[last] - source.timestamps_s[start])
-
-
-def _quantile(values: list[float], q: float) -> float | None:
-    return _rounded(float(np.quantile(values, q))) if values else None
 
 
 def _rounded(value: float | None) -> float | None:

@@ -36,29 +36,20 @@ class WaitDifference:
 
 
 def waits(table: TrialTable) -> Floats:
-    """Return the wait of each trial in frames; NaN for a trial in which no map can be correct.
-
-    Shapes: returns (N,).
-    """
+    """Return the wait (N,) of each trial in frames; NaN for a trial in which no map can be correct."""
     limits = table.numbers["frames_limit"] - 1
     frames = np.where(table.text["outcome"] == "correct", table.numbers["frames_to_accept"] - 1, limits)
     return np.where(table.solvable, np.minimum(frames, limits), np.nan)
 
 
 def mean_wait(table: TrialTable, mask: Bools) -> Interval:
-    """Compute the restricted mean of the wait of some trials in frames.
-
-    Shapes: ``mask`` (N,).
-    """
+    """Compute the restricted mean of the wait of some trials in frames: ``mask`` (N,)."""
     mask = mask & table.solvable
     return cluster_mean(waits(table)[mask], table.text["source"][mask])
 
 
 def wait_differences(table: TrialTable, methods: Sequence[str], mask: Bools) -> list[WaitDifference]:
-    """Compare the wait of the first method with that of each other method, trial by trial.
-
-    Shapes: ``mask`` (N,).
-    """
+    """Compare the wait of the first method with that of each other method, trial by trial: ``mask`` (N,)."""
     values, mask = waits(table), mask & table.solvable
     by_method = {method: table.by_trial(values, mask & table.where(method=method)) for method in methods}
     first = by_method[methods[0]]

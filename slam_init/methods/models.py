@@ -16,10 +16,7 @@ from slam_init.types.arrays import Floats
 
 
 def homogeneous(pixels: Floats) -> Floats:
-    """Append a last coordinate of one.
-
-    Shapes: ``pixels`` (..., n, 2), returns (..., n, 3).
-    """
+    """Append a last coordinate of one: ``pixels`` (..., n, 2), returns (..., n, 3)."""
     return np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], axis=-1)
 
 

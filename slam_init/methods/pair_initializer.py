@@ -76,10 +76,7 @@ class PairInitializer:
         self._attempts = AttemptLog()
 
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
-        """Process the next frame; see :meth:`slam_init.initializer.Initializer.process`.
-
-        Shapes: ``image`` (H, W).
-        """
+        """Process the next image (H, W); see :meth:`slam_init.initializer.Initializer.process`."""
         if self.map is not None:
             return self.status
         frame = frame_of(image, timestamp_s, self._next_index, self.camera)

@@ -42,34 +42,25 @@ class FrontEnd(Protocol):
     @property
     def map(self) -> InitialMap | None:
         """The accepted map; None before."""
-        ...
 
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
-        """Process the next frame.
-
-        Shapes: ``image`` (H, W).
-        """
-        ...
+        """Process the next image (H, W)."""
 
     def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
         """Process the tracks of the next frame, which were found elsewhere."""
-        ...
 
     @property
     def result(self) -> Result:
         """The result up to now."""
-        ...
 
     def reset(self, since: int | None = None) -> None:
         """Start anew with the same camera and tracks.
 
         * ``since``: Absolute index of the first frame whose tracks the next map may use; by default the newest one.
         """
-        ...
 
     def finish(self) -> Result:
         """End the sequence."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -78,11 +78,18 @@ def calibrate(
 
     * ``camera``: What is known before, with ``focal_sigma`` (:func:`slam_init.calibration.prior.prior_camera`).
     """
+    from tqdm import tqdm
+
     estimates: list[StretchEstimate] = []
     tried = 0
     length = length_of(source)
     limits = [limit for limit in (None if length is None else length - start, max_frames) if limit is not None]
-    frames = _with_progress(source.frames(start, max_frames), min(limits, default=None), progress)
+    frames = iter(
+        tqdm(
+            source.frames(start, max_frames), "calibrating", min(limits, default=None), leave=False, unit="frame",
+            disable=not progress,
+        )
+    )  # fmt: skip
     for first in frames:
         tried += 1
         found = _stretch(source, first, frames, camera, config or Config())
@@ -155,13 +162,3 @@ def _stretch(
         k1=first_coefficient + best.distortion_k1,
         k1_sigma=best.distortion_sigma,
     )
-
-
-def _with_progress(frames: Iterator[Frame], total: int | None, show: bool) -> Iterator[Frame]:
-    """Yield the frames, with a progress bar on stderr."""
-    from tqdm import tqdm
-
-    with tqdm(total=total, unit="frame", desc="calibrating", disable=not show, leave=False) as bar:
-        for frame in frames:
-            yield frame
-            bar.update()

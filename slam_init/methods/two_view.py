@@ -147,7 +147,6 @@ class TwoViewMethod(Protocol):
     @property
     def pair_rule(self) -> PairRule:
         """The choice of the pairs that the method gets."""
-        ...
 
     def bootstrap(
         self, camera: Camera, pixels1: Floats, pixels2: Floats, bearings1: Floats, bearings2: Floats, seed: int
@@ -174,23 +173,16 @@ class TwoViewMethod(Protocol):
         SlamInitError
             If the shapes of the arrays do not fit together, or a number is not finite.
         """
-        ...
 
 
 def undistorted_pixels(camera: Camera, bearings: Floats) -> Floats:
-    """Project rays with the camera matrix of a camera, without its distortion.
-
-    Shapes: ``bearings`` (N, 3), returns (N, 2).
-    """
+    """Project rays with the camera matrix of a camera, without its distortion: ``bearings`` (N, 3), returns (N, 2)."""
     K = camera.K
     return np.asarray(bearings[:, :2] / bearings[:, 2:] * (K[0, 0], K[1, 1]) + (camera.cx, camera.cy))
 
 
 def check_matches(pixels1: Floats, pixels2: Floats, bearings1: Floats, bearings2: Floats) -> int:
-    """Check the arrays that a method gets.
-
-    Shapes: ``pixels1, pixels2`` (N, 2), ``bearings1, bearings2`` (N, 3).
-    """
+    """Check the arrays that a method gets: ``pixels1, pixels2`` (N, 2), ``bearings1, bearings2`` (N, 3)."""
     count = len(pixels1)
     shapes = (pixels1.shape, pixels2.shape, bearings1.shape, bearings2.shape)
     if shapes != ((count, 2), (count, 2), (count, 3), (count, 3)):

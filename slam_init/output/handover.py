@@ -108,10 +108,7 @@ def handover_arrays(
 def handover_bytes(
     map_: InitialMap, located: Sequence[Keyframe] = (), descriptors: tuple[Image, Bools] | None = None
 ) -> bytes:
-    """Write the handover; see :func:`handover_arrays`.
-
-    Shapes: ``descriptors`` (L, 32).
-    """
+    """Write the handover; see :func:`handover_arrays`: ``descriptors`` (L, 32)."""
     buffer = io.BytesIO()
     np.savez(buffer, **handover_arrays(map_, located, descriptors))
     return buffer.getvalue()

@@ -24,10 +24,7 @@ _FLIP = np.diag([1.0, -1.0, -1.0])
 
 
 def opengl_matrix(world_from_cam: Pose) -> Floats:
-    """Convert a pose to the axes of OpenGL.
-
-    Shapes: returns (4, 4).
-    """
+    """Convert a pose to the axes of OpenGL: returns (4, 4)."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = world_from_cam.R @ _FLIP, world_from_cam.t
     return matrix

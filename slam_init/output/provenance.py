@@ -61,10 +61,7 @@ class InputHash:
         self._hash.update(np.ascontiguousarray(observations.pixels).data)
 
     def turned(self, rotation: Floats, sigma_rad: float) -> None:
-        """Add a measured rotation to the hash.
-
-        Shapes: ``rotation`` (3, 3).
-        """
+        """Add a measured rotation to the hash: ``rotation`` (3, 3)."""
         self._hash.update(np.ascontiguousarray(rotation).data)
         self._hash.update(repr(sigma_rad).encode())
 

@@ -31,10 +31,7 @@ _MOST_FRUSTA = 12
 
 
 def draw_map(axes: Axes, map_: InitialMap, view: str, title: str, truth: Floats | None = None) -> None:
-    """Draw the landmarks, the path, and the first and the last camera.
-
-    Shapes: ``truth`` (N, 3).
-    """
+    """Draw the landmarks, the path, and the first and the last camera: ``truth`` (N, 3)."""
     right, up, sign = _AXES[view]
     points = map_.points
     axes.scatter(

@@ -51,10 +51,7 @@ LONGEST_TAIL = 0.15
 def draw_frame(
     axes: Axes, shown: ShownFrame, before: ShownFrame | None, width: int, landmarks: Bools | None = None
 ) -> None:
-    """Draw a frame, its tracks, and how the tracks moved since an earlier frame.
-
-    Shapes: ``landmarks`` (N,).
-    """
+    """Draw a frame, its tracks, and how the tracks moved since an earlier frame: ``landmarks`` (N,)."""
     from matplotlib.collections import LineCollection
 
     _image(axes, shown.image, f"frame {shown.index}")

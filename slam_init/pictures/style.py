@@ -89,10 +89,7 @@ def png_of(figure: Figure) -> bytes:
 
 
 def drawn(figure: Figure) -> Image:
-    """Draw a figure.
-
-    Shapes: returns (H, W, 3).
-    """
+    """Draw a figure: returns (H, W, 3)."""
     from io import BytesIO
 
     raw = BytesIO()
@@ -136,10 +133,7 @@ def gate_words(gate: Gate) -> str:
 
 
 def rgb(image: Image) -> Image:
-    """Return an image as matplotlib shows it.
-
-    Shapes: ``image`` (H, W), returns (H, W, 3).
-    """
+    """Return an image as matplotlib shows it: ``image`` (H, W), returns (H, W, 3)."""
     if image.ndim == 2:
         return np.repeat(image[..., None], 3, axis=2)
     return np.ascontiguousarray(image[..., ::-1])

@@ -36,10 +36,7 @@ class RecentImages:
             self._images.popitem(last=False)
 
     def get(self, index: int) -> Image | None:
-        """Look up the copy of a frame.
-
-        Shapes: returns (h, w).
-        """
+        """Look up the copy of a frame: returns (h, w)."""
         return self._images.get(index)
 
 
@@ -50,10 +47,7 @@ def reduced_shape(height: int, width: int, long_side_px: int) -> tuple[int, int]
 
 
 def reduced(image: Image, long_side_px: int) -> Image:
-    """Reduce an image to a largest length of its longer side.
-
-    Shapes: ``image`` (H, W), returns (h, w).
-    """
+    """Reduce an image to a largest length of its longer side: ``image`` (H, W), returns (h, w)."""
     import cv2
 
     height, width = reduced_shape(image.shape[0], image.shape[1], long_side_px)
@@ -63,18 +57,12 @@ def reduced(image: Image, long_side_px: int) -> Image:
 
 
 def bgr(image: Image) -> Image:
-    """Return an image with three channels.
-
-    Shapes: ``image`` (H, W), returns (H, W, 3).
-    """
+    """Return an image with three channels: ``image`` (H, W), returns (H, W, 3)."""
     return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
 
 
 def jpeg(image: Image) -> Any:
-    """Compress an image. OpenCV does this several times faster than Rerun.
-
-    Shapes: ``image`` (H, W).
-    """
+    """Compress an image. OpenCV does this several times faster than Rerun: ``image`` (H, W)."""
     import cv2
     import rerun as rr
 

@@ -47,44 +47,23 @@ class Series:
     of_attempt: Callable[[Attempt], float | None] | None = None
 
 
-def _gate_value(name: GateName) -> Callable[[Attempt], float | None]:
-    """Return a function that returns the value of a gate of an attempt."""
-    return lambda attempt: next((gate.value for gate in attempt.gates if gate.name is name), None)
+def _gate(name: GateName, number: str) -> Callable[[Attempt], float | None]:
+    """Return a function that returns the value or the threshold of a gate of an attempt."""
+    return lambda attempt: next((getattr(gate, number) for gate in attempt.gates if gate.name is name), None)
 
 
-def _gate_threshold(name: GateName) -> Callable[[Attempt], float | None]:
-    """Return a function that returns the threshold of a gate of an attempt."""
-    return lambda attempt: next((gate.threshold for gate in attempt.gates if gate.name is name), None)
+def _evidence(part: str, name: str) -> Callable[[Attempt], float | None]:
+    """Return a function that returns a figure of the evidence of an attempt."""
+    return lambda attempt: None if getattr(attempt, part) is None else getattr(getattr(attempt, part), name)
 
 
-def _parallax_px(attempt: Attempt) -> float | None:
-    return None if attempt.preview is None else attempt.preview.parallax_px
-
-
-def _parallax_share(attempt: Attempt) -> float | None:
-    return None if attempt.preview is None else attempt.preview.parallax_share
-
-
-def _readout_ms(attempt: Attempt) -> float | None:
-    return None if attempt.window is None else attempt.window.readout_ms
-
-
-def _risk_term(name: str) -> Callable[[Attempt], float | None]:
-    """Return a function that returns a power of ten: the risk of an attempt, or a term of it."""
-    return lambda attempt: None if attempt.window is None else _power_of_ten(getattr(attempt.window, name))
-
-
-def _risk_bound(attempt: Attempt) -> float | None:
-    bound = _gate_threshold(GateName.RISK)(attempt)
-    return None if bound is None else _power_of_ten(bound)
+def _power(figure: Callable[[Attempt], float | None]) -> Callable[[Attempt], float | None]:
+    """Return a function that returns a risk as a power of ten."""
+    return lambda attempt: None if (risk := figure(attempt)) is None else _power_of_ten(risk)
 
 
 def _power_of_ten(risk: float) -> float:
     return math.log10(max(risk, LEAST_RISK)) if math.isfinite(risk) else math.nan
-
-
-def _direction_sigma_deg(attempt: Attempt) -> float | None:
-    return None if attempt.window is None else attempt.window.direction_sigma_deg
 
 
 #: What the correction of a rolling shutter moves: the measured pixels, the corrected ones, and arrows. The arrows are
@@ -102,17 +81,17 @@ LEAST_RISK = 1e-4
 #: direction falls, and the risk falls below its bound.
 SERIES = (
     Series(TRACKS, "tracks", ESTIMATE_COLOR),
-    Series("stats/counts/landmarks", "landmarks", GREEN, _gate_value(GateName.LANDMARKS)),
-    Series("stats/parallax/median", "median", ESTIMATE_COLOR, _parallax_px),
-    Series("stats/shares/parallax", "with parallax", ESTIMATE_COLOR, _parallax_share),
-    Series("stats/direction/sigma", "standard deviation", ESTIMATE_COLOR, _direction_sigma_deg),
-    Series("stats/readout/estimate", "rolling shutter", ESTIMATE_COLOR, _readout_ms),
-    Series("stats/risk_log10/bound", "bound", RED, _risk_bound),
-    Series("stats/risk_log10/direction", "direction", _TERM_COLORS[0], _risk_term("risk_direction")),
-    Series("stats/risk_log10/rival", "other motion", _TERM_COLORS[1], _risk_term("risk_rival")),
-    Series("stats/risk_log10/rotation", "rotation", _TERM_COLORS[2], _risk_term("risk_rotation")),
-    Series("stats/risk_log10/moving", "moving", _TERM_COLORS[3], _risk_term("risk_moving")),
-    Series("stats/risk_log10/total", "risk", PURPLE, _risk_term("risk")),
+    Series("stats/counts/landmarks", "landmarks", GREEN, _gate(GateName.LANDMARKS, "value")),
+    Series("stats/parallax/median", "median", ESTIMATE_COLOR, _evidence("preview", "parallax_px")),
+    Series("stats/shares/parallax", "with parallax", ESTIMATE_COLOR, _evidence("preview", "parallax_share")),
+    Series("stats/direction/sigma", "standard deviation", ESTIMATE_COLOR, _evidence("window", "direction_sigma_deg")),
+    Series("stats/readout/estimate", "rolling shutter", ESTIMATE_COLOR, _evidence("window", "readout_ms")),
+    Series("stats/risk_log10/bound", "bound", RED, _power(_gate(GateName.RISK, "threshold"))),
+    Series("stats/risk_log10/direction", "direction", _TERM_COLORS[0], _power(_evidence("window", "risk_direction"))),
+    Series("stats/risk_log10/rival", "other motion", _TERM_COLORS[1], _power(_evidence("window", "risk_rival"))),
+    Series("stats/risk_log10/rotation", "rotation", _TERM_COLORS[2], _power(_evidence("window", "risk_rotation"))),
+    Series("stats/risk_log10/moving", "moving", _TERM_COLORS[3], _power(_evidence("window", "risk_moving"))),
+    Series("stats/risk_log10/total", "risk", PURPLE, _power(_evidence("window", "risk"))),
     Series(ERROR, "rms residual", ESTIMATE_COLOR),
     Series(FRAME_TIME, "frame", ESTIMATE_COLOR),
     Series(FRAME_BUDGET, "30 Hz", RED),

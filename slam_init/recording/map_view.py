@@ -109,8 +109,6 @@ class MapView:
 def log_pinhole(rec: Any, entity: str, camera: Camera, color: Color, size: float, *, static: bool = False) -> None:
     """Log a frustum. It has no lens distortion, so its rays at the border are not exact.
 
-    Shapes: ``color`` (int, int, int).
-
     * ``camera``: Of the recorded images, which are smaller than those that were read.
     """
     import rerun as rr

@@ -24,10 +24,7 @@ _COLORS: tuple[Color, ...] = ((190, 120, 255), (130, 110, 150))
 
 
 def dashes(positions: Floats) -> list[Floats]:
-    """Cut a path into pieces of equal length, and return every other piece.
-
-    Shapes: ``positions`` (N, 3), returns (M, 3).
-    """
+    """Cut a path into pieces of equal length, and return every other piece: ``positions`` (N, 3), returns (M, 3)."""
     lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(lengths)])
     cuts = np.linspace(0, along[-1], 2 * _DASHES)

@@ -225,10 +225,7 @@ class RerunRecorder(Recorder):
         self._rec.log(FRAME_BUDGET, self._rr.Scalars(BUDGET_MS))
 
     def row_times(self, observations: Observations, corrected: Floats) -> None:
-        """Log arrows from the raw pixels to the corrected ones.
-
-        Shapes: ``corrected`` (N, 2).
-        """
+        """Log arrows from the raw pixels to the corrected ones: ``corrected`` (N, 2)."""
         rr, rec = self._rr, self._rec
         moved = ARROW_FACTOR * (corrected - observations.pixels) * self._scale
         before = self._shown(observations.pixels)
