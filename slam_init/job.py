@@ -130,14 +130,7 @@ class Job:
             parts.append(self._part(front, counted, memory, lost_at, left))
         return parts
 
-    def _part(
-        self,
-        front: _Front,
-        frames: _Counted,
-        memory: FrameMemory,
-        first_frame: int,
-        left: int | None,
-    ) -> _Part:
+    def _part(self, front: _Front, frames: _Counted, memory: FrameMemory, first_frame: int, left: int | None) -> _Part:
         """Process frames until there is a map and, if asked for, until it is lost; at most ``left`` frames."""
         before = frames.count
         limits = [

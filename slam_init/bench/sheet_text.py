@@ -79,14 +79,7 @@ def _pairs_text(pairs: Sequence[PairedTest]) -> str:
             ("false", pair.only_first_false, pair.only_second_false, pair.p_false),
         ):
             if p < _SIGNIFICANT:
-                rows.append(
-                    [
-                        f"{pair.first} : {pair.second}",
-                        outcome,
-                        f"{one} : {other}",
-                        p_value_text(p),
-                    ]
-                )
+                rows.append([f"{pair.first} : {pair.second}", outcome, f"{one} : {other}", p_value_text(p)])
     if not pairs:
         return ""
     told = (

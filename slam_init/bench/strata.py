@@ -20,12 +20,7 @@ from slam_init.compare.trial_table import TrialTable
 from slam_init.types.arrays import Bools
 
 #: Options of a world that are strata, and their headings.
-AXES = {
-    "baseline": "baseline / depth",
-    "noise_px": "noise (px)",
-    "outliers": "outliers",
-    "focal_error": "focal error",
-}
+AXES = {"baseline": "baseline / depth", "noise_px": "noise (px)", "outliers": "outliers", "focal_error": "focal error"}
 _PLANES = ("wall", "nadir", "tilted", "handheld-wall")
 
 

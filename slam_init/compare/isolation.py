@@ -24,15 +24,7 @@ from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 
-from slam_init.compare.messages import (
-    READY,
-    Answer,
-    MethodRequest,
-    Request,
-    TracksRequest,
-    TrialRequest,
-    parse_answer,
-)
+from slam_init.compare.messages import READY, Answer, MethodRequest, Request, TracksRequest, TrialRequest, parse_answer
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.trials import Settings, Trial, error_row
 from slam_init.errors import ConfigError, OutputError, SlamInitError

@@ -20,12 +20,7 @@ _RESULTS, _SUMMARY, _REPORT = "results.csv", "summary.json", "report.html"
 
 
 def publish_results(
-    folder: OutputFolder,
-    rows: Iterable[TrialRow],
-    plan: Plan,
-    command: str,
-    extras: Extras,
-    digests: Digests,
+    folder: OutputFolder, rows: Iterable[TrialRow], plan: Plan, command: str, extras: Extras, digests: Digests
 ) -> ComparisonSummary:
     """Write all result files: either all are replaced, or none. The rows are read once and are not kept in memory."""
     from slam_init.compare.report import report_html

@@ -16,12 +16,7 @@ import numpy as np
 
 from quest.robust.samples import draw_samples
 from slam_init.methods.gates import GATED_PAIRS, GateRules, accept_best
-from slam_init.methods.models import (
-    fundamental_eight_point,
-    normalize,
-    normalizing_transform,
-    sampson_errors,
-)
+from slam_init.methods.models import fundamental_eight_point, normalize, normalizing_transform, sampson_errors
 from slam_init.methods.motions import motions_of_essential
 from slam_init.methods.two_view import TwoViewOutcome, check_matches
 from slam_init.types.arrays import Floats

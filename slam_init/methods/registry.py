@@ -93,9 +93,7 @@ METHODS: dict[str, MethodInfo] = {
             "this project; Fathian et al. 2017, arXiv:1704.02672",
         ),
         MethodInfo(
-            "quest-two-view",
-            "the same without a third view: the joint estimate holds the pair alone",
-            "this project",
+            "quest-two-view", "the same without a third view: the joint estimate holds the pair alone", "this project"
         ),
         MethodInfo(
             "orb-slam3",

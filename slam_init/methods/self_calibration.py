@@ -108,13 +108,7 @@ def combine(camera: Camera, estimates: Sequence[StretchEstimate]) -> SelfCalibra
     if focal_sigma > MAX_FOCAL_SIGMA:
         return SelfCalibration(None, tuple(estimates), len(estimates), k1_sigma, focal_sigma)
     focal_px = math.exp(log_focal)
-    found = replace(
-        camera,
-        fx=focal_px,
-        fy=focal_px,
-        source="estimated",
-        focal_sigma=focal_sigma,
-    )
+    found = replace(camera, fx=focal_px, fy=focal_px, source="estimated", focal_sigma=focal_sigma)
     if abs(k1) > _TOLD_K1_SIGMAS * k1_sigma:
         found = found.bent(k1 - (camera.distortion[0] if camera.distortion else 0.0))
     return SelfCalibration(found, tuple(estimates), len(estimates), k1_sigma, focal_sigma)

@@ -42,10 +42,7 @@ def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
         f"1 {model} {camera.width} {camera.height} {numbers_text(parameters)}\n"
     )
 
-    images = [
-        "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME",
-        "# X, Y, POINT3D_ID for each of its points",
-    ]
+    images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# X, Y, POINT3D_ID for each of its points"]
     errors_px = np.zeros(len(map_.observation_landmarks))
     positions = np.zeros(len(map_.observation_landmarks), int)  # of an observation among those of its image
     for k, keyframe in enumerate(map_.keyframes):

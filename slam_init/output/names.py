@@ -26,14 +26,7 @@ MAP_FILES = (
 #: Largest number of maps of a run: a map takes some megabytes of memory.
 MAX_SEGMENTS = 99
 #: All files that a run with one map can write.
-RUN_FILES = (
-    *MAP_FILES,
-    "config.toml",
-    OVERVIEW,
-    RECORDING,
-    INTERRUPTED,
-    "summary.json",
-)
+RUN_FILES = (*MAP_FILES, "config.toml", OVERVIEW, RECORDING, INTERRUPTED, "summary.json")
 #: The trials of a comparison, one a line, written as they finish.
 TRIALS = "trials.jsonl"
 #: All files that a comparison can write, without its recordings.

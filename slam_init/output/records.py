@@ -8,13 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from slam_init.types.camera import Camera
-from slam_init.types.evidence import (
-    MapEvidence,
-    PreviewEvidence,
-    RotationOnlyEvidence,
-    TwoViewEvidence,
-    WindowEvidence,
-)
+from slam_init.types.evidence import MapEvidence, PreviewEvidence, RotationOnlyEvidence, TwoViewEvidence, WindowEvidence
 from slam_init.types.gates import Direction, Gate, GateName, Stage
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.reasons import Verdict

@@ -126,10 +126,7 @@ def describe_result_text(info: ResultDescription) -> str:
         title = f"initialized after {info.frames_to_init} frames"
         frames = ", ".join(map(str, info.keyframes[:_SHOWN_KEYFRAMES]))
         more = ", ..." if len(info.keyframes) > _SHOWN_KEYFRAMES else ""
-        facts = [
-            ("keyframes", f"{len(info.keyframes)} (frames {frames}{more})"),
-            ("landmarks", str(info.landmarks)),
-        ]
+        facts = [("keyframes", f"{len(info.keyframes)} (frames {frames}{more})"), ("landmarks", str(info.landmarks))]
     else:
         title = f"not initialized after {info.frames_read} frames: {info.reason.replace('_', ' ')}"
         facts = [("advice", info.advice)]

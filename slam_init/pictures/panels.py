@@ -8,17 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam_init.pictures.story import MatchedImages, ShownFrame
-from slam_init.pictures.style import (
-    FAINT,
-    INK,
-    INLIER,
-    MOVING,
-    OUTLIER,
-    TRACK,
-    VERDICT_COLORS,
-    in_words,
-    rgb,
-)
+from slam_init.pictures.style import FAINT, INK, INLIER, MOVING, OUTLIER, TRACK, VERDICT_COLORS, in_words, rgb
 from slam_init.types.arrays import Bools, Floats, Image
 from slam_init.types.gates import GateName
 from slam_init.types.reasons import Verdict

@@ -158,11 +158,5 @@ def _first_and_last(frames: Sequence[ShownFrame]) -> MatchedImages | None:
     _, i, j = np.intersect1d(first.track_ids, last.track_ids, return_indices=True)
     none = np.zeros(len(i), bool)
     return MatchedImages(
-        (first.index, last.index),
-        (first.image, last.image),
-        first.pixels[i],
-        last.pixels[j],
-        none,
-        none,
-        judged=False,
+        (first.index, last.index), (first.image, last.image), first.pixels[i], last.pixels[j], none, none, judged=False
     )

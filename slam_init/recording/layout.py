@@ -137,16 +137,8 @@ def _image_views() -> tuple[Any, Any, Any]:
     import rerun.blueprint as rrb
 
     image = "world/camera/image"
-    frame = rrb.Spatial2DView(
-        origin=image,
-        contents=["$origin/**", f"- /{ARROWS}/**"],
-        name="frame",
-    )
-    shutter = rrb.Spatial2DView(
-        origin=image,
-        contents=[f"/{image}", f"/{ARROWS}/**"],
-        name="shutter",
-    )
+    frame = rrb.Spatial2DView(origin=image, contents=["$origin/**", f"- /{ARROWS}/**"], name="frame")
+    shutter = rrb.Spatial2DView(origin=image, contents=[f"/{image}", f"/{ARROWS}/**"], name="shutter")
     return frame, shutter, rrb.Spatial2DView(origin="pairs/image", name="pair")
 
 
@@ -172,9 +164,7 @@ def _texts() -> Any:
     import rerun.blueprint as rrb
 
     log = rrb.TextLogView(
-        origin="log",
-        name="log",
-        columns=rrb.TextLogColumns(timeline_columns=["frame"], text_log_columns=["Body"]),
+        origin="log", name="log", columns=rrb.TextLogColumns(timeline_columns=["frame"], text_log_columns=["Body"])
     )
     return rrb.Tabs(
         rrb.TextDocumentView(origin="pairs/verdict", name="verdict on the pair"),

@@ -73,7 +73,7 @@ def twins_markdown(attempt: Attempt | None) -> str:
     if attempt is not None and attempt.window is not None and bound is not None:
         lines += [
             f"The risk that it is B is **{attempt.window.risk_rival:.2g}**. All terms together are {bound.value:.2g}; "
-            f"at **{bound.threshold:.2g}** the map is handed over.",
+            f"at **{bound.threshold:.2g}** the map is handed over."
         ]
     return "\n".join(lines)
 
@@ -115,13 +115,7 @@ def advice_markdown(summary: Summary) -> str:
         return f"# Initialized after {summary.frames_to_init} frames"
     said, _, advice = summary.advice.partition(": ")
     return "\n".join(
-        [
-            f"# No map after {summary.frames_read} frames: {_words(summary.reason)}",
-            "",
-            said,
-            "",
-            f"# {advice or said}",
-        ]
+        [f"# No map after {summary.frames_read} frames: {_words(summary.reason)}", "", said, "", f"# {advice or said}"]
     )
 
 
@@ -187,11 +181,7 @@ def _evidence(attempt: Attempt) -> dict[str, Json]:
 
 
 def _table(title: str, rows: Mapping[str, Json] | Mapping[str, int]) -> list[str]:
-    return [
-        f"| {title} | |",
-        "|---|---:|",
-        *(f"| {name} | {_shown(value)} |" for name, value in rows.items()),
-    ]
+    return [f"| {title} | |", "|---|---:|", *(f"| {name} | {_shown(value)} |" for name, value in rows.items())]
 
 
 def _shown(value: Json) -> str:

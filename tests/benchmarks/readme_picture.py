@@ -22,18 +22,7 @@ from slam_init.initializer import Initializer
 from slam_init.pictures.map_panels import ABOVE, SIDE, draw_map
 from slam_init.pictures.panels import draw_frame, draw_pair
 from slam_init.pictures.story import Story, StoryRecorder
-from slam_init.pictures.style import (
-    ESTIMATE,
-    FAINT,
-    INK,
-    INLIER,
-    OUTLIER,
-    TRACK,
-    VERDICT_COLORS,
-    canvas,
-    drawn,
-    write,
-)
+from slam_init.pictures.style import ESTIMATE, FAINT, INK, INLIER, OUTLIER, TRACK, VERDICT_COLORS, canvas, drawn, write
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.reasons import Verdict

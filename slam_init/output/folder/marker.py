@@ -58,10 +58,5 @@ def read_marker(out: Path) -> Marker | None:
 
 def write_marker(out: Path, marker: Marker) -> None:
     """Write the marker of a folder."""
-    content = {
-        "schema": _SCHEMA,
-        "command": marker.command,
-        "version": marker.version,
-        "files": sorted(marker.files),
-    }
+    content = {"schema": _SCHEMA, "command": marker.command, "version": marker.version, "files": sorted(marker.files)}
     replace_synced(out / HOME / MARKER, json.dumps(content, indent=1).encode() + b"\n")

@@ -12,13 +12,7 @@ from hypothesis import strategies as st
 from slam_init.compare.command import main_table
 from slam_init.compare.judging import NOT_JUDGED, criteria_of
 from slam_init.compare.plan import Plan
-from slam_init.compare.reliability import (
-    DIRECTION_SIGMAS,
-    RISK_EDGES,
-    ROTATION_SIGMAS,
-    reliabilities,
-    reliability_of,
-)
+from slam_init.compare.reliability import DIRECTION_SIGMAS, RISK_EDGES, ROTATION_SIGMAS, reliabilities, reliability_of
 from slam_init.compare.report import report_html
 from slam_init.compare.rows import TrialRow, parse_row, row_text
 from slam_init.compare.sources import describe_sources

@@ -9,13 +9,7 @@ from make_files import picture, write, write_image
 
 from slam_init.compare.judging import NOT_JUDGED, Criteria
 from slam_init.compare.plan import Plan
-from slam_init.compare.sources import (
-    describe_sources,
-    drawn_sources,
-    focal_error_of,
-    grid_sources,
-    open_compared,
-)
+from slam_init.compare.sources import describe_sources, drawn_sources, focal_error_of, grid_sources, open_compared
 from slam_init.datasets.views import SourceView
 from slam_init.errors import SourceError
 

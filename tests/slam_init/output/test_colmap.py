@@ -25,12 +25,7 @@ def read_by_colmap(folder, map_):
 def test_colmap_reads_the_model_and_computes_the_same_reprojection_errors(tmp_path, model):
     map_, camera = make_map(model), CAMERAS[model]
     read = read_by_colmap(tmp_path, map_)
-    expected = {
-        "pinhole": "PINHOLE",
-        "radtan": "OPENCV",
-        "radtan5": "FULL_OPENCV",
-        "fisheye": "OPENCV_FISHEYE",
-    }
+    expected = {"pinhole": "PINHOLE", "radtan": "OPENCV", "radtan5": "FULL_OPENCV", "fisheye": "OPENCV_FISHEYE"}
     assert read.cameras[1].model.name == expected[model]
     assert [read.images[k + 1].name for k in range(4)] == [k.name for k in map_.keyframes]
     assert read.num_points3D() == len(map_.points)

@@ -8,15 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import rerun as rr
-from make_map import (
-    CAMERAS,
-    make_attempts,
-    make_frame,
-    make_map,
-    make_observations,
-    make_preview,
-    make_truth,
-)
+from make_map import CAMERAS, make_attempts, make_frame, make_map, make_observations, make_preview, make_truth
 from read_recording import chunks, column, entities, rerun_tool
 from report_run import report_run
 from rerun.chunk import RrdReader
