@@ -1,4 +1,8 @@
-"""Methods that break what they can. A comparison has to lose their trials, and nothing else."""
+"""Methods that break what they can. A comparison has to lose their trials, and nothing else.
+
+Each function is the damage of a method: ``HOSTILE`` in ``tests.benchmarks.attacks.hostile:HOSTILE`` is its name in
+capitalized words, for example ``LoopsInC`` for :func:`loops_in_c`.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ import subprocess
 import sys
 import threading
 import time
-from typing import NoReturn
+from collections.abc import Callable
 
 import numpy as np
 
@@ -24,151 +28,118 @@ PICKLE_FILE = "SLAM_INIT_PICKLE_FILE"
 
 class _Method:
     pair_rule = PairRule(min_features=10, min_matches=10, min_landmarks=10)
+    damage: Callable[[], object]
 
     def bootstrap(self, *_: object) -> object:
         """Do the damage, then fail."""
-        self._damage()
+        type(self).damage()
         raise RuntimeError("the damage is done")
 
-    def _damage(self) -> None:
-        """What the method breaks."""
+
+def _write_to_all_files(data: bytes) -> None:
+    """Write to all open files: the connection to the comparison is one of them."""
+    for descriptor in range(3, 50):
+        try:
+            os.write(descriptor, data)
+        except OSError:
+            continue
 
 
-class Exits(_Method):
+def exits() -> None:
     """Ends the process as a program does."""
-
-    def _damage(self) -> NoReturn:
-        sys.exit(0)
+    sys.exit(0)
 
 
-class ExitsAtOnce(_Method):
+def exits_at_once() -> None:
     """Ends the process without cleaning up."""
-
-    def _damage(self) -> NoReturn:
-        os._exit(0)
+    os._exit(0)
 
 
-class Aborts(_Method):
+def aborts() -> None:
     """Ends the process by SIGABRT."""
-
-    def _damage(self) -> NoReturn:
-        os.abort()
+    os.abort()
 
 
-class Segfaults(_Method):
+def segfaults() -> None:
     """Reads memory that is not there."""
-
-    def _damage(self) -> None:
-        ctypes.string_at(0)
+    ctypes.string_at(0)
 
 
-class LoopsInPython(_Method):
+def loops_in_python() -> None:
     """Never ends."""
-
-    def _damage(self) -> NoReturn:
-        while True:
-            pass
+    while True:
+        pass
 
 
-class LoopsInC(_Method):
+def loops_in_c() -> None:
     """Never ends, and no other thread of the interpreter runs."""
-
-    def _damage(self) -> None:
-        sum(itertools.repeat(0))
+    sum(itertools.repeat(0))
 
 
-class EatsMemory(_Method):
+def eats_memory() -> None:
     """Allocates without end."""
-
-    def _damage(self) -> NoReturn:
-        eaten = []
-        while True:
-            eaten.append(np.ones(2_000_000))
+    eaten = []
+    while True:
+        eaten.append(np.ones(2_000_000))
 
 
-class Recurses(_Method):
+def recurses() -> None:
     """Calls itself without end."""
-
-    def _damage(self) -> None:
-        self._damage()
+    recurses()
 
 
-class BreaksLibraries(_Method):
+def breaks_libraries() -> None:
     """Replaces functions of the libraries that other methods use."""
+    import cv2
 
-    def _damage(self) -> None:
-        import cv2
+    import slam_init.methods.models as models
 
-        import slam_init.methods.models as models
-
-        for module in (np.linalg, cv2, models):
-            for name in [name for name in dir(module) if callable(getattr(module, name)) and name[0] != "_"]:
-                setattr(module, name, None)
+    for module in (np.linalg, cv2, models):
+        for name in [name for name in dir(module) if callable(getattr(module, name)) and name[0] != "_"]:
+            setattr(module, name, None)
 
 
-class Prints(_Method):
+def prints() -> None:
     """Writes 20 MB to the standard streams."""
-
-    def _damage(self) -> None:
-        for descriptor in (1, 2):
-            for _ in range(10):
-                os.write(descriptor, b"noise\n" * 170_000)
+    for descriptor in (1, 2):
+        for _ in range(10):
+            os.write(descriptor, b"noise\n" * 170_000)
 
 
-class LeavesThreads(_Method):
+def leaves_threads() -> None:
     """Leaves threads that do not end with the program."""
-
-    def _damage(self) -> None:
-        for _ in range(5):
-            threading.Thread(target=time.sleep, args=(1000,)).start()
+    for _ in range(5):
+        threading.Thread(target=time.sleep, args=(1000,)).start()
 
 
-class LeavesProcesses(_Method):
+def leaves_processes() -> None:
     """Leaves processes that it has started."""
-
-    def _damage(self) -> None:
-        for _ in range(3):
-            subprocess.Popen(["sleep", "1000"])
+    for _ in range(3):
+        subprocess.Popen(["sleep", "1000"])
 
 
-class TakesSignals(_Method):
+def takes_signals() -> None:
     """Ignores all signals, then hangs."""
-
-    def _damage(self) -> None:
-        for number in set(signal.Signals) - {signal.SIGKILL, signal.SIGSTOP}:
-            signal.signal(number, signal.SIG_IGN)
-        time.sleep(1000)
+    for number in set(signal.Signals) - {signal.SIGKILL, signal.SIGSTOP}:
+        signal.signal(number, signal.SIG_IGN)
+    time.sleep(1000)
 
 
-class ClosesFiles(_Method):
+def closes_files() -> None:
     """Closes all files of the process."""
-
-    def _damage(self) -> None:
-        os.closerange(0, 1000)
-        time.sleep(1000)
+    os.closerange(0, 1000)
+    time.sleep(1000)
 
 
-class WritesToAllFiles(_Method):
-    """Writes noise to all open files: the connection to the comparison is one of them."""
-
-    def _damage(self) -> None:
-        for descriptor in range(3, 50):
-            try:
-                os.write(descriptor, b"\xff\x00noise\n" * 100)
-            except OSError:
-                continue
+def writes_to_all_files() -> None:
+    """Writes noise to all open files."""
+    _write_to_all_files(b"\xff\x00noise\n" * 100)
 
 
-class SendsHalfAnAnswer(_Method):
+def sends_half_an_answer() -> None:
     """Sends the begin of an answer, and hangs."""
-
-    def _damage(self) -> None:
-        for descriptor in range(3, 50):
-            try:
-                os.write(descriptor, b'{"request": "TrialRequest", ')
-            except OSError:
-                continue
-        time.sleep(1000)
+    _write_to_all_files(b'{"request": "TrialRequest", ')
+    time.sleep(1000)
 
 
 class _Command:
@@ -178,92 +149,68 @@ class _Command:
         return os.system, (f"touch '{os.environ[PICKLE_FILE]}'",)
 
 
-class SendsAPickle(_Method):
+def sends_a_pickle() -> None:
     """Sends code in a pickle, framed as the messages of :mod:`multiprocessing`."""
-
-    def _damage(self) -> None:
-        content = pickle.dumps(_Command())
-        for descriptor in range(3, 50):
-            try:
-                os.write(descriptor, len(content).to_bytes(4, "big") + content + b"\n")
-            except OSError:
-                continue
+    content = pickle.dumps(_Command())
+    _write_to_all_files(len(content).to_bytes(4, "big") + content + b"\n")
 
 
-class ForgesAnotherTrial(_Method):
+def forges_another_trial() -> None:
     """Answers with a good row of another method."""
-
-    def _damage(self) -> None:
-        row = b'{"source": "points:room?views=5&seed=1", "method": "stella", "start": 0, "outcome": "correct", '
-        row += b'"group": "points:room", "frames_limit": 5}'
-        for descriptor in range(3, 50):
-            try:
-                os.write(descriptor, b'{"request": "TrialRequest", "memory_exhausted": false, "row": ' + row + b"}\n")
-            except OSError:
-                continue
+    row = b'{"source": "points:room?views=5&seed=1", "method": "stella", "start": 0, "outcome": "correct", '
+    row += b'"group": "points:room", "frames_limit": 5}'
+    _write_to_all_files(b'{"request": "TrialRequest", "memory_exhausted": false, "row": ' + row + b"}\n")
 
 
-class SendsNumbersThatAreNone(_Method):
+def sends_numbers_that_are_none() -> None:
     """Answers with numbers that are not finite."""
-
-    def _damage(self) -> None:
-        for descriptor in range(3, 50):
-            try:
-                os.write(descriptor, b'{"request": "TrialRequest", "memory_exhausted": false, "digest": NaN}\n')
-            except OSError:
-                continue
+    _write_to_all_files(b'{"request": "TrialRequest", "memory_exhausted": false, "digest": NaN}\n')
 
 
-class SendsWithoutEnd(_Method):
+def sends_without_end() -> None:
     """Answers with a line that has no end."""
-
-    def _damage(self) -> None:
-        while True:
-            for descriptor in range(3, 50):
-                try:
-                    os.write(descriptor, b"x" * 65536)
-                except OSError:
-                    continue
+    while True:
+        _write_to_all_files(b"x" * 65536)
 
 
-class RaisesWithoutText(_Method):
+def raises_without_text() -> None:
     """Raises an error whose text raises another one."""
 
-    def _damage(self) -> None:
-        class NamelessError(Exception):
-            def __str__(self) -> str:
-                raise ValueError("no text")
+    class NamelessError(Exception):
+        def __str__(self) -> str:
+            raise ValueError("no text")
 
-        raise NamelessError
+    raise NamelessError
 
 
-class RaisesAnInterrupt(_Method):
+def raises_an_interrupt() -> None:
     """Raises what a key press raises."""
-
-    def _damage(self) -> NoReturn:
-        raise KeyboardInterrupt
+    raise KeyboardInterrupt
 
 
-class BlamesTheDisk(_Method):
+def blames_the_disk() -> None:
     """Raises the error of a full disk."""
-
-    def _damage(self) -> NoReturn:
-        raise OutputError("the disk is full")
+    raise OutputError("the disk is full")
 
 
-class KillsItsParent(_Method):
+def kills_its_parent() -> None:
     """Kills the process above its own."""
-
-    def _damage(self) -> None:
-        os.kill(os.getppid(), signal.SIGKILL)
-        time.sleep(1000)
+    os.kill(os.getppid(), signal.SIGKILL)
+    time.sleep(1000)
 
 
-class KillsItsGroup(_Method):
+def kills_its_group() -> None:
     """Kills all processes of its group."""
+    os.killpg(0, signal.SIGKILL)
 
-    def _damage(self) -> None:
-        os.killpg(0, signal.SIGKILL)
+
+def moves_away() -> None:
+    """Changes the working directory, the environment and the limits of the process."""
+    import resource
+
+    os.chdir("/")
+    os.environ.clear()
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
 
 
 class Returns(_Method):
@@ -274,12 +221,14 @@ class Returns(_Method):
         return "accepted"
 
 
-class MovesAway(_Method):
-    """Changes the working directory, the environment and the limits of the process."""
+def _make_methods() -> dict[str, type[_Method]]:
+    damages = [found for name, found in globals().items() if name[0] != "_" and callable(found)]
+    methods = {}
+    for damage in damages:
+        if getattr(damage, "__module__", "") == __name__ and not isinstance(damage, type):
+            name = "".join(word.capitalize() for word in damage.__name__.split("_"))
+            methods[name] = type(name, (_Method,), {"__doc__": damage.__doc__, "damage": staticmethod(damage)})
+    return methods
 
-    def _damage(self) -> None:
-        import resource
 
-        os.chdir("/")
-        os.environ.clear()
-        resource.setrlimit(resource.RLIMIT_NOFILE, (0, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
+globals().update(_make_methods())
