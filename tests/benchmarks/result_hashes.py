@@ -25,7 +25,7 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from typing import NotRequired, TypedDict, cast
+from typing import TypedDict
 
 WORLDS = ("room", "wall", "nadir", "nadir-turn", "corridor", "desk", "rotation", "rotate-then-move", "static")
 SEEDS = (0, 1, 2)
@@ -59,38 +59,6 @@ FILES = (
 )
 #: Keys of the summary that depend on the machine, or that name the version.
 _NOT_COMPARED = ("timing_ms", "schema", "provenance")
-#: Gates that had another name in schema 1 of the summary.
-_OLD_GATES = {"rotation_px": "turned_px"}
-
-
-class Attempt(TypedDict):
-    """The keys of an attempt in ``summary.json`` that are read here; those of schema 2 unless stated otherwise."""
-
-    frames: list[int]
-    verdict: str
-    progress: float
-    evidence: NotRequired[dict[str, object]]  # schema 1 only; it replaces all keys below
-    preview: dict[str, object] | None
-    method_evidence: dict[str, object]
-    two_view: TwoView | None
-    rotation_only: dict[str, object] | None
-    window: NotRequired[dict[str, object] | None]  # not in the first summaries of schema 2
-    map: dict[str, object] | None
-    gates: list[Gate]
-
-
-class TwoView(TypedDict):
-    """The relative pose of the pair. It has further keys, which become figures under their names."""
-
-    statistics: dict[str, object]
-
-
-class Gate(TypedDict):
-    """A condition of an attempt."""
-
-    name: str
-    value: float | None
-    threshold: float | None
 
 
 class CaseResult(TypedDict):
@@ -149,40 +117,13 @@ def run_case(arguments: list[str]) -> CaseResult:
 
 
 def figures(summary: Mapping[str, object]) -> dict[str, object]:
-    """All figures of a summary by name, flat, under the names that schema 1 gave them.
-
-    Texts are left out, since a text may be reworded without a change of the result.
-    """
-    attempts = cast("list[Attempt]", summary.get("attempts", []))
-    flat = _flat({key: value for key, value in summary.items() if key != "attempts"}, "")
-    for k, attempt in enumerate(attempts):
-        evidence = attempt["evidence"] if "evidence" in attempt else _evidence_of_schema_1(attempt)
-        rows = {"verdict": attempt["verdict"], "progress": attempt["progress"], "frames": attempt["frames"]}
-        flat |= _flat(rows | {name.replace("_needed", "_gate"): value for name, value in evidence.items()}, f"{k}.")
-    return flat
-
-
-def _evidence_of_schema_1(attempt: Attempt) -> dict[str, object]:
-    """The evidence of an attempt of schema 2, with the keys of schema 1."""
-    evidence: dict[str, object] = dict(attempt["preview"] or {}) | attempt["method_evidence"]
-    if two_view := attempt["two_view"]:
-        named = {f"two_view_{name}": value for name, value in two_view.items() if name != "statistics"}
-        evidence |= named | {f"two_view_{name}": value for name, value in two_view["statistics"].items()}
-    if rotation_only := attempt["rotation_only"]:
-        evidence["turning_focal_factor"] = rotation_only["focal_factor"]
-        evidence["suspected_focal_factor"] = rotation_only["suspected_focal_factor"]
-    evidence |= {f"window_{name}": value for name, value in (attempt.get("window") or {}).items()}
-    if map_ := attempt["map"]:
-        evidence |= {"reprojection_rmse_px": map_["reprojection_rmse_px"], "cause": map_["failure"]}
-    for gate in attempt["gates"]:
-        name = _OLD_GATES.get(gate["name"], gate["name"])
-        evidence |= {name: gate["value"], f"{name}_gate": gate["threshold"]}
-    return evidence
+    """All figures of a summary by path. Texts are left out: one may be reworded without a change of the result."""
+    return _flat(summary, "")
 
 
 def _flat(value: object, prefix: str) -> dict[str, object]:
     """Leaves of nested objects and lists by path, without texts that no decision depends on."""
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {k: v for key, item in value.items() for k, v in _flat(item, f"{prefix}{key}.").items()}
     if isinstance(value, list):
         return {k: v for i, item in enumerate(value) for k, v in _flat(item, f"{prefix}{i}.").items()}
