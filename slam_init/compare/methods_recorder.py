@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.compare.map_snapshot import MapSnapshot
+from slam_init.compare.recordings import MapSnapshot
 from slam_init.errors import plain_line
 from slam_init.recording.images import jpeg, reduced
 from slam_init.recording.layout import ESTIMATE_COLOR, GREEN, RED, TRUTH_COLOR, YELLOW, name_parts

@@ -13,7 +13,6 @@ import numpy as np
 from slam_init.compare.aggregate import Figures, figures_of
 from slam_init.compare.charts import Axis, box_chart, curve_chart, interval_chart, stacked_chart
 from slam_init.compare.failure_gallery import thumbnails
-from slam_init.compare.method_colors import method_colors
 from slam_init.compare.reliability import Reliability, reliabilities
 from slam_init.compare.report_gallery import gallery_section, waiting_section
 from slam_init.compare.report_tables import (
@@ -28,12 +27,15 @@ from slam_init.compare.statistics import Interval
 from slam_init.compare.tables import QUALITY, RATES, STATIC, html_figures, page_html
 from slam_init.compare.trial_table import LEVELS, PARTS, TrialTable
 from slam_init.compare.wait import wait_differences
+from slam_init.methods import METHODS
 from slam_init.methods.external_command import method_label
 from slam_init.types.arrays import Bools, Floats
 
 if TYPE_CHECKING:
     from slam_init.compare.plan import Plan
 
+#: Number of colours of the page (``report.css``).
+_METHOD_COLORS = 22
 #: Number of colours of reasons.
 _COLORS = 10
 #: Ranges of the axes of errors, in degrees.
@@ -325,3 +327,22 @@ def _cumulative(values: Floats, total: int) -> tuple[Floats, Floats]:
 def _above(share: float) -> float:
     """Return a round upper end of an axis, at least 5 %."""
     return min(1.0, max(0.05, math.ceil(share * 22) / 20))
+
+
+def method_colors(methods: Sequence[str]) -> dict[str, str]:
+    """Give each method a CSS class.
+
+    A method of the registry has the class of its place there, which does not depend on the other methods of a report.
+    Two names of one method share a class, unless both are in the report. Other methods get the remaining classes in
+    their order; if there are more methods than classes, classes repeat.
+    """
+    own = [name for name, info in METHODS.items() if info.alias_of is None]
+    places = {name: position % _METHOD_COLORS for position, name in enumerate(own)}
+    for name, info in METHODS.items():
+        if info.alias_of is not None and info.alias_of not in methods:
+            places[name] = places[info.alias_of]
+    chosen = {method: places[method] for method in methods if method in places}
+    free = [k for k in range(_METHOD_COLORS - 1, -1, -1) if k not in chosen.values()] or list(range(_METHOD_COLORS))
+    others = (method for method in methods if method not in chosen)
+    chosen |= {method: free[k % len(free)] for k, method in enumerate(others)}
+    return {method: f"c{chosen[method]}" for method in methods}

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from slam_init.compare.map_snapshot import load_snapshot
-from slam_init.compare.recordings import SIDE_BY_SIDE, recording_folder, snapshot_name
+from slam_init.compare.recordings import SIDE_BY_SIDE, load_snapshot, recording_folder, snapshot_name
 from slam_init.compare.replay import replay
 from slam_init.compare.sources import ComparedSource, open_compared
 from slam_init.compare.trials import Settings

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,16 +12,18 @@ from urllib.parse import parse_qsl, urlencode
 import numpy as np
 
 from slam_init.compare.judging import NOT_JUDGED, Criteria, criteria_of, group_of_scene
-from slam_init.compare.reduced_source import reduced
+from slam_init.datasets.derived import DerivedSource
 from slam_init.datasets.views import SourceView
 from slam_init.errors import CalibrationError, SourceError
+from slam_init.mapping.reduction import Reduction
 from slam_init.system.regular_file import user_path
 from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, notes_of
 
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
     from slam_init.datasets.points import PointSource
-    from slam_init.types.camera import Camera
 
 #: The sampled grid: noise of a coordinate in pixels, share of outliers, baseline over the median depth, relative error
 #: of the focal length.
@@ -87,7 +89,7 @@ def open_compared(text: str) -> TimedSource | PointSource:
 
     view, text = SourceView.parse(text)
     if not text.startswith((PREFIX, POINTS)):
-        return reduced(view.apply(open_source(text), renumbered=True))
+        return _reduced(view.apply(open_source(text), renumbered=True))
     name, _, query = text.partition("?")
     options = parse_qsl(query, keep_blank_values=True)
     seeds = [value for key, value in options if key == "seed"] or ["0"]
@@ -99,7 +101,7 @@ def open_compared(text: str) -> TimedSource | PointSource:
         if view.query:
             raise SourceError(f"{text}: has no images to leave out or to mask: compare it without these options")
         return open_points(name, int(seeds[-1]))
-    return reduced(view.apply(open_source(name, int(seeds[-1])), renumbered=True))
+    return _reduced(view.apply(open_source(name, int(seeds[-1])), renumbered=True))
 
 
 def calibration_of(source: TimedSource | PointSource, text: str) -> Camera:
@@ -159,6 +161,38 @@ def drawn_sources(scene: str, count: int, seed: int, **fixed: float) -> list[str
         options = {name: float(rng.choice(values)) for name, values in GRID.items()} | fixed
         texts.append(f"points:{scene}?{urlencode({**options, 'seed': 1000 * seed + i})}")
     return texts
+
+
+@dataclass(frozen=True, eq=False)
+class _ReducedSource(DerivedSource):
+    """A source of large images at the size at which they are tracked, as ``slam-init run`` reduces them."""
+
+    reduction: Reduction
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera of the reduced frames."""
+        return self.reduction.camera
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Those of the source and of the reduction."""
+        return (*notes_of(self.source), *self.reduction.notes)
+
+    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
+        """Read and reduce frames in order."""
+        yield from self.reduction.frames(self.source.frames(start, max_frames))
+
+
+def _reduced(source: TimedSource) -> TimedSource:
+    """Reduce the frames of a source if they are large.
+
+    * Returns: The source itself where its images are not large, or have no calibration.
+    """
+    if source.camera is None:
+        return source
+    reduction = Reduction.for_camera(source.camera)
+    return source if reduction.factor == 1 else _ReducedSource(source, reduction)
 
 
 def _expand(text: str) -> list[tuple[str, str]]:

@@ -14,11 +14,11 @@ import numpy as np
 
 from slam_init.compare.judging import Criteria, Truth
 from slam_init.compare.measures import depth_errors, is_correct, is_strict, pose_errors, survival
+from slam_init.compare.recordings import TrialRecording
 from slam_init.compare.replay import Step, replay
 from slam_init.compare.rows import Key, Outcome, TrialRow
 from slam_init.compare.sources import ComparedSource, calibration_of, open_compared
 from slam_init.compare.trajectories import write_trajectory
-from slam_init.compare.trial_recording import TrialRecording
 from slam_init.config import Config, ExternalConfig
 from slam_init.decision.attempt_log import reported_distortion, reported_focal_factor
 from slam_init.methods.external_command import is_external
