@@ -34,6 +34,7 @@ from slam_init.decision.two_views import (
 from slam_init.decision.window_evidence import rotation_evidence, window_evidence
 from slam_init.frontend.keyframes import PairPreview
 from slam_init.frontend.rolling_shutter import RollingShutter
+from slam_init.frontend.static_tracks import static_tracks, without
 from slam_init.frontend.tracks import History
 from slam_init.mapping.candidate import map_of_poses
 from slam_init.mapping.map_building import MapWithViews, map_with_views
@@ -51,7 +52,7 @@ from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.motion import FittedMotion, difference_deg
-from slam_init.window.risk import MERE_ROTATION, WindowRisk, risk_of
+from slam_init.window.risk import MERE_ROTATION, WindowRisk, confirmed, risk_of
 from slam_init.window.state import CALIBRATED_SIGMA
 from slam_init.window.tracks import MAX_TRACKS, MAX_TRACKS_IN_SLICES, MAX_VIEWS
 from slam_init.work import Prices, spend
@@ -115,6 +116,7 @@ class WindowRule:
         self._reference: int | None = None
         self._last: _Judged | None = None
         self._rotating = False
+        self._static = np.zeros(0, np.int64)
         self._lens_step = (0.0, 0.0)
 
     def judge(
@@ -134,7 +136,7 @@ class WindowRule:
         lives_on = bool(self._live) and self._third_view
         if preview is None or not (chosen or lives_on):
             return None
-        pair = match_pair(self._history, preview, current)
+        pair = self._matched(preview, current)
         attempt = Attempt(
             frames=(preview.reference, preview.current),
             verdict=Verdict.ACCEPTED,
@@ -233,9 +235,12 @@ class WindowRule:
 
     def _judged(self, attempt: Attempt, pair: MatchedPair) -> Outcome:
         try:
-            views = [pair.reference, pair.current, *self._further_views(pair)]
+            views = [pair.reference, pair.current]
+            views += [without(view, self._static) for view in self._further_views(pair)]
             hypotheses = self._live.fitted(views, [self._history.attitude(view.frame) for view in views])
-            risk = None if hypotheses is None else risk_of(hypotheses)
+            risk = None
+            if hypotheses is not None:
+                hypotheses, risk = self._confirmed(hypotheses)
         except np.linalg.LinAlgError as error:
             # A degenerate window: its motions must not be the start of the next one.
             self._live.forget()
@@ -280,6 +285,14 @@ class WindowRule:
         attempt = replace(attempt, frames=table.frames)
         return replace(self._usable(attempt, bundle, hypotheses), margin=risk.margin)
 
+    def _confirmed(self, hypotheses: WindowHypotheses) -> tuple[WindowHypotheses, WindowRisk]:
+        """The hypotheses and their risk; where it is small, after a second look."""
+        risk = risk_of(hypotheses)
+        again, risk = confirmed(hypotheses, risk, self._config.acceptance.max_risk)
+        if again is not hypotheses:
+            self._live.keep(again)
+        return again, risk
+
     def _inliers(self, pair: MatchedPair, motion: FittedMotion) -> Bools:
         """The matches that a motion explains, seen through the lens that was fitted with it."""
         state = motion.fit.state
@@ -293,7 +306,19 @@ class WindowRule:
         readout = risk.camera.readout
         if readout is None or not self._shutter.adopt(self._history, readout.told_seconds):
             return pair
-        return match_pair(self._history, pair.preview, self._history[pair.current.frame])
+        return self._matched(pair.preview, self._history[pair.current.frame])
+
+    def _matched(self, preview: PairPreview, current: Observations) -> MatchedPair:
+        """The matches of a pair, without those that lie on the image and not in the scene."""
+        pair = match_pair(self._history, preview, current)
+        further = voting_views(self._history, pair.reference, current, self._config.map, MAX_VIEWS - 2)
+        self._static = static_tracks(pair.reference, current, further)
+        if not len(self._static):
+            return pair
+        matches = pair.at(np.flatnonzero(~np.isin(pair.track_ids, self._static)))
+        return replace(
+            matches, reference=without(pair.reference, self._static), current=without(pair.current, self._static)
+        )
 
     def _further_views(self, pair: MatchedPair) -> list[Observations]:
         """The views of the window besides the pair."""

@@ -214,10 +214,10 @@ def _fitted(
     """Whether the points lie on a plane, and the different optima of located motions, the best first."""
     if any(motion.plane is not None for motion in motions):
         with_plane = [_with_plane(motion, tracks, bearings) for motion in motions]
-        fits = _different(_fit_each(tracks, with_plane, priors))
+        fits = different_optima(_fit_each(tracks, with_plane, priors))
         if is_plane(tracks, fits[0], priors):
             return True, fits
-    return False, _different(_fit_each(tracks, [replace(motion, plane=None) for motion in motions], priors))
+    return False, different_optima(_fit_each(tracks, [replace(motion, plane=None) for motion in motions], priors))
 
 
 def _fit_each(tracks: WindowTracks, motions: Sequence[Motion], priors: Priors) -> list[FittedMotion]:
@@ -229,7 +229,7 @@ def _fit_each(tracks: WindowTracks, motions: Sequence[Motion], priors: Priors) -
     return fits
 
 
-def _different(fits: list[FittedMotion]) -> list[FittedMotion]:
+def different_optima(fits: list[FittedMotion]) -> list[FittedMotion]:
     """The different optima, the best first."""
     different: list[FittedMotion] = []
     for fitted in sorted(fits, key=lambda fitted: (-len(fitted.rows), fitted.fit.cost)):

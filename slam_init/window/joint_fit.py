@@ -21,6 +21,8 @@ from slam_init.window.equations import OFF_PLANE_COST, WindowEquations, explaine
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
+#: Largest number of steps of a fit that starts near the answer.
+MAX_STEPS = 12
 #: Levenberg-Marquardt: first damping, the factor of a rejected step, and how often a step is tried.
 _DAMPING, _RAISE, _TRIES = 1e-4, 10.0, 6
 #: Robust costs converge linearly. A step that gains at least this share of what the step before gained is tried again
@@ -80,7 +82,7 @@ def fit_window(
     priors: Priors,
     *,
     rotation_only: bool = False,
-    max_steps: int = 12,
+    max_steps: int = MAX_STEPS,
     tolerance: float = 0.05,
     hopeless: float = math.inf,
 ) -> JointFit:

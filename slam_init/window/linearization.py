@@ -11,6 +11,7 @@ from slam_init.window.equations import WindowEquations, tangent_bases
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.kernels import TUKEY_GATES
 from slam_init.window.state import Priors
+from slam_init.window.track_equations import FIELD_TERMS
 from slam_init.window.tracks import WindowTracks
 
 #: A gate that weights all observations alike.
@@ -37,6 +38,16 @@ class Linearization:
     k1_column: int
     #: The readout among them; None where it is known.
     readout_column: int | None
+
+    @property
+    def is_shift(self) -> Bools:
+        """Which unknowns shift a view as a whole: the constant terms of the fields.
+
+        Shapes: returns (G,).
+        """
+        shift = np.zeros(len(self.is_field), bool)
+        shift[np.flatnonzero(self.is_field)[:: FIELD_TERMS // 2]] = True
+        return shift
 
 
 def linearize_with_fields(

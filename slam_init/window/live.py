@@ -80,6 +80,16 @@ class LiveHypotheses:
         with single_threaded():
             return self._fitted(views, attitudes)
 
+    def keep(self, hypotheses: WindowHypotheses) -> None:
+        """Go on with the motions of hypotheses, but for those that the tracks vote against."""
+        best = hypotheses.motions[0]
+        # By their votes, not by their costs: a few tracks on a moving body cost as much as they are far off.
+        kept = [
+            m for m in hypotheses.motions
+            if len(m.rows) < len(best.rows) or hypotheses.votes(best, m).sum() < _HOPELESS
+        ]  # fmt: skip
+        self._motions = [fitted.motion for fitted in kept[:_MAX_MOTIONS]]
+
     def _fitted(self, views: Sequence[Observations], attitudes: Sequence[Attitude | None]) -> WindowHypotheses | None:
         tracks = gather_tracks(self._camera, views, self._noise_px, self._least_noise_px, self._max_tracks, attitudes)
         motions = [*self._motions, *self._proposed]
@@ -91,16 +101,10 @@ class LiveHypotheses:
             self._motions = []
             return None
         self._noise_px = hypotheses.tracks.noise_px
-        best = hypotheses.motions[0]
         gain, freedom = hypotheses.gain_over_rotation
         # Twice the gain is as large as this by chance alone: there is nothing to carry on.
         if 2 * gain < freedom:
             self._motions = []
             return hypotheses
-        # By their votes, not by their costs: a few tracks on a moving body cost as much as they are far off.
-        kept = [
-            m for m in hypotheses.motions
-            if len(m.rows) < len(best.rows) or hypotheses.votes(best, m).sum() < _HOPELESS
-        ]  # fmt: skip
-        self._motions = [fitted.motion for fitted in kept[:_MAX_MOTIONS]]
+        self.keep(hypotheses)
         return hypotheses

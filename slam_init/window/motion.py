@@ -10,7 +10,7 @@ import numpy as np
 from quest.geometry.quaternion import rotation_angle
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
-from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
+from slam_init.window.joint_fit import MAX_STEPS, JointFit, fit_window, start_noise_factor
 from slam_init.window.row_motion import with_translation
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
@@ -94,13 +94,15 @@ def difference_deg(a: Pose, b: Pose) -> tuple[float, float]:
     return math.degrees(float(rotation_angle(a.R.T @ b.R))), math.degrees(direction)
 
 
-def fit_motion(tracks: WindowTracks, motion: Motion, priors: Priors, hopeless: float = math.inf) -> FittedMotion:
+def fit_motion(
+    tracks: WindowTracks, motion: Motion, priors: Priors, hopeless: float = math.inf, *, max_steps: int = MAX_STEPS
+) -> FittedMotion:
     """Fit a motion to the views that it knows."""
     part, R, t, rows = _part_of(tracks, motion)
     frames = tuple(tracks.frames[row] for row in rows)
     start = _start(part, R, t, motion, motion.plane)
     part = with_translation(part, start)
-    return FittedMotion(fit_window(part, start, priors, hopeless=hopeless), part, rows, frames)
+    return FittedMotion(fit_window(part, start, priors, hopeless=hopeless, max_steps=max_steps), part, rows, frames)
 
 
 def noise_factor_at(tracks: WindowTracks, motion: Motion, priors: Priors) -> float:

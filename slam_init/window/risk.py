@@ -26,7 +26,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quest.robust.spatial_blocks import regions_of
-from quest.uncertainty.tails import gaussian_tail
 from slam_init.system.linear_algebra import deviations, single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.comparison import Margin
@@ -37,8 +36,15 @@ from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, marginalize_
 from slam_init.window.motion import FittedMotion
 from slam_init.window.neighbours import variance_by_neighbours
 from slam_init.window.other_motion import OtherMotion, explained_tracks, other_motion
+from slam_init.window.second_look import look_again
 from slam_init.window.state import CALIBRATED_SIGMA
-from slam_init.window.tracker_errors import gain_of_lasting_errors, gain_of_shared_errors, gain_of_turning_errors
+from slam_init.window.tails import at_any_look, three_directions, two_directions
+from slam_init.window.tracker_errors import (
+    gain_of_lasting_errors,
+    gain_of_shared_errors,
+    gain_of_turning_errors,
+    largest_shift_px,
+)
 from slam_init.window.uncertainty import (
     CameraEstimate,
     ExpandedFit,
@@ -49,6 +55,7 @@ from slam_init.window.uncertainty import (
     places_of,
     rotation_covariance,
     sigma_with_known_lens,
+    widened_by_shifts,
 )
 from slam_init.work import Prices, spend
 
@@ -60,9 +67,6 @@ _FEW_VIEWS = 0.7
 #: A focal length that is off by two of its standard deviations widens the direction by sqrt(2), one that is off by more
 #: in proportion, as Student's distribution with four degrees of freedom is wider than a Gaussian one far out.
 _PULL_FREEDOM = 4.0
-#: A pair is judged again while frames arrive: with windows of 2 to 12 views about ten times. The looks share most of
-#: their data, so that the sum over all looks is an upper bound.
-_LOOKS = 10.0
 #: Before a camera that only rotates, a moving body looks like a near object before points at infinity. So the rest of
 #: the tracks has to show a translation without the tracks that gain most: bodies that hold this share of them.
 _ON_BODIES = 0.5
@@ -76,11 +80,16 @@ _CHANCE_GAIN = 0.9
 #: moving body votes for the motion that its own resembles: of 30 drawn walls with 30 % of the tracks on bodies, two had
 #: a false map, by the votes of 22 and of 53 such tracks against those of 250 on the plane.
 _SHARE_OF_BODIES, _BODIES_MOVE = 0.25, 0.05
+#: Share of the videos whose frames a stabilizer shifts as a whole: phones and drones have one, and most shift slowly.
+#: An assumption.
+_FRAMES_ARE_SHIFTED = 0.1
 #: A rival with a larger probability is undecided, however precisely it is known; a scale of the fields with a smaller
 #: one changes nothing.
 _UNDECIDED, _UNLIKELY = 0.05, 0.01
 #: A direction that is wrong with a larger probability is unknown, however far behind the rivals are.
 _UNKNOWN = 0.2
+#: Two fits of a motion agree within this number of standard deviations, and within what makes two fits one.
+_AGREES_SIGMAS, _SAME_ROTATION_DEG, _SAME_DIRECTION_DEG = 3.0, 0.3, 2.0
 #: Largest number of Gauss-Newton steps from a fit without fields to one with fields: they converge quadratically.
 _STEPS_WITH_FIELDS = 5
 #: A rival that is further behind than this is not looked at with error fields: they explain less.
@@ -137,40 +146,29 @@ def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
 
 
 def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
-    best, *rivals = hypotheses.motions
+    best = hypotheses.motions[0]
     expanded = expand(hypotheses, best)
     rigid, bodies = _optimism(hypotheses, best), _bodies_factor(hypotheses, best)
     factor, weights = rigid * bodies, expanded.scale_weights
     of_views = [direction_sigmas_deg(expanded, view) for view in range(1, len(best.rows))]
-    rotation_deg = _largest_sigma_deg(rotation_covariance(expanded))
-    rotated = float(_exceeds(_WRONG_ROTATION_DEG, np.array(factor * rotation_deg)))
+    shifted = widened_by_shifts(expanded, largest_shift_px(hypotheses.tracks))
+    rotation_deg = factor * _largest_sigma_deg(rotation_covariance(expanded))
+    rotated = three_directions(_WRONG_ROTATION_DEG, rotation_deg)
     direction_risks = tuple(
-        min(1.0, float(weights @ _exceeds(_WRONG_DIRECTION_DEG, factor * sigmas_deg)) + rotated)
-        for sigmas_deg in of_views
+        min(1.0, float(weights @ _with_shifts(factor * sigmas_deg, wider)) + rotated)
+        for sigmas_deg, wider in zip(of_views, shifted, strict=True)
     )
-    direction, direction_deg = direction_risks[0], float(np.sqrt(weights @ of_views[0] ** 2))
+    direction, direction_deg = direction_risks[0], factor * float(np.sqrt(weights @ of_views[0] ** 2))
     calibrated = hypotheses.priors.focal_sigma <= CALIBRATED_SIGMA
     known_lens = (1.0 if calibrated else sigma_with_known_lens(expanded)) * of_views[0]
-    with_known_lens = float(weights @ _exceeds(_WRONG_DIRECTION_DEG, known_lens))
-    if_rigid = float(weights @ _exceeds(_WRONG_DIRECTION_DEG, rigid * of_views[0]))
+    with_known_lens = float(weights @ two_directions(_WRONG_DIRECTION_DEG, known_lens))
+    if_rigid = float(weights @ two_directions(_WRONG_DIRECTION_DEG, rigid * of_views[0]))
     gain, rotation, camera = _rotation_probability(hypotheses, expanded)
     if rotation <= MERE_ROTATION:
         camera = camera_estimate(expanded, factor)
     rotation = max(rotation, _bodies_probability(hypotheses))
-    margins = [_margin(hypotheses, best, rival) for rival in rivals]
-    nearest = min(margins, key=Margin.decision_ratio, default=None)
-    spread_deg = factor * direction_deg
     refused = rotation > _UNDECIDED or direction > _UNKNOWN
-    costs = _CostsWithFields(hypotheses)
-    odds = [
-        max(
-            _rival_probability(costs, expanded, rival, margin, fit=not refused),
-            _rival_by_bodies(hypotheses, best, rival),
-        )
-        * _wrong_if_right(best, rival, spread_deg)
-        for rival, margin in zip(rivals, margins, strict=True)
-    ]
-    rival = min(1.0, _LOOKS * sum(odds))
+    rival, nearest = _rival_term(hypotheses, expanded, direction_deg, fit=not refused)
     other = other_motion(hypotheses) if rotation <= MERE_ROTATION else OtherMotion()
     total = min(1.0, direction + rival + rotation + other.probability + _FLOOR)
     distances = inverse_distances(expanded)
@@ -198,6 +196,49 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     )
 
 
+def confirmed(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> tuple[WindowHypotheses, WindowRisk]:
+    """Hypotheses whose risk is small, and the risk after a second look at them; others are returned as they are.
+
+    The plane keeps its precision where the fits with free depths agree on the motion, and decide against all rivals.
+    """
+    if risk.total > max_risk:
+        return hypotheses, risk
+    with single_threaded():
+        free = look_again(hypotheses)
+        best, again = hypotheses.motions[0], free.motions[0]
+        if not hypotheses.planar:
+            return (hypotheses, risk) if len(free.motions) == 1 and again.same_as(best) else (free, _risk_of(free))
+        of_free = _risk_of(free)
+        rotation_deg, direction_deg = best.difference_deg(again)
+        near = rotation_deg <= _AGREES_SIGMAS * of_free.rotation_sigma_deg + _SAME_ROTATION_DEG
+        if not near or direction_deg > _AGREES_SIGMAS * of_free.direction_sigma_deg + _SAME_DIRECTION_DEG:
+            return free, of_free
+        rival, direction = max(risk.rival, of_free.rival), risk.direction
+        # The plane of shifted frames is another one in each view, so that it tells nothing about the direction.
+        if largest_shift_px(hypotheses.tracks) > hypotheses.tracks.noise_px:
+            direction = max(direction, _FRAMES_ARE_SHIFTED * of_free.direction)
+        total = min(1.0, rival + direction + risk.rotation + risk.moving + risk.floor)
+        return hypotheses, replace(risk, rival=rival, direction=direction, total=total)
+
+
+def _rival_term(
+    hypotheses: WindowHypotheses, expanded: ExpandedFit, spread_deg: float, *, fit: bool
+) -> tuple[float, Margin | None]:
+    """The probability that a rival is right, and the vote against the nearest one."""
+    best, *rivals = hypotheses.motions
+    margins = [_margin(hypotheses, best, rival) for rival in rivals]
+    costs = _CostsWithFields(hypotheses)
+    odds = [
+        max(
+            _rival_probability(costs, expanded, rival, margin, fit=fit),
+            _rival_by_bodies(hypotheses, best, rival),
+        )
+        * _wrong_if_right(best, rival, spread_deg)
+        for rival, margin in zip(rivals, margins, strict=True)
+    ]
+    return min(1.0, sum(odds)), min(margins, key=Margin.decision_ratio, default=None)
+
+
 def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
     """Factor on the standard deviation of the direction, for what the covariance does not know."""
     few_views = 1 + _FEW_VIEWS / math.sqrt(len(best.rows) - 1)
@@ -218,9 +259,10 @@ def _bodies_factor(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
     return math.sqrt((1 + (bodies / 2) ** 2) * shared)
 
 
-def _exceeds(limit_deg: float, sigmas_deg: Floats) -> Floats:
-    """Probability that an error in two directions with this largest standard deviation exceeds a limit."""
-    return np.asarray(np.exp(-0.5 * (limit_deg / np.maximum(sigmas_deg, 1e-9)) ** 2))
+def _with_shifts(sigmas_deg: Floats, wider: float) -> Floats:
+    """Probability that a direction is wrong, where frames may be shifted as a whole and widen its deviation."""
+    as_it_is, shifted = (two_directions(_WRONG_DIRECTION_DEG, factor * sigmas_deg) for factor in (1.0, wider))
+    return np.asarray((1 - _FRAMES_ARE_SHIFTED) * as_it_is + _FRAMES_ARE_SHIFTED * shifted)
 
 
 def _largest_sigma_deg(covariance: Floats) -> float:
@@ -274,7 +316,7 @@ def _rival_probability(
     both = np.sqrt(best.scale_weights * expanded.scale_weights)
     explained = expanded.marginal.log_evidence - best.marginal.log_evidence
     probability = float(both @ _odds(margin, 1 - explained / ahead))
-    if not fit or _LOOKS * probability > _UNDECIDED:
+    if not fit or probability > _UNDECIDED:
         return probability
     # Fields may move a fit so far that its expansion does not hold: the fits are repeated with the likeliest fields.
     scales = [(np.argmax(best.scale_weights), np.argmax(expanded.scale_weights), 1.0)]
@@ -291,7 +333,7 @@ def _rival_probability(
 def _odds(margin: Margin, left: Floats) -> Floats:
     """Probability of a rival of which these shares of the margin are left: by its odds, and as an exact twin."""
     left = np.clip(left, 0.0, 1.0)
-    twin = np.array([gaussian_tail(float(margin.z * share)) for share in left])
+    twin = np.array([at_any_look(float(margin.z * share)) for share in left])
     return np.asarray(np.maximum(1 / (1 + np.exp(margin.log_likelihood * left)), twin))
 
 
@@ -346,7 +388,7 @@ def _rotation_probability(hypotheses: WindowHypotheses, expanded: ExpandedFit) -
     freedom = (freedom + shared) / scale
     spread = 2 / (9 * freedom)
     z = ((2 * gains / (scale * freedom)) ** (1 / 3) - (1 - spread)) / math.sqrt(spread)
-    probability = float(expanded.scale_weights @ [gaussian_tail(float(one)) for one in z])
+    probability = float(expanded.scale_weights @ [at_any_look(float(one)) for one in z])
     return gain, probability, camera_estimate(ExpandedFit(tracks, hypotheses.rotation_only, rotation, marginal))
 
 
@@ -363,4 +405,4 @@ def _bodies_probability(hypotheses: WindowHypotheses) -> float:
     rest = gains[: len(gains) - int(_ON_BODIES * len(gains))]
     if not len(rest):
         return 1.0
-    return gaussian_tail((float(rest.sum()) - _CHANCE_GAIN * len(rest)) / math.sqrt(2 * len(rest)))
+    return at_any_look((float(rest.sum()) - _CHANCE_GAIN * len(rest)) / math.sqrt(2 * len(rest)))

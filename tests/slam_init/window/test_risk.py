@@ -79,8 +79,8 @@ def test_a_single_motion_has_no_rival(undecided, clear):
 def test_a_plane_in_two_views_has_a_rival_that_is_as_probable(seed):
     """All points lie within the horizon of the twin."""
     risk = risk_of(hypotheses("wall", seed, 2, baseline=0.3))
-    assert risk.rival > 0.9
-    assert risk.total > 0.9
+    assert 0.2 < risk.rival <= 0.5
+    assert risk.total > 0.2
     assert not risk.margin.decides()
 
 
@@ -117,7 +117,7 @@ def test_tracks_of_one_region_of_the_image_cannot_decide(undecided):
     region = regions_of(np.arctan2(rays[:, :2], rays[:, 2:]))
     largest = np.argmax(np.bincount(region))
     risk = risk_of(with_rival_costs(undecided, 5.0 * (region == largest)))
-    assert risk.rival == 1
+    assert risk.rival == 0.5
     assert risk.margin.log_likelihood == pytest.approx(0, abs=1e-9)
     others = risk_of(with_rival_costs(undecided, 5.0 * (region != largest)))
     assert others.rival < 1e-9
@@ -159,7 +159,7 @@ def test_a_rival_that_locates_fewer_views_pays_for_the_views_it_leaves_out():
     equal = replace(rival, fit=replace(rival.fit, track_costs=best.fit.track_costs))
     fewer = replace(equal, rows=(0, 1, 2))
     with_all, without = (risk_of(replace(found, motions=(best, one))) for one in (equal, fewer))
-    assert with_all.rival == 1
+    assert with_all.rival == 0.5
     assert without.rival < 1e-6
 
 
@@ -214,12 +214,13 @@ def risk_with_noise(noise_px, stated_px):
 
 def test_the_standard_deviations_follow_the_noise_of_the_tracks():
     a, b = risk_with_noise(0.4, 0.4), risk_with_noise(0.8, 0.8)
+    # The error of the principal point does not follow the noise.
     for of in (
         lambda risk: risk.direction_sigma_deg,
         lambda risk: risk.rotation_sigma_deg,
         lambda risk: risk.depth_sigma,
     ):
-        assert of(b) / of(a) == pytest.approx(2, rel=0.3)
+        assert 1.1 < of(b) / of(a) < 2.6
     assert b.direction >= a.direction
 
 

@@ -1,0 +1,93 @@
+"""Laws of the second look: the scene has no vote, and motions that no pair proposed are found."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from make_hard_worlds import drive_behind_a_logo, ground_and_poles, shifted_frames_before_a_wall
+from make_window import hypotheses_of, pair_and_further, point_source
+
+from slam_init.window.risk import confirmed, risk_of
+from slam_init.window.second_look import look_again
+from slam_init.window.state import Priors
+from slam_init.window.tracker_errors import largest_shift_px
+
+PRIORS = Priors(focal_sigma=0.03)
+WRONG_DEG = 15.0
+
+
+def hypotheses(scene, seed, views, **options):
+    source = point_source(scene, seed, **options)
+    observations = list(source.observations())
+    picks = np.linspace(0, len(observations) - 1, views).round().astype(int)
+    return hypotheses_of(source.camera, pair_and_further([observations[k] for k in picks], views), PRIORS)
+
+
+@pytest.mark.parametrize("seed", [12, 13, 19])
+def test_points_near_a_plane_have_no_vote_for_a_motion(seed):
+    """With a plane the wrong motion is ahead by hundreds of nats; with free depths the right one leads."""
+    error_deg = ground_and_poles(seed)
+    assert error_deg is None or error_deg < WRONG_DEG
+
+
+@pytest.mark.parametrize("seed", [2, 3, 37])
+def test_tracks_of_a_static_logo_do_not_hold_the_camera(seed):
+    error_deg = drive_behind_a_logo(seed)
+    assert error_deg is not None
+    assert error_deg < WRONG_DEG
+
+
+@pytest.mark.parametrize("seed", [0, 7, 20, 23])
+def test_frames_that_are_shifted_as_a_whole_make_no_false_map(seed):
+    error_deg = shifted_frames_before_a_wall(seed)
+    assert error_deg is None or error_deg < WRONG_DEG
+
+
+@pytest.mark.parametrize("seed", [0, 5, 8])
+@pytest.mark.parametrize("kept", [0, 1])
+def test_the_other_motion_of_a_plane_is_found_where_one_was_proposed(seed, kept):
+    found = hypotheses("wall", seed, 2, baseline=0.3)
+    single = replace(found, motions=found.motions[kept : kept + 1])
+    again = look_again(single)
+    assert not again.planar
+    for motion in found.motions:
+        assert any(max(motion.difference_deg(other)) < 5 for other in again.motions)
+
+
+def test_a_small_risk_of_an_ambiguous_plane_is_not_confirmed_where_its_rival_was_not_proposed():
+    found = hypotheses("wall", 0, 2, baseline=0.3)
+    single = replace(found, motions=found.motions[:1])
+    risk = risk_of(single)
+    assert risk.rival == 0
+    _, again = confirmed(single, risk, max_risk=1.0)
+    assert again.rival > 0.1
+    assert again.total > risk.total
+
+
+def test_a_room_is_confirmed_as_it_is():
+    found = hypotheses("room", 0, 6)
+    risk = risk_of(found)
+    same, again = confirmed(found, risk, max_risk=0.005)
+    assert again.total == pytest.approx(risk.total, abs=1e-3)
+    assert same.motions[0].same_as(found.motions[0])
+
+
+def test_a_risk_that_is_too_large_is_not_looked_at_again():
+    found = hypotheses("wall", 0, 2, baseline=0.3)
+    risk = risk_of(found)
+    same, again = confirmed(found, risk, max_risk=0.005)
+    assert same is found
+    assert again is risk
+
+
+def test_a_smooth_path_bounds_the_shift_of_its_frames_and_shifted_frames_do_not():
+    tracks = hypotheses("room", 0, 12).tracks
+    order = np.argsort(tracks.frames)
+    ramp = np.zeros(12)
+    ramp[order] = np.arange(12)
+    smooth = replace(tracks, pixels=np.zeros_like(tracks.pixels) + ramp[:, None, None])
+    assert largest_shift_px(smooth) < 0.1
+    shifts = np.random.default_rng(0).normal(size=(12, 1, 2)) * 0.5
+    shifted = replace(smooth, pixels=smooth.pixels + shifts)
+    assert 0.3 < largest_shift_px(shifted) <= 1.0
+    assert largest_shift_px(tracks.of_views((0, 1))) == 1.0

@@ -1,0 +1,36 @@
+"""Laws of the tails: they are those of chi-square, and a statistic exceeds a level at any look at most so often."""
+
+import numpy as np
+import pytest
+
+from slam_init.window.tails import at_any_look, three_directions, two_directions
+
+
+@pytest.mark.parametrize("limit", [0.5, 1.5, 3.0])
+def test_an_error_in_two_or_three_directions_exceeds_a_limit_as_often_as_drawn_errors_do(limit):
+    errors = np.random.default_rng(1).normal(size=(200_000, 3))
+    assert two_directions(limit, np.ones(1))[0] == pytest.approx(
+        (np.linalg.norm(errors[:, :2], axis=1) > limit).mean(), abs=0.004
+    )
+    assert three_directions(limit, 1.0) == pytest.approx((np.linalg.norm(errors, axis=1) > limit).mean(), abs=0.004)
+
+
+def test_three_directions_are_exceeded_more_often_than_two():
+    assert three_directions(5.0, 1.54) > 2 * two_directions(5.0, np.array([1.54]))[0]
+
+
+@pytest.mark.parametrize("z", [2.0, 2.5, 3.0])
+def test_a_statistic_that_is_looked_at_often_exceeds_a_level_at_most_as_often_as_stated(z):
+    """The information grows a hundredfold, by a half from look to look."""
+    rng = np.random.default_rng(2)
+    information = np.minimum(1.5 ** np.arange(13), 100.0)
+    steps = rng.normal(size=(100_000, len(information))) * np.sqrt(np.diff(information, prepend=0.0))
+    statistics = np.cumsum(steps, axis=1) / np.sqrt(information)
+    exceeded = (statistics > z).any(axis=1).mean()
+    assert (statistics[:, -1] > z).mean() < exceeded <= at_any_look(z)
+
+
+def test_looking_often_never_lowers_a_tail():
+    levels = [at_any_look(z) for z in np.linspace(-3, 8, 50)]
+    assert all(0 <= level <= 1 for level in levels)
+    assert levels[-1] < 1e-12
