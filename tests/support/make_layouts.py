@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -100,23 +100,24 @@ class Layout:
     centre: tuple[float, float] = field(default=CENTRE)
 
 
+EUROC_STAMPS = tuple(1403636579763555584 + 50_000_000 * i for i in range(FRAMES))
+
 K_ROWS = [[FOCAL, 0, CENTRE[0]], [0, FOCAL, CENTRE[1]], [0, 0, 1]]
 
 
-def eth3d(folder: Path) -> Path:
-    for i in range(FRAMES):
+def eth3d(folder: Path, stamps: Sequence[object] = ("10.000000", "10.100000", "10.200000")) -> Path:
+    for i in range(len(stamps)):
         write_spot(folder / "rgb" / f"{i}.png", i)
-    write(folder / "rgb.txt", "".join(f"{10 + i / 10:.6f} rgb/{i}.png\n" for i in range(FRAMES)))
-    write(folder / "groundtruth.txt", "".join(tum_line(f"{10 + i / 10:.6f}", pose(i)) for i in range(FRAMES)))
+    write(folder / "rgb.txt", "".join(f"{stamp} rgb/{i}.png\n" for i, stamp in enumerate(stamps)))
+    write(folder / "groundtruth.txt", "".join(tum_line(stamp, pose(i)) for i, stamp in enumerate(stamps)))
     write(folder / "calibration.txt", f"{FOCAL} {FOCAL} {CENTRE[0]} {CENTRE[1]}\n")
     return folder
 
 
-def euroc(folder: Path) -> Path:
+def euroc(folder: Path, stamps: Sequence[object] = EUROC_STAMPS) -> Path:
     mav = folder / "MH_01" / "mav0"
     body_from_cam = np.eye(4)
     body_from_cam[:3, :3], body_from_cam[:3, 3] = axes("left", "down", "backward"), (0.01, 0.02, 0.03)
-    stamps = [1403636579763555584 + 50_000_000 * i for i in range(FRAMES)]
     for i, stamp in enumerate(stamps):
         write_spot(mav / "cam0" / "data" / f"{stamp}.png", i)
     rows = "".join(f"{stamp},{stamp}.png\r\n" for stamp in stamps)
@@ -136,18 +137,18 @@ def euroc(folder: Path) -> Path:
     return mav.parent
 
 
-def kitti(folder: Path) -> Path:
+def kitti(folder: Path, stamps: Sequence[object] = ("0.000000e+00", "1.04e-01", "2.07e-01")) -> Path:
     sequence = folder / "dataset" / "sequences" / "06"
     K = np.array(K_ROWS)
     # Camera 2 stands 0.6 to the right of camera 0.
     P2 = np.column_stack([K, K @ [-0.6, 0.0, 0.0]])
     lines = []
-    for i in range(FRAMES):
+    for i in range(len(stamps)):
         write_spot(sequence / "image_2" / f"{i:06d}.png", i)
         T = pose(i)
         T[:3, 3] -= 0.6 * T[:3, 0]
         lines.append(f"{text(T[:3])}\n")
-    write(sequence / "times.txt", "0.000000e+00\n1.04e-01\n2.07e-01\n")
+    write(sequence / "times.txt", "".join(f"{stamp}\n" for stamp in stamps))
     write(sequence / "calib.txt", f"P0: {text(np.column_stack([K, np.zeros(3)]))}\nP2: {text(P2)}\nTr: 1\n")
     write(folder / "dataset" / "poses" / "06.txt", "".join(lines))
     return sequence / "image_2"

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from make_files import CAMERA_YAML, picture, write, write_image
+from make_files import picture, write, write_image
+from make_layouts import eth3d, euroc, kitti, pose
 
 from slam_init.datasets import open_source
 from slam_init.errors import SourceError
@@ -20,32 +21,6 @@ TIMES_S = {"from zero": (0, 0.05, 0.1, 0.15), "a date": (1403636579.75, 14036365
 def texts(times_s, unit):
     """As files print them: seconds with digits, the others as whole numbers."""
     return [f"{t:.6f}" if unit == "seconds" else str(round(t * 10**6) * UNITS[unit] // 10**6) for t in times_s]
-
-
-def tum(folder, stamps):
-    write(folder / "rgb.txt", "".join(f"{stamp} {i}.png\n" for i, stamp in enumerate(stamps)))
-    write(folder / "groundtruth.txt", "".join(f"{stamp} {i} 0 0 0 0 0 1\n" for i, stamp in enumerate(stamps)))
-    for i in range(len(stamps)):
-        write_image(folder / f"{i}.png", picture(i))
-    write(folder / "camera.yaml", CAMERA_YAML)
-    return str(folder)
-
-
-def euroc(folder, stamps):
-    cam0 = folder / "mav0" / "cam0"
-    write(cam0 / "data.csv", "#timestamp [ns],filename\n" + "".join(f"{s},{i}.png\n" for i, s in enumerate(stamps)))
-    truth = "".join(f"{stamp},{i},0,0,1,0,0,0\n" for i, stamp in enumerate(stamps))
-    write(folder / "mav0" / "state_groundtruth_estimate0" / "data.csv", truth)
-    for i in range(len(stamps)):
-        write_image(cam0 / "data" / f"{i}.png", picture(i))
-    return str(folder)
-
-
-def kitti(folder, stamps):
-    write(folder / "times.txt", "".join(f"{stamp}\n" for stamp in stamps))
-    for i in range(len(stamps)):
-        write_image(folder / "image_0" / f"{i}.png", picture(i, channels=1))
-    return str(folder)
 
 
 def user(folder, stamps):
@@ -73,7 +48,8 @@ class Given:
 
     @property
     def groundtruth(self):
-        return Trajectory(np.array(self.timestamps_s), tuple(Pose(np.eye(3), np.array([i, 0, 0])) for i in range(4)))
+        poses = tuple(Pose(pose(i)[:3, :3], pose(i)[:3, 3]) for i in range(4))
+        return Trajectory(np.array(self.timestamps_s), poses)
 
     def __len__(self):
         return len(self.timestamps_s)
@@ -83,7 +59,7 @@ class Given:
             yield Frame(i, self.timestamps_s[i], f"{i}.png", picture(i))
 
 
-READERS = {"tum": tum, "euroc": euroc, "kitti": kitti, "user": user}
+READERS = {"tum": eth3d, "euroc": euroc, "kitti": kitti, "user": user}
 
 
 @pytest.fixture
@@ -103,7 +79,7 @@ def test_each_reader_converts_each_unit_and_tells_it(opened, reader, unit, times
     stated = "nanoseconds" if reader == "euroc" else "seconds"
     assert any(unit in note for note in notes_of(source)) == (unit != stated)
     if source.groundtruth is not None:
-        assert source.groundtruth.at(float(source.timestamps_s[2])).t.tolist() == [2, 0, 0]
+        np.testing.assert_allclose(source.groundtruth.at(float(source.timestamps_s[2])).t, pose(2)[:3, 3], atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -147,7 +123,7 @@ def test_names_that_are_no_possible_time_are_counters(tmp_path, names):
 @pytest.mark.parametrize(("images", "truth"), [("seconds", "nanoseconds"), ("nanoseconds", "seconds")])
 def test_a_ground_truth_of_another_unit_is_put_on_the_clock_of_the_images(tmp_path, images, truth):
     times_s = TIMES_S["a date"]
-    folder = tum(tmp_path, texts(times_s, images))
+    folder = eth3d(tmp_path, texts(times_s, images))
     rows = [f"{stamp} {i} 0 0 0 0 0 1\n" for i, stamp in enumerate(texts(times_s, truth))]
     write(tmp_path / "groundtruth.txt", "".join(rows))
     source = open_source(folder)
