@@ -8,10 +8,8 @@ import pytest
 from cli_files import CAMERA, IMAGES, INITIALIZED, REFUSED, WITH
 
 from slam_init.cli import main
-from slam_init.output.summary import FocalLengthRecord, HypothesisRecord, KeyframeRecord
+from slam_init.output.summary import FocalLengthRecord
 from slam_init.scale.requests import parse_scale
-from slam_init.types.comparison import Margin
-from slam_init.types.reasons import Verdict
 
 
 def test_arguments_reach_the_pipeline(world, pipeline, capsys):
@@ -187,24 +185,6 @@ def test_report_tells_an_adjusted_focal_length_with_its_uncertainty(world, pipel
     pipeline.summary = replace(INITIALIZED, focal_length=FocalLengthRecord(57.0, 57.0, 0.95, 0.0123))
     assert main(["run", IMAGES, *WITH]) == 0
     assert "0.950 +- 0.012 times the stated one" in capsys.readouterr().out
-
-
-def test_report_of_a_refusal_tells_reason_advice_and_attempts(world, pipeline, capsys):
-    pipeline.summary = REFUSED
-    assert main(["run", IMAGES, *WITH]) == 3
-    out = capsys.readouterr().out
-    assert out.startswith("not initialized: static camera\n")
-    assert "move it sideways" in out and "4 static camera" in out
-
-
-def test_report_of_an_undecided_run_tells_the_two_maps(world, pipeline, capsys):
-    keyframes = tuple(KeyframeRecord(frame, 0.0, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) for frame in (3, 9))
-    kept = HypothesisRecord(keyframes, 100, 0.3)
-    pipeline.summary = replace(
-        REFUSED, reason=Verdict.AMBIGUOUS_PLANE, hypotheses=(kept, kept), margin=Margin(9.0, 1.25)
-    )
-    assert main(["run", IMAGES, *WITH]) == 3
-    assert "two maps of frames 3, 9; the tracks prefer the first by 9.0 nats" in capsys.readouterr().out
 
 
 def test_synth_writes_what_info_and_run_read(tmp_path, pipeline, capsys):
