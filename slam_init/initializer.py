@@ -52,7 +52,6 @@ from slam_init.frontend.keyframes import KeyframeManager, PairPreview
 from slam_init.frontend.rolling_shutter import VIDEO_INTERVAL_S, RollingShutter, corrected_pixels
 from slam_init.frontend.static_overlay import StaticOverlay
 from slam_init.frontend.tracks import Tracker
-from slam_init.output.names import MAX_SEGMENTS
 from slam_init.recording.recorder import Recorder
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.attitude import checked_rotation
@@ -60,6 +59,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.result import Attempt, ProvisionalMap, Result, Segment
+from slam_init.types.segments import MAX_SEGMENTS
 from slam_init.types.status import Status, frame_of
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.work import Sliced, seconds

@@ -21,7 +21,7 @@ from slam_init.mapping.reduction import Reduction
 from slam_init.methods import make_initializer
 from slam_init.methods.registry import FrontEnd
 from slam_init.output.colmap_cameras import colmap_note
-from slam_init.output.names import MAX_SEGMENTS, segment_folder
+from slam_init.output.names import segment_folder
 from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.provenance import InputHash, provenance_of
 from slam_init.output.records import SegmentRecord
@@ -36,6 +36,7 @@ from slam_init.types.frame import Frame, Observations, Source, length_of, notes_
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.result import GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
+from slam_init.types.segments import MAX_SEGMENTS
 from slam_init.types.status import Status
 
 #: Memory for images of keyframes: their descriptors need the newest one, and markers need all of them. 256 MB hold 800

@@ -53,16 +53,16 @@ class Run:
     def departures(self) -> list[str]:
         """Tell in which options a run departs from the protocol."""
         default = DEFAULTS[self.suite]
-        told = []
+        departures = []
         if self.worlds != default.worlds:
-            told.append(f"{self.worlds} worlds in place of {default.worlds}")
+            departures.append(f"{self.worlds} worlds in place of {default.worlds}")
         if self.seed != 0:
-            told.append(f"seed {self.seed} in place of 0")
+            departures.append(f"seed {self.seed} in place of 0")
         if self.every != default.every:
-            told.append(f"a start at every {self.every} frames in place of {default.every}")
+            departures.append(f"a start at every {self.every} frames in place of {default.every}")
         if self.sequences:
-            told.append("chosen sequences")
-        return told
+            departures.append("chosen sequences")
+        return departures
 
     def words(self, methods: tuple[str, ...] | None = None) -> list[str]:
         """Return the command line of this run."""

@@ -82,14 +82,14 @@ def _pairs_text(pairs: Sequence[PairedTest]) -> str:
                 rows.append([f"{pair.first} : {pair.second}", outcome, f"{one} : {other}", p_value_text(p)])
     if not pairs:
         return ""
-    told = (
+    counted = (
         f"{2 * len(pairs) - len(rows)} of {2 * len(pairs)} comparisons of two methods show no difference "
         "(sign-flip test by sequence, Holm)."
     )
     if not rows:
-        return told
+        return counted
     header = ["pair", "outcome", "trials in which only one of them has it", "p (Holm)"]
-    return f"{told} The others:\n\n{fitted_tables(header, rows)}"
+    return f"{counted} The others:\n\n{fitted_tables(header, rows)}"
 
 
 def _strata(kind: str, sheet: Sheet) -> str:

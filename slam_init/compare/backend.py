@@ -17,7 +17,7 @@ _Answer = TypeVar("_Answer")
 class Backend:
     """Calls a function on many arguments and yields the answers in the order in which they arrive.
 
-    Each future tells its end by a callback, so that the time for a task does not depend on the number of workers. A
+    Each future reports its end by a callback, so that the time for a task does not depend on the number of workers. A
     wait on all futures took 0.07 ms for a task with 100 workers and 0.85 ms with 1000; the callback takes 0.01 ms.
 
     * ``executor``: None calls the function in this process, one argument after the other.

@@ -59,8 +59,8 @@ def run_command(arguments: argparse.Namespace, out: str | os.PathLike[str], *, p
         progress=progress,
         command=_command(arguments),
     )
-    told = "".join(f"{line}\n" for line in not_applicable_lines(plan))
-    return f"{main_table(summary)}\n\n{told}report: {Path(out) / 'report.html'}\n"
+    left_out = "".join(f"{line}\n" for line in not_applicable_lines(plan))
+    return f"{main_table(summary)}\n\n{left_out}report: {Path(out) / 'report.html'}\n"
 
 
 def not_applicable_lines(plan: Plan) -> list[str]:

@@ -53,7 +53,7 @@ class Answer:
     request: str
     #: Why a file of a trial cannot be written, a source cannot be read to its end, or a method cannot be made.
     error: str | None = None
-    #: The row of a trial. If a file of the trial could not be written, the row tells nothing about the method.
+    #: The row of a trial. If a file of the trial could not be written, the row says nothing about the method.
     row: TrialRow | None = None
     #: Whether an allocation of a trial failed. The state of the libraries in the process is unknown then.
     memory_exhausted: bool = False

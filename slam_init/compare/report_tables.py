@@ -130,5 +130,5 @@ def _pair_cell(tests: Mapping[tuple[str, str], PairTest], of_row: str, of_column
         row, column = column, row
     p = test.p_correct_holm
     kind = "" if p >= _SIGNIFICANT else ' class="win"' if row > column else ' class="lose"'
-    told = f"p {'' if p < 1e-3 else '= '}{p_value_text(p)}"
-    return f'<td{kind}>{row} : {column}<span class="interval">{escape(told)}</span></td>'
+    p_value = f"p {'' if p < 1e-3 else '= '}{p_value_text(p)}"
+    return f'<td{kind}>{row} : {column}<span class="interval">{escape(p_value)}</span></td>'

@@ -194,8 +194,8 @@ class ExternalInitializer:
                 )
             if self.program.failure:
                 lines = [line.strip() for line in self.program.output.splitlines() if line.strip()]
-                told = f": {lines[-1][-_MAX_LINE:]}" if lines else ", without a message"
-                raise SlamInitError(f"{self._command.label} {self.program.failure}{told}")
+                message = f": {lines[-1][-_MAX_LINE:]}" if lines else ", without a message"
+                raise SlamInitError(f"{self._command.label} {self.program.failure}{message}")
             return self._read(self._folder / "out")
         finally:
             self.close()

@@ -18,7 +18,6 @@ from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.tracks import Tracker, common_tracks
 from slam_init.mapping.map_building import initial_map
 from slam_init.methods.two_view import TwoViewMethod, TwoViewOutcome, undistorted_pixels
-from slam_init.output.names import MAX_SEGMENTS
 from slam_init.recording.recorder import Recorder
 from slam_init.types.arrays import Image, Ints
 from slam_init.types.camera import Camera
@@ -29,6 +28,7 @@ from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, Result, Segment
+from slam_init.types.segments import MAX_SEGMENTS
 from slam_init.types.status import Status, frame_of
 from slam_init.types.stopwatch import Stopwatch
 

@@ -61,7 +61,7 @@ class SelfCalibration:
     tried: int
     #: Standard deviation of the first coefficient of the distortion.
     k1_sigma: float | None = None
-    #: Relative standard deviation of the focal length by all stretches; None where none tells it.
+    #: Relative standard deviation of the focal length by all stretches; None where no stretch determines it.
     focal_sigma: float | None = None
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from slam_init.types.segments import MAX_SEGMENTS
+
 #: The text model of COLMAP: cameras, images, points.
 COLMAP_FILES = ("colmap/cameras.txt", "colmap/images.txt", "colmap/points3D.txt")
 #: The recording of a run. :mod:`slam_init.recording.rerun_recorder` writes it during the run.
@@ -23,8 +25,6 @@ MAP_FILES = (
     "transforms.json",
     "continued.txt",
 )
-#: Largest number of maps of a run: a map takes some megabytes of memory.
-MAX_SEGMENTS = 99
 #: All files that a run with one map can write.
 RUN_FILES = (*MAP_FILES, "config.toml", OVERVIEW, RECORDING, INTERRUPTED, "summary.json")
 #: The trials of a comparison, one a line, written as they finish.

@@ -38,13 +38,14 @@ from slam_init.errors import SourceError
 from slam_init.output.colmap import colmap_model, numbers_text
 from slam_init.output.folder import OutputFolder, output_error
 from slam_init.output.handover import handover_bytes
-from slam_init.output.names import COLMAP_FILES, MAX_SEGMENTS, OVERVIEW, RECORDING, run_files, segment_folder
+from slam_init.output.names import COLMAP_FILES, OVERVIEW, RECORDING, run_files, segment_folder
 from slam_init.output.nerfstudio import transforms_text
 from slam_init.output.summary import Summary, summary_text
 from slam_init.system.regular_file import read_regular
 from slam_init.types.arrays import Bools, Image
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.result import Result
+from slam_init.types.segments import MAX_SEGMENTS
 
 #: A map of 100,000 observations takes 20 MB.
 _MAX_ARCHIVE_BYTES = 500_000_000

@@ -24,13 +24,13 @@ def fitted_tables(header: Sequence[str], rows: Sequence[Sequence[str]], names: i
     """Format a table for a terminal: in several tables one below the other where it is wider.
 
     * ``names``: The first columns, which name a row; each table begins with them.
-    * Returns: The tables in markdown. A column that tells nothing of any row is left out.
+    * Returns: The tables in markdown. A column without a value in any row is left out.
     """
     cells = [header, *rows]
     widths = [max(3, *(len(row[k]) for row in cells)) + 3 for k in range(len(header))]
-    told = [k for k in range(names, len(header)) if any(row[k] not in ("", "-") for row in rows)]
+    known = [k for k in range(names, len(header)) if any(row[k] not in ("", "-") for row in rows)]
     parts: list[list[int]] = []
-    for k in told or range(names, len(header)):
+    for k in known or range(names, len(header)):
         if not parts or 1 + sum(widths[i] for i in (*range(names), *parts[-1], k)) > TERMINAL_WIDTH:
             parts.append([])
         parts[-1].append(k)

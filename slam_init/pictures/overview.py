@@ -66,7 +66,7 @@ def overview_png(result: Result, summary: Summary, story: Story, truth: Trajecto
         elif result.map is not None:
             _draw_map(figure, result.map, truth)
         elif len(result.hypotheses) == 2:
-            _draw_twins(figure, result)
+            _draw_conjugate_maps(figure, result)
         else:
             _draw_reason(_blank(figure, _MAP), result)
         draw_decision(figure.add_axes(_DECISION), result.attempts)
@@ -197,7 +197,7 @@ def _draw_segments(figure: Figure, result: Result) -> None:
         write(box, 0.02, 0.95, "\n".join(facts), 10.5, INK)
 
 
-def _draw_twins(figure: Figure, result: Result) -> None:
+def _draw_conjugate_maps(figure: Figure, result: Result) -> None:
     """Both maps of a plane, side by side, and what has to decide between them."""
     left, bottom, width, height = _MAP
     gap = 0.012

@@ -122,7 +122,7 @@ def blueprint(end: End = End.MAP, *, rolling: bool = False) -> Any:
     space, keyframes = _space_views()
     frame, shutter, pair = _image_views()
     images = rrb.Tabs(frame, pair, keyframes, shutter, active_tab=3 if rolling else int(end is not End.MAP))
-    left = rrb.Vertical(rrb.Tabs(space, _twins(), advice, active_tab=first), _texts(), row_shares=[7, 3])
+    left = rrb.Vertical(rrb.Tabs(space, _conjugate_maps(), advice, active_tab=first), _texts(), row_shares=[7, 3])
     right = rrb.Vertical(images, _plots(), row_shares=[1, 1])
     root = rrb.Horizontal(left, right, column_shares=[5, 3])
     name_parts(root, f"slam-init {end} {rolling}")
@@ -142,7 +142,7 @@ def _image_views() -> tuple[Any, Any, Any]:
     return frame, shutter, rrb.Spatial2DView(origin="pairs/image", name="pair")
 
 
-def _twins() -> Any:
+def _conjugate_maps() -> Any:
     """Make the view of both maps of a plane, side by side, over the evidence that has to decide."""
     import rerun.blueprint as rrb
 

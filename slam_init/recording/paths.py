@@ -15,7 +15,7 @@ from slam_init.types.pose import Pose
 #: Number of dashes of the ground truth. It is dashed so that the estimate can be seen where both agree.
 _DASHES = 30
 #: The better one of two undecided maps, and its rival.
-TWIN_NAMES = ("a", "b")
+CONJUGATE_NAMES = ("a", "b")
 #: Size of a frustum in units of the map, whose median depth is 1.
 _FRUSTUM = 0.08
 _CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
@@ -44,17 +44,17 @@ def log_hypotheses(rec: Any, maps: Sequence[InitialMap]) -> None:
         entity = f"world/trajectory/hypothesis{k + 1}"
         if k < len(maps):
             path = np.array([keyframe.world_from_cam.t for keyframe in maps[k].keyframes])
-            thin, label = rr.Radius.ui_points(1.5), f"map {TWIN_NAMES[k].upper()}"
+            thin, label = rr.Radius.ui_points(1.5), f"map {CONJUGATE_NAMES[k].upper()}"
             rec.log(entity, rr.LineStrips3D([path], colors=[color], radii=thin, labels=[label], show_labels=True))
         else:
             rec.log(entity, rr.Clear(recursive=False))
 
 
-def log_twins(rec: Any, maps: Sequence[InitialMap]) -> None:
+def log_conjugate_maps(rec: Any, maps: Sequence[InitialMap]) -> None:
     """Log the landmarks, the frusta and the path of up to two maps, each in a space of its own; clear the others."""
     import rerun as rr
 
-    for k, name in enumerate(TWIN_NAMES):
+    for k, name in enumerate(CONJUGATE_NAMES):
         entity = f"{TWINS}/{name}"
         if k >= len(maps):
             rec.log(entity, rr.Clear(recursive=True))

@@ -58,7 +58,7 @@ from slam_init.recording.layout import (
 )
 from slam_init.recording.map_view import FRUSTUM, MapView, log_pinhole
 from slam_init.recording.pair_view import log_pair
-from slam_init.recording.paths import TWIN_NAMES, log_hypotheses, log_twins
+from slam_init.recording.paths import CONJUGATE_NAMES, log_conjugate_maps, log_hypotheses
 from slam_init.recording.recorder import Recorder
 from slam_init.recording.recording_file import RecordingFile
 from slam_init.recording.scale_bar import SCALE_BAR, log_scale_bar
@@ -66,10 +66,10 @@ from slam_init.recording.text import (
     advice_markdown,
     attempt_line,
     attempt_markdown,
+    conjugate_maps_markdown,
     evidence_markdown,
     legend_markdown,
     summary_markdown,
-    twins_markdown,
 )
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
@@ -257,10 +257,10 @@ class RerunRecorder(Recorder):
         """Draw both maps with their paths, and clear those drawn before."""
         if self._hypotheses or maps:
             log_hypotheses(self._rec, maps)
-            log_twins(self._rec, maps)
-            self._log_text(f"{TWINS}/evidence", twins_markdown(self._attempt) if maps else "decided")
+            log_conjugate_maps(self._rec, maps)
+            self._log_text(f"{TWINS}/evidence", conjugate_maps_markdown(self._attempt) if maps else "decided")
         self._hypotheses = len(maps)
-        self._end = End.TWINS if len(maps) == len(TWIN_NAMES) else End.MAP
+        self._end = End.TWINS if len(maps) == len(CONJUGATE_NAMES) else End.MAP
 
     def continued(self, keyframe: Keyframe) -> None:
         """Move the camera, and extend both trajectories."""

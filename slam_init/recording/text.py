@@ -66,7 +66,7 @@ def evidence_markdown(attempt: Attempt) -> str:
     return "\n".join(_table(f"frames {_frames(attempt)}", _evidence(attempt)))
 
 
-def twins_markdown(attempt: Attempt | None) -> str:
+def conjugate_maps_markdown(attempt: Attempt | None) -> str:
     """Write what has to decide between the two maps of a plane."""
     lines = ["Two motions explain these views of a plane: one of the maps is right.", ""]
     bound = None if attempt is None else next((g for g in attempt.gates if g.name is GateName.RISK), None)

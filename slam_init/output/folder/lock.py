@@ -32,9 +32,9 @@ class FolderLock:
             if not _lock(handle):
                 holder = os.read(handle, 20).decode(errors="replace").strip()
                 os.close(handle)
-                told = f" (process {holder})" if holder.isdecimal() else ""
+                by = f" (process {holder})" if holder.isdecimal() else ""
                 raise OutputError(
-                    f"--out {out} is in use by another slam-init{told}: wait for its end, or give another --out"
+                    f"--out {out} is in use by another slam-init{by}: wait for its end, or give another --out"
                 )
             with suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(handle), self._path.stat()):

@@ -9,9 +9,9 @@ from slam_init.recording.text import (
     advice_markdown,
     attempt_line,
     attempt_markdown,
+    conjugate_maps_markdown,
     evidence_markdown,
     summary_markdown,
-    twins_markdown,
 )
 from slam_init.types.evidence import MapEvidence, RotationOnlyEvidence
 from slam_init.types.reasons import Verdict
@@ -44,9 +44,9 @@ def test_the_verdict_names_the_largest_part_of_the_risk_and_fits_a_small_panel()
 
 def test_the_text_of_two_maps_states_the_risk_of_the_other_one_and_the_bound():
     refused = make_attempts(make_map())[0]
-    text = twins_markdown(replace(refused, window=replace(refused.window, risk_rival=0.03)))
+    text = conjugate_maps_markdown(replace(refused, window=replace(refused.window, risk_rival=0.03)))
     assert "**0.03**" in text and "**0.005**" in text
-    assert "one of the maps is right" in twins_markdown(None)
+    assert "one of the maps is right" in conjugate_maps_markdown(None)
 
 
 def test_the_result_of_a_run_ends_with_what_to_do():
