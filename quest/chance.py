@@ -23,6 +23,7 @@ References
 from __future__ import annotations
 
 from math import exp, lgamma, log, log1p, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 #: Gates of the test: the threshold times these shares. The least is the least noise, see quest.noise.refine_with_noise.
-_GATES = 0.5 ** (0.5 * np.arange(20))
+_GATES = 0.5 ** np.arange(10.0)
 #: Matches that fix a motion, and the mean number of motions with all five random points in front of both cameras.
 _OF_MOTION, _MOTIONS = 5, 2
 #: Matches that fix a rotation, and matches outside a patch that fix the turn about the patch.
@@ -43,27 +44,51 @@ _OF_ROTATION, _OF_TURN = 2, 1
 #: all samples, of which a search tries a small part: random matches had an F above 100 in each of 2,000 searches. A
 #: search for a rotation tries most pairs.
 LARGEST_OF_MOTION, LARGEST_OF_ROTATION = 0.1, 1e-3
-#: Number of shuffled matches by which p is measured, and the gate for it where a rotation is tested, in thresholds:
-#: within one threshold a rotation explains one random match in several thousand.
-_TRIALS, _WIDE = 3000, 8.0
+#: Number of shuffled matches, for an error of a fifth where one in 40 is explained by chance; the least number of
+#: shuffles; and the largest number of shuffled matches, for an error of an eighth.
+_SHUFFLED_MATCHES, _LEAST_SHUFFLES, _MOST_SHUFFLED = 1000, 3, 3000
+#: The gate by which p is measured where a rotation is tested, in thresholds: within one threshold a rotation explains
+#: one random match in several thousand.
+_WIDE = 8.0
 #: Radius of a patch, as a share of the diagonal of the view; the disc fills a quarter of the view. Number of inliers at
 #: which the patch is tried.
 _PATCH, _CENTRES = 0.2, 100
 
 
-def false_alarms_of_motion(problem: PoseProblem, model: Floats, rng: np.random.Generator) -> float:
-    """Expected number of motions that explain as many random matches as a motion (q_wxyz, t) explains."""
+class Chance(NamedTuple):
+    """What chance explains of the matches."""
+
+    #: Mean number of matches that the motion explains, within the gate, after the matches are shuffled. In a shuffle no
+    #: match keeps its partner: one that did would be no random match. Half a match counts where none is explained: a
+    #: mean of zero would say that chance explains nothing.
+    inliers: float
+    #: Expected number of motions that explain as many random matches.
+    false_alarms: float
+
+
+def chance_of_motion(problem: PoseProblem, model: Floats, gate_rad: float, rng: np.random.Generator) -> Chance:
+    """What chance explains of the matches, by shuffles: what a wrong motion reaches on these very matches.
+
+    Shapes: ``model`` (7,).
+    """
     from quest.robust import kernels
 
     total, threshold_rad = len(problem), problem.threshold_rad
-    trials = max(total, _TRIALS)
+    trials = _trials(total)
     order = rng.permutation(total)
     m, n = problem.m[order], problem.n[order]
-    explained = kernels.chance_inliers(m, n, model, threshold_rad, threshold_rad, trials)
+    explained, loosely = kernels.chance_inliers(m, n, model, threshold_rad, gate_rad, trials)
     r2, behind = kernels.residuals_of_model(problem.m, problem.n, model, threshold_rad)
     counts = _counts(r2[~behind], threshold_rad)
     tests = log(len(_GATES) * _MOTIONS) + log_binomial(total, _OF_MOTION)
-    return _false_alarms(counts, total, _OF_MOTION, tests, np.asarray(_upper_share(explained, trials) * _GATES))
+    share = np.asarray(_upper_share(loosely, trials) * _GATES)
+    return Chance(max(explained, 0.5) * total / trials, _false_alarms(counts, total, _OF_MOTION, tests, share))
+
+
+def _trials(total: int) -> int:
+    """Number of shuffled matches: at least one shuffle, and three where there are at most 1000 matches."""
+    trials = max(_LEAST_SHUFFLES, -(-_SHUFFLED_MATCHES // total)) * total
+    return max(total, min(trials, _MOST_SHUFFLED))
 
 
 def false_alarms_of_rotation(
@@ -79,7 +104,7 @@ def false_alarms_of_rotation(
     # One component of the residual has the size of a Sampson error.
     turned, half = problem.m @ R.T, 0.5
     r2 = half * np.sum((problem.n - turned) ** 2, axis=1)
-    explained, shuffles = 0, max(1, min(total - 1, -(-_TRIALS // total)))
+    explained, shuffles = 0, max(1, min(total - 1, _trials(total) // total))
     order = rng.permutation(total)
     for shuffle in range(1, shuffles + 1):
         wrong = half * np.sum((problem.n[np.roll(order, shuffle)] - turned[order]) ** 2, axis=1)

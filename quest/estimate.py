@@ -21,14 +21,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quest.alternatives import as_hypothesis, equivalent_motions, explained_by_plane
-from quest.chance import LARGEST_OF_MOTION, LARGEST_OF_ROTATION, false_alarms_of_motion, false_alarms_of_rotation
+from quest.chance import LARGEST_OF_MOTION, LARGEST_OF_ROTATION, chance_of_motion, false_alarms_of_rotation
 from quest.covariance import planar_pose_covariance, pose_covariance
 from quest.errors import InputError, as_floats, as_index, as_positive
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import quaternion_from_matrix
-from quest.noise import GATE_SIGMAS, chance_inliers, refine_with_noise, settle
+from quest.noise import GATE_SIGMAS, refine_with_noise, settle
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
-from quest.robust.lo_ransac import lo_ransac
+from quest.robust.lo_ransac import PROPOSALS, lo_ransac
 from quest.robust.plane import PlaneFit, fit_plane, off_line_rad
 from quest.robust.pose_modes import same_mode, spread_out
 from quest.robust.pose_problem import PoseProblem
@@ -54,8 +54,6 @@ _LEAST_SHARE = 0.25
 #: Points along a line allow a whole family of motions. Over 48 strips of points the pose was wrong by degrees wherever
 #: their half width was under ten times the noise, and it was among the returned ones from fifteen times on.
 _LINE_SIGMAS = 10.0
-#: The solvers that propose motions, and the number of matches in their samples.
-_SAMPLE_SIZES = {"five": 5, "quest6": 6}
 #: Any six numbers without a relation between them.
 _GENERIC_AXIS = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
 
@@ -101,7 +99,7 @@ def estimate_relative_pose(
     confidence: float = 0.999,
     max_samples: int = 50_000,
     scores: ArrayLike | None = None,
-    solver: str = "five",
+    solver: str = "quest5",
 ) -> RelativePose | NoPose:
     """Estimate the motion between two calibrated views from matches with outliers.
 
@@ -122,9 +120,11 @@ def estimate_relative_pose(
     scores : (N,) array_like, optional
         Quality of the matches, higher is better (for example minus the descriptor distance). Better matches are drawn
         first.
-    solver : {"five", "quest6"}
-        What proposes motions. "five": Newton's method on five matches. "quest6": the solutions of QuEst on six matches;
-        its machine code is compiled at the first use. Both take about ten microseconds a sample.
+    solver : {"quest5", "quest6", "five"}
+        What proposes motions. "quest5": all solutions of QuEst on five matches, 3 to 5 us a sample. "quest6": those on
+        six matches, 6 to 11 us a sample, and more samples where there are outliers. "five": Newton's method on five
+        matches from two starts; it finds a quarter to a half of the solutions in the same time. The machine code of
+        the last two is compiled at their first use.
 
     Returns
     -------
@@ -160,7 +160,7 @@ def estimate_relative_pose(
         confidence=options.confidence,
         max_samples=options.max_samples,
         scores=options.scores,
-        sample_size=_SAMPLE_SIZES[options.solver],
+        solver=options.solver,
     )
     if report is None:
         # Every sample was singular, as for an exact rotation-only camera.
@@ -171,15 +171,19 @@ def estimate_relative_pose(
     inliers = problem.explained(best, gate_rad)
     motion = _Motion(best, inliers, m[inliers], n[inliers], noise_rad, gate_rad)
     count = len(motion.m)
-    false_alarms = false_alarms_of_motion(problem, best, rng)
+    chance = chance_of_motion(problem, best, gate_rad, rng)
     evidence = PoseEvidence(
-        total, samples=report.samples, inliers=count, noise_rad=noise_rad, false_alarms=false_alarms
+        total,
+        samples=report.samples,
+        inliers=count,
+        noise_rad=noise_rad,
+        chance_inliers=chance.inliers,
+        false_alarms=chance.false_alarms,
     )
-    if count < _MIN_MATCHES or false_alarms > LARGEST_OF_MOTION:
+    if count < _MIN_MATCHES or chance.false_alarms > LARGEST_OF_MOTION:
         return _rotation_or_no_pose(_rotation_of(problem, rotation, gate_rad, rng), evidence)
-    chance = chance_inliers(problem, best, gate_rad, rng)
-    parallax = _tested_parallax(problem, motion, chance, rotation)
-    evidence = replace(evidence, chance_inliers=chance, parallax_z=parallax.test_value, parallax_p=parallax.p_value)
+    parallax = _tested_parallax(problem, motion, chance.inliers, rotation)
+    evidence = replace(evidence, parallax_z=parallax.test_value, parallax_p=parallax.p_value)
     if not parallax.observable(_ERROR_RATE):
         turned = _rotation_of(problem, rotation, gate_rad, rng)
         # Where a rotation explains no more than chance would, the camera does not only rotate.
@@ -222,8 +226,8 @@ def _checked_options(
         raise InputError(f"confidence is {confidence!r}: give a probability between 0 and 1")
     max_samples = as_index(max_samples, "max_samples", 0)
     ranking = None if scores is None else _checked_scores(scores, count)
-    if not (isinstance(solver, str) and solver in _SAMPLE_SIZES):
-        raise InputError(f"solver is {solver!r:.60}: give one of {', '.join(_SAMPLE_SIZES)}")
+    if not (isinstance(solver, str) and solver in PROPOSALS):
+        raise InputError(f"solver is {solver!r:.60}: give one of {', '.join(PROPOSALS)}")
     return _Options(threshold_rad, as_index(seed, "seed", 0), confidence, max_samples, ranking, solver)
 
 

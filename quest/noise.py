@@ -13,9 +13,6 @@ Bools = NDArray[np.bool_]
 
 #: A Gaussian error exceeds three standard deviations in 0.3 % of the cases.
 GATE_SIGMAS = 3.0
-#: Number of shuffled matches, for an error of a fifth where one in 40 is explained by chance; the least number of
-#: shuffles; and the largest number of shuffled matches, for an error of an eighth.
-_SHUFFLED_MATCHES, _LEAST_SHUFFLES, _MOST_SHUFFLED = 1000, 3, 3000
 #: Number of unknowns of a motion.
 _UNKNOWNS = 5
 #: Largest number of steps of a refinement.
@@ -67,26 +64,3 @@ def settle(problem: PoseProblem, model: Floats, noise_rad: float, raw: bool) -> 
         stages = [(2 * threshold_rad, 0.5 * threshold_rad), *stages]
     kernels.climb(problem.m, problem.n, R, t, threshold_rad, np.array(stages), len(problem), _STEPS)
     return kernels.model_of_pose(R, t)
-
-
-def chance_inliers(problem: PoseProblem, model: Floats, gate_rad: float, rng: np.random.Generator) -> float:
-    """Mean number of matches that a motion explains after the matches are shuffled.
-
-    This is what a wrong motion reaches on these very matches, so that a small share of inliers can be enough, and a
-    large one too little. In a shuffle no match keeps its partner: one that did would be no random match.
-
-    Shapes: ``model`` (7,).
-
-    * Returns: The mean over at least one shuffle, and over three where there are at most 1000 matches. Half a match
-      counts where none is explained: a mean of zero would say that chance explains nothing.
-    """
-    from quest.robust import kernels
-
-    total = len(problem)
-    trials = max(_LEAST_SHUFFLES, -(-_SHUFFLED_MATCHES // total)) * total
-    trials = max(total, min(trials, _MOST_SHUFFLED))
-    order = rng.permutation(total)
-    explained = kernels.chance_inliers(
-        problem.m[order], problem.n[order], model, problem.threshold_rad, gate_rad, trials
-    )
-    return max(explained, 0.5) * total / trials

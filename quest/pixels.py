@@ -28,7 +28,7 @@ def estimate_relative_pose_px(
     confidence: float = 0.999,
     max_samples: int = 50_000,
     scores: ArrayLike | None = None,
-    solver: str = "five",
+    solver: str = "quest5",
 ) -> RelativePose | NoPose:
     """Estimate the motion between two pinhole views from matched pixels with outliers.
 
@@ -50,7 +50,7 @@ def estimate_relative_pose_px(
         Bound on the number of samples.
     scores : (N,) array_like, optional
         Quality of the matches, higher is better.
-    solver : {"five", "quest6"}
+    solver : {"quest5", "quest6", "five"}
         What proposes motions, see :func:`quest.estimate_relative_pose`.
 
     Returns

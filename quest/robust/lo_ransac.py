@@ -25,12 +25,26 @@ from quest.robust.samples import RansacReport, samples_needed
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Number of matches in a sample -> share of the samples without outliers that lead to the motion, under noise. Five:
-#: from two starts, 0.2 to 0.5 over general and planar scenes, with baselines from 0.03 to 0.5 of the depth and 0.7 px
-#: at a focal length of 458 px; refinement raises the share. Six: 0.3 to 0.9 (tests.benchmarks.quest.six_matches).
-YIELDS = {5: 0.35, 6: 0.5}
+
+class Proposals(NamedTuple):
+    """What proposes motions: the number of matches in a sample, and the share of good samples that lead to the motion.
+
+    The share is that of the samples without outliers, under noise of 0.7 px at a focal length of 458 px, over general
+    and planar scenes with baselines from 0.03 to 0.5 of the depth (tests.benchmarks.quest.six_matches).
+    """
+
+    sample_size: int
+    sample_yield: float
+    #: Starts of Newton's method for each sample.
+    starts: int
+
+
+#: By name, as the argument ``solver`` of :func:`quest.estimate_relative_pose`. The yields are 0.24 to 0.82 for all
+#: solutions of QuEst 5, 0.1 to 0.55 for Newton's method on five matches, and 0.2 to 0.9 for QuEst 6; refinement raises
+#: those of the first two.
+PROPOSALS = {"quest5": Proposals(5, 0.55, 0), "quest6": Proposals(6, 0.5, 0), "five": Proposals(5, 0.35, 2)}
 #: The chunks grow: easy data stop after the first chunk, hard data need few calls.
-_FIRST_CHUNK, _LARGEST_CHUNK = 64, 1024
+_FIRST_CHUNK, _LARGEST_CHUNK = 48, 1024
 #: Number of modes in the pool: at most three alternatives are reported, and several modes may be refined into one.
 #: Number of the best modes, and of the refits, that are refined in the end: each takes one to two tenths of a
 #: millisecond.
@@ -117,6 +131,21 @@ class _Pool:
             self.chance,
         )
 
+    def try_samples_of_five(self, matches: _Matches, samples: Ints) -> None:
+        from quest.robust.kernels import quest_five
+
+        quest_five.try_samples_of_five(
+            matches.m,
+            matches.n,
+            samples,
+            matches.threshold_rad,
+            self.R,
+            self.t,
+            self.costs,
+            self.inliers,
+            self.chance,
+        )
+
     def try_samples_of_six(self, matches: _Matches, samples: Ints) -> None:
         from quest.robust.kernels import six_point  # compiled by searches over samples of six only
 
@@ -144,7 +173,7 @@ def lo_ransac(
     confidence: float,
     max_samples: int,
     scores: Floats | None = None,
-    sample_size: int = 5,
+    solver: str = "quest5",
 ) -> RansacReport | None:
     """Search for the motion of least truncated cost.
 
@@ -152,13 +181,14 @@ def lo_ransac(
 
     Shapes: ``m, n`` (N, 3), ``rotation`` (3, 3), ``scores`` (N,).
 
-    * ``m, n``: Unit bearings in camera 1 and camera 2, N >= ``sample_size``.
-    * ``rotation``: The rotation that explains most matches by itself. Samples of five are solved from this rotation and
-      from the identity, since a rotation that is fitted to matches contains a part of the translation. Samples of six
-      need no start.
+    * ``m, n``: Unit bearings in camera 1 and camera 2, N at least the size of a sample.
+    * ``rotation``: The rotation that explains most matches by itself. Newton's method starts from this rotation and
+      from the identity, since a rotation that is fitted to matches contains a part of the translation. QuEst needs no
+      start.
     * ``scores``: Quality of the matches, higher is better: better matches are drawn earlier.
-    * ``sample_size``: Number of matches in a sample. 5: Newton's method, :func:`quest.robust.kernels.newton_five`. 6:
-      the solutions of QuEst 6, :func:`quest.robust.kernels.six_point.solve_six`.
+    * ``solver``: A key of :data:`PROPOSALS`. "quest5": all solutions of five matches,
+      :func:`quest.robust.kernels.quest_five.solve_five`. "quest6": those of six,
+      :func:`quest.robust.kernels.six_point.solve_six`. "five": :func:`quest.robust.kernels.newton_five`.
     * Returns: The models are rows (q_wxyz, t): the refined best model, then the best raw model of each other mode. None
       where no sample has a solution.
     """
@@ -166,17 +196,20 @@ def lo_ransac(
 
     matches = _Matches.shuffled(m, n, threshold_rad, scores, rng)
     rotations = np.stack([np.eye(3), rotation])
+    sample_size, sample_yield, starts = PROPOSALS[solver]
     pool = _Pool()
     best: _Refined | None = None
     leading_cost = math.inf
     drawn, chunk = 0, _FIRST_CHUNK
     while drawn < max_samples:
         chunk = min(chunk, max_samples - drawn)
-        samples, directions = matches.draw(rng, sample_size, drawn, chunk, len(rotations) if sample_size == 5 else 0)
-        if sample_size == 5:
-            pool.try_samples(matches, samples, rotations, directions)
-        else:
+        samples, directions = matches.draw(rng, sample_size, drawn, chunk, starts)
+        if solver == "quest5":
+            pool.try_samples_of_five(matches, samples)
+        elif solver == "quest6":
             pool.try_samples_of_six(matches, samples)
+        else:
+            pool.try_samples(matches, samples, rotations, directions)
         drawn += chunk
         # A raw model from few noisy matches is worse than the same model refined, so each new leader is refined.
         if pool.costs[0] < leading_cost:
@@ -189,7 +222,7 @@ def lo_ransac(
             # The samples so far came from the best-scored matches, and the share of inliers is higher among those.
             drawn_from = matches.by_score[: subset_size(len(m), sample_size, drawn)]
             share = max(share, _share_of_rows(matches, best, drawn_from))
-        needed = samples_needed(share, sample_size, confidence, YIELDS[sample_size])
+        needed = samples_needed(share, sample_size, confidence, sample_yield)
         if drawn >= needed:
             break
         chunk = min(2 * chunk, _LARGEST_CHUNK, max(_FIRST_CHUNK, math.ceil(min(needed, max_samples)) - drawn))

@@ -9,7 +9,7 @@ import pytest
 from make_two_views import NO_TRANSLATION, NOISE_RAD, box, random_rays, unit, views
 
 from quest import estimate_relative_pose
-from quest.chance import _log_tail, false_alarms_of_motion
+from quest.chance import _log_tail, chance_of_motion
 from quest.robust.pose_problem import PoseProblem
 
 SEEDS = range(20)
@@ -64,7 +64,7 @@ def test_fewer_inliers_are_more_often_chance():
     model, previous = np.concatenate([pose.q_wxyz, pose.t]), 0.0
     for wrong in (0, 20, 40, 60, 80):
         n[:wrong] = random_rays(np.random.default_rng(1), wrong)
-        chance = false_alarms_of_motion(PoseProblem(m, n, 2e-3), model, np.random.default_rng(2))
+        chance = chance_of_motion(PoseProblem(m, n, 2e-3), model, 2e-3, np.random.default_rng(2)).false_alarms
         assert chance > previous
         previous = chance
 

@@ -10,11 +10,11 @@ from make_two_views import NO_TRANSLATION, NOISE_RAD, box, is_true, plane, views
 from reference_parallax import depths_along_epipolar_lines
 
 from quest import RelativePose, estimate_relative_pose
+from quest.chance import chance_of_motion
 from quest.geometry.epipolar import depths_from_pose
 from quest.geometry.homography import homography_residuals
 from quest.geometry.quaternion import rotation_from_vector
 from quest.geometry.refine import tangent_basis
-from quest.noise import chance_inliers
 from quest.robust.pose_problem import PoseProblem
 
 SEEDS = range(20)
@@ -71,7 +71,7 @@ def test_chance_explains_a_few_shuffled_matches_although_all_matches_are_right()
     problem = PoseProblem(pair.m, pair.n, 1e-5)
     model = np.concatenate([estimate_relative_pose(pair.m, pair.n).q_wxyz, pair.t])
     assert problem.explained(model, 1e-5).all()
-    assert 0 < chance_inliers(problem, model, 1e-5, np.random.default_rng(0)) < 0.1
+    assert 0 < chance_of_motion(problem, model, 1e-5, np.random.default_rng(0)).inliers < 0.1
 
 
 def test_thirty_matches_of_a_general_scene_are_no_plane():

@@ -11,8 +11,9 @@ from make_pose_matches import NOISE_RAD, THRESHOLD_RAD, as_model, disturbed, mat
 from reference_parallax import typical_ratios
 from reference_ransac import RelativePoseProblem
 
+from quest.chance import chance_of_motion
 from quest.geometry.quaternion import matrix_from_quaternion
-from quest.noise import chance_inliers, refine_with_noise
+from quest.noise import refine_with_noise
 from quest.robust import kernels
 from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS
 
@@ -65,7 +66,7 @@ def test_chance_is_the_mean_over_shuffles(count):
     R, t, m, n = pose_and_matches(1, count)
     model = as_model(R, t)
     problem, rng = RelativePoseProblem(m, n, THRESHOLD_RAD), np.random.default_rng(0)
-    found = np.mean([chance_inliers(problem, model, THRESHOLD_RAD, rng) for _ in range(20)])
+    found = np.mean([chance_of_motion(problem, model, THRESHOLD_RAD, rng).inliers for _ in range(20)])
     shuffled = []
     for _ in range(200):
         order = rng.permutation(count)

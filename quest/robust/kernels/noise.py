@@ -88,8 +88,10 @@ def typical_inliers(
 
 
 @compiled
-def chance_inliers(m: Floats, n: Floats, model: Floats, threshold_rad: float, gate_rad: float, trials: int) -> int:
-    """Number of wrong matches that a motion explains.
+def chance_inliers(
+    m: Floats, n: Floats, model: Floats, threshold_rad: float, gate_rad: float, trials: int
+) -> tuple[int, int]:
+    """Numbers of wrong matches that a motion explains: within a gate, and within the threshold.
 
     Match i of camera 1 is compared with match i + 1 of camera 2, then with match i + 2 and so on.
 
@@ -98,12 +100,13 @@ def chance_inliers(m: Floats, n: Floats, model: Floats, threshold_rad: float, ga
     * ``threshold_rad``: Below a parallax of sqrt(2) times this angle the sign of a depth is left open.
     """
     R, t = rotation_of_model(model), model[4:]
-    limit, explained, total = 2 * threshold_rad * threshold_rad, 0, len(m)
+    limit, explained, loosely, total = threshold_rad * threshold_rad, 0, 0, len(m)
     for trial in range(trials):
         i = trial % total
         # No match is compared with itself.
         j = (i + 1 + (trial // total) % max(total - 1, 1)) % total
-        r2, behind = match_residual(m, i, n, j, R, t, limit)
-        if r2 < gate_rad * gate_rad and not behind:
-            explained += 1
-    return explained
+        r2, behind = match_residual(m, i, n, j, R, t, 2 * limit)
+        if not behind:
+            explained += r2 < gate_rad * gate_rad
+            loosely += r2 < limit
+    return explained, loosely

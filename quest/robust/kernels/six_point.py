@@ -49,7 +49,7 @@ from quest.robust.kernels.compiler import compiled
 from quest.robust.kernels.refinement import refine
 from quest.robust.kernels.samples import enter_if_better, mode_distance
 from quest.robust.kernels.scoring import rays_by_row
-from quest.robust.kernels.small_algebra import copy_pose
+from quest.robust.kernels.small_algebra import copy_pose, orthonormalize
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -303,7 +303,7 @@ def _pose_of(E: Floats, m: Floats, n: Floats, R: Floats, t: Floats) -> float:
             u, v = (i + 1) % 3, (i + 2) % 3
             for j in range(3):
                 candidate[i, j] = cofactors[i, j] - norm * (axis[u] * E[v, j] - axis[v] * E[u, j])
-        _orthonormalize(candidate)
+        orthonormalize(candidate)
         norm = -norm
         squares, behind, behind_opposite = _residuals(m, n, candidate, axis)
         if min(behind, behind_opposite) < fewest:
@@ -332,23 +332,6 @@ def _residuals(m: Floats, n: Floats, R: Floats, t: Floats) -> tuple[float, int, 
         behind += cosine * s < p or s < cosine * p
         behind_opposite += cosine * s > p or s > cosine * p
     return squares, behind, behind_opposite
-
-
-@compiled
-def _orthonormalize(R: Floats) -> None:
-    """Make the rows of a matrix near a rotation orthonormal, in place."""
-    for i in range(2):
-        dot, norm2 = 0.0, 0.0
-        for j in range(3):
-            dot += i * R[0, j] * R[1, j]
-        for j in range(3):
-            R[i, j] -= dot * R[0, j]
-            norm2 += R[i, j] * R[i, j]
-        for j in range(3):
-            R[i, j] /= np.sqrt(norm2)
-    for j in range(3):
-        u, v = (j + 1) % 3, (j + 2) % 3
-        R[2, j] = R[0, u] * R[1, v] - R[0, v] * R[1, u]
 
 
 @compiled

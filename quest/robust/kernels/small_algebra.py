@@ -112,6 +112,26 @@ def copy_pose(R: Floats, t: Floats, to_R: Floats, to_t: Floats) -> None:
 
 
 @compiled
+def orthonormalize(R: Floats) -> None:
+    """Make the rows of a matrix near a rotation orthonormal, in place.
+
+    Shapes: ``R`` (3, 3).
+    """
+    for i in range(2):
+        dot, norm2 = 0.0, 0.0
+        for j in range(3):
+            dot += i * R[0, j] * R[1, j]
+        for j in range(3):
+            R[i, j] -= dot * R[0, j]
+            norm2 += R[i, j] * R[i, j]
+        for j in range(3):
+            R[i, j] /= np.sqrt(norm2)
+    for j in range(3):
+        u, v = (j + 1) % 3, (j + 2) % 3
+        R[2, j] = R[0, u] * R[1, v] - R[0, v] * R[1, u]
+
+
+@compiled
 def rotation_of_model(model: Floats) -> Floats:
     """Rotation matrix of a model, as :func:`quest.geometry.quaternion.matrix_from_quaternion`.
 

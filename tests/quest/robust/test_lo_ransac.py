@@ -106,9 +106,9 @@ def test_all_matches_are_drawn_in_the_end():
 # --- the search ---
 
 
-def search(m, n, seed: int = 0, *, scores=None, max_samples: int = 50_000, sample_size: int = 5):
+def search(m, n, seed: int = 0, *, scores=None, max_samples: int = 50_000, proposals: str = "quest5"):
     rng = np.random.default_rng(seed)
-    options = {"confidence": 0.999, "max_samples": max_samples, "scores": scores, "sample_size": sample_size}
+    options = {"confidence": 0.999, "max_samples": max_samples, "scores": scores, "solver": proposals}
     return lo_ransac(m, n, THRESHOLD_RAD, rng, np.eye(3), **options)
 
 
@@ -182,13 +182,13 @@ def test_bad_scores_do_no_harm_with_enough_samples():
 
 @pytest.mark.parametrize("planar", [False, True], ids=["general", "planar"])
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("sample_size", [5, 6])
+@pytest.mark.parametrize("proposals", ["quest5", "quest6", "five"])
 @pytest.mark.parametrize("solver", ["quest6", "quest7"])
-def test_the_two_searches_reach_the_same_cost(seed, planar, sample_size, solver):
+def test_the_two_searches_reach_the_same_cost(seed, planar, proposals, solver):
     if planar and solver == "quest7":
         pytest.skip("QuEst 7 does not solve planes")
     m, n = scene(seed, outliers=0.4, planar=planar)
-    compiled = search(m, n, sample_size=sample_size)
+    compiled = search(m, n, proposals=proposals)
     readable = ransac(RelativePoseProblem(m, n, THRESHOLD_RAD, solver), np.random.default_rng(0))
     assert compiled.costs[0] <= readable.costs[0] * 1.02
 
