@@ -22,13 +22,7 @@ pose and the time stamp of a frame are those of its middle row (:mod:`sequences_
 
 from sequences_synth.camera import PinholeCamera
 from sequences_synth.lens_camera import LENSES, LensCamera
-from sequences_synth.points import (
-    POINT_SCENES,
-    SCENES_WITHOUT_TRANSLATION,
-    PointOptions,
-    PointSequence,
-    make_points,
-)
+from sequences_synth.points import POINT_SCENES, SCENES_WITHOUT_TRANSLATION, PointOptions, PointSequence, make_points
 from sequences_synth.scene import SCENES, STANDARD_SCENES
 from sequences_synth.sequence import SynthOptions, SynthSequence, make_sequence
 from sequences_synth.tracking_error import TrackingError

@@ -86,10 +86,7 @@ def desk(setup: Setup) -> tuple[list[Quad], Path]:
     wide, deep = rng.uniform(1.0, 1.3), rng.uniform(0.75, 0.95)
     quads = [
         painter.quad(
-            np.array([-wide, deep, desk_z]),
-            np.array([2 * wide, 0, 0]),
-            np.array([0, -deep - 0.7, 0]),
-            "desk",
+            np.array([-wide, deep, desk_z]), np.array([2 * wide, 0, 0]), np.array([0, -deep - 0.7, 0]), "desk"
         ),
         painter.quad(np.array([-4, 3, 0]), np.array([8.0, 0, 0]), np.array([0, -5.0, 0]), "wood", 0.7),
         painter.quad(np.array([-4, 2.2, 3]), np.array([8.0, 0, 0]), np.array([0, 0, -3.0]), "wall", 0.9),

@@ -33,8 +33,6 @@ def unknown_scene(name: str, scenes: Iterable[str]) -> str:
 def check_options(options: Any, limits: Limits) -> None:
     """Check the options of a sequence.
 
-    Shapes: ``limits`` (float, float).
-
     * ``options``: With ``fps``, ``readout_ms``, ``readout_direction`` and ``exposure_ms``.
     """
     for name in (field.name for field in fields(options) if field.name in limits):

@@ -59,13 +59,7 @@ def furnished_room(setup: Setup, viewpoint: Floats) -> list[Quad]:
 
 
 def _shell(
-    painter: Painter,
-    rng: np.random.Generator,
-    left: float,
-    right: float,
-    back: float,
-    front: float,
-    top: float,
+    painter: Painter, rng: np.random.Generator, left: float, right: float, back: float, front: float, top: float
 ) -> list[Quad]:
     """Floor, ceiling and four walls, each 2 cm too large on every side, so that no ray passes through a corner."""
     m = 0.02

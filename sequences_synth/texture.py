@@ -250,14 +250,7 @@ def _draw_mark(
         scale = min(radius, 60.0) / 22
         origin = (int(centre[0]), int(centre[1]))
         cv2.putText(
-            canvas,
-            text,
-            origin,
-            int(rng.integers(0, 5)),
-            scale,
-            color,
-            max(1, round(scale * 2.2)),
-            cv2.LINE_AA,
+            canvas, text, origin, int(rng.integers(0, 5)), scale, color, max(1, round(scale * 2.2)), cv2.LINE_AA
         )
         return
     if kind == "line":

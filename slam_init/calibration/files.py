@@ -82,10 +82,7 @@ def load_camera(path: str | os.PathLike[str], image_size: tuple[int, int] | None
 
 
 def camera_of(place: str, content: Mapping[str, object], image_size: tuple[int, int] | None = None) -> Camera:
-    """Make a camera of a calibration that is no file, for example a message.
-
-    Shapes: ``image_size`` (int, int).
-    """
+    """Make a camera of a calibration that is no file, for example a message."""
     try:
         camera = parse_mapping(content, image_size)
     except CalibrationError as error:

@@ -16,10 +16,7 @@ from slam_init.types.camera import Camera
 
 
 def parse_mapping(content: Content, image_size: Size) -> Camera:
-    """Convert the content of a YAML or XML file. The format is detected by its keys.
-
-    Shapes: ``image_size`` (int, int).
-    """
+    """Convert the content of a YAML or XML file. The format is detected by its keys."""
     for keys, parse in _FORMATS:
         if any(key in content for key in keys):
             return _with_readout(content, parse(content, image_size))
@@ -65,15 +62,7 @@ def _opencv(content: Content, image_size: Size) -> Camera:
         raise CalibrationError(f"{key}: expected a 3x3 matrix, found {len(K)} numbers")
     if K[8] != 1 or any(K[i] != 0 for i in (1, 3, 6, 7)):
         raise CalibrationError(f"{key}: expected [fx 0 cx, 0 fy cy, 0 0 1]; a skew is not supported")
-    names = (
-        "distortion_coefficients",
-        "Distortion_Coefficients",
-        "distCoeffs",
-        "dist_coeffs",
-        "D",
-        "d",
-        "D1",
-    )
+    names = ("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "D", "d", "D1")
     distortion_key = next((name for name in names if name in content), None)
     distortion = numbers_of(content, distortion_key) if distortion_key else []
     model = _model(content, "distortion_model", "camera_model", "model", "Camera.type")

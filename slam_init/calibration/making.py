@@ -49,10 +49,7 @@ def model_named(name: object, key: str) -> str:
 
 
 def camera_of_values(model: str, size: tuple[int, int], focal: tuple[float, ...], distortion: list[float]) -> Camera:
-    """Make a camera. Zero coefficients of OpenCV's models are added or removed, to get the simplest model that fits.
-
-    Shapes: ``size`` (int, int).
-    """
+    """Make a camera. Zero coefficients of OpenCV's models are added or removed, to get the simplest model that fits."""
     k = list(distortion)
     if model == "equirectangular" and not focal:
         # The whole sphere: the centres of the first and last columns lie half a pixel before the borders.

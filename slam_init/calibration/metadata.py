@@ -107,8 +107,6 @@ class _Statement:
 def focal_from_metadata(path: str | os.PathLike[str], size: tuple[int, int]) -> MetadataFocal | None:
     """Read the focal length that a file states.
 
-    Shapes: ``size`` (int, int).
-
     * ``path``: A photograph (JPEG, TIFF, PNG or WebP), a video, or a folder of photographs or with a subfolder
       ``images``. The sensor table is used if lensfunpy is installed, `extra `exif``.
     * ``size``: Width and height of the images that are used, in pixels. They may have been resized, and turned.

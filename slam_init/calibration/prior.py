@@ -39,20 +39,14 @@ def prior_camera(image_size: tuple[int, int]) -> Camera:
 
 
 def camera_with_focal(image_size: tuple[int, int], focal_px: float, focal_sigma: float, source: str) -> Camera:
-    """A pinhole camera with the principal point in the centre.
-
-    Shapes: ``image_size`` (int, int).
-    """
+    """A pinhole camera with the principal point in the centre."""
     width, height = image_size
     camera = Camera("pinhole", width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2)
     return replace(camera, source=source, focal_sigma=focal_sigma)
 
 
 def camera_of_number(text: str, image_size: tuple[int, int]) -> Camera:
-    """Read ``f=1250`` (pixels) or ``fov=72`` (degrees across the longer side).
-
-    Shapes: ``image_size`` (int, int).
-    """
+    """Read ``f=1250`` (pixels) or ``fov=72`` (degrees across the longer side)."""
     name, _, number = text.partition("=")
     try:
         value = float(number)

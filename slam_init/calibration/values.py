@@ -43,10 +43,7 @@ def numbers_of(content: Content, key: str, default: list[float] | None = None) -
 
 
 def integer_size(content: Content, width_key: str, height_key: str, image_size: Size) -> tuple[int, int]:
-    """Read width and height, or take those of the images if the file has none.
-
-    Shapes: ``image_size`` (int, int), returns (int, int).
-    """
+    """Read width and height, or take those of the images if the file has none."""
     if width_key not in content and height_key not in content and image_size is not None:
         return image_size
     sides = number_of(content, width_key), number_of(content, height_key)

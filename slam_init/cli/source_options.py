@@ -31,9 +31,7 @@ def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
     group.add_argument("--fps", type=float, metavar="F", help="use the frames nearest to F a second, by their times")
     add_mask(group)
     group.add_argument(
-        "--images",
-        metavar="FOLDER",
-        help="pictures for a source of matches, by name; with times and ground truth",
+        "--images", metavar="FOLDER", help="pictures for a source of matches, by name; with times and ground truth"
     )
     group.add_argument(
         "--camera",

@@ -36,10 +36,7 @@ class ColmapImage:
 
 
 def model_files(folder: str | os.PathLike[str]) -> tuple[Path, Path] | None:
-    """Find the files of a model in a folder. Binary files are preferred, as COLMAP does.
-
-    Shapes: returns (Path, Path).
-    """
+    """Find the files of a model in a folder. Binary files are preferred, as COLMAP does."""
     folder = Path(folder)
     for suffix in (".bin", ".txt"):
         files = folder / f"cameras{suffix}", folder / f"images{suffix}"

@@ -161,8 +161,6 @@ def image_size(path: str | os.PathLike[str], root: str | os.PathLike[str]) -> tu
 def check_size(what: str, size: tuple[int, int], expected: tuple[int, int], of: str) -> None:
     """Check that an image has the expected size.
 
-    Shapes: ``size, expected`` (int, int).
-
     * ``of``: Name of the thing that has the expected size, for the message.
     """
     if size != expected:

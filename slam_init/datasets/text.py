@@ -77,8 +77,6 @@ def numbers(row: Row, fields: list[str], count: int, what: str) -> list[float]:
 def trajectory(stamped: list[tuple[float, Pose]]) -> Trajectory | None:
     """Make a trajectory from stamped poses.
 
-    Shapes: ``stamped`` (float, Pose).
-
     * ``stamped``: Time stamps in seconds and poses world_from_cam, in any order. Of poses with equal stamps the first
       is kept.
     """

@@ -39,7 +39,7 @@ class KnowsTracks(Protocol):
 def draw_points(size: tuple[int, int], pixels: Floats) -> Image:
     """Draw points as an image, for sources that have none.
 
-    Shapes: ``size`` (int, int), ``pixels`` (N, 2), returns (H, W).
+    Shapes: ``pixels`` (N, 2), returns (H, W).
     """
     width, height = size
     image = np.full((height, width), _BACKGROUND, np.uint8)
@@ -129,7 +129,7 @@ def track_source(
 ) -> TrackSource:
     """Make a source of tracks; check what the formats have in common.
 
-    Shapes: ``size`` (int, int), ``timestamps_s`` (F,).
+    Shapes: ``timestamps_s`` (F,).
     """
     if not image_names or len(image_names) > MAX_FRAMES:
         raise SourceError(f"{path}: holds {len(image_names)} images: expected 1 to {MAX_FRAMES}")

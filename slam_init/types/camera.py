@@ -403,10 +403,7 @@ class Camera(Described):
         known = (
             "" if self.focal_sigma is None else f" (focal length by {self.source}, +- {100 * self.focal_sigma:.2g} %)"
         )
-        facts = [
-            ("focal", f"{self.fx:.6g}, {self.fy:.6g} px"),
-            ("principal", f"{self.cx:.6g}, {self.cy:.6g} px"),
-        ]
+        facts = [("focal", f"{self.fx:.6g}, {self.fy:.6g} px"), ("principal", f"{self.cx:.6g}, {self.cy:.6g} px")]
         if self.distortion:
             facts.append(("distortion", ", ".join(f"{k:.4g}" for k in self.distortion)))
         if self.readout_ms is not None:

@@ -5,14 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sequences_synth import (
-    POINT_SCENES,
-    SCENES,
-    SCENES_WITHOUT_TRANSLATION,
-    STANDARD_SCENES,
-    PointOptions,
-    make_points,
-)
+from sequences_synth import POINT_SCENES, SCENES, SCENES_WITHOUT_TRANSLATION, STANDARD_SCENES, PointOptions, make_points
 
 TILTED = {"tilted-15": 15, "tilted-30": 30, "tilted-45": 45}
 # Scenes whose camera moves in seconds and does not translate by default.

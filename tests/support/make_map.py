@@ -26,10 +26,7 @@ CAMERAS = {
 def make_poses(count: int) -> tuple[Pose, ...]:
     """world_from_cam on a gentle arc, the first at the origin."""
     return tuple(
-        Pose(
-            rotation_from_vector(np.array([0.01, -0.03, 0.005]) * i),
-            np.array([0.1 * i, 0.01 * i * i, 0.03 * i]),
-        )
+        Pose(rotation_from_vector(np.array([0.01, -0.03, 0.005]) * i), np.array([0.1 * i, 0.01 * i * i, 0.03 * i]))
         for i in range(count)
     )
 

@@ -10,10 +10,7 @@ from rerun.chunk import RrdReader
 def rerun_tool(*arguments):
     environment = os.environ | {"RERUN_ANALYTICS": "false"}
     return subprocess.run(
-        [sys.executable, "-m", "rerun", "rrd", *map(str, arguments)],
-        env=environment,
-        capture_output=True,
-        check=False,
+        [sys.executable, "-m", "rerun", "rrd", *map(str, arguments)], env=environment, capture_output=True, check=False
     )
 
 

@@ -104,11 +104,7 @@ def ransac(
                 polished = problem.polish(proposed[order[0]])
                 polished_cost, polished_inliers = problem.costs(polished[None])
                 if polished_cost[0] < best_cost:
-                    best, best_cost, best_inliers = (
-                        polished,
-                        float(polished_cost[0]),
-                        int(polished_inliers[0]),
-                    )
+                    best, best_cost, best_inliers = (polished, float(polished_cost[0]), int(polished_inliers[0]))
         needed = samples_needed(best_inliers / count, size, confidence, yield_per_sample)
         if drawn >= max(min_samples, needed):
             break
@@ -117,9 +113,7 @@ def ransac(
     all_models, all_costs = np.concatenate(models), np.concatenate(costs)
     order = np.argsort(all_costs, kind="stable")[: pool - 1]
     return RansacReport(
-        np.concatenate([best[None], all_models[order]]),
-        np.concatenate([[best_cost], all_costs[order]]),
-        drawn,
+        np.concatenate([best[None], all_models[order]]), np.concatenate([[best_cost], all_costs[order]]), drawn
     )
 
 
@@ -134,10 +128,7 @@ class Sampler(NamedTuple):
 
 #: The solvers that :func:`ransac` may run. QuEst 6 solves one of its three eigenproblems: the other
 #: two triple its time and save less than that in samples.
-SAMPLERS = {
-    "quest6": Sampler(6, lambda m, n: quest6(m, n, lambdas="x")),
-    "quest7": Sampler(7, quest7),
-}
+SAMPLERS = {"quest6": Sampler(6, lambda m, n: quest6(m, n, lambdas="x")), "quest7": Sampler(7, quest7)}
 
 
 class RelativePoseProblem:

@@ -14,8 +14,6 @@ from slam_init.types.camera import Camera
 def camera_of_info(place: str, info: Any, images: str, image_size: tuple[int, int]) -> Camera | None:
     """Make the camera of a message.
 
-    Shapes: ``image_size`` (int, int).
-
     * ``images``: The topic of the images. Of rectified images (``image_rect``, ``image_rect_color``) the calibration is
       the projection matrix P, without distortion.
     """

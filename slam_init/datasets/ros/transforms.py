@@ -128,8 +128,6 @@ class TransformTree:
         """Compute the motion of a frame in the root of its tree.
 
         The times are those of the edge that moves most often; the other edges are interpolated.
-
-        Shapes: returns ``stamped`` (float, Pose).
         """
         names = self.above(frame)
         edges = [self.edges[name] for name in names[:-1]]

@@ -117,8 +117,6 @@ class Lens:
     def field_limits(self) -> tuple[float, float]:
         """The limits of the field for the compiled projection.
 
-        Shapes: returns (float, float).
-
         * Returns: Largest angle; for a panorama the largest longitude and latitude. In rad.
         """
         if self.profile == Profile.PANORAMA:

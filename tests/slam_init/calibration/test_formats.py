@@ -32,10 +32,7 @@ def test_every_format_gives_the_same_camera(tmp_path, name, form):
         ("1 FISHEYE 640 480 500 500 320 240", ("fisheye", (0, 0, 0, 0))),
         ("1 SIMPLE_RADIAL_FISHEYE 640 480 500 320 240 0.1", ("fisheye", (0.1, 0, 0, 0))),
         ("1 RADIAL_FISHEYE 640 480 500 320 240 0.1 0.02", ("fisheye", (0.1, 0.02, 0, 0))),
-        (
-            "1 FULL_OPENCV 640 480 500 500 320 240 0.1 0.2 0 0 0 0.3 0 0",
-            ("rational", (0.1, 0.2, 0, 0, 0, 0.3, 0, 0)),
-        ),
+        ("1 FULL_OPENCV 640 480 500 500 320 240 0.1 0.2 0 0 0 0.3 0 0", ("rational", (0.1, 0.2, 0, 0, 0, 0.3, 0, 0))),
         (
             "1 THIN_PRISM_FISHEYE 640 480 500 500 320 240 .1 .02 .001 .002 .01 .02 .003 .004",
             ("thin-prism-fisheye", (0.1, 0.02, 0.001, 0.002, 0.01, 0.02, 0.003, 0.004)),
@@ -214,10 +211,7 @@ BROKEN = {
     "kalibr three": ("cam0: {intrinsics: [1, 2, 3], resolution: [640, 480]}\n", "intrinsics"),
     "orb unknown": ("Camera.type: Rolling\nCamera.fx: 1\n", "Camera.type"),
     "orb missing": ("Camera.fx: 500\n", "Camera.fy"),
-    "tilted": (
-        ROS.format(model="rational_polynomial", distortion=RADTAN_COEFFICIENTS + ", 0" * 9 + ", 0.1"),
-        "tilted",
-    ),
+    "tilted": (ROS.format(model="rational_polynomial", distortion=RADTAN_COEFFICIENTS + ", 0" * 9 + ", 0.1"), "tilted"),
 }
 
 

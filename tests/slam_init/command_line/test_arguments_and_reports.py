@@ -166,15 +166,7 @@ def test_report_of_a_map(world, pipeline, capsys):
     assert main(["run", IMAGES, *WITH, "--out", "there"]) == 0
     out = capsys.readouterr().out
     assert out.startswith("initialized after 23 frames\n")
-    for fact in (
-        "431",
-        "3.21 deg",
-        "0.31 px",
-        "rotation 0.12 deg",
-        "direction 0.8 deg",
-        "there",
-        "1 low parallax",
-    ):
+    for fact in ("431", "3.21 deg", "0.31 px", "rotation 0.12 deg", "direction 0.8 deg", "there", "1 low parallax"):
         assert fact in out
     assert "None" not in out and "ATE" not in out
 
@@ -192,12 +184,7 @@ def test_synth_writes_what_info_and_run_read(tmp_path, pipeline, capsys):
     assert "3 frames" in capsys.readouterr().out
     assert main(["info", "s", "--json"]) == 0
     info = json.loads(capsys.readouterr().out)
-    assert (info["kind"], info["frames"], info["width"], info["camera"]["model"]) == (
-        "tum",
-        3,
-        640,
-        "pinhole",
-    )
+    assert (info["kind"], info["frames"], info["width"], info["camera"]["model"]) == ("tum", 3, 640, "pinhole")
     assert info["ground_truth"]["frames"] == 3 and info["ground_truth"]["path_length"] >= 0
     assert main(["info", "s"]) == 0
     assert "for 3 of 3 frames" in capsys.readouterr().out

@@ -21,10 +21,7 @@ def test_a_synthetic_source_renders_only_the_requested_frames(monkeypatch):
 
 def test_a_synthetic_source_equals_the_folder_written_from_it(tmp_path):
     write_tum(make_sequence("room", 2, SynthOptions(frames=3, width=96, height=64)), tmp_path / "s")
-    read, made = (
-        open_source(str(tmp_path / "s")),
-        open_source("synth:room?frames=3&width=96&height=64", seed=2),
-    )
+    read, made = (open_source(str(tmp_path / "s")), open_source("synth:room?frames=3&width=96&height=64", seed=2))
     assert read.camera == made.camera
     for a, b in zip(read.frames(), made.frames(), strict=True):
         np.testing.assert_array_equal(a.image, b.image)

@@ -30,10 +30,7 @@ def test_frames_and_times_of_a_video_are_read(video):
     source = open_source(str(video))
     assert (source.kind, len(source), source.camera, source.groundtruth) == ("video", 7, None, None)
     frames = list(source.frames(5))
-    assert [(f.index, f.timestamp_s, f.name) for f in frames] == [
-        (5, 0.25, "frame-000005"),
-        (6, 0.3, "frame-000006"),
-    ]
+    assert [(f.index, f.timestamp_s, f.name) for f in frames] == [(5, 0.25, "frame-000005"), (6, 0.3, "frame-000006")]
     assert abs(frames[0].image.mean() - 150) < 3
 
 

@@ -11,12 +11,7 @@ from hypothesis import strategies as st
 from make_map import make_map, make_poses, make_truth
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
-from slam_init.evaluation.metrics import (
-    align_poses,
-    align_positions,
-    ate_rmse,
-    compare_with_groundtruth,
-)
+from slam_init.evaluation.metrics import align_poses, align_positions, ate_rmse, compare_with_groundtruth
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose, Trajectory
 

@@ -110,15 +110,7 @@ def test_a_scaled_camera_has_the_same_rays_in_the_resized_image():
     ],
 )
 def test_an_impossible_parameter_is_refused_by_name(change, word):
-    values = {
-        "model": "pinhole",
-        "width": 640,
-        "height": 480,
-        "fx": 500.0,
-        "fy": 500.0,
-        "cx": 320.0,
-        "cy": 240.0,
-    }
+    values = {"model": "pinhole", "width": 640, "height": 480, "fx": 500.0, "fy": 500.0, "cx": 320.0, "cy": 240.0}
     with pytest.raises(CalibrationError, match=word):
         Camera(**(values | change))
 
