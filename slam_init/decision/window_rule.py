@@ -68,6 +68,8 @@ _CERTAIN_FOCAL_SIGMAS = 3.0
 #: In slices, motions are proposed from so many matches of a pair: an estimate cannot be divided, and takes 10 ms then.
 #: Its samples need inliers and not numbers, and the window fits the motions to tracks of its own.
 _MATCHES_IN_SLICES = 400
+#: Largest risk that a further keyframe adds: a tenth of the largest risk that is accepted.
+_RISK_OF_A_VIEW = 5e-4
 #: Bundle adjustment on all tracks may turn the fitted motion by as much as a third of what makes a map wrong.
 _ADJUSTED_ROTATION_DEG, _ADJUSTED_DIRECTION_DEG = 1.5, 5.0
 
@@ -275,9 +277,9 @@ class WindowRule:
             if refused.verdict == Verdict.PURE_ROTATION:
                 refused = replace(refused, rotation_only=rotation_evidence(hypotheses))
             return Outcome(refused, hypotheses=self._undecided(refused, pair, hypotheses), margin=risk.margin)
-        # The stated risk is that of the pair. Each further view adds no more than what is not modelled; a view that is
-        # left out costs some landmarks only.
-        certain = _certain_frames(hypotheses, risk, risk.floor)
+        # The stated risk is that of the pair. Each further view adds little; a view that is left out costs some
+        # landmarks only.
+        certain = _certain_frames(hypotheses, risk, _RISK_OF_A_VIEW)
         state = hypotheses.motions[0].fit.state
         if self.lens.is_unknown:  # the frames after the map see through its lens
             self._lens_step = (state.log_scale, state.k1)

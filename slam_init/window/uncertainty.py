@@ -18,7 +18,7 @@ The covariance of such functions does not depend on which baseline is held.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -189,25 +189,7 @@ def expand(hypotheses: WindowHypotheses, motion: FittedMotion, *, evidence_only:
         spend(Prices.CHANCE)
         by_chance = information_by_chance(motion.tracks, motion.fit, hypotheses.priors)
         marginal = marginal.without_chance(by_chance)
-        marginal = _with_principal_point(marginal, linearization, _PRINCIPAL_SIGMA * motion.tracks.camera.width)
     return ExpandedFit(motion.tracks, motion.fit, linearization, marginal)
-
-
-def _with_principal_point(marginal: FieldMarginal, lin: Linearization, sigma_px: float) -> FieldMarginal:
-    """The marginal if the principal point has an error: it shifts all views alike."""
-    other, shift = ~lin.is_field, lin.is_shift
-    B = np.tile(np.eye(2), (int(shift.sum()) // 2, 1))
-    mixed = lin.information[np.ix_(other, shift)] @ B
-    follow = np.linalg.solve(lin.information[np.ix_(other, other)] + 1e-9 * np.eye(int(other.sum())), mixed)
-    own = B.T @ lin.information[np.ix_(shift, shift)] @ B - mixed.T @ follow
-    covariance = np.linalg.inv(0.5 * (own + own.T) + np.eye(2) / sigma_px**2)
-    by_point = -marginal.response @ mixed
-    mean = -covariance @ (B.T @ lin.gradient[shift] - follow.T @ lin.gradient[other])
-    return replace(
-        marginal,
-        covariance=marginal.covariance + by_point @ covariance @ by_point.T,
-        shift=marginal.shift + by_point @ mean,
-    )
 
 
 def camera_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> CameraEstimate:
@@ -280,6 +262,28 @@ def sigma_with_known_lens(expanded: ExpandedFit, view: int = 1) -> float:
     return math.sqrt(min(max(left / max(largest, 1e-300), 0.0), 1.0))
 
 
+def directions_by_principal_point_deg(expanded: ExpandedFit) -> Floats:
+    """Largest standard deviations of the directions by the error of the principal point, which shifts all views alike.
+
+    Shapes: returns (V - 1,).
+    """
+    lin, marginal = expanded.linearization, expanded.marginal
+    other, shift = ~lin.is_field, lin.is_shift
+    B = np.tile(np.eye(2), (int(shift.sum()) // 2, 1))
+    mixed = lin.information[np.ix_(other, shift)] @ B
+    follow = np.linalg.solve(lin.information[np.ix_(other, other)] + 1e-9 * np.eye(int(other.sum())), mixed)
+    own = B.T @ lin.information[np.ix_(shift, shift)] @ B - mixed.T @ follow
+    sigma_px = _PRINCIPAL_SIGMA * expanded.tracks.camera.width
+    covariance = np.linalg.inv(0.5 * (own + own.T) + np.eye(2) / sigma_px**2)
+    mean = -covariance @ (B.T @ lin.gradient[shift] - follow.T @ lin.gradient[other])
+    moment = covariance + np.outer(mean, mean)
+    sigmas = []
+    for view in range(1, len(expanded.fit.state.R)):
+        by_point = _direction_derivatives(expanded, view)[1] @ marginal.response @ mixed
+        sigmas.append(deviations(np.linalg.eigvalsh(by_point @ moment @ by_point.T))[-1])
+    return np.asarray(np.degrees(sigmas))
+
+
 def widened_by_shifts(expanded: ExpandedFit, shift_px: float) -> Floats:
     """Factors on the standard deviations of the directions if each view is shifted as a whole.
 
@@ -345,6 +349,12 @@ def _direction_derivatives(expanded: ExpandedFit, view: int) -> tuple[Floats, Fl
 
 
 def _scattered_sigma(expanded: ExpandedFit, J: Floats) -> float:
-    """Standard deviation of the direction by the scatter of the scores over regions (a sandwich estimate)."""
-    sums = expanded.scores @ J.T
-    return float(np.sqrt(max(np.linalg.eigvalsh(sums.T @ sums)[-1], 0.0)))
+    """Standard deviation of the direction by the scatter of the scores (a sandwich estimate).
+
+    The larger one of the scatter over regions, which knows what neighbouring tracks share, and of that over tracks. The
+    latter knows a noise that differs between tracks or between directions of the image.
+    """
+    lin = expanded.linearization
+    by_track = lin.shares[:, ~lin.is_field] @ (expanded.marginal.response.T @ J.T)
+    scatters = (sums.T @ sums for sums in (expanded.scores @ J.T, by_track))
+    return math.sqrt(max(0.0, *(float(np.linalg.eigvalsh(one)[-1]) for one in scatters)))

@@ -1,0 +1,271 @@
+"""Reliability of the stated risk: one decision a world, expected against observed false maps.
+
+Each world goes through an :class:`~slam_init.initializer.Initializer` as tracks, until it decides or the world ends. A
+map is false if a rotation is off by 5 degrees or more, if the direction of a baseline is off by 15 degrees or more, or
+if the camera does not translate. Baselines below three tenths of the longest one of the map are left out: their
+directions mean little. The sum of the stated risks is the number of false maps that is expected. ::
+
+    python -m tests.benchmarks.reliability --seeds 200000 200050
+    python -m tests.benchmarks.reliability --seeds 10000 10500 --worlds PATH/gen.py --log other.jsonl
+    python -m tests.benchmarks.reliability --from-log other.jsonl
+
+Worlds by another hand come from a Python file with two functions. ``draw_factors(seed)`` returns a dict of factors.
+``make(factors)`` returns None, or a dict: ``W, H`` the size of the image, ``fs`` the stated focal length and ``cs`` the
+stated principal point, ``frames`` a list of (index, time, track ids, pixels), ``poses`` a list of (R, t) of
+``world_from_cam``, and ``notrans`` whether the camera does not translate.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slam_init.compare.statistics import wilson
+from slam_init.datasets.points import open_points
+from slam_init.initializer import Initializer
+from slam_init.output.tables import markdown_table
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Observations
+from slam_init.types.initial_map import InitialMap
+from slam_init.types.pose import Pose
+from slam_init.window.motion import difference_deg
+from tests.benchmarks.options import show
+
+#: What counts as wrong, in degrees, and the shortest baseline that is judged, over the longest one.
+_ROTATION_DEG, _DIRECTION_DEG, _SHORTEST = 5.0, 15.0, 0.3
+#: Scenes and baselines of the built-in generator; the last two do not translate.
+_SCENES = ("room", "corridor", "wall", "desk", "nadir", "nadir-turn", "tilted-30", "rotation", "static")
+_BASELINES, _WITHOUT_TRANSLATION = (0.03, 0.05, 0.1), ("rotation", "static")
+#: Bounds of the bins of the stated risk.
+_BINS = (0.0, 6e-4, 1e-3, 2e-3, 5e-3)
+
+
+@dataclass(frozen=True)
+class World:
+    """A world as its tracks and its truth."""
+
+    camera: Camera
+    views: list[Observations]
+    world_from_cam: list[Pose]
+    no_translation: bool
+    #: The factors that it was drawn from.
+    factors: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What an initializer decided on a world. Figures are NaN without a map."""
+
+    seed: int
+    factors: dict[str, Any]
+    #: correct, false, none.
+    outcome: str
+    #: The frames after the first one up to the decision.
+    wait: int
+    no_translation: bool
+    reason: str = ""
+    risk: float = math.nan
+    rotation_deg: float = math.nan
+    direction_deg: float = math.nan
+    #: The error of the direction of the pair over its stated standard deviation.
+    deviations: float = math.nan
+
+
+def decide(world: World, seed: int) -> Decision:
+    """Give the tracks of a world to an initializer, and judge its map."""
+    initializer, count = Initializer(world.camera), 0
+    for view in world.views:
+        count += 1
+        if initializer.process_tracks(view):
+            break
+    wait, status, factors = count - 1, initializer.status, dict(world.factors)
+    if initializer.map is None:
+        return Decision(seed, factors, "none", wait, world.no_translation, str(status.reason))
+    errors = errors_deg(initializer.map, world.world_from_cam)
+    longest = max(length for length, _, _ in errors)
+    rotation = max(rotation for _, rotation, _ in errors)
+    direction = max(direction for length, _, direction in errors if length >= _SHORTEST * longest)
+    wrong = world.no_translation or rotation >= _ROTATION_DEG or direction >= _DIRECTION_DEG
+    attempt = status.attempt
+    window = None if attempt is None else attempt.window
+    sigma = math.nan if window is None else window.direction_sigma_deg
+    return Decision(
+        seed, factors, "false" if wrong else "correct", wait, world.no_translation, "",
+        initializer.map.risk if initializer.map.risk is not None else math.nan, rotation, direction, direction / sigma,
+    )  # fmt: skip
+
+
+def errors_deg(map_: InitialMap, truth: Sequence[Pose]) -> list[tuple[float, float, float]]:
+    """True baseline, error of the rotation and error of the direction of each keyframe but the first."""
+    first, *others = map_.keyframes
+    errors = []
+    for one in others:
+        found = one.world_from_cam.inverse() @ first.world_from_cam
+        true = truth[one.frame].inverse() @ truth[first.frame]
+        rotation, direction = difference_deg(found, true)
+        errors.append((float(np.linalg.norm(true.t)), rotation, direction if true.t.any() else 180.0))
+    return errors
+
+
+def built_in(seed: int) -> Iterator[World]:
+    """The worlds of the built-in generator of a seed, which also chooses the noise and the share of the outliers."""
+    noise_px, outliers = (0.3, 0.7, 1.0)[seed % 3], (0.05, 0.15, 0.3)[seed // 3 % 3]
+    for scene in _SCENES:
+        for baseline in _BASELINES[:1] if scene in _WITHOUT_TRANSLATION else _BASELINES:
+            source = open_points(f"points:{scene}?baseline={baseline}&noise_px={noise_px}&outliers={outliers}", seed)
+            factors = {"scene": scene, "baseline": baseline, "noise": noise_px, "outliers": outliers}
+            poses = list(source.groundtruth.world_from_cam)
+            yield World(source.camera, list(source.observations()), poses, scene in _WITHOUT_TRANSLATION, factors)
+
+
+def by_another_hand(path: Path) -> Callable[[int], Iterator[World]]:
+    """The worlds of a Python file; see the module docstring."""
+    spec = importlib.util.spec_from_file_location("worlds_by_another_hand", path)
+    if spec is None or spec.loader is None:
+        raise SystemExit(f"reliability: {path} is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+
+    def worlds(seed: int) -> Iterator[World]:
+        factors = module.draw_factors(seed)
+        made = module.make(factors)
+        if made is None:
+            return
+        cx, cy = (float(value) for value in made["cs"])
+        camera = Camera("pinhole", made["W"], made["H"], made["fs"], made["fs"], cx, cy)
+        views = [
+            Observations(index, time_s, str(index), ids.astype(np.int64), pixels, camera.bearings(pixels))
+            for index, time_s, ids, pixels in made["frames"]
+        ]
+        poses = [Pose(R, t) for R, t in made["poses"]]
+        plain = {key: value.item() if hasattr(value, "item") else value for key, value in factors.items()}
+        yield World(camera, views, poses, bool(made["notrans"]), plain)
+
+    return worlds
+
+
+def report(decisions: Sequence[Decision]) -> str:
+    """The tables of some decisions."""
+    tables = [_summary(decisions), _by_risk(decisions)]
+    for name in _strata_of(decisions):
+        groups: dict[str, list[Decision]] = {}
+        for one in decisions:
+            groups.setdefault(str(one.factors[name]), []).append(one)
+        rows = [[value, *_counts(groups[value])] for value in sorted(groups)]
+        tables.append(markdown_table([name, *_HEADER], rows))
+    return f"Commit {commit()}.\n\n" + "\n\n".join(tables)
+
+
+_HEADER = [
+    "worlds",
+    "correct",
+    "false",
+    "none",
+    "false expected",
+    "wait (frames)",
+    "beyond 2 sigma %",
+    "beyond 3 sigma %",
+]
+
+
+def _counts(group: Sequence[Decision]) -> list[str]:
+    maps = [one for one in group if one.outcome != "none"]
+    counts = [str(sum(one.outcome == outcome for one in group)) for outcome in ("correct", "false", "none")]
+    expected = sum(one.risk for one in maps)
+    wait = f"{np.mean([one.wait for one in maps]):.2f}" if maps else "-"
+    judged = np.array([one.deviations for one in maps if not one.no_translation])
+    beyond = [f"{100 * float(np.mean(judged > level)):.1f}" if len(judged) else "-" for level in (2, 3)]
+    return [str(len(group)), *counts, f"{expected:.2f}", wait, *beyond]
+
+
+def _summary(decisions: Sequence[Decision]) -> str:
+    moving = [one for one in decisions if not one.no_translation]
+    rows = [["all", *_counts(decisions)], ["the camera translates", *_counts(moving)]]
+    rows.append(["it does not", *_counts([one for one in decisions if one.no_translation])])
+    return markdown_table(["", *_HEADER], rows)
+
+
+def _by_risk(decisions: Sequence[Decision]) -> str:
+    maps = [one for one in decisions if one.outcome != "none"]
+    rows = []
+    for low, high in pairwise(_BINS):
+        group = [one for one in maps if low < one.risk <= high]
+        if not group:
+            continue
+        false = sum(one.outcome == "false" for one in group)
+        interval = wilson(false, len(group))
+        expected = sum(one.risk for one in group)
+        rows.append(
+            [f"{low:g} to {high:g}", str(len(group)), f"{expected:.2f}", str(false),
+             f"{100 * interval.low:.2f} to {100 * interval.high:.2f}"]
+        )  # fmt: skip
+    return markdown_table(["stated risk", "maps", "false expected", "false", "false %, 95 % interval"], rows)
+
+
+def _strata_of(decisions: Sequence[Decision]) -> list[str]:
+    """The factors with few values."""
+    names = decisions[0].factors if decisions else ()
+    return [name for name in names if len({str(one.factors.get(name)) for one in decisions}) <= 16]
+
+
+def commit() -> str:
+    """The commit of the measured version, with a mark where files differ from it."""
+    told = subprocess.run(
+        ["git", "describe", "--always", "--dirty"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=Path(__file__).parent,
+    )
+    return told.stdout.strip() or "unknown"
+
+
+def read_log(path: Path) -> list[Decision]:
+    """The decisions of a log."""
+    return [Decision(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def decisions_of(worlds: Callable[[int], Iterable[World]], seeds: range, log: Path | None) -> list[Decision]:
+    """Decide the worlds of some seeds; each decision is a line of the log at once."""
+    found = []
+    for seed in seeds:
+        for world in worlds(seed):
+            found.append(decide(world, seed))
+            if log is not None:
+                with log.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(asdict(found[-1])) + "\n")
+    return found
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the tables; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.reliability", allow_abbrev=False)
+    parser.description = "Expected against observed false maps, one decision a world."
+    parser.add_argument("--seeds", type=int, nargs=2, default=(200_000, 200_020), metavar=("FIRST", "END"))
+    parser.add_argument("--worlds", type=Path, metavar="FILE", help="worlds by another hand (default: built in)")
+    parser.add_argument("--log", type=Path, metavar="FILE", help="append one JSON line a world")
+    parser.add_argument("--from-log", type=Path, nargs="+", metavar="FILE", help="tables of logs; run nothing")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the tables to a file as well")
+    options = parser.parse_args(argv)
+    if options.from_log:
+        decisions = [one for path in options.from_log for one in read_log(path)]
+    else:
+        worlds = built_in if options.worlds is None else by_another_hand(options.worlds)
+        decisions = decisions_of(worlds, range(*options.seeds), options.log)
+    show(report(decisions) + "\n", options.out)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
