@@ -108,7 +108,7 @@ def focal_from_metadata(path: str | os.PathLike[str], size: tuple[int, int]) -> 
     """Read the focal length that a file states.
 
     * ``path``: A photograph (JPEG, TIFF, PNG or WebP), a video, or a folder of photographs or with a subfolder
-      ``images``. The sensor table is used if lensfunpy is installed, `extra `exif``.
+      ``images``. The sensor table is used if lensfunpy is installed, the extra ``exif``.
     * ``size``: Width and height of the images that are used, in pixels. They may have been resized, and turned.
     * Returns: None where the metadata tell no focal length, where the images were cut to another format, or where the
       first and the last photograph of a folder have different ones (a zoom).
