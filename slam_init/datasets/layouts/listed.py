@@ -217,7 +217,8 @@ def open_euroc(folder: Path, found: Path) -> ImageFileSource:
     # The camera of a sequence has its ground truth beside it, so that the folder of the camera alone names its parent.
     root = cam0.parent if found == folder else folder
     names, stamps = _read_list(cam0 / "data.csv", root, _comma, "timestamp,filename")
-    paths = [cam0 / "data" / path.relative_to(cam0) for path in names]
+    # An absolute name stays what it is, and leads out of the folder.
+    paths = [cam0 / "data" / (path.relative_to(cam0) if path.is_relative_to(cam0) else path) for path in names]
     camera, body_from_cam = None, None
     sensor = cam0 / "sensor.yaml"
     if sensor.exists():

@@ -240,6 +240,16 @@ def test_images_that_a_list_names_elsewhere_are_not_read(tmp_path, name, file, f
         list(open_source(folder).frames())
 
 
+@pytest.mark.parametrize("outside", ["/etc/hostname.png", "../../../../outside.png"])
+def test_a_list_of_euroc_that_names_an_image_elsewhere_is_refused(tmp_path, outside):
+    folder = make_layouts.euroc(tmp_path)
+    index = folder / "mav0" / "cam0" / "data.csv"
+    first, *others = index.read_text().splitlines()[-2:]
+    write(index, "\n".join([f"{first.partition(',')[0]},{outside}", *others, ""]))
+    with pytest.raises(SourceError, match="leads out of the folder"):
+        list(open_source(folder).frames())
+
+
 def test_images_that_are_not_in_the_folder_are_left_out_and_told(tmp_path):
     source = open_source(make_layouts.transforms(tmp_path))
     assert source.notes == ("1 of 4 listed images are not in the folder",)
