@@ -72,6 +72,8 @@ def load_camera(path: str | os.PathLike[str], image_size: tuple[int, int] | None
     if _NUMBER.fullmatch(text) and not path.exists():
         degrees = f", or fov={text} for degrees" if float(text) <= FIELDS_DEG[1] else ""
         raise CalibrationError(f"--camera {text}: say f={text} for a focal length in pixels{degrees}")
+    if "=" in text and not path.exists():
+        raise CalibrationError(f"--camera {text!r}: give a file, f=1250 (pixels) or fov=72 (degrees)")
     text = _read_text(path)
     try:
         camera = _parse(path, text, image_size)
@@ -151,6 +153,8 @@ def _parse_yaml(text: str) -> object:
         """The safe loader, for files of OpenCV too. A key with two values is an error, as the YAML standard says."""
 
         def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, object]:
+            if not isinstance(node, yaml.MappingNode):  # a tag may call anything a mapping
+                return super().construct_mapping(node, deep)
             given: dict[str, object] = {}
             for key, value in node.value:
                 if isinstance(key, yaml.ScalarNode) and given.setdefault(key.value, value.value) != value.value:

@@ -67,7 +67,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         complain("error: not enough memory: give fewer or smaller images (--every, --max-frames), or close programs")
         return BAD_INPUT
     except ImportError as error:  # a broken installation; those of users are reported where they are loaded
-        complain(f"error: {plain_line(str(error))[:300]}: correct that, or install slam-init again in a new environment")
+        what = plain_line(str(error))[:300]
+        complain(f"error: {what}: correct that, or install slam-init again in a new environment")
         return BAD_INPUT
     except KeyboardInterrupt as interrupt:
         complain(str(interrupt) or "interrupted")

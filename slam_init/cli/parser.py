@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+from collections.abc import Sequence
 from difflib import get_close_matches
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from slam_init.errors import SlamInitError
@@ -51,16 +53,19 @@ class Parser(argparse.ArgumentParser):
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse words; an option that does not exist is reported with the command that it was given to."""
-        namespace, unknown = self.parse_known_args(args, namespace)
+        try:
+            namespace, unknown = self.parse_known_args(args, namespace)
+        except UsageError as error:
+            words = sys.argv[1:] if args is None else list(args)
+            if "required: COMMAND" in str(error) and words:  # an option that does not exist hides the rest
+                self.error(f"unrecognized arguments: {' '.join(words)}{_hint(words[0], self)}")
+            raise
         if unknown:
             known = next((part.choices for part in self._actions if isinstance(part.choices, dict)), {})
             words = sys.argv[1:] if args is None else list(args)
             command = next((word for word in words if word in known), None)
             parser: Parser = self if command is None else known[command]
-            options = [option for part in parser._actions for option in part.option_strings]
-            meant = get_close_matches(unknown[0].partition("=")[0], options, n=1)
-            hint = f": did you mean {meant[0]}?" if meant else ""
-            parser.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
+            parser.error(f"unrecognized arguments: {' '.join(unknown)}{_hint(unknown[0], parser)}")
         return namespace
 
     def print_help(self, file: SupportsWrite[str] | None = None) -> None:
@@ -70,11 +75,28 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise what is wrong with the arguments."""
         if wrong := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
-            meant = get_close_matches(wrong[1], re.findall(r"[\w-]+", wrong[2]), n=1)
+            meant = _meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
+            if "COMMAND" in message and (Path(wrong[1]).exists() or ":" in wrong[1]):
+                meant = [f"{self.prog} run {wrong[1]}"]
             message += f": did you mean {meant[0]}?" if meant else ""
         if len(message) > _LONGEST:  # a number of 5,000 digits
             message = f"{message[: _LONGEST // 2]}...{message[-_LONGEST // 4 :]}"
         raise UsageError(f"{message} (see {self.prog} --help)")
+
+
+def _hint(word: str, parser: argparse.ArgumentParser) -> str:
+    """The option that was meant, as the end of a message."""
+    options = [option for part in parser._actions for option in part.option_strings]
+    meant = _meant(word.partition("=")[0], options)
+    return f": did you mean {meant[0]}?" if meant else ""
+
+
+def _meant(word: str, known: Sequence[str]) -> list[str]:
+    """The name that was meant, if any: a similar one, or the only long option that begins with a letter."""
+    if re.fullmatch(r"-\w", word):
+        long = [option for option in known if option.startswith(f"-{word}")]
+        return long if len(long) == 1 else []
+    return get_close_matches(word, known, n=1)
 
 
 def at_least(option: str, value: float | None, least: int) -> None:

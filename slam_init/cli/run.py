@@ -195,6 +195,11 @@ def _run_on(
     interrupts: AbstractContextManager[object] | None = None,
 ) -> Summary:
     camera = chosen_camera(arguments, source, arguments.start)
+    from slam_init.datasets.gyroscope import gyroscope_of
+
+    if arguments.imu and gyroscope_of(source) is None:
+        told = "a EuRoC sequence with imu0, its T_BS, or a ROS bag with sensor_msgs/Imu has one"
+        raise UsageError(f"--imu: {source.name} has no gyroscope ({told}): leave --imu out")
 
     from slam_init.cli.loading import load_libraries
 

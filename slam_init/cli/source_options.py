@@ -99,7 +99,10 @@ def opened_source(arguments: argparse.Namespace, seed: int) -> TimedSource:
     """Open the source, with the chosen topics or pictures, limited to the frames and pixels that are asked for."""
     from slam_init.datasets import open_source
 
-    source, view = open_source(with_topics(arguments, arguments.source), seed), view_of(arguments, arguments.every)
+    name = with_topics(arguments, arguments.source)
+    source, view = open_source(name, seed), view_of(arguments, arguments.every)
+    if name == arguments.source and (arguments.topic or arguments.truth_topic):
+        raise UsageError(f"--topic and --truth-topic choose those of a ROS bag, and {name} is none: leave them out")
     if arguments.images is None:
         return _viewed(source, view, arguments.source)
     from slam_init.datasets.image_files import ImageFileSource

@@ -31,6 +31,8 @@ BROKEN = {
     "broken yaml": ("fx: [1, 2\nfy: }", "broken YAML"),
     "tab": ("fx:\t\t1\n\tfy: 2", "YAML"),
     "unsafe yaml": ("fx: !!python/object/apply:os.system ['true']\n", "refused YAML"),
+    "a list that is called a mapping": ("fx: !!opencv-matrix [a, b]\n", "refused YAML"),
+    "mappings that are called pairs": ("fx: !!map\n  - {a: 1}\n", "refused YAML"),
     "aliases": (BILLION_LAUGHS, "aliases"),
     "deep": ("[" * 5000, "YAML"),
     "empty": ("", "empty"),
