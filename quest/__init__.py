@@ -62,10 +62,12 @@ def __getattr__(name: str) -> str:
     if name == "__version__":
         from importlib.metadata import PackageNotFoundError, version
 
-        try:
-            return version("slam-init")
-        except PackageNotFoundError:
-            return "0+unknown"
+        for name_of_distribution in ("slam-init", "quest-relpose"):
+            try:
+                return version(name_of_distribution)
+            except PackageNotFoundError:
+                continue
+        return "0+unknown"
     raise AttributeError(f"module 'quest' has no attribute {name!r}")
 
 

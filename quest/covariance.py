@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.noise import GATE_SIGMAS
+from quest.noise import KERNEL_SIGMAS
 from quest.relative_pose import Hypothesis
 
 Floats = NDArray[np.float64]
@@ -19,7 +19,7 @@ def pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: flo
     """
     from quest.robust import kernels
 
-    information, _, psi2, slope = kernels.pose_information(m, n, hypothesis.R, hypothesis.t, GATE_SIGMAS * noise_rad)
+    information, _, psi2, slope = kernels.pose_information(m, n, hypothesis.R, hypothesis.t, KERNEL_SIGMAS * noise_rad)
     return _spread_of_means(len(m), 5, psi2 / len(m), slope / len(m)) * _pseudo_inverse(information)
 
 
@@ -31,8 +31,8 @@ def planar_pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_r
     """
     from quest.robust import kernels
 
-    gate_rad = GATE_SIGMAS * noise_rad
-    information, psi2, slope = kernels.planar_information(m, n, hypothesis.R, hypothesis.t, gate_rad)
+    scale_rad = KERNEL_SIGMAS * noise_rad
+    information, psi2, slope = kernels.planar_information(m, n, hypothesis.R, hypothesis.t, scale_rad)
     residuals = 2 * len(m)
     spread = _spread_of_means(residuals, 8, psi2 / residuals, slope / residuals)
     return spread * _pseudo_inverse(information)[:5, :5]

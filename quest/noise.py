@@ -13,6 +13,11 @@ Bools = NDArray[np.bool_]
 
 #: A Gaussian error exceeds three standard deviations in 0.3 % of the cases.
 GATE_SIGMAS = 3.0
+#: Scale of the kernel of Geman and McClure in the last refinement, in standard deviations of the noise. For Gaussian
+#: noise 3 has 0.91 of the efficiency of least squares, 2.5 has 0.86, 2 has 0.78. The noise of images has longer tails:
+#: on 418 real pairs (2 px) the AUC at 5 / 10 / 20 degrees is 61.8 / 71.0 / 77.4 with 3, 62.4 / 71.6 / 77.9 with 2.5 and
+#: 62.8 / 71.7 / 77.7 with 2; with the threshold as the scale it is 60.2 / 70.1 / 76.8.
+KERNEL_SIGMAS = 2.5
 #: Number of unknowns of a motion.
 _UNKNOWNS = 5
 #: Largest number of steps of a refinement.
@@ -42,7 +47,7 @@ def refine_with_noise(problem: PoseProblem, model: Floats) -> tuple[Floats, floa
         # 1.4826 times the median absolute deviation is the deviation of a Gaussian. The lower bound keeps the gates of
         # exact data open.
         noise_rad = max(1.4826 * _few_matches(count) * median_rad, 1e-3 * threshold_rad)
-        kernels.refine(m, n, use, R, t, GATE_SIGMAS * noise_rad, _STEPS)
+        kernels.refine(m, n, use, R, t, KERNEL_SIGMAS * noise_rad, _STEPS)
     return kernels.model_of_pose(R, t), noise_rad
 
 
@@ -59,7 +64,7 @@ def settle(problem: PoseProblem, model: Floats, noise_rad: float, raw: bool) -> 
     from quest.robust import kernels
 
     R, t, threshold_rad = kernels.rotation_of_model(model), model[4:].copy(), problem.threshold_rad
-    stages = [(threshold_rad, GATE_SIGMAS * noise_rad)] * 2
+    stages = [(threshold_rad, KERNEL_SIGMAS * noise_rad)] * 2
     if raw:
         stages = [(2 * threshold_rad, 0.5 * threshold_rad), *stages]
     kernels.climb(problem.m, problem.n, R, t, threshold_rad, np.array(stages), len(problem), _STEPS)
