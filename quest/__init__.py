@@ -14,6 +14,7 @@ pixels.
 * :func:`translation_and_depths`: the translation and the depths that go with a rotation.
 * :func:`estimate_relative_pose`: the motion between two views from matches with outliers, and the other motions that
   explain the matches as well.
+* :func:`refine_relative_pose`: the same from a known pose, without samples.
 * :func:`estimate_relative_pose_px`: the same from pixels and the camera matrix of each view.
 * :func:`parallax_statement`: whether the translation is observable, with an error rate, and |t|/depth = a +- b.
 * :class:`InputError`: the only exception that these functions raise for a wrong input.
@@ -25,7 +26,7 @@ References
 """
 
 from quest.errors import InputError
-from quest.estimate import estimate_relative_pose
+from quest.estimate import estimate_relative_pose, refine_relative_pose
 from quest.pixels import estimate_relative_pose_px
 from quest.registry import SOLVERS, Solver
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
@@ -54,6 +55,7 @@ __all__ = [
     "quest6_fast",
     "quest7",
     "questn",
+    "refine_relative_pose",
     "translation_and_depths",
 ]
 

@@ -7,20 +7,67 @@ from numpy.typing import NDArray
 
 from quest.noise import KERNEL_SIGMAS
 from quest.relative_pose import Hypothesis
+from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS
 
 Floats = NDArray[np.float64]
+
+#: Fewer matches than this are not sorted by their depth.
+_LEAST_TYPICAL = 8
+#: Least mean of psi', so that the covariance stays finite where the residuals are not Gaussian.
+_LEAST_SLOPE = 0.1
+#: Shares of the noise in J^T J that are subtracted: the first that leaves a tenth of the least eigenvalue. Where the
+#: whole is too much, the parallax is not larger than the noise, and the covariance is a lower bound.
+_SHARES_OF_NOISE, _LEAST_REST = (1.0, 0.9, 0.75, 0.5), 0.1
 
 
 def pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: float) -> Floats:
     """Covariance (5, 5) of an M-estimate with the kernel of Geman and McClure, from the inliers m, n (N, 3) of a pose.
 
-    It is ``mean(psi^2) / mean(psi')^2`` times the inverse of ``J^T J``, psi the derivative of the kernel; in rad^2, in
+    It is ``K^2 mean(psi^2) / mean(psi')^2`` times ``A^-1 J^T J A^-1``, psi the derivative of the kernel, in rad^2, in
     the unknowns of :attr:`quest.RelativePose.covariance`.
+
+    * J are the derivatives of the matches of typical depth. An outlier that the motion explains by chance lies anywhere
+      on its epipolar line, far from its neighbours, and would seem to tell much about t: the coverage at 95 % was 28 to
+      55 % where half of the matches are outliers and the parallax is small.
+    * A is J^T J less what noise adds to it: the derivative by t is the parallax of a match, with its noise.
+    * K corrects for the unknowns that the estimate has adapted to.
+
+    P. J. Huber, E. M. Ronchetti, "Robust Statistics", 2009, section 7.6: the correction K.
     """
     from quest.robust import kernels
 
-    information, _, psi2, slope = kernels.pose_information(m, n, hypothesis.R, hypothesis.t, KERNEL_SIGMAS * noise_rad)
-    return _spread_of_means(len(m), 5, psi2 / len(m), slope / len(m)) * _pseudo_inverse(information)
+    R, t = hypothesis.R, hypothesis.t
+    typical = np.ones(len(m), bool)
+    kernels.mark_typical(m, n, R, t, RATIO_MADS, LEAST_SINE2, typical)
+    if typical.sum() > _LEAST_TYPICAL:
+        m, n = m[typical], n[typical]
+    information, _, psi2, slope, slope2 = kernels.pose_information(m, n, R, t, KERNEL_SIGMAS * noise_rad)
+    by_noise = kernels.ratio_sums(m, n, R, t, RATIO_MADS, LEAST_SINE2)[3]
+    count = len(m)
+    mean = max(slope / count, _LEAST_SLOPE)
+    correction = 1 + 5 / count * max(slope2 / count - (slope / count) ** 2, 0.0) / mean**2
+    inverse = _pseudo_inverse(_without_noise(information, 2 * noise_rad**2 * by_noise))
+    spread = correction**2 * _spread_of_means(count, 5, psi2 / count, slope / count)
+    return np.asarray(spread * inverse @ information @ inverse)
+
+
+def _without_noise(information: Floats, by_noise: Floats) -> Floats:
+    """J^T J (5, 5) less the part of noise (2, 2) in the direction, or less as much of it as leaves it regular."""
+    least = _least_eigenvalue(information)
+    for share in _SHARES_OF_NOISE:
+        rest = information.copy()
+        rest[3:, 3:] -= share * by_noise
+        if _least_eigenvalue(rest) > _LEAST_REST * least:
+            return rest
+    return information.copy()
+
+
+def _least_eigenvalue(information: Floats) -> float:
+    from quest.robust import kernels
+
+    values = information.copy()
+    kernels.eigen_in_place(values, np.empty_like(values))
+    return float(values.diagonal().min())
 
 
 def planar_pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: float) -> Floats:
@@ -51,7 +98,6 @@ def _pseudo_inverse(information: Floats) -> Floats:
 
 def _spread_of_means(count: int, unknowns: int, psi2: float, slope: float) -> float:
     """Variance of a residual of an M-estimate, from the means of psi^2 and psi' over a number of residuals."""
-    # The mean of psi' is at least 0.1, so that the covariance stays finite where the residuals are not Gaussian. The
-    # estimate has adapted to the residuals by as many of them as it has unknowns.
+    # The estimate has adapted to the residuals by as many of them as it has unknowns.
     freedom = count / max(count - unknowns, 1)
-    return freedom * psi2 / max(slope, 0.1) ** 2
+    return freedom * psi2 / max(slope, _LEAST_SLOPE) ** 2

@@ -34,9 +34,16 @@ from quest.robust.pose_modes import same_mode, spread_out
 from quest.robust.pose_problem import PoseProblem
 from quest.robust.rotation import propose_rotation, settle_rotation
 from quest.robust.samples import RansacReport
-from quest.uncertainty.parallax import ParallaxStatement, statement_of_inliers
+from quest.uncertainty.parallax import ParallaxStatement, as_direction, as_rotation, statement_of_inliers
 
-__all__ = ["Hypothesis", "NoPose", "PoseEvidence", "RelativePose", "estimate_relative_pose"]
+__all__ = [
+    "Hypothesis",
+    "NoPose",
+    "PoseEvidence",
+    "RelativePose",
+    "estimate_relative_pose",
+    "refine_relative_pose",
+]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -100,6 +107,7 @@ def estimate_relative_pose(
     max_samples: int = 50_000,
     scores: ArrayLike | None = None,
     solver: str = "quest5",
+    initial_pose: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> RelativePose | NoPose:
     """Estimate the motion between two calibrated views from matches with outliers.
 
@@ -125,6 +133,10 @@ def estimate_relative_pose(
         six matches, 6 to 11 us a sample, and more samples where there are outliers. "five": Newton's method on five
         matches from two starts; it finds a quarter to a half of the solutions in the same time. The machine code of
         the last two is compiled at their first use.
+    initial_pose : (q_or_R, t), optional
+        A pose cam2_from_cam1 to begin with, as from a motion model: its rotation as a quaternion wxyz or a matrix, and
+        its translation of any norm but zero. Samples are drawn until a better one would have been found, so a good
+        start saves most of them. :func:`quest.refine_relative_pose` draws none.
 
     Returns
     -------
@@ -143,6 +155,7 @@ def estimate_relative_pose(
     """
     m, n = _unit_bearings(bearings1, bearings2)
     options = _checked_options(len(m), threshold_rad, seed, confidence, max_samples, scores, solver)
+    start = None if initial_pose is None else _checked_pose(initial_pose)
     threshold_rad = options.threshold_rad
     rng = np.random.default_rng(options.seed)
     total = len(m)
@@ -161,6 +174,7 @@ def estimate_relative_pose(
         max_samples=options.max_samples,
         scores=options.scores,
         solver=options.solver,
+        start=start,
     )
     if report is None:
         # Every sample was singular, as for an exact rotation-only camera.
@@ -193,6 +207,51 @@ def estimate_relative_pose(
     if spread < _LINE_SIGMAS * noise_rad:
         return NoPose("no_consistent_motion", replace(evidence, off_line_rad=spread))
     return _pose_with_alternatives(problem, report, motion, evidence, parallax)
+
+
+def refine_relative_pose(
+    bearings1: ArrayLike,
+    bearings2: ArrayLike,
+    initial_pose: tuple[ArrayLike, ArrayLike],
+    *,
+    threshold_rad: float = 2e-3,
+    seed: int = 0,
+) -> RelativePose | NoPose:
+    """Refine a known motion between two calibrated views on matches with outliers.
+
+    Parameters
+    ----------
+    bearings1, bearings2 : (N, 3) array_like
+        Matched rays in camera 1 and camera 2, of any length but zero.
+    initial_pose : (q_or_R, t)
+        The pose cam2_from_cam1 to begin with: its rotation as a quaternion wxyz or a matrix, and its translation of any
+        norm but zero. Refinement takes it to the optimum where it explains a part of the matches within twice the
+        threshold.
+    threshold_rad : float
+        A match whose Sampson error is larger is an outlier, in radians.
+    seed : int
+        Seed of the subsets to which the pose is refitted.
+
+    Returns
+    -------
+    RelativePose or NoPose
+        As of :func:`quest.estimate_relative_pose`, with kind, alternatives (of a plane), parallax and covariance.
+
+    Raises
+    ------
+    InputError
+        If the pose is none, or another argument is refused by :func:`quest.estimate_relative_pose`.
+    """
+    start = _checked_pose(initial_pose)
+    return estimate_relative_pose(
+        bearings1, bearings2, threshold_rad=threshold_rad, seed=seed, max_samples=0, initial_pose=start
+    )
+
+
+def _checked_pose(initial_pose: tuple[ArrayLike, ArrayLike]) -> tuple[Floats, Floats]:
+    if not (isinstance(initial_pose, tuple) and len(initial_pose) == 2):
+        raise InputError("initial_pose is no pair: give (R, t) or (q_wxyz, t)")
+    return np.array(as_rotation(initial_pose[0]), order="C"), as_direction(initial_pose[1])
 
 
 def _unit_bearings(bearings1: ArrayLike, bearings2: ArrayLike) -> tuple[Floats, Floats]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from quest.display import Described
+from quest.errors import InputError, as_floats
 from quest.uncertainty.parallax import ParallaxStatement
 
 Floats = NDArray[np.float64]
@@ -162,6 +163,39 @@ class RelativePose(Described):
         return f"{self.kind} pose, {self.inliers.sum()} inliers of {len(self.inliers)} matches{others}", facts
 
     @property
+    def E(self) -> Floats:
+        """Essential matrix ``[t]x R``: ``n . E m = 0`` for the bearings of a match; zero for kind "rotation".
+
+        Returns
+        -------
+        (3, 3) float
+        """
+        return np.cross(self.t, self.R, axis=0)
+
+    def fundamental_matrix(self, K1: ArrayLike, K2: ArrayLike | None = None) -> Floats:
+        """Fundamental matrix: ``x2 . F x1 = 0`` for the homogeneous pixels of a match in two pinhole cameras.
+
+        Parameters
+        ----------
+        K1, K2 : (3, 3) array_like
+            Camera matrices; without K2 both views have K1.
+
+        Returns
+        -------
+        (3, 3) float
+            Of unit norm; zero for kind "rotation".
+
+        Raises
+        ------
+        InputError
+            If a camera matrix is not finite, not (3, 3) or singular.
+        """
+        first, second = (_inverse_of_camera(K) for K in (K1, K1 if K2 is None else K2))
+        F = second.T @ self.E @ first
+        norm = float(np.linalg.norm(F))
+        return np.asarray(F / norm if norm > 0 else F)
+
+    @property
     def direction_sigma_rad(self) -> float:
         """Standard deviation of the direction of t along its least certain axis.
 
@@ -172,6 +206,13 @@ class RelativePose(Described):
         """
         tangent = self.covariance[3:, 3:]
         return float(np.sqrt(np.linalg.eigvalsh(tangent)[-1])) if np.isfinite(tangent).all() else float("inf")
+
+
+def _inverse_of_camera(K: ArrayLike) -> Floats:
+    matrix = as_floats(K, "the camera matrix")
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < 3:
+        raise InputError(f"the camera matrix has shape {matrix.shape}: give a finite regular matrix (3, 3)")
+    return np.asarray(np.linalg.inv(matrix))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

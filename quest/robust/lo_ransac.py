@@ -174,6 +174,7 @@ def lo_ransac(
     max_samples: int,
     scores: Floats | None = None,
     solver: str = "quest5",
+    start: tuple[Floats, Floats] | None = None,
 ) -> RansacReport | None:
     """Search for the motion of least truncated cost.
 
@@ -189,6 +190,7 @@ def lo_ransac(
     * ``solver``: A key of :data:`PROPOSALS`. "quest5": all solutions of five matches,
       :func:`quest.robust.kernels.quest_five.solve_five`. "quest6": those of six,
       :func:`quest.robust.kernels.six_point.solve_six`. "five": :func:`quest.robust.kernels.newton_five`.
+    * ``start``: A pose (R, t) to begin with: samples are drawn until a better one would have been found.
     * Returns: The models are rows (q_wxyz, t): the refined best model, then the best raw model of each other mode. None
       where no sample has a solution.
     """
@@ -198,7 +200,7 @@ def lo_ransac(
     rotations = np.stack([np.eye(3), rotation])
     sample_size, sample_yield, starts = PROPOSALS[solver]
     pool = _Pool()
-    best: _Refined | None = None
+    best: _Refined | None = None if start is None else _polish(matches, *start)
     leading_cost = math.inf
     drawn, chunk = 0, _FIRST_CHUNK
     while drawn < max_samples:

@@ -184,7 +184,7 @@ def parallax_statement(
     m, n = as_matches(m, n, at_least=6)
     if m.ndim != 2:
         raise InputError(f"bearings have shape {m.shape}: give two arrays (N, 3)")
-    R, t = _as_rotation(q_or_R), _as_direction(t)
+    R, t = as_rotation(q_or_R), as_direction(t)
     if noise_rad is not None:
         noise_rad = max(as_positive(noise_rad, "noise_rad", "a positive angle in radians, or None"), _LEAST_NOISE_RAD)
         if noise_rad > 1:
@@ -202,7 +202,7 @@ def parallax_statement(
         noise_rad,
         chance_matches=chance,
         wrong_matches=wrong,
-        rotation=R if rotation is None else _as_rotation(rotation),
+        rotation=R if rotation is None else as_rotation(rotation),
         stated_noise_rad=stated_noise_rad,
     )
 
@@ -225,7 +225,7 @@ def statement_of_inliers(
     """
     from quest.robust import kernels
 
-    information, squares, _, _ = kernels.pose_information(m, n, R, t, 1.0)
+    information, squares, *_ = kernels.pose_information(m, n, R, t, 1.0)
     noise = noise_rad if noise_rad is not None else max(sqrt(squares / (len(m) - 5)), _LEAST_NOISE_RAD)
     limit = _upper_noise(squares, len(m))
     if stated_noise_rad is not None:
@@ -254,7 +254,7 @@ def statement_of_inliers(
     )
 
 
-def _as_rotation(q_or_R: ArrayLike) -> Floats:
+def as_rotation(q_or_R: ArrayLike) -> Floats:
     """The rotation as a matrix (3, 3), given as a quaternion or as a matrix."""
     given = as_floats(q_or_R, "the rotation")
     if given.shape not in ((4,), (3, 3)) or not np.isfinite(given).all():
@@ -270,7 +270,7 @@ def _as_rotation(q_or_R: ArrayLike) -> Floats:
     return given
 
 
-def _as_direction(t: ArrayLike) -> Floats:
+def as_direction(t: ArrayLike) -> Floats:
     """A translation (3,) at unit norm."""
     given = as_floats(t, "t")
     if given.shape != (3,) or not np.isfinite(given).all() or not given.any():

@@ -68,6 +68,8 @@ def called(name, m, n):
     """The answer of a public function that gives a rotation."""
     if name == "estimate_relative_pose":
         return FUNCTIONS[name](m, n, max_samples=50)
+    if name == "refine_relative_pose":
+        return FUNCTIONS[name](m, n, (np.eye(3), [1.0, 0.0, 0.0]))
     if name == "estimate_relative_pose_px":
         K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
         return FUNCTIONS[name](m[:, :2], n[:, :2], K, K, max_samples=50)

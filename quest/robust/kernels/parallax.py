@@ -19,23 +19,27 @@ _NO_KERNEL = 1e300
 
 
 @compiled
-def pose_information(m: Floats, n: Floats, R: Floats, t: Floats, gate_rad: float) -> tuple[Floats, float, float, float]:
-    """Sums over the Sampson errors r of matches and their derivatives J.
+def pose_information(
+    m: Floats, n: Floats, R: Floats, t: Floats, gate_rad: float
+) -> tuple[Floats, float, float, float, float]:
+    """Sums over the Sampson errors r of matches and their derivatives J: J^T J, r^2, psi^2, psi' and psi'^2.
 
     Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), returns ``information`` (5, 5).
     """
     count = len(m)
     rays, rows, information = rays_by_row(m, n), np.empty((7, count)), np.empty((5, 5))
     normal_equations(rays, R, t, _NO_KERNEL, rows, information, np.empty(5))
-    squares = psi2 = slope = 0.0
+    squares = psi2 = slope = slope2 = 0.0
     for i in range(count):
         r2 = rows[5, i] * rows[5, i]
         u = r2 / (gate_rad * gate_rad)
         weight = 1 / ((1 + u) * (1 + u))
         squares += r2
         psi2 += r2 * weight * weight
-        slope += (1 - 3 * u) * weight / (1 + u)
-    return information, squares, psi2, slope
+        one = (1 - 3 * u) * weight / (1 + u)
+        slope += one
+        slope2 += one * one
+    return information, squares, psi2, slope, slope2
 
 
 @compiled

@@ -178,6 +178,9 @@ def call(name: str, views: Views, rng: np.random.Generator) -> object:
     if name == "estimate_relative_pose":
         options = {} if odd is ... else {str(rng.choice(["threshold_rad", "confidence", "max_samples", "seed"])): odd}
         return function(*views, **options)
+    if name == "refine_relative_pose":
+        given = (_quaternions(rng)[0], rng.normal(size=3))
+        return function(*views, given if odd is ... else (odd, given[1]) if rng.random() < 0.5 else odd)
     if name == _PIXELS:
         cameras: list[object] = [np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]])] * 2
         if odd is not ...:

@@ -171,12 +171,13 @@ def test_the_test_value_of_given_displacements_is_the_readable_one(count):
 
 def test_the_information_and_the_depths_are_the_readable_ones():
     two = views(1)
-    information, squares, psi2, slope = kernels.pose_information(two.m, two.n, two.R, two.t, 2 * NOISE_RAD)
+    information, squares, psi2, slope, slope2 = kernels.pose_information(two.m, two.n, two.R, two.t, 2 * NOISE_RAD)
     r, J = sampson_jacobian(two.R, two.t, two.m, two.n)
     u = (r / (2 * NOISE_RAD)) ** 2
     assert information == pytest.approx(J.T @ J, rel=1e-9)
     expected = [r @ r, np.sum((r / (1 + u) ** 2) ** 2), np.sum((1 - 3 * u) / (1 + u) ** 3)]
-    assert [squares, psi2, slope] == pytest.approx(expected, rel=1e-9)
+    expected.append(np.sum(((1 - 3 * u) / (1 + u) ** 3) ** 2))
+    assert [squares, psi2, slope, slope2] == pytest.approx(expected, rel=1e-9)
     inliers = np.random.default_rng(0).random(len(two.m)) < 0.5
     depths, parallax_rad = kernels.depths_and_parallax(two.m, two.n, two.R, two.t, inliers)
     for found, expected_depths in zip(depths, depths_along_epipolar_lines(two.R, two.t, two.m, two.n), strict=True):
