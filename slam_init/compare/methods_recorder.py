@@ -17,7 +17,6 @@ median depth as unit, so that equal maps look equal.
 from __future__ import annotations
 
 import os
-import uuid
 from collections.abc import Iterable, Mapping, Set
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,7 +27,7 @@ from slam_init.compare.recordings import MapSnapshot
 from slam_init.errors import plain_line
 from slam_init.recording.images import jpeg, reduced
 from slam_init.recording.layout import ESTIMATE_COLOR, GREEN, RED, TRUTH_COLOR, YELLOW, name_parts
-from slam_init.recording.recording_file import RecordingFile
+from slam_init.recording.recording_file import RecordingFile, open_stream
 from slam_init.types.frame import Frame, Observations
 
 if TYPE_CHECKING:
@@ -50,8 +49,6 @@ Each map has its own median depth as unit.
 """
 #: Half the length of a keyframe's axes in units of the map.
 _AXIS = 0.05
-#: A chunk ends after this number of bytes and never after a time, so that two runs write the same chunks.
-_CHUNK_BYTES = 1 << 19
 
 
 def record_side_by_side(
@@ -66,12 +63,7 @@ def record_side_by_side(
     import rerun as rr
 
     entities = {method: f"method-{i:02d}" for i, method in enumerate(snapshots)}
-    batching = rr.ChunkBatcherConfig.NEVER()
-    batching.flush_num_bytes = _CHUNK_BYTES
-    identity = uuid.uuid5(uuid.NAMESPACE_URL, f"slam-init/{name}/{'/'.join(snapshots)}")
-    rec = rr.RecordingStream("slam_init_compare", recording_id=identity, send_properties=False, batcher_config=batching)
-    rec.set_log_time_enabled(False)
-    rec.set_log_tick_enabled(False)
+    rec = open_stream("slam_init_compare", f"slam-init/{name}/{'/'.join(snapshots)}")
     with_map = {method for method, snapshot in snapshots.items() if len(snapshot.poses)}
     file = RecordingFile(Path(path), rec, _blueprint(entities, with_map))
     rec.send_recording_name(f"slam-init compare {name}")

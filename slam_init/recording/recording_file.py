@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import threading
+import uuid
 from contextlib import suppress
 from pathlib import Path
 from queue import SimpleQueue
@@ -25,8 +26,31 @@ if TYPE_CHECKING:
 
 _PIPES = Path("/dev/fd")
 _READ_BYTES = 1 << 18
+_CHUNK_BYTES = 1 << 19
 #: Data that waits for the disk. It takes minutes to record so much.
 _MAX_WAITING_BYTES = 1 << 28
+
+
+def open_stream(application: str, identity: str, viewer: str | None = None) -> rr.RecordingStream:
+    """Open a stream without a wall clock and with an id that depends on its arguments only.
+
+    A chunk ends after a number of bytes and never after a time, so that two equal runs write equal chunks. For a
+    viewer that shows the stream while it is made, chunks end by time.
+    """
+    import rerun as rr
+
+    batching = rr.ChunkBatcherConfig.NEVER() if viewer is None else rr.ChunkBatcherConfig.LOW_LATENCY()
+    if viewer is None:
+        batching.flush_num_bytes = _CHUNK_BYTES
+    rec = rr.RecordingStream(
+        application,
+        recording_id=uuid.uuid5(uuid.NAMESPACE_URL, identity),
+        send_properties=False,
+        batcher_config=batching,
+    )
+    rec.set_log_time_enabled(False)
+    rec.set_log_tick_enabled(False)
+    return rec
 
 
 class RecordingFile:

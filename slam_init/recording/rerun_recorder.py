@@ -28,7 +28,6 @@ seed only: it has no wall clock and no random ids.
 from __future__ import annotations
 
 import os
-import uuid
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
@@ -60,7 +59,7 @@ from slam_init.recording.map_view import FRUSTUM, MapView, log_pinhole
 from slam_init.recording.pair_view import log_pair
 from slam_init.recording.paths import CONJUGATE_NAMES, log_conjugate_maps, log_hypotheses
 from slam_init.recording.recorder import Recorder
-from slam_init.recording.recording_file import RecordingFile
+from slam_init.recording.recording_file import RecordingFile, open_stream
 from slam_init.recording.scale_bar import SCALE_BAR, log_scale_bar
 from slam_init.recording.text import (
     advice_markdown,
@@ -91,8 +90,6 @@ _LONG_SIDE_PX = 640
 FRAMES_AT_FULL_RATE = 300
 #: The line at a keypoint shows its motion over this many frames.
 _TAIL_FRAMES = 3
-#: A chunk ends after this many bytes, and never after a time, so that two equal runs write equal chunks.
-_CHUNK_BYTES = 1 << 19
 
 
 def load_rerun() -> None:
@@ -145,16 +142,8 @@ class RerunRecorder(Recorder):
         self._moving = False
         self._end, self._rolling, self._closed = End.MAP, False, False
 
-        batching = rr.ChunkBatcherConfig.NEVER() if viewer is None else rr.ChunkBatcherConfig.LOW_LATENCY()
-        if viewer is None:
-            batching.flush_num_bytes = _CHUNK_BYTES
         source_name = plain_line(source_name)
-        identity = uuid.uuid5(uuid.NAMESPACE_URL, f"slam-init/{source_name}/{seed}")
-        self._rec = rr.RecordingStream(
-            "slam_init", recording_id=identity, send_properties=False, batcher_config=batching
-        )
-        self._rec.set_log_time_enabled(False)
-        self._rec.set_log_tick_enabled(False)
+        self._rec = open_stream("slam_init", f"slam-init/{source_name}/{seed}", viewer)
         self._map_view = MapView(self._rec, groundtruth, self._scale)
         self._file = RecordingFile(path, self._rec, layout, viewer)
         self._rec.send_recording_name(f"slam-init {source_name}")
