@@ -50,9 +50,10 @@ from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.levels import MERE_ROTATION
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.motion import FittedMotion, difference_deg
-from slam_init.window.risk import MERE_ROTATION, WindowRisk, confirmed, risk_of
+from slam_init.window.risk import WindowRisk, confirmed, risk_of
 from slam_init.window.state import CALIBRATED_SIGMA
 from slam_init.window.tracks import MAX_TRACKS, MAX_TRACKS_IN_SLICES, MAX_VIEWS
 from slam_init.work import Prices, spend

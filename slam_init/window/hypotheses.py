@@ -26,6 +26,7 @@ from slam_init.types.arrays import Floats, evenly_spaced
 from slam_init.types.pose import Pose
 from slam_init.window.equations import explained_at_most
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
+from slam_init.window.levels import LARGEST_VOTE, WORTH_TRYING, WRONG_FOCAL, WRONG_FOCAL_COST, WRONG_K1, WRONG_PRINCIPAL
 from slam_init.window.locating import MIN_RESECTED, align_views, locate_views
 from slam_init.window.motion import FittedMotion, Motion, fit_motion, noise_factor_at
 from slam_init.window.planarity import is_plane
@@ -33,24 +34,9 @@ from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracker_errors import gain_of_lasting_errors, gain_of_shared_errors, gain_of_turning_errors
 from slam_init.window.tracks import WindowTracks
 
-#: Largest probability of the parallax of a pair without translation, for which its motions are tried: quest speaks of a
-#: translation from 1e-4 on, but further views may turn a twentieth into a certainty.
-_WORTH_TRYING = 0.05
 #: The window is fitted again where the noise was off by more than this factor (as a logarithm): the standard deviations
 #: are off by as much. With another noise other observations are outliers, hence the rounds.
 _NOISE_TOLERANCE, _NOISE_ROUNDS = 0.07, 2
-#: Nearly all focal lengths are known to two per cent, but some are guessed, and off by a fifth. For the camera that
-#: only rotates the stated focal length is right, or wrong with this standard deviation of its logarithm at a price of
-#: three nats (odds of one to twenty). So a fifth costs 5.5 nats, where the prior of right ones would charge 40, and a
-#: translation would be the cheaper explanation. Half as long again costs 11: level flight looks like such a rotation.
-_WRONG_FOCAL, _WRONG_FOCAL_COST = 0.1, 6.0
-#: The same for a distortion that the calibration lacks: lenses of phones and wide angles have a k1 of up to 0.3.
-_WRONG_K1 = 0.15
-#: The same for the principal point, over the width of the image: the optical axis of phones is off by a hundredth, that
-#: of a cropped or shifted image by a twentieth. Only a camera that turns about several axes shows it.
-_WRONG_PRINCIPAL = 0.025
-#: Largest vote of a track, as a difference of costs (twice the nats): so much it costs to say that it is an outlier.
-_LARGEST_VOTE = 6.0
 #: A motion whose cost is higher by this cannot become the best: 300 nats.
 _FAR_BEHIND = 600.0
 #: A gain is certain where it exceeds that by chance by so many standard deviations (one in 10^12) even if error fields
@@ -96,9 +82,9 @@ class WindowHypotheses:
         """
         # Tracks that neither motion explains must not vote.
         bound = explained_at_most(np.maximum(2 * self.tracks.seen.sum(axis=0) - 3, 0))
-        bound += _LARGEST_VOTE if self.planar else 0.0
+        bound += LARGEST_VOTE if self.planar else 0.0
         costs = [np.minimum(self.costs_of(one), bound) for one in (motion, rival)]
-        return np.asarray(np.clip(costs[1] - costs[0], -_LARGEST_VOTE, _LARGEST_VOTE))
+        return np.asarray(np.clip(costs[1] - costs[0], -LARGEST_VOTE, LARGEST_VOTE))
 
     @property
     def gain_over_rotation(self) -> tuple[float, float]:
@@ -158,7 +144,7 @@ def motions_of_pair(
     """
     proposed: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
     chance = pose.evidence.parallax_p
-    if pose.kind == "rotation" and (chance is None or chance > _WORTH_TRYING):
+    if pose.kind == "rotation" and (chance is None or chance > WORTH_TRYING):
         return []
     motions = []
     for one in proposed:
@@ -259,9 +245,9 @@ def _fit_rotation(
     few = tracks.of_tracks(evenly_spaced(len(tracks.track_ids), _START_TRACKS))
     start = start_at(few, rotations, t, readout_s=tracks.readout_s, at_infinity=True)
     # A focal length that is no calibration may be wrong at no price.
-    unknown = priors.focal_sigma >= _WRONG_FOCAL
+    unknown = priors.focal_sigma >= WRONG_FOCAL
     any_focal = replace(
-        priors, focal_sigma=max(_WRONG_FOCAL, priors.focal_sigma), k1_sigma=max(_WRONG_K1, priors.k1_sigma)
+        priors, focal_sigma=max(WRONG_FOCAL, priors.focal_sigma), k1_sigma=max(WRONG_K1, priors.k1_sigma)
     )
     # A wrong focal length moves the tracks by many times their noise, so the fit starts with a noise that allows it.
     factor = start_noise_factor(few, start, any_focal, rotation_only=True)
@@ -270,10 +256,10 @@ def _fit_rotation(
         start = fit_window(wide, start, any_focal, rotation_only=True, tolerance=_START_TOLERANCE).state
     start = _at_infinity(tracks, start)
     # Far from the answer the principal point would follow outliers.
-    any_focal = replace(any_focal, principal_sigma_px=_WRONG_PRINCIPAL * tracks.camera.width)
+    any_focal = replace(any_focal, principal_sigma_px=WRONG_PRINCIPAL * tracks.camera.width)
     hopeless = _hopeless_rotation(tracks, start, priors, best)
     wrong = fit_window(tracks, start, any_focal, rotation_only=True, hopeless=hopeless)
-    wrong = replace(wrong, cost=wrong.cost + (0.0 if unknown else _WRONG_FOCAL_COST))
+    wrong = replace(wrong, cost=wrong.cost + (0.0 if unknown else WRONG_FOCAL_COST))
     if unknown or wrong.cost > hopeless:
         return wrong, any_focal
     # It is the better one only if it costs less.

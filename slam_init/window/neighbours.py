@@ -15,12 +15,9 @@ import numpy as np
 from slam_init.types.arrays import Bools, Floats
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.kernels import TUKEY_GATES
+from slam_init.window.levels import NEIGHBOURHOOD
 from slam_init.window.state import Priors
 from slam_init.window.tracks import WindowTracks
-
-#: A neighbourhood holds a tenth of the tracks, and so about as much of the view: bodies and the errors of a lens extend
-#: that far. A larger one has fewer independent parts, and says less.
-_NEIGHBOURHOOD = 0.1
 
 
 def variance_by_neighbours(tracks: WindowTracks, fit: JointFit, priors: Priors, places: Floats) -> float:
@@ -43,7 +40,7 @@ def _neighbours(places: Floats, used: Bools) -> Floats:
     """(T, T) ones where the second track is among the nearest of the first."""
     near = np.zeros((len(places), len(places)))
     index = np.flatnonzero(used)
-    count = min(max(round(_NEIGHBOURHOOD * len(index)), 1), len(index) - 1)
+    count = min(max(round(NEIGHBOURHOOD * len(index)), 1), len(index) - 1)
     if count < 1:
         return near
     x, y = places[index].T

@@ -17,17 +17,9 @@ from quest.estimate import RelativePose, estimate_relative_pose
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.equations import explained_at_most
 from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.levels import EVEN, LEAST_OTHER_TRACKS, OTHER_SIGMAS, SHARE_OF_COMPACT, SHARE_OF_WIDE, WIDE
 from slam_init.window.uncertainty import places_of
 from slam_init.work import Prices, spend
-
-#: A motion of other tracks is a rival from this share of the tracks that the best motion explains: half of them where
-#: the other tracks are compact, a quarter where they extend over half of the area or more. With a threshold of a half,
-#: two bodies that hold a fifth of the tracks each do not prevent a map of the rest; a body of half the view does.
-_SHARE_OF_COMPACT, _SHARE_OF_WIDE, _WIDE = 0.5, 0.25, 0.5
-#: With such a motion it is an even chance which of the two is the camera's.
-_EVEN = 0.5
-#: Outlier threshold of the other motion, in standard deviations of the noise; fewer tracks than this have none.
-_SIGMAS, _LEAST_TRACKS = 3.0, 20
 
 
 def explained_tracks(hypotheses: WindowHypotheses) -> Bools:
@@ -57,17 +49,17 @@ def other_motion(hypotheses: WindowHypotheses) -> OtherMotion:
     rays = tracks.bearings(state.log_scale, state.readout_s, state.k1)[:2]
     rest = tracks.seen[0] & tracks.seen[1] & (tracks.anchor >= 0) & ~explained & np.isfinite(rays).all(axis=(0, 2))
     count = int(explained.sum())
-    if rest.sum() < max(_LEAST_TRACKS, _SHARE_OF_WIDE * count):
+    if rest.sum() < max(LEAST_OTHER_TRACKS, SHARE_OF_WIDE * count):
         return OtherMotion()
-    threshold_rad = _SIGMAS * tracks.noise_px / tracks.camera.focal_px
+    threshold_rad = OTHER_SIGMAS * tracks.noise_px / tracks.camera.focal_px
     spend(Prices.PAIR + Prices.PAIR_MATCH * int(rest.sum()))
     pose = estimate_relative_pose(rays[0, rest], rays[1, rest], threshold_rad=threshold_rad)
     if not isinstance(pose, RelativePose):
         return OtherMotion()
     places, others = places_of(hypotheses.motions[0].fit), np.flatnonzero(rest)[pose.inliers]
-    wide = _extent(places[others]) > _WIDE * _extent(places[explained])
-    enough = max(_LEAST_TRACKS, (_SHARE_OF_WIDE if wide else _SHARE_OF_COMPACT) * count)
-    return OtherMotion(_EVEN if len(others) >= enough else 0.0, tracks.track_ids[others])
+    wide = _extent(places[others]) > WIDE * _extent(places[explained])
+    enough = max(LEAST_OTHER_TRACKS, (SHARE_OF_WIDE if wide else SHARE_OF_COMPACT) * count)
+    return OtherMotion(EVEN if len(others) >= enough else 0.0, tracks.track_ids[others])
 
 
 def _extent(places: Floats) -> float:

@@ -35,6 +35,22 @@ from slam_init.types.arrays import Floats
 from slam_init.types.comparison import Margin
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import fit_window
+from slam_init.window.levels import (
+    AGREES_SIGMAS,
+    BODIES_MOVE,
+    CHANCE_GAIN,
+    FEW_VIEWS,
+    FLOOR,
+    FRAMES_ARE_SHIFTED,
+    MERE_ROTATION,
+    ON_BODIES,
+    PULL_FREEDOM,
+    SAME_DIRECTION_DEG,
+    SAME_ROTATION_DEG,
+    SHARE_OF_BODIES,
+    WRONG_DIRECTION_DEG,
+    WRONG_ROTATION_DEG,
+)
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, marginalize_fields
 from slam_init.window.motion import FittedMotion
@@ -64,44 +80,15 @@ from slam_init.window.uncertainty import (
 )
 from slam_init.work import Prices, spend
 
-#: A rotation and a direction are wrong from here on.
-_WRONG_ROTATION_DEG, _WRONG_DIRECTION_DEG = 5.0, 15.0
-#: Laplace is optimistic with few views. Factor on the standard deviation of the direction: 1.7 with two views, 1.2 with
-#: twelve.
-_FEW_VIEWS = 0.7
-#: A focal length that is off by two of its standard deviations widens the direction by sqrt(2), one that is off by more
-#: in proportion, as Student's distribution with four degrees of freedom is wider than a Gaussian one far out.
-_PULL_FREEDOM = 4.0
-#: Before a camera that only rotates, a moving body looks like a near object before points at infinity. So the rest of
-#: the tracks has to show a translation without the tracks that gain most: bodies that hold this share of them.
-_ON_BODIES = 0.5
-#: The camera merely rotates where chance exceeds the gain over the rotation-only camera more often than not.
-MERE_ROTATION = 0.5
-#: Mean gain of a track, in chi-square, where there is no translation: its direction is chosen to suit the tracks, and
-#: outliers gain more than noise (32 drawn windows).
-_CHANCE_GAIN = 0.9
-#: Tracks off the plane that are fewer than this share lie on one thing or two, which move with this probability. Both
-#: are assumptions: one scene in twenty has such a body, and a quarter of the tracks is more than a body or two hold. A
-#: moving body votes for the motion that its own resembles: of 30 drawn walls with 30 % of the tracks on bodies, two had
-#: a false map, by the votes of 22 and of 53 such tracks against those of 250 on the plane.
-_SHARE_OF_BODIES, _BODIES_MOVE = 0.25, 0.05
-#: Share of the videos whose frames a stabilizer shifts as a whole: phones and drones have one, and most shift slowly.
-#: An assumption.
-_FRAMES_ARE_SHIFTED = 0.1
 #: A rival with a larger probability is undecided, however precisely it is known; a scale of the fields with a smaller
 #: one changes nothing.
 _UNDECIDED, _UNLIKELY = 0.05, 0.01
 #: A direction that is wrong with a larger probability is unknown, however far behind the rivals are.
 _UNKNOWN = 0.2
-#: Two fits of a motion agree within this number of standard deviations, and within what makes two fits one.
-_AGREES_SIGMAS, _SAME_ROTATION_DEG, _SAME_DIRECTION_DEG = 3.0, 0.3, 2.0
 #: Largest number of Gauss-Newton steps from a fit without fields to one with fields: they converge quadratically.
 _STEPS_WITH_FIELDS = 5
 #: A rival that is further behind than this is not looked at with error fields: they explain less.
 _FAR_BEHIND_NATS = 300.0
-#: Share of wrong maps that no term explains, measured on the versions before: one of 480 maps (300 worlds by another
-#: hand, 236 of the three smallest failures, 150 starts on video).
-_FLOOR = 2e-3
 
 
 @dataclass(frozen=True)
@@ -161,7 +148,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     of_views = [np.hypot(factor * one, by_point) for one, by_point in zip(by_tracks_deg, by_point_deg, strict=True)]
     shifted = widened_by_shifts(expanded, largest_shift_px(hypotheses.tracks))
     rotation_deg = factor * _largest_sigma_deg(rotation_covariance(expanded))
-    rotated = three_directions(_WRONG_ROTATION_DEG, rotation_deg)
+    rotated = three_directions(WRONG_ROTATION_DEG, rotation_deg)
     direction_risks = tuple(
         min(1.0, float(weights @ _with_shifts(sigmas_deg, wider)) + rotated)
         for sigmas_deg, wider in zip(of_views, shifted, strict=True)
@@ -169,8 +156,8 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     direction, direction_deg = direction_risks[0], float(np.sqrt(weights @ of_views[0] ** 2))
     calibrated = hypotheses.priors.focal_sigma <= CALIBRATED_SIGMA
     known_lens = (1.0 if calibrated else sigma_with_known_lens(expanded)) * by_tracks_deg[0]
-    with_known_lens = float(weights @ two_directions(_WRONG_DIRECTION_DEG, known_lens))
-    if_rigid = float(weights @ two_directions(_WRONG_DIRECTION_DEG, rigid * by_tracks_deg[0]))
+    with_known_lens = float(weights @ two_directions(WRONG_DIRECTION_DEG, known_lens))
+    if_rigid = float(weights @ two_directions(WRONG_DIRECTION_DEG, rigid * by_tracks_deg[0]))
     gain, rotation, camera = _rotation_probability(hypotheses, expanded)
     if rotation <= MERE_ROTATION:
         camera = camera_estimate(expanded, factor)
@@ -178,7 +165,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     refused = rotation > _UNDECIDED or direction > _UNKNOWN
     rival, nearest = _rival_term(hypotheses, expanded, direction_deg, fit=not refused)
     other = other_motion(hypotheses) if rotation <= MERE_ROTATION else OtherMotion()
-    total = min(1.0, direction + rival + rotation + other.probability + _FLOOR)
+    total = min(1.0, direction + rival + rotation + other.probability + FLOOR)
     distances = inverse_distances(expanded)
     explained = replace(distances, known=distances.known & explained_tracks(hypotheses))
     depth_sigmas = explained.relative_sigmas
@@ -193,7 +180,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         rotation=rotation,
         moving=other.probability,
         moving_tracks=tuple(other.track_ids.tolist()),
-        floor=_FLOOR,
+        floor=FLOOR,
         direction_sigma_deg=direction_deg,
         rotation_sigma_deg=rotation_deg,
         depth_sigma=float(np.median(depth_sigmas)) if len(depth_sigmas) else math.inf,
@@ -218,13 +205,13 @@ def confirmed(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -
             return (hypotheses, risk) if len(free.motions) == 1 and again.same_as(best) else (free, _risk_of(free))
         of_free = _risk_of(free)
         rotation_deg, direction_deg = best.difference_deg(again)
-        near = rotation_deg <= _AGREES_SIGMAS * of_free.rotation_sigma_deg + _SAME_ROTATION_DEG
-        if not near or direction_deg > _AGREES_SIGMAS * of_free.direction_sigma_deg + _SAME_DIRECTION_DEG:
+        near = rotation_deg <= AGREES_SIGMAS * of_free.rotation_sigma_deg + SAME_ROTATION_DEG
+        if not near or direction_deg > AGREES_SIGMAS * of_free.direction_sigma_deg + SAME_DIRECTION_DEG:
             return free, of_free
         rival, direction = max(risk.rival, of_free.rival), risk.direction
         # The plane of shifted frames is another one in each view, so that it tells nothing about the direction.
         if largest_shift_px(hypotheses.tracks) > hypotheses.tracks.noise_px:
-            direction = max(direction, _FRAMES_ARE_SHIFTED * of_free.direction)
+            direction = max(direction, FRAMES_ARE_SHIFTED * of_free.direction)
         total = min(1.0, rival + direction + risk.rotation + risk.moving + risk.floor)
         return hypotheses, replace(risk, rival=rival, direction=direction, total=total)
 
@@ -249,11 +236,11 @@ def _rival_term(
 
 def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
     """Factor on the standard deviation of the direction, for what the covariance does not know."""
-    few_views = 1 + _FEW_VIEWS / math.sqrt(len(best.rows) - 1)
+    few_views = 1 + FEW_VIEWS / math.sqrt(len(best.rows) - 1)
     # A focal length or a distortion that is pulled beyond its prior compensates errors that the model does not have.
     state, priors = best.fit.state, hypotheses.priors
     pull2 = sum(pull**2 for pull in priors.lens_pulls(state))
-    return few_views * math.sqrt(1 + pull2 / _PULL_FREEDOM)
+    return few_views * math.sqrt(1 + pull2 / PULL_FREEDOM)
 
 
 def _bodies_factor(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
@@ -269,8 +256,8 @@ def _bodies_factor(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
 
 def _with_shifts(sigmas_deg: Floats, wider: float) -> Floats:
     """Probability that a direction is wrong, where frames may be shifted as a whole and widen its deviation."""
-    as_it_is, shifted = (two_directions(_WRONG_DIRECTION_DEG, factor * sigmas_deg) for factor in (1.0, wider))
-    return np.asarray((1 - _FRAMES_ARE_SHIFTED) * as_it_is + _FRAMES_ARE_SHIFTED * shifted)
+    as_it_is, shifted = (two_directions(WRONG_DIRECTION_DEG, factor * sigmas_deg) for factor in (1.0, wider))
+    return np.asarray((1 - FRAMES_ARE_SHIFTED) * as_it_is + FRAMES_ARE_SHIFTED * shifted)
 
 
 def _largest_sigma_deg(covariance: Floats) -> float:
@@ -296,10 +283,10 @@ def _rival_by_bodies(hypotheses: WindowHypotheses, best: FittedMotion, rival: Fi
     used = hypotheses.tracks.anchor >= 0
     # Points beyond the horizon of the rival's plane are on the plane: they do not move.
     on_plane = used & best.fit.state.on_plane
-    if not hypotheses.planar or on_plane.sum() < (1 - _SHARE_OF_BODIES) * used.sum():
+    if not hypotheses.planar or on_plane.sum() < (1 - SHARE_OF_BODIES) * used.sum():
         return 0.0
     votes = 0.5 * hypotheses.votes(best, rival)[on_plane]
-    return _BODIES_MOVE / (1 + math.exp(min(float(votes.sum()), _FAR_BEHIND_NATS)))
+    return BODIES_MOVE / (1 + math.exp(min(float(votes.sum()), _FAR_BEHIND_NATS)))
 
 
 def _rival_probability(
@@ -369,9 +356,9 @@ class _CostsWithFields:
 def _wrong_if_right(best: FittedMotion, rival: FittedMotion, sigma_deg: float) -> float:
     """Probability that the map of the best motion is wrong if the rival is right: not if both are nearly the same."""
     rotation_deg, direction_deg = best.difference_deg(rival)
-    if rotation_deg > _WRONG_ROTATION_DEG:
+    if rotation_deg > WRONG_ROTATION_DEG:
         return 1.0
-    left_deg = max(_WRONG_DIRECTION_DEG - direction_deg, 0.0)
+    left_deg = max(WRONG_DIRECTION_DEG - direction_deg, 0.0)
     return math.exp(-0.5 * (left_deg / max(sigma_deg, 1e-9)) ** 2)
 
 
@@ -410,7 +397,7 @@ def _bodies_probability(hypotheses: WindowHypotheses) -> float:
     best, explained = hypotheses.motions[0], explained_tracks(hypotheses)
     gains = hypotheses.rotation_only.track_costs - hypotheses.costs_of(best)
     gains = np.sort(gains[explained]) / best.fit.dispersion
-    rest = gains[: len(gains) - int(_ON_BODIES * len(gains))]
+    rest = gains[: len(gains) - int(ON_BODIES * len(gains))]
     if not len(rest):
         return 1.0
-    return at_any_look((float(rest.sum()) - _CHANCE_GAIN * len(rest)) / math.sqrt(2 * len(rest)))
+    return at_any_look((float(rest.sum()) - CHANCE_GAIN * len(rest)) / math.sqrt(2 * len(rest)))

@@ -26,6 +26,7 @@ from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses, different_optima
+from slam_init.window.levels import FAR_BEHIND_IN_PAIR
 from slam_init.window.locating import MIN_RESECTED, locate_views
 from slam_init.window.motion import FittedMotion, Motion, fit_motion
 from slam_init.window.other_motion import explained_tracks
@@ -34,8 +35,6 @@ from slam_init.work import Prices, spend
 #: Steps of a fit with free depths. It starts at the poses of a plane, from where twelve steps left costs of 1675 and
 #: 2420 that end at 1207 and 721: the order of the motions turned.
 _STEPS = 60
-#: A start whose fit to the pair costs more than the best one by this is dropped: fifty nats in two views.
-_FAR_BEHIND_IN_PAIR = 100.0
 #: Outlier threshold of the starts, in standard deviations of the noise.
 _SIGMAS = 3.0
 #: Directions of the baseline, in the reference: both ways along its axes.
@@ -58,7 +57,7 @@ def _look_again(hypotheses: WindowHypotheses) -> WindowHypotheses:
         located = locate_views(tracks, start, bearings, hypotheses.rotation_only.state.R)
         if located is not None:
             least = min(one.fit.cost for one in fits if len(one.rows) == len(fits[0].rows))
-            fits.append(fit_motion(tracks, located, priors, least + 6 * _FAR_BEHIND_IN_PAIR, max_steps=_STEPS))
+            fits.append(fit_motion(tracks, located, priors, least + 6 * FAR_BEHIND_IN_PAIR, max_steps=_STEPS))
     return replace(hypotheses, planar=False, motions=tuple(different_optima(fits)))
 
 
@@ -78,7 +77,7 @@ def _different_starts(hypotheses: WindowHypotheses, known: Sequence[FittedMotion
         return []
     frames, best = pair.frames, hypotheses.motions[0]
     motions = [replace(one.motion, cam_from_world=_of_pair(one.motion, frames)) for one in known]
-    reach = fit_motion(pair, motions[0], hypotheses.priors).fit.cost + _FAR_BEHIND_IN_PAIR
+    reach = fit_motion(pair, motions[0], hypotheses.priors).fit.cost + FAR_BEHIND_IN_PAIR
     lens = replace(best.motion, plane=None)
     found: list[Motion] = []
     for pose in _poses_to_start_from(hypotheses, both, bearings):

@@ -24,10 +24,7 @@ import numpy as np
 
 from quest.uncertainty.tails import gaussian_tail
 from slam_init.types.arrays import Floats
-
-#: The information about a motion grows with the square of the baseline, which grows tenfold from the first window that
-#: is judged to the last one.
-_INFORMATION_GROWS = 100.0
+from slam_init.window.levels import INFORMATION_GROWS
 
 
 def two_directions(limit: float, sigmas: Floats) -> Floats:
@@ -46,4 +43,4 @@ def three_directions(limit: float, sigma: float) -> float:
 
 def at_any_look(z: float) -> float:
     """Probability that a statistic exceeds z at any look, where a window is judged again while frames arrive."""
-    return min(1.0, gaussian_tail(z) * (1 + 0.5 * max(z * z - 1, 0.0) * math.log(_INFORMATION_GROWS)))
+    return min(1.0, gaussian_tail(z) * (1 + 0.5 * max(z * z - 1, 0.0) * math.log(INFORMATION_GROWS)))

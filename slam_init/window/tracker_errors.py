@@ -12,17 +12,9 @@ import math
 import numpy as np
 
 from slam_init.types.arrays import Floats
+from slam_init.window.levels import LASTING_PX, LASTING_SHARE, LEAST_SHIFTED, SHARED_PX, SHIFT_PX
 from slam_init.window.tracks import WindowTracks
 
-#: Errors that a tracker keeps from view to view: they grow with the displacement of the image, up to a limit in pixels.
-#: On rendered images of cameras that only turn, by up to 40 degrees with a wrong focal length or unstated distortion,
-#: the best translation gains as much as with errors of up to 0.0033 of the displacement, and of 0.27 px at the most.
-_LASTING_SHARE, _LASTING_PX = 0.004, 0.3
-#: Errors that the tracks of a view share below the noise, in pixels, and that hence do not average out: the bias of
-#: subpixel positions. On the same images it needs 0.014 px to explain what a plane gains that moves by 3 to 7 px.
-_SHARED_PX = 0.02
-#: Standard deviation of the shift of a frame by a stabilizer, and the number of tracks that tell one.
-_SHIFT_PX, _LEAST_SHIFTED = 1.0, 8
 #: Of a shift, where whole pixels are given and the second differences are zero.
 _LEAST_SHIFT_PX = 0.01
 
@@ -34,12 +26,12 @@ def gain_of_lasting_errors(tracks: WindowTracks, R: Floats) -> float:
     """
     cosines = (np.trace(R, axis1=1, axis2=2) - 1) / 2
     displacement_px = tracks.camera.focal_px * float(np.arccos(np.clip(cosines, -1.0, 1.0)).max())
-    return 1 + (min(_LASTING_SHARE * displacement_px, _LASTING_PX) / tracks.noise_px) ** 2
+    return 1 + (min(LASTING_SHARE * displacement_px, LASTING_PX) / tracks.noise_px) ** 2
 
 
 def gain_of_shared_errors(tracks: WindowTracks) -> float:
     """Sum of the squares, in units of the noise, of errors that the tracks of a view share."""
-    return float(tracks.seen[:, tracks.anchor >= 0].sum()) * (_SHARED_PX / tracks.noise_px) ** 2
+    return float(tracks.seen[:, tracks.anchor >= 0].sum()) * (SHARED_PX / tracks.noise_px) ** 2
 
 
 def gain_of_turning_errors(tracks: WindowTracks, readout_s: float) -> float:
@@ -60,12 +52,12 @@ def largest_shift_px(tracks: WindowTracks) -> float:
     squares: list[float] = []
     for a, b, c in zip(order, order[1:], order[2:], strict=False):
         seen = tracks.seen[[a, b, c]].all(axis=0)
-        if seen.sum() >= _LEAST_SHIFTED and tracks.frames[b] - tracks.frames[a] == tracks.frames[c] - tracks.frames[b]:
+        if seen.sum() >= LEAST_SHIFTED and tracks.frames[b] - tracks.frames[a] == tracks.frames[c] - tracks.frames[b]:
             bend = tracks.pixels[a, seen] - 2 * tracks.pixels[b, seen] + tracks.pixels[c, seen]
             squares += (np.median(bend, axis=0) ** 2 / 6).tolist()
     if not squares:
-        return _SHIFT_PX
+        return SHIFT_PX
     # The variance that a sum of squares falls short of once in twenty times, by Wilson and Hilferty.
     spread = 2 / (9 * len(squares))
     least = len(squares) * max(1 - spread - 1.645 * math.sqrt(spread), 0.05) ** 3
-    return min(max(math.sqrt(sum(squares) / least), _LEAST_SHIFT_PX), _SHIFT_PX)
+    return min(max(math.sqrt(sum(squares) / least), _LEAST_SHIFT_PX), SHIFT_PX)

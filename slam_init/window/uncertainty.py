@@ -28,6 +28,7 @@ from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import JointFit
+from slam_init.window.levels import PRINCIPAL_SIGMA, TURNING_FACTOR
 from slam_init.window.linearization import Linearization, information_by_chance, linearize_with_fields
 from slam_init.window.marginal import FIELD_PRIOR, FieldMarginal, marginalize_fields
 from slam_init.window.motion import FittedMotion
@@ -37,13 +38,6 @@ from slam_init.work import Prices, spend
 #: Regions across and down for the scatter of the scores: a dozen sums determine a standard deviation to a fifth, and
 #: errors of the lens and of the shutter extend over a quarter of the image.
 _SCORE_REGIONS = (4, 3)
-#: Standard deviation of the principal point of a calibration, over the width of the image: that of phones is off by a
-#: hundredth.
-_PRINCIPAL_SIGMA = 0.01
-#: Factor on the standard deviation of a readout: the turning of the frames has errors too, most of all that of the
-#: newest one, and they do not average out over the tracks. It was chosen on seeds below 100. With it, two standard
-#: deviations hold the truth in 96 % of 72 drawn windows of a hand-held camera (seeds from 260 000).
-_TURNING_FACTOR = 2.5
 #: An estimated readout is told from none at this number of its standard deviations.
 _TOLD_READOUT_SIGMAS = 3.0
 #: The stated distortion is suspected at five standard deviations, as errors that tracks share double them, and from
@@ -206,7 +200,7 @@ def camera_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> CameraEstim
     distortion = DistortionEstimate(fit.state.k1, _sigma_of(linearization.k1_column, marginal))
     if linearization.readout_column is None:
         return CameraEstimate(focal, distortion, None)
-    sigma_s = _TURNING_FACTOR * _sigma_of(linearization.readout_column, marginal)
+    sigma_s = TURNING_FACTOR * _sigma_of(linearization.readout_column, marginal)
     return CameraEstimate(focal, distortion, ReadoutEstimate(fit.state.readout_s, sigma_s))
 
 
@@ -273,7 +267,7 @@ def directions_by_principal_point_deg(expanded: ExpandedFit) -> Floats:
     mixed = lin.information[np.ix_(other, shift)] @ B
     follow = np.linalg.solve(lin.information[np.ix_(other, other)] + 1e-9 * np.eye(int(other.sum())), mixed)
     own = B.T @ lin.information[np.ix_(shift, shift)] @ B - mixed.T @ follow
-    sigma_px = _PRINCIPAL_SIGMA * expanded.tracks.camera.width
+    sigma_px = PRINCIPAL_SIGMA * expanded.tracks.camera.width
     covariance = np.linalg.inv(0.5 * (own + own.T) + np.eye(2) / sigma_px**2)
     mean = -covariance @ (B.T @ lin.gradient[shift] - follow.T @ lin.gradient[other])
     moment = covariance + np.outer(mean, mean)

@@ -1,0 +1,179 @@
+"""The numbers that decide on a map, in one place: value, unit, reason, and class.
+
+The unit is in the name, or the number has none. The classes:
+
+* definition: what is called wrong.
+* geometry: it follows from the geometry of views.
+* level: a statistical level; the comment says how often chance exceeds it.
+* measured: on data that the comment or ``docs/how/risk.md`` names.
+* assumption: no data tell it; the comment says why this value.
+
+The scales of the error fields and their prior are in :mod:`slam_init.window.marginal`, what recognizes an overlay in
+:mod:`slam_init.frontend.static_tracks`, the priors of a lens in :mod:`slam_init.window.state`. Numbers that change the
+time of a fit but not its result stay beside the fit.
+"""
+
+from __future__ import annotations
+
+# -- what is wrong, and the terms of the risk ------------------------------------------------------------
+
+#: A rotation and a direction are wrong from here on.
+#: Class: definition.
+WRONG_ROTATION_DEG, WRONG_DIRECTION_DEG = 5.0, 15.0
+
+#: Laplace is optimistic with few views. Factor on the standard deviation of the direction: 1.7 with two views, 1.2 with
+#: twelve.
+#: Class: assumption.
+FEW_VIEWS = 0.7
+
+#: A focal length that is off by two of its standard deviations widens the direction by sqrt(2), one that is off by more
+#: in proportion, as Student's distribution with four degrees of freedom is wider than a Gaussian one far out.
+#: Class: assumption.
+PULL_FREEDOM = 4.0
+
+#: Share of the videos whose frames a stabilizer shifts as a whole: phones and drones have one, and most shift slowly.
+#: Class: assumption.
+FRAMES_ARE_SHIFTED = 0.1
+
+#: Before a camera that only rotates, a moving body looks like a near object before points at infinity. So the rest of
+#: the tracks has to show a translation without the tracks that gain most: bodies that hold this share of them.
+#: Class: assumption.
+ON_BODIES = 0.5
+
+#: The camera merely rotates where chance exceeds the gain over the rotation-only camera more often than not.
+#: Class: level.
+MERE_ROTATION = 0.5
+
+#: Mean gain of a track, in chi-square, where there is no translation: its direction is chosen to suit the tracks, and
+#: outliers gain more than noise (32 drawn windows).
+#: Class: measured.
+CHANCE_GAIN = 0.9
+
+#: Tracks off the plane that are fewer than this share lie on one thing or two, which move with this probability. Both
+#: are assumptions: one scene in twenty has such a body, and a quarter of the tracks is more than a body or two hold. A
+#: moving body votes for the motion that its own resembles: of 30 drawn walls with 30 % of the tracks on bodies, two had
+#: a false map, by the votes of 22 and of 53 such tracks against those of 250 on the plane.
+#: Class: assumption.
+SHARE_OF_BODIES, BODIES_MOVE = 0.25, 0.05
+
+#: Two fits of a motion agree within this number of standard deviations, and within what makes two fits one.
+#: Class: level.
+AGREES_SIGMAS, SAME_ROTATION_DEG, SAME_DIRECTION_DEG = 3.0, 0.3, 2.0
+
+#: Share of wrong maps that no term explains, measured on the versions before: one of 480 maps (300 worlds by another
+#: hand, 236 of the three smallest failures, 150 starts on video).
+#: Class: measured.
+FLOOR = 2e-3
+
+# -- looking at every frame ------------------------------------------------------------------------------
+
+#: The information about a motion grows with the square of the baseline, which grows tenfold from the first window that
+#: is judged to the last one.
+#: Class: geometry.
+INFORMATION_GROWS = 100.0
+
+# -- further starts --------------------------------------------------------------------------------------
+
+#: A start whose fit to the pair costs more than the best one by this is dropped: fifty nats in two views.
+#: Class: level.
+FAR_BEHIND_IN_PAIR = 100.0
+
+# -- the camera that only rotates, and the votes ---------------------------------------------------------
+
+#: Largest probability of the parallax of a pair without translation, for which its motions are tried: quest speaks of a
+#: translation from 1e-4 on, but further views may turn a twentieth into a certainty.
+#: Class: level.
+WORTH_TRYING = 0.05
+
+#: Nearly all focal lengths are known to two per cent, but some are guessed, and off by a fifth. For the camera that
+#: only rotates the stated focal length is right, or wrong with this standard deviation of its logarithm at a price of
+#: three nats (odds of one to twenty). So a fifth costs 5.5 nats, where the prior of right ones would charge 40, and a
+#: translation would be the cheaper explanation. Half as long again costs 11: level flight looks like such a rotation.
+#: Class: assumption.
+WRONG_FOCAL, WRONG_FOCAL_COST = 0.1, 6.0
+
+#: The same for a distortion that the calibration lacks: lenses of phones and wide angles have a k1 of up to 0.3.
+#: Class: assumption.
+WRONG_K1 = 0.15
+
+#: The same for the principal point, over the width of the image: the optical axis of phones is off by a hundredth, that
+#: of a cropped or shifted image by a twentieth. Only a camera that turns about several axes shows it.
+#: Class: assumption.
+WRONG_PRINCIPAL = 0.025
+
+#: Largest vote of a track, as a difference of costs (twice the nats): so much it costs to say that it is an outlier.
+#: Class: level.
+LARGEST_VOTE = 6.0
+
+# -- nuisances -------------------------------------------------------------------------------------------
+
+#: Standard deviation of the principal point of a calibration, over the width of the image: two pixels of 640, as a
+#: chessboard tells it. Optical axes that nobody calibrated are off by a hundredth; with that, level flight with a turn
+#: had no map in 12 worlds, since a turn about the optical axis moves the image by the error of the principal point.
+#: Class: assumption.
+PRINCIPAL_SIGMA = 0.003
+
+#: Factor on the standard deviation of a readout: the turning of the frames has errors too, most of all that of the
+#: newest one, and they do not average out over the tracks. It was chosen on seeds below 100. With it, two standard
+#: deviations hold the truth in 96 % of 72 drawn windows of a hand-held camera (seeds from 260 000).
+#: Class: measured.
+TURNING_FACTOR = 2.5
+
+#: Errors that a tracker keeps from view to view: they grow with the displacement of the image, up to a limit in pixels.
+#: On rendered images of cameras that only turn, by up to 40 degrees with a wrong focal length or unstated distortion,
+#: the best translation gains as much as with errors of up to 0.0033 of the displacement, and of 0.27 px at the most.
+#: Class: measured.
+LASTING_SHARE, LASTING_PX = 0.004, 0.3
+
+#: Errors that the tracks of a view share below the noise, in pixels, and that hence do not average out: the bias of
+#: subpixel positions. On the same images it needs 0.014 px to explain what a plane gains that moves by 3 to 7 px.
+#: Class: measured.
+SHARED_PX = 0.02
+
+#: Standard deviation of the shift of a frame by a stabilizer, and the number of tracks that tell one.
+#: Class: assumption.
+SHIFT_PX, LEAST_SHIFTED = 1.0, 8
+
+#: A neighbourhood holds a tenth of the tracks, and so about as much of the view: bodies and the errors of a lens extend
+#: that far. A larger one has fewer independent parts, and says less.
+#: Class: assumption.
+NEIGHBOURHOOD = 0.1
+
+# -- a motion of other tracks ----------------------------------------------------------------------------
+
+#: A motion of other tracks is a rival from this share of the tracks that the best motion explains: half of them where
+#: the other tracks are compact, a quarter where they extend over half of the area or more. With a threshold of a half,
+#: two bodies that hold a fifth of the tracks each do not prevent a map of the rest; a body of half the view does.
+#: Class: assumption.
+SHARE_OF_COMPACT, SHARE_OF_WIDE, WIDE = 0.5, 0.25, 0.5
+
+#: With such a motion it is an even chance which of the two is the camera's.
+#: Class: assumption.
+EVEN = 0.5
+
+#: Outlier threshold of the other motion, in standard deviations of the noise; fewer tracks than this have none.
+#: Class: level.
+OTHER_SIGMAS, LEAST_OTHER_TRACKS = 3.0, 20
+
+# -- whether points lie on a plane -----------------------------------------------------------------------
+
+#: Points lie on a plane if distances of their own lower the cost by as much as noise does: by chi-square with one
+#: degree of freedom a track, so by one on average. Their sum may exceed that by this number of standard deviations.
+#: Class: level.
+PLANE_SIGMAS = 2.5
+
+#: The same where the poses follow. A relief of unknown size explains an excess of z standard deviations better than
+#: chance does by exp(z^2 / 2), and it has one unknown more, which costs a factor of about three: even odds.
+#: Class: level.
+RELIEF_SIGMAS = 1.5
+
+#: A relief of a fifth of the distances would show by this number of standard deviations, else nothing is known of a
+#: plane. The poses follow a smooth relief and hide most of it: of 12 drawn corridors at baselines of .03 and .05 of the
+#: depth those that looked like planes had 19 at most; 12 walls and 12 level flights had 40 or more once they were
+#: accepted.
+#: Class: measured.
+TOLD_RELIEF, TOLD_SIGMAS, LARGEST_GAIN = 0.2, 20.0, 9.0
+
+#: Least share of the tracks that a plane holds, and their least number.
+#: Class: level.
+LEAST_ON_PLANE, LEAST_TRACKS_ON_PLANE = 0.5, 20
