@@ -64,6 +64,13 @@ def test_a_small_risk_of_an_ambiguous_plane_is_not_confirmed_where_its_rival_was
     assert again.total > risk.total
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_turn_about_the_optical_axis_over_flat_ground_leaves_the_direction_known(seed):
+    """There the image moves by the error of the principal point; a calibration knows it well enough."""
+    risk = risk_of(hypotheses("nadir-turn", seed, 12, baseline=0.1))
+    assert risk.direction < 0.005
+
+
 def test_a_room_is_confirmed_as_it_is():
     found = hypotheses("room", 0, 6)
     risk = risk_of(found)
