@@ -103,5 +103,6 @@ class _Cache:
         """Nothing: a changed source has a name of its own."""
 
 
-#: The decorator of the loops of this folder.
-compiled = compiler_of(Path(__file__).parent)
+#: The folder of the loops of quest, and the decorator of these loops.
+FOLDER = Path(__file__).parent
+compiled = compiler_of(FOLDER)

@@ -1,0 +1,34 @@
+"""Compile the estimate beforehand, for images and installers: ``python -m quest.compile``.
+
+numba compiles each loop at its first call, and the machine code is kept on disk
+(:mod:`quest.robust.kernels.machine_code`). This program makes the calls, on a general scene, a plane, a rotation and
+random matches, so that no user waits.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from quest.estimate import estimate_relative_pose
+
+
+def main() -> None:
+    """Compile the loops of the default solver, and print the time and the folder."""
+    from quest.robust.kernels import compiler, machine_code
+
+    begin = time.perf_counter()
+    rng = np.random.default_rng(0)
+    general = rng.uniform((-1, -1, 3), (1, 1, 6), (60, 3))
+    flat = np.column_stack([general[:, :2], np.full(60, 4.0)])
+    for points, t in ((general, (0.5, 0.0, 0.1)), (flat, (0.5, 0.0, 0.1)), (general, (0.0, 0.0, 0.0))):
+        estimate_relative_pose(points, points + np.array(t) + rng.normal(0, 1e-3, points.shape), scores=range(60))
+    estimate_relative_pose(general, rng.permutation(general), max_samples=64)
+    folders = machine_code.folders_of(compiler.FOLDER)
+    seconds = time.perf_counter() - begin
+    print(f"compiled in {seconds:.1f} s, kept in {' or '.join(str(folder) for folder in folders)}")
+
+
+if __name__ == "__main__":
+    main()
