@@ -57,6 +57,7 @@ RANGES: dict[str, tuple[float, float, str]] = {
     "map.outlier_sigmas": (1, 100, "standard deviations: a third of Gaussian errors is beyond one"),
     "map.noise_px": (0.001, 100, "pixels"),
     "map.min_noise_px": (0.001, 100, "pixels"),
+    "map.lens_uncertainty": (0, 100, "0 for an exact lens"),
     "map.focal_sigma": (0.0001, 1, "a share of the focal length"),
     "acceptance.max_risk": (1e-9, 1, "a probability"),
     "acceptance.min_landmarks": (4, 100_000, "three points fix a pose, and one more tests it"),
@@ -189,6 +190,10 @@ class MapConfig(_Section):
     #: Relative standard deviation of the prior of the focal length: data sheets and zoom scales are off by 5 %; for a
     #: guess from the image size use 0.3.
     focal_sigma: float = 0.05
+    #: Factor on what a calibration leaves open in the covariances of the map: 2 % of the focal length, 0.025 of the
+    #: width for the principal point, and 0.01 for a stated k1 (0.05 for one that is not stated). With 0 the lens is
+    #: exact, and the graph holds it.
+    lens_uncertainty: float = 1.0
 
 
 @dataclass(frozen=True)

@@ -21,19 +21,16 @@ def enlarged_graph(
     values: gtsam.Values,
     camera: Camera,
     stated: Camera,
-    noise_px: float,
     factor: int,
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Make the graph of the same map for images that are larger by a whole factor.
 
     * ``graph``: Made by :func:`slam_init.bundle.graph.build_graph`, without a robust kernel.
     * ``stated``: That of the larger images as stated, which a prior of the calibration expects.
-    * ``noise_px``: Standard deviation of one coordinate in pixels of the larger images.
     * Returns ``graph``: Each residual over its standard deviation is that of the given graph.
     """
     import gtsam
 
-    noise = gtsam.noiseModel.Isotropic.Sigma(2, noise_px)
     adjusted = values.exists(calibration_key())
     larger = gtsam.NonlinearFactorGraph()
     for number in range(graph.size()):
@@ -41,6 +38,7 @@ def enlarged_graph(
         name = type(one).__name__
         if name.startswith(("GenericProjectionFactor", "GeneralSFMFactor2")):
             pose, landmark = one.keys()[:2]
+            noise = gtsam.noiseModel.Isotropic.Sigma(2, factor * one.noiseModel().sigma())
             pixel = factor * (np.asarray(one.measured(), np.float64) + 0.5) - 0.5
             larger.add(measured_projection(camera, pixel[None], noise, adjusted=adjusted)(0, pose, landmark))
         elif name.startswith("PriorFactorCal3"):
@@ -50,7 +48,7 @@ def enlarged_graph(
     enlarged = gtsam.Values(values)
     if adjusted:
         enlarged.erase(calibration_key())
-        enlarged.insert(calibration_key(), gtsam_calibration(camera))
+        enlarged.insert(calibration_key(), gtsam_calibration(camera, adjusted=True))
     return larger, enlarged
 
 
@@ -60,5 +58,5 @@ def _enlarged_prior(prior: Any, stated: Camera, factor: int) -> gtsam.NonlinearF
     whiten = np.array(prior.noiseModel().R())
     whiten[:, :_IN_PIXELS] /= factor
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(whiten)
-    larger: gtsam.NonlinearFactor = type(prior)(calibration_key(), gtsam_calibration(stated), noise)
+    larger: gtsam.NonlinearFactor = type(prior)(calibration_key(), gtsam_calibration(stated, adjusted=True), noise)
     return larger

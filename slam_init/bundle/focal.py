@@ -14,7 +14,7 @@ import numpy as np
 from slam_init.bundle.graph import build_graph, is_undistorted_first, read_focal_factor, read_problem
 from slam_init.bundle.least_squares import minimize, with_lenses
 from slam_init.bundle.noise import least_squares_noise
-from slam_init.bundle.problem import BundleFit, FocalPrior
+from slam_init.bundle.problem import BundleFit, LensPrior
 from slam_init.config import MapConfig
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
@@ -44,7 +44,7 @@ def camera_with_focal_factor(camera: Camera, factor: float) -> Camera:
     return replace(camera, fx=fx, fy=fy, distortion=distortion)
 
 
-def adjust_focal(prior: FocalPrior, fit: BundleFit, config: MapConfig) -> BundleFit:
+def adjust_focal(prior: LensPrior, fit: BundleFit, config: MapConfig) -> BundleFit:
     """Adjust the focal length by Newton's method. Poses and landmarks are optimized again after each step.
 
     Adjusting all unknowns at once converges very slowly: 5 % more focal length needs 5 % less rotation and 5 % less

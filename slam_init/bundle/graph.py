@@ -1,7 +1,7 @@
 """The factor graph of bundle adjustment and its optimum.
 
-Variables: ``X(frame)`` are poses world_from_cam, ``L(track)`` are landmarks. ``K(0)`` is the calibration if the focal
-length is adjusted; otherwise the calibration is held.
+Variables: ``X(frame)`` are poses world_from_cam, ``L(track)`` are landmarks, ``K(0)`` is the calibration where the lens
+has a prior; otherwise the calibration is held.
 
 Gauge: a tight prior holds the first pose. A range factor holds the distance between the first camera and the one
 farthest from it.
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.bundle.problem import BundleProblem, FocalPrior, PosePrior
+from slam_init.bundle.problem import BundleProblem, LensPrior, PosePrior
 from slam_init.bundle.reprojection import (
     calibration_key,
     gtsam_calibration,
@@ -39,7 +39,6 @@ __all__ = [
     "gtsam_calibration",
     "is_undistorted_first",
     "landmark_key",
-    "marginal_covariances",
     "measured_pixels",
     "optimize",
     "pose_key",
@@ -59,6 +58,8 @@ _SCALE_SIGMA = 1e-3
 #: Relative standard deviation of fy / fx if the focal length is adjusted. The data determine this ratio to a thousandth
 #: at best. With a smaller value, rounding in the elimination destroys the information about the common focal length.
 _ASPECT_SIGMA = 1e-5
+#: Where the calibrations of gtsam have the principal point and k1, after fx, fy and the skew.
+_PRINCIPAL, _K1 = [3, 4], 5
 #: A graph is built in parts of so many factors, about 2 ms each.
 _FACTORS_AT_ONCE = 1000
 #: The gauge in words.
@@ -80,7 +81,7 @@ def landmark_key(track_id: int) -> int:
 
 
 def build_graph(
-    camera: Camera, problem: BundleProblem, noise_px: float, *, robust: bool, prior: FocalPrior | None = None
+    camera: Camera, problem: BundleProblem, noise_px: float, *, robust: bool, prior: LensPrior | None = None
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Build the factor graph of a problem: reprojection factors, gauge, baseline range, and the priors that there are.
 
@@ -107,7 +108,7 @@ def build_graph(
             graph.add(made)
     graph.push_back(_pose_factors(problem))
     if prior is not None:
-        values.insert(calibration_key(), gtsam_calibration(camera))
+        values.insert(calibration_key(), gtsam_calibration(camera, adjusted=True))
         graph.add(_calibration_prior(prior))
     return graph, values
 
@@ -186,17 +187,22 @@ def _pose_prior(prior: PosePrior, key: int, mean: Pose, baseline: float) -> gtsa
     return factor
 
 
-def _calibration_prior(prior: FocalPrior) -> gtsam.NonlinearFactor:
-    """A prior factor on ``K(0)``: loose along (fx, fy); tight for their ratio and for all other parameters."""
+def _calibration_prior(prior: LensPrior) -> gtsam.NonlinearFactor:
+    """A prior factor on ``K(0)``: tight for the ratio of the focal lengths, and for all that a lens prior has not."""
     import gtsam
 
-    mean = gtsam_calibration(prior.camera)
-    focal = np.array([prior.camera.fx, prior.camera.fy])
+    camera, bend = prior.camera, 1e-3
+    mean = gtsam_calibration(camera, adjusted=True)
+    focal = np.array([camera.fx, camera.fy])
     length = float(np.linalg.norm(focal))
     along = focal / length
     whiten = np.eye(mean.dim()) / _GAUGE_SIGMA
-    whiten[0, :2] = along / (prior.sigma * length)
+    whiten[0, :2] = along / max(prior.focal * length, _GAUGE_SIGMA)
     whiten[1, :2] = np.array([-along[1], along[0]]) / (_ASPECT_SIGMA * length)
+    whiten[_PRINCIPAL, _PRINCIPAL] = 1 / max(prior.principal_px, _GAUGE_SIGMA)
+    # A lens model counts k1 in coordinates of its own.
+    bent = gtsam_calibration(camera.bent(bend), adjusted=True).vector() - mean.vector()
+    whiten[_K1, _K1] = 1 / max(prior.k1 * abs(bent[_K1] / bend or 1.0), _GAUGE_SIGMA)
     # gtsam requires the square root of the information matrix in upper triangular form.
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(np.linalg.qr(whiten)[1])
     factor: gtsam.NonlinearFactor = getattr(gtsam, f"PriorFactor{type(mean).__name__}")(calibration_key(), mean, noise)
@@ -252,27 +258,6 @@ def _pose(pose3: gtsam.Pose3) -> Pose:
 
 def read_focal_factor(camera: Camera, values: gtsam.Values) -> float:
     """Read the focal length of gtsam values over that of the stated camera."""
-    at = getattr(values, f"at{type(gtsam_calibration(camera)).__name__}")
+    at = getattr(values, f"at{type(gtsam_calibration(camera, adjusted=True)).__name__}")
     calibration = at(calibration_key())
     return float(np.sqrt(calibration.fx() * calibration.fy()) / np.sqrt(camera.fx * camera.fy))
-
-
-def marginal_covariances(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, frames: tuple[int, ...], prior: FocalPrior | None
-) -> tuple[Floats, float]:
-    """Compute the marginal covariances of the poses and of the focal length.
-
-    Shapes: returns ``pose_covariances`` (K, 6, 6).
-
-    * Returns ``pose_covariances``: In gtsam's tangent order (rotation, translation), in the camera frame.
-    * Returns ``focal_variance``: Variance of fx in square pixels; 0 if the calibration is held.
-    """
-    import gtsam
-
-    spend(Prices.ITERATION * graph.size())
-    marginals = gtsam.Marginals(graph, values)
-    poses = np.empty((len(frames), 6, 6))
-    for k, frame in enumerate(frames):
-        spend(Prices.COVARIANCE)
-        poses[k] = marginals.marginalCovariance(pose_key(frame))
-    return poses, 0.0 if prior is None else float(marginals.marginalCovariance(calibration_key())[0, 0])

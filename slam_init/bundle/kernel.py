@@ -143,6 +143,197 @@ def eliminate_points(
 
 
 @compiled
+def couple_shared_errors(
+    R: Floats,
+    t: Floats,
+    points: Floats,
+    starts: Ints,
+    views: Ints,
+    lenses: Floats,
+    roots: Floats,
+    by_lens: Floats,
+    places: Floats,
+    residuals: Floats,
+    of_points: Floats,
+    of_poses: Floats,
+    own: Floats,
+    gradient: Floats,
+    solved: Floats,
+    scores: Floats,
+) -> None:
+    """The part of errors that observations share in the equations: of the lens, and of a smooth field in each view.
+
+    A field moves a pixel along both coordinates, as the principal point does, by the sum of six polynomials each. All
+    derivatives and residuals are over the noise.
+
+    Shapes: ``roots`` (L, 6), ``by_lens`` (M, 2, 4), ``places`` (M, 6), ``residuals`` (M, 2).
+
+    * ``roots``: Of :func:`eliminate_points`.
+    * ``by_lens``: Columns 1 and 2 are those of the principal point.
+    * ``of_points``: Receives ``C^-1 V`` (L, 3, 4 + 12 K) with the coupling V of the points to lens and fields.
+    * ``of_poses, own``: Receive the products of a view (K, 6, 16) with lens and field, and of both with both
+      (K, 16, 16).
+    * ``gradient``: Receives that by lens and fields.
+    * ``solved, scores``: Receive ``C^-1 b`` (L, 3) and the part of each landmark in the gradient of the poses
+      (L, 6 K), before the elimination.
+    """
+    p, D, e = np.empty(3), np.empty((2, 3)), np.empty(2)
+    J, JX, S = np.empty((2, 6)), np.empty((2, 3)), np.empty((2, 16))
+    of_points[:], of_poses[:], own[:], gradient[:], solved[:], scores[:] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for landmark in range(len(points)):
+        V = of_points[landmark]
+        for m in range(starts[landmark], starts[landmark + 1]):
+            k = views[m]
+            if not _project(lenses[m], R[k], t[k], points[landmark], p, D, e):
+                continue
+            for j in range(2):
+                J[j, 0] = D[j, 1] * p[2] - D[j, 2] * p[1]
+                J[j, 1] = D[j, 2] * p[0] - D[j, 0] * p[2]
+                J[j, 2] = D[j, 0] * p[1] - D[j, 1] * p[0]
+                for i in range(3):
+                    J[j, 3 + i] = -D[j, i]
+                    JX[j, i] = R[k, i, 0] * D[j, 0] + R[k, i, 1] * D[j, 1] + R[k, i, 2] * D[j, 2]
+                for i in range(4):
+                    S[j, i] = by_lens[m, j, i]
+                for i in range(6):
+                    S[j, 4 + i] = by_lens[m, j, 1] * places[m, i]
+                    S[j, 10 + i] = by_lens[m, j, 2] * places[m, i]
+            field = 4 + 12 * k
+            e0, e1 = residuals[m, 0], residuals[m, 1]
+            for q in range(16):
+                column = q if q < 4 else field + q - 4
+                gradient[column] += S[0, q] * e0 + S[1, q] * e1
+                for i in range(3):
+                    V[i, column] += JX[0, i] * S[0, q] + JX[1, i] * S[1, q]
+                for i in range(6):
+                    of_poses[k, i, q] += J[0, i] * S[0, q] + J[1, i] * S[1, q]
+                for i in range(16):
+                    own[k, i, q] += S[0, i] * S[0, q] + S[1, i] * S[1, q]
+            for i in range(3):
+                solved[landmark, i] += JX[0, i] * e0 + JX[1, i] * e1
+            for i in range(6):
+                scores[landmark, 6 * k + i] += J[0, i] * e0 + J[1, i] * e1
+        c00, c11, c22, c10, c20, c21 = roots[landmark]
+        for q in range(V.shape[1]):
+            V[0, q] /= c00
+            V[1, q] = (V[1, q] - c10 * V[0, q]) / c11
+            V[2, q] = (V[2, q] - c20 * V[0, q] - c21 * V[1, q]) / c22
+        z = solved[landmark]
+        z[0] /= c00
+        z[1] = (z[1] - c10 * z[0]) / c11
+        z[2] = (z[2] - c20 * z[0] - c21 * z[1]) / c22
+
+
+@compiled
+def leverage_of_pairs(
+    R: Floats, t: Floats, points: Floats, starts: Ints, views: Ints, lenses: Floats, covariance: Floats, leverage: Floats
+) -> None:
+    """Share of each landmark with two views in its own residual.
+
+    Four coordinates and three unknowns leave one residual, along ``u`` across the derivatives by the point. Its
+    derivative by the poses is ``g``, and the errors of the poses move it by ``g^T S g`` in units of the noise.
+
+    Shapes: ``covariance`` (6 K, 6 K), ``leverage`` (L,).
+
+    * ``leverage``: Receives the shares; 0 for landmarks with another number of views.
+    """
+    p, D, e = np.empty(3), np.empty((2, 3)), np.empty(2)
+    JX, J, u, g, at = np.empty((4, 3)), np.empty((4, 6)), np.empty(4), np.empty(12), np.empty(12, np.int64)
+    for landmark in range(len(points)):
+        first = starts[landmark]
+        leverage[landmark] = 0.0
+        if starts[landmark + 1] - first != 2:
+            continue
+        for m in range(2):
+            k = views[first + m]
+            _project(lenses[first + m], R[k], t[k], points[landmark], p, D, e)
+            for j in range(2):
+                row = 2 * m + j
+                J[row, 0] = D[j, 1] * p[2] - D[j, 2] * p[1]
+                J[row, 1] = D[j, 2] * p[0] - D[j, 0] * p[2]
+                J[row, 2] = D[j, 0] * p[1] - D[j, 1] * p[0]
+                for i in range(3):
+                    J[row, 3 + i] = -D[j, i]
+                    JX[row, i] = R[k, i, 0] * D[j, 0] + R[k, i, 1] * D[j, 1] + R[k, i, 2] * D[j, 2]
+            for i in range(6):
+                at[6 * m + i] = 6 * k + i
+        length = 0.0
+        for row in range(4):  # the cofactors of a fourth column
+            a, b, c = JX[(row + 1) % 4], JX[(row + 2) % 4], JX[(row + 3) % 4]
+            u[row] = a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
+            u[row] += a[2] * (b[0] * c[1] - b[1] * c[0])
+            u[row] *= 1.0 - 2.0 * (row % 2)
+            length += u[row] * u[row]
+        if length == 0.0:
+            continue
+        for i in range(6):
+            g[i] = u[0] * J[0, i] + u[1] * J[1, i]
+            g[6 + i] = u[2] * J[2, i] + u[3] * J[3, i]
+        for i in range(12):
+            for j in range(12):
+                leverage[landmark] += g[i] * covariance[at[i], at[j]] * g[j] / length
+
+
+@compiled
+def spread_to_points(
+    roots: Floats,
+    followed: Floats,
+    newest: Floats,
+    R: Floats,
+    seen: Floats,
+    lens: int,
+    points: Floats,
+    in_newest: Floats,
+    with_stated_lens: Floats,
+) -> None:
+    """Covariances of the points from independent causes of unit variance.
+
+    Shapes: ``roots`` (L, 6), ``followed`` (L, 3, T), ``newest`` (6, T), ``R`` (3, 3), ``seen`` (L, 3).
+
+    * ``followed``: A point moves by ``-C^-T`` times a column for its cause. Overwritten.
+    * ``newest``: Rotation vector and translation of the newest camera for each cause.
+    * ``R``: Its world_from_cam.
+    * ``seen``: The points in the newest camera.
+    * ``lens``: The causes from here on are errors of the lens.
+    * ``points, in_newest, with_stated_lens``: Receive the covariances (L, 3, 3) in the world, in the newest camera, and
+      there without the lens.
+    """
+    own, x, y = np.empty((3, 3)), np.empty(3), np.empty(3)
+    for landmark in range(len(roots)):
+        c00, c11, c22, c10, c20, c21 = roots[landmark]
+        F, s = followed[landmark], seen[landmark]
+        # The rays: the columns of C^-T, with the sign of the causes.
+        own[:] = 0.0
+        own[0, 0], own[1, 1], own[2, 2] = 1.0, 1.0, 1.0
+        for i in range(3):
+            for j in range(3):
+                points[landmark, i, j] = in_newest[landmark, i, j] = 0.0
+        causes = F.shape[1]
+        for column in range(causes + 3):
+            rays = column >= causes
+            for i in range(3):
+                x[i] = own[i, column - causes] if rays else F[i, column]
+            x[2] = -x[2] / c22
+            x[1] = (-x[1] - c21 * x[2]) / c11
+            x[0] = (-x[0] - c10 * x[1] - c20 * x[2]) / c00
+            for i in range(3):
+                y[i] = R[0, i] * x[0] + R[1, i] * x[1] + R[2, i] * x[2]
+            if not rays:
+                w0, w1, w2 = newest[0, column], newest[1, column], newest[2, column]
+                y[0] += s[1] * w2 - s[2] * w1 - newest[3, column]
+                y[1] += s[2] * w0 - s[0] * w2 - newest[4, column]
+                y[2] += s[0] * w1 - s[1] * w0 - newest[5, column]
+            if column == lens:
+                with_stated_lens[landmark] = in_newest[landmark]
+            for i in range(3):
+                for j in range(3):
+                    points[landmark, i, j] += x[i] * x[j]
+                    in_newest[landmark, i, j] += y[i] * y[j]
+                    if rays:
+                        with_stated_lens[landmark, i, j] += y[i] * y[j]
+
+
+@compiled
 def fit_points_to_rays(
     points: Floats,
     starts: Ints,

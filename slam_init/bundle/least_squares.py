@@ -30,22 +30,27 @@ from slam_init.work import Prices, spend
 #: absolute decrease of the error below which the iterations end.
 _DAMPING, _FACTOR, _MOST_DAMPING, _LEAST_DECREASE = 1e-5, 10.0, 1e5, 1e-5
 #: Damping of the covariances: a landmark whose rays are parallel tells nothing about the poses, and must not stop them.
-_NONE = 1e-9
+NONE = 1e-9
 #: An error from here on is that of a landmark behind a camera.
 _WRONG = 1e11
 #: Virtual cameras are made for so many observations at once, about 2 ms.
 _AT_ONCE = 2000
 
 
-class _Observations(NamedTuple):
-    """The observations in the order of their landmarks: starts (L + 1,), views (M,) and lenses (M, 3, 3)."""
+class Observed(NamedTuple):
+    """The observations in the order of their landmarks."""
 
+    #: (L + 1,) The observations of landmark l are those from ``starts[l]`` up to ``starts[l + 1]``.
     starts: Ints
+    #: (M,)
     views: Ints
+    #: (M, 3, 3) Virtual cameras, over the noise.
     lenses: Floats
+    #: (M,) Positions in the problem.
+    order: Ints
 
 
-class _Equations(NamedTuple):
+class Equations(NamedTuple):
     """The equations of the poses without the points, (6 K, 6 K) and (6 K,), and what the points need to follow."""
 
     information: Floats
@@ -88,15 +93,15 @@ def minimize(
 def _minimized(
     problem: BundleProblem, noise_px: float, iterations: int, tolerance: float
 ) -> tuple[BundleProblem, list[float]]:
-    observed, terms = _by_landmark(problem, noise_px), PoseTerms(problem)
-    R, t = _arrays(problem.world_from_cam)
+    observed, terms = by_landmark(problem, noise_px), PoseTerms(problem)
+    R, t = arrays_of(problem.world_from_cam)
     points = np.ascontiguousarray(problem.points)
     error, damping = _error(observed, terms, R, t, points), _DAMPING
     errors = [_rms_px(error, noise_px, problem)]
     for _ in range(iterations):
         moved, lower = None, np.inf
         while damping <= _MOST_DAMPING:
-            moved = _moved(_equations(observed, terms, R, t, points, damping), R, t, points)
+            moved = _moved(equations_of(observed, terms, R, t, points, damping), R, t, points)
             lower = np.inf if moved is None else _error(observed, terms, *moved)
             # At the optimum a step changes the error by rounding only. It need not be tried again.
             if lower - error <= tolerance * error:
@@ -115,67 +120,7 @@ def _minimized(
     return replace(problem, world_from_cam=poses, points=points), errors
 
 
-class MapCovariances(NamedTuple):
-    """Marginal covariances of a map: poses (K, 6, 6), points (L, 3, 3), and of the points in the newest view (L, 3, 3).
-
-    Those of the poses are in gtsam's tangent order (rotation, translation), in the camera frame. Those of the points
-    are in the world, and in the frame of the newest camera, whose own error is in them.
-    """
-
-    poses: Floats
-    points: Floats
-    in_newest: Floats
-
-
-def covariances(problem: BundleProblem, noise_px: float) -> MapCovariances:
-    """Marginal covariances at the optimum, in the gauge of the graph, for a held camera.
-
-    A point has what its rays leave open for known poses, and what the errors of the poses add. With the names of
-    :func:`slam_init.bundle.kernel.eliminate_points` and the covariance S of the poses it is
-    ``C^-T (I + Y S Y^T) C^-1``.
-    """
-    observed, terms = _by_landmark(problem, noise_px), PoseTerms(problem)
-    R, t = _arrays(problem.world_from_cam)
-    with single_threaded():
-        equations = _equations(observed, terms, R, t, np.ascontiguousarray(problem.points), _NONE)
-        information = equations.information
-        # The gauge is stiffer than the landmarks by many orders: in units of its diagonal the matrix is well
-        # conditioned.
-        units = np.sqrt(np.diag(information))
-        try:
-            covariance = np.linalg.inv(information / np.outer(units, units)) / np.outer(units, units)
-        except np.linalg.LinAlgError as error:
-            raise RuntimeError(f"the poses are not determined: {error}") from None
-    if not np.isfinite(covariance).all():
-        raise RuntimeError("the poses are not determined")
-    count = len(problem.frames)
-    blocks = covariance.reshape(count, 6, count, 6)[np.arange(count), :, np.arange(count)]
-    spend(Prices.MAP_COVARIANCES * len(problem.points) * count**2)
-    C = np.zeros((len(problem.points), 3, 3))
-    C[:, (0, 1, 2, 1, 2, 2), (0, 1, 2, 0, 0, 1)] = equations.roots
-    followed = np.swapaxes(np.linalg.inv(C), 1, 2)
-    by_poses = -followed @ equations.coupling.reshape(-1, 3, 6 * count)
-    of_rays = followed @ np.swapaxes(followed, 1, 2)
-    # A point X is y = R^T (X - t) in a camera: with the tangent (w, v) of its pose, dy = R^T dX - v + y x w.
-    to_camera, y = R[-1].T, (problem.points - t[-1]) @ R[-1]
-    in_newest = to_camera @ by_poses
-    in_newest[:, :, -6:-3] += np.cross(np.eye(3), y[:, None])  # rows of the matrix of y x
-    in_newest[:, :, -3:] -= np.eye(3)
-    return MapCovariances(
-        np.asarray(0.5 * (blocks + np.swapaxes(blocks, 1, 2))),
-        of_rays + _spread(by_poses, covariance),
-        to_camera @ of_rays @ to_camera.T + _spread(in_newest, covariance),
-    )
-
-
-def _spread(J: Floats, covariance: Floats) -> Floats:
-    """Covariances (L, 3, 3) of linear functions (L, 3, X) of unknowns with a covariance (X, X)."""
-    with single_threaded():
-        followed = (J.reshape(-1, J.shape[2]) @ covariance).reshape(J.shape)
-    return np.asarray(np.einsum("lix,ljx->lij", followed, J))
-
-
-def _by_landmark(problem: BundleProblem, noise_px: float) -> _Observations:
+def by_landmark(problem: BundleProblem, noise_px: float) -> Observed:
     if problem.lenses is None:
         raise ValueError("a problem without lenses: make them by with_lenses")
     known = np.isfinite(problem.lenses[:, 2, 0])
@@ -184,31 +129,31 @@ def _by_landmark(problem: BundleProblem, noise_px: float) -> _Observations:
     lenses[:, :2] /= noise_px
     counts = np.bincount(problem.landmarks[order], minlength=len(problem.points))
     starts = np.concatenate([[0], np.cumsum(counts)])
-    return _Observations(starts, np.ascontiguousarray(problem.views[order]), lenses)
+    return Observed(starts, np.ascontiguousarray(problem.views[order]), lenses, order)
 
 
-def _arrays(poses: tuple[Pose, ...]) -> tuple[Floats, Floats]:
+def arrays_of(poses: tuple[Pose, ...]) -> tuple[Floats, Floats]:
     return np.array([pose.R for pose in poses]), np.array([pose.t for pose in poses])
 
 
-def _error(observed: _Observations, terms: PoseTerms, R: Floats, t: Floats, points: Floats) -> float:
+def _error(observed: Observed, terms: PoseTerms, R: Floats, t: Floats, points: Floats) -> float:
     """Half of the sum of squares, as gtsam's graph has it."""
     from slam_init.bundle.kernel import squared_error
 
     spend(Prices.MAP_ERROR + Prices.MAP_ERROR_OBSERVATION * len(observed.views))
-    return 0.5 * squared_error(R, t, points, *observed) + terms.error(R, t)
+    return 0.5 * squared_error(R, t, points, *observed[:3]) + terms.error(R, t)
 
 
-def _equations(
-    observed: _Observations, terms: PoseTerms, R: Floats, t: Floats, points: Floats, damping: float
-) -> _Equations:
+def equations_of(
+    observed: Observed, terms: PoseTerms, R: Floats, t: Floats, points: Floats, damping: float
+) -> Equations:
     from slam_init.bundle.kernel import eliminate_points
 
     views, count = len(R), len(points)
     spend(Prices.MAP_EQUATIONS * len(observed.views))
     blocks, gradient = np.empty((views, 6, 6)), np.empty(6 * views)
     roots, solved, coupling = np.empty((count, 6)), np.empty(3 * count), np.empty((3 * count, 6 * views))
-    eliminate_points(R, t, points, *observed, damping, blocks, gradient, roots, solved, coupling)
+    eliminate_points(R, t, points, *observed[:3], damping, blocks, gradient, roots, solved, coupling)
     spend(Prices.MAP_STEP + Prices.MAP_ELIMINATION * count * views**2)
     information, of_terms = terms.equations(R, t)
     information -= coupling.T @ coupling
@@ -216,10 +161,10 @@ def _equations(
     for k in range(views):
         own = slice(6 * k, 6 * k + 6)
         information[own, own] += blocks[k]
-    return _Equations(information, gradient + of_terms - coupling.T @ solved, roots, solved, coupling)
+    return Equations(information, gradient + of_terms - coupling.T @ solved, roots, solved, coupling)
 
 
-def _moved(equations: _Equations, R: Floats, t: Floats, points: Floats) -> tuple[Floats, Floats, Floats] | None:
+def _moved(equations: Equations, R: Floats, t: Floats, points: Floats) -> tuple[Floats, Floats, Floats] | None:
     """Poses and points after a step; None where the equations have no solution."""
     try:
         step = np.asarray(np.linalg.solve(equations.information, -equations.gradient), np.float64)

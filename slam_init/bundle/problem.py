@@ -1,4 +1,4 @@
-"""Input of bundle adjustment (problem, prior of the focal length) and its result (solution or failure).
+"""Input of bundle adjustment (problem, prior of the lens) and its result (solution or failure).
 
 A failure is a value with its cause, not an exception.
 """
@@ -108,11 +108,24 @@ class BundleProblem:
         return replace(self, world_from_cam=poses, points=factor * self.points, expected=expected)
 
 
-class FocalPrior(NamedTuple):
-    """Prior of the focal length: the stated camera, and the relative standard deviation of its focal length."""
+class LensPrior(NamedTuple):
+    """Prior of the lens: the stated camera, and the standard deviations of its parameters; 0 for one that is exact."""
 
     camera: Camera
-    sigma: float
+    #: Relative, of the focal length.
+    focal: float
+    #: Of each coordinate of the principal point.
+    principal_px: float = 0.0
+    #: Of the first coefficient of the radial distortion.
+    k1: float = 0.0
+
+    @property
+    def sigmas(self) -> Floats:
+        """The standard deviations in the order of :func:`slam_init.bundle.lens.lens_derivatives`.
+
+        Shapes: returns (4,).
+        """
+        return np.array([self.focal, self.principal_px, self.principal_px, self.k1])
 
 
 class BundleFit(NamedTuple):
@@ -145,11 +158,14 @@ class BundleSolution:
     #: graph, values: The final factor graph and its optimum.
     graph: Any
     values: Any
+    #: Standard deviation of the noise of the graph over ``noise_px`` (:mod:`slam_init.bundle.shared_errors`).
+    overdispersion: float
     #: (K, 6, 6) In gtsam's tangent order (rotation, translation), in the camera frame.
     pose_covariances: Floats
-    #: point_covariances, seen_covariances: (L, 3, 3) Of the landmarks, in the world and in the frame of the newest
-    #: camera, for a held focal length.
+    #: (L, 3, 3) Of the landmarks in the world.
     point_covariances: Floats
+    #: (L, 3, 3) Of the landmarks in the frame of the newest camera, if the lens is as stated: the next view has the
+    #: same lens.
     seen_covariances: Floats
     #: (L,) Relative standard deviations of the distances from the newest camera.
     depth_sigmas: Floats

@@ -31,10 +31,12 @@ def calibration_key() -> int:
     return int(gtsam.symbol("k", 0))
 
 
-def gtsam_calibration(camera: Camera) -> _Calibration:
+def gtsam_calibration(camera: Camera, *, adjusted: bool = False) -> _Calibration:
     """Convert a camera to a calibration of gtsam.
 
     gtsam's Cal3DS2 has no k3 and no rational part. A camera with one is adjusted on undistorted pixels, as a Cal3_S2.
+
+    * ``adjusted``: Whether the calibration is a variable. Then it has a k1: a Cal3DS2 instead of a Cal3_S2.
     """
     import gtsam
 
@@ -46,6 +48,8 @@ def gtsam_calibration(camera: Camera) -> _Calibration:
         return gtsam.Cal3Fisheye(fx, fy, 0.0, cx, cy, *camera.distortion)
     if camera.is_distorted and not is_undistorted_first(camera):
         return gtsam.Cal3DS2(fx, fy, 0.0, cx, cy, *camera.distortion[:4])
+    if adjusted:
+        return gtsam.Cal3DS2(fx, fy, 0.0, cx, cy, 0.0, 0.0, 0.0, 0.0)
     return gtsam.Cal3_S2(fx, fy, 0.0, cx, cy)
 
 
@@ -93,7 +97,7 @@ def measured_projection(
     """
     import gtsam
 
-    calibration = gtsam_calibration(camera)
+    calibration = gtsam_calibration(camera, adjusted=adjusted)
     name = type(calibration).__name__
     if adjusted:
         shared, key = getattr(gtsam, f"GeneralSFMFactor2{name}"), calibration_key()

@@ -101,7 +101,7 @@ class Reduction:
             camera = replace(map_.camera.scaled(n), width=camera.width, height=camera.height)
         if map_.graph is None:  # that of an external program: poses only
             return replace(map_, camera=camera)
-        graph, values = enlarged_graph(map_.graph, map_.values, camera, self.original, n * map_.noise_px, n)
+        graph, values = enlarged_graph(map_.graph, map_.values, camera, self.original, n)
         return replace(
             map_,
             observation_pixels=n * (map_.observation_pixels + 0.5) - 0.5,

@@ -1,0 +1,202 @@
+"""The covariances of a map: what the noise of the tracks leaves open, and what the errors add that tracks share.
+
+A covariance is written as its causes: independent errors of unit variance, and how far poses and points follow each of
+them. The causes are the noise of the poses, the coefficients of the error fields of the views, the lens, and for each
+point its rays. With the names of :func:`slam_init.bundle.kernel.eliminate_points`, the poses x and the shared errors s
+have the equations ``P x + B s``, so that the poses follow by ``-P^-1 B``, and a point follows by
+``-C^-T (Y x + C^-1 V s)``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from slam_init.bundle.graph import PoseTerms
+from slam_init.bundle.least_squares import NONE, Equations, Observed, arrays_of, by_landmark, equations_of
+from slam_init.bundle.problem import BundleProblem
+from slam_init.system.linear_algebra import single_threaded
+from slam_init.types.arrays import Bools, Floats
+from slam_init.work import Prices, spend
+
+#: Parameters of the lens, and of the field of a view, among the shared errors.
+LENS, FIELD = 4, 12
+
+
+class SharedErrors(NamedTuple):
+    """What the observations have in common besides poses and points."""
+
+    #: (M, 2, 4) Derivatives of the residuals by the lens.
+    by_lens: Floats
+    #: (4,) Standard deviations of the lens before the tracks are seen; 0 for what is exact.
+    lens_sigmas: Floats
+    #: (M, 6) Polynomials over the image at the pixels. The twelve coefficients of the field of a view, six for each
+    #: coordinate, have the standard deviation ``field_px``.
+    places: Floats
+    field_px: float
+    #: Variance of the noise of the graph over that of the covariances. The tracks tell so much less about the lens.
+    excess: float = 1.0
+
+    def of_observations(self, kept: Bools) -> SharedErrors:
+        """Those of some observations."""
+        return self._replace(by_lens=self.by_lens[kept], places=self.places[kept])
+
+
+class MapCovariances(NamedTuple):
+    """Marginal covariances of a map."""
+
+    #: (K, 6, 6) In gtsam's tangent order (rotation, translation), in the camera frame.
+    poses: Floats
+    #: (L, 3, 3) In the world.
+    points: Floats
+    #: in_newest, with_stated_lens: (L, 3, 3) In the frame of the newest camera, whose own error is in them; and the
+    #: same if the lens is as stated.
+    in_newest: Floats
+    with_stated_lens: Floats
+    #: (4, 4) Of the lens, in the order of :func:`slam_init.bundle.lens.lens_derivatives`.
+    lens: Floats
+    #: (L,) Share of a landmark with two views in the only residual that tests it, between 0 and 1; 0 for others.
+    leverage: Floats
+
+
+class SharedEquations(NamedTuple):
+    """The equations of poses and shared errors, points eliminated."""
+
+    observed: Observed
+    equations: Equations
+    #: (L, 3, S) ``C^-1 V``.
+    of_points: Floats
+    #: (6 K, S)
+    coupling: Floats
+    #: (K, 16, 16) Products of lens and field of a view, before the elimination.
+    own: Floats
+    #: (S,) and (L, 6 K): the gradient by the shared errors, and the scores of the landmarks: their parts in that by the
+    #: poses.
+    gradient: Floats
+    scores: Floats
+
+
+def covariances(problem: BundleProblem, noise_px: float, shared: SharedErrors | None = None) -> MapCovariances:
+    """Marginal covariances at the optimum, in the gauge of the graph.
+
+    * ``shared``: By default the lens is exact and there are no fields.
+    """
+    from slam_init.bundle.kernel import leverage_of_pairs, spread_to_points
+
+    count, sigmas = len(problem.frames), np.zeros(LENS) if shared is None else shared.lens_sigmas
+    found = shared_equations(problem, noise_px, shared or _no_errors(len(problem.pixels)))
+    covariance = inverse_of_poses(found.equations.information)
+    spend(Prices.MAP_COVARIANCES * len(problem.points) * count**2)
+    with single_threaded():
+        follows = -covariance @ found.coupling
+        flat = found.of_points[:, :, :LENS].reshape(-1, LENS)
+        information = found.own[:, :LENS, :LENS].sum(axis=0) - flat.T @ flat
+        information += found.coupling[:, :LENS].T @ follows[:, :LENS]
+        of_lens = root_of_lens(information / (1.0 if shared is None else shared.excess), sigmas)
+        causes, direct = [_root(covariance)], []
+        if shared is not None:
+            causes += [shared.field_px * follows[:, LENS:], follows[:, :LENS] @ of_lens]
+            direct += [shared.field_px * found.of_points[:, :, LENS:], found.of_points[:, :, :LENS] @ of_lens]
+        by_causes = np.concatenate(causes, axis=1)
+        followed = (found.equations.coupling @ by_causes).reshape(len(problem.points), 3, -1)
+    first = 6 * count
+    for part in direct:
+        followed[:, :, first : first + part.shape[2]] += part
+        first += part.shape[2]
+    newest = problem.world_from_cam[-1]
+    points, in_newest, with_stated_lens = np.empty((3, len(problem.points), 3, 3))
+    lens = by_causes.shape[1] - (0 if shared is None else LENS)
+    seen = np.ascontiguousarray(newest.inverse().apply(problem.points))
+    R = np.ascontiguousarray(newest.R)
+    rows = np.ascontiguousarray(by_causes[-6:])
+    spread_to_points(found.equations.roots, followed, rows, R, seen, lens, points, in_newest, with_stated_lens)
+    by_view, leverage = by_causes.reshape(count, 6, -1), np.empty(len(points))
+    leverage_of_pairs(*arrays_of(problem.world_from_cam), problem.points, *found.observed[:3], covariance, leverage)
+    return MapCovariances(
+        np.asarray(by_view @ np.swapaxes(by_view, 1, 2)),
+        points,
+        in_newest,
+        with_stated_lens,
+        of_lens @ of_lens.T,
+        leverage,
+    )
+
+
+def shared_equations(
+    problem: BundleProblem, noise_px: float, shared: SharedErrors, residuals: Floats | None = None
+) -> SharedEquations:
+    """The equations of poses and shared errors.
+
+    Shapes: ``residuals`` (M, 2).
+
+    * ``residuals``: In pixels of the virtual cameras; by default none.
+    """
+    from slam_init.bundle.kernel import couple_shared_errors
+
+    observed, terms = by_landmark(problem, noise_px), PoseTerms(problem)
+    R, t = arrays_of(problem.world_from_cam)
+    points, landmarks, views = np.ascontiguousarray(problem.points), len(problem.points), len(R)
+    with single_threaded():
+        equations = equations_of(observed, terms, R, t, points, NONE)
+    spend(4 * Prices.MAP_EQUATIONS * len(observed.views))
+    own_size, size = LENS + FIELD, LENS + FIELD * views
+    of_points, by_view = np.empty((landmarks, 3, size)), np.empty((views, 6, own_size))
+    own, gradient = np.empty((views, own_size, own_size)), np.empty(size)
+    solved, scores = np.empty((landmarks, 3)), np.empty((landmarks, 6 * views))
+    left = np.zeros((len(problem.pixels), 2)) if residuals is None else residuals
+    by_lens, left = (np.ascontiguousarray(one[observed.order] / noise_px) for one in (shared.by_lens, left))
+    places = np.ascontiguousarray(shared.places[observed.order])
+    couple_shared_errors(
+        R, t, points, *observed[:3], equations.roots, by_lens, places, left,
+        of_points, by_view, own, gradient, solved, scores,
+    )  # fmt: skip
+    coupling = np.zeros((views, 6, size))
+    coupling[:, :, :LENS] = by_view[:, :, :LENS]
+    for view in range(views):
+        first = LENS + FIELD * view
+        coupling[view, :, first : first + FIELD] = by_view[view, :, LENS:]
+    with single_threaded():
+        flat, of_poses = of_points.reshape(-1, size), equations.coupling
+        reduced = coupling.reshape(-1, size) - of_poses.T @ flat
+        gradient -= flat.T @ solved.ravel()
+        scores -= np.einsum("li,lij->lj", solved, of_poses.reshape(landmarks, 3, -1))
+    return SharedEquations(observed, equations, of_points, reduced, own, gradient, scores)
+
+
+def inverse_of_poses(information: Floats) -> Floats:
+    """The covariance of the poses.
+
+    The gauge is stiffer than the landmarks by many orders: in units of its diagonal the matrix is well conditioned.
+    """
+    units = np.sqrt(np.diag(information))
+    try:
+        covariance = np.linalg.inv(information / np.outer(units, units)) / np.outer(units, units)
+    except np.linalg.LinAlgError as error:
+        raise RuntimeError(f"the poses are not determined: {error}") from None
+    if not np.isfinite(covariance).all():
+        raise RuntimeError("the poses are not determined")
+    return np.asarray(covariance)
+
+
+def root_of_lens(information: Floats, sigmas: Floats) -> Floats:
+    """A root (4, 4) of the covariance of the lens by its prior and what the tracks tell.
+
+    It is computed in units of the prior, in which a parameter may be exact.
+    """
+    scaled = sigmas[:, None] * (0.5 * (information + information.T)) * sigmas
+    return np.asarray(sigmas[:, None] * np.linalg.cholesky(np.linalg.inv(np.eye(len(sigmas)) + scaled)))
+
+
+def _root(covariance: Floats) -> Floats:
+    """A root of a covariance of poses, in units of its diagonal."""
+    units = np.sqrt(np.diag(covariance))
+    scaled = covariance / np.outer(units, units)
+    try:
+        return np.asarray(units[:, None] * np.linalg.cholesky(0.5 * (scaled + scaled.T)))
+    except np.linalg.LinAlgError as error:
+        raise RuntimeError(f"the poses are not determined: {error}") from None
+
+
+def _no_errors(observations: int) -> SharedErrors:
+    return SharedErrors(np.zeros((observations, 2, LENS)), np.zeros(LENS), np.zeros((observations, FIELD // 2)), 0.0)

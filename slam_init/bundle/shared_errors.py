@@ -1,0 +1,156 @@
+"""Errors of the observations that are not independent, as one factor on the noise: the overdispersion.
+
+A graph states independent noise. Two kinds of errors do not average out as it says:
+
+1. **Errors that a track keeps from view to view** (drift, uneven or anisotropic noise). They are told by the scatter of
+   the scores over the tracks. The score of a track is its part of the gradient of the cost by the poses, which is 0 in
+   the sum. With independent noise, the scores scatter as the information H says.
+2. **Errors that the tracks of a view share** (lens model, shutter, stabilizer, the bias of subpixel positions). A
+   smooth field of each view describes them: two polynomials of degree two, whose twelve coefficients have the standard
+   deviation q. The tracks tell q by the probability of the residuals, with poses, points and lens integrated out.
+
+The covariances of a map (:mod:`slam_init.bundle.covariances`) have both: with the factor r on the variance of the noise
+and the response S of the poses to the fields, that of the poses is ``r H^-1 + q^2 S S^T``. A graph of reprojection
+factors has independent noise only. No factor on it has this shape: the one with the same mean over all directions of
+the poses is ``r + q^2 tr(H S S^T) / n`` with n unknowns. So the graph covers poses in the mean, and points by more.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from slam_init.bundle.covariances import (
+    FIELD,
+    LENS,
+    SharedErrors,
+    inverse_of_poses,
+    root_of_lens,
+    shared_equations,
+)
+from slam_init.bundle.graph import PoseTerms
+from slam_init.bundle.least_squares import arrays_of
+from slam_init.bundle.lens import lens_derivatives
+from slam_init.bundle.problem import BundleProblem, LensPrior
+from slam_init.system.linear_algebra import single_threaded
+from slam_init.types.arrays import Floats, evenly_spaced
+from slam_init.types.camera import Camera
+from slam_init.work import Prices, spend
+
+#: Standard deviations of a coefficient of the fields, in pixels. The root mean square of a coordinate over the image is
+#: 2.4 times as large. The least is that of good trackers and lenses, a tenth of a pixel over the image: it hardly shows
+#: in residuals, but it is as much as the noise of a hundred tracks leaves of their mean.
+_SCALES_PX: Floats = np.array([0.04, 0.08, 0.16, 0.32, 0.64, 1.28])
+#: Their probabilities before the residuals are seen: three in five videos have no more than the least, one in a hundred
+#: a lens model that does not hold. Ten times as much or as little changes a nat or two.
+_PRIOR: Floats = np.array([0.6, 0.2, 0.12, 0.05, 0.02, 0.01])
+#: A factor needs some hundred landmarks, not all. The covariance of the fields is scaled to the number of all.
+_LANDMARKS = 200
+#: A field that pulls farther than this number of standard deviations of the largest scale is no field.
+_LARGEST_PULL_SIGMAS = 5.0
+
+class ErrorModel(NamedTuple):
+    """The errors of the observations of a map."""
+
+    #: Standard deviation of the errors of single tracks over the noise of the residuals.
+    by_tracks: float
+    #: The errors that tracks share.
+    shared: SharedErrors
+
+    @property
+    def overdispersion(self) -> float:
+        """Standard deviation of independent noise that covers both kinds, over the noise of the residuals."""
+        return self.by_tracks * math.sqrt(self.shared.excess)
+
+
+def error_model(
+    camera: Camera, projected: BundleProblem, measured: BundleProblem, noise_px: float, lens: LensPrior
+) -> ErrorModel:
+    """Estimate the errors of the observations from the residuals.
+
+    * ``projected``: The problem at its optimum, of :func:`slam_init.bundle.lens.at_projections`.
+    * ``measured``: The same problem with what was measured.
+    """
+    if projected.lenses is None or measured.lenses is None:
+        raise ValueError("a problem without lenses: make them by with_lenses")
+    across = projected.lenses[:, :2]
+    residuals = np.einsum("mij,mj->mi", across, projected.lenses[:, 2] - measured.lenses[:, 2])
+    by_lens, places = lens_derivatives(camera, projected), _polynomials(camera, projected.pixels)
+    shared = SharedErrors(by_lens, lens.sigmas, places, 0.0)
+    chosen = np.zeros(len(projected.points), bool)
+    chosen[evenly_spaced(len(chosen), _LANDMARKS)] = True
+    kept = chosen[projected.landmarks]
+    spend(Prices.MAP_COVARIANCES * 10 * int(chosen.sum()) * len(projected.frames) ** 2)
+    with single_threaded():
+        equations = _Equations(projected.keep(kept), residuals[kept], noise_px, shared.of_observations(kept))
+        by_tracks = max(equations.scatter_of_scores(), 1.0)
+        mean_square = equations.mean_square_of_fields(by_tracks, lens.sigmas)
+        gain = equations.gain_of_fields(len(chosen) / max(int(chosen.sum()), 1))
+    excess = 1 + mean_square * gain / by_tracks
+    return ErrorModel(math.sqrt(by_tracks), shared._replace(field_px=math.sqrt(mean_square), excess=excess))
+
+
+class _Equations:
+    """The equations of poses, lens and fields, points eliminated, in units of the noise."""
+
+    def __init__(self, problem: BundleProblem, residuals: Floats, noise_px: float, shared: SharedErrors) -> None:
+        found = shared_equations(problem, noise_px, shared, residuals)
+        self._gauge = PoseTerms(problem).equations(*arrays_of(problem.world_from_cam))[0]
+        self._poses = found.equations.information - self._gauge
+        self._coupling, self._gradient, self._scores = found.coupling, found.gradient, found.scores
+        flat = found.of_points.reshape(-1, len(found.gradient))
+        self._shared = -flat.T @ flat
+        for view, own in enumerate(found.own):
+            columns = np.r_[:LENS, LENS + FIELD * view : LENS + FIELD * (view + 1)]
+            self._shared[np.ix_(columns, columns)] += own
+
+    def scatter_of_scores(self) -> float:
+        """Mean variance of the scores of the tracks over that of independent noise, in all directions of the poses."""
+        H, scores = self._poses[6:, 6:], self._scores[:, 6:]  # the first pose is held
+        units = np.sqrt(np.maximum(np.diag(H), 1e-300))
+        strength, axes = np.linalg.eigh(H / np.outer(units, units))
+        # The images do not tell the scale, whose information is the smallest.
+        along = scores / units @ axes[:, 1:] / np.sqrt(np.maximum(strength[1:], 1e-12))
+        tracks, unknowns = along.shape
+        # The scores of few tracks are small, as the poses follow them.
+        return float(np.mean(np.sum(along**2, axis=0))) * tracks / max(tracks - unknowns, 0.2 * tracks)
+
+    def mean_square_of_fields(self, by_tracks: float, lens_sigmas: Floats) -> float:
+        """Expected square of a coefficient of the fields, in square pixels, given the residuals.
+
+        * ``by_tracks``: Factor on the variance of the noise.
+        """
+        follows = inverse_of_poses(self._poses + self._gauge) @ self._coupling
+        left = (self._shared - self._coupling.T @ follows) / by_tracks
+        pull = (self._gradient - follows.T @ self._scores.sum(axis=0)) / by_tracks
+        root = root_of_lens(left[:LENS, :LENS], lens_sigmas)
+        of_lens = root @ (root.T @ left[:LENS])
+        left, pull = (left - left[:, :LENS] @ of_lens)[LENS:, LENS:], (pull - of_lens.T @ pull[:LENS])[LENS:]
+        strength, axes = np.linalg.eigh(0.5 * (left + left.T))
+        strength = np.maximum(strength, 0.0)
+        largest = _LARGEST_PULL_SIGMAS * np.sqrt(strength * (1 + _SCALES_PX.max() ** 2 * strength))
+        pulls = np.clip(axes.T @ pull, -largest, largest)
+        variances = _SCALES_PX[:, None] ** 2 / (1 + _SCALES_PX[:, None] ** 2 * strength)
+        logs = np.log(_PRIOR) + 0.5 * variances @ pulls**2
+        logs -= 0.5 * np.log1p(_SCALES_PX[:, None] ** 2 * strength).sum(axis=1)
+        weights = np.exp(logs - logs.max())
+        return float(weights @ _SCALES_PX**2 / weights.sum())
+
+    def gain_of_fields(self, share: float) -> float:
+        """Mean factor on the variances of the poses by fields of a square pixel.
+
+        * ``share``: Number of all landmarks over that of these.
+        """
+        H = share * self._poses
+        follows = share * inverse_of_poses(H + self._gauge) @ self._coupling[:, LENS:]
+        return float(np.sum(follows * (H @ follows))) / max(len(H) - 7, 1)
+
+
+def _polynomials(camera: Camera, pixels: Floats) -> Floats:
+    """Products (M, 6) of Legendre polynomials. Each has a mean square of 1 over the image, so none is preferred."""
+    x, y = np.moveaxis(2 * pixels / (camera.width - 1, camera.height - 1) - 1, -1, 0)
+    linear_x, linear_y = math.sqrt(3) * x, math.sqrt(3) * y
+    quadratic_x, quadratic_y = (math.sqrt(5) / 2 * (3 * u * u - 1) for u in (x, y))
+    return np.stack([np.ones_like(x), linear_x, linear_y, quadratic_x, linear_x * linear_y, quadratic_y], axis=-1)
