@@ -27,8 +27,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam_init.bundle.focal import adjust_focal, camera_with_focal_factor
 from slam_init.bundle.covariances import MapCovariances, covariances
+from slam_init.bundle.focal import adjust_focal, camera_with_focal_factor
 from slam_init.bundle.graph import GAUGE, build_graph, optimize
 from slam_init.bundle.least_squares import minimize, with_lenses
 from slam_init.bundle.lens import at_projections, lens_prior
@@ -115,8 +115,9 @@ def _adjusted(
         overdispersion=errors.overdispersion,
         pose_covariances=found.poses,
         point_covariances=found.points,
-        seen_covariances=found.with_stated_lens,
-        depth_sigmas=_depth_sigmas(final, found),
+        depth_sigmas=_depth_sigmas(final, found.in_newest),
+        seen_covariances=found.by_noise,
+        seen_depth_sigmas=_depth_sigmas(final, found.by_noise),
         unknown_depths=fit.unknown_depths,
         camera=camera,
         gauge=GAUGE,
@@ -139,7 +140,7 @@ def _with_known_depths(
     errors = error_model(fit.camera, projected, fit.problem, noise_px, lens)
     while True:
         found = covariances(projected, errors.by_tracks * noise_px, errors.shared)
-        known: Bools = np.asarray(_depth_sigmas(fit.problem, found) <= config.max_depth_sigma)
+        known: Bools = np.asarray(_depth_sigmas(fit.problem, found.by_noise) <= config.max_depth_sigma)
         known &= found.leverage <= _LARGEST_LEVERAGE
         kept = known[fit.problem.landmarks]
         rest = fit.problem.keep(kept)
@@ -166,11 +167,11 @@ def _rows(lenses: Floats | None, kept: Bools) -> Floats | None:
     return None if lenses is None else lenses[kept]
 
 
-def _depth_sigmas(problem: BundleProblem, found: MapCovariances) -> Floats:
+def _depth_sigmas(problem: BundleProblem, in_newest: Floats) -> Floats:
     """Relative standard deviations (L,) of the distances of the points from the newest camera."""
     seen = problem.world_from_cam[-1].inverse().apply(problem.points)
     squares = np.sum(seen**2, axis=1)
-    return np.asarray(np.sqrt(np.einsum("li,lij,lj->l", seen, found.in_newest, seen)) / squares)
+    return np.asarray(np.sqrt(np.einsum("li,lij,lj->l", seen, in_newest, seen)) / squares)
 
 
 def _focal_sigma(prior: LensPrior | None, camera: Camera, found: MapCovariances) -> float | None:

@@ -25,12 +25,18 @@ LENS, FIELD = 4, 12
 
 
 class SharedErrors(NamedTuple):
-    """What the observations have in common besides poses and points."""
+    """What the observations have in common besides poses and points.
+
+    The map holds the lens as it is stated, and has no fields: their errors are those of the prior then. A fit of them
+    would follow errors of all kinds; it made directions worse by a half in drawn worlds with an exact lens.
+    """
 
     #: (M, 2, 4) Derivatives of the residuals by the lens.
     by_lens: Floats
     #: (4,) Standard deviations of the lens before the tracks are seen; 0 for what is exact.
     lens_sigmas: Floats
+    #: (4,) Whether the camera of the map has the value that the tracks tell.
+    lens_fitted: Bools
     #: (M, 6) Polynomials over the image at the pixels. The twelve coefficients of the field of a view, six for each
     #: coordinate, have the standard deviation ``field_px``.
     places: Floats
@@ -50,10 +56,10 @@ class MapCovariances(NamedTuple):
     poses: Floats
     #: (L, 3, 3) In the world.
     points: Floats
-    #: in_newest, with_stated_lens: (L, 3, 3) In the frame of the newest camera, whose own error is in them; and the
-    #: same if the lens is as stated.
+    #: in_newest, by_noise: (L, 3, 3) In the frame of the newest camera, whose own error is in them; and the same by the
+    #: noise of single tracks alone.
     in_newest: Floats
-    with_stated_lens: Floats
+    by_noise: Floats
     #: (4, 4) Of the lens, in the order of :func:`slam_init.bundle.lens.lens_derivatives`.
     lens: Floats
     #: (L,) Share of a landmark with two views in the only residual that tests it, between 0 and 1; 0 for others.
@@ -84,8 +90,9 @@ def covariances(problem: BundleProblem, noise_px: float, shared: SharedErrors | 
     """
     from slam_init.bundle.kernel import leverage_of_pairs, spread_to_points
 
-    count, sigmas = len(problem.frames), np.zeros(LENS) if shared is None else shared.lens_sigmas
-    found = shared_equations(problem, noise_px, shared or _no_errors(len(problem.pixels)))
+    count = len(problem.frames)
+    errors = _no_errors(len(problem.pixels)) if shared is None else shared
+    found = shared_equations(problem, noise_px, errors)
     covariance = inverse_of_poses(found.equations.information)
     spend(Prices.MAP_COVARIANCES * len(problem.points) * count**2)
     with single_threaded():
@@ -93,7 +100,8 @@ def covariances(problem: BundleProblem, noise_px: float, shared: SharedErrors | 
         flat = found.of_points[:, :, :LENS].reshape(-1, LENS)
         information = found.own[:, :LENS, :LENS].sum(axis=0) - flat.T @ flat
         information += found.coupling[:, :LENS].T @ follows[:, :LENS]
-        of_lens = root_of_lens(information / (1.0 if shared is None else shared.excess), sigmas)
+        information *= np.outer(errors.lens_fitted, errors.lens_fitted) / errors.excess
+        of_lens = root_of_lens(information, errors.lens_sigmas)
         causes, direct = [_root(covariance)], []
         if shared is not None:
             causes += [shared.field_px * follows[:, LENS:], follows[:, :LENS] @ of_lens]
@@ -105,19 +113,19 @@ def covariances(problem: BundleProblem, noise_px: float, shared: SharedErrors | 
         followed[:, :, first : first + part.shape[2]] += part
         first += part.shape[2]
     newest = problem.world_from_cam[-1]
-    points, in_newest, with_stated_lens = np.empty((3, len(problem.points), 3, 3))
-    lens = by_causes.shape[1] - (0 if shared is None else LENS)
+    points, in_newest, by_noise = np.empty((3, len(problem.points), 3, 3))
     seen = np.ascontiguousarray(newest.inverse().apply(problem.points))
     R = np.ascontiguousarray(newest.R)
     rows = np.ascontiguousarray(by_causes[-6:])
-    spread_to_points(found.equations.roots, followed, rows, R, seen, lens, points, in_newest, with_stated_lens)
+    spread_to_points(found.equations.roots, followed, rows, R, seen, 6 * count, points, in_newest, by_noise)
     by_view, leverage = by_causes.reshape(count, 6, -1), np.empty(len(points))
-    leverage_of_pairs(*arrays_of(problem.world_from_cam), problem.points, *found.observed[:3], covariance, leverage)
+    poses, (starts, views, lenses, _) = arrays_of(problem.world_from_cam), found.observed
+    leverage_of_pairs(*poses, problem.points, starts, views, lenses, covariance, leverage)
     return MapCovariances(
         np.asarray(by_view @ np.swapaxes(by_view, 1, 2)),
         points,
         in_newest,
-        with_stated_lens,
+        by_noise,
         of_lens @ of_lens.T,
         leverage,
     )
@@ -199,4 +207,5 @@ def _root(covariance: Floats) -> Floats:
 
 
 def _no_errors(observations: int) -> SharedErrors:
-    return SharedErrors(np.zeros((observations, 2, LENS)), np.zeros(LENS), np.zeros((observations, FIELD // 2)), 0.0)
+    none, places = np.zeros((observations, 2, LENS)), np.zeros((observations, FIELD // 2))
+    return SharedErrors(none, np.zeros(LENS), np.zeros(LENS, bool), places, 0.0)

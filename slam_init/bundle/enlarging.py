@@ -25,7 +25,7 @@ def enlarged_graph(
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Make the graph of the same map for images that are larger by a whole factor.
 
-    * ``graph``: Made by :func:`slam_init.bundle.graph.build_graph`, without a robust kernel.
+    * ``graph``: Made by :func:`slam_init.bundle.graph.build_graph`; the result has no robust kernel.
     * ``stated``: That of the larger images as stated, which a prior of the calibration expects.
     * Returns ``graph``: Each residual over its standard deviation is that of the given graph.
     """
@@ -38,7 +38,8 @@ def enlarged_graph(
         name = type(one).__name__
         if name.startswith(("GenericProjectionFactor", "GeneralSFMFactor2")):
             pose, landmark = one.keys()[:2]
-            noise = gtsam.noiseModel.Isotropic.Sigma(2, factor * one.noiseModel().sigma())
+            sigma = 1 / float(one.noiseModel().unweightedWhiten(np.array([1.0, 0.0]))[0])
+            noise = gtsam.noiseModel.Isotropic.Sigma(2, factor * sigma)
             pixel = factor * (np.asarray(one.measured(), np.float64) + 0.5) - 0.5
             larger.add(measured_projection(camera, pixel[None], noise, adjusted=adjusted)(0, pose, landmark))
         elif name.startswith("PriorFactorCal3"):

@@ -191,7 +191,7 @@ def _calibration_prior(prior: LensPrior) -> gtsam.NonlinearFactor:
     """A prior factor on ``K(0)``: tight for the ratio of the focal lengths, and for all that a lens prior has not."""
     import gtsam
 
-    camera, bend = prior.camera, 1e-3
+    camera = prior.camera
     mean = gtsam_calibration(camera, adjusted=True)
     focal = np.array([camera.fx, camera.fy])
     length = float(np.linalg.norm(focal))
@@ -200,13 +200,19 @@ def _calibration_prior(prior: LensPrior) -> gtsam.NonlinearFactor:
     whiten[0, :2] = along / max(prior.focal * length, _GAUGE_SIGMA)
     whiten[1, :2] = np.array([-along[1], along[0]]) / (_ASPECT_SIGMA * length)
     whiten[_PRINCIPAL, _PRINCIPAL] = 1 / max(prior.principal_px, _GAUGE_SIGMA)
-    # A lens model counts k1 in coordinates of its own.
-    bent = gtsam_calibration(camera.bent(bend), adjusted=True).vector() - mean.vector()
-    whiten[_K1, _K1] = 1 / max(prior.k1 * abs(bent[_K1] / bend or 1.0), _GAUGE_SIGMA)
+    whiten[_K1, _K1] = 1 / max(prior.k1 * _unit_of_k1(camera), _GAUGE_SIGMA)
     # gtsam requires the square root of the information matrix in upper triangular form.
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(np.linalg.qr(whiten)[1])
     factor: gtsam.NonlinearFactor = getattr(gtsam, f"PriorFactor{type(mean).__name__}")(calibration_key(), mean, noise)
     return factor
+
+
+def _unit_of_k1(camera: Camera) -> float:
+    """What a k1 of 1 adds to that of the lens model, which may count it in coordinates of its own."""
+    if is_undistorted_first(camera) or not camera.distortion:
+        return 1.0
+    bent = np.array(camera.bent(1.0).distortion)
+    return float(np.abs(bent - np.resize((*camera.distortion, *np.zeros(len(bent))), len(bent))).max())
 
 
 def optimize(

@@ -226,7 +226,14 @@ def couple_shared_errors(
 
 @compiled
 def leverage_of_pairs(
-    R: Floats, t: Floats, points: Floats, starts: Ints, views: Ints, lenses: Floats, covariance: Floats, leverage: Floats
+    R: Floats,
+    t: Floats,
+    points: Floats,
+    starts: Ints,
+    views: Ints,
+    lenses: Floats,
+    covariance: Floats,
+    leverage: Floats,
 ) -> None:
     """Share of each landmark with two views in its own residual.
 
@@ -281,10 +288,10 @@ def spread_to_points(
     newest: Floats,
     R: Floats,
     seen: Floats,
-    lens: int,
+    shared: int,
     points: Floats,
     in_newest: Floats,
-    with_stated_lens: Floats,
+    by_noise: Floats,
 ) -> None:
     """Covariances of the points from independent causes of unit variance.
 
@@ -294,9 +301,9 @@ def spread_to_points(
     * ``newest``: Rotation vector and translation of the newest camera for each cause.
     * ``R``: Its world_from_cam.
     * ``seen``: The points in the newest camera.
-    * ``lens``: The causes from here on are errors of the lens.
-    * ``points, in_newest, with_stated_lens``: Receive the covariances (L, 3, 3) in the world, in the newest camera, and
-      there without the lens.
+    * ``shared``: The causes from here on are errors that tracks share.
+    * ``points, in_newest, by_noise``: Receive the covariances (L, 3, 3) in the world, in the newest camera, and there by
+      the noise of single tracks alone.
     """
     own, x, y = np.empty((3, 3)), np.empty(3), np.empty(3)
     for landmark in range(len(roots)):
@@ -323,14 +330,14 @@ def spread_to_points(
                 y[0] += s[1] * w2 - s[2] * w1 - newest[3, column]
                 y[1] += s[2] * w0 - s[0] * w2 - newest[4, column]
                 y[2] += s[0] * w1 - s[1] * w0 - newest[5, column]
-            if column == lens:
-                with_stated_lens[landmark] = in_newest[landmark]
+            if column == shared:
+                by_noise[landmark] = in_newest[landmark]
             for i in range(3):
                 for j in range(3):
                     points[landmark, i, j] += x[i] * x[j]
                     in_newest[landmark, i, j] += y[i] * y[j]
                     if rays:
-                        with_stated_lens[landmark, i, j] += y[i] * y[j]
+                        by_noise[landmark, i, j] += y[i] * y[j]
 
 
 @compiled

@@ -121,6 +121,7 @@ def _minimized(
 
 
 def by_landmark(problem: BundleProblem, noise_px: float) -> Observed:
+    """The observations of a problem in the order of their landmarks, without those that have no ray."""
     if problem.lenses is None:
         raise ValueError("a problem without lenses: make them by with_lenses")
     known = np.isfinite(problem.lenses[:, 2, 0])
@@ -133,6 +134,7 @@ def by_landmark(problem: BundleProblem, noise_px: float) -> Observed:
 
 
 def arrays_of(poses: tuple[Pose, ...]) -> tuple[Floats, Floats]:
+    """Rotations (K, 3, 3) and translations (K, 3) of poses."""
     return np.array([pose.R for pose in poses]), np.array([pose.t for pose in poses])
 
 
@@ -147,6 +149,7 @@ def _error(observed: Observed, terms: PoseTerms, R: Floats, t: Floats, points: F
 def equations_of(
     observed: Observed, terms: PoseTerms, R: Floats, t: Floats, points: Floats, damping: float
 ) -> Equations:
+    """The equations of a Gauss-Newton step in the poses, points eliminated."""
     from slam_init.bundle.kernel import eliminate_points
 
     views, count = len(R), len(points)

@@ -39,11 +39,13 @@ def lens_prior(stated: Camera, config: MapConfig) -> LensPrior:
     share = config.lens_uncertainty
     focal = share * min(stated.focal_sigma or CALIBRATED_SIGMA, ESTIMATED_SIGMA)
     k1 = STATED_K1_SIGMA if stated.is_distorted else UNSTATED_K1_SIGMA
+    estimated = (stated.focal_sigma or 0.0) > CALIBRATED_SIGMA
     return LensPrior(
         stated,
         config.focal_sigma if config.refine_focal else focal,
         share * PRINCIPAL_SIGMA * stated.width,
         share * k1,
+        (config.refine_focal or estimated, False, False, estimated),
     )
 
 

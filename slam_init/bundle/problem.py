@@ -118,6 +118,9 @@ class LensPrior(NamedTuple):
     principal_px: float = 0.0
     #: Of the first coefficient of the radial distortion.
     k1: float = 0.0
+    #: Focal length, principal point (2) and k1: whether the camera of the map has the value that the tracks tell, and
+    #: not the stated one. Only then their information lowers the deviation.
+    fitted: tuple[bool, bool, bool, bool] = (False, False, False, False)
 
     @property
     def sigmas(self) -> Floats:
@@ -164,12 +167,14 @@ class BundleSolution:
     pose_covariances: Floats
     #: (L, 3, 3) Of the landmarks in the world.
     point_covariances: Floats
-    #: (L, 3, 3) Of the landmarks in the frame of the newest camera, if the lens is as stated: the next view has the
-    #: same lens.
-    seen_covariances: Floats
     #: (L,) Relative standard deviations of the distances from the newest camera.
     depth_sigmas: Floats
-    #: Number of landmarks that were left out, because these deviations are larger than ``max_depth_sigma``.
+    #: seen_covariances, seen_depth_sigmas: Of the landmarks in the frame of the newest camera, (L, 3, 3) and (L,), by
+    #: the noise of single tracks alone. The next view has the same lens, and nearly the same shared errors.
+    seen_covariances: Floats
+    seen_depth_sigmas: Floats
+    #: Number of landmarks that were left out: the noise alone leaves their depths unknown (``max_depth_sigma``), or
+    #: nothing tests them.
     unknown_depths: int
     #: The camera of this map: the stated one, or the one with the adjusted focal length.
     camera: Camera

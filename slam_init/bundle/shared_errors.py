@@ -51,6 +51,7 @@ _LANDMARKS = 200
 #: A field that pulls farther than this number of standard deviations of the largest scale is no field.
 _LARGEST_PULL_SIGMAS = 5.0
 
+
 class ErrorModel(NamedTuple):
     """The errors of the observations of a map."""
 
@@ -78,7 +79,7 @@ def error_model(
     across = projected.lenses[:, :2]
     residuals = np.einsum("mij,mj->mi", across, projected.lenses[:, 2] - measured.lenses[:, 2])
     by_lens, places = lens_derivatives(camera, projected), _polynomials(camera, projected.pixels)
-    shared = SharedErrors(by_lens, lens.sigmas, places, 0.0)
+    shared = SharedErrors(by_lens, lens.sigmas, np.array(lens.fitted), places, 0.0)
     chosen = np.zeros(len(projected.points), bool)
     chosen[evenly_spaced(len(chosen), _LANDMARKS)] = True
     kept = chosen[projected.landmarks]
@@ -115,7 +116,7 @@ class _Equations:
         along = scores / units @ axes[:, 1:] / np.sqrt(np.maximum(strength[1:], 1e-12))
         tracks, unknowns = along.shape
         # The scores of few tracks are small, as the poses follow them.
-        return float(np.mean(np.sum(along**2, axis=0))) * tracks / max(tracks - unknowns, 0.2 * tracks)
+        return float(np.mean(np.sum(along**2, axis=0)) * tracks / max(tracks - unknowns, 0.2 * tracks))
 
     def mean_square_of_fields(self, by_tracks: float, lens_sigmas: Floats) -> float:
         """Expected square of a coefficient of the fields, in square pixels, given the residuals.

@@ -49,8 +49,9 @@ _FALSE_DEG, _FALSE_DIRECTION_DEG = 5.0, 15.0
 #: Landmarks of a map whose marginals are asked of gtsam.
 _OF_GRAPH = 12
 _SCENES = (
-    "room", "wall", "nadir", "nadir-turn", "corridor", "desk", "rotate-then-move", "tilted-15", "tilted-30", "tilted-45",
-)  # fmt: skip
+    *("room", "wall", "nadir", "nadir-turn", "corridor", "desk"),
+    *("rotate-then-move", "tilted-15", "tilted-30", "tilted-45"),
+)
 _STRATA = ("exact", "focal", "principal", "k1", "field", "drift")
 
 
@@ -107,7 +108,7 @@ def coverage_of(world: World, map_: InitialMap) -> Coverage | None:
         return None
     errors = (points - map_.points)[good]
     chosen = good[np.linspace(0, len(good) - 1, min(len(good), _OF_GRAPH)).astype(int)]
-    of_graph = [marginals.marginalCovariance(gtsam.symbol("l", int(map_.track_ids[row]))) for row in chosen]
+    landmarks = [marginals.marginalCovariance(gtsam.symbol("l", int(map_.track_ids[row]))) for row in chosen]
     newest = map_.keyframes[-1].world_from_cam
     true_newest = first.world_from_cam @ Pose(true[-1].R, scale * true[-1].t)
     depths = np.linalg.norm(newest.inverse().apply(map_.points[good]), axis=1)
@@ -118,13 +119,15 @@ def coverage_of(world: World, map_: InitialMap) -> Coverage | None:
         float(np.mean(_within(errors, map_.point_covariances[good]))),
         float(np.mean(np.abs(off) < 1.96 * map_.depth_sigmas[good])),
         float(np.mean(inside_graph)),
-        float(np.mean(_within((points - map_.points)[chosen], np.array(of_graph)))),
+        float(np.mean(_within((points - map_.points)[chosen], np.array(landmarks)))),
         map_.depth_sigma,
     )
 
 
 def _within(errors: Floats, covariances: Floats) -> Bools:
-    return np.asarray(np.einsum("li,li->l", errors, np.linalg.solve(covariances, errors[..., None])[..., 0]) < _CHI95[3])
+    return np.asarray(
+        np.einsum("li,li->l", errors, np.linalg.solve(covariances, errors[..., None])[..., 0]) < _CHI95[3]
+    )
 
 
 def _is_false(estimated: Sequence[Pose], true: Sequence[Pose], lengths: Floats) -> bool:
@@ -183,7 +186,8 @@ def other_worlds(folder: Path, count: int, seed: int) -> Iterator[World]:
         world = generator.make(factors)
         if world is None or world["notrans"]:
             continue
-        camera = Camera("pinhole", world["W"], world["H"], world["fs"], world["fs"], *map(float, world["cs"]))
+        cx, cy = map(float, world["cs"])
+        camera = Camera("pinhole", world["W"], world["H"], world["fs"], world["fs"], cx, cy)
         frames = tuple(
             Observations(frame, time_s, f"frame-{frame}", ids.astype(np.int64), pixels, camera.bearings(pixels))
             for frame, time_s, ids, pixels in world["frames"]

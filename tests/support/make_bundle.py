@@ -11,8 +11,8 @@ from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from slam_init.bundle.problem import BundleProblem, BundleSolution
 from slam_init.types.pose import Pose
 
-#: Configurations with a held and with an adjusted focal length.
-MAP = CONFIG.map
+#: Configurations with a held and with an adjusted focal length. All else of the lens is exact.
+MAP = replace(CONFIG.map, lens_uncertainty=0.0)
 FOCAL = replace(MAP, refine_focal=True)
 #: Five views of a camera that rotates by 20 degrees while it translates to the side.
 ROTATING = [

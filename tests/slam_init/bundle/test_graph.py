@@ -29,7 +29,9 @@ def test_the_errors_of_gtsam_are_the_residuals_of_the_adjusted_camera(model):
     solution = adjust(camera_with_focal_factor(CAMERAS[model], 1.05), noisy, FOCAL)
     residuals = solution.problem.residuals(solution.camera)
     theirs = [solution.graph.at(i).error(solution.values) for i in range(len(residuals))]
-    np.testing.assert_allclose(theirs, 0.5 * np.sum(residuals**2, axis=1) / solution.noise_px**2, rtol=1e-6)
+    np.testing.assert_allclose(
+        theirs, 0.5 * np.sum(residuals**2, axis=1) / (solution.overdispersion * solution.noise_px) ** 2, rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("model", CAMERAS)
@@ -39,12 +41,15 @@ def test_the_graph_with_calibration_is_at_its_optimum_and_only_the_focal_length_
     stated = camera_with_focal_factor(CAMERAS[model], 1.05)
     solution = adjust(stated, noisy, FOCAL)
     assert solution.graph.size() == len(solution.problem.pixels) + 3  # priors of pose and calibration, range
-    at = getattr(solution.values, f"at{type(gtsam_calibration(stated)).__name__}")
-    np.testing.assert_allclose(at(calibration_key()).vector(), gtsam_calibration(solution.camera).vector())
+    at = getattr(solution.values, f"at{type(gtsam_calibration(stated, adjusted=True)).__name__}")
+    np.testing.assert_allclose(
+        at(calibration_key()).vector(), gtsam_calibration(solution.camera, adjusted=True).vector()
+    )
     again = gtsam.LevenbergMarquardtOptimizer(solution.graph, solution.values).optimize()
     assert solution.graph.error(again) == pytest.approx(solution.graph.error(solution.values), rel=1e-3)
-    moved = getattr(again, f"at{type(gtsam_calibration(stated)).__name__}")(calibration_key()).vector()
-    vector = gtsam_calibration(solution.camera).vector()
-    assert abs(moved[0] / vector[0] - 1) < 0.1 * solution.focal_factor_sigma
+    moved = getattr(again, f"at{type(gtsam_calibration(stated, adjusted=True)).__name__}")(calibration_key()).vector()
+    vector = gtsam_calibration(solution.camera, adjusted=True).vector()
+    # The noise of the graph is larger than that of the adjustment, by errors that tracks share: the prior counts more.
+    assert abs(moved[0] / vector[0] - 1) < 0.5 * solution.focal_factor_sigma
     np.testing.assert_allclose(moved[:2] / moved[0], vector[:2] / vector[0], rtol=1e-4)
     np.testing.assert_allclose(moved[2:], vector[2:], atol=1e-6)

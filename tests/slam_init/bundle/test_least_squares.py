@@ -11,9 +11,10 @@ from make_map import CAMERAS, make_poses
 from make_scene import CAMERA, cloud, problem
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
+from slam_init.bundle.covariances import covariances
 from slam_init.bundle.graph import PoseTerms, build_graph, landmark_key, pose_key, read_problem
 from slam_init.bundle.kernel import eliminate_points, squared_error
-from slam_init.bundle.least_squares import covariances, minimize, with_lenses
+from slam_init.bundle.least_squares import minimize, with_lenses
 from slam_init.bundle.problem import PosePrior
 from slam_init.types.pose import Pose
 

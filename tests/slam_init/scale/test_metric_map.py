@@ -46,12 +46,19 @@ def test_the_range_of_the_graph_is_the_prior_of_the_scale():
     assert list(after.keys()) == list(before.keys())
 
 
-def test_the_covariances_are_those_of_the_graph():
-    metric = in_metres(MAP, SCALE)
-    np.testing.assert_allclose(metric.pose_covariances, marginals(metric), rtol=1e-3, atol=1e-8)
-    found = gtsam.Marginals(metric.graph, metric.values)
-    of_points = np.array([found.marginalCovariance(landmark_key(track)) for track in metric.track_ids.tolist()])
-    np.testing.assert_allclose(metric.point_covariances, of_points, rtol=0.01, atol=0.01 * of_points.max())
+def of_points(map_):
+    found = gtsam.Marginals(map_.graph, map_.values)
+    return np.array([found.marginalCovariance(landmark_key(track)) for track in map_.track_ids.tolist()])
+
+
+def test_the_scale_adds_the_same_to_the_covariances_of_the_map_and_of_the_graph():
+    metric, unit = in_metres(MAP, SCALE), np.outer(np.repeat([1.0, 4.0], 3), np.repeat([1.0, 4.0], 3))
+    added = metric.pose_covariances - unit * MAP.pose_covariances
+    np.testing.assert_allclose(added, marginals(metric) - unit * marginals(MAP), rtol=1e-3, atol=1e-7)
+    assert added[-1].max() > 1e-4
+    added = metric.point_covariances - 16 * MAP.point_covariances
+    expected = of_points(metric) - 16 * of_points(MAP)
+    np.testing.assert_allclose(added, expected, rtol=0.01, atol=0.01 * expected.max())
 
 
 def test_a_depth_in_metres_is_as_uncertain_as_the_scale_at_least():

@@ -29,8 +29,9 @@ def test_the_stated_deviation_is_that_of_the_errors():
         covariance = joint_pose_covariance(map_.graph, map_.values, tuple(k.frame for k in map_.keyframes))
         sigma = np.sqrt(size.variance + size.by_poses @ covariance @ size.by_poses)
         errors.append((-size.log_units - np.log(true_scale(map_))) / sigma)
-    # Ten draws: the root mean square lies outside of this interval with a probability below 1 %.
-    assert 0.45 < np.sqrt(np.mean(np.square(errors))) < 1.6
+    # Ten draws: the root mean square exceeds the bound with a probability below 1 %. The graph also knows errors that
+    # tracks share, of which these have none.
+    assert 0.2 < np.sqrt(np.mean(np.square(errors))) < 1.6
 
 
 def test_half_a_turn_of_a_board_changes_nothing():

@@ -1,0 +1,216 @@
+"""Laws of the covariances of a map: they cover lenses and errors that tracks share, and nothing else changes them."""
+
+from dataclasses import replace
+from math import comb
+
+import gtsam
+import numpy as np
+import pytest
+from make_bundle import MAP, ROTATING, SIDEWAYS
+from make_lenses import LENSES
+from make_map import CAMERAS
+from make_scene import CAMERA, cloud, problem
+
+from slam_init.bundle.adjustment import adjust
+from slam_init.bundle.covariances import covariances
+from slam_init.bundle.graph import build_graph, calibration_key, landmark_key, pose_key
+from slam_init.bundle.least_squares import with_lenses
+from slam_init.bundle.lens import at_projections, lens_derivatives, lens_prior
+from slam_init.bundle.shared_errors import error_model
+from slam_init.types.camera import Camera
+from slam_init.types.pose import Pose
+
+LENS = replace(MAP, lens_uncertainty=1.0)
+#: Quantiles of chi-square at 95 % with 3, 5 and 6 degrees of freedom.
+CHI95 = {3: 7.815, 5: 11.070, 6: 12.592}
+
+
+def fitted(camera, points, poses, rng, noise_px=0.3, config=LENS, shift=None):
+    """Adjusted map of points; ``shift`` moves all pixels of a view."""
+    exact = problem(camera, points, list(poses), noise_px, rng)
+    if shift is not None:
+        exact = replace(exact, pixels=exact.pixels + shift[exact.views])
+    return exact, adjust(camera, exact, config, poses_known=True)
+
+
+def inside(exact, solution, true_poses, true_points):
+    """Whether poses and points (one each, of the last pose and of the first point) lie in their 95 % ellipsoids."""
+    found = solution.problem.world_from_cam
+    scale = np.linalg.norm(found[-1].t - found[0].t) / np.linalg.norm(true_poses[-1].t - true_poses[0].t)
+    start = true_poses[0].inverse()
+    moved = found[-1].inverse() @ (lambda pose: Pose(pose.R, scale * pose.t))(start @ true_poses[-1])
+    error = gtsam.Pose3.Logmap(gtsam.Pose3(gtsam.Rot3(moved.R), moved.t))
+    pose = error @ np.linalg.solve(solution.pose_covariances[-1], error) < CHI95[5]
+    rows = np.searchsorted(exact.track_ids, solution.problem.track_ids)
+    off = scale * start.apply(true_points[rows]) - solution.problem.points
+    squares = np.einsum("li,li->l", off, np.linalg.solve(solution.point_covariances, off[..., None])[..., 0])
+    return pose, squares[0] < CHI95[3]
+
+
+def at_least(successes, trials, probability=0.95, chance=1e-3):
+    """Whether so few successes happen by chance more often than ``chance``, with at least this probability of each."""
+    tail = sum(comb(trials, k) * probability**k * (1 - probability) ** (trials - k) for k in range(successes + 1))
+    return tail > chance
+
+
+def test_a_lens_that_is_off_as_much_as_its_prior_says_is_covered():
+    """40 drawn lenses (seeds 0 to 39), with exact binomial bounds."""
+    found = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        prior = lens_prior(CAMERA, LENS)
+        off = prior.sigmas * rng.normal(size=4)
+        true = replace(CAMERA.refocused(off[0], off[3]), cx=CAMERA.cx + off[1], cy=CAMERA.cy + off[2])
+        cloud_ = cloud(rng, 80)
+        seen = problem(true, cloud_, ROTATING, 0.3, rng)
+        solution = adjust(CAMERA, seen, LENS, poses_known=True)
+        if solution:
+            found.append(inside(seen, solution, ROTATING, cloud_))
+    assert len(found) >= 36
+    for covered in np.sum(found, axis=0).tolist():
+        assert at_least(covered, len(found))
+
+
+def test_a_shift_of_each_view_is_covered():
+    """A stabilizer moves all pixels of a view by a tenth of a pixel (40 draws): no residual of a rotation shows it."""
+    found = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        cloud_ = cloud(rng, 150)
+        shift = 0.1 * rng.normal(size=(len(ROTATING), 2))
+        seen, solution = fitted(CAMERA, cloud_, ROTATING, rng, 0.3, MAP, shift)
+        found.append(inside(seen, solution, ROTATING, cloud_))
+    for covered in np.sum(found, axis=0).tolist():
+        assert at_least(covered, 40)
+
+
+@pytest.mark.parametrize("model", ["pinhole", "radtan", "fisheye"])
+def test_the_graph_has_the_covariances_of_its_noise_and_its_lens(model):
+    """The marginals of gtsam are the covariances without fields, with the noise of the graph, and a fitted lens."""
+    camera, rng = CAMERAS[model], np.random.default_rng(4)
+    _, solution = fitted(camera, cloud(rng, 60), ROTATING, rng)
+    measured = with_lenses(camera, solution.problem)
+    projected, noise_px = at_projections(camera, measured), solution.noise_px
+    errors = error_model(camera, projected, measured, noise_px, lens_prior(camera, LENS))
+    shared = errors.shared._replace(field_px=0.0, excess=1.0, lens_fitted=np.ones(4, bool))
+    found = covariances(projected, solution.overdispersion * noise_px, shared)
+    marginals = gtsam.Marginals(solution.graph, solution.values)
+    expected = np.array([marginals.marginalCovariance(pose_key(frame)) for frame in measured.frames])
+    assert_same(found.poses, expected)
+    tracks = measured.track_ids[::10].tolist()
+    of_points = np.array([marginals.marginalCovariance(landmark_key(track)) for track in tracks])
+    assert_same(found.points[::10], of_points)
+    if model == "pinhole":
+        of_lens = marginals.marginalCovariance(calibration_key())[np.ix_([0, 3, 4, 5], [0, 3, 4, 5])]
+        units = np.array([camera.fx, 1.0, 1.0, 1.0])
+        assert_same((units[:, None] * found.lens * units)[None], of_lens[None])
+
+
+def assert_same(found, expected):
+    """Within a fiftieth of the standard deviations."""
+    sigmas = np.sqrt(np.einsum("kii->ki", expected))
+    units = sigmas[:, :, None] * sigmas[:, None, :]
+    np.testing.assert_allclose(found / units, expected / units, atol=0.02)
+
+
+def test_an_exact_lens_is_held_and_a_tight_prior_gives_the_same():
+    rng = np.random.default_rng(5)
+    seen = problem(CAMERA, cloud(rng), ROTATING, 0.3, rng)
+    held, tight, wide = (
+        adjust(CAMERA, seen, replace(MAP, lens_uncertainty=share), poses_known=True) for share in (0.0, 1e-4, 1.0)
+    )
+    assert not held.values.exists(calibration_key())
+    assert tight.values.exists(calibration_key())
+    for solution in (tight, wide):
+        assert np.array_equal(solution.problem.points, held.problem.points)  # the lens stays as stated
+    np.testing.assert_allclose(tight.pose_covariances, held.pose_covariances, rtol=1e-3, atol=1e-12)
+    np.testing.assert_allclose(tight.point_covariances, held.point_covariances, rtol=1e-3, atol=1e-9)
+    assert (np.linalg.eigvalsh(wide.point_covariances - held.point_covariances) > -1e-9).all()
+    np.testing.assert_allclose(wide.seen_covariances, held.seen_covariances, rtol=0.05, atol=1e-6)
+
+
+def test_the_covariances_do_not_depend_on_the_unit_or_on_the_order_of_the_observations():
+    rng = np.random.default_rng(6)
+    seen, one = fitted(CAMERA, cloud(rng), ROTATING, rng)
+    order = rng.permutation(len(seen.views))
+    shuffled = replace(seen, views=seen.views[order], landmarks=seen.landmarks[order], pixels=seen.pixels[order])
+    for other in (seen.scaled(1e3), shuffled):
+        again = adjust(CAMERA, other, LENS, poses_known=True)
+        np.testing.assert_allclose(again.pose_covariances, one.pose_covariances, rtol=1e-3, atol=1e-10)
+        np.testing.assert_allclose(again.depth_sigmas, one.depth_sigmas, rtol=1e-3)
+        assert again.overdispersion == pytest.approx(one.overdispersion, rel=1e-3)
+
+
+@pytest.mark.parametrize("model", ["pinhole", "radtan", "fisheye", "double-sphere"])
+def test_the_derivatives_by_the_lens_are_those_of_the_residuals(model):
+    """A point, seen through another lens: the difference of its pixels, as the virtual cameras count it."""
+    camera = CAMERAS.get(model) or LENSES[model]
+    rng = np.random.default_rng(7)
+    exact = with_lenses(camera, problem(camera, cloud(rng, 30), list(SIDEWAYS)))
+    J, h = lens_derivatives(camera, exact), 1e-4
+    others = (camera.refocused(h), replace(camera, cx=camera.cx + h), replace(camera, cy=camera.cy + h), camera.bent(h))
+    for column, other in enumerate(others):
+        moved = -exact.residuals(camera) + exact.residuals(other)
+        lengths = np.linalg.norm(moved, axis=1) / h
+        np.testing.assert_allclose(np.linalg.norm(J[:, :, column], axis=1), lengths, rtol=5e-3, atol=1e-3)
+
+
+def test_errors_that_tracks_keep_from_view_to_view_are_found():
+    """Each track has an offset of its own that grows with the views; independent noise has none."""
+    factors = []
+    for drift_px in (0.0, 0.3):
+        rng = np.random.default_rng(8)
+        seen = problem(CAMERA, cloud(rng, 200), ROTATING, 0.2, rng)
+        walk = drift_px * np.cumsum(rng.normal(size=(len(ROTATING), 200, 2)), axis=0)
+        solution = adjust(CAMERA, replace(seen, pixels=seen.pixels + walk[seen.views, seen.landmarks]), MAP)
+        measured = with_lenses(CAMERA, solution.problem)
+        prior = lens_prior(CAMERA, MAP)
+        projected = at_projections(CAMERA, measured)
+        factors.append(error_model(CAMERA, projected, measured, solution.noise_px, prior).by_tracks)
+    assert factors[0] == pytest.approx(1.0, abs=0.15)
+    assert factors[1] > 1.05
+
+
+def test_a_landmark_with_two_views_that_decides_about_the_poses_is_left_out():
+    """An outlier that lies near its epipolar line, with a large parallax, in a map of far points."""
+    rng = np.random.default_rng(9)
+    points = cloud(rng, 120)
+    points[:, 2] += 12.0
+    points[:, :2] *= 6.0
+    points[7] = [0.1, 0.0, 1.2]
+    pair = [Pose(np.eye(3), np.zeros(3)), Pose(np.eye(3), np.array([0.3, 0.0, 0.0]))]
+    seen = problem(CAMERA, points, pair, 0.3, rng)
+    pixels = seen.pixels + np.where((seen.landmarks == 7) & (seen.views == 1), 1.5, 0.0)[:, None] * [0.0, 1.0]
+    loose = replace(MAP, max_depth_sigma=5.0)
+    solution = adjust(CAMERA, replace(seen, pixels=pixels), loose, poses_known=True)
+    assert seen.track_ids[7] not in solution.problem.track_ids
+    assert len(solution.problem.track_ids) > 100
+
+
+def test_a_lens_without_a_calibration_of_gtsam_is_in_the_covariances_of_the_map_alone():
+    camera, rng = LENSES["double-sphere"], np.random.default_rng(10)
+    seen = problem(camera, cloud(rng), list(ROTATING), 0.3, rng)
+    held, wide = (adjust(camera, seen, config, poses_known=True) for config in (MAP, LENS))
+    assert not wide.values.exists(calibration_key())
+    assert np.trace(wide.point_covariances.mean(axis=0)) > 1.1 * np.trace(held.point_covariances.mean(axis=0))
+
+
+def test_a_calibration_with_a_distortion_knows_more_than_one_without():
+    stated, bare = lens_prior(CAMERAS["radtan"], LENS), lens_prior(CAMERA, LENS)
+    assert (stated.k1, bare.k1) == (0.01, 0.05)
+    assert bare.focal == 0.02
+    guess = replace(CAMERA, focal_sigma=0.3)
+    assert isinstance(guess, Camera)
+    assert lens_prior(guess, LENS).focal == 0.06
+    assert not lens_prior(CAMERA, MAP).sigmas.any()
+
+
+def test_the_prior_of_the_graph_has_the_deviations_of_the_lens():
+    rng = np.random.default_rng(11)
+    seen = problem(CAMERA, cloud(rng, 40), ROTATING, 0.3, rng)
+    prior = lens_prior(CAMERA, LENS)
+    graph, _ = build_graph(CAMERA, seen, 1e4, robust=False, prior=prior)
+    (factor,) = (one for one in map(graph.at, range(graph.size())) if type(one).__name__.startswith("PriorFactorCal3"))
+    covariance = np.linalg.inv(factor.noiseModel().R().T @ factor.noiseModel().R())
+    sigmas = np.sqrt(np.diag(covariance))[[0, 3, 4, 5]] / [CAMERA.fx, 1, 1, 1]
+    np.testing.assert_allclose(sigmas, prior.sigmas, rtol=1e-3)
