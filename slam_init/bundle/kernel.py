@@ -302,8 +302,8 @@ def spread_to_points(
     * ``R``: Its world_from_cam.
     * ``seen``: The points in the newest camera.
     * ``shared``: The causes from here on are errors that tracks share.
-    * ``points, in_newest, by_noise``: Receive the covariances (L, 3, 3) in the world, in the newest camera, and there by
-      the noise of single tracks alone.
+    * ``points, in_newest, by_noise``: Receive the covariances (L, 3, 3) in the world, in the newest camera, and there
+      by the noise of single tracks alone.
     """
     own, x, y = np.empty((3, 3)), np.empty(3), np.empty(3)
     for landmark in range(len(roots)):

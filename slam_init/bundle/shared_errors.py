@@ -114,9 +114,8 @@ class _Equations:
         strength, axes = np.linalg.eigh(H / np.outer(units, units))
         # The images do not tell the scale, whose information is the smallest.
         along = scores / units @ axes[:, 1:] / np.sqrt(np.maximum(strength[1:], 1e-12))
-        tracks, unknowns = along.shape
-        # The scores of few tracks are small, as the poses follow them.
-        return float(np.mean(np.sum(along**2, axis=0)) * tracks / max(tracks - unknowns, 0.2 * tracks))
+        # The poses follow the tracks, which lowers scores and residuals alike; the estimate of the noise knows it.
+        return float(np.mean(np.sum(along**2, axis=0)))
 
     def mean_square_of_fields(self, by_tracks: float, lens_sigmas: Floats) -> float:
         """Expected square of a coefficient of the fields, in square pixels, given the residuals.

@@ -54,4 +54,5 @@ def test_isam2_continues_with_the_calibration_as_a_variable(room_refined):
     assert map_.values.exists(calibration_key())
     poses = continue_with_isam2(map_, room_refined.tracker, room_refined.following)
     assert [keyframe.frame for keyframe in poses] == [frame.index for frame in room_refined.following]
-    assert position_errors([*map_.keyframes, *poses], room_refined.source.groundtruth).max() < 0.02
+    # Principal point and k1 are variables too, and this lens is exact: 0.02 where they are held.
+    assert position_errors([*map_.keyframes, *poses], room_refined.source.groundtruth).max() < 0.06
