@@ -2,7 +2,7 @@
 
 The initial map contains a factor graph and its optimum, and ISAM2 takes both without changes. For each next frame the
 tracker gives the pixels of the landmarks, resection gives the initial pose, and the update adds one projection factor
-for each landmark. If the focal length was adjusted with the map, it is a variable of the graph and is refined as well.
+for each landmark. The lens is a variable of the graph with a prior, and is refined as well.
 
 Run it as ``python docs/examples/continue_with_isam2.py [SOURCE]``.
 """

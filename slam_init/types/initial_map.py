@@ -61,13 +61,14 @@ class InitialMap(Described, Savable):
         RGB of each landmark, sampled from the images.
     pose_covariances : (K, 6, 6) float
         Marginal covariances of ``world_from_cam`` in gtsam's tangent order (rotation, translation) in the camera
-        frame, in the gauge that ``gauge`` names, scaled by the noise estimated from the residuals.
+        frame, in the gauge that ``gauge`` names. They hold the noise estimated from the residuals, what the calibration
+        leaves open of the lens (``map.lens_uncertainty``), and smooth errors that the tracks of a view share.
     point_covariances : (L, 3, 3) float
-        Marginal covariances of ``points`` in the same gauge, for the focal length of ``camera``. They are those of the
-        noise of single tracks: errors that tracks share, as of a lens model, add to them.
+        Marginal covariances of ``points`` in the same gauge, with the same errors.
     depth_sigmas : (L,) float
         Relative standard deviations of the distances of the landmarks from the newest keyframe, whose own error is in
-        them. Tracks with an unknown depth are no landmarks: they are ``open_tracks``.
+        them, with the same errors. Tracks with a depth that the noise alone leaves unknown are no landmarks: they are
+        ``open_tracks``.
     open_tracks : Observations
         The tracks of the newest keyframe that have no landmark: their depths are unknown, or they disagree with the
         map. Their bearings are by ``camera``, not corrected for a rolling shutter.
@@ -75,8 +76,10 @@ class InitialMap(Described, Savable):
         The quantities that were held fixed, in words.
     graph, values
         ``gtsam.NonlinearFactorGraph`` and ``gtsam.Values``: keys ``X(frame)`` for poses (world_from_cam),
-        ``L(track_id)`` for landmarks and, where the focal length was adjusted, ``K(0)`` for the calibration. None for
-        the map of an external program, which has no landmarks.
+        ``L(track_id)`` for landmarks, and ``K(0)`` for the lens, whose prior is what the calibration leaves open. The
+        lens is held where gtsam has no calibration for it, and with ``map.lens_uncertainty = 0``. The noise of the
+        reprojection factors is larger than ``noise_px``, so that the marginals cover errors that are not independent.
+        None for the map of an external program, which has no landmarks.
     points_before : (L, 3) float
         The landmarks as triangulated, before bundle adjustment, in the same frame and scale.
     keyframes_before : tuple of K Pose
