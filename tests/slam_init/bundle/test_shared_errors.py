@@ -155,22 +155,6 @@ def test_the_derivatives_by_the_lens_are_those_of_the_residuals(model):
         np.testing.assert_allclose(np.linalg.norm(J[:, :, column], axis=1), lengths, rtol=5e-3, atol=1e-3)
 
 
-def test_errors_that_tracks_keep_from_view_to_view_are_found():
-    """Each track has an offset of its own that grows with the views; independent noise has none."""
-    factors = []
-    for drift_px in (0.0, 0.3):
-        rng = np.random.default_rng(8)
-        seen = problem(CAMERA, cloud(rng, 200), ROTATING, 0.2, rng)
-        walk = drift_px * np.cumsum(rng.normal(size=(len(ROTATING), 200, 2)), axis=0)
-        solution = adjust(CAMERA, replace(seen, pixels=seen.pixels + walk[seen.views, seen.landmarks]), MAP)
-        measured = with_lenses(CAMERA, solution.problem)
-        prior = lens_prior(CAMERA, MAP)
-        projected = at_projections(CAMERA, measured)
-        factors.append(error_model(CAMERA, projected, measured, solution.noise_px, prior).by_tracks)
-    assert factors[0] == pytest.approx(1.0, abs=0.15)
-    assert factors[1] > 1.05
-
-
 def test_a_landmark_with_two_views_that_decides_about_the_poses_is_left_out():
     """An outlier that lies near its epipolar line, with a large parallax, in a map of far points."""
     rng = np.random.default_rng(9)
