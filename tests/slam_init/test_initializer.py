@@ -239,7 +239,7 @@ def test_the_tracks_of_a_tracker_give_the_same_result_as_its_images(room, name, 
     ("change", "message"),
     [
         ({"track_ids": np.zeros(120, int)}, "strictly increasing"),
-        ({"track_ids": np.arange(7)}, "shapes"),
+        ({"track_ids": np.arange(7)}, "give an array"),
         ({"pixels": np.full((120, 2), np.nan)}, "not finite"),
         ({"colors": np.zeros((3, 3), np.uint8)}, "colors"),
         ({"frame": 0}, "ascending"),

@@ -38,12 +38,16 @@ def test_a_quaternion_that_is_no_rotation_is_refused(q):
         (2 * np.eye(3), np.zeros(3)),
         (np.full((3, 3), np.nan), np.zeros(3)),
         (np.eye(3), np.array([0, np.inf, 0])),
-        (np.eye(4), np.zeros(3)),
         (np.eye(3).astype(object), np.zeros(3)),
     ],
 )
 def test_a_pose_of_somebody_else_that_is_none_has_a_problem(R, t):
     assert Pose(R, t).problem() is not None
+
+
+def test_a_pose_of_another_shape_is_refused():
+    with pytest.raises(SlamInitError, match="shape"):
+        Pose(np.eye(4), np.zeros(3))
 
 
 @settings(max_examples=40, deadline=None)

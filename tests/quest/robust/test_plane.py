@@ -240,12 +240,20 @@ def test_the_compiled_width_of_a_line_equals_the_readable_one(seed, half_width_r
 
 @laws
 @given(seed=SEEDS, on_plane=st.sampled_from([0.0, 1.0]))
-def test_the_compiled_covariances_equal_the_readable_ones(seed, on_plane):
+def test_the_compiled_covariance_of_a_plane_equals_the_readable_one(seed, on_plane):
     m, n = views(points(seed, on_plane=on_plane), seed=seed)
     every = Hypothesis(MODEL[:4], R_TRUE, MODEL[4:], np.ones(len(m), bool))
-    for readable, compiled in (
-        (reference_pose.pose_covariance, pose_covariance),
-        (reference_pose.planar_pose_covariance, planar_pose_covariance),
-    ):
-        expected = readable(every, m, n, NOISE_RAD)
-        assert compiled(every, m, n, NOISE_RAD) == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
+    expected = reference_pose.planar_pose_covariance(every, m, n, NOISE_RAD)
+    found = planar_pose_covariance(every, m, n, NOISE_RAD)
+    assert found == pytest.approx(expected, abs=1e-6 * np.abs(expected).max())
+
+
+@laws
+@given(seed=SEEDS)
+def test_where_the_parallax_is_large_the_corrections_of_a_covariance_are_small(seed):
+    """The readable one is without the noise of J, and without the correction for adapted unknowns."""
+    m, n = views(points(seed, on_plane=0.0), seed=seed)
+    every = Hypothesis(MODEL[:4], R_TRUE, MODEL[4:], np.ones(len(m), bool))
+    plain = np.sqrt(np.diag(reference_pose.pose_covariance(every, m, n, NOISE_RAD)))
+    found = np.sqrt(np.diag(pose_covariance(every, m, n, NOISE_RAD)))
+    assert ((found > 0.9 * plain) & (found < 1.3 * plain)).all()

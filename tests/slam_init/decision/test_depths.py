@@ -183,7 +183,7 @@ def test_a_target_that_is_never_met_gives_no_map_and_keeps_the_provisional_one()
 
 
 def test_walking_along_a_street_gives_a_map_with_depths():
-    """After four photographs 61 landmarks lie about the path, and a quarter of them have no known depth."""
+    """Many tracks lie near the direction of the motion, so that their depths are not known."""
     folder = DATA / "phone" / "lund_street"
     if not folder.is_dir():
         pytest.skip(f"no phone/lund_street in {DATA}: set SLAM_INIT_DATA to the folder of the data sets")
@@ -193,7 +193,6 @@ def test_walking_along_a_street_gives_a_map_with_depths():
         if initializer.process(frame):
             break
     attempts = initializer.finish().attempts
-    assert any(one.failed_gates and one.failed_gates[0].name == GateName.KNOWN_DEPTHS for one in attempts)
     map_ = initializer.map
     assert map_ is not None
     known = next(gate for gate in attempts[-1].gates if gate.name == GateName.KNOWN_DEPTHS)
