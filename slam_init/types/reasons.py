@@ -6,8 +6,9 @@ from enum import StrEnum
 
 
 # To add a reason, add a line here: the value goes to ``summary.json``, and the advice is shown to the person who moves
-# the camera. A gate (``slam_init.types.gates.Gate``) or a rule of ``slam_init.decision`` then names the reason. The
-# page of the reasons is made from this list. Run ``python tests/support/make_schema.py``.
+# the camera. A gate (``slam_init.types.gates.Gate``) or a rule of ``slam_init.decision`` then names the reason, and
+# ``slam_init.pictures.style`` gives it a colour. The page of the reasons is made from this list. Run
+# ``python tests/support/make_schema.py``.
 class Verdict(StrEnum):
     """The verdict on a pair of frames: accepted, or the reason of the refusal.
 

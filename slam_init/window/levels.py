@@ -9,8 +9,10 @@ The unit is in the name, or the number has none. The classes:
 * assumption: no data tell it; the comment says why this value.
 
 The scales of the error fields and their prior are in :mod:`slam_init.window.marginal`, what recognizes an overlay in
-:mod:`slam_init.frontend.static_tracks`, the priors of a lens in :mod:`slam_init.window.state`. Numbers that change the
-time of a fit but not its result stay beside the fit.
+:mod:`slam_init.frontend.static_tracks`, the priors of a lens in :mod:`slam_init.window.state` and
+:mod:`slam_init.decision.lens`, the gates on depths in :mod:`slam_init.decision.depths`. What names the reason of a
+refusal, and accepts nothing, is in :mod:`slam_init.decision.window_rule`. Numbers that change the time of a fit but not
+its result stay beside the fit.
 """
 
 from __future__ import annotations

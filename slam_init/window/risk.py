@@ -165,7 +165,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     refused = rotation > _UNDECIDED or direction > _UNKNOWN
     rival, nearest = _rival_term(hypotheses, expanded, direction_deg, fit=not refused)
     other = other_motion(hypotheses) if rotation <= MERE_ROTATION else OtherMotion()
-    total = min(1.0, direction + rival + rotation + other.probability + FLOOR)
+    total = _total(direction, rival, rotation, other.probability)
     distances = inverse_distances(expanded)
     explained = replace(distances, known=distances.known & explained_tracks(hypotheses))
     depth_sigmas = explained.relative_sigmas
@@ -212,8 +212,13 @@ def confirmed(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -
         # The plane of shifted frames is another one in each view, so that it tells nothing about the direction.
         if largest_shift_px(hypotheses.tracks) > hypotheses.tracks.noise_px:
             direction = max(direction, FRAMES_ARE_SHIFTED * of_free.direction)
-        total = min(1.0, rival + direction + risk.rotation + risk.moving + risk.floor)
+        total = _total(direction, rival, risk.rotation, risk.moving)
         return hypotheses, replace(risk, rival=rival, direction=direction, total=total)
+
+
+def _total(direction: float, rival: float, rotation: float, moving: float) -> float:
+    """The risk: the causes add their probabilities."""
+    return min(1.0, direction + rival + rotation + moving + FLOOR)
 
 
 def _rival_term(
