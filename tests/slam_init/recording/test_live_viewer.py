@@ -49,6 +49,7 @@ time.sleep(100)" "$@"
 #: A program that starts a viewer, and then goes on or ends.
 USER = """
 import os, signal, sys, time
+signal.signal(signal.SIGQUIT, signal.SIG_DFL)  # a shell ignores it for what runs in its background
 from slam_init.recording import live_viewer
 live_viewer.VIEWER_PORT = int(sys.argv[1])
 live_viewer.shutil.which = lambda _: sys.argv[2]

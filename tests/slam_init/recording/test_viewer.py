@@ -75,8 +75,9 @@ def test_a_server_ends_with_the_process_that_was_killed(tmp_path, viewer, number
     viewer(SERVER)
     mark, code = (
         new_mark(),
-        "import sys, time; from pathlib import Path; from slam_init.recording.viewer import serve\n",
+        "import signal, sys, time; from pathlib import Path; from slam_init.recording.viewer import serve\n",
     )
+    code += "signal.signal(signal.SIGQUIT, signal.SIG_DFL)\n"  # a shell ignores it for what runs in its background
     code += "with serve(Path(sys.argv[1])): print('serves', flush=True); time.sleep(100)"
     words = [sys.executable, "-c", code, str(tmp_path / "a.rrd")]
     variables = os.environ | {MARK: mark, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
