@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +35,7 @@ class Messages:
                 get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage")
             )
 
-    def make(self, type_: str, **fields: object) -> object:
+    def make(self, type_: str, **fields: Any) -> Any:
         return self.store.types[type_](**fields)
 
     def header(self, time_s: float, frame: str) -> object:
@@ -43,11 +44,13 @@ class Messages:
         number = {"seq": 0} if self.kind == "ros1" else {}
         return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **number)
 
-    def send(self, topic: str, type_: str, time_s: float, *, sent_s: float | None = None, **fields: object) -> None:
+    def send(self, topic: str, type_: str, time_s: float, *, sent_s: float | None = None, **fields: Any) -> None:
         received = time_s if sent_s is None else sent_s
         self.sent.append((topic, type_, round(received * 1e9), self.make(type_, **fields)))
 
-    def image(self, topic: str, time_s: float, pixels: np.ndarray, encoding: str, frame: str = "cam", **more) -> None:
+    def image(
+        self, topic: str, time_s: float, pixels: np.ndarray, encoding: str, frame: str = "cam", **more: Any
+    ) -> None:
         data = np.ascontiguousarray(pixels)
         fields = {
             "height": pixels.shape[0], "width": pixels.shape[1], "encoding": encoding, "is_bigendian": 0,
@@ -65,7 +68,7 @@ class Messages:
         )  # fmt: skip
 
     def camera_info(
-        self, topic: str, time_s: float, camera: Camera, model: str = "plumb_bob", frame: str = "cam", **more
+        self, topic: str, time_s: float, camera: Camera, model: str = "plumb_bob", frame: str = "cam", **more: Any
     ) -> None:
         K = np.array([camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1.0])
         fields = {
@@ -114,17 +117,19 @@ class Messages:
     def tf(self, topic: str, time_s: float, *transforms: object) -> None:
         self.send(topic, "tf2_msgs/msg/TFMessage", time_s, transforms=list(transforms))
 
-    def write(self, path: Path, **options: object) -> Path:
+    def write(self, path: Path, **options: Any) -> Path:
         """Write the bag; ``options`` go to the writer of rosbags."""
+        writer: Any
         if self.kind == "ros1":
-            from rosbags.rosbag1 import Writer
+            from rosbags import rosbag1
 
-            writer, serialize = Writer(path), self.store.serialize_ros1
+            writer, serialize = rosbag1.Writer(path), self.store.serialize_ros1
         else:
-            from rosbags.rosbag2 import StoragePlugin, Writer
+            from rosbags import rosbag2
 
-            plugin = StoragePlugin.SQLITE3 if self.kind == "sqlite3" else StoragePlugin.MCAP
-            writer, serialize = Writer(path, version=9, storage_plugin=plugin), self.store.serialize_cdr
+            plugin = rosbag2.StoragePlugin.SQLITE3 if self.kind == "sqlite3" else rosbag2.StoragePlugin.MCAP
+            writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
+            serialize = self.store.serialize_cdr
         if "compression" in options:
             writer.set_compression(*options["compression"])
         with writer:

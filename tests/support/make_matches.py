@@ -125,5 +125,5 @@ def tracks_arrays(made: Matches) -> dict[str, np.ndarray]:
 def write_tracks(path: Path, made: Matches, **changes: np.ndarray | None) -> Path:
     """A file of tracks; a change of None leaves an array out."""
     arrays = {name: array for name, array in (tracks_arrays(made) | changes).items() if array is not None}
-    np.savez(path, **arrays)
+    np.savez(path, allow_pickle=False, **arrays)
     return path
