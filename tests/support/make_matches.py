@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -124,6 +125,6 @@ def tracks_arrays(made: Matches) -> dict[str, np.ndarray]:
 
 def write_tracks(path: Path, made: Matches, **changes: np.ndarray | None) -> Path:
     """A file of tracks; a change of None leaves an array out."""
-    arrays = {name: array for name, array in (tracks_arrays(made) | changes).items() if array is not None}
-    np.savez(path, allow_pickle=False, **arrays)
+    arrays: Any = {name: array for name, array in (tracks_arrays(made) | changes).items() if array is not None}
+    np.savez(path, **arrays)
     return path
