@@ -102,7 +102,7 @@ def describe(source: TimedSource, camera: Camera | None) -> SourceDescription:
         height=first.image.shape[0],
         color=first.image.ndim == 3,
         duration_s=round(duration_s, 6),
-        fps=round((len(source) - 1) / duration_s, 3) if duration_s > 0 else None,
+        fps=round((len(times_s) - 1) / duration_s, 3) if duration_s > 0 else None,
         camera=None if camera is None else _describe_camera(camera),
         ground_truth=_describe_truth(source),
         notes=notes_of(source),

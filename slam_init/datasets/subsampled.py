@@ -71,7 +71,8 @@ class SubsampledSource(DerivedSource):
     @cached_property
     def timestamps_s(self) -> Floats:
         """(N,) float: time stamps of the frames that are taken from frame 0 on."""
-        return self.source.timestamps_s[self._taken]
+        times_s = self.source.timestamps_s
+        return times_s[self._taken[self._taken < len(times_s)]]  # a bag may hold fewer frames than its index says
 
     @cached_property
     def _taken(self) -> Ints:
@@ -82,7 +83,8 @@ class SubsampledSource(DerivedSource):
         if self.fps is None:
             return np.arange(start, len(self.source), self.every)
         pace = _Pace(self.fps)
-        return np.array([i for i in range(start, len(self.source)) if pace.takes(float(self.source.timestamps_s[i]))])
+        times_s = self.source.timestamps_s[start:].tolist()
+        return np.array([start + i for i, time_s in enumerate(times_s) if pace.takes(time_s)], int)
 
     def __len__(self) -> int:
         return len(self._taken)

@@ -17,5 +17,5 @@ class TimedSource(Source, Protocol):
         ...
 
     def __len__(self) -> int:
-        """Number of frames; for a video, the number in its header."""
+        """Number of frames. For a video the number in its header; for a bag that in its index, an upper bound."""
         ...

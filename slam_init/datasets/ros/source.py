@@ -41,8 +41,9 @@ class RosSource:
     """A :class:`slam_init.datasets.timed.TimedSource` over a topic of images.
 
     The time stamp of a frame is that of the header of its message; where the first header has none, all frames have the
-    times at which they were recorded. An image that does not come after the one before is left out and counted. Frames
-    are numbered by their place in the topic.
+    times at which they were recorded. An image that does not come after the one before is left out and counted; frames
+    are numbered without it. The length is the number of images in the index of the bag, an upper bound: a damaged bag
+    holds fewer, and :attr:`notes` says so.
 
     Calibration and ground truth are read when they are asked for. The ground truth and :attr:`timestamps_s` go through
     the whole bag; :meth:`frames` does not.
@@ -56,6 +57,7 @@ class RosSource:
         self.path, self._version = path, version
         self.name, self.kind = path.resolve().name, f"ros{version}"
         self._left_out: set[int] = set()
+        self._read_count: int | None = None
         self._imu: BagGyroscope | None = None
         with Bag(path, version) as bag:
             self.topic, self._notes = image_topic(bag, topic)
@@ -114,7 +116,13 @@ class RosSource:
         """
         count = len(self._left_out)
         late = (f"{count} images whose time stamps do not come after the one before were left out",) if count else ()
-        return (*self._notes, *self._truth.notes, *(self._imu.notes if self._imu else ()), *late)
+        lost: tuple[str, ...] = ()
+        if self._read_count is not None and self._read_count < self.topic.count:
+            lost = (
+                f"the index of the bag names {self.topic.count} images of {self.topic.name}, and "
+                f"{self._read_count} can be read: the bag is damaged, copy it again or recover it",
+            )
+        return (*self._notes, *self._truth.notes, *(self._imu.notes if self._imu else ()), *late, *lost)
 
     def __len__(self) -> int:
         return self.topic.count
@@ -124,10 +132,10 @@ class RosSource:
         wanted = frame_range(len(self), start, max_frames, self.name)
         given = 0
         with Bag(self.path, self._version) as bag:
-            for index, time_s, message in self._timed(bag):
+            for index, (image_number, time_s, message) in enumerate(self._timed(bag)):
                 if index < wanted.start:
                     continue
-                place = self._place(index)
+                place = self._place(image_number)
                 image = decode(place, bag.decoded(message, self.topic))
                 check_size(place, (image.shape[1], image.shape[0]), self._size, "the first image")
                 yield Frame(index, time_s, f"frame-{index:06d}", image)
@@ -135,7 +143,7 @@ class RosSource:
                 if given == len(wanted):
                     return
         if not given:
-            raise SourceError(f"{self.path}: {self.topic.name} ends before image {start}")
+            raise SourceError(f"{self.path}: {self.topic.name} ends before frame {start}")
 
     @cached_property
     def _truth(self) -> Truth:
@@ -146,8 +154,9 @@ class RosSource:
             return read_truth(bag, topic, self._frame_id)
 
     def _timed(self, bag: Bag) -> Iterator[tuple[int, float, Message]]:
-        """The messages with their places and times, without those that come too late."""
+        """The messages with their places in the topic and times, without those that come too late."""
         last_s: float | None = None
+        index = -1
         for index, message in enumerate(bag.messages(self.topic.name)):
             time_s = bag.header_of(message, self.topic).stamp_s if self._by_header else message.received_s
             if problem := problem_of(time_s):
@@ -157,6 +166,7 @@ class RosSource:
                 continue
             last_s = time_s
             yield index, time_s, message
+        self._read_count = index + 1
 
     def _place(self, index: int) -> str:
         return f"{self.path}: {self.topic.name}, image {index}"

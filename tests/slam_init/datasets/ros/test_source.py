@@ -10,6 +10,7 @@ from make_files import picture
 
 from slam_init.cli import main
 from slam_init.datasets import detect_kind, open_source
+from slam_init.datasets.views import SourceView
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.types.camera import Camera
 
@@ -157,8 +158,39 @@ def test_images_that_come_too_late_are_left_out_and_counted(tmp_path):
     for time_s, stamp_s in ((5.0, 5.0), (5.1, 4.9), (5.2, 5.0), (5.3, 5.3)):
         messages.image("/cam/image_raw", time_s, GREY[0], "mono8", stamp_s=stamp_s)
     source = open_source(messages.write(tmp_path / "a.bag"))
-    assert [frame.index for frame in source.frames()] == [0, 3]
+    assert [(frame.index, frame.timestamp_s) for frame in source.frames()] == [(0, 5.0), (1, 5.3)]
+    assert [frame.timestamp_s for frame in source.frames(1)] == [5.3]
     assert any(note.startswith("2 images") for note in source.notes)
+
+
+@pytest.mark.parametrize("view", [SourceView(every=1), SourceView(fps=20.0), SourceView(every=2)])
+def test_a_bag_with_late_images_is_thinned_by_the_frames_that_it_gives(tmp_path, view):
+    messages = Messages("ros1")
+    for time_s, stamp_s in ((5.0, 5.0), (5.1, 4.9), (5.2, 5.2), (5.3, 5.3), (5.4, 5.4)):
+        messages.image("/cam/image_raw", time_s, GREY[0], "mono8", stamp_s=stamp_s)
+    path = messages.write(tmp_path / "a.bag")
+    expected = [5.0, 5.3] if view.every == 2 else [5.0, 5.2, 5.3, 5.4]
+    for renumbered in (False, True):
+        source = view.apply(open_source(path), renumbered=renumbered)
+        assert [frame.timestamp_s for frame in source.frames()] == expected == source.timestamps_s.tolist()
+
+
+def test_images_that_the_index_names_and_the_bag_lacks_are_told(tmp_path):
+    messages = Messages("mcap")
+    for time_s in (5.0, 5.1, 5.2):
+        messages.image("/cam/image_raw", time_s, GREY[0], "mono8")
+    folder = messages.write(tmp_path / "bag")
+    (file,) = folder.glob("*.mcap")
+    data = bytearray(file.read_bytes())
+    pixels = GREY[0].tobytes()
+    end = data.index(pixels, data.index(pixels) + 1) + len(pixels)
+    # A record is its kind, its length and its content; the message becomes a record of an unknown kind.
+    (begin,) = (k for k in range(end) if data[k] == 5 and k + 9 + int.from_bytes(data[k + 1 : k + 9], "little") == end)
+    data[begin] = 0x99
+    file.write_bytes(data)
+    source = open_source(folder)
+    assert source.timestamps_s.tolist() == [5.0, 5.2] == [frame.timestamp_s for frame in source.frames()]
+    assert any("names 3 images" in note and "2 can be read" in note for note in source.notes)
 
 
 # -- topics ---------------------------------------------------------------------------------------
