@@ -30,7 +30,7 @@ class Proposals(NamedTuple):
     """What proposes motions: the number of matches in a sample, and the share of good samples that lead to the motion.
 
     The share is that of the samples without outliers, under noise of 0.7 px at a focal length of 458 px, over general
-    and planar scenes with baselines from 0.03 to 0.5 of the depth (tests.benchmarks.quest.six_matches).
+    and planar scenes with baselines from 0.03 to 0.5 of the depth.
     """
 
     sample_size: int

@@ -13,9 +13,7 @@ degrees, and otherwise *false*.
 * *Ambiguous: correct hypothesis kept*: of the trials that ended with an ambiguous plane, the number in which one of the
   stored hypotheses is correct.
 
-The parts are ``general``, ``planar``, ``static``, ``hard``, ``noise-baseline``, ``ablation``
-(:mod:`tests.benchmarks.study_ablation`) and ``map-quality`` (:mod:`tests.benchmarks.map_quality`). A killed run
-can be resumed with the same command. Each part writes its trials and a report to its own folder.
+A killed run can be resumed with the same command. Each part writes its trials and a report to its own folder.
 """
 
 from __future__ import annotations
@@ -33,18 +31,11 @@ from slam_init.compare.run import compare
 from slam_init.compare.trials import Settings
 from slam_init.errors import SlamInitError
 from slam_init.methods import METHODS
-from tests.benchmarks.map_quality import map_quality_table
 from tests.benchmarks.options import positive
-from tests.benchmarks.study_ablation import run_ablation
-from tests.benchmarks.study_oracle import solvable_worlds
-from tests.benchmarks.study_parts import PARTS, Cell, sources_of
-from tests.benchmarks.study_tables import grid_table, moving_table, read_rows, static_table
+from tests.benchmarks.study_parts import PARTS, sources_of
+from tests.benchmarks.study_tables import moving_table, read_rows, static_table
 
 _METHODS = ("quest", "quest-two-view", "orb-slam3", "stella", "essential-5pt", "poselib")
-_GRID, _ABLATION, _MAP_QUALITY = "noise-baseline", "ablation", "map-quality"
-_ALL = (*PARTS, _ABLATION, _MAP_QUALITY)
-#: Thirty worlds are enough, because the difference between two adjustments of the same tracks varies little.
-_MAP_QUALITY_WORLDS = 30
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -56,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         methods = chosen_methods(arguments.methods or ",".join(_installed()))
         arguments.out.mkdir(parents=True, exist_ok=True)
-        for part in arguments.part or _ALL:
+        for part in arguments.part or PARTS:
             text = run_part(part, arguments.out, arguments.trials, methods, arguments.seed, arguments.jobs)
             sys.stdout.write(text + "\n")
             sys.stdout.flush()
@@ -70,36 +61,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 def run_part(part: str, out: str | os.PathLike[str], trials: int, methods: Sequence[str], seed: int, jobs: int) -> str:
     """Run one part and return its text in markdown."""
     folder = Path(out) / part
-    progress = sys.stderr.isatty()
-    if part == _ABLATION:
-        text = f"{trials} worlds per scene; each row switches off one part of the method: correct / false / none."
-        return _section("Ablation", text, run_ablation(folder, trials, seed, jobs, progress=progress))
-    if part == _MAP_QUALITY:
-        table = map_quality_table(min(trials, _MAP_QUALITY_WORLDS), seed, progress=progress)
-        text = "The same tracks and the same start, adjusted by slam_init and by pycolmap: medians over the worlds."
-        return _section("Map quality", text, table)
     described = PARTS[part]
     cells = described.cells(trials, seed)
-    chosen = tuple(methods[:1]) if part == _GRID else tuple(methods)
-    compare(Plan(sources_of(cells), chosen, settings=Settings(seed=seed)), folder, jobs=jobs, progress=progress)
-    rows = read_rows(folder)
-    if part == _GRID:
-        table = grid_table(cells, rows, chosen[0], _solvable(cells))
-        return _section(described.title, f"{described.text} {trials} worlds per cell.", table)
+    plan = Plan(sources_of(cells), tuple(methods), settings=Settings(seed=seed))
+    compare(plan, folder, jobs=jobs, progress=sys.stderr.isatty())
     make = static_table if described.no_translation else moving_table
-    return _section(described.title, f"{described.text} {trials} worlds per row.", make(cells, rows, chosen))
-
-
-def _solvable(cells: Sequence[Cell]) -> set[str] | None:
-    """Return the worlds that least squares from the truth solves; None if pycolmap is not installed."""
-    if find_spec("pycolmap") is None:
-        sys.stderr.write("study: the number of solvable worlds is left out: pip install pycolmap\n")
-        return None
-    return solvable_worlds(text for cell in cells for text in cell.sources)
-
-
-def _section(title: str, text: str, table: str) -> str:
-    return f"## {title}\n\n{text}\n\n{table}\n"
+    table = make(cells, read_rows(folder), plan.methods)
+    return f"## {described.title}\n\n{described.text} {trials} worlds per row.\n\n{table}\n"
 
 
 def _installed() -> list[str]:
@@ -116,7 +84,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the tables and trials")
     parser.add_argument("--trials", type=positive, default=20, metavar="N", help="worlds per row of a table (20)")
     parser.add_argument("--methods", metavar="A,B", help=f"default: {','.join(_METHODS)}")
-    parser.add_argument("--part", action="append", choices=_ALL, help="may be given several times; default: all")
+    parser.add_argument(
+        "--part", action="append", choices=tuple(PARTS), help="may be repeated; default: all"
+    )
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument("--jobs", type=positive, default=1, metavar="N", help="processes (1)")
     return parser

@@ -8,7 +8,7 @@ length of 458 px. Unless a part says otherwise, each world draws independently a
 * the baseline from the first to the last view over the median depth from 0.03, 0.05, 0.1, 0.15 and 0.3.
 
 The stated focal length is the true one. Geometry, motion and noise are drawn with the seed of the world. No method can
-succeed with a short baseline and much noise; the part ``noise-baseline`` shows which worlds are solvable.
+succeed with a short baseline and much noise.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
-from slam_init.compare.sources import GRID, ComparedSource, describe_sources, drawn_sources
+from slam_init.compare.sources import ComparedSource, describe_sources, drawn_sources
 
 GENERAL = ("room", "corridor", "rotate-then-move")
 PLANAR = ("wall", "nadir-turn", "desk", "nadir")
@@ -26,8 +26,6 @@ TILTED = ("tilted-15", "tilted-30", "tilted-45")
 SHORT_BASELINES = (0.03, 0.05, 0.1)
 #: Root mean square of a smooth error that the tracks of a view share, as measured on film.
 FIELD_PX = 0.15
-#: Rows of the table of noise against baseline. Real tracks have less noise than the last value.
-NOISES_PX = (0.3, 0.7, 1.0, 2.0)
 
 #: 30 % of the tracks lie on two moving bodies. With 30 % of outliers as well, four tracks of ten follow the camera.
 _MOVING = {"moving": 0.3}
@@ -115,21 +113,6 @@ def _error_field_still(trials: int, seed: int) -> list[Cell]:
     return [Cell(scene, _worlds((scene,), trials, seed, field_px=FIELD_PX)) for scene in ("rotation", "static")]
 
 
-def grid_name(scene: str, noise_px: float, baseline: float) -> str:
-    """Return the name of a cell of noise against baseline."""
-    return f"{scene}, {noise_px:g} px, {baseline:g}"
-
-
-def _noise_baseline(trials: int, seed: int) -> list[Cell]:
-    return [
-        Cell(
-            grid_name(scene, noise_px, baseline),
-            _worlds((scene,), trials, seed, noise_px=noise_px, baseline=baseline, outliers=0.1),
-        )
-        for scene, noise_px, baseline in product(("room", "wall"), NOISES_PX, GRID["baseline"])
-    ]
-
-
 def sources_of(cells: Sequence[Cell]) -> tuple[ComparedSource, ...]:
     """Return the worlds of all cells, each once. Two cells can contain the same world."""
     return tuple(describe_sources(list(dict.fromkeys(text for cell in cells for text in cell.sources))))
@@ -185,12 +168,5 @@ PARTS: dict[str, Part] = {
         "30 % of the tracks lie on two bodies that move independently, as fast as the camera; noise of 1 px in every "
         "world; both. General scenes are room and corridor, planar scenes are wall, nadir-turn and desk.",
         _hard,
-    ),
-    "noise-baseline": Part(
-        "Noise against baseline",
-        "The first method with 10 % outliers: correct / false / none, and in parentheses the number of worlds that "
-        "least squares solves from the truth with the inliers only. Rows: noise of a coordinate. Columns: baseline "
-        "over the median depth.",
-        _noise_baseline,
     ),
 }

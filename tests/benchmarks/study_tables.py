@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from slam_init.compare.journal import read_journal
 from slam_init.compare.rows import TrialRow
-from slam_init.compare.sources import GRID
 from slam_init.compare.statistics import Interval, restricted_mean, wilson
 from slam_init.output.tables import markdown_table, number
-from tests.benchmarks.study_parts import NOISES_PX, Cell, grid_name
+from tests.benchmarks.study_parts import Cell
 
 #: (source, method) -> row of the trial.
 Rows = Mapping[tuple[str, str], TrialRow]
@@ -92,33 +91,6 @@ def static_table(cells: Sequence[Cell], rows: Rows, methods: Sequence[str]) -> s
                 ]
             )
     return markdown_table(header, lines)
-
-
-def grid_table(cells: Sequence[Cell], rows: Rows, method: str, solvable: Container[str] | None) -> str:
-    """Make a table of noise against baseline for each scene: correct / false / none (number of solvable worlds)."""
-    by_name = {cell.name: cell for cell in cells}
-
-    def text_of(cell: Cell) -> str:
-        counts = counts_text(_rows_of(cell, rows, method))
-        return counts if solvable is None else f"{counts} ({sum(source in solvable for source in cell.sources)})"
-
-    tables = []
-    for scene in dict.fromkeys(name.partition(",")[0] for name in by_name):
-        lines = [
-            [
-                f"{noise_px:g} px",
-                *(text_of(by_name[grid_name(scene, noise_px, baseline)]) for baseline in GRID["baseline"]),
-            ]
-            for noise_px in NOISES_PX
-        ]
-        tables.append(markdown_table([scene, *(f"{baseline:g}" for baseline in GRID["baseline"])], lines))
-    return "\n\n".join(tables)
-
-
-def counts_text(rows: Sequence[TrialRow]) -> str:
-    """Return ``correct / false / none``; errors are counted as none."""
-    counts = Counter(row.outcome for row in rows)
-    return f"{counts['correct']} / {counts['false']} / {counts['none'] + counts['error']}"
 
 
 def frames_to_correct(rows: Sequence[TrialRow]) -> list[float]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slam_init.compare.sources import GRID, open_compared
-from tests.benchmarks.study_parts import NOISES_PX, PARTS, sources_of
+from tests.benchmarks.study_parts import PARTS, sources_of
 
 
 def options_of(text):
@@ -18,7 +18,7 @@ def test_worlds_are_distinct_and_follow_the_documented_distribution(name):
     for cell in PARTS[name].cells(7, seed=3):
         assert len(set(cell.sources)) == len(cell.sources) == 7
         for options in map(options_of, cell.sources):
-            assert options["noise_px"] in NOISES_PX
+            assert options["noise_px"] in GRID["noise_px"]
             assert options["baseline"] in GRID["baseline"]
             assert 0.05 <= options["outliers"] <= 0.3
             assert abs(options["focal_error"]) in ((0.02, 0.05, 0.1) if name == "wrong-focal" else (0.0, 0.05))

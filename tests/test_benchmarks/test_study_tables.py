@@ -5,9 +5,8 @@ from dataclasses import replace
 from comparisons import table_cells
 
 from slam_init.compare.rows import TrialRow
-from slam_init.compare.sources import GRID
-from tests.benchmarks.study_parts import NOISES_PX, PARTS, Cell
-from tests.benchmarks.study_tables import counts_text, frames_to_correct, grid_table, moving_table, static_table
+from tests.benchmarks.study_parts import Cell
+from tests.benchmarks.study_tables import frames_to_correct, moving_table, static_table
 
 
 def row(source, method, outcome, frames=None, **more):
@@ -21,7 +20,6 @@ def row(source, method, outcome, frames=None, **more):
 def test_a_trial_without_a_correct_map_counts_as_its_limit():
     rows = [row("a", "m", "correct", 4), row("b", "m", "false", 3), row("c", "m", "none"), row("d", "m", "error")]
     assert frames_to_correct(rows) == [4.0, 12.0, 12.0, 12.0]
-    assert counts_text(rows) == "1 / 1 / 2"
 
 
 def test_methods_are_compared_on_the_same_worlds():
@@ -56,13 +54,3 @@ def test_the_table_without_translation_counts_false_maps_reasons_and_suspicions(
     (cells,) = table_cells(static_table([Cell("rotation", ("a", "b"))], rows, ("quest",)))
     shares = [cell.partition(" ")[0] for cell in cells]
     assert shares[3:] == ["50.0", "1", "50.0", "50.0", "0.0"]
-
-
-def test_noise_against_baseline_has_a_row_per_noise_and_a_column_per_baseline():
-    cells = PARTS["noise-baseline"].cells(1, seed=0)
-    rows = {(text, "quest"): row(text, "quest", "correct", 3) for cell in cells for text in cell.sources}
-    solvable = {text for cell in cells for text in cell.sources if "points:room" in text}
-    tables = grid_table(cells, rows, "quest", solvable).split("\n\n")
-    for (scene, text), table in zip((("room", "1 / 0 / 0 (1)"), ("wall", "1 / 0 / 0 (0)")), tables, strict=True):
-        assert table.startswith(f"| {scene}")
-        assert [line[1:] for line in table_cells(table)] == [[text] * len(GRID["baseline"])] * len(NOISES_PX)

@@ -7,7 +7,6 @@ frames, stages         images given to an initializer that judges in slices (:mo
 prices                 what the parts of a judgement announce, and what they take (:mod:`.prices`)
 robust                 quest and PoseLib on the same matches, drawn and real (:mod:`.robust`)
 start                  the first pose of a process, and ``slam-init run`` (:mod:`.start`)
-roofline               operations, memory and the limit of the core, for the largest stages (:mod:`.roofline`)
 =====================  ===============================================================================================
 
 Beside the times stand their ratios to a fixed piece of work of the same run: OpenCV's flow of 400 points in an image of

@@ -84,19 +84,11 @@ def _start(options: argparse.Namespace) -> str:
     return told + start_table(measure_start(options.processes), flow)
 
 
-def _roofline(options: argparse.Namespace) -> str:
-    from tests.benchmarks.speed.operations import measured_stages
-    from tests.benchmarks.speed.roofline import measure_limits, roofline_table
-
-    return roofline_table(measured_stages(), measure_limits(), cpu_flow_ms())
-
-
 #: Title and function of each part.
 _PARTS: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     "frames": ("Frames", _frames),
     "robust": ("Robust estimates", _robust),
     "start": ("Start", _start),
-    "roofline": ("Limits of the core", _roofline),
 }
 
 
