@@ -84,9 +84,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the tables and trials")
     parser.add_argument("--trials", type=positive, default=20, metavar="N", help="worlds per row of a table (20)")
     parser.add_argument("--methods", metavar="A,B", help=f"default: {','.join(_METHODS)}")
-    parser.add_argument(
-        "--part", action="append", choices=tuple(PARTS), help="may be repeated; default: all"
-    )
+    parser.add_argument("--part", action="append", choices=tuple(PARTS), help="may be repeated; default: all")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument("--jobs", type=positive, default=1, metavar="N", help="processes (1)")
     return parser
