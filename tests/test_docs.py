@@ -56,6 +56,25 @@ def test_the_tutorials_run(page, tmp_path, monkeypatch):
                     run_command(command, monkeypatch)
 
 
+def test_a_tutorial_names_an_extra_before_the_step_that_needs_it():
+    extras = {
+        re.match(r"[\w-]+", requirement)[0]: extra
+        for extra in ("colmap", "ros", "poselib", "superansac", "dask")
+        for requirement in PROJECT["project"]["optional-dependencies"][extra]
+    }
+    for page in TUTORIALS:
+        text = page.read_text(encoding="utf-8")
+        for name, extra in extras.items():
+            if step := re.search(rf"^(import|from) {name}\b", text, re.MULTILINE):
+                assert f'pip install ".[{extra}]"' in text[: step.start()], (page.name, name)
+
+
+def test_the_quick_start_tells_what_to_do_without_a_display():
+    text = (DOCS / "quick-start.md").read_text(encoding="utf-8")
+    after = text[text.index("slam-init view my-run") :]
+    assert "Without a display" in after and "--screenshot" in after and "--web" in after
+
+
 def lines_without_figures(text):
     return [re.sub(r"[-+]?\d[\d.e-]*|\bfirst/?|slam-init-out/?", "#", line) for line in text.strip().splitlines()]
 

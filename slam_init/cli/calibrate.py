@@ -78,6 +78,7 @@ def _calibrate(arguments: argparse.Namespace) -> int:
 def _text(found: SelfCalibration, out: str) -> str:
     """What the user reads."""
     from slam_init.decision.lens import MAX_FOCAL_SIGMA
+    from slam_init.types.reasons import Verdict
 
     stretches = f"{len(found.stretches)} of {found.tried} stretches"
     if found.camera is None:
@@ -87,6 +88,10 @@ def _text(found: SelfCalibration, out: str) -> str:
                 f"{stretches} tell the focal length to {found.focal_sigma:.1%}; at most {MAX_FOCAL_SIGMA:.0%} is needed"
             )
         advice = "turn the camera while it moves, before a scene with depth; a longer video has more stretches"
+        # Nothing is said of the lens where there is no texture, or no translation: that comes first.
+        if found.reason not in (None, Verdict.UNKNOWN_FOCAL_LENGTH):
+            why += f" (mostly {str(found.reason).replace('_', ' ')})"
+            advice = found.advice
         return f"not calibrated: {why}\n  advice        {advice}\n"
     camera = found.camera
     alone = "one stretch only: nothing confirms it; a longer video has more"

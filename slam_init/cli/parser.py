@@ -84,6 +84,17 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f"{message} (see {self.prog} --help)")
 
 
+class ListMethods(argparse.Action):
+    """An option that takes the place of a command: it prints the names of the methods."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        """List the methods and exit."""
+        from slam_init.methods.registry import methods_text
+
+        tell(methods_text())
+        parser.exit()
+
+
 def _hint(word: str, parser: argparse.ArgumentParser) -> str:
     """The option that was meant, as the end of a message."""
     options = [option for part in parser._actions for option in part.option_strings]

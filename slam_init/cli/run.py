@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from slam_init.cli.exit_codes import DONE, NOT_INITIALIZED
-from slam_init.cli.parser import UsageError, at_least
+from slam_init.cli.parser import ListMethods, UsageError, at_least
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
 from slam_init.system.process_io import tell
 from slam_init.system.regular_file import user_path
@@ -40,9 +40,10 @@ def add_run(commands: Commands) -> None:
     decision.add_argument(
         "--method",
         metavar="NAME",
-        help="way to initialize: quest (default), orb-slam3, ...; a wrong name lists all; or an external program, as "
+        help="way to initialize: quest (default), orb-slam3, ... (--list-methods); or an external program, as "
         "'command:PROGRAM {images} {times} {camera} {out}'",
     )
+    decision.add_argument("--list-methods", action=ListMethods, nargs=0, help="list the methods, one a line, and exit")
     decision.add_argument("--seed", type=int, metavar="N", help="of random draws and synthetic worlds (default: 0)")
     decision.add_argument("--config", metavar="FILE", help="options in TOML, as in DIR/config.toml")
     decision.add_argument("--refine-focal", action="store_true", help="adjust the focal length with the map")

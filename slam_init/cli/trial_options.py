@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from slam_init.cli.parser import at_least
+from slam_init.cli.parser import ListMethods, at_least
 
 
 def add_methods(parser: argparse.ArgumentParser) -> None:
@@ -18,6 +18,7 @@ def add_methods(parser: argparse.ArgumentParser) -> None:
         help="a further method; may be repeated. NAME=command:'PROGRAM {images} {times} {camera} {out}' is an external "
         "program (docs/bench.md)",
     )
+    parser.add_argument("--list-methods", action=ListMethods, nargs=0, help="list the methods, one a line, and exit")
 
 
 def add_processes(parser: argparse.ArgumentParser) -> None:

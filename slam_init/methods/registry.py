@@ -201,9 +201,19 @@ def method_info(name: str) -> MethodInfo:
     meant = get_close_matches(name.lower(), METHODS, n=1, cutoff=0.7)
     hint = f"did you mean {meant[0]}? " if meant else ""
     raise ConfigError(
-        f"unknown method {name!r}: {hint}use one of {', '.join(METHODS)}, package.module:attribute, "
-        "FILE.py:attribute, or 'command:PROGRAM {images} {times} {camera} {out}'"
+        f"unknown method {name!r}: {hint}slam-init run --list-methods names all; one of your own is "
+        "package.module:attribute, FILE.py:attribute or 'command:PROGRAM {images} {times} {camera} {out}'"
     )
+
+
+def methods_text() -> str:
+    """List the methods for people, one a line, with the packages that are not installed."""
+    width = max(len(name) for name in METHODS)
+    lines = []
+    for name, info in METHODS.items():
+        lacking = info.needs is not None and find_spec(info.needs) is None
+        lines.append(f"{name:{width}}  {info.summary}" + (f" (pip install {info.needs})" if lacking else ""))
+    return "\n".join(lines) + "\n"
 
 
 def make_two_view(name: str) -> Any:

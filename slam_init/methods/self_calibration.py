@@ -8,6 +8,7 @@ share no frames, so the estimates are independent, and their weighted mean is th
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -20,6 +21,8 @@ from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import WindowEvidence
 from slam_init.types.frame import Frame, Source, length_of
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import Result
 from slam_init.types.status import Status
 
 #: A stretch without a map ends after so many frames: two seconds of video.
@@ -63,6 +66,10 @@ class SelfCalibration:
     k1_sigma: float | None = None
     #: Relative standard deviation of the focal length by all stretches; None where no stretch determines it.
     focal_sigma: float | None = None
+    #: The most frequent reason of the stretches that end without a map; None where each has one.
+    reason: Verdict | None = None
+    #: What the person who moves the camera should do about the reason.
+    advice: str = ""
 
 
 def calibrate(
@@ -81,6 +88,8 @@ def calibrate(
     from tqdm import tqdm
 
     estimates: list[StretchEstimate] = []
+    advices: dict[Verdict, str] = {}
+    reasons: Counter[Verdict] = Counter()
     tried = 0
     length = length_of(source)
     limits = [limit for limit in (None if length is None else length - start, max_frames) if limit is not None]
@@ -92,10 +101,15 @@ def calibrate(
     )  # fmt: skip
     for first in frames:
         tried += 1
-        found = _stretch(source, first, frames, camera, config or Config())
+        found, result = _stretch(source, first, frames, camera, config or Config())
         if found is not None:
             estimates.append(found)
-    return replace(combine(camera, estimates), tried=tried)
+        if result.reason is not None:
+            reasons[result.reason] += 1
+            advices[result.reason] = result.advice
+    reason = max(reasons, key=reasons.__getitem__, default=None)
+    advice = "" if reason is None else advices[reason]
+    return replace(combine(camera, estimates), tried=tried, reason=reason, advice=advice)
 
 
 def combine(camera: Camera, estimates: Sequence[StretchEstimate]) -> SelfCalibration:
@@ -127,7 +141,7 @@ def _mean(values: Sequence[float], sigmas: Sequence[float]) -> tuple[float, floa
 
 def _stretch(
     source: Source, first: Frame, frames: Iterator[Frame], camera: Camera, config: Config
-) -> StretchEstimate | None:
+) -> tuple[StretchEstimate | None, Result]:
     """The most certain estimate of the frames from the first one to a map, or to the end of the stretch."""
     initializer = Initializer(camera, config)
 
@@ -142,13 +156,13 @@ def _stretch(
         last = frame
         if process(frame) or initializer.frames_read >= _LONGEST_STRETCH:
             break
-    attempts = initializer.finish().attempts
-    windows = [attempt.window for attempt in attempts if attempt.window is not None]
+    result = initializer.finish()
+    windows = [attempt.window for attempt in result.attempts if attempt.window is not None]
     best: WindowEvidence | None = min(windows, key=lambda window: window.focal_sigma, default=None)
     if best is None or best.focal_sigma > _TOLD_SIGMA:
-        return None
+        return None, result
     first_coefficient = camera.distortion[0] if camera.distortion else 0.0
-    return StretchEstimate(
+    estimate = StretchEstimate(
         first_frame=first.index,
         last_frame=last.index,
         focal_px=camera.focal_px * best.focal_factor,
@@ -156,3 +170,4 @@ def _stretch(
         k1=first_coefficient + best.distortion_k1,
         k1_sigma=best.distortion_sigma,
     )
+    return estimate, result

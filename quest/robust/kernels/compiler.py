@@ -6,18 +6,23 @@ import gc
 import hashlib
 import pickle
 import sys
+import warnings
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 try:
-    import numba
-    from numba.core import serialize
-    from numba.core.compiler import CompileResult
-    from numba.core.runtime.nrt import rtsys
-except ValueError as error:  # it reads numbers in the environment: NUMBA_NUM_THREADS=0
-    raise ImportError(f"numba does not start: {error} (look at the variables NUMBA_*)") from error
+    with warnings.catch_warnings():
+        # It reads numbers in the environment, and goes on with a warning of many lines where one is none.
+        warnings.filterwarnings("error", "Environment variable 'NUMBA_", RuntimeWarning)
+        import numba
+        from numba.core import serialize
+        from numba.core.compiler import CompileResult
+        from numba.core.runtime.nrt import rtsys
+except (ValueError, RuntimeWarning) as error:  # ValueError: NUMBA_NUM_THREADS=0
+    cause = str(error).splitlines()[0]
+    raise ImportError(f"numba does not start: {cause} (look at the variables NUMBA_*)") from error
 
 from quest.robust.kernels import machine_code
 

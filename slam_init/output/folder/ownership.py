@@ -32,6 +32,8 @@ def chosen_folder(
         str(out).encode()
         if out.exists() and not out.is_dir():
             raise OutputError(f"--out {out} is a file: give a folder")
+        if not out.exists() and out.suffix.lower() in {Path(name).suffix for name in targets} - {""}:
+            raise OutputError(f"--out {out} names a file: give a folder, as in {out.with_suffix('').name or 'results'}")
         existing = next(parent for parent in (out, *out.resolve().parents) if parent.exists())
     except UnicodeEncodeError:
         raise OutputError(f"--out {str(out)!r}: bytes that are no UTF-8 cannot name a recording: rename it") from None

@@ -269,11 +269,12 @@ def test_an_error_of_a_library_is_one_line(error, world, pipeline, capsys):
     assert told.startswith("slam-init: error: ") and told.count("\n") == 1
 
 
-def test_a_wrong_variable_of_numba_is_one_line(tmp_path):
+@pytest.mark.parametrize("threads", ["0", "x"])
+def test_a_wrong_variable_of_numba_is_one_line(threads, tmp_path):
     code = "from slam_init.cli import entry_point; entry_point()"
     words = [sys.executable, "-c", code, "run", "synth:room", "--max-frames", "3"]
     done = subprocess.run(
-        words, env=os.environ | {"NUMBA_NUM_THREADS": "0"}, cwd=tmp_path, capture_output=True, text=True
+        words, env=os.environ | {"NUMBA_NUM_THREADS": threads}, cwd=tmp_path, capture_output=True, text=True
     )
     assert (done.returncode, done.stderr.count("\n")) == (2, 1) and "NUMBA_" in done.stderr
 

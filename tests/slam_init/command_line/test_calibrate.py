@@ -3,6 +3,8 @@
 import json
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pytest
 from cli_files import IMAGES
 
@@ -16,6 +18,30 @@ def test_a_video_that_does_not_tell_is_a_result_and_no_error(world, capsys):
     written = json.loads((world / "lens" / "calibration.json").read_text())
     assert written["camera"] is None and written["stretches"] == [] and written["tried"] == 1
     assert not (world / "lens" / "camera.yaml").exists()
+
+
+def images(folder, picture):
+    folder.mkdir()
+    for k in range(4):
+        cv2.imwrite(str(folder / f"{k}.png"), picture)
+
+
+@pytest.mark.parametrize(("name", "told"), [("black", "light, focus or texture"), ("static", "stands still")])
+def test_images_without_texture_or_motion_are_told_before_the_lens(name, told, tmp_path, monkeypatch, capsys):
+    texture = np.random.default_rng(0).integers(0, 255, (240, 320), np.uint8)
+    images(tmp_path / "seq", np.zeros_like(texture) if name == "black" else cv2.GaussianBlur(texture, (0, 0), 1.5))
+    monkeypatch.chdir(tmp_path)
+    assert main(["calibrate", "seq", "--out", "lens"]) == 3
+    text = capsys.readouterr().out
+    assert told in text and "turn the camera" not in text
+    assert json.loads((tmp_path / "lens" / "calibration.json").read_text())["advice"] in text
+
+
+@pytest.mark.parametrize(("out", "meant"), [("x.yaml", "as in x"), ("lens/x.json", "as in x")])
+def test_out_is_no_name_of_a_file(out, meant, world, capsys):
+    assert main(["calibrate", IMAGES, "--out", out]) == 2
+    error = capsys.readouterr().err
+    assert "names a file: give a folder" in error and meant in error and not (world / out).exists()
 
 
 @pytest.mark.parametrize(

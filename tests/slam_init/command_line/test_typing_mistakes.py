@@ -46,6 +46,15 @@ def test_an_option_and_a_method_that_do_not_exist_are_told_with_the_nearest_one(
     assert meant in told_by(words, capsys)
 
 
+@pytest.mark.parametrize("command", ["run", "compare", "bench"])
+def test_the_methods_are_listed_one_a_line(command, capsys):
+    assert len(told_by(["run", "x", "--method", "nope"], capsys)) < 240
+    assert main([command, "--list-methods"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(METHODS)
+    assert max(len(line) for line in lines) <= 140
+
+
 @pytest.mark.parametrize(
     ("number", "meant"),
     [("615", "say f=615 for a focal length in pixels\n"), ("81", "f=81 for a focal length in pixels, or fov")],
