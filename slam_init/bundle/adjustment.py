@@ -97,13 +97,31 @@ def _adjusted(
         if isinstance(fit, BundleFailure):
             return fit
         fit, found, errors = _with_known_depths(fit, config, prior, lens)
-        final, camera = fit.problem, fit.camera
-        residuals = final.residuals(camera)
-        noise_px = least_squares_noise(final, residuals, config)
-        variable = lens if lens.sigmas.any() and not needs_virtual_cameras(camera) else None
-        graph, values = build_graph(camera, final, errors.overdispersion * noise_px, robust=False, prior=variable)
+        residuals = fit.problem.residuals(fit.camera)
+        noise_px = least_squares_noise(fit.problem, residuals, config)
+        solution = _solution(fit, start, residuals, noise_px, lens, errors, found)
     except RuntimeError as error:  # how gtsam reports singular systems and cheirality
         return BundleFailure(" ".join(str(error).split())[:160])
+    return replace(
+        solution,
+        focal_factor=fit.camera.fx / stated.fx if config.refine_focal else 1.0,
+        focal_factor_sigma=config.focal_sigma if held else _focal_sigma(prior, fit.camera, found),
+    )
+
+
+def _solution(
+    fit: BundleFit,
+    start: BundleProblem,
+    residuals: Floats,
+    noise_px: float,
+    lens: LensPrior,
+    errors: ErrorModel,
+    found: MapCovariances,
+) -> BundleSolution:
+    """The solution of a fit, with its graph; ``residuals`` (M, 2)."""
+    final, camera = fit.problem, fit.camera
+    variable = lens if lens.sigmas.any() and not needs_virtual_cameras(camera) else None
+    graph, values = build_graph(camera, final, errors.overdispersion * noise_px, robust=False, prior=variable)
     return BundleSolution(
         problem=final,
         before=_same_landmarks(start, final),
@@ -121,9 +139,21 @@ def _adjusted(
         unknown_depths=fit.unknown_depths,
         camera=camera,
         gauge=GAUGE,
-        focal_factor=camera.fx / stated.fx if config.refine_focal else 1.0,
-        focal_factor_sigma=config.focal_sigma if held else _focal_sigma(prior, camera, found),
     )
+
+
+def solution_of(camera: Camera, problem: BundleProblem, config: MapConfig) -> BundleSolution | BundleFailure:
+    """The map of a problem that is at its optimum, in its own frame and unit, with its graph and covariances."""
+    lens = lens_prior(camera, config)
+    try:
+        residuals = problem.residuals(camera)
+        noise_px = least_squares_noise(problem, residuals, config)
+        projected = at_projections(camera, problem)
+        errors = error_model(camera, projected, problem, noise_px, lens)
+        found = covariances(projected, errors.by_tracks * noise_px, errors.shared)
+        return _solution(BundleFit(camera, problem, ()), problem, residuals, noise_px, lens, errors, found)
+    except RuntimeError as error:  # how gtsam reports singular systems and cheirality
+        return BundleFailure(" ".join(str(error).split())[:160])
 
 
 def _with_known_depths(

@@ -1,0 +1,279 @@
+"""The map after its acceptance: it locates the next frames, and grows by keyframes and landmarks.
+
+A frame is located by resection with the landmarks that its tracks belong to. Where its parallax to the last keyframe
+reaches a degree, it becomes a keyframe: tracks without a landmark are triangulated, and poses and points of the last
+keyframes are adjusted together, in least squares without outliers. The first pose of the window and its longest
+baseline are held, so that the map keeps its frame and its unit. This is no SLAM: no loop is closed, and a track that
+is lost does not come back.
+
+The map is lost where fewer than ``min_resected`` tracks of landmarks are left, or where no pose agrees with that many
+landmarks in five frames in a row. The first of these frames is the one from which a new map may begin.
+
+gtsam's smoothers do the same work from the graph of the map. Of a map of 780 landmarks, its fixed-lag smoother took
+630 ms a keyframe, since it orders all landmarks of the newest keyframe last; the compiled adjustment takes 10 to 20.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from slam_init.bundle.adjustment import solution_of
+from slam_init.bundle.least_squares import minimize, with_lenses
+from slam_init.bundle.noise import estimate_noise
+from slam_init.bundle.problem import BundleFailure, BundleProblem
+from slam_init.config import MapConfig
+from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
+from slam_init.frontend.tracks import History
+from slam_init.mapping.map_building import initial_map
+from slam_init.mapping.resection import resect
+from slam_init.mapping.triangulation import triangulate
+from slam_init.types.arrays import Bools, Floats, Image, Ints
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Observations
+from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.pose import Pose
+
+#: A landmark counts as observed again where its track lies within this distance of its projection.
+_SURVIVAL_PX = 3.0
+#: A blur or a flash of a sixth of a second loses no map whose tracks go on after it.
+_LOST_AFTER = 5
+#: Parallax of a new keyframe, and least parallax of a new landmark: at a noise of .5 px and a focal length of 500 px, a
+#: depth is known to 8 % then, and one more degree of parallax improves it by its square root.
+_PARALLAX_DEG = 1.0
+#: A new landmark is seen in so many keyframes: two give a depth, and one more tests it.
+_LEAST_VIEWS = 3
+#: Keyframes that are adjusted together. At a degree of parallax each, few landmarks of an older one are still seen.
+_WINDOW = 24
+#: Levenberg-Marquardt steps of a keyframe: its pose and points are known to some pixels already.
+_ITERATIONS = 4
+
+
+class Located(NamedTuple):
+    """A frame that was located."""
+
+    keyframe: Keyframe
+    #: Share of the landmarks of the accepted map that the frame observes within 3 px of their projection.
+    survival: float
+    #: Standard deviation of the rotation by the landmarks that agree.
+    rotation_sigma_deg: float
+
+
+class GrowingMap:
+    """A map that goes on with the tracks of its initializer.
+
+    * ``camera``: That of the map.
+    * ``lost_at``: Absolute index of the first frame in which the map was lost; None while it is not.
+    """
+
+    def __init__(self, map_: InitialMap, config: MapConfig | None = None) -> None:
+        self.camera = map_.camera
+        self.lost_at: int | None = None
+        self._accepted, self._config = map_, config or MapConfig()
+        self._shutter, self._rays = RollingShutter(map_.camera), History(2)
+        self._problem = with_lenses(
+            map_.camera,
+            BundleProblem(
+                frames=tuple(keyframe.frame for keyframe in map_.keyframes),
+                world_from_cam=tuple(keyframe.world_from_cam for keyframe in map_.keyframes),
+                points=map_.points,
+                track_ids=map_.track_ids,
+                views=map_.observation_keyframes,
+                landmarks=map_.observation_landmarks,
+                pixels=map_.observation_pixels,
+            ),
+        )
+        self._keyframes = {keyframe.frame: keyframe for keyframe in map_.keyframes}
+        # The tracks of keyframes that may become landmarks.
+        self._views = {map_.open_tracks.frame: map_.open_tracks}
+        self._noise_px = map_.noise_px
+        self._guess: Pose | None = None
+        self._misses: list[int] = []
+
+    def locate(self, observed: Observations) -> Located | None:
+        """Locate the next frame, and make a keyframe of it where its parallax is large enough."""
+        seen = self._corrected(observed)
+        _, i, j = np.intersect1d(self._problem.track_ids, seen.track_ids, return_indices=True)
+        gate_rad = _SURVIVAL_PX / self.camera.focal_px
+        resected = resect(self._problem.points[i], seen.bearings[j], gate_rad, self._guess)
+        self._judge(seen.frame, len(i), 0 if resected is None else int(resected[1].sum()))
+        if resected is None:
+            return None
+        self._guess, agreeing = resected
+        i, j = i[agreeing], j[agreeing]
+        if len(i) >= self._config.min_resected and self._parallax_deg(self._problem.points[i]) >= _PARALLAX_DEG:
+            self._extend(seen, i, j)
+        world_from_cam = self._guess.inverse()
+        keyframe = Keyframe(seen.frame, seen.timestamp_s, seen.name, world_from_cam)
+        sigma = math.degrees(self._noise_px / self.camera.focal_px / math.sqrt(max(len(i), 1)))
+        return Located(keyframe, self._survival(seen), sigma)
+
+    def grown(self) -> InitialMap:
+        """The map as it is now; the accepted map where no keyframe was added."""
+        accepted, problem = self._accepted, self._problem
+        if problem.frames == tuple(keyframe.frame for keyframe in accepted.keyframes):
+            return accepted
+        bundle = solution_of(self.camera, problem, self._config)
+        if isinstance(bundle, BundleFailure):
+            return accepted
+        views = [self._view(frame) for frame in problem.frames]
+        made = initial_map(bundle, views, accepted.scene)
+        return replace(
+            made,
+            colors=_colors(made, accepted),
+            focal_factor=accepted.focal_factor,
+            focal_factor_sigma=accepted.focal_factor_sigma,
+            risk=accepted.risk,
+        )
+
+    # -- parts of the step of a frame -------------------------------------------------------------
+
+    def _corrected(self, observed: Observations) -> Observations:
+        """The tracks of a frame with the rays of the camera of the map, at the middle of the readout."""
+        self._rays.put(_by_camera(self.camera, observed))
+        self._rays.forget(keep=())
+        return self._shutter.correct(self._rays, observed.frame)
+
+    def _judge(self, frame: int, tracked: int, agreeing: int) -> None:
+        """Find out whether the map is lost."""
+        least = self._config.min_resected
+        self._misses = [] if agreeing >= least else [*self._misses, frame]
+        if tracked < least or len(self._misses) >= _LOST_AFTER:
+            self.lost_at = min([frame, *self._misses]) if self.lost_at is None else self.lost_at
+
+    def _parallax_deg(self, points: Floats) -> float:
+        """Median angle between the rays to points from this camera and from that of the last keyframe."""
+        assert self._guess is not None
+        a, b = points - self._guess.inverse().t, points - self._problem.world_from_cam[-1].t
+        cosine = np.sum(a * b, axis=1) / (np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1))
+        return float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))))
+
+    def _survival(self, seen: Observations) -> float:
+        assert self._guess is not None
+        accepted = np.isin(self._problem.track_ids, self._accepted.track_ids)
+        _, i, j = np.intersect1d(self._problem.track_ids[accepted], seen.track_ids, return_indices=True)
+        projected = self.camera.project(self._guess.apply(self._problem.points[accepted][i]))
+        error_px = np.linalg.norm(projected - corrected_pixels(self.camera, seen)[j], axis=1)
+        return float(np.sum(error_px < _SURVIVAL_PX)) / len(self._accepted.points)
+
+    def _extend(self, seen: Observations, landmarks: Ints, features: Ints) -> None:
+        """Make a keyframe of a located frame, with new landmarks, and adjust the window."""
+        assert self._guess is not None
+        problem = self._problem
+        self._views = {frame: view for frame, view in self._views.items() if frame in problem.frames}
+        self._views[seen.frame] = seen
+        frames, poses = (*problem.frames, seen.frame), (*problem.world_from_cam, self._guess.inverse())
+        tracks, points = self._new_landmarks(seen, dict(zip(frames, poses, strict=True)))
+        views, which = [np.full(len(landmarks), len(frames) - 1)], [landmarks]
+        pixels = [corrected_pixels(self.camera, seen)[features]]
+        for frame, view in self._views.items():
+            _, of_track, of_view = np.intersect1d(tracks, view.track_ids, return_indices=True)
+            views.append(np.full(len(of_track), frames.index(frame)))
+            which.append(len(problem.points) + of_track)
+            pixels.append(corrected_pixels(self.camera, view)[of_view])
+        longer = replace(
+            problem,
+            frames=frames,
+            world_from_cam=poses,
+            points=np.concatenate([problem.points, points]),
+            track_ids=np.concatenate([problem.track_ids, tracks]),
+        )
+        added = with_lenses(
+            self.camera,
+            replace(
+                longer, views=np.concatenate(views), landmarks=np.concatenate(which), pixels=np.concatenate(pixels)
+            ),
+        )
+        self._adjust(_joined(longer, added), seen)
+
+    def _adjust(self, joined: BundleProblem, seen: Observations) -> None:
+        try:
+            adjusted, _ = minimize(_last(joined, _WINDOW), self._noise_px, iterations=_ITERATIONS, tolerance=1e-4)
+        except RuntimeError:  # a landmark behind a camera: the frame is located, and it is no keyframe
+            return
+        residuals = adjusted.residuals(self.camera)
+        self._noise_px = estimate_noise(adjusted, residuals, self._config)
+        good: Bools = np.asarray(np.linalg.norm(residuals, axis=1) < self._config.outlier_sigmas * self._noise_px)
+        kept = adjusted.keep(good)
+        if np.bincount(kept.views, minlength=len(kept.frames)).min() < 6:
+            return
+        self._problem = kept
+        self._guess = kept.world_from_cam[-1].inverse()
+        self._keyframes[seen.frame] = Keyframe(seen.frame, seen.timestamp_s, seen.name, kept.world_from_cam[-1])
+
+    def _new_landmarks(self, seen: Observations, poses: dict[int, Pose]) -> tuple[Ints, Floats]:
+        """Triangulate the tracks of a frame that have no landmark and whose depths are known.
+
+        * Returns: Their tracks and points.
+        """
+        tracks = np.setdiff1d(seen.track_ids, self._problem.track_ids)
+        frames = list(self._views)  # the newest is the last one
+        bearings = np.full((len(frames), len(tracks), 3), np.nan)
+        for k, frame in enumerate(frames):
+            _, at, of = np.intersect1d(tracks, self._views[frame].track_ids, return_indices=True)
+            bearings[k, at] = self._views[frame].bearings[of]
+        observed = np.isfinite(bearings[:, :, 0])
+        points = triangulate([poses[frame] for frame in frames], bearings)
+        good: Bools = np.asarray(np.isfinite(points).all(axis=1) & (observed.sum(axis=0) >= _LEAST_VIEWS))
+        rays = np.full_like(bearings, np.nan)
+        for k, frame in enumerate(frames):
+            in_camera = poses[frame].inverse().apply(points)
+            in_camera /= np.linalg.norm(in_camera, axis=1, keepdims=True)
+            off = np.linalg.norm(in_camera - bearings[k], axis=1)
+            good &= ~observed[k] | (off < _SURVIVAL_PX / self.camera.focal_px)
+            rays[k] = bearings[k] @ poses[frame].R.T
+        cosine = np.where(observed, np.einsum("vti,ti->vt", rays, rays[-1]), 1.0)
+        good &= cosine.min(axis=0, initial=1.0) < math.cos(math.radians(_PARALLAX_DEG))
+        return tracks[good], points[good]
+
+    def _view(self, frame: int) -> Observations:
+        """The tracks of a keyframe; none for those of the accepted map, whose tracks were not handed over."""
+        if frame in self._views:
+            return self._views[frame]
+        keyframe, none = self._keyframes[frame], self._accepted.open_tracks.at(np.zeros(0, np.int64))
+        return replace(none, frame=frame, timestamp_s=keyframe.timestamp_s, name=keyframe.name)
+
+
+def _colors(made: InitialMap, accepted: InitialMap) -> Image:
+    """The colors of a map, those of the accepted map where it has the landmark."""
+    _, at, of = np.intersect1d(made.track_ids, accepted.track_ids, return_indices=True)
+    colors = made.colors.copy()
+    colors[at] = accepted.colors[of]
+    return colors
+
+
+def _joined(longer: BundleProblem, added: BundleProblem) -> BundleProblem:
+    """A problem with further observations; both have the lenses of theirs."""
+    assert longer.lenses is not None
+    assert added.lenses is not None
+    return replace(
+        longer,
+        views=np.concatenate([longer.views, added.views]),
+        landmarks=np.concatenate([longer.landmarks, added.landmarks]),
+        pixels=np.concatenate([longer.pixels, added.pixels]),
+        lenses=np.concatenate([longer.lenses, added.lenses]),
+    )
+
+
+def _last(problem: BundleProblem, count: int) -> BundleProblem:
+    """The last keyframes of a problem, with the landmarks that two of them see."""
+    dropped = max(len(problem.frames) - count, 0)
+    if dropped == 0:
+        return problem
+    kept = problem.keep(np.asarray(problem.views >= dropped))
+    return replace(
+        kept,
+        frames=kept.frames[dropped:],
+        world_from_cam=kept.world_from_cam[dropped:],
+        views=kept.views - dropped,
+    )
+
+
+def _by_camera(camera: Camera, observed: Observations) -> Observations:
+    """The tracks of a frame with the rays of another camera, without those that it cannot have seen."""
+    bearings = camera.bearings(observed.pixels)
+    known = np.isfinite(bearings).all(axis=1)
+    return replace(observed, bearings=bearings).at(np.flatnonzero(known))

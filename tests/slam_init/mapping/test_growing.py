@@ -1,0 +1,90 @@
+"""Laws of a map that goes on: it locates frames, gets keyframes and landmarks, keeps its frame, and can be lost."""
+
+import copy
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+from continue_with_isam2 import position_errors
+
+from slam_init.mapping.follower import Follower
+from slam_init.mapping.growing import GrowingMap
+from slam_init.types.frame import Frame
+
+
+@pytest.fixture(scope="module")
+def grown(room_fed_once):
+    """The room's map after the frames that follow it."""
+    fed = replace(room_fed_once, tracker=copy.deepcopy(room_fed_once.tracker))
+    growing = GrowingMap(fed.result.map)
+    located = [growing.locate(fed.tracker.track(frame)) for frame in fed.following]
+    return fed, located, growing.grown()
+
+
+def test_each_frame_is_located_where_it_was_taken(grown):
+    fed, located, _ = grown
+    frames = [one.keyframe for one in located]
+    assert [frame.frame for frame in frames] == [frame.index for frame in fed.following]
+    assert position_errors([*fed.result.map.keyframes, *frames], fed.source.groundtruth).max() < 0.02
+
+
+def test_keyframes_come_with_parallax_and_depths_get_better(grown):
+    fed, _, map_ = grown
+    accepted = fed.result.map
+    assert len(map_.keyframes) > len(accepted.keyframes)
+    assert map_.median_parallax_deg > 2 * accepted.median_parallax_deg
+    assert map_.depth_sigma < 0.7 * accepted.depth_sigma
+
+
+def test_the_accepted_map_is_not_changed(room_fed):
+    points = room_fed.result.map.points.copy()
+    growing = GrowingMap(room_fed.result.map)
+    for frame in room_fed.following:
+        growing.locate(room_fed.tracker.track(frame))
+    assert np.array_equal(room_fed.result.map.points, points)
+
+
+def test_frame_and_unit_stay(grown):
+    fed, _, map_ = grown
+    accepted = fed.result.map
+    common, i, j = np.intersect1d(accepted.track_ids, map_.track_ids, return_indices=True)
+    assert len(common) > 100
+    np.testing.assert_allclose(map_.keyframes[0].world_from_cam.R, np.eye(3), atol=1e-5)
+    ratio = np.linalg.norm(map_.points[j], axis=1) / np.linalg.norm(accepted.points[i], axis=1)
+    # The unit was the depth of points that were known to this deviation.
+    assert abs(np.log(np.median(ratio))) < accepted.depth_sigma
+
+
+def test_gtsam_moves_no_camera_by_its_deviation(grown):
+    *_, map_ = grown
+    optimum = gtsam.LevenbergMarquardtOptimizer(map_.graph, map_.values).optimize()
+    for keyframe, covariance in zip(map_.keyframes, map_.pose_covariances, strict=True):
+        key = gtsam.symbol("x", keyframe.frame)
+        step = map_.values.atPose3(key).localCoordinates(optimum.atPose3(key))
+        assert np.all(np.abs(step) <= np.sqrt(np.diag(covariance)) + 1e-5)
+
+
+def test_without_parallax_the_map_stays_the_accepted_one(room_fed):
+    growing = GrowingMap(room_fed.result.map)
+    seen = room_fed.tracker.track(room_fed.following[0])
+    first = growing.locate(seen)
+    again = growing.locate(seen)
+    assert growing.grown() is room_fed.result.map
+    np.testing.assert_allclose(first.keyframe.world_from_cam.t, again.keyframe.world_from_cam.t, atol=1e-6)
+
+
+def test_a_map_that_nothing_shows_any_more_is_lost_at_the_first_such_frame(room_fed):
+    first = room_fed.following[0].index
+    follower = Follower(room_fed.result.map, room_fed.tracker)
+    for index in (first, first + 1):
+        assert follower.locate(Frame(index, index / 30, "", np.full((480, 640), 90, np.uint8))) is None
+    assert follower.lost_at == first
+    assert follower.map is room_fed.result.map
+
+
+def test_the_same_frames_give_the_same_map(room_fed, grown):
+    growing = GrowingMap(room_fed.result.map)
+    for frame in room_fed.following:
+        growing.locate(room_fed.tracker.track(frame))
+    assert np.array_equal(growing.grown().points, grown[2].points)
