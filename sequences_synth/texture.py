@@ -6,6 +6,7 @@ power law. Matchers need each corner to look different from its neighbours. Ther
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -24,8 +25,7 @@ _TEXELS_PER_MARK = 450
 _RADII = (2.0, 140.0)
 # Marks are drawn at positions with 4 binary places below the texel.
 _SHIFT = 4
-_GLYPHS = np.array(list("ABCDEFGHJKLMNPQRSTUVWXYZ0123456789&%?#@"))
-_SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+_GLYPHS = "ABCDEFGHJKLMNPQRSTUVWXYZ0123456789&%?#@"
 
 
 @dataclass(frozen=True)
@@ -165,17 +165,19 @@ def _paint(rng: np.random.Generator, height: int, width: int, look: Look) -> Ima
     ground = base.astype(np.float32)
     if look.patch_texels:
         ground = ground + _patches(rng, height, width, look)
-    canvas = np.empty((height, width, 3), np.uint8)
     channel = np.empty_like(clouds)  # one buffer for all: arrays of this size are dear to allocate
+    channels = []
     for i in range(3):
         np.clip(np.add(clouds, ground[..., i], out=channel), 0, 255, out=channel)
-        canvas[..., i] = channel
+        channels.append(channel.astype(np.uint8))
+    canvas = cast(Image, cv2.merge(channels))
     _draw_marks(rng, canvas, base, look)
     # A lens blurs every edge, and bilinear sampling is accurate only on smooth textures.
     canvas = cast(Image, cv2.GaussianBlur(canvas, (0, 0), 0.7))
     grain = _fractal_noise(rng, height, width, octaves=3)
     grain *= look.grain
-    return cast(Image, cv2.add(canvas, cv2.merge([grain, grain, grain]), dtype=cv2.CV_8U))  # saturates
+    grained = [cv2.add(channel, grain, dtype=cv2.CV_8U) for channel in cv2.split(canvas)]  # saturates
+    return cast(Image, cv2.merge(grained))
 
 
 def _patches(rng: np.random.Generator, height: int, width: int, look: Look) -> Floats32:
@@ -229,51 +231,59 @@ def _draw_marks(rng: np.random.Generator, canvas: Image, base: NDArray[np.float6
     kinds = rng.choice(list(look.marks), count, p=np.array(list(look.marks.values())) / sum(look.marks.values()))
     accents = np.asarray(look.accents)[rng.integers(len(look.accents), size=count)]
     colors = np.clip(base + look.blend * (accents - base) + rng.normal(0, 12, (count, 3)), 0, 255)
-    for radius, centre, angle, kind, color in zip(radii, centres, angles, kinds, colors.tolist(), strict=True):
-        _draw_mark(rng, canvas, str(kind), centre, float(radius), float(angle), color)
+    marks = (kinds.tolist(), centres.tolist(), radii.tolist(), angles.tolist(), colors.tolist())
+    for kind, centre, radius, angle, color in zip(*marks, strict=True):
+        _draw_mark(rng, canvas, kind, centre, radius, angle, color)
 
 
 def _draw_mark(
     rng: np.random.Generator,
     canvas: Image,
     kind: str,
-    centre: NDArray[np.float64],
+    centre: list[float],
     radius: float,
     angle: float,
     color: list[float],
 ) -> None:
-    """Draw one mark with anti-aliased edges."""
+    """Draw one mark with anti-aliased edges. A picture has thousands, so that single numbers are no arrays here."""
     import cv2
 
+    x, y = centre
     if kind == "glyph" and radius > 4:
-        text = "".join(rng.choice(_GLYPHS, rng.integers(1, 5)))
+        text = "".join(_GLYPHS[i] for i in rng.integers(len(_GLYPHS), size=rng.integers(1, 5)).tolist())
         scale = min(radius, 60.0) / 22
-        origin = (int(centre[0]), int(centre[1]))
-        cv2.putText(
-            canvas, text, origin, int(rng.integers(0, 5)), scale, color, max(1, round(scale * 2.2)), cv2.LINE_AA
-        )
+        thickness = max(1, round(scale * 2.2))
+        cv2.putText(canvas, text, (int(x), int(y)), int(rng.integers(0, 5)), scale, color, thickness, cv2.LINE_AA)
         return
     if kind == "line":
-        reach = 3 * radius * np.array([np.cos(angle), np.sin(angle)])
-        ends = np.round((centre + np.stack([-reach, reach])) * 2**_SHIFT).astype(int)
-        thickness = max(1, round(radius / 12))
-        cv2.line(canvas, tuple(ends[0].tolist()), tuple(ends[1].tolist()), color, thickness, cv2.LINE_AA, _SHIFT)
+        across, down = 3 * radius * math.cos(angle), 3 * radius * math.sin(angle)
+        first, last = _fixed([(x - across, y - down), (x + across, y + down)])
+        cv2.line(canvas, first, last, color, max(1, round(radius / 12)), cv2.LINE_AA, _SHIFT)
         return
     if kind == "ellipse":
-        middle: list[int] = np.round(centre * 2**_SHIFT).astype(int).tolist()
-        axes: list[int] = np.round(radius * rng.uniform(0.5, 1, 2) * 2**_SHIFT).astype(int).tolist()
-        cv2.ellipse(canvas, middle, axes, float(np.degrees(angle)), 0, 360, color, -1, cv2.LINE_AA, _SHIFT)
+        middle, axes = _fixed([(x, y), (radius * _share(rng, 0.5), radius * _share(rng, 0.5))])
+        cv2.ellipse(canvas, middle, axes, math.degrees(angle), 0, 360, color, -1, cv2.LINE_AA, _SHIFT)
         return
     if kind == "polygon":
-        turns = angle + np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 7))))
-        outline = np.empty((len(turns), 2))
-        outline[:, 0], outline[:, 1] = np.cos(turns), np.sin(turns)
-        outline = radius * outline * rng.uniform(0.6, 1, (len(turns), 1))
+        turns = [angle + turn for turn in sorted(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 7))).tolist())]
+        reaches = [radius * _share(rng, 0.6) for _ in turns]
+        corners = [(r * math.cos(turn), r * math.sin(turn)) for r, turn in zip(reaches, turns, strict=True)]
     else:
         # Rectangles, and glyphs too small to be letters. Six of ten are nearly upright, as man-made objects are.
         tilt = rng.normal(0, 0.05) if rng.random() < 0.6 else angle
-        half = radius * _SQUARE * rng.uniform(0.3, 1, 2)
-        cosine, sine = np.cos(tilt), np.sin(tilt)
-        outline = half @ np.array([[cosine, sine], [-sine, cosine]])
-    points = np.rint((centre + outline) * 2**_SHIFT).astype(np.int32)
+        a, b = radius * _share(rng, 0.3), radius * _share(rng, 0.3)
+        cosine, sine = math.cos(tilt), math.sin(tilt)
+        upright = ((-a, -b), (a, -b), (a, b), (-a, b))
+        corners = [(u * cosine - v * sine, u * sine + v * cosine) for u, v in upright]
+    points = np.array(_fixed([(x + u, y + v) for u, v in corners]), np.int32)
     cv2.fillPoly(canvas, [points], color, cv2.LINE_AA, _SHIFT)
+
+
+def _share(rng: np.random.Generator, low: float) -> float:
+    """Draw a number from ``low`` to 1."""
+    return low + (1 - low) * rng.random()
+
+
+def _fixed(points: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:
+    """Convert points to the fixed-point numbers of OpenCV."""
+    return [(round(x * 2**_SHIFT), round(y * 2**_SHIFT)) for x, y in points]
