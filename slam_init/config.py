@@ -21,21 +21,12 @@ from slam_init.system.regular_file import read_regular
 
 _Options = TypeVar("_Options")
 
-#: Work of a frame at 30 Hz: with 14 ms for the tracks of a car's wide images (8 in 640x480 pixels) and 2 ms for the
-#: pairs a frame takes 31 ms. The next one comes after 33.
-REALTIME_WORK = 15_000.0
-#: Most corners that are followed at a time where frames must not wait: 400 take 5 ms, and the window fits 150 of them.
-#: Of 62 starts in real sequences 48 led to a map with 400, 48 with 800, 47 with 500 and with 600, all of them correct,
-#: after the same number of frames and with the same errors. The map has 0.6 times the landmarks.
-MAX_TRACKS_IN_SLICES = 400
-
 # All options take 4 kB.
 _MAX_BYTES = 200_000
 
 #: The range of each number, with the reason: outside of it a library fails, a run never ends, or nothing is left to do.
 RANGES: dict[str, tuple[float, float, str]] = {
     "seed": (0, 2**63 - 1, "it is stored in 64 bits"),
-    "work_per_frame": (100, 1e9, "a microsecond a frame never ends a judgement"),
     "tracking.max_tracks": (10, 100_000, "a motion needs some tracks, and time grows with their number"),
     "tracking.min_distance": (0.0001, 0.2, "a share of the image width; at a fifth 25 corners are left"),
     "tracking.refill_share": (0.001, 1, "a share"),
@@ -116,7 +107,7 @@ class TrackingConfig(_Section):
     """Features and tracks (:mod:`slam_init.frontend.tracks`)."""
 
     #: Number of corners that are followed at a time. The standard deviation of the baseline's direction falls with the
-    #: square root of the number. With ``work_per_frame`` there are at most :data:`MAX_TRACKS_IN_SLICES`.
+    #: square root of the number.
     max_tracks: int = 800
     #: Least distance between corners, as a share of the image width: 8 px of 640, so that the corners spread.
     min_distance: float = 0.0125
@@ -234,12 +225,6 @@ class Config(Described):
         Name of the method (``quest``, ``orb-slam3``, ...), ``package.module:attribute``, or ``command:PROGRAM ...``.
     seed : int
         Seed of all random draws and of synthetic worlds.
-    work_per_frame : float or None
-        Work that a frame of a video may take besides its tracks, in microseconds on one core of the machine that the
-        prices were measured on (:mod:`slam_init.work`); longer computations go on in the next frames. A frame that is
-        more than 0.15 s later than the one before may take more in proportion; :data:`REALTIME_WORK` suits a camera at
-        30 Hz. Frames without a time are those of a video. The tracks are bounded too (:attr:`tracking_in_use`). None
-        (``inf`` in a file): a frame takes as long as it needs.
     tracking : TrackingConfig
         Features and tracks.
     keyframes : KeyframeConfig
@@ -256,9 +241,6 @@ class Config(Described):
 
     method: str = "quest"
     seed: int = 0
-    #: A judgement takes several frame intervals (docs/speed.md). A camera that can wait, or whose frames wait in line,
-    #: has its map in half of the time if each frame is judged at once.
-    work_per_frame: float | None = None
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     keyframes: KeyframeConfig = field(default_factory=KeyframeConfig)
     two_view: TwoViewConfig = field(default_factory=TwoViewConfig)
@@ -272,16 +254,6 @@ class Config(Described):
             if found != wanted:
                 raise ConfigError(f"{name} is of the type {found}: give a {wanted} (from slam_init.config)")
         _check_ranges(self, "")
-
-    @property
-    def tracking_in_use(self) -> TrackingConfig:
-        """The options of the tracker.
-
-        With ``work_per_frame``, ``max_tracks`` is at most :data:`MAX_TRACKS_IN_SLICES`.
-        """
-        if self.work_per_frame is None:
-            return self.tracking
-        return dataclasses.replace(self.tracking, max_tracks=min(self.tracking.max_tracks, MAX_TRACKS_IN_SLICES))
 
     def changed(self) -> dict[str, object]:
         """The options that differ from the defaults.

@@ -14,22 +14,17 @@ map                         a bundle-adjusted map of an accepted motion, or of b
 depths                      whether a tracker can go on from the landmarks (:mod:`slam_init.decision.depths`)
 ==========================  =========================================================================================
 
-A judgement takes longer than a camera waits. With ``Config.work_per_frame`` it runs in slices (:mod:`slam_init.work`):
-each frame is tracked, and the rest of its time goes to the judgement under way. Frames that arrive meanwhile are not
-judged themselves.
-
 The first map whose risk is small enough, and whose depths are known, ends the initialization. A refusal has a reason
 and its evidence. If the views cannot decide between the two motions of a plane, both maps are kept.
 """
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import cache, partial
+from dataclasses import replace
+from functools import cache
 from threading import get_ident
 from typing import TYPE_CHECKING
 
@@ -42,14 +37,13 @@ from slam_init.config import Config
 from slam_init.decision.attempt_log import AttemptLog, focal_notes
 from slam_init.decision.focal_check import FocalCheck
 from slam_init.decision.maps_so_far import MapsSoFar
-from slam_init.decision.outcome import Outcome
 from slam_init.decision.pose_so_far import PoseSoFar
 from slam_init.decision.screening import screen
 from slam_init.errors import ConfigError, SlamInitError
 from slam_init.frontend.conventions import check_rays
 from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
-from slam_init.frontend.rolling_shutter import VIDEO_INTERVAL_S, RollingShutter, corrected_pixels
+from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
 from slam_init.frontend.static_overlay import StaticOverlay
 from slam_init.frontend.tracks import Tracker
 from slam_init.recording.recorder import Recorder
@@ -62,7 +56,6 @@ from slam_init.types.result import Attempt, ProvisionalMap, Result, Segment
 from slam_init.types.segments import MAX_SEGMENTS
 from slam_init.types.status import Status, frame_of
 from slam_init.types.stopwatch import Stopwatch
-from slam_init.work import Sliced, seconds
 
 if TYPE_CHECKING:
     from slam_init.decision.two_views import Proposer
@@ -127,7 +120,7 @@ class Initializer:
         self._given, self._waits_for_size = camera, not isinstance(camera, Camera)
         self._begin(camera if isinstance(camera, Camera) else prior_camera((640, 480)))
         self._overlay = StaticOverlay()
-        self.stopwatch = Stopwatch(seconds)
+        self.stopwatch = Stopwatch()
         self.status = Status()
         self.frames_read = 0
         self._third_view = third_view
@@ -138,13 +131,8 @@ class Initializer:
         self._attempts = AttemptLog()
         self._maps, self._pose = MapsSoFar(self.recorder), PoseSoFar()
         self._window: WindowRule | None = None
-        self._judgement: _Judgement | None = None
-        self._last_s: float | None = None
-        self._timed = True
         self._masked = 0.0
         self._thread: int | None = None
-        if self.config.work_per_frame is not None:
-            load_all()
 
     def process(
         self,
@@ -204,13 +192,11 @@ class Initializer:
         frame = frame_of(image, timestamp_s, self._next_index, self.camera, mask)
         turned = None if rotation is None else (checked_rotation(rotation, rotation_sigma_rad), rotation_sigma_rad)
         own_seconds = timestamp_s is None or isinstance(image, Frame)
-        # The time of a bare image is its index, which tells nothing about the camera.
-        self._timed = timestamp_s is not None or isinstance(image, Frame)
         frame = self._clock.stamped(frame, in_seconds_by_type=own_seconds)
         with self.stopwatch("frame"):
             self._masked = 0.0 if frame.mask is None else 1.0 - np.count_nonzero(frame.mask) / frame.mask.size
             with self.stopwatch("track"):
-                current = self.tracker.track(frame, by_flow_alone=self._must_not_wait(frame))
+                current = self.tracker.track(frame)
                 self._overlay.observe(frame, current)
             self.recorder.frame(frame, current)
             status = self._step(current, turned=turned)
@@ -280,10 +266,9 @@ class Initializer:
         with self.stopwatch("pairs"):
             pairs = self.keyframes.preview(self.history, current)
         with self.stopwatch("judge"):
-            attempt = self._judge(pairs, current, self._work_for(current))
+            attempt = self._judge(pairs, current)
         self.keyframes.update(current, pairs)
-        in_use = () if self._judgement is None else self._judgement.frames
-        self.history.forget(keep=(*self.keyframes.candidates, *in_use))
+        self.history.forget(keep=self.keyframes.candidates)
         judged = self._window is not None and attempt is not None and attempt.window is not None
         window = self._window.newest_motion() if judged and self._window is not None else None
         pose = self._pose.after(self.history, current, window, self.map)
@@ -330,14 +315,12 @@ class Initializer:
         )
 
     def finish(self) -> Result:
-        """End the sequence, and the judgement under way. No map is accepted only because the sequence ends.
+        """End the sequence. No map is accepted only because the sequence ends.
 
         Returns
         -------
         Result
         """
-        if self._judgement is not None:
-            self.status = self._status_after(self._go_on(self._judgement, math.inf))
         return self.result
 
     def reset(self, since: int | None = None) -> None:
@@ -360,7 +343,7 @@ class Initializer:
         self.keyframes = KeyframeManager(self.camera, self.config)
         self._focal_check = FocalCheck(self.camera, self.config)
         self._attempts, self._maps, self._pose = AttemptLog(), MapsSoFar(self.recorder), PoseSoFar()
-        self._window, self._judgement = None, None
+        self._window = None
         self.status, self.frames_read, self._first_index = Status(), 0, None
         for observed in list(self.history):
             self._clock.took(observed)
@@ -386,7 +369,7 @@ class Initializer:
     def _begin(self, camera: Camera) -> None:
         """Make what depends on the camera."""
         self.camera = camera
-        self.tracker = Tracker(camera, self.config.tracking_in_use)
+        self.tracker = Tracker(camera, self.config.tracking)
         self.history = self.tracker.history
         self._clock = FrameClock(self.history)
         self.shutter = RollingShutter(camera)
@@ -417,53 +400,22 @@ class Initializer:
             return Status.initialized(attempt)
         return self.status.after(attempt, self._attempts.best_progress(self.keyframes.candidates))
 
-    def _interval_s(self, time_s: float) -> float:
-        """Time since the last frame; 0 where there was none, and where the times are not known."""
-        return 0.0 if self._last_s is None or not self._timed else time_s - self._last_s
-
-    def _must_not_wait(self, frame: Frame) -> bool:
-        """Whether the time for the tracks of a frame is bounded; photographs leave more time."""
-        return self.config.work_per_frame is not None and self._interval_s(frame.timestamp_s) <= VIDEO_INTERVAL_S
-
-    def _work_for(self, current: Observations) -> float:
-        """The work that may be spent on a frame besides its tracks; photographs leave more time, in proportion."""
-        work, interval_s = self.config.work_per_frame, self._interval_s(current.timestamp_s)
-        self._last_s = current.timestamp_s
-        return math.inf if work is None else work * max(1.0, interval_s / VIDEO_INTERVAL_S)
-
-    def _judge(self, pairs: list[PairPreview], current: Observations, work: float) -> Attempt | None:
-        """Go on with the judgement under way, or begin with that of this frame; the attempt that ends in this frame."""
-        if self._judgement is not None:
-            return self._go_on(self._judgement, work)
+    def _judge(self, pairs: list[PairPreview], current: Observations) -> Attempt | None:
+        """Judge a frame; the attempt, if it makes one."""
         refused = screen(self.camera, self.config, current, pairs, self._masked)
         if refused is not None:
             return self._checked_and_logged(refused, pairs, current)
         best = self.keyframes.best_pair_to_try(pairs)
-        compute = partial(self._window_rule().judge, best, pairs, current, self.stopwatch)
-        in_use = tuple(seen.frame for seen in self.history)
-        self._judgement = _Judgement(Sliced(compute), best, tuple(pairs), current, in_use)
-        return self._go_on(self._judgement, work)
-
-    def _go_on(self, judgement: _Judgement, work: float) -> Attempt | None:
-        """Run a slice of a judgement; its attempt if it has ended with one."""
-        try:
-            judgement.sliced.run(work)
-        except BaseException:
-            self._judgement = None
-            raise
-        if not judgement.sliced.done:
-            return None
-        self._judgement = None
-        outcome = judgement.sliced.value
+        outcome = self._window_rule().judge(best, pairs, current, self.stopwatch)
         if outcome is None:
             return None
-        attempt = self._checked_and_logged(outcome.attempt, judgement.pairs, judgement.current)
+        attempt = self._checked_and_logged(outcome.attempt, pairs, current)
         if self._window is not None and self._window.follow_lens():
             self._see_through(self._window.lens.camera)
-        self._report_shutter(judgement.current.frame)
+        self._report_shutter(current.frame)
         self._maps.take(outcome)
-        if self.map is None and judgement.best is not None:
-            self.keyframes.failed(judgement.best)
+        if self.map is None and best is not None:
+            self.keyframes.failed(best)
         return attempt
 
     def _window_rule(self) -> WindowRule:
@@ -513,13 +465,13 @@ class Initializer:
 def load_all() -> None:
     """Load what judgements need, and compile it on a machine's first run, so that no frame waits for it.
 
-    A small scene of its own is initialized in whole frames: 800 points two to four units before a camera that moves
+    A small scene of its own is initialized: 800 points two to four units before a camera that moves
     sideways.
     """
     camera = Camera("radtan", 640, 480, 500.0, 500.0, 319.5, 239.5, (0.01, 0.0, 0.0, 0.0))
     rng = np.random.default_rng(0)
     points = rng.uniform((-1.0, -0.8, 2.0), (1.0, 0.8, 4.0), (800, 3))
-    initializer = Initializer(camera, Config(work_per_frame=None))
+    initializer = Initializer(camera)
     for frame in range(8):
         turned = (points - (0.01 * frame, 0.0, 0.0)) @ rotation_from_vector(np.array([0.0, 0.01 * frame, 0.0])).T
         pixels = camera.project(turned) + 0.3 * rng.normal(size=(len(points), 2))
@@ -536,14 +488,3 @@ def load_all() -> None:
         )
         if initializer.process_tracks(observed):
             return
-
-
-@dataclass(frozen=True, eq=False)
-class _Judgement:
-    """A judgement under way: its computation, the frame, and the frames of the history that it may use."""
-
-    sliced: Sliced[Outcome | None]
-    best: PairPreview | None
-    pairs: tuple[PairPreview, ...]
-    current: Observations
-    frames: tuple[int, ...]

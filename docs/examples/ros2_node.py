@@ -15,11 +15,10 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from slam_init.config import REALTIME_WORK, Config
 from slam_init.datasets.ros.camera_info import camera_of_info
 from slam_init.datasets.ros.images import decode
 from slam_init.errors import SlamInitError
-from slam_init.initializer import Initializer
+from slam_init.initializer import Initializer, load_all
 from slam_init.types.initial_map import InitialMap
 
 
@@ -47,12 +46,13 @@ def make_node() -> Any:
             self.node.create_subscription(CameraInfo, "camera_info", self._on_info, qos_profile_sensor_data)
             self.node.create_subscription(Image, "image", self._on_image, qos_profile_sensor_data)
             self.initializer: Initializer | None = None
+            load_all()  # so that no image waits for the compiler
 
         def _on_info(self, info: Any) -> None:
             if self.initializer is None:
                 camera = camera_of_info("camera_info", info, "image", (info.width, info.height))
                 if camera is not None:  # None: the driver sends no calibration
-                    self.initializer = Initializer(camera, Config(work_per_frame=REALTIME_WORK))
+                    self.initializer = Initializer(camera)
 
         def _on_image(self, message: Any) -> None:
             if self.initializer is None or self.initializer.map is not None:

@@ -40,7 +40,6 @@ from slam_init.bundle.virtual_cameras import needs_virtual_cameras
 from slam_init.config import MapConfig
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
-from slam_init.work import Prices, spend
 
 #: If the estimated noise is this many times the expected one, the tracks are not those of one rigid scene.
 _WORST_NOISE = 10.0
@@ -219,7 +218,6 @@ def fit_with_held_camera(
     """
     if poses_known:
         start = with_lenses(camera, start)
-        spend(Prices.POINTS * len(start.views))
         points = fit_points(camera, start, config.noise_px)
         return _least_squares(camera, points, (_rms_px(start, camera),), config, _FEW_ITERATIONS)
     # The robust stage only has to identify the outliers; the least-squares stage reaches the full precision.
@@ -231,7 +229,6 @@ def _least_squares(
     camera: Camera, robust: BundleProblem, errors: tuple[float, ...], config: MapConfig, iterations: int
 ) -> BundleFit | BundleFailure:
     """The least-squares fit without the outliers of a robust fit."""
-    spend(Prices.RESIDUALS * len(robust.views))
     residuals = robust.residuals(camera)
     noise_px = estimate_noise(robust, residuals, config)
     if noise_px > _WORST_NOISE * config.noise_px:
@@ -253,7 +250,6 @@ def _least_squares(
 def _settled(camera: Camera, problem: BundleProblem, noise_px: float, iterations: int) -> BundleFit | BundleFailure:
     """The optimum in least squares, without the points that it moved behind a camera; its median depth is 1."""
     polished, errors = minimize(problem, noise_px, iterations=iterations, tolerance=1e-5)
-    spend(Prices.RESIDUALS * len(polished.views))
     final = _scale_to_median_depth(polished)
     if final is None:
         return BundleFailure("no landmark lies in front of the first camera")

@@ -18,7 +18,6 @@ from slam_init.bundle.least_squares import NONE, Equations, Observed, arrays_of,
 from slam_init.bundle.problem import BundleProblem
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Bools, Floats
-from slam_init.work import Prices, spend
 
 #: Parameters of the lens, and of the field of a view, among the shared errors.
 LENS, FIELD = 4, 12
@@ -94,7 +93,6 @@ def covariances(problem: BundleProblem, noise_px: float, shared: SharedErrors | 
     errors = _no_errors(len(problem.pixels)) if shared is None else shared
     found = shared_equations(problem, noise_px, errors)
     covariance = inverse_of_poses(found.equations.information)
-    spend(Prices.MAP_COVARIANCES * len(problem.points) * count**2)
     with single_threaded():
         follows = -covariance @ found.coupling
         flat = found.of_points[:, :, :LENS].reshape(-1, LENS)
@@ -147,7 +145,6 @@ def shared_equations(
     points, landmarks, views = np.ascontiguousarray(problem.points), len(problem.points), len(R)
     with single_threaded():
         equations = equations_of(observed, terms, R, t, points, NONE)
-    spend(4 * Prices.MAP_EQUATIONS * len(observed.views))
     own_size, size = LENS + FIELD, LENS + FIELD * views
     of_points, by_view = np.empty((landmarks, 3, size)), np.empty((views, 6, own_size))
     own, gradient = np.empty((views, own_size, own_size)), np.empty(size)

@@ -19,7 +19,6 @@ from slam_init.config import MapConfig
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
 from slam_init.types.lenses.models import scaled_coefficients
-from slam_init.work import Prices, spend
 
 #: Newton's method ends after a step that lowers the error by less than this share. With a thousand observations this
 #: is 0.01, a seventh of a standard deviation of the focal length, and the next step would be much smaller.
@@ -61,7 +60,6 @@ def adjust_focal(prior: LensPrior, fit: BundleFit, config: MapConfig) -> BundleF
     error = float(graph.error(values))
     for _ in range(_NEWTON_STEPS):
         try:
-            spend(Prices.ITERATION * len(problem.views))
             # The step in all unknowns; its component in the focal length is the Newton step.
             step = graph.linearize(values).optimize()
         except RuntimeError:  # how gtsam reports singular systems and cheirality

@@ -25,7 +25,6 @@ from slam_init.bundle.reprojection import (
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
-from slam_init.work import Prices, spend
 
 if TYPE_CHECKING:
     import gtsam
@@ -60,8 +59,6 @@ _SCALE_SIGMA = 1e-3
 _ASPECT_SIGMA = 1e-5
 #: Where the calibrations of gtsam have the principal point and k1, after fx, fy and the skew.
 _PRINCIPAL, _K1 = [3, 4], 5
-#: A graph is built in parts of so many factors, about 2 ms each.
-_FACTORS_AT_ONCE = 1000
 #: The gauge in words.
 GAUGE = "first pose fixed (prior, 1e-6); distance from the first camera to the farthest one held (prior, 1e-3 of it)"
 
@@ -102,8 +99,6 @@ def build_graph(
         values.insert(key, point)
     observed = zip(problem.views.tolist(), problem.landmarks.tolist(), strict=True)
     for number, (k, landmark) in enumerate(observed):
-        if number % _FACTORS_AT_ONCE == 0:
-            spend(Prices.GRAPH * min(_FACTORS_AT_ONCE, len(problem.pixels) - number))
         if (made := factor(number, pose_keys[k], point_keys[landmark])) is not None:
             graph.add(made)
     graph.push_back(_pose_factors(problem))
@@ -226,14 +221,12 @@ def optimize(
     import gtsam
 
     graph, values = build_graph(camera, problem, noise_px, robust=robust)
-    spend(Prices.ITERATION * len(problem.views))
     errors = [_rms_px(float(graph.error(values)), noise_px, problem)]
     params = gtsam.LevenbergMarquardtParams()
     optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, params)
     error = float(optimizer.error())
-    # gtsam's own loop runs to the end; this one can be paused between iterations. The tolerances are those of gtsam.
+    # gtsam's own loop does not tell the error of each iteration. The tolerances are those of gtsam.
     for _ in range(iterations):
-        spend(Prices.ITERATION * len(problem.views))
         optimizer.iterate()
         before, error = error, float(optimizer.error())
         errors.append(_rms_px(error, noise_px, problem))

@@ -24,7 +24,6 @@ from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
-from slam_init.work import Prices, spend
 
 #: Levenberg-Marquardt with the numbers of gtsam: first damping, its factor after a step, its largest value, and the
 #: absolute decrease of the error below which the iterations end.
@@ -33,8 +32,6 @@ _DAMPING, _FACTOR, _MOST_DAMPING, _LEAST_DECREASE = 1e-5, 10.0, 1e5, 1e-5
 NONE = 1e-9
 #: An error from here on is that of a landmark behind a camera.
 _WRONG = 1e11
-#: Virtual cameras are made for so many observations at once, about 2 ms.
-_AT_ONCE = 2000
 
 
 class Observed(NamedTuple):
@@ -62,19 +59,16 @@ class Equations(NamedTuple):
 
 def with_lenses(camera: Camera, problem: BundleProblem) -> BundleProblem:
     """Make the virtual cameras of the observations of a problem."""
-    lenses, pixels = np.empty((len(problem.pixels), 3, 3)), problem.pixels
+    pixels = problem.pixels
     if is_undistorted_first(camera) and not needs_virtual_cameras(camera):
         # The factors of such a lens measure the pixels of a camera without distortion.
         pixels = measured_pixels(camera, pixels)
         camera = replace(camera, model="pinhole", distortion=())
-    for first in range(0, len(lenses), _AT_ONCE):
-        part = slice(first, first + _AT_ONCE)
-        spend(Prices.LENS * len(lenses[part]))
-        virtual = virtual_cameras(camera, pixels[part])
-        right, down, rays = np.moveaxis(virtual.cam_from_virtual, 2, 0)
-        fx, skew, fy = virtual.calibrations.T[..., None]
-        lenses[part] = np.stack([fx * right + skew * down, fy * down, rays], axis=1)
-        lenses[part][~virtual.known] = np.nan
+    virtual = virtual_cameras(camera, pixels)
+    right, down, rays = np.moveaxis(virtual.cam_from_virtual, 2, 0)
+    fx, skew, fy = virtual.calibrations.T[..., None]
+    lenses = np.stack([fx * right + skew * down, fy * down, rays], axis=1)
+    lenses[~virtual.known] = np.nan
     return replace(problem, lenses=lenses)
 
 
@@ -142,7 +136,6 @@ def _error(observed: Observed, terms: PoseTerms, R: Floats, t: Floats, points: F
     """Half of the sum of squares, as gtsam's graph has it."""
     from slam_init.bundle.kernel import squared_error
 
-    spend(Prices.MAP_ERROR + Prices.MAP_ERROR_OBSERVATION * len(observed.views))
     return 0.5 * squared_error(R, t, points, *observed[:3]) + terms.error(R, t)
 
 
@@ -153,11 +146,9 @@ def equations_of(
     from slam_init.bundle.kernel import eliminate_points
 
     views, count = len(R), len(points)
-    spend(Prices.MAP_EQUATIONS * len(observed.views))
     blocks, gradient = np.empty((views, 6, 6)), np.empty(6 * views)
     roots, solved, coupling = np.empty((count, 6)), np.empty(3 * count), np.empty((3 * count, 6 * views))
     eliminate_points(R, t, points, *observed[:3], damping, blocks, gradient, roots, solved, coupling)
-    spend(Prices.MAP_STEP + Prices.MAP_ELIMINATION * count * views**2)
     information, of_terms = terms.equations(R, t)
     information -= coupling.T @ coupling
     information[np.diag_indices(6 * views)] += damping

@@ -15,7 +15,6 @@ from slam_init.bundle.problem import BundleProblem, LensPrior
 from slam_init.config import MapConfig
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
-from slam_init.work import Prices, spend
 
 #: Relative standard deviation of the focal length of a calibration, and the largest one of a focal length that the
 #: window has estimated: with a larger one no map is handed over. Both are those of the window.
@@ -70,7 +69,6 @@ def lens_derivatives(camera: Camera, problem: BundleProblem) -> Floats:
     """
     if problem.lenses is None:
         raise ValueError("a problem without lenses: make them by with_lenses")
-    spend(2 * Prices.LENS * len(problem.pixels))
     rays, across = problem.lenses[:, 2], problem.lenses[:, :2]
     others = (
         (camera.refocused(_STEP), _STEP),

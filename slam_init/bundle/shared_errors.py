@@ -37,7 +37,6 @@ from slam_init.bundle.problem import BundleProblem, LensPrior
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats, evenly_spaced
 from slam_init.types.camera import Camera
-from slam_init.work import Prices, spend
 
 #: Standard deviations of a coefficient of the fields, in pixels. The root mean square of a coordinate over the image is
 #: 2.4 times as large. The least is that of good trackers and lenses, a tenth of a pixel over the image: it hardly shows
@@ -83,7 +82,6 @@ def error_model(
     chosen = np.zeros(len(projected.points), bool)
     chosen[evenly_spaced(len(chosen), _LANDMARKS)] = True
     kept = chosen[projected.landmarks]
-    spend(Prices.MAP_COVARIANCES * 10 * int(chosen.sum()) * len(projected.frames) ** 2)
     with single_threaded():
         equations = _Equations(projected.keep(kept), residuals[kept], noise_px, shared.of_observations(kept))
         by_tracks = max(equations.scatter_of_scores(), 1.0)

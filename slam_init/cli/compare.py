@@ -47,7 +47,6 @@ def add_compare(commands: Commands) -> None:
     )
     add_processes(compare)
     compare.add_argument("--seed", type=int, default=0, metavar="N", help="of random draws (default: 0)")
-    compare.add_argument("--realtime", action="store_true", help="judge in slices, as for a camera that does not wait")
     add_topics(compare)
     compare.add_argument("--recordings", action="store_true", help="write a recording of each trial")
     compare.add_argument("--out", metavar="DIR", default=_DEFAULT_COMPARISON, help=OUT_HELP)

@@ -81,11 +81,6 @@ def add_run(commands: Commands) -> None:
         "distance:0.25[,I,J] or groundtruth; a length may have a deviation, as in 1.65+-0.02",
     )
     live = run.add_argument_group("live sources, and a viewer")
-    live.add_argument(
-        "--realtime",
-        action=argparse.BooleanOptionalAction,
-        help="judge in slices, as for a camera that does not wait for the result (default: for live sources)",
-    )
     live.add_argument("--no-drop", action="store_true", help="of a live source: let the sender wait, drop no frame")
     live.add_argument(
         "--reconnect", type=int, default=3, metavar="N", help="of a live source: attempts to connect again (default: 3)"
@@ -128,7 +123,7 @@ def _run(arguments: argparse.Namespace) -> int:
     inputs = [arguments.source, *(file for file in named if file is not None)]
     out = chosen_folder(arguments.out, "run", run_files(restart=arguments.restart), inputs)
 
-    from slam_init.config import REALTIME_WORK, load_config
+    from slam_init.config import load_config
     from slam_init.datasets.live import is_live
     from slam_init.methods.external_command import is_external
     from slam_init.methods.registry import method_info
@@ -138,10 +133,6 @@ def _run(arguments: argparse.Namespace) -> int:
     if is_external(config.method) and arguments.continue_frames:
         raise UsageError("--continue needs landmarks, which an external program does not give: leave --continue out")
     live = is_live(arguments.source)
-    if arguments.realtime is False:
-        config = replace(config, work_per_frame=None)
-    elif arguments.realtime or (live and config.work_per_frame is None):  # without it the file decides
-        config = replace(config, work_per_frame=REALTIME_WORK)
     targets = {"max_depth_sigma": arguments.max_depth_sigma, "min_parallax_deg": arguments.min_parallax}
     targets = {name: value for name, value in targets.items() if value is not None}
     config = replace(config, acceptance=replace(config.acceptance, **targets))

@@ -19,7 +19,7 @@ from slam_init.compare.tables import QUALITY, RATES, STATIC, figure_text, text_f
 from slam_init.compare.trial_table import LEVELS, PARTS
 from slam_init.compare.trials import Settings
 from slam_init.compare.wait import WaitDifference
-from slam_init.config import REALTIME_WORK, Config
+from slam_init.config import Config
 from slam_init.datasets.views import SourceView
 from slam_init.errors import ConfigError
 from slam_init.methods.external_command import is_external, method_label
@@ -47,7 +47,7 @@ def run_command(arguments: argparse.Namespace, out: str | os.PathLike[str], *, p
             limit_frames=arguments.limit_frames,
             time_limit_s=arguments.time_limit,
             memory_limit_mb=arguments.memory_limit,
-            config=Config(work_per_frame=REALTIME_WORK if arguments.realtime else None),
+            config=Config(),
         ),
     )
     summary = compare(

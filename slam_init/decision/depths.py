@@ -34,7 +34,6 @@ from slam_init.config import AcceptanceConfig
 from slam_init.types.arrays import Floats
 from slam_init.types.gates import Gate, GateName, at_least, at_most
 from slam_init.types.reasons import Verdict
-from slam_init.work import Prices, spend
 
 #: Least share of the landmarks with known depths, and the largest standard deviation of the position of the next view,
 #: over its baseline; see the module docstring.
@@ -50,7 +49,6 @@ def depth_gates(bundle: BundleSolution, config: AcceptanceConfig) -> tuple[Gate,
     * ``config``: ``max_depth_sigma`` is the standard deviation of a known depth; ``min_parallax_deg`` adds a gate.
     """
     problem = bundle.problem
-    spend(Prices.LOCATE * len(problem.points))
     newest = problem.world_from_cam[-1]
     seen = newest.inverse().apply(problem.points)
     steps = (newest.t - np.array([pose.t for pose in problem.world_from_cam])) @ newest.R

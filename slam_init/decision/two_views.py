@@ -20,7 +20,6 @@ from slam_init.types.frame import Observations
 from slam_init.types.gates import GateName, Stage, at_least
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
-from slam_init.work import Prices, spend
 
 #: The outlier threshold should be three standard deviations of the noise. Where the noise of the inliers is more than
 #: half of the threshold, the threshold has cut off many correct matches: inliers that fill the threshold evenly have a
@@ -84,10 +83,8 @@ Proposer = Callable[[Camera, Config, MatchedPair], tuple[RelativePose | NoPose, 
 def pose_at_fitting_threshold(camera: Camera, config: Config, pair: MatchedPair) -> tuple[RelativePose | NoPose, float]:
     """Estimate the relative pose of a pair; the outlier threshold is widened once for noisy tracks."""
     threshold_rad = config.two_view.threshold_px / camera.focal_px
-    spend(Prices.PAIR + Prices.PAIR_MATCH * len(pair.rays1))
     pose = estimate_relative_pose(pair.rays1, pair.rays2, threshold_rad=threshold_rad, seed=config.seed)
     if isinstance(pose, RelativePose) and pose.noise_rad > threshold_rad / _TOO_NOISY_SIGMAS:
-        spend(Prices.PAIR + Prices.PAIR_MATCH * len(pair.rays1))
         wider_rad = min(_WIDER * threshold_rad, 1.0)
         again = estimate_relative_pose(pair.rays1, pair.rays2, threshold_rad=wider_rad, seed=config.seed)
         if isinstance(again, RelativePose) and again.kind != "rotation":

@@ -39,7 +39,7 @@ from slam_init.frontend.tracks import History
 from slam_init.mapping.candidate import map_of_poses
 from slam_init.mapping.map_building import MapWithViews, map_with_views
 from slam_init.mapping.views import TrackTable, table_of, voting_views
-from slam_init.types.arrays import Bools, Ints, evenly_spaced
+from slam_init.types.arrays import Bools
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import MapEvidence
 from slam_init.types.frame import Observations
@@ -55,8 +55,7 @@ from slam_init.window.live import LiveHypotheses
 from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import WindowRisk, confirmed, risk_of
 from slam_init.window.state import CALIBRATED_SIGMA
-from slam_init.window.tracks import MAX_TRACKS, MAX_TRACKS_IN_SLICES, MAX_VIEWS
-from slam_init.work import Prices, spend
+from slam_init.window.tracks import MAX_VIEWS
 
 #: Standard deviation of an unknown readout about none: global shutters have none, and rolling ones take up to the time
 #: between two frames of a video, which is two standard deviations.
@@ -66,9 +65,6 @@ _READOUT_SIGMA_S = 1 / 60
 _INSIGNIFICANT = 0.05
 #: A calibration is left where the focal length is off by so many of its standard deviations: once in 400 by chance.
 _CERTAIN_FOCAL_SIGMAS = 3.0
-#: In slices, motions are proposed from so many matches of a pair: an estimate cannot be divided, and takes 10 ms then.
-#: Its samples need inliers and not numbers, and the window fits the motions to tracks of its own.
-_MATCHES_IN_SLICES = 400
 #: Largest risk that a further keyframe adds: a tenth of the largest risk that is accepted.
 _RISK_OF_A_VIEW = 5e-4
 #: Bundle adjustment on all tracks may turn the fitted motion by as much as a third of what makes a map wrong.
@@ -113,8 +109,7 @@ class WindowRule:
         self._estimate = propose or pose_at_fitting_threshold
         readout_sigma_s = _READOUT_SIGMA_S if camera.readout_s is None else 0.0
         self._readout_sigma_s = readout_sigma_s
-        max_tracks = MAX_TRACKS if config.work_per_frame is None else MAX_TRACKS_IN_SLICES
-        self._live = LiveHypotheses(camera, self.lens.priors(readout_sigma_s), config.map.min_noise_px, max_tracks)
+        self._live = LiveHypotheses(camera, self.lens.priors(readout_sigma_s), config.map.min_noise_px)
         self._threshold_rad = config.two_view.threshold_px / camera.focal_px
         self._reference: int | None = None
         self._last: _Judged | None = None
@@ -154,13 +149,11 @@ class WindowRule:
             return Outcome(refused_at(attempt, Verdict.PURE_ROTATION, Stage.MOTION))
         if chosen is not None:
             self._reference = chosen.reference
-            asked = self._matches_to_ask(len(pair.rays1))
-            few = pair.at(asked)
             with stopwatch("two_view"):
-                pose, self._threshold_rad = self._estimate(self.lens.camera, self._config, few)
-            attempt = self._with_pose(attempt, pose, asked)
+                pose, self._threshold_rad = self._estimate(self.lens.camera, self._config, pair)
+            attempt = self._with_pose(attempt, pose)
             if isinstance(pose, RelativePose):
-                self._propose(few, pose)
+                self._propose(pair, pose)
             if not self._live:
                 self._last = None
                 return Outcome(self._without_motion(attempt, pose))
@@ -214,16 +207,9 @@ class WindowRule:
 
     # -- parts of the judgement -------------------------------------------------------------------
 
-    def _matches_to_ask(self, count: int) -> Ints:
-        """Positions of the matches that motions are proposed from."""
-        most = count if self._config.work_per_frame is None else _MATCHES_IN_SLICES
-        return evenly_spaced(count, most)
-
-    def _with_pose(self, attempt: Attempt, pose: RelativePose | NoPose, asked: Ints) -> Attempt:
+    def _with_pose(self, attempt: Attempt, pose: RelativePose | NoPose) -> Attempt:
         evidence = pose_evidence(self.lens.camera, pose)
-        inliers = attempt.inliers.copy()
-        if isinstance(pose, RelativePose):
-            inliers[asked] = pose.inliers
+        inliers = pose.inliers if isinstance(pose, RelativePose) else attempt.inliers
         return replace(attempt, two_view=evidence, inliers=inliers)
 
     def _propose(self, pair: MatchedPair, pose: RelativePose) -> None:
@@ -252,7 +238,6 @@ class WindowRule:
         if hypotheses is None or risk is None:
             self._last = None
             return Outcome(refused_at(attempt, Verdict.NO_CONSISTENT_MOTION, Stage.MAP))
-        spend(Prices.EVIDENCE)
         pair = self._with_readout(pair, risk)
         attempt = replace(
             attempt,
@@ -363,7 +348,6 @@ class WindowRule:
     ) -> tuple[BundleSolution | BundleFailure, TrackTable]:
         """The bundle-adjusted map of a fitted motion, on all tracks of the pair and in the given frames."""
         views = [self._history[frame] for frame in (motion.frames if frames is None else frames)[2:]]
-        spend(Prices.TABLE * (len(pair.reference) + len(pair.current) + sum(len(view) for view in views)))
         table = table_of(pair.reference, pair.current, views)
         if self._shutter.readout_s:
             pixels = np.array([self.lens.camera.project(bearings) for bearings in table.bearings])
@@ -388,7 +372,6 @@ class WindowRule:
     ) -> MapWithViews | None:
         if not isinstance(bundle, BundleSolution):
             return None
-        spend(Prices.MAP)
         built = map_with_views(self._history, bundle, "planar" if hypotheses.planar else "general")
         map_, camera = built.map, built.map.camera
         if self.lens.camera.readout_s is None and self._shutter.readout_s:

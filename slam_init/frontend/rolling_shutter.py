@@ -22,7 +22,6 @@ from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
-from slam_init.work import Prices, spend
 
 #: A hand changes its turning several times in a second. With frames farther apart than this, the turning between two
 #: frames tells nothing about the turning in the time of a readout.
@@ -141,7 +140,6 @@ class RollingShutter:
         """
         if abs(readout_s - self.readout_s) <= _SAME_READOUT_S:
             return False
-        spend(Prices.CORRECTION * sum(len(one) for one in history))
         self.readout_s = readout_s
         self._correct_all(history)
         return True

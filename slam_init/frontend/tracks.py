@@ -15,7 +15,6 @@ Where a frame has a mask, no track begins in an ignored pixel, and tracks that c
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -28,15 +27,11 @@ from slam_init.frontend.conventions import check_lengths
 from slam_init.frontend.flow import Drift, Exposure, flow
 from slam_init.frontend.masking import Trackable
 from slam_init.frontend.sift import detect_sift, match_descriptors
-from slam_init.types.arrays import Bools, Floats, Image, Ints, evenly_spaced
+from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 
-#: Where frames must not wait, corners are detected in an image of at most so many pixels. A larger image is reduced to
-#: a half, a quarter, ...: detection takes 4 ms in 640x480 pixels and 11 in 1280x720. Images of 640x480 pixels are not
-#: reduced: in the half of them, a corridor with little texture gave 127 landmarks and not 191.
-_LARGEST_TO_DETECT = 400_000
 #: The flow of a track agrees with descriptors where it lies among those of so many neighbours, which span the depths
 #: around the track. The flow of a frame is trusted where two thirds of its tracks agree: in 4 links of a driving car 86
 #: to 93 %, of which 98 % are right by the true motion; in 6 links of photographs whose flow is wrong 16 to 59 %.
@@ -187,24 +182,19 @@ class Tracker:
         """Take the rays of further frames from another lens."""
         self._camera = camera
 
-    def track(self, frame: Frame, *, by_flow_alone: bool = False) -> Observations:
+    def track(self, frame: Frame) -> Observations:
         """Follow the tracks into the next frame, and start new tracks if too many were lost.
 
         If the frame is linked by descriptors, new tracks may be found in earlier frames as well. They are added to the
         history.
-
-        * ``by_flow_alone``: For a frame of a video that must not wait. Descriptors are not asked, no more than
-          ``max_tracks`` are followed, and the corners of a large image are detected in a smaller one. Of 1291 frames of
-          real sequences, up to 0.13 s apart, the flow lost half of 400 tracks in 114, and descriptors linked more
-          points in 30; 28 of these are of a camera that turns by 60 deg/s, 0.13 s apart.
         """
         self._trackable = self._trackable_of(frame)
         gray = frame.gray if self._trackable is None else self._trackable.blanked(frame.gray)
         self.revised = ()
-        ids, pixels, by_descriptors = self._link(frame, gray, by_flow_alone)
+        ids, pixels, by_descriptors = self._link(frame, gray)
         wanted = self._config.max_tracks
         if not by_descriptors and len(ids) < (1 - self._config.refill_share) * wanted:
-            new = self._detect(gray, pixels, wanted - len(ids), _LARGEST_TO_DETECT if by_flow_alone else gray.size)
+            new = self._detect(gray, pixels, wanted - len(ids))
             ids = np.concatenate([ids, self._new_ids(len(new))])
             pixels = np.concatenate([pixels, new])
         bearings = self._camera.bearings(pixels)
@@ -234,12 +224,10 @@ class Tracker:
             return self._trackable
         return Trackable(frame.mask, self._config.window_px)
 
-    def _link(self, frame: Frame, gray: Image, by_flow_alone: bool) -> tuple[Ints, Floats, bool]:
+    def _link(self, frame: Frame, gray: Image) -> tuple[Ints, Floats, bool]:
         """Tracks found in this frame: ids, pixels, and whether descriptors linked them (else flow did)."""
         if self._last is None or self._last_gray is None:
             return np.zeros(0, np.int64), np.zeros((0, 2)), False
-        if by_flow_alone and len(self._last) > self._config.max_tracks:  # after photographs
-            self._last = self._last.at(evenly_spaced(len(self._last), self._config.max_tracks))
         followed = flow(self._last_gray, gray, self._last.pixels, self._config)
         kept, moved, known_ids = followed.kept, followed.pixels, self._last.track_ids
         if self._trackable is not None:
@@ -247,7 +235,7 @@ class Tracker:
         self._step_px = followed.step_px
         self._exposure_s = self._exposure.update(followed.trail, frame.timestamp_s - self._last.timestamp_s)
         survived = kept.sum() >= self._config.flow_survival * len(self._last) and kept.any()
-        if survived or by_flow_alone:
+        if survived:
             self._drift.follow(known_ids[kept], followed.covariances[kept])
             return known_ids[kept], moved[kept], False
         sift = self._detect_sift(frame.index, gray, self._trackable)
@@ -283,25 +271,20 @@ class Tracker:
             single[kept.sum() :] = squares.min(axis=1) > (0.5 * self._config.min_distance * gray.shape[1]) ** 2
         return ids[single], pixels[single], True
 
-    def _detect(self, gray: Image, occupied: Floats, count: int, largest: int) -> Floats:
-        """Up to ``count`` corners (n, 2) at a distance from the occupied pixels; in an image of so many pixels."""
+    def _detect(self, gray: Image, occupied: Floats, count: int) -> Floats:
+        """Up to ``count`` corners (n, 2) at a distance from the occupied pixels."""
         import cv2
 
         distance = self._config.min_distance * gray.shape[1]
         mask = np.full(gray.shape, 255, np.uint8) if self._trackable is None else self._trackable.detectable()
         for x, y in np.round(occupied).astype(int).tolist():
             cv2.circle(mask, (x, y), round(distance), 0, -1)
-        reduction = 1 << max(0, math.ceil(math.log(gray.size / largest, 4)))
-        if reduction > 1:
-            size = (gray.shape[1] // reduction, gray.shape[0] // reduction)
-            gray = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8)
-            mask = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8)
         # The threshold is 0.2 % of the response of the strongest corner. With a higher one, a checkerboard in view
         # would suppress the weaker features of the table on which it lies.
-        corners = cv2.goodFeaturesToTrack(gray, count, 0.002, distance / reduction, mask=mask, blockSize=5)
+        corners = cv2.goodFeaturesToTrack(gray, count, 0.002, distance, mask=mask, blockSize=5)
         if corners is None:
             return np.zeros((0, 2))
-        return (corners.reshape(-1, 2).astype(float) + 0.5) * reduction - 0.5
+        return corners.reshape(-1, 2).astype(float)
 
     def _detect_sift(self, index: int, gray: Image, trackable: Trackable | None) -> _SiftFrame:
         found = detect_sift(gray, self._config.sift_features, trackable)

@@ -13,7 +13,6 @@ from slam_init.mapping.views import TrackTable
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
-from slam_init.work import Prices, spend
 
 #: Bundle adjustment needs at least this many points.
 _MIN_POINTS = 6
@@ -37,7 +36,6 @@ def map_of_poses(
     """
     rows = [row for row, frame in enumerate(table.frames) if frame in cam_from_world]
     poses = {row: cam_from_world[table.frames[row]].inverse() for row in rows}
-    spend(Prices.TRIANGULATE + Prices.TRIANGULATE_RAY * len(rows) * len(table.track_ids))
     points = triangulate(list(poses.values()), table.bearings[rows])
     usable = _before_all(points, {row: poses[row] for row in (0, 1)}, table)
     for row in (0, 1):

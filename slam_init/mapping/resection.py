@@ -7,7 +7,6 @@ import numpy as np
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.pose import Pose
-from slam_init.work import Prices, spend
 
 #: Largest number of Gauss-Newton steps of a refinement.
 _STEPS = 8
@@ -41,7 +40,6 @@ def resect(
     best = None if guess is None else _refined(guess, points, bearings, threshold_rad)
     if best is not None and best[1].sum() >= _EXPLAINED * len(points):
         return best
-    spend(Prices.DRAW)
     if (minimal := _minimal_pose(points, bearings, threshold_rad)) is not None:
         drawn = _refined(minimal, points, bearings, threshold_rad)
         if best is None or (drawn is not None and drawn[1].sum() > best[1].sum()):

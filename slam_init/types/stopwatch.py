@@ -16,8 +16,7 @@ from slam_init.types.arrays import Ints
 class StageTimes(TypedDict):
     """Wall-clock times of a stage, in milliseconds, and the number of its calls.
 
-    Of a judgement that runs in slices, the stages ``two_view`` and ``map`` are those of the whole judgement without its
-    pauses, ``judge`` is the slice of a frame, and ``frame`` is all that a frame takes.
+    ``two_view`` and ``map`` are stages of ``judge``, and ``frame`` is all that a frame takes.
 
     Attributes
     ----------

@@ -14,7 +14,6 @@ from slam_init.window.state import Priors, WindowState
 from slam_init.window.steps import step_poses, step_tracks
 from slam_init.window.track_equations import FIELD_TERMS, collect, eliminate
 from slam_init.window.tracks import WindowTracks
-from slam_init.work import Prices, spend
 
 #: Cost of a track that leaves the plane: three nats, as much as a track may vote for or against a hypothesis.
 OFF_PLANE_COST = 6.0
@@ -97,7 +96,6 @@ class WindowEquations:
         self._turned = bool(tracks.turned_weights.any())
         self._used = tracks.anchor >= 0
         self._records = Records.of(tracks)
-        self._observations = len(self._records.view)
         self._prior_weights = self._weights_of_priors()
 
     @property
@@ -213,11 +211,6 @@ class WindowEquations:
 
     def _accumulate(self, state: WindowState, *, fill: bool, hold: bool = False) -> float:
         tracks, priors = self.tracks, self.priors
-        if fill:
-            each = Prices.EQUATIONS_FIELDS if self._field_size else Prices.EQUATIONS_OBSERVATION
-            spend(Prices.EQUATIONS + each * self._observations)
-        else:
-            spend(Prices.COST + Prices.COST_OBSERVATION * self._observations)
         cost = accumulate(
             self._camera, state.R, state.t, state.log_scale, state.k1,
             _NO_PLANE if state.plane is None else state.plane, state.on_plane, state.field,

@@ -14,7 +14,7 @@ from slam_init.types.frame import Observations
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.motion import Motion
 from slam_init.window.state import Priors
-from slam_init.window.tracks import MAX_TRACKS, gather_tracks
+from slam_init.window.tracks import gather_tracks
 
 #: Number of motions that are carried from frame to frame: both motions of a plane, and two that other pairs found.
 _MAX_MOTIONS = 4
@@ -26,16 +26,12 @@ class LiveHypotheses:
     """The motions of the window, from frame to frame.
 
     * ``least_noise_px``: Lower limit of the noise of a track.
-    * ``max_tracks``: Largest number of tracks of a window.
     """
 
-    def __init__(
-        self, camera: Camera, priors: Priors, least_noise_px: float = 0.1, max_tracks: int = MAX_TRACKS
-    ) -> None:
+    def __init__(self, camera: Camera, priors: Priors, least_noise_px: float = 0.1) -> None:
         self._camera = camera
         self._priors = priors
         self._least_noise_px = least_noise_px
-        self._max_tracks = max_tracks
         self._motions: list[Motion] = []
         self._proposed: list[Motion] = []
         self._noise_px = 0.0
@@ -91,7 +87,7 @@ class LiveHypotheses:
         self._motions = [fitted.motion for fitted in kept[:_MAX_MOTIONS]]
 
     def _fitted(self, views: Sequence[Observations], attitudes: Sequence[Attitude | None]) -> WindowHypotheses | None:
-        tracks = gather_tracks(self._camera, views, self._noise_px, self._least_noise_px, self._max_tracks, attitudes)
+        tracks = gather_tracks(self._camera, views, self._noise_px, self._least_noise_px, attitudes=attitudes)
         motions = [*self._motions, *self._proposed]
         # Where no turning is known, the readout moves no pixel.
         priors = self._priors if tracks.sweep_px_s.any() else replace(self._priors, readout_sigma_s=0.0)

@@ -13,7 +13,6 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.pose import Pose
 from slam_init.window.motion import Motion
 from slam_init.window.tracks import WindowTracks
-from slam_init.work import Prices, spend
 
 #: A further view needs this many points of the motion: twice the six unknowns of its pose in coordinates, and as many
 #: again to contradict the motion.
@@ -41,7 +40,6 @@ def align_views(bearings: Floats, motions: Sequence[Motion], pair: tuple[int, ..
     for k in range(1, len(bearings)):
         both = np.isfinite(bearings[0, :, 0]) & np.isfinite(bearings[k, :, 0])
         if both.sum() >= 3:
-            spend(Prices.ALIGN)
             m, n = bearings[0, both], bearings[k, both]
             starts = proposed if k == 1 else [np.eye(3), R[1]]
             aligned = [_aligned(start, m, n) for start in starts]
@@ -84,14 +82,12 @@ def _resected(tracks: WindowTracks, motion: Motion, bearings: Floats, rotations:
         return known
     threshold_rad = _RESECTION_SIGMAS * tracks.noise_px / tracks.camera.focal_px
     rows = list(known)
-    spend(Prices.TRIANGULATE + Prices.TRIANGULATE_RAY * len(rows) * bearings.shape[1])
     points = triangulate([pose.inverse() for pose in known.values()], bearings[rows])
     usable = _explained(points, list(known.values()), bearings[rows], threshold_rad)
     for row in range(len(bearings)):
         visible = usable & np.isfinite(bearings[row, :, 0])
         if row in known or visible.sum() < MIN_RESECTED:
             continue
-        spend(Prices.LOCATE)
         nearest = min(rows, key=lambda one: abs(tracks.frames[one] - tracks.frames[row]))
         turned = Pose(rotations[row] @ rotations[nearest].T, np.zeros(3)) @ known[nearest]
         resected = resect(points[visible], bearings[row, visible], threshold_rad, turned)

@@ -19,7 +19,6 @@ from slam_init.window.equations import explained_at_most
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import EVEN, LEAST_OTHER_TRACKS, OTHER_SIGMAS, SHARE_OF_COMPACT, SHARE_OF_WIDE, WIDE
 from slam_init.window.uncertainty import places_of
-from slam_init.work import Prices, spend
 
 
 def explained_tracks(hypotheses: WindowHypotheses) -> Bools:
@@ -52,7 +51,6 @@ def other_motion(hypotheses: WindowHypotheses) -> OtherMotion:
     if rest.sum() < max(LEAST_OTHER_TRACKS, SHARE_OF_WIDE * count):
         return OtherMotion()
     threshold_rad = OTHER_SIGMAS * tracks.noise_px / tracks.camera.focal_px
-    spend(Prices.PAIR + Prices.PAIR_MATCH * int(rest.sum()))
     pose = estimate_relative_pose(rays[0, rest], rays[1, rest], threshold_rad=threshold_rad)
     if not isinstance(pose, RelativePose):
         return OtherMotion()

@@ -78,7 +78,6 @@ from slam_init.window.uncertainty import (
     sigma_with_known_lens,
     widened_by_shifts,
 )
-from slam_init.work import Prices, spend
 
 #: A rival with a larger probability is undecided, however precisely it is known; a scale of the fields with a smaller
 #: one changes nothing.
@@ -252,7 +251,6 @@ def _bodies_factor(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
     """Factor on the standard deviation of the direction for tracks that a rigid scene does not explain."""
     # Tracks that stay near without being explained may lie on moving bodies. As many again may be explained by chance,
     # and each of these pulls by about half a standard deviation of a track, all in the same direction.
-    spend(Prices.NEIGHBOURS)
     bodies = best.fit.near_misses / math.sqrt(max(best.fit.explained, 1))
     # What a fit explains in part leaves residuals that neighbours share.
     shared = variance_by_neighbours(best.tracks, best.fit, hypotheses.priors, places_of(best.fit))
@@ -370,12 +368,9 @@ def _wrong_if_right(best: FittedMotion, rival: FittedMotion, sigma_deg: float) -
 def _rotation_probability(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> tuple[float, float, CameraEstimate]:
     """Gain over the rotation-only camera (nats), the probability of it if the camera only rotates, and that camera."""
     gain, freedom = hypotheses.gain_over_rotation
-    views = len(hypotheses.tracks.frames)
-    spend(Prices.LINEARIZE + Prices.LINEARIZE_VIEW * views)
     rotation = linearize_with_fields(
         hypotheses.tracks, hypotheses.rotation_only, hypotheses.rotation_priors, rotation_only=True
     )
-    spend(Prices.MARGINALIZE + Prices.MARGINALIZE_VIEWS * views**2 + Prices.ROTATION)
     marginal = marginalize_fields(rotation)
     explained = marginal.lowered_cost - expanded.marginal.lowered_cost
     tracks, state = hypotheses.tracks, hypotheses.rotation_only.state

@@ -30,7 +30,6 @@ from slam_init.window.levels import FAR_BEHIND_IN_PAIR
 from slam_init.window.locating import MIN_RESECTED, locate_views
 from slam_init.window.motion import FittedMotion, Motion, fit_motion
 from slam_init.window.other_motion import explained_tracks
-from slam_init.work import Prices, spend
 
 #: Steps of a fit with free depths. It starts at the poses of a plane, from where twelve steps left costs of 1675 and
 #: 2420 that end at 1207 and 721: the order of the motions turned.
@@ -127,7 +126,6 @@ def _proposed(m: Floats, n: Floats, noise_rad: float) -> Iterator[Pose]:
     """The motion of matches and its alternatives."""
     if len(m) < MIN_RESECTED:
         return
-    spend(Prices.PAIR + Prices.PAIR_MATCH * len(m))
     pose = estimate_relative_pose(m, n, threshold_rad=min(_SIGMAS * noise_rad, 1.0))
     proposed: list[Hypothesis | RelativePose] = [pose, *pose.alternatives] if isinstance(pose, RelativePose) else []
     for one in proposed:

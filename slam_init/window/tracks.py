@@ -14,15 +14,10 @@ from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.window.measured_rays import measured_rays
-from slam_init.work import Prices, spend
 
 #: A decision needs a well-spread subset of the tracks, not all of them: the standard deviation of the direction falls
 #: with the square root of their number, and 300 of 800 tracks leave 1.6 times of it.
 MAX_TRACKS = 300
-#: The same where a judgement is spread over several frames: it takes half of the time then, and the map comes earlier.
-#: Of 80 drawn worlds rooms needed 5.2 and 2.1 frames (5.1 and 2.0 with 300 tracks), corridors 5.3 (5.1), planes 7.2 and
-#: 5.8 (6.2 and 4.8), and as many of them had a map.
-MAX_TRACKS_IN_SLICES = 150
 #: The information of more views comes from their baselines, which grow; views in between add little.
 MAX_VIEWS = 12
 #: A blurred corner is a trail, and a tracker follows some point of it: one instant of the exposure. On rendered images
@@ -225,13 +220,11 @@ def gather_tracks(
 
     * ``views``: The pair first (reference, current), then further views in any order.
     """
-    spend(Prices.GATHER * sum(len(view) for view in views))
     track_ids, pixels, seen, rows = _table(camera, views)
     # A track of both views of the pair binds all views to the pair.
     score = seen.sum(axis=0) + len(views) * (seen[0] & seen[1])
     chosen = _spread(camera, pixels, seen, score, max_tracks)
     pixels, seen, rows = pixels[:, chosen], seen[:, chosen], rows[:, chosen]
-    spend(Prices.GATHER_VIEW * len(views))
     sweep_px_s, drifts, slides_px = _motion_of_pixels(camera, views, seen, rows)
     frames = tuple(view.frame for view in views)
     since_anchor = None

@@ -33,7 +33,6 @@ from slam_init.window.linearization import Linearization, information_by_chance,
 from slam_init.window.marginal import FIELD_PRIOR, FieldMarginal, marginalize_fields
 from slam_init.window.motion import FittedMotion
 from slam_init.window.tracks import WindowTracks
-from slam_init.work import Prices, spend
 
 #: Regions across and down for the scatter of the scores: a dozen sums determine a standard deviation to a fifth, and
 #: errors of the lens and of the shutter extend over a quarter of the image.
@@ -174,13 +173,9 @@ def expand(hypotheses: WindowHypotheses, motion: FittedMotion, *, evidence_only:
 
     * ``evidence_only``: Whether only the evidence is wanted: covariances then count information by chance too.
     """
-    views = len(motion.rows)
-    spend(Prices.LINEARIZE + Prices.LINEARIZE_VIEW * views)
     linearization = linearize_with_fields(motion.tracks, motion.fit, hypotheses.priors)
-    spend(Prices.MARGINALIZE + Prices.MARGINALIZE_VIEWS * views**2)
     marginal = marginalize_fields(linearization)
     if not evidence_only:
-        spend(Prices.CHANCE)
         by_chance = information_by_chance(motion.tracks, motion.fit, hypotheses.priors)
         marginal = marginal.without_chance(by_chance)
     return ExpandedFit(motion.tracks, motion.fit, linearization, marginal)
@@ -236,7 +231,6 @@ def direction_sigmas_deg(expanded: ExpandedFit, view: int = 1) -> Floats:
 
     Shapes: returns (S,).
     """
-    spend(Prices.DIRECTION)
     _, J = _direction_derivatives(expanded, view)
     shifts, covariances = expanded.marginal.of(J)
     covariances = covariances + shifts[:, :, None] * shifts[:, None, :]
@@ -301,7 +295,6 @@ def widened_by_shifts(expanded: ExpandedFit, shift_px: float) -> Floats:
 
 def inverse_distances(expanded: ExpandedFit) -> InverseDistances:
     """The inverse distances of the tracks that the reference sees, with their standard deviations."""
-    spend(Prices.DISTANCES)
     lin, state = expanded.linearization, expanded.fit.state
     values = state.inverse_distances.copy()
     if state.plane is not None:

@@ -80,7 +80,7 @@ def test_the_node_feeds_its_images_and_publishes_the_map(ros, monkeypatch):
     found = make_map()
     # The scene allows no map; one appears with the third image.
     monkeypatch.setattr(Initializer, "map", property(lambda self: found if self.frames_read == 3 else None))
-    monkeypatch.setattr("slam_init.initializer.load_all", lambda: None)
+    monkeypatch.setattr("ros2_node.load_all", lambda: None)
     made = make_node()
     node = made.node
     node.callbacks["image"](image(0.0))

@@ -92,17 +92,10 @@ def test_a_value_that_is_none_is_refused_by_name(tmp_path, path, value):
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize("path", [path for path in NUMBERS if path != ("work_per_frame",)], ids=name)
+@pytest.mark.parametrize("path", NUMBERS, ids=name)
 def test_infinity_is_refused_by_name(tmp_path, path):
     with pytest.raises(ConfigError, match=path[-1]):
         load_config(written(tmp_path, as_toml(path, "inf")))
-
-
-def test_an_unlimited_frame_is_infinite_in_a_file_and_none_in_the_program(tmp_path):
-    text = config_toml(Config())
-    assert "work_per_frame = inf" in text
-    assert load_config(written(tmp_path, text)).work_per_frame is None
-    assert load_config(written(tmp_path, "work_per_frame = 12000")).work_per_frame == 12_000.0
 
 
 MAY_BE_ZERO = (("seed",), ("acceptance", "min_parallax_deg"), ("map", "lens_uncertainty"))
@@ -271,7 +264,7 @@ def test_every_number_has_a_range_with_its_default_in_it():
 @pytest.mark.parametrize("off", [1e10, -1e9, math.nan, "1", True, 10**5000], ids=str_or_huge)
 def test_a_number_out_of_its_range_is_one_line_with_the_range_and_the_reason(key, off):
     section, _, name = key.rpartition(".")
-    if key in ("seed", "external.memory_limit_mb", "work_per_frame") and off == 1e10:
+    if key in ("seed", "external.memory_limit_mb") and off == 1e10:
         pytest.skip("in its range")
     kind = type(getattr(Config(), section)) if section else Config
     with pytest.raises(ConfigError) as told:

@@ -1,12 +1,11 @@
-"""Times of frames, stages and parts, and the description of the machine."""
+"""Times of frames and stages, and the description of the machine."""
 
 from __future__ import annotations
 
 import platform
 
-from slam_init import work
 from slam_init.datasets import open_source
-from tests.benchmarks.speed import frames_table, machine, measure, prices_table, stages_table
+from tests.benchmarks.speed import frames_table, machine, measure, stages_table
 
 
 def test_all_frames_of_a_static_world_are_waiting_frames():
@@ -15,14 +14,6 @@ def test_all_frames_of_a_static_world_are_waiting_frames():
     assert measured.stages_ms["track"]["calls"] == 3
     assert "static" in frames_table([measured], 2.0)
     assert "(3)" in stages_table([measured])
-
-
-def test_the_parts_of_a_judgement_are_listed_with_what_they_announce_and_take():
-    spend = work.spend
-    table = prices_table([("room", open_source("synth:room?frames=12&width=320&height=240"))])
-    assert work.spend is spend
-    parts = {line.split("|")[1].strip(): line for line in table.splitlines()[2:]}
-    assert {"two_views.pose_at_fitting_threshold", "equations._accumulate"} <= set(parts)
 
 
 def test_the_description_of_the_machine_does_not_contain_its_name():

@@ -3,8 +3,7 @@
 =====================  ===============================================================================================
 table                  what it shows
 =====================  ===============================================================================================
-frames, stages         images given to an initializer that judges in slices (:mod:`.frames`)
-prices                 what the parts of a judgement announce, and what they take (:mod:`.prices`)
+frames, stages         images given to an initializer (:mod:`.frames`)
 robust                 quest and PoseLib on the same matches, drawn and real (:mod:`.robust`)
 start                  the first pose of a process, and ``slam-init run`` (:mod:`.start`)
 =====================  ===============================================================================================
@@ -17,7 +16,6 @@ package imports them only after the program has set that number.
 """
 
 from tests.benchmarks.speed.frames import Frames, frames_table, measure, stages_table
-from tests.benchmarks.speed.prices import prices_table
 from tests.benchmarks.speed.timing import cpu_flow_ms, flow_ms, machine
 
-__all__ = ["Frames", "cpu_flow_ms", "flow_ms", "frames_table", "machine", "measure", "prices_table", "stages_table"]
+__all__ = ["Frames", "cpu_flow_ms", "flow_ms", "frames_table", "machine", "measure", "stages_table"]

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 from tests.benchmarks.options import positive, show
 from tests.benchmarks.speed.frames import frames_table, measure, stages_table
-from tests.benchmarks.speed.prices import prices_table
-from tests.benchmarks.speed.timing import cpu_flow_ms, flow_ms, machine
+from tests.benchmarks.speed.timing import cpu_flow_ms, machine
 
 if TYPE_CHECKING:
     from slam_init.types.frame import Source
@@ -27,8 +26,6 @@ _REAL = (
 )
 _SYNTHETIC = ("synth:room", "synth:wall", "synth:nadir", "synth:rotation", "synth:static")
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "TBB_NUM_THREADS")
-#: Frames of which the prices of a sequence are measured.
-_PRICED_FRAMES = 30
 
 
 def _data_folder() -> Path:
@@ -56,18 +53,14 @@ def _frames(options: argparse.Namespace) -> str:
     sources = _sources((*_SYNTHETIC, *_REAL))
     # The first run includes the import of libraries and is not counted.
     measure("warm-up", sources[0][1], options.max_frames)
-    flows, measured = [flow_ms()], []
+    flows, measured = [cpu_flow_ms()], []
     for name, source in tqdm(sources, unit="sequence", disable=None, leave=False):
         measured.append(measure(name, source, options.max_frames))
-        flows.append(flow_ms())
+        flows.append(cpu_flow_ms())
     typical = sorted(flows)[len(flows) // 2]
     told = f"The flow of 400 points took {typical:.2f} ms (median of {len(flows)}; {min(flows):.2f} to "
     told += f"{max(flows):.2f}). A frame of a camera at 30 Hz has 33 ms.\n\n"
-    prices = prices_table(sources, min(_PRICED_FRAMES, options.max_frames))
-    return (
-        f"{told}{frames_table(measured, typical)}\n\n### Stages\n\n{stages_table(measured)}\n\n"
-        f"### Prices of the parts of a judgement\n\n{prices}"
-    )
+    return f"{told}{frames_table(measured, typical)}\n\n### Stages\n\n{stages_table(measured)}"
 
 
 def _robust(options: argparse.Namespace) -> str:

@@ -1,8 +1,8 @@
 """Times of the frames and of the stages of sequences.
 
-Images are given to an :class:`~slam_init.initializer.Initializer` that judges in slices, without reading or rendering
-them. All frames before the one that hands over the map are *waiting* frames. The same sequence is also judged in whole
-frames. The seconds to the map are those of a camera whose frames wait in a queue while one is judged.
+Images are given to an :class:`~slam_init.initializer.Initializer`, without reading or rendering them. All frames before
+the one that hands over the map are *waiting* frames. The seconds to the map are those of a camera whose frames wait in
+a queue while one is judged. The stage ``map`` is the judgement of a window. Times are those of the processor.
 """
 
 from __future__ import annotations
@@ -35,28 +35,20 @@ class Frames:
     #: map.
     frames: int | None = None
     seconds: float | None = None
-    #: frames_whole, seconds_whole: The same where every frame is judged at once.
-    frames_whole: int | None = None
-    seconds_whole: float | None = None
     #: Times of each stage.
     stages_ms: dict[str, StageTimes] = field(default_factory=dict)
 
 
 def measure(name: str, source: Source, max_frames: int | None = None) -> Frames:
     """Measure a sequence."""
-    from slam_init.config import REALTIME_WORK, Config
     from slam_init.initializer import Initializer
 
     if source.camera is None:
         raise ValueError(f"{name}: no camera; the benchmark runs on calibrated sequences only")
     images = list(islice(source.frames(), max_frames))
     arrivals_s = [image.timestamp_s - images[0].timestamp_s for image in images]
-    whole, _, times_ms = _processed(Initializer(source.camera, Config(work_per_frame=None)), images)
     measured = Frames(name)
-    if whole:
-        measured.frames_whole, measured.seconds_whole = len(times_ms), _queued_s(arrivals_s, times_ms)
-    sliced = Initializer(source.camera, Config(work_per_frame=REALTIME_WORK))
-    mapped, stages_ms, times_ms = _processed(sliced, images)
+    mapped, stages_ms, times_ms = _processed(Initializer(source.camera), images)
     if mapped:
         measured.frames, measured.seconds = len(times_ms), _queued_s(arrivals_s, times_ms)
         measured.handover_ms = times_ms.pop()
@@ -66,11 +58,14 @@ def measure(name: str, source: Source, max_frames: int | None = None) -> Frames:
 
 def _processed(initializer: Initializer, images: Sequence[Frame]) -> tuple[bool, dict[str, StageTimes], list[float]]:
     """Whether an initializer has a map after some images, the times of its stages, and those of the frames (ms)."""
+    from slam_init.types.stopwatch import Stopwatch
+
     times_ms: list[float] = []
+    initializer.stopwatch = Stopwatch(time.process_time)
     for image in images:
-        begin = time.perf_counter()
+        begin = time.process_time()
         mapped = bool(initializer.process(image))
-        times_ms.append(1e3 * (time.perf_counter() - begin))
+        times_ms.append(1e3 * (time.process_time() - begin))
         if mapped:
             return True, initializer.stopwatch.summary(), times_ms
     return False, initializer.stopwatch.summary(), times_ms
@@ -92,7 +87,7 @@ def frames_table(measured: Sequence[Frames], flow_ms: float) -> str:
 
     header = [
         "ms (ratio to the flow)", "waiting frames", "median", "99th percentile", "largest", "above 33 ms",
-        "hand-over", "to the map", "in whole frames",
+        "hand-over", "to the map",
     ]  # fmt: skip
     rows = []
     for one in measured:
@@ -100,10 +95,9 @@ def frames_table(measured: Sequence[Frames], flow_ms: float) -> str:
         times = [float(np.median(waiting)), float(np.percentile(waiting, 99)), float(waiting.max())]
         shown = [f"{number(ms, 1)} ({ms / flow_ms:.1f})" for ms in times]
         handover = "-" if one.handover_ms is None else f"{one.handover_ms:.1f} ({one.handover_ms / flow_ms:.1f})"
-        ends = ((one.frames, one.seconds), (one.frames_whole, one.seconds_whole))
-        counts = ["-" if count is None else f"{count} frames, {seconds:.2f} s" for count, seconds in ends]
+        end = "-" if one.frames is None else f"{one.frames} frames, {one.seconds:.2f} s"
         late = f"{float((waiting > _FRAME_MS).mean()):.1%}"
-        rows.append([one.name, str(len(one.waiting_ms)), *shown, late, handover, *counts])
+        rows.append([one.name, str(len(one.waiting_ms)), *shown, late, handover, end])
     return markdown_table(header, rows)
 
 

@@ -10,7 +10,6 @@ from cli_files import IMAGES, WITH
 import slam_init.initializer
 import slam_init.recording.live_viewer
 from slam_init.cli import main
-from slam_init.config import REALTIME_WORK
 from slam_init.system.process_io import FirstInterruptCalls
 
 
@@ -29,19 +28,13 @@ def stdin():
     os.close(read)
 
 
-@pytest.mark.parametrize(("options", "work"), [([], REALTIME_WORK), (["--no-realtime"], None)])
-def test_a_live_source_is_judged_in_slices_unless_told_otherwise(world, pipeline, stdin, monkeypatch, options, work):
+def test_a_live_source_and_a_stored_one_have_the_same_options(world, pipeline, stdin, monkeypatch):
     monkeypatch.setattr(slam_init.initializer, "load_all", lambda: None)  # of no use for a stand-in
-    assert main(["run", "-", *WITH, *options]) == 0
-    ((source, _, config, _),) = pipeline.calls
-    assert (source.kind, source.name, config.work_per_frame) == ("live", "standard input", work)
-
-
-def test_a_stored_source_is_judged_at_once_unless_told_otherwise(world, pipeline):
-    (world / "c.toml").write_text("work_per_frame = 9000.0\n")
-    for options in ([], ["--realtime"], ["--config", "c.toml"], ["--config", "c.toml", "--no-realtime"]):
-        assert main(["run", IMAGES, *WITH, *options]) == 0
-    assert [config.work_per_frame for _, _, config, _ in pipeline.calls] == [None, REALTIME_WORK, 9000.0, None]
+    for source in ("-", IMAGES):
+        assert main(["run", source, *WITH]) == 0
+    (live, _, config, _), (_, _, stored, _) = pipeline.calls
+    assert (live.kind, live.name) == ("live", "standard input")
+    assert config == stored
 
 
 @pytest.mark.parametrize("command", [["info", "camera:0"], ["compare", "rtsp://me:secret@host/a"]])

@@ -148,58 +148,6 @@ def test_the_flow_is_confirmed_by_matches_that_move_alike_and_not_trusted_where_
     assert not confirmed_by(old[:3], old[:3] + step, before, right, 0.7).any()
 
 
-def test_a_frame_that_must_not_wait_is_linked_by_flow_alone(monkeypatch):
-    """A jump of half an image, of which the flow finds nothing: descriptors would find it."""
-    first, second = look((100, 60), (230, 60))
-    tracker = Tracker(CAMERA, CONFIG)
-    before = tracker.track(first, by_flow_alone=True)
-    monkeypatch.setattr("slam_init.frontend.tracks.detect_sift", None)
-    after = tracker.track(second, by_flow_alone=True)
-    assert tracker.revised == ()
-    assert tracker.history[0] is before
-    assert len(common_tracks(before, after)[0]) < 0.1 * len(before)
-    assert len(after) > 0.5 * len(before)  # new corners
-    np.testing.assert_array_equal(
-        tracker.track(replace(second, index=2), by_flow_alone=True).track_ids, after.track_ids
-    )
-
-
-def test_flow_alone_gives_the_same_tracks_as_long_as_it_loses_few():
-    frames = look(*[(100 + 6 * k, 60) for k in range(8)])
-    (_, seen), tracker = follow(frames), Tracker(CAMERA, CONFIG)
-    for frame, wanted in zip(frames, seen, strict=True):
-        found = tracker.track(frame, by_flow_alone=True)
-        np.testing.assert_array_equal(found.track_ids, wanted.track_ids)
-        np.testing.assert_array_equal(found.pixels, wanted.pixels)
-
-
-def test_after_photographs_flow_alone_follows_no_more_than_the_configured_number():
-    config = replace(CONFIG, max_tracks=60)
-    frames = look((100, 60), (230, 60), (231, 60), (232, 60))
-    tracker = Tracker(CAMERA, config)
-    photographs = [tracker.track(frame) for frame in frames[:2]]
-    assert len(photographs[1]) > 100
-    video = [tracker.track(frame, by_flow_alone=True) for frame in frames[2:]]
-    for seen in video:
-        assert 40 < len(seen) <= 60
-        assert len(common_tracks(photographs[1], seen)[0]) > 30
-
-
-def test_corners_of_a_large_image_are_detected_in_a_smaller_one_where_it_must_not_wait():
-    """Squares on grey: their corners are the only ones. The response is largest two pixels inside of a corner."""
-    corners = np.array([(x, y) for x in range(100, 900, 100) for y in range(100, 700, 100)], float)
-    image = np.full((800, 1000), 60, np.uint8)
-    for x, y in corners[::2].astype(int):
-        image[y : y + 40, x : x + 40] = 200
-    corners = np.concatenate([corners[::2] + offset for offset in ((0, 0), (39, 0), (0, 39), (39, 39))])
-    camera = Camera("pinhole", 1000, 800, 800.0, 800.0, 499.5, 399.5)
-    for by_flow_alone in (False, True):
-        seen = Tracker(camera, CONFIG).track(Frame(0, 0.0, "", image), by_flow_alone=by_flow_alone)
-        distances = np.linalg.norm(seen.pixels[:, None] - corners[None], axis=2)
-        assert (distances.min(axis=0) < 5).all()
-        assert (distances.min(axis=1) < 5).all()
-
-
 def test_after_a_cut_to_another_scene_almost_no_tracks_are_left():
     other = window(texture(2, 500, 900), 100, 60, *SIZE, index=1)
     _, seen = follow([*look((100, 60)), other])
