@@ -6,6 +6,8 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,8 +36,8 @@ class Attack:
     #: Performs the attack in an empty folder that it is given, and returns what was seen. An exception that it raises
     #: is a failure of the project.
     run: Callable[[Path], Seen] = field(repr=False)
-    #: The attack has to end within this time.
-    limit_s: float = 60.0
+    #: The attack has to end within the time of so many runs (:class:`Pace`).
+    limit_runs: float = 10.0
 
 
 @dataclass(frozen=True)
@@ -52,17 +54,49 @@ class Ended:
 
 #: Exit code of a command that had to be killed, see :class:`Ended`.
 TIMED_OUT = -1000
+#: A run on it initializes after 8 frames, and writes 1.1 MB.
+ROOM = "synth:room?frames=14&width=320&height=240"
 
 
-def command(
-    *arguments: str | os.PathLike[str],
-    folder: Path,
-    environment: Mapping[str, str] | None = None,
-    limit_s: float = 55.0,
-) -> Ended:
-    """Run ``slam-init`` in a process group of its own."""
-    process = subprocess.Popen(
-        program(arguments),
+class Pace:
+    """The time of a run on this machine at the moment: the unit of all limits of time.
+
+    A limit in seconds fails where the machine is busy. A limit that is reached counts only after the pace was measured
+    anew, so that a load that began in the meantime makes it longer.
+    """
+
+    _run_s: float | None = None
+
+    @classmethod
+    def run_s(cls, *, anew: bool = False) -> float:
+        """Seconds of a run that finds a map. The first run compiles, and is not measured."""
+        if cls._run_s is None or anew:
+            for _ in range(1 if cls._run_s is not None else 2):
+                began = time.monotonic()
+                with tempfile.TemporaryDirectory() as folder:
+                    words = program(("run", ROOM, "--quiet", "--out", "out"))
+                    subprocess.run(words, cwd=folder, check=True, stdin=subprocess.DEVNULL, capture_output=True)
+                cls._run_s = time.monotonic() - began
+        assert cls._run_s is not None
+        return cls._run_s
+
+    @classmethod
+    def is_over(cls, began: float, runs: float) -> bool:
+        """Tell whether the time of so many runs has passed since a moment."""
+        if time.monotonic() - began < runs * cls.run_s():
+            return False
+        seconds = time.monotonic() - began
+        return seconds >= runs * cls.run_s(anew=True)
+
+
+#: Within the time of so many runs a command has to end, a viewer to start, and a trial to begin.
+IN_TIME = 8.0
+
+
+def started(words: Sequence[str], folder: Path, environment: Mapping[str, str] | None = None) -> subprocess.Popen[str]:
+    """Start a program in a process group of its own."""
+    return subprocess.Popen(
+        words,
         cwd=folder,
         env={**os.environ, **(environment or {})},
         stdin=subprocess.DEVNULL,
@@ -72,13 +106,39 @@ def command(
         errors="backslashreplace",
         start_new_session=True,
     )
-    try:
-        out, err = process.communicate(timeout=limit_s)
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        out, err = process.communicate()
-        return Ended(TIMED_OUT, out, err)
-    return Ended(process.returncode, out, err)
+
+
+def finished(process: subprocess.Popen[str], runs: float = IN_TIME) -> Ended:
+    """Wait for a program; it is killed with its group after the time of so many runs."""
+    began = time.monotonic()
+    while True:
+        try:
+            out, err = process.communicate(timeout=max(runs * Pace.run_s() - (time.monotonic() - began), 0.1))
+        except subprocess.TimeoutExpired:
+            if Pace.is_over(began, runs):
+                os.killpg(process.pid, signal.SIGKILL)
+                out, err = process.communicate()
+                return Ended(TIMED_OUT, out, err)
+        else:
+            return Ended(process.returncode, out, err)
+
+
+def waited(process: subprocess.Popen[bytes], runs: float = IN_TIME) -> int:
+    """Wait for a program that writes nothing: its exit code, or :data:`TIMED_OUT` where it does not end in time."""
+    began = time.monotonic()
+    while (code := process.poll()) is None:
+        if Pace.is_over(began, runs):
+            process.kill()
+            process.wait()
+            return TIMED_OUT
+        time.sleep(0.02)
+    return code
+
+
+def command(*arguments: str | os.PathLike[str], folder: Path, environment: Mapping[str, str] | None = None) -> Ended:
+    """Run ``slam-init`` in a process group of its own."""
+    Pace.run_s()  # the first measurement lasts longer than many commands
+    return finished(started(program(arguments), folder, environment))
 
 
 def program(arguments: Sequence[str | os.PathLike[str]]) -> list[str]:

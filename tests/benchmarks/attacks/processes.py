@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from tests.benchmarks.attacks import hostile
-from tests.benchmarks.attacks.attack import Attack, Ended, Seen, command, one_line, program
+from tests.benchmarks.attacks.attack import IN_TIME, Attack, Ended, Pace, Seen, command, one_line, program, waited
 from tests.benchmarks.attacks.process_tree import MARK, left_over, new_mark, processes_with
 
 _AREA = "processes"
@@ -70,21 +70,21 @@ def _parent_is_killed(number: signal.Signals, backend: str, method: str, folder:
         program(("compare", _SOURCE, *options, "--out", "out")), cwd=folder, env={**os.environ, MARK: mark},
         stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
     )  # fmt: skip
-    started = _trial_runs(mark)
+    running = _trial_runs(mark)
     count = len(processes_with(mark))
     process.send_signal(number)
-    code = process.wait(30)
+    code = waited(process)
     left = left_over(mark)
     for each in left:
         os.kill(each, signal.SIGKILL)
     expected = -number if number == signal.SIGKILL else 128 + number
-    return Seen(started and not left and code == expected, f"exit code {code}; {count} processes, {len(left)} left")
+    return Seen(running and not left and code == expected, f"exit code {code}; {count} processes, {len(left)} left")
 
 
-def _trial_runs(mark: str, within_s: float = 40.0) -> bool:
+def _trial_runs(mark: str) -> bool:
     """Wait until a process computes a trial: the comparison has its journal, and a worker uses a core."""
-    end = time.monotonic() + within_s
-    while time.monotonic() < end:
+    began = time.monotonic()
+    while not Pace.is_over(began, IN_TIME):
         for process in processes_with(mark):
             try:
                 words = Path(f"/proc/{process}/cmdline").read_bytes().split(b"\0")

@@ -15,7 +15,20 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.benchmarks.attacks.attack import Attack, Ended, Seen, command, one_line, program
+from tests.benchmarks.attacks.attack import (
+    IN_TIME,
+    ROOM,
+    Attack,
+    Ended,
+    Pace,
+    Seen,
+    command,
+    finished,
+    one_line,
+    program,
+    started,
+    waited,
+)
 from tests.benchmarks.attacks.folders import STILL
 from tests.benchmarks.attacks.process_tree import MARK, left_over, new_mark, processes_with
 
@@ -38,11 +51,7 @@ def _refused(arguments: Sequence[str], word: str, prepare: Callable[[Path], obje
 def _in_shell(before: str, arguments: Sequence[str], folder: Path) -> Ended:
     """Run a command in a shell with mounts of its own, after something was done there."""
     words = shlex.join(program(arguments))
-    done = subprocess.run(
-        ["unshare", "-m", "sh", "-c", f"{before}; exec {words}"], cwd=folder, capture_output=True, text=True,
-        timeout=55, check=False, stdin=subprocess.DEVNULL,
-    )  # fmt: skip
-    return Ended(done.returncode, done.stdout, done.stderr)
+    return finished(started(["unshare", "-m", "sh", "-c", f"{before}; exec {words}"], folder))
 
 
 def _read_only_shm(folder: Path) -> Seen:
@@ -124,18 +133,16 @@ def _sheet(folder: Path) -> None:
 def _graph(change: Callable[[Path], object], folder: Path) -> Seen:
     """Read a damaged graph in a process of its own."""
     out = folder / "run"
-    made = command("run", "synth:room?frames=14&width=320&height=240", "--quiet", "--out", "run", folder=folder)
+    made = command("run", ROOM, "--quiet", "--out", "run", folder=folder)
     if made.code:
         return Seen(False, f"no map: exit code {made.code} {made.err[-100:]}")
     change(out)
     code = (
         "import sys, slam_init\ntry: slam_init.load_graph(sys.argv[1])\nexcept slam_init.SlamInitError as e: print(e)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(out)], capture_output=True, text=True, timeout=50, check=False
-    )
-    lines = done.stdout.splitlines()
-    return Seen(done.returncode == 0 and len(lines) == 1 and not done.stderr, f"{done.returncode}: {lines[:1]}")
+    ended = finished(started([sys.executable, "-c", code, str(out)], folder))
+    lines = ended.out.splitlines()
+    return Seen(ended.code == 0 and len(lines) == 1 and not ended.err, f"{ended.code}: {lines[:1]}")
 
 
 def _fifo(out: Path) -> None:
@@ -177,13 +184,13 @@ def _viewer_is_killed(number: signal.Signals, options: tuple[str, ...], folder: 
         program(("view", "out", *options)), cwd=folder, env=environment, start_new_session=True,
         stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
-    end = time.monotonic() + 30
-    while len(processes_with(mark)) < 3 and process.poll() is None and time.monotonic() < end:
+    began = time.monotonic()
+    while len(processes_with(mark)) < 3 and process.poll() is None and not Pace.is_over(began, IN_TIME):
         time.sleep(0.05)
     time.sleep(1.0)
     count = len(processes_with(mark))
     process.send_signal(number)
-    process.wait(30)
+    waited(process)
     left = left_over(mark, within_s=10)
     for each in left:
         os.kill(each, signal.SIGKILL)

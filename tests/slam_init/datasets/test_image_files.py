@@ -10,7 +10,7 @@ from make_files import CAMERA_YAML, picture, write, write_image
 from make_layouts import eth3d
 from path_types import PATH_TYPES
 
-from slam_init.datasets import open_source
+from slam_init.datasets import image_files, open_source
 from slam_init.datasets.image_files import IMAGE_SUFFIXES, list_images, read_image, stored_camera
 from slam_init.errors import SourceError
 
@@ -108,6 +108,14 @@ def test_an_unreadable_image_is_refused_by_name_when_it_is_read(tmp_path, name):
     assert next(frames).index == 0
     with pytest.raises(SourceError, match=f"b_{name}"):
         next(frames)
+
+
+def test_a_folder_of_too_many_images_is_refused_with_what_to_do(tmp_path, monkeypatch):
+    monkeypatch.setattr(image_files, "MAX_FRAMES", 2)
+    for k in range(3):
+        write_image(tmp_path / f"{k}.png", picture(k))
+    with pytest.raises(SourceError, match="holds more than 2 images: split it into several folders"):
+        open_source(tmp_path)
 
 
 def test_images_of_two_sizes_are_refused(tmp_path):

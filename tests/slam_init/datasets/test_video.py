@@ -34,6 +34,11 @@ def test_frames_and_times_of_a_video_are_read(video):
     assert abs(frames[0].image.mean() - 150) < 3
 
 
+@pytest.mark.parametrize("name", ["a%03d.avi", "100%.avi", "#1?.avi"])
+def test_a_name_that_is_a_pattern_elsewhere_is_a_name(video, name):
+    assert len(list(open_source(str(video.rename(video.with_name(name)))).frames())) == 7
+
+
 def test_a_length_or_rate_that_is_impossible_is_not_believed(video):
     data = bytearray(video.read_bytes())
     header, stream = data.index(b"avih") + 8, data.index(b"strh") + 8
