@@ -8,9 +8,8 @@ keyframe farthest from it, as the gauge of the graph is.
 ``python -m tests.benchmarks.coverage 60``
     60 drawn worlds of each stratum: exact lens; focal length, principal point or k1 off by the standard deviations of
     :mod:`slam_init.bundle.lens`; an independent or a drifting error field.
-``python -m tests.benchmarks.coverage 300 --worlds FOLDER --seed 10000``
-    300 worlds of another generator: a folder with ``gen.py``, whose ``draw_factors(seed)`` and ``make(factors)`` draw a
-    world.
+``python -m tests.benchmarks.coverage 300 --worlds PATH/gen.py --seed 10000``
+    300 worlds of another generator, as of :mod:`tests.benchmarks.reliability`.
 ``--lens 0``
     The maps with ``map.lens_uncertainty=0``, as for a lens that is known to be exact.
 ``--rows FILE``
@@ -20,12 +19,10 @@ keyframe farthest from it, as the gauge of the graph is.
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import math
-import subprocess
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,16 +33,21 @@ from slam_init.datasets.points import open_points
 from slam_init.initializer import Initializer
 from slam_init.output.tables import markdown_table
 from slam_init.types.arrays import Bools, Floats
-from slam_init.types.camera import Camera
-from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose
 from tests.benchmarks.options import positive, show
+from tests.benchmarks.reliability import (
+    DIRECTION_DEG,
+    ROTATION_DEG,
+    World,
+    by_another_hand,
+    commit,
+    errors_deg,
+    points_of,
+)
 
 #: Quantiles of chi-square at 95 % by degrees of freedom.
 _CHI95 = {3: 7.815, 5: 11.070, 6: 12.592}
-#: A map whose rotation is off by more is false, and no deviation says so; as in all tables.
-_FALSE_DEG, _FALSE_DIRECTION_DEG = 5.0, 15.0
 #: Landmarks of a map whose marginals are asked of gtsam.
 _OF_GRAPH = 12
 _SCENES = (
@@ -53,18 +55,6 @@ _SCENES = (
     *("rotate-then-move", "tilted-15", "tilted-30", "tilted-45"),
 )
 _STRATA = ("exact", "focal", "principal", "k1", "field", "drift")
-
-
-@dataclass(frozen=True, eq=False)
-class World:
-    """Tracks with their truth."""
-
-    stratum: str
-    camera: Camera
-    frames: tuple[Observations, ...]
-    world_from_cam: tuple[Pose, ...]
-    #: (T, 3) By track id; NaN where there is none.
-    points: Floats
 
 
 @dataclass(frozen=True)
@@ -81,8 +71,12 @@ class Coverage:
 
 
 def coverage_of(world: World, map_: InitialMap) -> Coverage | None:
-    """Judge a map; None if it is false."""
+    """Judge a map; None if it is false, which no deviation says."""
     import gtsam
+
+    rotation_deg, direction_deg = errors_deg(map_, world.world_from_cam)
+    if rotation_deg >= ROTATION_DEG or direction_deg >= DIRECTION_DEG:
+        return None
 
     first = map_.keyframes[0]
     estimated = [first.world_from_cam.inverse() @ keyframe.world_from_cam for keyframe in map_.keyframes]
@@ -91,8 +85,6 @@ def coverage_of(world: World, map_: InitialMap) -> Coverage | None:
     lengths = np.array([np.linalg.norm(pose.t) for pose in estimated])
     far = int(np.argmax(lengths))
     scale = lengths[far] / max(float(np.linalg.norm(true[far].t)), 1e-12)
-    if _is_false(estimated, true, lengths):
-        return None
     marginals = gtsam.Marginals(map_.graph, map_.values)
     inside, inside_graph = [], []
     for k in range(1, len(true)):
@@ -114,7 +106,7 @@ def coverage_of(world: World, map_: InitialMap) -> Coverage | None:
     depths = np.linalg.norm(newest.inverse().apply(map_.points[good]), axis=1)
     off = np.linalg.norm(true_newest.inverse().apply(points[good]), axis=1) / depths - 1
     return Coverage(
-        world.stratum,
+        str(world.factors["stratum"]),
         float(np.mean(inside)),
         float(np.mean(_within(errors, map_.point_covariances[good]))),
         float(np.mean(np.abs(off) < 1.96 * map_.depth_sigmas[good])),
@@ -128,17 +120,6 @@ def _within(errors: Floats, covariances: Floats) -> Bools:
     return np.asarray(
         np.einsum("li,li->l", errors, np.linalg.solve(covariances, errors[..., None])[..., 0]) < _CHI95[3]
     )
-
-
-def _is_false(estimated: Sequence[Pose], true: Sequence[Pose], lengths: Floats) -> bool:
-    for one, other, length in zip(estimated[1:], true[1:], lengths[1:], strict=True):
-        cosine = (np.trace(one.R.T @ other.R) - 1) / 2
-        if math.degrees(math.acos(np.clip(cosine, -1, 1))) > _FALSE_DEG:
-            return True
-        along = one.t @ other.t / max(float(np.linalg.norm(one.t) * np.linalg.norm(other.t)), 1e-300)
-        if length >= 0.3 * lengths.max() and math.degrees(math.acos(np.clip(along, -1, 1))) > _FALSE_DIRECTION_DEG:
-            return True
-    return False
 
 
 def drawn_worlds(count: int, seed: int) -> Iterator[World]:
@@ -163,38 +144,16 @@ def drawn_world(stratum: str, seed: int) -> World:
     noise, points = rng.choice([0.2, 0.4, 0.7]), rng.choice([150, 300, 600])
     text = f"points:{scene}?views=20&noise_px={noise}&baseline={baseline}&points={points}{error}"
     source = open_points(text, seed)
-    sequence = source.sequence
-    moved = sequence.is_outlier | sequence.is_moving
-    return World(
-        stratum,
-        source.camera,
-        tuple(source.observations()),
-        source.groundtruth.world_from_cam,
-        np.where(moved[:, None], np.nan, sequence.points),
-    )
+    poses = list(source.groundtruth.world_from_cam)
+    return World(source.camera, list(source.observations()), poses, False, {"stratum": stratum}, points_of(source))
 
 
-def other_worlds(folder: Path, count: int, seed: int) -> Iterator[World]:
+def other_worlds(path: Path, count: int, seed: int) -> Iterator[World]:
     """Worlds of another generator, without those in which the camera does not translate."""
-    spec = importlib.util.spec_from_file_location("gen", folder / "gen.py")
-    if spec is None or spec.loader is None:
-        raise SystemExit(f"{folder} has no gen.py")
-    generator: Any = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(generator)
-    for number in range(seed, seed + count):
-        factors = generator.draw_factors(number)
-        world = generator.make(factors)
-        if world is None or world["notrans"]:
-            continue
-        cx, cy = map(float, world["cs"])
-        camera = Camera("pinhole", world["W"], world["H"], world["fs"], world["fs"], cx, cy)
-        frames = tuple(
-            Observations(frame, time_s, f"frame-{frame}", ids.astype(np.int64), pixels, camera.bearings(pixels))
-            for frame, time_s, ids, pixels in world["frames"]
-        )
-        poses = tuple(Pose(np.asarray(R), np.asarray(t)) for R, t in world["poses"])
-        points = np.where((world["kind"] == 0)[:, None], world["X"], np.nan)
-        yield World(_stratum_of(factors), camera, frames, poses, points)
+    worlds = by_another_hand(path)
+    for world in (world for number in range(seed, seed + count) for world in worlds(number)):
+        if not world.no_translation:
+            yield replace(world, factors={"stratum": _stratum_of(world.factors)})
 
 
 def _stratum_of(factors: Any) -> str:
@@ -209,7 +168,7 @@ def _stratum_of(factors: Any) -> str:
 def run(world: World, config: Config) -> Coverage | None:
     """Initialize from the tracks of a world, and judge the map."""
     initializer = Initializer(world.camera, config)
-    for observed in world.frames:
+    for observed in world.views:
         if initializer.process_tracks(observed):
             break
     return None if initializer.map is None else coverage_of(world, initializer.map)
@@ -224,7 +183,7 @@ def table(rows: Sequence[Coverage]) -> str:
         cells = [_share([getattr(row, figure) for row in part]) for figure in figures]
         lines.append([stratum, str(len(part)), *cells, f"{np.median([row.depth_sigma for row in part]):.3f}"])
     header = ["within 95 %", "maps", "poses", "points", "depths", "graph: poses", "graph: points", "depth sigma"]
-    return f"{markdown_table(header, lines)}\n\ncommit {_commit()}"
+    return f"{markdown_table(header, lines)}\n\ncommit {commit()}"
 
 
 def _share(values: Sequence[float]) -> str:
@@ -232,18 +191,12 @@ def _share(values: Sequence[float]) -> str:
     return f"{100 * mean:.0f} [{100 * max(mean - spread, 0):.0f}, {100 * min(mean + spread, 1):.0f}]"
 
 
-def _commit() -> str:
-    here = Path(__file__).parent
-    found = subprocess.run(["git", "-C", here, "rev-parse", "--short", "HEAD"], capture_output=True, text=True)
-    return found.stdout.strip() or "unknown"
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure, and print the table."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.coverage", allow_abbrev=False)
     parser.add_argument("count", type=positive, nargs="?", default=20, help="worlds, of each stratum (default: 20)")
     parser.add_argument("--seed", type=int, default=0, help="of the first world")
-    parser.add_argument("--worlds", type=Path, metavar="FOLDER", help="another generator")
+    parser.add_argument("--worlds", type=Path, metavar="FILE", help="another generator")
     parser.add_argument("--lens", type=float, default=1.0, help="map.lens_uncertainty")
     parser.add_argument("--rows", type=Path, metavar="FILE", help="JSON lines of the maps, which are added to")
     arguments = parser.parse_args(argv)

@@ -30,6 +30,8 @@ from slam_init.types.pose import Pose
 DIRECTION_UNKNOWN = ("7scenes/", "tum_rgbd/")
 #: A sequence of a static camera, without any translation.
 STATIC_SEQUENCE = "euroc/V1_01_static"
+#: Excluded: a person holds the chessboard in front of a fixed camera, so no single motion explains the image.
+_SEVERAL_MOTIONS = ("planar/opencv_chessboard",)
 #: Pairs with a baseline shorter than this share of the longest one in the sequence are left out: noise dominates the
 #: direction of such a baseline.
 _SHORT_BASELINE = 0.05
@@ -55,6 +57,12 @@ class ImagePair:
 def data_folder() -> Path:
     """Return the folder of the real data: ``SLAM_INIT_DATA``, by default ``../shared/data``."""
     return Path(os.environ.get("SLAM_INIT_DATA", "../shared/data"))
+
+
+def find_sequences(data: Path) -> list[str]:
+    """Return the paths below ``data`` of the sequences with a camera and a ground truth, sorted."""
+    folders = (camera.parent for camera in data.rglob("camera.yaml") if (camera.parent / "groundtruth.txt").is_file())
+    return sorted(name for folder in folders if (name := folder.relative_to(data).as_posix()) not in _SEVERAL_MOTIONS)
 
 
 def match_features(

@@ -47,10 +47,10 @@ from tests.benchmarks.image_pairs import (
     STATIC_SEQUENCE,
     ImagePair,
     data_folder,
+    find_sequences,
     sequence_pairs,
     true_matches,
 )
-from tests.benchmarks.initialization import find_sequences
 from tests.benchmarks.quest.paper_problems import rotation_error
 from tests.benchmarks.quest.running import positive, run_on_one_thread, save
 

@@ -29,11 +29,11 @@ from tests.benchmarks.image_pairs import (
     ImagePair,
     chessboard_pairs,
     data_folder,
+    find_sequences,
     pair_set,
     sequence_pairs,
     true_matches,
 )
-from tests.benchmarks.initialization import find_sequences
 from tests.benchmarks.quest.cells import auc_cell, errors_cell, kept_cell, times_cell, verdicts_cell
 from tests.benchmarks.quest.robust_methods import METHODS, Estimate, available, limit_threads
 from tests.benchmarks.quest.robust_trials import Answer, judge, warm_up

@@ -12,7 +12,8 @@ directions mean little. The sum of the stated risks is the number of false maps 
 Worlds by another hand come from a Python file with two functions. ``draw_factors(seed)`` returns a dict of factors.
 ``make(factors)`` returns None, or a dict: ``W, H`` the size of the image, ``fs`` the stated focal length and ``cs`` the
 stated principal point, ``frames`` a list of (index, time, track ids, pixels), ``poses`` a list of (R, t) of
-``world_from_cam``, and ``notrans`` whether the camera does not translate.
+``world_from_cam``, and ``notrans`` whether the camera does not translate. For the coverage of points, ``X`` holds the
+point of each track id and ``kind`` 0 for those at rest.
 """
 
 from __future__ import annotations
@@ -32,9 +33,10 @@ from typing import Any
 import numpy as np
 
 from slam_init.compare.statistics import wilson
-from slam_init.datasets.points import open_points
+from slam_init.datasets.points import PointSource, open_points
 from slam_init.initializer import Initializer
 from slam_init.output.tables import markdown_table
+from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap
@@ -43,7 +45,7 @@ from slam_init.window.motion import difference_deg
 from tests.benchmarks.options import show
 
 #: What counts as wrong, in degrees, and the shortest baseline that is judged, over the longest one.
-_ROTATION_DEG, _DIRECTION_DEG, _SHORTEST = 5.0, 15.0, 0.3
+ROTATION_DEG, DIRECTION_DEG, _SHORTEST = 5.0, 15.0, 0.3
 #: Scenes and baselines of the built-in generator; the last two do not translate.
 _SCENES = ("room", "corridor", "wall", "desk", "nadir", "nadir-turn", "tilted-30", "rotation", "static")
 _BASELINES, _WITHOUT_TRANSLATION = (0.03, 0.05, 0.1), ("rotation", "static")
@@ -61,6 +63,8 @@ class World:
     no_translation: bool
     #: The factors that it was drawn from.
     factors: Mapping[str, Any]
+    #: (T, 3) By track id; NaN where there is none.
+    points: Floats
 
 
 @dataclass(frozen=True)
@@ -92,11 +96,8 @@ def decide(world: World, seed: int) -> Decision:
     wait, status, factors = count - 1, initializer.status, dict(world.factors)
     if initializer.map is None:
         return Decision(seed, factors, "none", wait, world.no_translation, str(status.reason))
-    errors = errors_deg(initializer.map, world.world_from_cam)
-    longest = max(length for length, _, _ in errors)
-    rotation = max(rotation for _, rotation, _ in errors)
-    direction = max(direction for length, _, direction in errors if length >= _SHORTEST * longest)
-    wrong = world.no_translation or rotation >= _ROTATION_DEG or direction >= _DIRECTION_DEG
+    rotation, direction = errors_deg(initializer.map, world.world_from_cam)
+    wrong = world.no_translation or rotation >= ROTATION_DEG or direction >= DIRECTION_DEG
     attempt = status.attempt
     window = None if attempt is None else attempt.window
     sigma = math.nan if window is None else window.direction_sigma_deg
@@ -106,8 +107,8 @@ def decide(world: World, seed: int) -> Decision:
     )  # fmt: skip
 
 
-def errors_deg(map_: InitialMap, truth: Sequence[Pose]) -> list[tuple[float, float, float]]:
-    """True baseline, error of the rotation and error of the direction of each keyframe but the first."""
+def errors_deg(map_: InitialMap, truth: Sequence[Pose]) -> tuple[float, float]:
+    """Largest errors of a rotation and of the direction of a baseline; short baselines are left out."""
     first, *others = map_.keyframes
     errors = []
     for one in others:
@@ -115,7 +116,9 @@ def errors_deg(map_: InitialMap, truth: Sequence[Pose]) -> list[tuple[float, flo
         true = truth[one.frame].inverse() @ truth[first.frame]
         rotation, direction = difference_deg(found, true)
         errors.append((float(np.linalg.norm(true.t)), rotation, direction if true.t.any() else 180.0))
-    return errors
+    longest = max(length for length, _, _ in errors)
+    directions = [direction for length, _, direction in errors if length >= _SHORTEST * longest]
+    return max(rotation for _, rotation, _ in errors), max(directions)
 
 
 def built_in(seed: int) -> Iterator[World]:
@@ -126,7 +129,14 @@ def built_in(seed: int) -> Iterator[World]:
             source = open_points(f"points:{scene}?baseline={baseline}&noise_px={noise_px}&outliers={outliers}", seed)
             factors = {"scene": scene, "baseline": baseline, "noise": noise_px, "outliers": outliers}
             poses = list(source.groundtruth.world_from_cam)
-            yield World(source.camera, list(source.observations()), poses, scene in _WITHOUT_TRANSLATION, factors)
+            views, points = list(source.observations()), points_of(source)
+            yield World(source.camera, views, poses, scene in _WITHOUT_TRANSLATION, factors, points)
+
+
+def points_of(source: PointSource) -> Floats:
+    """The points of the tracks (T, 3) of a world; NaN for outliers and moving points."""
+    sequence = source.sequence
+    return np.where((sequence.is_outlier | sequence.is_moving)[:, None], np.nan, sequence.points)
 
 
 def by_another_hand(path: Path) -> Callable[[int], Iterator[World]]:
@@ -150,7 +160,8 @@ def by_another_hand(path: Path) -> Callable[[int], Iterator[World]]:
         ]
         poses = [Pose(R, t) for R, t in made["poses"]]
         plain = {key: value.item() if hasattr(value, "item") else value for key, value in factors.items()}
-        yield World(camera, views, poses, bool(made["notrans"]), plain)
+        points = np.where((made["kind"] == 0)[:, None], made["X"], np.nan) if "X" in made else np.zeros((0, 3))
+        yield World(camera, views, poses, bool(made["notrans"]), plain, points)
 
     return worlds
 
