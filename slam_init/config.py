@@ -7,7 +7,6 @@ refused. Names that end in ``_px`` are pixels of the original image; ``min_dista
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
 import tomllib
 from collections.abc import Mapping
@@ -27,6 +26,7 @@ _MAX_BYTES = 200_000
 #: The range of each number, with the reason: outside of it a library fails, a run never ends, or nothing is left to do.
 RANGES: dict[str, tuple[float, float, str]] = {
     "seed": (0, 2**63 - 1, "it is stored in 64 bits"),
+    "refine_frames": (0, 1_000_000, "frames"),
     "tracking.max_tracks": (10, 100_000, "a motion needs some tracks, and time grows with their number"),
     "tracking.min_distance": (0.0001, 0.2, "a share of the image width; at a fifth 25 corners are left"),
     "tracking.refill_share": (0.001, 1, "a share"),
@@ -225,6 +225,10 @@ class Config(Described):
         Name of the method (``quest``, ``orb-slam3``, ...), ``package.module:attribute``, or ``command:PROGRAM ...``.
     seed : int
         Seed of all random draws and of synthetic worlds.
+    refine_frames : int or None
+        Number of frames after the acceptance by which the map grows before it is handed over; 0 for none. None: a run
+        hands it over at once, and an initializer that gets further frames as soon as the median deviation of its
+        depths, with all errors, is at most ``acceptance.max_depth_sigma`` (:mod:`slam_init.mapping.refinement`).
     tracking : TrackingConfig
         Features and tracks.
     keyframes : KeyframeConfig
@@ -241,6 +245,7 @@ class Config(Described):
 
     method: str = "quest"
     seed: int = 0
+    refine_frames: int | None = None
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     keyframes: KeyframeConfig = field(default_factory=KeyframeConfig)
     two_view: TwoViewConfig = field(default_factory=TwoViewConfig)
@@ -320,9 +325,8 @@ def config_toml(config: Config) -> str:
     """
     import tomli_w
 
-    # TOML has no null.
-    table = {key: math.inf if value is None else value for key, value in dataclasses.asdict(config).items()}
-    return tomli_w.dumps(table)
+    # TOML has no null: an option that is left out has its default, which is None there.
+    return tomli_w.dumps({key: value for key, value in dataclasses.asdict(config).items() if value is not None})
 
 
 def _check_ranges(options: Any, prefix: str) -> None:
@@ -389,10 +393,8 @@ def _build(cls: type[_Options], table: Mapping[str, object], where: str, prefix:
 
 
 def _number_or_text(wanted: object, value: object, where: str, key: str) -> object:
-    if wanted == float | None:
-        if value == math.inf:
-            return None
-        wanted = float
+    if wanted == int | None:
+        wanted = int
     if not isinstance(wanted, type):
         raise TypeError(f"option {key} of type {wanted}")
     if wanted is float and type(value) is int:

@@ -129,7 +129,7 @@ class Initializer:
         self._first_index: int | None = None
         self._segments: deque[Segment] = deque(maxlen=MAX_SEGMENTS)
         self._attempts = AttemptLog()
-        self._maps, self._pose = MapsSoFar(self.recorder), PoseSoFar()
+        self._maps, self._pose = MapsSoFar(self.recorder, self.config), PoseSoFar()
         self._window: WindowRule | None = None
         self._masked = 0.0
         self._thread: int | None = None
@@ -166,7 +166,8 @@ class Initializer:
         Returns
         -------
         Status
-            Truthy once there is a map. From then on this method ignores frames; use :attr:`tracker`.
+            Truthy once there is a map. While ``status.refining``, further frames are located in it
+            (``status.pose``), and it grows; from then on this method ignores frames.
 
         Raises
         ------
@@ -174,7 +175,7 @@ class Initializer:
             If the array is not such an image, the matrix is no rotation, or the frame is not later than the last one.
             The initializer has not changed then, so that the frame can be left out.
         """
-        if self.map is not None:
+        if self._maps.handed_over:
             return self.status
         with self._alone():
             return self._process(image, timestamp_s, mask, rotation, rotation_sigma_rad)
@@ -238,7 +239,7 @@ class Initializer:
             are not the rays of the pixels (as in other axes than x right, y down, z forward), the matrix is no
             rotation, or the frame is not later than the last one. The initializer has not changed then.
         """
-        if self.map is not None:
+        if self._maps.handed_over:
             return self.status
         if self._waits_for_size:
             raise SlamInitError("tracks tell no size of the images: give the Initializer a Camera (Camera.from_K)")
@@ -261,6 +262,8 @@ class Initializer:
         self._clock.took(current)
         if turned is not None:
             self.history.turned(current.frame, *turned)
+        if self.map is not None:
+            return self._refine(self.map, current)
         current = self.shutter.correct(self.history, current.frame)
         self._count(current)
         with self.stopwatch("pairs"):
@@ -275,9 +278,21 @@ class Initializer:
         self.status = replace(self._status_after(attempt), pose=pose)
         return self.status
 
+    def _refine(self, map_: InitialMap, current: Observations) -> Status:
+        """Locate a frame in the accepted map, which grows by it."""
+        self._count(current)
+        with self.stopwatch("refine"):
+            located = self._maps.locate(current)
+        self.history.forget(keep=())
+        pose = None if located is None else self._pose.located(map_, located.keyframe, located.rotation_sigma_deg)
+        self.status = replace(
+            self.status, attempt=None, pose=pose, refining=not self._maps.handed_over, lost_at=self._maps.lost_at
+        )
+        return self.status
+
     @property
     def map(self) -> InitialMap | None:
-        """The accepted map; None without one."""
+        """The accepted map; None without one. It is replaced by the grown one where ``status.refining`` ends."""
         return self._maps.accepted
 
     @property
@@ -288,9 +303,8 @@ class Initializer:
         """
         if self._window is None:
             return None
-        accepted = self.status.attempt
-        if self.map is not None and accepted is not None and accepted.window is not None:
-            return ProvisionalMap(self.map, accepted.window.risk)
+        if self.map is not None and self.status.risk is not None:
+            return ProvisionalMap(self.map, self.status.risk)
         return self._window.provisional()
 
     @property
@@ -301,7 +315,7 @@ class Initializer:
             map=self.map,
             reason=reason,
             frames_read=self.frames_read,
-            frames_to_init=self.frames_read if self.map is not None else None,
+            frames_to_init=self.frames_read - self._maps.refined if self.map is not None else None,
             attempts=self._attempts.kept,
             timing_ms=self.stopwatch.summary(),
             notes=self._notes(),
@@ -315,12 +329,14 @@ class Initializer:
         )
 
     def finish(self) -> Result:
-        """End the sequence. No map is accepted only because the sequence ends.
+        """End the sequence. No map is accepted only because the sequence ends; one that grows is handed over.
 
         Returns
         -------
         Result
         """
+        self._maps.hand_over()
+        self.status = replace(self.status, refining=False)
         return self.result
 
     def reset(self, since: int | None = None) -> None:
@@ -342,7 +358,7 @@ class Initializer:
         self.history.start_at(newest[0] if since is None else min(since, newest[0]))
         self.keyframes = KeyframeManager(self.camera, self.config)
         self._focal_check = FocalCheck(self.camera, self.config)
-        self._attempts, self._maps, self._pose = AttemptLog(), MapsSoFar(self.recorder), PoseSoFar()
+        self._attempts, self._maps, self._pose = AttemptLog(), MapsSoFar(self.recorder, self.config), PoseSoFar()
         self._window = None
         self.status, self.frames_read, self._first_index = Status(), 0, None
         for observed in list(self.history):
@@ -393,11 +409,11 @@ class Initializer:
         """The accepted map as a segment; empty without one."""
         if self.map is None or self._first_index is None:
             return ()
-        return (Segment(self.map, self._first_index, self.frames_read),)
+        return (Segment(self.map, self._first_index, self.frames_read - self._maps.refined),)
 
     def _status_after(self, attempt: Attempt | None) -> Status:
         if self.map is not None:
-            return Status.initialized(attempt)
+            return replace(Status.initialized(attempt), refining=not self._maps.handed_over)
         return self.status.after(attempt, self._attempts.best_progress(self.keyframes.candidates))
 
     def _judge(self, pairs: list[PairPreview], current: Observations) -> Attempt | None:
@@ -437,7 +453,15 @@ class Initializer:
     def _notes(self) -> tuple[str, ...]:
         """All notes for the user."""
         focal = focal_notes(self.map, self.config.map)
-        return (*self._clock.notes, *self._attempts.notes(), *focal, *self._shutter_notes(), *self._overlay.notes)
+        lost = () if self._maps.lost_at is None else (f"the map was lost at frame {self._maps.lost_at}, while it grew",)
+        return (
+            *self._clock.notes,
+            *self._attempts.notes(),
+            *focal,
+            *self._shutter_notes(),
+            *self._overlay.notes,
+            *lost,
+        )
 
     def _shutter_notes(self) -> tuple[str, ...]:
         """A note about an estimated readout, for people who know their camera."""

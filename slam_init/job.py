@@ -141,7 +141,9 @@ class Job:
         ]
         most = min(limits) if limits else None
         available = self._available(first_frame)
-        result = _initialize(front.initializer, front.process, frames, available, most, self.progress)
+        # A run hands its map over at once, but for frames that are asked for.
+        grows = self.config.refine_frames is not None
+        result = _initialize(front.initializer, front.process, frames, available, most, self.progress, grows)
         result = replace(result, segments=())
         if result.map is None:
             return _Part(front.reduction.enlarged(result), first_frame, None, None, None)
@@ -341,8 +343,9 @@ def _initialize(
     available: int | None,
     max_frames: int | None,
     progress: bool,
+    grows: bool,
 ) -> Result:
-    """Process frames until there is a map."""
+    """Process frames until there is a map, and until it has grown by the frames that the configuration asks for."""
     from tqdm import tqdm
 
     limits = [limit for limit in (available, max_frames) if limit is not None]
@@ -351,7 +354,7 @@ def _initialize(
             status = process(frame)
             bar.set_description(live_text(status), refresh=False)
             bar.update()
-            if status or initializer.frames_read == max_frames:
+            if (status and not (grows and status.refining)) or initializer.frames_read == max_frames:
                 break
     return initializer.finish()
 

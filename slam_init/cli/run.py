@@ -63,6 +63,13 @@ def add_run(commands: Commands) -> None:
     )
     after = run.add_argument_group("after the map")
     after.add_argument(
+        "--refine",
+        type=int,
+        metavar="N",
+        dest="refine_frames",
+        help="let the map grow by the next N frames before it is handed over: keyframes, landmarks, better depths",
+    )
+    after.add_argument(
         "--continue",
         type=int,
         metavar="N",
@@ -108,6 +115,7 @@ def _run(arguments: argparse.Namespace) -> int:
     """``slam-init run``."""
     at_least("--start", arguments.start, 0)
     at_least("--max-frames", arguments.max_frames, 1)
+    at_least("--refine", arguments.refine_frames, 0)
     at_least("--continue", arguments.continue_frames, 0)
     at_least("--seed", arguments.seed, 0)
     at_least("--reconnect", arguments.reconnect, 0)
@@ -129,13 +137,16 @@ def _run(arguments: argparse.Namespace) -> int:
     from slam_init.methods.registry import method_info
 
     config = load_config(config_path, {"method": arguments.method, "seed": arguments.seed})
-    method_info(config.method)
+    if method_info(config.method).home and arguments.refine_frames:
+        raise UsageError(f"--refine goes on with the window, which {config.method} has not: use --continue")
     if is_external(config.method) and arguments.continue_frames:
         raise UsageError("--continue needs landmarks, which an external program does not give: leave --continue out")
     live = is_live(arguments.source)
     targets = {"max_depth_sigma": arguments.max_depth_sigma, "min_parallax_deg": arguments.min_parallax}
     targets = {name: value for name, value in targets.items() if value is not None}
     config = replace(config, acceptance=replace(config.acceptance, **targets))
+    if arguments.refine_frames is not None:
+        config = replace(config, refine_frames=arguments.refine_frames)
     if arguments.refine_focal:
         config = replace(config, map=replace(config.map, refine_focal=True))
     if arguments.live is not None:

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+from slam_init.config import Config
 from slam_init.decision.outcome import Outcome
+from slam_init.mapping.growing import Located
 from slam_init.mapping.map_building import MapWithViews
+from slam_init.mapping.refinement import Refinement
 from slam_init.recording.recorder import Recorder
 from slam_init.types.comparison import Margin
+from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap
 
 
 class MapsSoFar:
     """The maps of the attempts up to now: an accepted map, or two undecided maps.
 
-    * ``recorder``: Receives a report when a map is accepted, and when the undecided maps change.
+    * ``recorder``: Receives a report when a map is accepted or has grown, and when the undecided maps change.
     * ``hypotheses``: The accepted map, or the two undecided ones.
     * ``margin``: The vote of the accepted map, if it had one. Before that, the last vote between two maps.
     """
 
-    def __init__(self, recorder: Recorder) -> None:
-        self._recorder = recorder
+    def __init__(self, recorder: Recorder, config: Config) -> None:
+        self._recorder, self._config = recorder, config
+        self._refinement: Refinement | None = None
         self.accepted: InitialMap | None = None
         self.hypotheses: tuple[InitialMap, ...] = ()
         self.margin: Margin | None = None
@@ -36,7 +41,44 @@ class MapsSoFar:
             self.hypotheses = outcome.hypotheses
             self._recorder.undecided(self.hypotheses)
 
+    @property
+    def handed_over(self) -> bool:
+        """Whether there is a map that does not change any more."""
+        return self._refinement is not None and self._refinement.done
+
+    @property
+    def lost_at(self) -> int | None:
+        """Absolute index of the first frame in which the accepted map was lost; None while it is not."""
+        return None if self._refinement is None else self._refinement.lost_at
+
+    @property
+    def refined(self) -> int:
+        """Number of frames that the accepted map has grown by."""
+        return 0 if self._refinement is None else self._refinement.frames
+
+    def locate(self, observed: Observations) -> Located | None:
+        """Locate a frame in the accepted map, which grows by it. There is a map."""
+        assert self._refinement is not None
+        located = self._refinement.locate(observed)
+        if located is not None:
+            self._recorder.continued(located.keyframe)
+        if self._refinement.done:
+            self._keep(self._refinement.map)
+        return located
+
+    def hand_over(self) -> None:
+        """Take the accepted map, if there is one, as it has grown."""
+        if self._refinement is not None and not self._refinement.done:
+            self._refinement.end()
+            self._keep(self._refinement.map)
+
+    def _keep(self, map_: InitialMap) -> None:
+        if map_ is not self.accepted:
+            self.accepted, self.hypotheses = map_, (map_,)
+            self._recorder.refined(map_)
+
     def _accept(self, built: MapWithViews) -> None:
+        self._refinement = Refinement(built.map, self._config)
         self.accepted = built.map
         self.hypotheses = (built.map,)
         self._recorder.initialized(built.map, built.views)

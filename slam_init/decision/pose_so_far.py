@@ -17,7 +17,7 @@ from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats
 from slam_init.types.camera_pose import CameraPose, PoseKind
 from slam_init.types.frame import Observations
-from slam_init.types.initial_map import InitialMap
+from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
 
 #: A rotation needs two rays; with eight, half of them may be outliers.
@@ -70,7 +70,9 @@ class PoseSoFar:
         self._known[current.frame] = found
         R, variance = found
         if map_ is not None:
-            return self._in_map(map_, current.frame, window)
+            newest = max(map_.keyframes, key=lambda one: one.frame if one.frame <= current.frame else -1)
+            sigma_deg = 0.0 if window is None else window.rotation_sigma_deg
+            return self.located(map_, newest, sigma_deg, None if window is None else window.direction_sigma_deg)
         if window is None or window.rotates_only or current.frame not in window.cam_from_world:
             return CameraPose(PoseKind.ROTATION, R, math.degrees(math.sqrt(variance)))
         reference = window.frames[0]
@@ -106,19 +108,20 @@ class PoseSoFar:
                 return R @ known, variance + sigma_rad**2
         return None
 
-    def _in_map(self, map_: InitialMap, frame: int, window: WindowMotion | None) -> CameraPose:
-        keyframe = max(map_.keyframes, key=lambda one: one.frame if one.frame <= frame else -1)
+    def located(
+        self, map_: InitialMap, view: Keyframe, rotation_sigma_deg: float, direction_sigma_deg: float | None = None
+    ) -> CameraPose:
+        """The pose of a view of the accepted map."""
         first = next((one for one in map_.keyframes if one.frame in self._known), map_.keyframes[0])
         start, variance = self._known.get(first.frame, (np.eye(3), 0.0))
-        cam_from_first = keyframe.world_from_cam.R.T @ first.world_from_cam.R @ start
-        centre = keyframe.world_from_cam.t - map_.keyframes[0].world_from_cam.t
-        sigma_deg = 0.0 if window is None else window.rotation_sigma_deg
+        cam_from_first = view.world_from_cam.R.T @ first.world_from_cam.R @ start
+        centre = view.world_from_cam.t - map_.keyframes[0].world_from_cam.t
         return CameraPose(
             PoseKind.MAP,
             cam_from_first,
-            math.hypot(math.degrees(math.sqrt(variance)), sigma_deg),
+            math.hypot(math.degrees(math.sqrt(variance)), rotation_sigma_deg),
             start.T @ first.world_from_cam.R.T @ centre,
-            None if window is None else window.direction_sigma_deg,
+            direction_sigma_deg,
             map_.keyframes[0].frame,
         )
 

@@ -67,11 +67,13 @@ class GrowingMap:
 
     * ``camera``: That of the map.
     * ``lost_at``: Absolute index of the first frame in which the map was lost; None while it is not.
+    * ``keyframes_added``: Number of keyframes since the acceptance.
     """
 
     def __init__(self, map_: InitialMap, config: MapConfig | None = None) -> None:
         self.camera = map_.camera
         self.lost_at: int | None = None
+        self.keyframes_added = 0
         self._accepted, self._config = map_, config or MapConfig()
         self._shutter, self._rays = RollingShutter(map_.camera), History(2)
         self._problem = with_lenses(
@@ -201,6 +203,7 @@ class GrowingMap:
         if np.bincount(kept.views, minlength=len(kept.frames)).min() < 6:
             return
         self._problem = kept
+        self.keyframes_added += 1
         self._guess = kept.world_from_cam[-1].inverse()
         self._keyframes[seen.frame] = Keyframe(seen.frame, seen.timestamp_s, seen.name, kept.world_from_cam[-1])
 

@@ -33,6 +33,7 @@ class MapView:
         self._path: list[Floats] = []
         self._world_from_gt: Similarity | None = None
         self._first_s = 0.0
+        self._size = FRUSTUM
 
     def log(self, map_: InitialMap) -> None:
         """Log the map before and after bundle adjustment, and the errors of the adjustment."""
@@ -41,7 +42,7 @@ class MapView:
         rec = self._rec
         poses_after = tuple(keyframe.world_from_cam for keyframe in map_.keyframes)
         path = max(float(np.linalg.norm(pose.t - poses_after[0].t)) for pose in poses_after)
-        size = float(np.clip(_FRUSTUM_OF_PATH * path, _SMALLEST_FRUSTUM, FRUSTUM))
+        size = self._size = float(np.clip(_FRUSTUM_OF_PATH * path, _SMALLEST_FRUSTUM, FRUSTUM))
         rec.set_time("stage", sequence=0)
         for view in map_.keyframes:
             # Without images, since they cover one another on a short path. The view of the pair shows two of them.
@@ -70,6 +71,16 @@ class MapView:
         self._log_camera(keyframe.world_from_cam)
         if self._groundtruth is not None and self._world_from_gt is not None:
             self._log_true_path(self._groundtruth, self._world_from_gt, keyframe.timestamp_s)
+
+    def refine(self, map_: InitialMap) -> None:
+        """Log the keyframes and landmarks of a map that has grown."""
+        import rerun as rr
+
+        camera = map_.camera.scaled(self._scale)
+        self._rec.log("world/points", rr.Points3D(map_.points, colors=map_.colors, radii=rr.Radius.ui_points(2.5)))
+        for view in map_.keyframes:
+            log_pinhole(self._rec, f"world/keyframes/{view.frame}", camera, ESTIMATE_COLOR, self._size)
+            self._rec.log(f"world/keyframes/{view.frame}", _transform(view.world_from_cam))
 
     def clear(self) -> None:
         """Forget the map and its paths."""

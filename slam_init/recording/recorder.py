@@ -49,6 +49,9 @@ class Recorder:
     def continued(self, keyframe: Keyframe) -> None:
         """Report a frame after the initialization that was located in the map."""
 
+    def refined(self, map_: InitialMap) -> None:
+        """Report the accepted map as it has grown."""
+
     def scaled(self, scale: Scale) -> None:
         """Report the scale of the last map."""
 

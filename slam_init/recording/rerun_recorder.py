@@ -255,6 +255,12 @@ class RerunRecorder(Recorder):
         """Move the camera, and extend both trajectories."""
         self._map_view.extend(keyframe)
 
+    def refined(self, map_: InitialMap) -> None:
+        """Draw the keyframes and landmarks of the grown map."""
+        text = f"the map has grown: {len(map_.keyframes)} keyframes, {len(map_.points)} landmarks"
+        self._rec.log("log", self._rr.TextLog(text, level=self._rr.TextLogLevel.INFO, color=GREEN))
+        self._map_view.refine(map_)
+
     def scaled(self, scale: Scale) -> None:
         """Draw a bar of a round length in metres at the first keyframe; the scene stays in units of the map."""
         log_scale_bar(self._rec, scale)

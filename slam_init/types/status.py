@@ -52,6 +52,10 @@ class Status(Described):
     pose : CameraPose or None
         The pose of the newest camera from the first one: its rotation from the second frame on, and its centre where a
         motion is known. None for the first frame, where too few tracks go on, and for other methods than quest.
+    refining : bool
+        Whether the accepted map grows by further frames before it is handed over.
+    lost_at : int or None
+        Absolute index of the first frame in which the accepted map was lost, if it was lost while it grew.
     """
 
     state: State = State.WAITING
@@ -61,6 +65,8 @@ class Status(Described):
     attempt: Attempt | None = None
     window: WindowEvidence | None = None
     pose: CameraPose | None = None
+    refining: bool = False
+    lost_at: int | None = None
 
     @property
     def risk(self) -> float | None:

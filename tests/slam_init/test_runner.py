@@ -262,3 +262,11 @@ def test_a_stated_focal_length_that_the_motion_corrects_is_told_beside_the_estim
     assert result.map is not None and result.map.camera.source == "estimated"
     (note,) = [note for note in result.notes if "stated focal length" in note]
     assert f"{stated.fx:.0f} +- {0.05 * stated.fx:.0f} px" in note and f"{result.map.camera.fx:.0f} px" in note
+
+
+def test_a_run_lets_the_map_grow_by_the_frames_that_are_asked_for(room):
+    at_once, _ = run(room, room.camera, Config())
+    later, _ = run(room, room.camera, Config(refine_frames=20))
+    assert later.frames_to_init == at_once.frames_to_init
+    assert later.frames_read == at_once.frames_read + 20
+    assert later.map.depth_sigma < 0.5 * at_once.map.depth_sigma

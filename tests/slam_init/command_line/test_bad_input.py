@@ -25,6 +25,8 @@ BAD = {
     "start negative": (["run", "--start", "-1"], "--start"),
     "start beyond the end": (["run", IMAGES, *WITH, "--start", "3"], "start is 3"),
     "max-frames zero": (["run", "--max-frames", "0"], "--max-frames"),
+    "refine negative": (["run", "--refine", "-5"], "--refine"),
+    "refine without a window": (["run", "--refine", "5", "--method", "orb-slam3"], "use --continue"),
     "continue negative": (["run", "--continue", "-5"], "--continue"),
     "scale of no kind": (["run", "--scale", "stick:1"], "marker:tag36h11"),
     "scale without a length": (["run", "--scale", "height:tall"], "metres"),
