@@ -13,7 +13,7 @@ import pytest
 from paths import ROOT
 
 from slam_init.cli.main import main, make_parser
-from slam_init.config import Config, config_toml
+from slam_init.config import Config
 from slam_init.output.names import BENCH_FILES, CALIBRATION_FILES, COMPARE_FILES, PAGE, RUN_FILES
 from slam_init.types.reasons import REASONS
 
@@ -185,7 +185,7 @@ def test_the_page_of_the_command_line_has_every_option(reference_pages):
 def test_the_page_of_the_options_has_every_option_with_a_reason(reference_pages):
     rows = dict(re.findall(r"^\| `([\w.]+)` \| `[^|]*` \| (.*) \|$", reference_pages.options(), re.MULTILINE))
     wanted = set()
-    for key, value in tomllib.loads(config_toml(Config())).items():
+    for key, value in dataclasses.asdict(Config()).items():
         wanted |= {f"{key}.{option}" for option in value} if isinstance(value, dict) else {key}
     assert set(rows) == wanted
     assert all(len(reason) > 20 for reason in rows.values())

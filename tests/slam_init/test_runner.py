@@ -209,7 +209,7 @@ def test_blank_images_have_too_few_features():
 
 
 def test_an_unknown_method_is_an_error_before_anything_is_written(room, tmp_path):
-    with pytest.raises(ConfigError, match="use one of quest"):
+    with pytest.raises(ConfigError, match="--list-methods names all"):
         run(room, room.camera, Config(method="magic"), out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
