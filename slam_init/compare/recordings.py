@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from slam_init.evaluation.metrics import align_poses, compare_with_groundtruth
+from slam_init.evaluation.metrics import align_truth, compare_with_groundtruth, positions_between
 from slam_init.methods.external_command import method_label
 from slam_init.output.folder import output_error
 from slam_init.output.names import UNFINISHED
@@ -163,10 +163,8 @@ def load_snapshot(path: str | os.PathLike[str]) -> MapSnapshot:
 def _true_path(result: Result, truth: Trajectory | None) -> Floats:
     if result.map is None or truth is None:
         return np.zeros((0, 3))
-    pairs = [(true, k) for k in result.map.keyframes if (true := truth.at(k.timestamp_s)) is not None]
-    if len(pairs) < 2:
+    keyframes = result.map.keyframes
+    world_from_gt = align_truth(keyframes, truth)
+    if world_from_gt is None:
         return np.zeros((0, 3))
-    world_from_gt = align_poses([true for true, _ in pairs], [keyframe.world_from_cam for _, keyframe in pairs])
-    times = truth.timestamps_s
-    first, last = (int(np.argmin(np.abs(times - pairs[i][1].timestamp_s))) for i in (0, -1))
-    return world_from_gt.apply(np.array([pose.t for pose in truth.world_from_cam[first : last + 1]]))
+    return world_from_gt.apply(positions_between(truth, keyframes[0].timestamp_s, keyframes[-1].timestamp_s))

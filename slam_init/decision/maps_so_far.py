@@ -8,7 +8,7 @@ from slam_init.mapping.growing import Located
 from slam_init.mapping.map_building import MapWithViews
 from slam_init.mapping.refinement import Refinement
 from slam_init.recording.recorder import Recorder
-from slam_init.types.comparison import Margin
+from slam_init.types.evidence import Margin
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap
 

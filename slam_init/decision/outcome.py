@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from slam_init.mapping.map_building import MapWithViews
-from slam_init.types.comparison import Margin
+from slam_init.types.evidence import Margin
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.result import Attempt
 

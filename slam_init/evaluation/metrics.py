@@ -93,6 +93,21 @@ def align_poses(source: Sequence[Pose], target: Sequence[Pose]) -> Similarity:
     return Similarity(scale, R, b.mean(axis=0) - scale * R @ a.mean(axis=0))
 
 
+def align_truth(keyframes: Sequence[Keyframe], truth: Trajectory) -> Similarity | None:
+    """Compute the similarity from the world of the ground truth to that of the keyframes.
+
+    * Returns: None if fewer than two keyframes have a true pose.
+    """
+    pairs = [(true, k.world_from_cam) for k in keyframes if (true := truth.at(k.timestamp_s)) is not None]
+    return align_poses([true for true, _ in pairs], [pose for _, pose in pairs]) if len(pairs) > 1 else None
+
+
+def positions_between(trajectory: Trajectory, first_s: float, last_s: float) -> Floats:
+    """Return the positions (N, 3) from the pose that is nearest to one time to that nearest to another."""
+    first, last = (int(np.argmin(np.abs(trajectory.timestamps_s - t))) for t in (first_s, last_s))
+    return np.array([pose.t for pose in trajectory.world_from_cam[first : last + 1]]).reshape(-1, 3)
+
+
 def ate_rmse(estimated: Floats, truth: Floats) -> float:
     """Compute the absolute trajectory error (ATE) after alignment by a similarity.
 
@@ -135,11 +150,12 @@ def compare_with_groundtruth(
         )
         centres = np.array([k.world_from_cam.t for k, _ in pairs]), np.array([truth.t for _, truth in pairs])
         ate = ate_rmse(*centres) if len(pairs) > 2 else None
+    path = positions_between(trajectory, first.timestamp_s, pairs[-1][0].timestamp_s)
     return GroundTruthErrors(
         rotation_error_deg=float(max(rotations_deg)),
         direction_error_deg=direction_error_deg,
         ate_rmse=ate,
-        path_length=_path_length(trajectory, first.timestamp_s, pairs[-1][0].timestamp_s),
+        path_length=float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1))),
     )
 
 
@@ -157,13 +173,6 @@ def scale_error(keyframes: Sequence[Keyframe], trajectory: Trajectory, tolerance
     if not (np.ptp(estimated, axis=0).any() and np.ptp(true, axis=0).max() > _STATIC_PATH):
         return None
     return 1 / align_positions(estimated, true).scale - 1
-
-
-def _path_length(trajectory: Trajectory, first_s: float, last_s: float) -> float:
-    """Return the length of the trajectory between the poses that are nearest to two times."""
-    i, j = (int(np.argmin(np.abs(trajectory.timestamps_s - t))) for t in (first_s, last_s))
-    positions = np.array([pose.t for pose in trajectory.world_from_cam[i : j + 1]])
-    return float(np.sum(np.linalg.norm(np.diff(positions, axis=0), axis=1)))
 
 
 def _angle_deg(a: Floats, b: Floats) -> float:

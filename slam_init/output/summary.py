@@ -27,7 +27,7 @@ from slam_init.output.records import (
     SourceRecord,
 )
 from slam_init.types.camera import Camera
-from slam_init.types.comparison import Margin
+from slam_init.types.evidence import Margin
 from slam_init.types.frame import Source
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import GroundTruthErrors, Result

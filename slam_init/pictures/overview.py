@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.evaluation.metrics import align_poses
+from slam_init.evaluation.metrics import align_truth, positions_between
 from slam_init.output.summary import Summary
 from slam_init.pictures.map_panels import ABOVE, SIDE, draw_cameras, draw_map
 from slam_init.pictures.panels import draw_decision, draw_frame, draw_pair
@@ -245,14 +245,8 @@ def _held(result: Result, reason: Verdict) -> list[tuple[Attempt, Gate]]:
 
 def _true_path(map_: InitialMap, truth: Trajectory | None) -> Floats | None:
     """The true positions of the keyframes and between them, in the frame of the map."""
-    if truth is None:
+    world_from_gt = None if truth is None else align_truth(map_.keyframes, truth)
+    if truth is None or world_from_gt is None:
         return None
-    pairs = [(true, k.world_from_cam) for k in map_.keyframes if (true := truth.at(k.timestamp_s)) is not None]
-    if len(pairs) < 2:
-        return None
-    moved = align_poses([true for true, _ in pairs], [pose for _, pose in pairs])
-    first, last = (map_.keyframes[k].timestamp_s for k in (0, -1))
-    times = truth.timestamps_s
-    during = (times >= first - 1e-9) & (times <= last + 1e-9)
-    positions = [pose.t for pose, inside in zip(truth.world_from_cam, during, strict=True) if inside]
-    return moved.apply(np.array(positions)) if len(positions) > 1 else None
+    first_s, last_s = (map_.keyframes[k].timestamp_s for k in (0, -1))
+    return world_from_gt.apply(positions_between(truth, first_s, last_s))

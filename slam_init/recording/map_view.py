@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.evaluation.metrics import Similarity, align_poses
+from slam_init.evaluation.metrics import Similarity, align_truth, positions_between
 from slam_init.recording.layout import ERROR, ERROR_BARS, ESTIMATE_COLOR, TRUTH_COLOR, Color
 from slam_init.recording.paths import dashes
 from slam_init.types.arrays import Floats
@@ -102,19 +102,15 @@ class MapView:
 
     def _log_groundtruth(self, keyframes: Sequence[Keyframe], truth: Trajectory) -> None:
         """Align the ground truth to the keyframes, and log its path."""
-        pairs = [(true, k.world_from_cam) for k in keyframes if (true := truth.at(k.timestamp_s)) is not None]
-        if len(pairs) < 2:
-            return
-        self._world_from_gt = align_poses([true for true, _ in pairs], [pose for _, pose in pairs])
-        self._first_s = keyframes[0].timestamp_s
-        self._log_true_path(truth, self._world_from_gt, keyframes[-1].timestamp_s)
+        self._world_from_gt = align_truth(keyframes, truth)
+        if self._world_from_gt is not None:
+            self._first_s = keyframes[0].timestamp_s
+            self._log_true_path(truth, self._world_from_gt, keyframes[-1].timestamp_s)
 
     def _log_true_path(self, truth: Trajectory, world_from_gt: Similarity, last_s: float) -> None:
         """Log the true path from the first keyframe to a time."""
-        times = truth.timestamps_s
-        first, last = (int(np.argmin(np.abs(times - t))) for t in (self._first_s, last_s))
-        positions = np.array([pose.t for pose in truth.world_from_cam[first : last + 1]])
-        self._log_path("gt", dashes(world_from_gt.apply(positions)), TRUTH_COLOR)
+        path = world_from_gt.apply(positions_between(truth, self._first_s, last_s))
+        self._log_path("gt", dashes(path), TRUTH_COLOR)
 
 
 def log_pinhole(rec: Any, entity: str, camera: Camera, color: Color, size: float, *, static: bool = False) -> None:

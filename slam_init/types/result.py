@@ -13,10 +13,10 @@ import numpy as np
 from quest.display import Described
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
-from slam_init.types.comparison import Margin
 from slam_init.types.evidence import (
     FreeEvidence,
     MapEvidence,
+    Margin,
     PreviewEvidence,
     RotationOnlyEvidence,
     TwoViewEvidence,

@@ -32,7 +32,7 @@ import numpy as np
 from quest.robust.spatial_blocks import regions_of
 from slam_init.system.linear_algebra import deviations, single_threaded
 from slam_init.types.arrays import Floats
-from slam_init.types.comparison import Margin
+from slam_init.types.evidence import Margin
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.levels import (

@@ -20,7 +20,7 @@ ROWS: tuple[tuple[str, float], ...] = (
 )
 #: Measured correct and false initializations of the original code in 50 scenes. ``orb-slam2`` is the code of ORB-SLAM3
 #: with the homography share of ORB-SLAM2. The last two are the libraries with the gates of
-#: :mod:`slam_init.methods.gates`. With six seeds a scene, all counts here agree with these except the false
+#: :mod:`slam_init.methods.essential`. With six seeds a scene, all counts here agree with these except the false
 #: initializations of ``orb-slam3`` on ``nadir 0.30``: 12 of 300 here, p = 0.003, one such cell in 42.
 ORIGINAL: dict[str, tuple[tuple[int, int], ...]] = {
     "orb-slam3": ((46, 3), (45, 0), (0, 14), (1, 1), (2, 14), (1, 8), (0, 0)),

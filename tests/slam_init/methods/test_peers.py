@@ -10,7 +10,7 @@ from two_view_scenes import CAMERA, make_scene
 from slam_init.compare.measures import pose_errors
 from slam_init.config import Config
 from slam_init.methods import METHODS, make_initializer, make_two_view
-from slam_init.methods.gates import GATED_PAIRS, GateRules
+from slam_init.methods.essential import GATED_PAIRS, GateRules
 
 PEERS = ("poselib", "poselib-100", "magsac", "superansac")
 
@@ -29,7 +29,7 @@ def outcome(two_view, scene):
 @pytest.mark.parametrize("name", PEERS)
 def test_all_peers_have_the_same_gates(name):
     two_view = peer(name)
-    assert two_view.rules.gates == GateRules(min_in_front=50, min_parallax_deg=1.0)
+    assert two_view.gates == GateRules(min_in_front=50, min_parallax_deg=1.0)
     assert two_view.pair_rule == GATED_PAIRS
 
 
@@ -53,13 +53,13 @@ def test_the_counts_on_planes_are_those_of_the_table(name):
 
 def test_poselib_100_draws_fewer_samples_and_poselib_as_many_as_its_default():
     poselib = pytest.importorskip("poselib")
-    assert peer("poselib").rules.min_iterations == poselib.RansacOptions()["min_iterations"] == 1000
-    assert peer("poselib-100").rules.min_iterations == 100
+    assert peer("poselib").min_iterations == poselib.RansacOptions()["min_iterations"] == 1000
+    assert peer("poselib-100").min_iterations == 100
 
 
 def test_superansac_has_the_defaults_of_its_package_but_for_the_order_of_the_matches():
     pysuperansac = pytest.importorskip("pysuperansac")
-    defaults, rules = pysuperansac.RANSACSettings(), peer("superansac").rules
+    defaults, rules = pysuperansac.RANSACSettings(), peer("superansac")
     assert rules.threshold_px == defaults.inlier_threshold
     assert rules.confidence == defaults.confidence
     assert (rules.min_iterations, rules.max_iterations) == (defaults.min_iterations, defaults.max_iterations)

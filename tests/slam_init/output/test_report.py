@@ -8,8 +8,7 @@ from make_summary import summarize
 
 from slam_init.output.records import ContinuationRecord, ScaleRecord
 from slam_init.output.report import report_text
-from slam_init.types.comparison import Margin
-from slam_init.types.evidence import WindowEvidence
+from slam_init.types.evidence import Margin, WindowEvidence
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import GroundTruthErrors
 from slam_init.types.scale import ScaleOrigin

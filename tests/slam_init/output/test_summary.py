@@ -14,8 +14,7 @@ from make_summary import summarize
 from slam_init.config import Config
 from slam_init.output.summary import SCHEMA, SCHEMA_FILE, Summary, summary_schema, summary_text
 from slam_init.runner import run
-from slam_init.types.comparison import Margin
-from slam_init.types.evidence import RotationOnlyEvidence
+from slam_init.types.evidence import Margin, RotationOnlyEvidence
 from slam_init.types.gates import GateName, at_least
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import GroundTruthErrors

@@ -16,7 +16,7 @@ from slam_init.pictures.overview import overview_png
 from slam_init.pictures.panels import draw_decision, draw_frame
 from slam_init.pictures.story import ShownFrame, Story, StoryRecorder
 from slam_init.pictures.style import canvas
-from slam_init.types.comparison import Margin
+from slam_init.types.evidence import Margin
 from slam_init.types.gates import GateName, at_least
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Segment

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slam_init.types.comparison import Margin
+from slam_init.types.evidence import Margin
 
 Z, LOG_LIKELIHOOD = Margin(0.0, 0.0).z_needed, Margin.LOG_LIKELIHOOD_NEEDED
 margins = st.builds(Margin, st.floats(-1e6, 1e6), st.floats(-1e3, 1e3))
