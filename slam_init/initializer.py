@@ -275,6 +275,8 @@ class Initializer:
         judged = self._window is not None and attempt is not None and attempt.window is not None
         window = self._window.newest_motion() if judged and self._window is not None else None
         pose = self._pose.after(self.history, current, window, self.map)
+        if pose is not None and self.map is None:
+            self.recorder.waiting(pose)
         self.status = replace(self._status_after(attempt), pose=pose)
         return self.status
 

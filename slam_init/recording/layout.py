@@ -26,6 +26,8 @@ _TERM_COLORS: tuple[Color, ...] = ((120, 200, 255), (255, 160, 200), (160, 160, 
 TRACKS = "stats/counts/tracks"
 ERROR = "stats/bundle/error"
 ERROR_BARS = "stats/bundle/error_bars"
+#: Of the newest camera while there is no map, in degrees.
+ROTATION_SIGMA = "stats/direction/rotation"
 FRAME_TIME = "stats/time/frame"
 FRAME_BUDGET = "stats/time/budget"
 #: Time between two frames of a camera at 30 Hz.
@@ -85,6 +87,7 @@ SERIES = (
     Series("stats/parallax/median", "median", ESTIMATE_COLOR, _evidence("preview", "parallax_px")),
     Series("stats/shares/parallax", "with parallax", ESTIMATE_COLOR, _evidence("preview", "parallax_share")),
     Series("stats/direction/sigma", "standard deviation", ESTIMATE_COLOR, _evidence("window", "direction_sigma_deg")),
+    Series(ROTATION_SIGMA, "rotation of the camera", YELLOW),
     Series("stats/readout/estimate", "rolling shutter", ESTIMATE_COLOR, _evidence("window", "readout_ms")),
     Series("stats/risk_log10/bound", "bound", RED, _power(_gate(GateName.RISK, "threshold"))),
     Series("stats/risk_log10/direction", "direction", _TERM_COLORS[0], _power(_evidence("window", "risk_direction"))),
@@ -203,7 +206,7 @@ def _plots() -> Any:
             for plot, name in (
                 ("parallax", "parallax px"),
                 ("counts", "counts"),
-                ("direction", "direction"),
+                ("direction", "sigma deg"),
                 ("shares", "shares"),
                 ("readout", "readout ms"),
             )

@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Self
 
 from slam_init.types.arrays import Floats
+from slam_init.types.camera_pose import CameraPose
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.result import Attempt
@@ -36,6 +37,9 @@ class Recorder:
 
         * ``corrected``: Their pixels as if all rows were taken at the time of the middle one.
         """
+
+    def waiting(self, pose: CameraPose) -> None:
+        """Report what is known of the pose of the newest camera while there is no map."""
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
         """Report an accepted map."""

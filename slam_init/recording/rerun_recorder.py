@@ -4,7 +4,8 @@
 entity                      content
 ==========================  =======================================================================
 ``world``                   frame of the first keyframe (x right, y down, z forward)
-``world/camera``            the current camera; its image with keypoints and their motion below
+``world/camera``            the current camera; its image with keypoints and their motion below. While there is
+                            no map it turns in the axes of the first camera
 ``world/keyframes/K``       the keyframes of the map
 ``world/points``            the landmarks
 ``world/trajectory``        ``est`` and ``gt``, the ground truth aligned to the map by a similarity;
@@ -48,6 +49,7 @@ from slam_init.recording.layout import (
     GREEN,
     LEGEND,
     PURPLE,
+    ROTATION_SIGMA,
     SERIES,
     TRACKS,
     TWINS,
@@ -72,6 +74,7 @@ from slam_init.recording.text import (
 )
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
+from slam_init.types.camera_pose import CameraPose
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Trajectory
@@ -224,6 +227,11 @@ class RerunRecorder(Recorder):
         after = self._shown(corrected)
         rec.log(f"{ARROWS}/after", rr.Points2D(after, colors=[PURPLE], radii=rr.Radius.ui_points(1.5), draw_order=50.0))
         self._rolling = True
+
+    def waiting(self, pose: CameraPose) -> None:
+        """Turn the camera in the axes of the first one. Its place is not drawn: its unit changes with the pair."""
+        self._rec.log("world/camera", self._rr.Transform3D(mat3x3=pose.cam_from_first.T))
+        self._rec.log(ROTATION_SIGMA, self._rr.Scalars(pose.rotation_sigma_deg))
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
         """Log the map before and after bundle adjustment, and the ground truth aligned to it."""

@@ -12,11 +12,13 @@ from make_map import CAMERAS, make_attempts, make_frame, make_map, make_observat
 from read_recording import chunks, column, entities, rerun_tool
 from report_run import report_run
 from rerun.chunk import RrdReader
+from scipy.spatial.transform import Rotation
 
 from slam_init.errors import OutputError, SourceError
 from slam_init.recording import rerun_recorder
 from slam_init.recording.layout import SERIES
 from slam_init.recording.rerun_recorder import RerunRecorder
+from slam_init.types.camera_pose import CameraPose, PoseKind
 from slam_init.types.gates import GateName, at_least, at_most
 from slam_init.types.reasons import Verdict
 
@@ -303,3 +305,26 @@ def test_a_recording_can_be_closed_twice(tmp_path):
     recorder.close()
     recorder.close()
     assert rerun_tool("verify", tmp_path / "a.rrd").returncode == 0
+
+
+def test_the_camera_turns_while_there_is_no_map(tmp_path):
+    turned = Rotation.from_rotvec([0.0, 0.2, 0.0]).as_matrix()
+    with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "arc") as recorder:
+        recorder.frame(make_frame(0, 0.0, "0.png"), make_observations(make_map())[0])
+        recorder.waiting(CameraPose(PoseKind.PROVISIONAL, turned, 0.3, np.ones(3), 2.0, 0))
+    [matrix] = column(tmp_path / "a.rrd", "/world/camera", "Transform3D:mat3x3")
+    # Rerun stores matrices by columns, so that the transposed matrix is the one that was given.
+    np.testing.assert_allclose(np.reshape(matrix, (3, 3)), turned, atol=1e-6)
+    assert column(tmp_path / "a.rrd", "/stats/direction/rotation", "Scalars:scalars") == [[0.3]]
+
+
+def test_a_map_that_has_grown_is_drawn_with_its_new_keyframes(tmp_path):
+    map_ = make_map()
+    later = replace(map_.keyframes[-1], frame=40)
+    with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "arc") as recorder:
+        recorder.frame(make_frame(0, 0.0, "0.png"), make_observations(make_map())[0])
+        recorder.initialized(map_, [])
+        recorder.refined(replace(map_, keyframes=(*map_.keyframes, later), points=2 * map_.points))
+    assert "/world/keyframes/40" in entities(tmp_path / "a.rrd")
+    points = column(tmp_path / "a.rrd", "/world/points", "Points3D:positions")[-1]
+    np.testing.assert_allclose(points, 2 * map_.points, atol=1e-6)
