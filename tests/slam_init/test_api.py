@@ -5,7 +5,6 @@ import subprocess
 import sys
 from pathlib import PurePath
 
-import numpy as np
 import pytest
 from paths import ROOT
 
@@ -65,12 +64,6 @@ def test_texts_are_short(room_run, room):
         assert thing._repr_html_().startswith("<table>")
 
 
-def test_a_result_tells_what_a_person_wants_to_know(room_run):
-    text = str(room_run.result)
-    assert f"initialized after {room_run.result.frames_to_init} frames" in text
-    assert f"{len(room_run.result.map.points)}" in text and "deg" in text
-
-
 def test_a_notebook_table_holds_no_markup_of_names(room_run):
     from dataclasses import replace
 
@@ -96,15 +89,3 @@ def test_results_are_written_to_and_read_from_any_path(room, tmp_path, room_run)
     assert load_config(APath(tmp_path / "out" / "config.toml")) == Config()
     graph, values = load_graph(PurePath(room_run.out))
     assert graph.size() > 0 and values.size() > 0
-
-
-def test_the_summary_can_still_be_read_like_a_dictionary_with_a_warning(room_run):
-    with pytest.warns(DeprecationWarning, match="as_dict"):
-        assert room_run.summary["status"] == "initialized"
-
-
-def test_the_evidence_of_an_attempt_can_still_be_read_by_name_with_a_warning(room_run):
-    with pytest.warns(DeprecationWarning, match="evidence"):
-        evidence = room_run.result.attempts[-1].evidence
-    assert evidence["landmarks"] == len(room_run.result.map.points)
-    assert np.isfinite(evidence["direction_sigma_deg"]) and evidence["landmarks_gate"] == 50

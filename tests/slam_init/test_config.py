@@ -7,7 +7,7 @@ import os
 import pytest
 
 from slam_init.cli.main import main
-from slam_init.config import RANGES, AcceptanceConfig, Config, MapConfig, config_toml, load_config
+from slam_init.config import RANGES, AcceptanceConfig, Config, config_toml, load_config
 from slam_init.errors import ConfigError
 
 
@@ -85,17 +85,11 @@ def test_a_whole_number_serves_as_a_decimal(tmp_path):
 
 
 @pytest.mark.parametrize("path", NUMBERS, ids=name)
-@pytest.mark.parametrize("value", ["-1", "nan", "-inf", '"many"', "true", "[1]"])
+@pytest.mark.parametrize("value", ["-1", "nan", "inf", "-inf", '"many"', "true", "[1]"])
 def test_a_value_that_is_none_is_refused_by_name(tmp_path, path, value):
     with pytest.raises(ConfigError, match=path[-1]) as refusal:
         load_config(written(tmp_path, as_toml(path, value)))
     assert "\n" not in str(refusal.value)
-
-
-@pytest.mark.parametrize("path", NUMBERS, ids=name)
-def test_infinity_is_refused_by_name(tmp_path, path):
-    with pytest.raises(ConfigError, match=path[-1]):
-        load_config(written(tmp_path, as_toml(path, "inf")))
 
 
 MAY_BE_ZERO = (("seed",), ("acceptance", "min_parallax_deg"), ("map", "lens_uncertainty"))
@@ -126,57 +120,27 @@ def test_what_is_not_understood_is_refused_in_one_line(tmp_path, text, told):
     assert "\n" not in str(refusal.value)
 
 
-GONE = {
-    "acceptance.rule": ('"gates"', "the window decides"),
-    "acceptance.max_direction_error_deg": ("10", "acceptance.max_risk decides (0.005 by default)"),
-    "acceptance.min_correlated_error_px": ("0.15", "acceptance.max_risk decides (0.005 by default)"),
-    "acceptance.min_shared_error_px": ("0.15", "acceptance.max_risk decides (0.005 by default)"),
-    "acceptance.focal_error": ("0.05", "acceptance.max_risk decides (0.005 by default)"),
-    "acceptance.max_median_depth_sigma": ("0.18", "acceptance.max_risk decides (0.005 by default)"),
-    "acceptance.min_explained": ("0.5", "acceptance.max_risk decides (0.005 by default)"),
-    "acceptance.min_rotation_only_residual": ("1.0", "acceptance.max_risk decides (0.005 by default)"),
-    "acceptance.min_turning_residual": ("1.0", "acceptance.max_risk decides (0.005 by default)"),
-    "acceptance.min_further_agreement": ("0.7", "acceptance.max_risk decides (0.005 by default)"),
-    "two_view.min_inlier_share": ("0.5", "acceptance.max_risk decides (0.005 by default)"),
-    "map.max_further_views": ("4", "the window chooses its views itself"),
-    "map.max_voting_views": ("8", "the window chooses its views itself"),
-    "map.min_motion_share": ("0.75", "the window chooses its views itself"),
-    "keyframes.max_retry_gain": ("3.0", "keyframes.retry_gain is the only gain (1.15 by default)"),
-}
-
-
-@pytest.mark.parametrize("gone", GONE)
-def test_a_removed_key_is_refused_in_one_line_that_names_what_holds_now(tmp_path, gone):
-    value, now = GONE[gone]
-    path = written(tmp_path, as_toml(gone.split("."), value))
-    with pytest.raises(ConfigError) as refusal:
-        load_config(path)
-    assert str(refusal.value) == f"{path}: {gone} is gone: {now}"
-
-
-def test_the_rule_window_is_refused_like_any_other_rule(tmp_path):
-    with pytest.raises(ConfigError, match=r"acceptance\.rule is gone: the window decides$"):
-        load_config(written(tmp_path, '[acceptance]\nrule = "window"\n'))
+@pytest.mark.parametrize(
+    ("section", "key", "now"),
+    [
+        ("acceptance", "rule", "the window decides"),
+        ("two_view", "min_inlier_share", "acceptance.max_risk decides"),
+        ("map", "max_further_views", "the window chooses its views itself"),
+        ("keyframes", "max_retry_gain", "keyframes.retry_gain is the only gain"),
+    ],
+)
+def test_a_removed_key_is_refused_in_one_line_that_names_what_holds_now(tmp_path, section, key, now):
+    path = written(tmp_path, as_toml((section, key), 1))
+    for use in (lambda: load_config(path), lambda: type(getattr(Config(), section))(**{key: 1})):
+        with pytest.raises(ConfigError, match=rf"{section}\.{key} is gone: {now}") as refusal:
+            use()
+        assert "\n" not in str(refusal.value)
 
 
 def test_a_file_with_several_removed_keys_is_refused_once_for_all(tmp_path):
     path = written(tmp_path, "[map]\nmax_voting_views = 8\n[acceptance]\nmin_explained = 0.5\nfocal_error = 0.05\n")
     with pytest.raises(ConfigError, match=r"focal_error is gone: .*; also gone: acceptance.min_explained, map.max_vot"):
         load_config(path)
-
-
-@pytest.mark.parametrize(
-    ("section", "keyword", "told"),
-    [
-        (AcceptanceConfig, "rule", "acceptance.rule is gone: the window decides"),
-        (AcceptanceConfig, "focal_error", "acceptance.focal_error is gone: acceptance.max_risk decides"),
-        (MapConfig, "max_further_views", "map.max_further_views is gone: the window chooses its views itself"),
-    ],
-)
-def test_a_removed_keyword_is_refused_in_one_line(section, keyword, told):
-    with pytest.raises(ConfigError, match=told) as refusal:
-        section(**{keyword: 1})
-    assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize("risk", [0.0, -0.1, 1.0001, 5, float("nan"), float("inf")])
@@ -194,28 +158,6 @@ def test_a_risk_is_a_probability_above_zero(tmp_path, risk):
     assert load_config(written(tmp_path, f"[acceptance]\nmax_risk = {risk}\n")).acceptance.max_risk == risk
 
 
-@pytest.mark.parametrize(
-    ("option", "value", "reason"),
-    [
-        *(("max_depth_sigma", value, "a tracker needs 0.2") for value in (-0.1, 0.0, 0.001, 0.21, float("nan"))),
-        *(("min_parallax_deg", value, "right angle") for value in (-1.0, 90.5, float("nan"))),
-    ],
-)
-def test_a_target_that_no_map_can_use_is_refused_with_its_range_and_the_reason(tmp_path, option, value, reason):
-    with pytest.raises(ConfigError, match=rf"acceptance\.{option} is .*{reason}") as refusal:
-        AcceptanceConfig(**{option: value})
-    assert "\n" not in str(refusal.value)
-    with pytest.raises(ConfigError, match=rf"acceptance\.{option} is"):
-        load_config(written(tmp_path, f"[acceptance]\n{option} = {value}\n"))
-
-
-@pytest.mark.parametrize(("option", "value"), [("max_depth_sigma", 0.05), ("min_parallax_deg", 1.5)])
-def test_a_stricter_target_comes_back(tmp_path, option, value):
-    changed = Config(acceptance=AcceptanceConfig(**{option: value}))
-    assert load_config(written(tmp_path, config_toml(changed))) == changed
-    assert changed.changed() == {f"acceptance.{option}": value}
-
-
 def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(ConfigError, match="cannot be read"):
         load_config(tmp_path / "missing.toml")
@@ -225,22 +167,6 @@ def test_files_that_cannot_be_read(tmp_path):
     binary.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ConfigError, match="not valid TOML"):
         load_config(binary)
-
-
-def test_a_number_of_five_thousand_digits_in_a_file_is_one_line(tmp_path):
-    path = tmp_path / "c.toml"
-    path.write_text(f"seed = 1{'0' * 5000}\n")
-    with pytest.raises(ConfigError, match="not valid TOML") as told:
-        load_config(path)
-    assert "\n" not in str(told.value) and len(str(told.value)) < 500
-
-
-@pytest.mark.parametrize("text", ["window_px = 1", "window_px = 1000", "max_tracks = 100000000000000"])
-def test_numbers_that_would_crash_a_library_are_refused(tmp_path, text):
-    path = tmp_path / "c.toml"
-    path.write_text(f"[tracking]\n{text}\n")
-    with pytest.raises(ConfigError, match="it must lie in"):
-        load_config(path)
 
 
 def test_a_pipe_is_refused_and_not_waited_for(tmp_path):

@@ -1,6 +1,5 @@
 """Initializations are counted by the classes of the comparison."""
 
-import pytest
 from comparisons import table_cells
 
 from tests.benchmarks import initialization
@@ -33,17 +32,3 @@ def test_the_program_writes_what_it_prints(monkeypatch, tmp_path, capsys):
     options = ["--only", "synthetic", "--scenes", "room", "--seeds", "2", "--out", str(tmp_path / "t.md")]
     assert main(options) == 0
     assert capsys.readouterr().out == (tmp_path / "t.md").read_text()
-
-
-@pytest.mark.parametrize("options", [["--scenes", "moon"], ["--seeds", "0"], ["--jobs", "-1"]])
-def test_wrong_options_are_refused(options, capsys):
-    with pytest.raises(SystemExit) as error:
-        main(options)
-    assert error.value.code == 2
-    assert "error:" in capsys.readouterr().err
-
-
-def test_the_table_of_real_sequences_needs_data(tmp_path, monkeypatch, capsys):
-    monkeypatch.setenv("SLAM_INIT_DATA", str(tmp_path))
-    assert main(["--only", "real"]) == 2
-    assert "SLAM_INIT_DATA" in capsys.readouterr().err

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from make_source import synth
 
 from quest.geometry.quaternion import rotation_from_vector
@@ -85,17 +84,3 @@ def test_the_program_writes_tables_and_plots_of_a_source(tmp_path, capsys):
     assert capsys.readouterr().out == (tmp_path / "paper_real_images.md").read_text()
     for which in ("rotation", "translation"):
         assert (tmp_path / f"paper_real_images_{which}.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_the_program_needs_data(tmp_path, monkeypatch, capsys):
-    monkeypatch.setenv("SLAM_INIT_DATA", str(tmp_path))
-    assert paper_real_images.main([]) == 2
-    assert "SLAM_INIT_DATA" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("options", [["--pairs", "0"], ["--step", "x"]])
-def test_wrong_options_are_refused(options, capsys):
-    with pytest.raises(SystemExit) as error:
-        paper_real_images.main(options)
-    assert error.value.code == 2
-    assert "error:" in capsys.readouterr().err

@@ -1,8 +1,7 @@
 import numpy as np
-import pytest
 
 from slam_init.types.camera import Camera
-from tests.benchmarks.soak import Tenth, soak, soak_table
+from tests.benchmarks.soak import soak
 
 CAMERA = Camera("pinhole", 160, 120, 150.0, 150.0, 79.5, 59.5)
 
@@ -12,8 +11,3 @@ def test_each_tenth_has_frames_and_a_static_camera_never_ends_it():
     tenths = list(soak(images, CAMERA, seconds=0.1, rate_hz=1000))
     assert len(tenths) == 10
     assert all(tenth.frames >= 1 and tenth.memory_mb > 1 for tenth in tenths)
-
-
-@pytest.mark.parametrize("text", ["360", "3599", "81.5", "12.3", "15.0"])
-def test_the_table_tells_each_figure(text):
-    assert text in soak_table([Tenth(360.2, 3599, 81.5, 12.3, 15.0)])

@@ -12,8 +12,3 @@ def test_the_program_prints_and_writes_the_table_and_does_not_repeat_finished_tr
     assert study.main(options) == 0
     assert capsys.readouterr().out == shown
     assert (tmp_path / "general" / "trials.jsonl").read_bytes() == trials
-
-
-def test_a_wrong_option_is_reported_in_one_line(tmp_path, capsys):
-    assert study.main(["--out", str(tmp_path), "--methods", "magic"]) == 2
-    assert capsys.readouterr().err.count("\n") == 1

@@ -84,15 +84,6 @@ def test_a_mask_of_everything_is_told_to_mask_less(world, capsys):
     assert "the mask ignores 100% of the image: mask less of it" in capsys.readouterr().out
 
 
-def test_the_options_of_run_are_in_groups(capsys):
-    assert main(["run", "--help"]) == 0
-    text = capsys.readouterr().out
-    ungrouped = text[text.index("\noptions:") : text.index("\nframes and camera:")]
-    assert ungrouped.count("\n  -") == 1  # --help
-    for group in ("frames and camera", "how it decides", "after the map", "results"):
-        assert f"\n{group}:\n" in text
-
-
 @pytest.mark.parametrize(("line", "wanted"), [("slam-init ru", {"run "}), ("slam-init run --cam", {"--camera "})])
 def test_the_shell_is_told_what_may_come_next(line, wanted, tmp_path):
     pytest.importorskip("argcomplete")

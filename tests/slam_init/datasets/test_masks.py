@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from make_files import picture, write, write_image
+from make_files import picture, write_image
 
 from slam_init.datasets import open_source
 from slam_init.datasets.masks import MaskedSource, read_mask
@@ -44,29 +44,11 @@ def test_black_is_ignored_and_nothing_else(tmp_path):
     assert mask.shape == (48, 64) and not mask[0].any() and (mask[1:] == 255).all()
 
 
-@pytest.mark.parametrize("case", ["missing", "text", "size", "no mask of a frame", "outside"])
-def test_a_wrong_mask_is_one_line(source, tmp_path, case):
-    path, message = (
-        tmp_path / "masks",
-        {
-            "missing": r"masks: no such file",
-            "text": r"m\.png: not a readable image",
-            "size": r"m\.png: the mask is 32x24, but the frame 0\.jpg is 64x48",
-            "no mask of a frame": r"no mask for the frame 1\.jpg: add 1\.jpg\.png or 1\.png",
-            "outside": r"leads out of the folder",
-        }[case],
-    )
-    if case == "text":
-        path = write(tmp_path / "m.png", "no image")
-    elif case == "size":
-        path = tmp_path / "m.png"
-        write_image(path, picture(0, (32, 24)))
-    elif case == "no mask of a frame":
-        write_image(path / "0.png", LEFT)
-    elif case == "outside":
-        path.mkdir()
-        write_image(tmp_path / "elsewhere.png", LEFT)
-        (path / "0.png").symlink_to(tmp_path / "elsewhere.png")
-    with pytest.raises(SourceError, match=message) as raised:
+def test_a_mask_that_leads_out_of_its_folder_is_one_line(source, tmp_path):
+    path = tmp_path / "masks"
+    path.mkdir()
+    write_image(tmp_path / "elsewhere.png", LEFT)
+    (path / "0.png").symlink_to(tmp_path / "elsewhere.png")
+    with pytest.raises(SourceError, match="leads out of the folder") as raised:
         list(SourceView(mask=str(path)).apply(source).frames())
     assert "\n" not in str(raised.value)

@@ -28,14 +28,3 @@ def test_a_synthetic_source_equals_the_folder_written_from_it(tmp_path):
         true_a, true_b = read.groundtruth.at(a.timestamp_s), made.groundtruth.at(b.timestamp_s)
         np.testing.assert_allclose(true_a.R, true_b.R, atol=1e-7)
         np.testing.assert_allclose(true_a.t, true_b.t, atol=1e-7)
-
-
-def test_numbers_words_and_switches_are_options_of_a_source():
-    text = "synth:handheld?frames=4&width=96&height=64&readout_ms=30&readout_direction=left&stabilized=1&moving=0.4"
-    size = {"frames": 4, "width": 96, "height": 64}
-    options = SynthOptions(**size, readout_ms=30, readout_direction="left", stabilized=True, moving=0.4)
-    source, sequence = open_source(text, seed=5), make_sequence("handheld", 5, options)
-    assert source.sequence.options == options
-    (frame,) = source.frames(2, 1)
-    np.testing.assert_array_equal(frame.image, sequence.render(2)[0])
-    np.testing.assert_allclose(source.groundtruth.at(frame.timestamp_s).t, sequence.poses[2, :3, 3])

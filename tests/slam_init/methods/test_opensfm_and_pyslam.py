@@ -12,7 +12,7 @@ from two_view_scenes import CAMERA, make_scene
 from slam_init.config import Config
 from slam_init.methods import make_initializer, make_two_view
 from slam_init.methods.motions import motions_of_homography
-from slam_init.methods.opensfm import OpenSfm, OpenSfmRules
+from slam_init.methods.opensfm import OpenSfm
 from slam_init.methods.pair_initializer import PairInitializer
 from slam_init.methods.pyslam import PySlam, PySlamRules
 from slam_init.methods.two_view import PairRule, TwoViewOutcome
@@ -21,15 +21,6 @@ from slam_init.methods.two_view import PairRule, TwoViewOutcome
 def outcome(two_view, scene):
     rays = CAMERA.bearings(scene.pixels1), CAMERA.bearings(scene.pixels2)
     return two_view.bootstrap(CAMERA, scene.pixels1, scene.pixels2, *rays, 0)
-
-
-def test_the_constants_are_those_of_the_sources():
-    opensfm, pyslam = OpenSfmRules(), PySlamRules()
-    assert (opensfm.threshold_rad, opensfm.rotation_factor, opensfm.min_outlier_ratio) == (0.004, 4.0, 0.3)
-    assert (opensfm.landmark_rad, opensfm.min_ray_angle_deg, opensfm.min_points) == (0.006, 1.0, 20)
-    assert (pyslam.threshold, pyslam.confidence, pyslam.max_cosine) == (0.0004, 0.999, 0.99998)
-    assert (pyslam.min_points, pyslam.max_depth_ratio, pyslam.max_error_px2) == (150, 100.0, 5.991)
-    assert (PySlam.pair_rule.min_gap, PySlam.pair_rule.max_gap, PySlam.pair_rule.min_features) == (2, 5, 100)
 
 
 def test_opensfm_solves_a_general_scene_with_a_wide_baseline():

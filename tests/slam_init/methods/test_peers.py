@@ -74,11 +74,6 @@ def test_two_calls_of_superansac_give_nearly_the_same_rotation():
     assert np.rad2deg(np.arccos(np.clip((np.trace(relative) - 1) / 2, -1, 1))) < 0.2
 
 
-def test_magsac_is_another_name_of_the_five_point_method():
-    assert METHODS["magsac"].alias_of == "essential-5pt"
-    assert METHODS["magsac"].home == METHODS["essential-5pt"].home
-
-
 @pytest.mark.parametrize(("scene", "seed"), [("room", 1), ("wall", 2), ("rotation", 3), ("static", 4)])
 def test_the_window_judges_the_poses_of_poselib(scene, seed):
     pytest.importorskip("poselib")

@@ -59,18 +59,6 @@ def test_two_undecided_maps_are_reported_with_their_margin():
     assert lines["kept"] == "two maps of frames 10, 17, 24, 31; the tracks prefer the first by 3.0 nats"
 
 
-def test_each_note_has_a_line():
-    result = replace(make_result(make_map()), notes=("the camera was guessed", "second"))
-    text = report_text(summarize(result), "out")
-    assert "  note          the camera was guessed\n  note          second\n" in text
-
-
-def test_a_static_ground_truth_gives_no_errors_of_direction():
-    truth = GroundTruthErrors(rotation_error_deg=0.25, direction_error_deg=None, ate_rmse=None, path_length=0.0)
-    _, lines = lines_of(summarize(make_result(make_map()), ground_truth=truth))
-    assert lines["ground truth"] == "rotation 0.25 deg"
-
-
 def test_a_scale_does_not_hide_that_depths_are_less_certain():
     origin = ScaleRecord(ScaleOrigin.DISTANCE, "frames 0 and 4", "")
     summary = summarize(make_result(make_map()))

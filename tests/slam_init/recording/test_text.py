@@ -6,21 +6,12 @@ from make_map import make_attempts, make_map, make_preview, make_result
 from make_summary import summarize
 
 from slam_init.recording.text import (
-    advice_markdown,
-    attempt_line,
     attempt_markdown,
-    conjugate_maps_markdown,
     evidence_markdown,
     summary_markdown,
 )
 from slam_init.types.evidence import MapEvidence, RotationOnlyEvidence
 from slam_init.types.reasons import Verdict
-
-
-def test_the_line_of_an_attempt_names_frames_verdict_and_advice():
-    refused, *_, accepted = make_attempts(make_map())
-    assert attempt_line(refused) == f"low parallax, frames 10, 17: {Verdict.LOW_PARALLAX.advice}"
-    assert attempt_line(accepted) == "accepted, frames 10, 31"
 
 
 def test_the_text_of_an_attempt_has_verdict_advice_and_gates():
@@ -40,20 +31,6 @@ def test_the_verdict_names_the_largest_part_of_the_risk_and_fits_a_small_panel()
     assert "largest part of the risk: another motion, 0.06" in text
     assert "#" not in text
     assert len(text.splitlines()) <= 10
-
-
-def test_the_text_of_two_maps_states_the_risk_of_the_other_one_and_the_bound():
-    refused = make_attempts(make_map())[0]
-    text = conjugate_maps_markdown(replace(refused, window=replace(refused.window, risk_rival=0.03)))
-    assert "**0.03**" in text and "**0.005**" in text
-    assert "one of the maps is right" in conjugate_maps_markdown(None)
-
-
-def test_the_result_of_a_run_ends_with_what_to_do():
-    text = advice_markdown(summarize(make_result(None, Verdict.STATIC_CAMERA)))
-    assert "static camera" in text
-    assert text.splitlines()[-1] == "# move it sideways"
-    assert advice_markdown(summarize(make_result(make_map()))) == "# Initialized after 22 frames"
 
 
 def test_the_text_of_an_attempt_has_all_evidence_that_is_known():
@@ -76,17 +53,6 @@ def test_the_text_of_an_attempt_has_all_evidence_that_is_known():
         assert row in text
     assert "suspected" not in text  # nothing is suspected
     assert "reprojection_rmse_px" not in text
-
-
-def test_the_text_of_a_summary_has_its_figures_and_no_times():
-    text = summary_markdown(summarize(make_result(make_map())))
-    assert "# initialized" in text
-    assert "| landmarks | 60 |" in text
-    assert "| low_parallax | 2 |" in text
-    assert "Keyframes: 10, 17, 24, 31" in text
-    assert "timing" not in text
-    assert "provenance" not in text
-    assert "not_initialized: static_camera" in summary_markdown(summarize(make_result(None, Verdict.STATIC_CAMERA)))
 
 
 def test_a_hostile_name_is_escaped():

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -64,18 +63,3 @@ def test_the_progress_grows_with_the_stage_and_with_the_gate_farthest_from_its_t
     assert progress(Stage.MOTION, [half]) < progress(Stage.TWO_VIEWS)
     assert progress(Stage.MAP, [half]) < 1
     assert [progress(stage) for stage in Stage] == [0.0, 0.25, 0.5, 0.75]
-
-
-@pytest.mark.parametrize(
-    ("gate", "text"),
-    [
-        (small(0.2, 0.1), "risk 0.2, needs <= 0.1: fails (low_parallax)"),
-        (large(80, 50), "landmarks 80, needs >= 50: passes"),
-        (
-            at_most(GateName.MOTION_PX, 7.0, 5.0, Verdict.LOW_PARALLAX),
-            "motion_px 7 px, needs <= 5 px: fails (low_parallax)",
-        ),
-    ],
-)
-def test_the_text_of_a_gate_holds_the_comparison(gate, text):
-    assert str(gate) == text

@@ -33,7 +33,3 @@ def test_a_track_that_is_no_landmark_is_left_out():
     strange = replace(seen, track_ids=seen.track_ids + 1)
     landmarks, features, bearings = map_.seen_in(strange)
     assert len(landmarks) == len(features) == len(bearings) == 0
-
-
-def test_the_text_of_a_map_counts_keyframes_and_landmarks():
-    assert str(make_map()).split("\n")[0] == "map of 4 keyframes and 60 landmarks, general scene"

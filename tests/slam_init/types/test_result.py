@@ -42,12 +42,6 @@ def test_a_result_is_truthy_with_a_map_and_names_the_reason_without_one():
     assert "2 maps, one of them is right" in str(undecided)
 
 
-def test_a_text_has_at_most_six_lines_and_a_notebook_escapes_names():
-    result = replace(make_result(make_map()), notes=("<first>", "second"))
-    assert len(lines_of(result)) <= 6
-    assert "&lt;first&gt;" in result._repr_html_()
-
-
 def test_an_attempt_knows_the_suspected_focal_factor_of_its_evidence():
     attempt = Attempt((0, 1), Verdict.PURE_ROTATION)
     assert attempt.suspected_focal_factor is None

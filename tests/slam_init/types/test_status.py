@@ -4,7 +4,6 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from make_map import make_attempts, make_map
 from make_scene import CAMERA
 
 from slam_init.errors import SlamInitError
@@ -46,16 +45,6 @@ def test_a_status_with_a_map_is_truthy_and_has_no_reason():
     status = Status.initialized(None)
     assert status
     assert (status.state, status.progress, status.reason, status.advice) == ("initialized", 1.0, None, "")
-
-
-def test_the_text_of_a_status_names_progress_reason_advice_and_failed_gates():
-    refused, *_, accepted = make_attempts(make_map())
-    lines = str(Status().after(refused, 0.9)).split("\n")
-    assert lines[0] == "waiting, 90%: low_parallax"
-    assert refused.advice in lines[1]
-    assert "risk" in lines[2]
-    assert len(lines) <= 6
-    assert str(Status.initialized(accepted)).split("\n") == ["initialized", "  attempt     frames 10, 31: accepted"]
 
 
 def test_an_image_gets_the_next_index_and_a_frame_keeps_its_own():

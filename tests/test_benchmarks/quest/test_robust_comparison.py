@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from quest.geometry.epipolar import depths_from_pose, sampson_error
 from quest.geometry.quaternion import rotation_from_vector
 from tests.benchmarks.quest import robust_comparison
-from tests.benchmarks.quest.measures import accuracy, area_under_recall, pose_errors_deg
+from tests.benchmarks.quest.measures import area_under_recall, pose_errors_deg
 from tests.benchmarks.quest.robust_methods import METHODS, Estimate, available
 from tests.benchmarks.quest.robust_trials import Cell, full_grid, judge, oracle_error_deg, run_trials, star_grid
 from tests.benchmarks.quest.scenes import FOCAL_PX, SCENES, draw_scene
@@ -82,17 +82,6 @@ def test_the_same_seed_draws_the_same_scene_and_another_seed_does_not():
     assert not np.array_equal(draw("desk .15", 3).bearings2, draw("desk .15", 4).bearings2)
 
 
-def test_a_camera_that_leaves_the_scene_is_refused():
-    with pytest.raises(ValueError, match="shorter baseline"):
-        draw_scene(
-            replace(SCENES["plane .15"], baseline=1e3),
-            np.random.default_rng(0),
-            matches=50,
-            outlier_share=0,
-            noise_px=0,
-        )
-
-
 def test_errors_are_angles_and_include_the_sign_of_the_translation():
     R, t = np.eye(3), np.array([0.0, 0.0, 2.0])
     turned = rotation_from_vector(np.deg2rad([0.0, 3.0, 0.0]))
@@ -114,10 +103,6 @@ def test_the_area_under_recall_is_a_share_and_never_rises_with_a_failure(errors,
     area = area_under_recall(errors, bound)
     assert 0 <= area <= 1
     assert area_under_recall([*errors, np.inf], bound) <= area
-
-
-def test_infinite_and_undefined_errors_are_no_success():
-    assert accuracy([0.5, 2.0, np.inf, np.nan], 1) == 0.25
 
 
 def test_the_error_of_the_best_returned_pose_is_measured_beside_that_of_the_first():
@@ -174,13 +159,3 @@ def test_the_program_writes_what_it_prints_and_repeats_all_but_the_times(tmp_pat
     cells = star_grid(["plane .15", "rotation"], [0.1], [0.5], [100])
     runs = [list(run_trials(cells, ["quest"], 2, threshold_px=2.0, seed=0)) for _ in range(2)]
     assert [replace(t, time_ms=0) for t in runs[0]] == [replace(t, time_ms=0) for t in runs[1]]
-
-
-@pytest.mark.parametrize(
-    "options", [["--scenes", "moon"], ["--outliers", "1.5"], ["--matches", "x"], ["--trials", "0"], ["--methods", ""]]
-)
-def test_bad_options_are_refused(options, capsys):
-    with pytest.raises(SystemExit) as error:
-        robust_comparison.main(options)
-    assert error.value.code == 2
-    assert "error:" in capsys.readouterr().err

@@ -1,6 +1,6 @@
 """Draws ``docs/images/overview.png``: a run on a rendered room, and the two maps of a rendered wall.
 
-    python -m tests.benchmarks.readme_picture --out docs/images/overview.png
+    python docs/make/overview.py
 
 The camera approaches the wall in a straight line. Two motions explain its first three views, and both maps are kept.
 The fourth view decides. The picture has 256 colours, so that it is below 300 kB.
