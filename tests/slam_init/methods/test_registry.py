@@ -26,7 +26,7 @@ def test_each_method_is_described_and_can_be_made():
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("magic", "use one of quest"),
+        ("magic", "--list-methods names all"),
         ("no_such_module:Method", "cannot be made"),
         ("slam_init.types.arrays:Nothing", "cannot be made"),
         ("slam_init.types.arrays:Pose", "cannot be made"),
