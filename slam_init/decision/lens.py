@@ -65,7 +65,11 @@ class WindowLens:
     def advice(self) -> str | None:
         """What helps where the focal length stays unknown and the advice of the reason does not."""
         if self.stated.source != "prior":
-            return "the given focal length is not certain enough here: turn the camera while it moves, or calibrate it"
+            percent = 100 * (self.stated.focal_sigma or 0.0)
+            return (
+                f"the given focal length (+- {percent:.2g} %) is not certain enough here: turn the camera while it "
+                "moves, or give the file of a calibration by --camera"
+            )
         if self.camera.focal_px < _WIDE_FOCAL * max(self.camera.width, self.camera.height) or self._k1 < _WIDE_K1:
             return "wide lens: give its calibration by --camera FILE, or its field of view by --camera fov=DEGREES"
         return None

@@ -180,18 +180,28 @@ def _texts() -> Any:
 
 
 def _plots() -> Any:
-    """Make the plots: the risk in front, the time of a frame, and the rest side by side.
+    """Make the plots: the risk in front, its parts, the time of a frame, and the rest side by side.
 
-    A legend would hide a part of a plot of this size. The names tell the colours, and so does the view "legend".
+    The parts of the risk are a tab of their own: over a hundred frames without a map they hide the risk. A legend would
+    hide a part of a plot of this size. The names tell the colours, and so does the view "legend".
     """
     import rerun.blueprint as rrb
 
     hidden = rrb.PlotLegend(visible=False)
-    risk = rrb.TimeSeriesView(
-        origin="stats/risk_log10",
-        name="log10 of the risk (bound red)",
-        plot_legend=hidden,
-        axis_y=rrb.ScalarAxis(range=(math.log10(LEAST_RISK) - 0.2, 0.2)),
+    of_risk = "stats/risk_log10"
+    whole = [f"/{of_risk}/total", f"/{of_risk}/bound"]
+    risk, parts = (
+        rrb.TimeSeriesView(
+            origin=of_risk,
+            contents=contents,
+            name=name,
+            plot_legend=hidden,
+            axis_y=rrb.ScalarAxis(range=(math.log10(LEAST_RISK) - 0.2, 0.2)),
+        )
+        for contents, name in (
+            (whole, "log10 of the risk (bound red)"),
+            (["$origin/**", *(f"- {entity}" for entity in whole)], "parts of it"),
+        )
     )
     time = rrb.TimeSeriesView(
         origin="stats/time",
@@ -215,7 +225,7 @@ def _plots() -> Any:
         grid_columns=2,
         name="more",
     )
-    return rrb.Tabs(risk, time, more)
+    return rrb.Tabs(risk, parts, time, more)
 
 
 def _space_views() -> tuple[Any, Any]:

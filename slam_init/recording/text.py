@@ -98,7 +98,7 @@ def legend_markdown(arrow_factor: int) -> str:
         ("log10 of the risk", "red", "bound; below it the map is handed over"),
         ("log10 of the risk", "purple", "the risk that the map is wrong"),
         (
-            "log10 of the risk",
+            "parts of it",
             "light blue, pink, grey, brown",
             "its parts: direction, other motion, rotation, moving bodies",
         ),

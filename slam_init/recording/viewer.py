@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from slam_init.errors import SourceError, ViewerError
+from slam_init.errors import SourceError, ViewerError, plain_line
 from slam_init.system.process_guard import launcher
 from slam_init.system.regular_file import open_regular
 
@@ -30,6 +30,8 @@ _HOST = "127.0.0.1"
 _WEB_PORT, _DATA_PORT = 9090, 9876
 #: A viewer on a software renderer takes 3 s to start on a machine with idle cores.
 _START_S, _PAINT_S, _POLL_S = 60.0, 20.0, 0.25
+#: A viewer that has closed its connection ends within this time, if it does.
+_END_S = 2.0
 #: A viewer that loads nothing for this long has found nothing in the file.
 _EMPTY_S = 8.0
 #: The first bytes of a recording: ``RRF`` and the generation of the format.
@@ -102,10 +104,11 @@ def screenshots(path: Path, frames: Sequence[int], window: str = _WINDOW) -> dic
             return _taken(_client(port), path, frames)
         except (AttributeError, ImportError):
             raise ViewerError("the installed viewer takes no screenshots: pip install -U 'rerun-sdk>=0.41'") from None
-        except RuntimeError as error:
-            if process.poll() is not None:
+        except (RuntimeError, OSError) as error:  # OSError: the viewer ended, or was ended, in between
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(_END_S)
                 raise _no_start(process, log) from None
-            raise ViewerError(f"the viewer took no screenshot: {error}") from None
+            raise ViewerError(f"the viewer took no screenshot: {plain_line(str(error))}: try again") from None
 
 
 def _client(port: int) -> ViewerClient:

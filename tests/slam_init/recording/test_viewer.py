@@ -50,6 +50,18 @@ def test_a_viewer_that_does_not_start_is_one_line_with_its_cause(tmp_path, viewe
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.parametrize("end", ["raise SystemExit('out of memory')", "import time; time.sleep(60)"])
+def test_a_viewer_that_is_lost_in_between_is_one_line(tmp_path, viewer, end):
+    viewer(
+        "import socket, sys\nport = int(sys.argv[sys.argv.index('--port') + 1])\n"
+        "server = socket.create_server(('127.0.0.1', port))\nserver.accept()[0].close()\n"
+        f"server.accept()[0].close()\nserver.close()\n{end}"
+    )
+    with pytest.raises(ViewerError, match=r"out of memory|took no screenshot.*try again") as raised:
+        screenshots(tmp_path / "a.rrd", [-1])
+    assert "\n" not in str(raised.value)
+
+
 def test_a_window_that_fails_is_told_and_one_that_is_closed_is_not(tmp_path, viewer):
     viewer("raise SystemExit(0)")
     show(tmp_path / "a.rrd")
