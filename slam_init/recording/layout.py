@@ -199,8 +199,8 @@ def _plots() -> Any:
             axis_y=rrb.ScalarAxis(range=(math.log10(LEAST_RISK) - 0.2, 0.2)),
         )
         for contents, name in (
-            (whole, "log10 of the risk (bound red)"),
-            (["$origin/**", *(f"- {entity}" for entity in whole)], "parts of it"),
+            (whole, "log10 risk (bound red)"),
+            (["$origin/**", *(f"- {entity}" for entity in whole)], "parts"),
         )
     )
     time = rrb.TimeSeriesView(

@@ -95,10 +95,10 @@ def legend_markdown(arrow_factor: int) -> str:
         ("pair", "yellow", "no motion was estimated"),
         ("shutter", "yellow", "pixels as read"),
         ("shutter", "purple", f"corrected; arrows are {arrow_factor} times as long"),
-        ("log10 of the risk", "red", "bound; below it the map is handed over"),
-        ("log10 of the risk", "purple", "the risk that the map is wrong"),
+        ("log10 risk", "red", "bound; below it the map is handed over"),
+        ("log10 risk", "purple", "the risk that the map is wrong"),
         (
-            "parts of it",
+            "parts",
             "light blue, pink, grey, brown",
             "its parts: direction, other motion, rotation, moving bodies",
         ),

@@ -26,8 +26,9 @@ if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
 
 _HOST = "127.0.0.1"
-#: Rerun's own ports, where they are free.
-_WEB_PORT, _DATA_PORT = 9090, 9876
+#: Rerun's own port of web pages, where it is free. The system chooses all other ports: a viewer sends its recording to
+#: another one that has begun to use its port, and a screenshot would show that of somebody else.
+_WEB_PORT = 9090
 #: A viewer on a software renderer takes 3 s to start on a machine with idle cores.
 _START_S, _PAINT_S, _POLL_S = 60.0, 20.0, 0.25
 #: A viewer that has closed its connection ends within this time, if it does.
@@ -58,7 +59,7 @@ def has_display() -> bool:
 
 def show(path: Path) -> None:
     """Open a recording in a window, and return when the window is closed."""
-    with _viewer([str(path), "--port", str(_free_port(_DATA_PORT)), "--bind", _HOST]) as (process, log):
+    with _viewer([str(path), "--port", str(_free_port()), "--bind", _HOST]) as (process, log):
         if code := process.wait():
             raise ViewerError(f"the viewer ended with code {code}{_last_line(log)}: try --web or --screenshot")
 
@@ -87,7 +88,7 @@ def serve(path: Path, port: int | None = None) -> Iterator[Served]:
 
     * Returns: Once the page answers. The server ends with the ``with`` block.
     """
-    web, data = port or _free_port(_WEB_PORT), _free_port(_DATA_PORT)
+    web, data = port or _free_port(_WEB_PORT), _free_port()
     ports = ["--web-viewer-port", str(web), "--port", str(data), "--bind", _HOST]
     with _viewer([str(path), "--serve-web", *ports]) as (process, log):
         _wait_for(web, process, log)
@@ -96,7 +97,7 @@ def serve(path: Path, port: int | None = None) -> Iterator[Served]:
 
 def screenshots(path: Path, frames: Sequence[int], window: str = _WINDOW) -> dict[int, bytes]:
     """Draw a recording without a display."""
-    port = _free_port(_DATA_PORT)
+    port = _free_port()
     options = ["--headless", "--hide-welcome-screen", "--window-size", window, "--port", str(port), "--bind", _HOST]
     with _viewer(options) as (process, log):
         _wait_for(port, process, log)
@@ -192,7 +193,19 @@ def _end(process: subprocess.Popen[bytes]) -> None:
                 process.send_signal(number)
         with suppress(subprocess.TimeoutExpired):
             process.wait(timeout=5)
+            _wait_for_group(process.pid)
             return
+
+
+def _wait_for_group(leader: int) -> None:
+    """Wait until the processes of a group have ended: the viewer ends shortly after its guard, and then its port."""
+    if not hasattr(os, "killpg"):
+        return
+    end = time.monotonic() + _END_S
+    with suppress(OSError):  # none is left
+        while time.monotonic() < end:
+            os.killpg(leader, 0)
+            time.sleep(0.01)
 
 
 def _wait_for(port: int, process: subprocess.Popen[bytes], log: BinaryIO) -> None:
@@ -229,8 +242,8 @@ def _last_line(log: BinaryIO) -> str:
     return f" ({last[:300]})" if last else ""
 
 
-def _free_port(preferred: int) -> int:
-    for port in (preferred, 0):
+def _free_port(preferred: int = 0) -> int:
+    for port in dict.fromkeys((preferred, 0)):
         with suppress(OSError), socket.socket() as probe:
             # Without the option a port counts as taken for a minute after its last use.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

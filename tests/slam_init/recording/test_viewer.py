@@ -80,6 +80,12 @@ def test_a_served_recording_answers_and_its_process_ends_with_the_block(tmp_path
         assert probe.connect_ex((address.hostname, address.port)) != 0
 
 
+def test_viewers_that_start_at_once_share_no_port(tmp_path, viewer):
+    viewer(SERVER)  # it takes its web port alone, as a viewer does that has not opened the others yet
+    with serve(tmp_path / "a.rrd") as one, serve(tmp_path / "b.rrd") as two:
+        assert one.url.split("%3A")[-1] != two.url.split("%3A")[-1]
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="finds processes by their environment")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGQUIT])
