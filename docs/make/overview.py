@@ -22,7 +22,18 @@ from slam_init.initializer import Initializer
 from slam_init.pictures.map_panels import ABOVE, SIDE, draw_map
 from slam_init.pictures.panels import draw_frame, draw_pair
 from slam_init.pictures.story import Story, StoryRecorder
-from slam_init.pictures.style import ESTIMATE, FAINT, INK, INLIER, OUTLIER, TRACK, VERDICT_COLORS, canvas, drawn, write
+from slam_init.pictures.style import (
+    ESTIMATE,
+    FAINT,
+    INK,
+    INLIER,
+    OUTLIER,
+    TRACK,
+    VERDICT_COLORS,
+    canvas,
+    pixels_of,
+    write,
+)
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.reasons import Verdict
@@ -60,7 +71,7 @@ def main() -> None:
     with canvas(_WIDTH_PX, _HEIGHT_PX) as figure:
         _draw_room(figure, found, story, room.camera)
         _draw_wall(figure, twins, decided, twins_story, camera)
-        rgb = drawn(figure)
+        rgb = pixels_of(figure)
     out.parent.mkdir(parents=True, exist_ok=True)
     _write(out, rgb)
     print(f"{out}: {out.stat().st_size / 1000:.0f} kB")

@@ -14,7 +14,7 @@ from slam_init.bench.manifest import MANIFEST, checksum, data_folder, find_seque
 from slam_init.bench.protocol import DEFAULTS, Run
 from slam_init.bench.sheet import Sheet, sheet_of
 from slam_init.bench.sheet_text import sheet_text
-from slam_init.bench.suites import drawn_worlds, rendered_worlds
+from slam_init.bench.suites import rendered_worlds, simulated_worlds
 from slam_init.compare.command import not_applicable_lines
 from slam_init.compare.extras import Digests, Extras
 from slam_init.compare.plan import Plan
@@ -122,7 +122,7 @@ def _state(name: str, folder: Path) -> str:
 def _sources(run: Run) -> tuple[list[ComparedSource], list[str]]:
     """Describe the sources of a run, and tell which are missing."""
     if run.suite == "drawn":
-        return describe_sources(drawn_worlds(run.worlds, run.seed)), []
+        return describe_sources(simulated_worlds(run.worlds, run.seed)), []
     if run.suite == "rendered":
         return describe_sources(rendered_worlds(run.worlds, run.seed)), []
     folder = find_sequences(data_folder())

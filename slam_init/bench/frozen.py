@@ -15,7 +15,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from slam_init.bench.protocol import VERSION
-from slam_init.bench.suites import drawn_worlds
+from slam_init.bench.suites import simulated_worlds
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def _frozen() -> _Frozen:
     text = files("slam_init.bench").joinpath("frozen.json").read_text(encoding="utf-8")
     content = json.loads(text)[str(VERSION)]
     # The worlds of ``drawn`` are listed by their number.
-    drawn = dict(zip(drawn_worlds(len(content["drawn"]), 0), content["drawn"], strict=True))
+    drawn = dict(zip(simulated_worlds(len(content["drawn"]), 0), content["drawn"], strict=True))
     digests = {"drawn": drawn, "rendered": content["rendered"], "video": content["video"]}
     return _Frozen(digests, content["made_with"], content["checksums"])
 

@@ -35,7 +35,7 @@ _FRAMES = 60
 _SEEDS = 1_000_000
 
 
-def drawn_worlds(count: int, seed: int) -> list[str]:
+def simulated_worlds(count: int, seed: int) -> list[str]:
     """List the worlds of the suite ``drawn``.
 
     * Returns: Arguments of :func:`slam_init.compare.sources.open_compared`.

@@ -21,7 +21,6 @@ class Backend:
     wait on all futures took 0.07 ms for a task with 100 workers and 0.85 ms with 1000; the callback takes 0.01 ms.
 
     * ``executor``: None calls the function in this process, one argument after the other.
-    * ``workers``: Number of workers of the executor.
     * ``workers``: Number of workers; that of a cluster can change.
     * ``largest_batch``: Largest number of trials of one source that one task should hold. Above 1 where each worker has
       to compute the tracks of a source by itself.

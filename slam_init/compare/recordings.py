@@ -14,7 +14,7 @@ import numpy as np
 from slam_init.evaluation.metrics import align_truth, compare_with_groundtruth, positions_between
 from slam_init.methods.external_command import method_label
 from slam_init.output.folder import output_error
-from slam_init.output.names import UNFINISHED
+from slam_init.output.names import UNFINISHED, folder_name
 from slam_init.recording.recorder import Recorder
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.pose import Trajectory
@@ -29,13 +29,11 @@ if TYPE_CHECKING:
 RECORDINGS = "recordings"
 #: The recording of all methods from one start.
 SIDE_BY_SIDE = "side-by-side.rrd"
-#: Largest length of a folder name in characters; file systems allow 255 bytes.
-_MAX_NAME = 120
 
 
 def recording_folder(recordings: str | os.PathLike[str], source: str, start: int) -> Path:
     """Return the folder of the recordings of one start."""
-    return Path(recordings) / f"{quote(source, safe='').replace('%', '_')[-_MAX_NAME:]}-{start:06d}"
+    return Path(recordings) / f"{folder_name(source)}-{start:06d}"
 
 
 def recording_name(method: str) -> str:

@@ -146,10 +146,10 @@ def grid_sources(count: int, seed: int) -> list[str]:
     """Draw point-level sources of all scenes from :data:`GRID`."""
     from slam_init.datasets.points import point_scenes
 
-    return [text for scene in point_scenes() for text in drawn_sources(scene, count, seed)]
+    return [text for scene in point_scenes() for text in simulated_sources(scene, count, seed)]
 
 
-def drawn_sources(scene: str, count: int, seed: int, **fixed: float) -> list[str]:
+def simulated_sources(scene: str, count: int, seed: int, **fixed: float) -> list[str]:
     """Draw point-level sources of one scene from :data:`GRID`.
 
     * ``**fixed``: Options that replace the drawn values. They do not change the values that are drawn for the other

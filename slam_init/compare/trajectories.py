@@ -11,19 +11,17 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from urllib.parse import quote
 
 from slam_init.errors import OutputError
 from slam_init.methods.external_command import method_label
 from slam_init.output.colmap import numbers_text
+from slam_init.output.names import folder_name
 from slam_init.output.results import tum_text
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose, Trajectory
 
 #: The folder of the trajectories in that of the results.
 TRAJECTORIES = "trajectories"
-#: Largest length of a folder name in characters; file systems allow 255 bytes.
-_MAX_NAME = 120
 _DATASET = "SLAM-INIT"
 _TRUTH = "groundtruth"
 _HEADER = "ts (ns),tx (m),ty (m),tz (m),qx,qy,qz,qw"
@@ -76,12 +74,8 @@ def _csv(poses: Sequence[tuple[float, Pose]]) -> str:
 
 
 def _evo(method: str, label: str) -> str:
-    return f"evo/{_name(method_label(method))}/{_name(label)}"
+    return f"evo/{folder_name(method_label(method))}/{folder_name(label)}"
 
 
 def _vslam_lab(method: str, label: str) -> str:
-    return f"vslam-lab/{_name(method_label(method))}/{_DATASET}/{_name(label)}"
-
-
-def _name(text: str) -> str:
-    return quote(text, safe="").replace("%", "_")[-_MAX_NAME:]
+    return f"vslam-lab/{folder_name(method_label(method))}/{_DATASET}/{folder_name(label)}"

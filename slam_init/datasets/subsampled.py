@@ -27,8 +27,8 @@ class _Pace:
         self._due_s: float | None = None
         self._last_s: float | None = None
 
-    def takes(self, time_s: float) -> bool:
-        """Whether a frame is taken: the first one that is later than an instant, or earlier by half a frame at most."""
+    def includes(self, time_s: float) -> bool:
+        """Whether a frame is used: the first one that is later than an instant, or earlier by half a frame at most."""
         step_s = 0.0 if self._last_s is None else min(time_s - self._last_s, self._interval_s)
         self._last_s = time_s
         # Times are rounded to microseconds in some containers; without this a frame in the middle would be a lottery.
@@ -46,12 +46,12 @@ class _Pace:
 class SubsampledSource(DerivedSource):
     """A part of the frames of a source. Frames keep their time stamps and, unless renumbered, their indices."""
 
-    #: Every N-th frame is taken, from the start frame on.
+    #: Every N-th frame is included, from the start frame on.
     every: int = 1
-    #: The frames nearest to this rate are taken, by their time stamps, from the start frame on. A source with a lower
-    #: rate gives all frames.
+    #: The frames nearest to this rate are included, by their time stamps, from the start frame on. A source with a
+    #: lower rate gives all frames.
     fps: float | None = None
-    #: Whether the frames that are taken from frame 0 on get consecutive indices, as a comparison needs them.
+    #: Whether the frames that are included from frame 0 on get consecutive indices, as a comparison needs them.
     renumbered: bool = False
 
     def __post_init__(self) -> None:
@@ -62,7 +62,7 @@ class SubsampledSource(DerivedSource):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Those of the source, and which frames are taken."""
+        """Those of the source, and which frames are included."""
         taken = (
             f"every {self.every} frames one is used" if self.fps is None else f"at most {self.fps:g} frames a second"
         )
@@ -70,13 +70,13 @@ class SubsampledSource(DerivedSource):
 
     @cached_property
     def timestamps_s(self) -> Floats:
-        """(N,) float: time stamps of the frames that are taken from frame 0 on."""
+        """(N,) float: time stamps of the frames that are included from frame 0 on."""
         times_s = self.source.timestamps_s
-        return times_s[self._taken[self._taken < len(times_s)]]  # a bag may hold fewer frames than its index says
+        return times_s[self._included[self._included < len(times_s)]]  # a bag may hold fewer frames than its index says
 
     @cached_property
-    def _taken(self) -> Ints:
-        """Absolute indices of the frames that are taken from frame 0 on."""
+    def _included(self) -> Ints:
+        """Absolute indices of the frames that are included from frame 0 on."""
         return self._indices(0)
 
     def _indices(self, start: int) -> Ints:
@@ -84,23 +84,23 @@ class SubsampledSource(DerivedSource):
             return np.arange(start, len(self.source), self.every)
         pace = _Pace(self.fps)
         times_s = self.source.timestamps_s[start:].tolist()
-        return np.array([start + i for i, time_s in enumerate(times_s) if pace.takes(time_s)], int)
+        return np.array([start + i for i, time_s in enumerate(times_s) if pace.includes(time_s)], int)
 
     def __len__(self) -> int:
-        return len(self._taken)
+        return len(self._included)
 
     def left(self, start: int) -> int:
-        """Count the frames that are taken from a frame on."""
+        """Count the frames that are included from a frame on."""
         return len(self) - start if self.renumbered else len(self._indices(start))
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Read the frames that are taken, in order.
+        """Read the frames that are included, in order.
 
         * ``start``: Absolute index of the first frame; for renumbered frames their own number.
         """
         if self.renumbered:
             wanted = frame_range(len(self), start, max_frames, self.name)
-            positions = {int(self._taken[k]): k for k in wanted}
+            positions = {int(self._included[k]): k for k in wanted}
             for frame in self._read(list(positions)):
                 yield replace(frame, index=positions[frame.index])
             return
@@ -130,7 +130,7 @@ class SubsampledSource(DerivedSource):
         assert self.fps is not None
         pace, given = _Pace(self.fps), 0
         for frame in self.source.frames(start):
-            if pace.takes(frame.timestamp_s):
+            if pace.includes(frame.timestamp_s):
                 yield frame
                 given += 1
                 if given == max_frames:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from urllib.parse import quote
+
 from slam_init.types.segments import MAX_SEGMENTS
 
 #: The text model of COLMAP: cameras, images, points.
@@ -54,3 +56,8 @@ def run_files(*, restart: bool) -> tuple[str, ...]:
         return RUN_FILES
     folders = (segment_folder(number) for number in range(1, MAX_SEGMENTS + 1))
     return (*RUN_FILES, *(f"{folder}/{name}" for folder in folders for name in MAP_FILES))
+
+
+def folder_name(text: str) -> str:
+    """Return a text as the name of one folder: without separators, and short (file systems allow 255 bytes)."""
+    return quote(text, safe="").replace("%", "_")[-120:]

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import shutil
-import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 from urllib.parse import urlsplit
 
 from slam_init.errors import OutputError
+from slam_init.system.ports import answers, answers_within
 from slam_init.system.process_guard import RELEASE, launcher
 
 #: Given instead of an address, it means that a viewer is started on this machine.
@@ -19,8 +18,6 @@ SPAWN = "spawn"
 _SCHEMES = ("rerun+http", "rerun+https", "rerun")
 #: Port of Rerun's viewer.
 VIEWER_PORT = 9876
-# A viewer on the same network answers within this time.
-_PATIENCE_S = 3.0
 # A viewer that was started here answers within this time, or its window does not open.
 _START_S = 20.0
 
@@ -44,13 +41,13 @@ def viewer_url(text: str) -> str:
         raise OutputError(
             f"--live={text}: give the address of a viewer, as in --live=rerun+http://127.0.0.1:9876/proxy"
         )
-    if not _answers(host, port):
+    if not answers(host, port):
         raise OutputError(f"--live={text}: no viewer answers there: start one (rerun), or leave the address out")
     return text
 
 
 def _spawned() -> str:
-    if not _answers("127.0.0.1", VIEWER_PORT):
+    if not answers("127.0.0.1", VIEWER_PORT):
         beside = Path(sys.executable).with_name("rerun")  # where pip puts it, also if the environment is not active
         executable = shutil.which("rerun") or (str(beside) if beside.is_file() else None)
         if executable is None:
@@ -62,7 +59,7 @@ def _spawned() -> str:
         _viewer = subprocess.Popen(
             [*launcher(), *words], stdin=silent, stdout=silent, stderr=silent, start_new_session=True
         )
-        if not _answers_soon(_viewer):
+        if not answers_within("127.0.0.1", VIEWER_PORT, _viewer, _START_S):
             raise OutputError(
                 "--live: the viewer does not start here, for example without a display: give the address of one that "
                 "runs elsewhere (--live=rerun+http://HOST:9876/proxy), or leave --live out"
@@ -74,20 +71,3 @@ def leave_open() -> None:
     """Let a viewer that this process has started outlive it: a window that the user looks at."""
     if _viewer is not None and _viewer.poll() is None:
         _viewer.send_signal(RELEASE)
-
-
-def _answers_soon(viewer: subprocess.Popen[bytes]) -> bool:
-    end = time.monotonic() + _START_S
-    while viewer.poll() is None and time.monotonic() < end:
-        if _answers("127.0.0.1", VIEWER_PORT):
-            return True
-        time.sleep(0.1)
-    return False
-
-
-def _answers(host: str, port: int) -> bool:
-    try:
-        socket.create_connection((host, port), _PATIENCE_S).close()
-    except OSError:
-        return False
-    return True

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from slam_init.errors import SourceError, ViewerError, plain_line
+from slam_init.system.ports import answers_within
 from slam_init.system.process_guard import launcher
 from slam_init.system.regular_file import open_regular
 
@@ -102,7 +103,7 @@ def screenshots(path: Path, frames: Sequence[int], window: str = _WINDOW) -> dic
     with _viewer(options) as (process, log):
         _wait_for(port, process, log)
         try:
-            return _taken(_client(port), path, frames)
+            return _screenshots_at(_client(port), path, frames)
         except (AttributeError, ImportError):
             raise ViewerError("the installed viewer takes no screenshots: pip install -U 'rerun-sdk>=0.41'") from None
         except (RuntimeError, OSError) as error:  # OSError: the viewer ended, or was ended, in between
@@ -119,7 +120,7 @@ def _client(port: int) -> ViewerClient:
     return ViewerClient.connect(f"rerun+http://{_HOST}:{port}/proxy")
 
 
-def _taken(client: ViewerClient, path: Path, frames: Sequence[int]) -> dict[int, bytes]:
+def _screenshots_at(client: ViewerClient, path: Path, frames: Sequence[int]) -> dict[int, bytes]:
     client.open(str(path))
     first, last = _range(client, path)
     taken: dict[int, bytes] = {}
@@ -210,13 +211,10 @@ def _wait_for_group(leader: int) -> None:
 
 def _wait_for(port: int, process: subprocess.Popen[bytes], log: BinaryIO) -> None:
     """Wait until a port answers."""
-    end = time.monotonic() + _START_S
-    while time.monotonic() < end:
-        if process.poll() is not None:
-            raise _no_start(process, log)
-        with suppress(OSError), socket.create_connection((_HOST, port), timeout=1):
-            return
-        time.sleep(_POLL_S)
+    if answers_within(_HOST, port, process, _START_S):
+        return
+    if process.poll() is not None:
+        raise _no_start(process, log)
     raise ViewerError(f"the viewer did not start within {_START_S:.0f} s{_last_line(log)}")
 
 

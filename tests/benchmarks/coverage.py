@@ -122,7 +122,7 @@ def _within(errors: Floats, covariances: Floats) -> Bools:
     )
 
 
-def drawn_worlds(count: int, seed: int) -> Iterator[World]:
+def simulated_worlds(count: int, seed: int) -> Iterator[World]:
     """Draw ``count`` worlds of each stratum."""
     for number in range(count):
         for stratum in _STRATA:
@@ -205,7 +205,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.rows is not None and arguments.rows.exists():
         rows = [Coverage(**json.loads(line)) for line in arguments.rows.read_text("utf-8").splitlines()]
     if arguments.worlds is None:
-        worlds = drawn_worlds(arguments.count, arguments.seed)
+        worlds = simulated_worlds(arguments.count, arguments.seed)
     else:
         worlds = other_worlds(arguments.worlds, arguments.count, arguments.seed)
     for world in worlds:

@@ -15,7 +15,7 @@ from slam_init.bench import frozen
 from slam_init.bench.hardware import versions
 from slam_init.bench.manifest import checksum, data_folder, find_sequences
 from slam_init.bench.protocol import DEFAULTS, SUITES, VERSION
-from slam_init.bench.suites import drawn_worlds
+from slam_init.bench.suites import simulated_worlds
 from slam_init.compare.replay import replay, tracks_digest
 from slam_init.compare.sources import open_compared
 
@@ -37,7 +37,7 @@ def main(arguments: list[str]) -> None:
     content = json.loads(_FILE.read_text(encoding="utf-8"))
     of_version = content[str(VERSION)]
     if chosen.suite == "drawn":
-        sources = [(text, open_compared(text)) for text in drawn_worlds(DEFAULTS["drawn"].worlds, 0)]
+        sources = [(text, open_compared(text)) for text in simulated_worlds(DEFAULTS["drawn"].worlds, 0)]
         of_version["drawn"] = [tracks_digest(source, replay(source, text, 0, "")) for text, source in sources]
     else:
         of_version[chosen.suite] |= dict(

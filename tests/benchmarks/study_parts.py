@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
-from slam_init.compare.sources import ComparedSource, describe_sources, drawn_sources
+from slam_init.compare.sources import ComparedSource, describe_sources, simulated_sources
 
 GENERAL = ("room", "corridor", "rotate-then-move")
 PLANAR = ("wall", "nadir-turn", "desk", "nadir")
@@ -56,7 +56,9 @@ class Part:
 
 def _worlds(scenes: Sequence[str], trials: int, seed: int, **fixed: float) -> tuple[str, ...]:
     """Return ``trials`` worlds, distributed evenly over the scenes."""
-    each = [drawn_sources(scene, -(-trials // len(scenes)), seed, **{"focal_error": 0.0, **fixed}) for scene in scenes]
+    each = [
+        simulated_sources(scene, -(-trials // len(scenes)), seed, **{"focal_error": 0.0, **fixed}) for scene in scenes
+    ]
     return tuple(text for texts in zip(*each, strict=True) for text in texts)[:trials]
 
 

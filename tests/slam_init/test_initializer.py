@@ -67,7 +67,7 @@ class Diary(Recorder):
     def undecided(self, maps):
         self.reports.append(("undecided", len(maps)))
 
-    def of(self, kind):
+    def reports_of(self, kind):
         return [value for name, value in self.reports if name == kind]
 
 
@@ -146,8 +146,8 @@ def test_an_initializer_reports_each_frame_attempt_and_map_to_its_recorder(room)
             break
     result = initializer.finish()
     assert result.map is initializer.map is not None
-    assert diary.of("frame") == list(range(result.frames_read))
-    assert diary.of("attempt") == [a.verdict for a in attempts] == [a.verdict for a in result.attempts]
+    assert diary.reports_of("frame") == list(range(result.frames_read))
+    assert diary.reports_of("attempt") == [a.verdict for a in attempts] == [a.verdict for a in result.attempts]
     assert diary.reports[-1] == ("initialized", len(result.map.keyframes))
     assert attempts[-1].verdict == Verdict.ACCEPTED
     assert attempts[-1].inliers.any()
@@ -278,7 +278,7 @@ def test_both_maps_of_a_plane_are_kept_until_the_views_decide():
     assert not result.margin.decides()
     errors_deg = sorted(pose_errors(kept, truth).rotation_deg for kept in result.hypotheses)
     assert errors_deg[0] < 1 < errors_deg[1]
-    assert diary.of("undecided")[-1] == 2
+    assert diary.reports_of("undecided")[-1] == 2
     assert [len(kept.keyframes) for kept in summarize(result).hypotheses] == [
         len(map_.keyframes) for map_ in result.hypotheses
     ]

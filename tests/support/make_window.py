@@ -265,21 +265,21 @@ def moved(
     R, t, field = state.R.copy(), state.t.copy(), state.field.copy()
     rest = list(step)
 
-    def take(count: int) -> np.ndarray:
-        taken = np.array(rest[:count])
+    def next_unknowns(count: int) -> np.ndarray:
+        unknowns = np.array(rest[:count])
         del rest[:count]
-        return taken
+        return unknowns
 
     for k in range(len(R)):
         if k:
-            R[k] = rotation_from_vector(take(3)) @ R[k]
-            t[k] = t[k] + take(3)
+            R[k] = rotation_from_vector(next_unknowns(3)) @ R[k]
+            t[k] = t[k] + next_unknowns(3)
         if with_field:
-            field[k] += take(field_size)
-    log_scale, k1 = state.log_scale + float(take(1)[0]), state.k1 + float(take(1)[0])
-    readout_s = state.readout_s + (float(take(1)[0]) if with_readout else 0.0)
-    principal_px = state.principal_px + (take(2) if with_principal else 0.0)
-    plane = None if state.plane is None else state.plane + take(3)
+            field[k] += next_unknowns(field_size)
+    log_scale, k1 = state.log_scale + float(next_unknowns(1)[0]), state.k1 + float(next_unknowns(1)[0])
+    readout_s = state.readout_s + (float(next_unknowns(1)[0]) if with_readout else 0.0)
+    principal_px = state.principal_px + (next_unknowns(2) if with_principal else 0.0)
+    plane = None if state.plane is None else state.plane + next_unknowns(3)
     local = -np.einsum("tpq,tqg,g->tp", back[:, :, 1:4], back[:, :, 4:], step)
     tangents = np.array([np.reshape(small_algebra.tangents(ray), (2, 3)) for ray in state.rays])
     rays = state.rays + np.einsum("tq,tqj->tj", local[:, :2], tangents)

@@ -104,7 +104,7 @@ def fuzz(reader: str, seed: int, first: int, stop: int) -> Iterator[tuple[int, s
                 command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL, env=environment
             )
             try:
-                for index, outcome, what, seconds in _told(child, first):
+                for index, outcome, what, seconds in _outcomes_of(child, first):
                     yield index, outcome, what, seconds
                     first = index + 1
             finally:
@@ -112,7 +112,7 @@ def fuzz(reader: str, seed: int, first: int, stop: int) -> Iterator[tuple[int, s
                 child.wait()
 
 
-def _told(child: subprocess.Popen[bytes], first: int) -> Iterator[tuple[int, str, str, float]]:
+def _outcomes_of(child: subprocess.Popen[bytes], first: int) -> Iterator[tuple[int, str, str, float]]:
     """The outcomes that a child tells, and at its end the input that ended it."""
     assert child.stdout is not None
     stream, rest = child.stdout.fileno(), b""

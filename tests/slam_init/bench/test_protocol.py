@@ -13,7 +13,7 @@ from slam_init.bench.command import Execution, list_text, run_bench
 from slam_init.bench.frozen import check_frozen
 from slam_init.bench.leaderboard import leaderboard_html, publish, read_entries
 from slam_init.bench.protocol import DEFAULTS, Run
-from slam_init.bench.suites import DRAWN_OPTIONS, drawn_worlds, rendered_worlds
+from slam_init.bench.suites import DRAWN_OPTIONS, rendered_worlds, simulated_worlds
 from slam_init.cli import main
 from slam_init.compare.replay import replay, tracks_digest
 from slam_init.compare.sources import open_compared
@@ -36,13 +36,13 @@ def finished(tmp_path_factory):
 
 
 def test_a_shorter_suite_is_a_part_of_a_longer_one_and_seeds_share_no_world():
-    for worlds in (drawn_worlds, rendered_worlds):
+    for worlds in (simulated_worlds, rendered_worlds):
         assert worlds(30, 0)[:7] == worlds(7, 0)
         assert not set(worlds(50, 0)) & set(worlds(50, 1))
 
 
 def test_each_option_of_the_worlds_is_drawn_evenly():
-    worlds = drawn_worlds(1000, 0)
+    worlds = simulated_worlds(1000, 0)
     for name, values in DRAWN_OPTIONS.items():
         counts = [sum(f"{name}={value}&" in world for world in worlds) for value in values]
         assert sum(counts) == 1000
@@ -51,7 +51,7 @@ def test_each_option_of_the_worlds_is_drawn_evenly():
 
 def test_the_tracks_of_the_worlds_are_the_frozen_ones():
     digests = {}
-    for text in drawn_worlds(1000, 0)[:1000:97]:
+    for text in simulated_worlds(1000, 0)[:1000:97]:
         source = open_compared(text)
         digests[text] = tracks_digest(source, replay(source, text, 0, ""))
     check = check_frozen("drawn", digests)
@@ -59,7 +59,7 @@ def test_the_tracks_of_the_worlds_are_the_frozen_ones():
 
 
 def test_other_tracks_and_unknown_sources_are_told():
-    known = drawn_worlds(1, 0)[0]
+    known = simulated_worlds(1, 0)[0]
     check = check_frozen("drawn", {known: "0" * 16, "points:room?seed=77": "1" * 16})
     assert check.different == (known,) and check.unknown == 1
     assert "other tracks" in check.text

@@ -13,7 +13,7 @@ from slam_init.cli import main
 from slam_init.methods.registry import METHODS
 
 
-def told_by(words, capsys):
+def error_of(words, capsys):
     assert main(words) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
@@ -43,12 +43,12 @@ def told_by(words, capsys):
     ],
 )
 def test_an_option_and_a_method_that_do_not_exist_are_told_with_the_nearest_one(words, meant, capsys):
-    assert meant in told_by(words, capsys)
+    assert meant in error_of(words, capsys)
 
 
 @pytest.mark.parametrize("command", ["run", "compare", "bench"])
 def test_the_methods_are_listed_one_a_line(command, capsys):
-    assert len(told_by(["run", "x", "--method", "nope"], capsys)) < 240
+    assert len(error_of(["run", "x", "--method", "nope"], capsys)) < 240
     assert main([command, "--list-methods"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == list(METHODS)
@@ -60,7 +60,7 @@ def test_the_methods_are_listed_one_a_line(command, capsys):
     [("615", "say f=615 for a focal length in pixels\n"), ("81", "f=81 for a focal length in pixels, or fov")],
 )
 def test_a_bare_number_as_camera_is_told_how_to_say_it(number, meant, world, capsys):
-    assert meant in told_by(["run", IMAGES, "--camera", number], capsys)
+    assert meant in error_of(["run", IMAGES, "--camera", number], capsys)
 
 
 def test_a_file_whose_name_is_a_number_is_a_calibration(world, pipeline):
@@ -73,7 +73,7 @@ def test_compare_tells_of_a_video_what_it_lacks(tmp_path, capsys):
     for k in range(5):
         writer.write(np.full((48, 64, 3), 20 * k, np.uint8))
     writer.release()
-    error = told_by(["compare", "v.mp4", "--out", "both"], capsys)
+    error = error_of(["compare", "v.mp4", "--out", "both"], capsys)
     assert "a video has neither a calibration nor true poses" in error and "camera.yaml" not in error
 
 

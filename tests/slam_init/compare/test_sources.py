@@ -9,7 +9,7 @@ from make_files import picture, write, write_image
 
 from slam_init.compare.judging import NOT_JUDGED, Criteria
 from slam_init.compare.plan import Plan
-from slam_init.compare.sources import describe_sources, drawn_sources, focal_error_of, grid_sources, open_compared
+from slam_init.compare.sources import describe_sources, focal_error_of, grid_sources, open_compared, simulated_sources
 from slam_init.datasets.views import SourceView
 from slam_init.errors import SourceError
 
@@ -20,7 +20,7 @@ def test_the_focal_error_is_read_from_synthetic_sources_only():
 
 
 def test_a_fixed_option_does_not_change_the_other_drawn_options():
-    free, fixed = drawn_sources("wall", 5, 3), drawn_sources("wall", 5, 3, focal_error=0.5)
+    free, fixed = simulated_sources("wall", 5, 3), simulated_sources("wall", 5, 3, focal_error=0.5)
     for a, b in zip(free, fixed, strict=True):
         values = [dict(parse_qsl(text.partition("?")[2])) for text in (a, b)]
         assert values[1].pop("focal_error") == "0.5"

@@ -24,7 +24,7 @@ def source(request, tmp_path):
     return open_source(str(tmp_path))
 
 
-def taken(source, start=0, max_frames=None):
+def indices_of(source, start=0, max_frames=None):
     frames = list(source.frames(start, max_frames))
     np.testing.assert_allclose(
         [frame.timestamp_s for frame in frames], [frame.index / 30 for frame in frames], atol=1e-6
@@ -34,20 +34,20 @@ def taken(source, start=0, max_frames=None):
 
 def test_every_nth_frame_is_counted_from_the_start_frame(source):
     view = SubsampledSource(source, every=7)
-    assert taken(view) == [0, 7, 14, 21, 28] and len(view) == 5 == len(view.timestamps_s)
-    assert taken(view, 3) == [3, 10, 17, 24] and view.left(3) == 4
-    assert taken(view, 3, 2) == [3, 10]
+    assert indices_of(view) == [0, 7, 14, 21, 28] and len(view) == 5 == len(view.timestamps_s)
+    assert indices_of(view, 3) == [3, 10, 17, 24] and view.left(3) == 4
+    assert indices_of(view, 3, 2) == [3, 10]
 
 
 @pytest.mark.parametrize("fps", [1, 4, 10, 12, 29, 30, 60])
 def test_a_rate_takes_the_frames_nearest_to_its_instants(source, fps):
-    indices = taken(SubsampledSource(source, fps=fps))
+    indices = indices_of(SubsampledSource(source, fps=fps))
     assert indices == sorted(set(indices)) and indices[0] == 0
     wanted = np.arange(0, 1 - 1e-9, 1 / min(fps, 30))
     assert len(indices) == pytest.approx(len(wanted), abs=1)
     for instant, index in zip(wanted, indices, strict=False):
         assert abs(index / 30 - instant) <= 0.5 / 30 + 1e-6
-    assert taken(SubsampledSource(source, fps=fps), 5, 3) == [5 + i for i in indices[:3]]
+    assert indices_of(SubsampledSource(source, fps=fps), 5, 3) == [5 + i for i in indices[:3]]
 
 
 def test_a_gap_in_the_times_gives_no_frame_twice(tmp_path):

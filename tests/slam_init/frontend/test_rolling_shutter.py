@@ -47,7 +47,7 @@ def vector(camera):
     return camera.readout_s * np.array(camera.readout_axis)
 
 
-def taken(camera, frames):
+def corrected_frames(camera, frames):
     history, shutter = History(100), RollingShutter(camera)
     for one in frames:
         history.add(one)
@@ -60,7 +60,7 @@ def taken(camera, frames):
 def test_rays_are_turned_back_to_the_middle_of_the_readout(model, direction):
     camera = replace(CAMERAS[model], readout_ms=30.0, readout_direction=direction)
     frames, middle = turning(camera, vector(camera))
-    history, _ = taken(camera, frames)
+    history, _ = corrected_frames(camera, frames)
     # The turning is that between raw rays, so it is off by a share of the readout over the step.
     np.testing.assert_allclose(history[1].turn_rad_s, TURN, atol=0.05)
     before = np.abs(frames[1].bearings - middle[1]).max()
@@ -71,13 +71,13 @@ def test_the_turning_of_a_single_step_is_uncertain_and_that_of_two_steps_is_not(
     """A hand that swings changes its turning by a sixth of itself in half a frame interval."""
     camera = replace(CAMERAS["pinhole"], readout_ms=30.0)
     frames, _ = turning(camera, vector(camera))
-    assert [one.turn_error for one in taken(camera, frames[:2])[0]] == pytest.approx([2.5 / 30] * 2)
-    assert [one.turn_error for one in taken(camera, frames)[0]] == [0.0] * 3
+    assert [one.turn_error for one in corrected_frames(camera, frames[:2])[0]] == pytest.approx([2.5 / 30] * 2)
+    assert [one.turn_error for one in corrected_frames(camera, frames)[0]] == [0.0] * 3
 
 
 def test_the_pixels_are_corrected_as_the_rays_are():
     camera = replace(CAMERAS["radtan"], readout_ms=30.0)
-    history, _ = taken(camera, turning(camera, vector(camera))[0])
+    history, _ = corrected_frames(camera, turning(camera, vector(camera))[0])
     pixels = corrected_pixels(camera, history[1])
     np.testing.assert_allclose(camera.bearings(pixels), history[1].bearings, atol=1e-9)
     assert np.abs(pixels - history[1].pixels).max() > 3
@@ -96,7 +96,7 @@ def test_the_sweep_is_the_derivative_of_the_raw_pixels_by_the_readout(model):
 def test_a_global_shutter_leaves_the_frames_as_they_are():
     camera = replace(CAMERAS["pinhole"], readout_ms=0.0)
     frames, _ = turning(camera, np.zeros(2))
-    history, shutter = taken(camera, frames)
+    history, shutter = corrected_frames(camera, frames)
     assert all(history[one.frame] is one for one in frames)
     assert not sweep_of(camera, history[1]).any()
     assert shutter.readout_s == 0
@@ -105,12 +105,12 @@ def test_a_global_shutter_leaves_the_frames_as_they_are():
 def test_an_adopted_readout_corrects_all_frames_as_if_it_had_been_known():
     camera = CAMERAS["pinhole"]
     frames, _ = turning(camera, np.array([0.0, 0.03]), count=5)
-    history, shutter = taken(camera, frames)
+    history, shutter = corrected_frames(camera, frames)
     np.testing.assert_array_equal(history[2].bearings, frames[2].bearings)
     assert shutter.adopt(history, 0.02)
     assert shutter.adopt(history, 0.03)
     assert not shutter.adopt(history, 0.03)
-    known, _ = taken(replace(camera, readout_ms=30.0), frames)
+    known, _ = corrected_frames(replace(camera, readout_ms=30.0), frames)
     for one in history:
         # A known readout also corrects the rays that the turning is found from.
         np.testing.assert_allclose(one.bearings, known[one.frame].bearings, atol=2e-4)
@@ -130,7 +130,7 @@ def test_nothing_is_corrected_where_the_turning_is_not_known(case):
         frames = [replace(one, **{name: getattr(one, name)[:7] for name in names}) for one in frames]
     if case == "a cut":
         frames = [replace(one, track_ids=one.track_ids + 1000 * one.frame) for one in frames]
-    history, _ = taken(camera, frames)
+    history, _ = corrected_frames(camera, frames)
     assert all(one.turn_rad_s is None for one in history)
     assert all(not sweep_of(camera, one).any() for one in history)
 

@@ -18,7 +18,7 @@ CONFIG = TrackingConfig()
 TEXTURE = texture(1, 500, 900)
 
 
-def look(*places):
+def frames_from(*places):
     """Frames that look at the texture from these places."""
     return [window(TEXTURE, x, y, *SIZE, index=k) for k, (x, y) in enumerate(places)]
 
@@ -40,7 +40,7 @@ def observed(frame, ids):
 
 
 def test_a_known_shift_is_measured_to_a_tenth_of_a_pixel():
-    _, seen = follow(look(*[(100 + 4.3 * k, 60 + 1.7 * k) for k in range(6)]))
+    _, seen = follow(frames_from(*[(100 + 4.3 * k, 60 + 1.7 * k) for k in range(6)]))
     moved = displacement(seen[0], seen[-1])
     assert len(moved) > 0.5 * len(seen[0])
     errors = np.linalg.norm(moved - (-21.5, -8.5), axis=1)
@@ -49,13 +49,13 @@ def test_a_known_shift_is_measured_to_a_tenth_of_a_pixel():
 
 
 def test_the_tracks_of_a_static_image_do_not_move():
-    _, seen = follow(look(*[(100, 60)] * 4))
+    _, seen = follow(frames_from(*[(100, 60)] * 4))
     assert np.array_equal(seen[0].track_ids, seen[-1].track_ids)
     np.testing.assert_allclose(seen[0].pixels, seen[-1].pixels, atol=0.01)
 
 
 def test_ids_are_sorted_and_unique_and_bearings_fit_the_pixels():
-    _, seen = follow(look(*[(100 + 15 * k, 60) for k in range(8)]))
+    _, seen = follow(frames_from(*[(100 + 15 * k, 60) for k in range(8)]))
     for observations in seen:
         assert (np.diff(observations.track_ids) > 0).all()
         assert len(observations.pixels) == len(observations.bearings) == len(observations.colors) == len(observations)
@@ -65,7 +65,7 @@ def test_ids_are_sorted_and_unique_and_bearings_fit_the_pixels():
 
 
 def test_lost_tracks_are_replaced_by_tracks_with_new_ids():
-    _, seen = follow(look(*[(100 + 15 * k, 60) for k in range(12)]))
+    _, seen = follow(frames_from(*[(100 + 15 * k, 60) for k in range(12)]))
     assert len(seen[-1]) > 0.5 * len(seen[0])
     lost = np.setdiff1d(seen[0].track_ids, seen[5].track_ids)
     assert len(lost) > 0
@@ -74,12 +74,12 @@ def test_lost_tracks_are_replaced_by_tracks_with_new_ids():
 
 def test_the_number_of_tracks_is_at_most_the_configured_one():
     config = replace(CONFIG, max_tracks=60)
-    _, seen = follow(look(*[(100 + 15 * k, 60) for k in range(6)]), config=config)
+    _, seen = follow(frames_from(*[(100 + 15 * k, 60) for k in range(6)]), config=config)
     assert all(0 < len(observations) <= 60 for observations in seen)
 
 
 def test_new_features_have_the_configured_distance_from_each_other():
-    _, (first, *_) = follow(look((100, 60)))
+    _, (first, *_) = follow(frames_from((100, 60)))
     gaps = np.linalg.norm(first.pixels[:, None] - first.pixels[None], axis=2) + 1e9 * np.eye(len(first))
     assert gaps.min() >= CONFIG.min_distance * SIZE[0] - 1
 
@@ -101,7 +101,7 @@ def test_of_two_tracks_that_meet_in_one_place_the_older_is_kept():
 
 def test_descriptors_link_frames_that_flow_cannot_follow():
     """The view moves by about half an image at once, as in photographs."""
-    tracker, _ = follow(look((100, 60), (230, 60), (230, 160)))
+    tracker, _ = follow(frames_from((100, 60), (230, 60), (230, 160)))
     for a, b, expected in ((0, 1, (-130, 0)), (1, 2, (0, -100))):
         moved = displacement(tracker.history[a], tracker.history[b])
         assert len(moved) >= 30
@@ -109,7 +109,7 @@ def test_descriptors_link_frames_that_flow_cannot_follow():
 
 
 def test_a_link_by_descriptors_adds_tracks_to_the_frames_before():
-    tracker, seen = follow(look((100, 60), (230, 60)))
+    tracker, seen = follow(frames_from((100, 60), (230, 60)))
     enriched = tracker.history[0]
     assert len(enriched) > len(seen[0])
     assert np.isin(seen[0].track_ids, enriched.track_ids).all()
@@ -121,7 +121,7 @@ def test_a_link_by_descriptors_adds_tracks_to_the_frames_before():
 
 def test_the_tracks_that_the_flow_kept_go_on_over_a_link_by_descriptors():
     """A part of the view jumps by half an image, the rest moves by a few pixels: the flow keeps the rest."""
-    (first,), (near,), (far,) = look((100, 60)), look((106, 60)), look((230, 60))
+    (first,), (near,), (far,) = frames_from((100, 60)), frames_from((106, 60)), frames_from((230, 60))
     image = far.image.copy()
     image[:, :140] = near.image[:, :140]
     tracker, (seen, linked) = follow([first, replace(far, index=1, image=image)])
@@ -150,7 +150,7 @@ def test_the_flow_is_confirmed_by_matches_that_move_alike_and_not_trusted_where_
 
 def test_after_a_cut_to_another_scene_almost_no_tracks_are_left():
     other = window(texture(2, 500, 900), 100, 60, *SIZE, index=1)
-    _, seen = follow([*look((100, 60)), other])
+    _, seen = follow([*frames_from((100, 60)), other])
     i, _ = common_tracks(*seen)
     assert len(i) < 0.1 * len(seen[0])
 
@@ -158,7 +158,7 @@ def test_after_a_cut_to_another_scene_almost_no_tracks_are_left():
 @pytest.mark.parametrize("level", [0, 128, 255])
 def test_an_empty_image_has_no_tracks_and_the_next_image_gets_new_ones(level):
     blank = Frame(1, 0.1, "", np.full((240, 320), level, np.uint8))
-    first, last = look((100, 60), (100, 60))
+    first, last = frames_from((100, 60), (100, 60))
     _, seen = follow([blank, first, replace(blank, index=2), replace(last, index=3)])
     assert len(seen[0]) == 0
     assert len(seen[1]) > 100
@@ -170,14 +170,14 @@ def test_pixels_without_a_ray_are_not_tracked():
     """A fisheye lens whose polynomial stops growing inside of the image."""
     lens = Camera("fisheye", *SIZE, 90.0, 90.0, 159.5, 119.5, (-0.2, 0.0, 0.0, 0.0))
     assert np.isnan(lens.bearings(np.array([[1.0, 1.0]]))).any()
-    _, seen = follow(look((100, 60), (103, 60), (106, 60)), lens)
+    _, seen = follow(frames_from((100, 60), (103, 60), (106, 60)), lens)
     for observations in seen:
         assert len(observations) > 20
         assert np.isfinite(observations.bearings).all()
 
 
 def test_the_colours_of_tracks_are_rgb_values_of_the_image():
-    grey = look((100, 60))[0]
+    grey = frames_from((100, 60))[0]
     tinted = np.stack([grey.image, grey.image, 255 - grey.image], axis=2)  # blue, green, red
     _, (seen,) = follow([Frame(0, 0.0, "", tinted)])
     x, y = np.round(seen.pixels).astype(int).T
@@ -189,7 +189,7 @@ def test_the_colours_of_tracks_are_rgb_values_of_the_image():
 
 @pytest.mark.parametrize("places", [[(100 + 7 * k, 60) for k in range(5)], [(100, 60), (230, 60), (230, 160)]])
 def test_the_same_frames_give_the_same_tracks(places):
-    runs = [follow(look(*places))[1] for _ in range(2)]
+    runs = [follow(frames_from(*places))[1] for _ in range(2)]
     for a, b in zip(*runs, strict=True):
         assert np.array_equal(a.track_ids, b.track_ids)
         assert np.array_equal(a.pixels, b.pixels)

@@ -83,7 +83,7 @@ def test_a_run_without_a_frame_or_an_attempt_has_a_picture_and_names_are_no_math
     assert picture(png).shape == (1000, 1600, 3)
 
 
-def drawn(draw_into):
+def artists_of(draw_into):
     """What a panel holds: the labels of its lines, and its collections."""
     with canvas(800, 400) as figure:
         axes = figure.add_axes((0.1, 0.1, 0.8, 0.8))
@@ -101,13 +101,13 @@ def attempts_of(count, every, verdict):
     [(120, Verdict.LOW_PARALLAX, False), (8, Verdict.LOW_PARALLAX, True), (120, Verdict.ACCEPTED, True)],
 )
 def test_a_long_failure_shows_the_risk_alone(count, verdict, has_terms):
-    labels, _ = drawn(lambda axes: draw_decision(axes, attempts_of(count, 1, verdict)))
+    labels, _ = artists_of(lambda axes: draw_decision(axes, attempts_of(count, 1, verdict)))
     assert any("part of it" in label for label in labels) == has_terms
     assert "risk" in labels
 
 
 def test_every_third_frame_leaves_no_hole_in_the_strip():
-    _, collections = drawn(lambda axes: draw_decision(axes, attempts_of(6, 3, Verdict.LOW_PARALLAX)))
+    _, collections = artists_of(lambda axes: draw_decision(axes, attempts_of(6, 3, Verdict.LOW_PARALLAX)))
     strip = next(one for one in collections if one.get_paths() and len(one.get_paths()) == 6)
     spans = sorted((path.vertices[:, 0].min(), path.vertices[:, 0].max()) for path in strip.get_paths())
     assert all(before[1] == pytest.approx(after[0]) for before, after in pairwise(spans))
@@ -117,7 +117,7 @@ def test_a_link_by_descriptors_draws_no_path():
     ids, places = np.arange(4), np.array([[100.0, 100.0], [200.0, 100.0], [300.0, 100.0], [400.0, 100.0]])
     moved = places + np.array([[10.0, 0.0], [20.0, 0.0], [600.0, 0.0], [0.0, 900.0]])
     before, after = (ShownFrame(k, np.zeros((60, 80), np.uint8), ids, at) for k, at in enumerate((places, moved)))
-    _, (tails,) = drawn(lambda axes: draw_frame(axes, after, before, 1280))
+    _, (tails,) = artists_of(lambda axes: draw_frame(axes, after, before, 1280))
     assert len(tails.get_segments()) == 2
 
 
