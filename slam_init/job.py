@@ -38,6 +38,7 @@ from slam_init.types.result import GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
 from slam_init.types.segments import MAX_SEGMENTS
 from slam_init.types.status import Status
+from slam_init.window.state import CALIBRATED_SIGMA
 
 #: Memory for images of keyframes: their descriptors need the newest one, and markers need all of them. 256 MB hold 800
 #: grey images of 640x480, or 30 of 4K.
@@ -285,7 +286,7 @@ def reduction_of(source: Source, camera: Camera) -> Reduction:
 
 def _focal_notes(result: Result, stated: Camera) -> tuple[str, ...]:
     """A note on a stated focal length that is no calibration: what the motion made of it, or that nothing did."""
-    if result.map is None or stated.focal_sigma is None:
+    if result.map is None or (stated.focal_sigma or 0.0) <= CALIBRATED_SIGMA:
         return ()
     known, found = f"{stated.focal_px:.0f} +- {stated.focal_sigma_px:.0f} px", result.map.camera
     if found.source != "estimated":

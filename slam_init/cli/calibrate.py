@@ -88,8 +88,8 @@ def _text(found: SelfCalibration, out: str) -> str:
                 f"{stretches} tell the focal length to {found.focal_sigma:.1%}; at most {MAX_FOCAL_SIGMA:.0%} is needed"
             )
         advice = "turn the camera while it moves, before a scene with depth; a longer video has more stretches"
-        # Nothing is said of the lens where there is no texture, or no translation: that comes first.
-        if found.reason not in (None, Verdict.UNKNOWN_FOCAL_LENGTH):
+        # Nothing is said of the lens where there is no texture, or no motion: that comes first.
+        if not found.stretches and found.reason not in (None, Verdict.UNKNOWN_FOCAL_LENGTH):
             why += f" (mostly {str(found.reason).replace('_', ' ')})"
             advice = found.advice
         return f"not calibrated: {why}\n  advice        {advice}\n"

@@ -9,6 +9,7 @@ import pytest
 from cli_files import IMAGES
 
 from slam_init.calibration.prior import prior_camera
+from slam_init.calibration.writing import camera_yaml
 from slam_init.cli import main
 
 
@@ -35,6 +36,19 @@ def test_images_without_texture_or_motion_are_told_before_the_lens(name, told, t
     text = capsys.readouterr().out
     assert told in text and "turn the camera" not in text
     assert json.loads((tmp_path / "lens" / "calibration.json").read_text())["advice"] in text
+
+
+@pytest.mark.parametrize(
+    ("sigma", "method", "told"),
+    [(0.009, "quest", False), (0.009, "essential-8pt", False), (0.05, "essential-8pt", True)],
+)
+def test_a_camera_that_calibrate_wrote_is_a_calibration(sigma, method, told, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    camera = replace(prior_camera((320, 240)), fx=262.5, fy=262.5, source="estimated", focal_sigma=sigma)
+    (tmp_path / "camera.yaml").write_text(camera_yaml(camera))
+    words = ["run", "synth:room?frames=24&width=320&height=240", "--camera", "camera.yaml", "--no-overview"]
+    assert main([*words, "--method", method]) == 0
+    assert ("expect a bent map" in capsys.readouterr().out) == told
 
 
 @pytest.mark.parametrize(("out", "meant"), [("x.yaml", "as in x"), ("lens/x.json", "as in x")])
