@@ -286,6 +286,23 @@ def test_a_folder_whose_name_is_no_text_is_one_line(world, capsys):
     assert "bytes that are no UTF-8" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["a\nb", " \u202e\u05d0\u05d1 ", "-out", "a%b?c#d"])
+def test_out_may_have_any_name_that_a_folder_can_have(name, world, capsys):
+    for _ in range(2):
+        assert main(["calibrate", IMAGES, f"--out={name}"]) == 3
+    assert (world / name / "calibration.json").is_file() and not capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", [300 * "a", "/dev/null", "file/out", "pipe"])
+def test_out_that_can_be_no_folder_is_one_line(name, world, pipeline, capsys):
+    (world / "file").write_text("mine")
+    os.mkfifo(world / "pipe")
+    assert main(["run", IMAGES, *WITH, "--out", name]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("slam-init: error: --out") and error.count("\n") == 1
+    assert pipeline.calls == [] and (world / "file").read_text() == "mine"
+
+
 def test_a_jpeg_of_fill_bytes_is_refused_quickly(world, capsys):
     (world / IMAGES / "0.png").rename(world / "kept.png")
     (world / IMAGES / "0.jpg").write_bytes(b"\xff\xd8" + b"\xff" * 30_000_000)

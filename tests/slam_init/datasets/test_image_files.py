@@ -41,6 +41,20 @@ def test_images_are_reduced_to_8_bits_without_transparency(tmp_path, image, expe
     assert result.dtype == np.uint8 and result.flags.c_contiguous
 
 
+@pytest.mark.parametrize("suffix", [".tiff", ".webp"])
+def test_of_several_pages_the_first_one_is_read(tmp_path, suffix):
+    pages = [np.full((48, 64, 3), 80 * k, np.uint8) for k in range(3)]
+    path = tmp_path / f"a{suffix}"
+    path.write_bytes(cv2.imencodemulti(suffix, pages)[1].tobytes())
+    assert read_image(path).shape == (48, 64, 3) and read_image(path).max() < 20
+
+
+def test_a_jpeg_of_four_inks_is_read_as_colours(tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    image.fromarray(picture(channels=4), "CMYK").save(tmp_path / "a.jpg")
+    assert read_image(tmp_path / "a.jpg").shape == (48, 64, 3)
+
+
 def test_the_exif_orientation_is_not_applied(tmp_path):
     write_image(tmp_path / "a.jpg", picture(size=(64, 48)))
     data = (tmp_path / "a.jpg").read_bytes()

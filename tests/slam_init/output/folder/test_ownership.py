@@ -102,6 +102,17 @@ def test_a_marker_that_lists_files_outside_its_folder_is_refused(tmp_path, name)
     assert (tmp_path / "mine.txt").read_text() == "mine"
 
 
+@pytest.mark.parametrize("text", ['{"sch', 100_000 * "[", ""])
+def test_a_marker_that_is_damaged_is_refused(tmp_path, text):
+    out = tmp_path / "out"
+    fill(out)
+    (out / ".slam-init" / "files.json").write_text(text)
+    before = contents(out, hidden=True)
+    with pytest.raises(OutputError, match="damaged"):
+        fill(out)
+    assert contents(out, hidden=True) == before
+
+
 def test_a_hidden_folder_that_is_a_link_is_refused(tmp_path):
     fill(tmp_path / "other")
     (tmp_path / "out").mkdir()
