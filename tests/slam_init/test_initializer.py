@@ -193,6 +193,19 @@ def test_an_array_that_is_not_an_image_is_refused_and_changes_nothing(name):
     assert not initializer.process(np.zeros((480, 640, 3), np.uint8), 0.0)
 
 
+def test_views_of_other_arrays_and_read_only_images_are_images():
+    wide = np.random.default_rng(0).integers(0, 255, (480, 1280, 3), np.uint8)
+    wide.setflags(write=False)
+    views = (wide[:, ::-2], wide[::-1, ::2, ::-1], wide[:, :640, 0])
+    found = []
+    for images in (views, [view.copy() for view in views]):
+        initializer = Initializer(CAMERA, CONFIG)
+        for k, image in enumerate(images):
+            initializer.process(image, 0.1 * k)
+        found.append([observed.pixels.tobytes() for observed in initializer.history])
+    assert found[0] == found[1] and len(found[0]) == 3
+
+
 def test_images_get_the_indices_that_follow_the_last_frame(room):
     (frame,) = room.frames(0, 1)
     initializer = Initializer(room.camera)
