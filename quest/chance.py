@@ -12,7 +12,8 @@ A rotation is fitted to two matches, its p grows with the square of the gate, an
 
 A body that moves, or one patch of a repeated texture, turns as a rotation does, and it is no chance. So a rotation has
 to explain more matches than chance would outside each patch of the view, too. One match outside may be fitted: the
-patch leaves the turn about itself open.
+patch leaves the turn about itself open. Where no rotation counts, a motion has to explain more than chance would of the
+matches that the best rotation leaves, too.
 
 References
 ----------
@@ -38,8 +39,9 @@ Ints = NDArray[np.int64]
 _GATES = 0.5 ** np.arange(10.0)
 #: Matches that fix a motion, and the mean number of motions with all five random points in front of both cameras.
 _OF_MOTION, _MOTIONS = 5, 2
-#: Matches that fix a rotation, and matches outside a patch that fix the turn about the patch.
-_OF_ROTATION, _OF_TURN = 2, 1
+#: Matches that fix a rotation, matches outside a patch that fix the turn about the patch, and those that fix this turn
+#: and the direction of a motion.
+_OF_ROTATION, _OF_TURN, _OF_DIRECTION = 2, 1, 3
 #: Expected number by chance up to which a motion counts, and up to which a rotation counts. F bounds the number among
 #: all samples, of which a search tries a small part: the least F of 2,000 searches among random matches was 3.4. A
 #: search for a rotation tries most pairs.
@@ -64,6 +66,8 @@ class Chance(NamedTuple):
     inliers: float
     #: Expected number of motions that explain as many random matches.
     false_alarms: float
+    #: Share of random matches that the motion explains within each of the gates of the test.
+    shares: Floats
 
 
 def chance_of_motion(problem: PoseProblem, model: Floats, gate_rad: float, rng: np.random.Generator) -> Chance:
@@ -82,7 +86,23 @@ def chance_of_motion(problem: PoseProblem, model: Floats, gate_rad: float, rng: 
     counts = _counts(r2[~behind], threshold_rad)
     tests = log(len(_GATES) * _MOTIONS) + log_binomial(total, _OF_MOTION)
     share = np.asarray(_upper_share(loosely, trials) * _GATES)
-    return Chance(max(explained, 0.5) * total / trials, _false_alarms(counts, total, _OF_MOTION, tests, share))
+    return Chance(max(explained, 0.5) * total / trials, _false_alarms(counts, total, _OF_MOTION, tests, share), share)
+
+
+def false_alarms_beside_rotation(problem: PoseProblem, model: Floats, turned_r2: Floats, shares: Floats) -> float:
+    """Expected number of directions that explain by chance as many of the matches that a rotation does not explain.
+
+    Shapes: ``model`` (7,), ``turned_r2`` (N,), ``shares`` (G,).
+
+    * ``turned_r2``: Squared residuals of the rotation. What it explains may be a patch, or the far points of a scene.
+    """
+    from quest.robust import kernels
+
+    r2, behind = kernels.residuals_of_model(problem.m, problem.n, model, problem.threshold_rad)
+    rest = turned_r2 >= 2 * problem.threshold_rad**2
+    count = int(np.count_nonzero(rest))
+    tests = log(len(_GATES) * _MOTIONS) + log_binomial(count, _OF_DIRECTION)
+    return _false_alarms(_counts(r2[rest & ~behind], problem.threshold_rad), count, _OF_DIRECTION, tests, shares)
 
 
 def _trials(total: int) -> int:

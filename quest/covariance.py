@@ -32,6 +32,8 @@ def pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: flo
     * A is J^T J less what noise adds to it: the derivative by t is the parallax of a match, with its noise.
     * K corrects for the unknowns that the estimate has adapted to.
 
+    A factor for few matches makes the ellipsoid of chi-square hold 95 %, as that of F would.
+
     P. J. Huber, E. M. Ronchetti, "Robust Statistics", 2009, section 7.6: the correction K.
     """
     from quest.robust import kernels
@@ -48,7 +50,16 @@ def pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: flo
     correction = 1 + 5 / count * max(slope2 / count - (slope / count) ** 2, 0.0) / mean**2
     inverse = _pseudo_inverse(_without_noise(information, 2 * noise_rad**2 * by_noise))
     spread = correction**2 * _spread_of_means(count, 5, psi2 / count, slope / count)
-    return np.asarray(spread * inverse @ information @ inverse)
+    return np.asarray(_few_matches(count) * spread * inverse @ information @ inverse)
+
+
+def _few_matches(count: int) -> float:
+    """The factor by which the 95 % point of F with 5 and count - 5 degrees of freedom exceeds that of chi-square / 5.
+
+    The residuals of few matches do not know their variance. The series is within 2 % from ten degrees of freedom on.
+    """
+    freedom = max(count - 5, 5)
+    return 1 + 4.2 / freedom + 8 / freedom**2
 
 
 def _without_noise(information: Floats, by_noise: Floats) -> Floats:

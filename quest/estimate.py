@@ -21,19 +21,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quest.alternatives import as_hypothesis, equivalent_motions, explained_by_plane
-from quest.chance import LARGEST_OF_MOTION, LARGEST_OF_ROTATION, chance_of_motion, false_alarms_of_rotation
+from quest.chance import (
+    LARGEST_OF_MOTION,
+    LARGEST_OF_ROTATION,
+    chance_of_motion,
+    false_alarms_beside_rotation,
+    false_alarms_of_rotation,
+)
 from quest.covariance import planar_pose_covariance, pose_covariance
 from quest.errors import InputError, as_floats, as_index, as_positive
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import quaternion_from_matrix
-from quest.noise import GATE_SIGMAS, refine_with_noise, settle
+from quest.noise import GATE_SIGMAS, best_of_modes, refine_with_noise
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
 from quest.robust.lo_ransac import PROPOSALS, lo_ransac
 from quest.robust.plane import PlaneFit, fit_plane, off_line_rad
 from quest.robust.pose_modes import same_mode, spread_out
 from quest.robust.pose_problem import PoseProblem
 from quest.robust.rotation import propose_rotation, settle_rotation
-from quest.robust.samples import RansacReport
 from quest.uncertainty.parallax import ParallaxStatement, as_direction, as_rotation, statement_of_inliers
 
 __all__ = [
@@ -95,6 +100,14 @@ class _Rotation(NamedTuple):
     inliers: Bools
     false_alarms: float
     false_alarms_off_patch: float
+
+    @property
+    def counts(self) -> bool:
+        """Whether it explains many matches, more than chance would, and outside each patch too."""
+        # Points of equal depth all over the view turn alike where the camera moves: they are no chance, but a part.
+        least = max(_MIN_MATCHES, _LEAST_SHARE * len(self.inliers))
+        by_chance = max(self.false_alarms, self.false_alarms_off_patch)
+        return bool(self.inliers.sum() >= least and by_chance <= LARGEST_OF_ROTATION)
 
 
 def estimate_relative_pose(
@@ -178,9 +191,11 @@ def estimate_relative_pose(
     )
     if report is None:
         # Every sample was singular, as for an exact rotation-only camera.
-        return _rotation_or_no_pose(_rotation_of(problem, rotation, threshold_rad, rng), PoseEvidence(total))
+        return _rotation_or_no_pose(_rotation_of(problem, rotation, rng), PoseEvidence(total))
 
-    best, noise_rad = refine_with_noise(problem, report.models[0])
+    found = int(problem.explained(report.models[0], threshold_rad).sum())
+    best, others = best_of_modes(problem, report, found, rng)
+    best, noise_rad = refine_with_noise(problem, best)
     gate_rad = min(threshold_rad, GATE_SIGMAS * noise_rad)
     inliers = problem.explained(best, gate_rad)
     motion = _Motion(best, inliers, m[inliers], n[inliers], noise_rad, gate_rad)
@@ -195,18 +210,22 @@ def estimate_relative_pose(
         false_alarms=chance.false_alarms,
     )
     if count < _MIN_MATCHES or chance.false_alarms > LARGEST_OF_MOTION:
-        return _rotation_or_no_pose(_rotation_of(problem, rotation, gate_rad, rng), evidence)
+        return _rotation_or_no_pose(_rotation_of(problem, rotation, rng), evidence)
     parallax = _tested_parallax(problem, motion, chance.inliers, rotation)
     evidence = replace(evidence, parallax_z=parallax.test_value, parallax_p=parallax.p_value)
     if not parallax.observable(_ERROR_RATE):
-        turned = _rotation_of(problem, rotation, gate_rad, rng)
-        # Where a rotation explains no more than chance would, the camera does not only rotate.
-        if turned.false_alarms <= LARGEST_OF_ROTATION:
+        turned = _rotation_of(problem, rotation, rng)
+        # Where a rotation explains no more than chance would, the camera does not only rotate. Where it explains only a
+        # patch, or a few far points, the rest decides.
+        if turned.counts or (
+            turned.false_alarms <= LARGEST_OF_ROTATION
+            and false_alarms_beside_rotation(problem, best, turned.r2, chance.shares) > LARGEST_OF_MOTION
+        ):
             return _rotation_or_no_pose(turned, evidence, parallax, _unobserved_motions(problem, motion))
     spread = max(off_line_rad(motion.m), off_line_rad(motion.n))
     if spread < _LINE_SIGMAS * noise_rad:
         return NoPose("no_consistent_motion", replace(evidence, off_line_rad=spread))
-    return _pose_with_alternatives(problem, report, motion, evidence, parallax)
+    return _pose_with_alternatives(problem, others, motion, evidence, parallax)
 
 
 def refine_relative_pose(
@@ -325,7 +344,7 @@ def _tested_parallax(problem: PoseProblem, motion: _Motion, chance: float, rotat
 
 def _pose_with_alternatives(
     problem: PoseProblem,
-    report: RansacReport,
+    others: list[Floats],
     motion: _Motion,
     evidence: PoseEvidence,
     parallax: ParallaxStatement,
@@ -348,7 +367,7 @@ def _pose_with_alternatives(
         if inliers.sum() < _MIN_MATCHES:
             return NoPose("no_consistent_motion", evidence)
     else:
-        candidates = _rivals(problem, report, motion, plane)
+        candidates = _rivals(problem, others, motion, plane)
     alternatives = equivalent_motions(problem, candidates, best, inliers, gate_rad, None if planar else noise_rad)
     first = as_hypothesis(best, inliers)
     depths, parallax_rad = kernels.depths_and_parallax(problem.m, problem.n, first.R, first.t, inliers)
@@ -373,14 +392,10 @@ def _pose_with_alternatives(
     )
 
 
-def _rivals(problem: PoseProblem, report: RansacReport, motion: _Motion, plane: PlaneFit) -> list[Floats]:
+def _rivals(problem: PoseProblem, others: list[Floats], motion: _Motion, plane: PlaneFit) -> list[Floats]:
     """Other motions of a scene that is no plane, each refined to its optimum on all matches."""
-    # A raw model that misses half of the inliers is discarded. This is safe: before refinement, even the raw model of
-    # the right motion missed at most a third of the inliers.
-    near = (report.costs[1:] - report.costs[0]) / problem.threshold_rad**2 < 0.5 * len(motion.m)
-    raw = spread_out(report.models[1:][near], motion.model)
-    rivals = [settle(problem, pose, motion.noise_rad, raw=False) for pose in plane.poses[1:]]
-    return rivals + [settle(problem, model, motion.noise_rad, raw=True) for model in raw]
+    far = spread_out(others, motion.model)
+    return [refine_with_noise(problem, model)[0] for model in (*plane.poses[1:], *far)]
 
 
 def _unobserved_motions(problem: PoseProblem, motion: _Motion) -> tuple[Hypothesis, ...]:
@@ -393,14 +408,20 @@ def _unobserved_motions(problem: PoseProblem, motion: _Motion) -> tuple[Hypothes
     return tuple(as_hypothesis(model, problem.explained(model, motion.gate_rad)) for model in different)
 
 
-def _rotation_of(problem: PoseProblem, rotation: Floats, gate_rad: float, rng: np.random.Generator) -> _Rotation:
+def _rotation_of(problem: PoseProblem, rotation: Floats, rng: np.random.Generator) -> _Rotation:
     """The rotation that explains most matches, refined from a first estimate, and whether chance explains as many."""
     R = settle_rotation(rotation, problem.m, problem.n, problem.threshold_rad)
     r2 = 0.5 * np.sum((problem.n - problem.m @ R.T) ** 2, axis=1)
     # The residual of a rotation has two components, the Sampson error has one: the gate per component is the same.
+    near = r2 < 2 * problem.threshold_rad**2
+    gate_rad = min(problem.threshold_rad, GATE_SIGMAS * _noise_of_rotation(r2[near])) if near.any() else 0.0
     inliers = r2 < 2 * gate_rad**2
     anywhere, off_patch = false_alarms_of_rotation(problem, R, inliers, rng)
     return _Rotation(R, r2, inliers, anywhere, off_patch)
+
+
+def _noise_of_rotation(r2: Floats) -> float:
+    return float(np.sqrt(np.median(r2) / (2 * np.log(2))))  # Rayleigh: median^2 = 2 ln 2 sigma^2
 
 
 def _rotation_or_no_pose(
@@ -414,11 +435,10 @@ def _rotation_or_no_pose(
     count = int(inliers.sum())
     evidence = replace(evidence, rotation_inliers=count)
     false_alarms = max(rotation.false_alarms, rotation.false_alarms_off_patch)
-    # Points of equal depth all over the view turn alike where the camera moves: they are no chance, but a part.
-    if count < max(_MIN_MATCHES, _LEAST_SHARE * total) or false_alarms > LARGEST_OF_ROTATION:
+    if not rotation.counts:
         return NoPose("no_consistent_motion", evidence)
     nan = np.full(total, np.nan)
-    noise_rad = float(np.sqrt(np.median(rotation.r2[inliers]) / (2 * np.log(2))))  # Rayleigh: median^2 = 2 ln 2 sigma^2
+    noise_rad = _noise_of_rotation(rotation.r2[inliers])
     return RelativePose(
         q_wxyz=quaternion_from_matrix(rotation.R),
         R=rotation.R,

@@ -1,11 +1,14 @@
-"""The noise of the bearings, and refinement of a motion with that noise in place of the caller's threshold."""
+"""The noise of the bearings, the last refinement of a motion, and the choice between motions."""
 
 from __future__ import annotations
+
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quest.robust.pose_problem import PoseProblem
+from quest.robust.samples import RansacReport
 from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS
 
 Floats = NDArray[np.float64]
@@ -13,23 +16,68 @@ Bools = NDArray[np.bool_]
 
 #: A Gaussian error exceeds three standard deviations in 0.3 % of the cases.
 GATE_SIGMAS = 3.0
-#: Scale of the kernel of Geman and McClure in the last refinement, in standard deviations of the noise. For Gaussian
-#: noise 3 has 0.91 of the efficiency of least squares, 2.5 has 0.86, 2 has 0.78. On 418 real pairs (2 px) the AUC at
-#: 5 / 10 / 20 degrees is 61.8 / 71.0 / 77.4 with 3, and 62.4 / 71.6 / 77.9 with 2.5. But with 2.5 the pipeline waits
-#: for 32 frames instead of 8 in a simulated hospital. With the threshold as the scale the AUC is 60.2 / 70.1 / 76.8.
+#: Scale of the kernel by which the covariance of a pose counts its residuals, in standard deviations of the noise.
 KERNEL_SIGMAS = 3.0
 #: Number of unknowns of a motion.
 _UNKNOWNS = 5
+#: Smallest and largest deviation of a match, in thresholds: the features of exact data, and a threshold of three
+#: deviations. Outliers are a twentieth as dense as a match of unknown scale: within 0.02 to 0.1 the answers on real
+#: pairs are the same.
+_SCALES, _OUTLIERS = (0.01, 1 / 3), 0.05
+#: Steps of the table of the likelihood: four in the smallest deviation.
+_TABLE = 400
+#: Largest number of other modes of the search that are compared with the best, and of matches that compare them.
+_MODES, _MOST_COMPARED = 4, 500
 #: Largest number of steps of a refinement.
 _STEPS = 12
+
+
+def best_of_modes(
+    problem: PoseProblem, report: RansacReport, inliers: int, rng: np.random.Generator
+) -> tuple[Floats, list[Floats]]:
+    """The motion (q_wxyz, t) of the largest likelihood among the modes of a search, and the others.
+
+    The search compares motions by the threshold, before they are refined; see :mod:`quest.robust.kernels.mixture`.
+
+    * ``inliers``: Number of matches that the best motion of the search explains. A raw model that misses half of them
+      is left out.
+    """
+    from quest.robust import kernels
+
+    near = np.flatnonzero((report.costs[1:] - report.costs[0]) / problem.threshold_rad**2 < 0.5 * inliers)
+    if len(near) == 0:
+        return report.models[0], []
+    some = problem
+    if len(problem) > _MOST_COMPARED:
+        rows = rng.permutation(len(problem))[:_MOST_COMPARED]
+        some = PoseProblem(problem.m[rows], problem.n[rows], problem.threshold_rad)
+    models = [report.models[0], *(_polished(some, report.models[1 + k]) for k in near[:_MODES].tolist())]
+    models = [refine_with_noise(some, model)[0] for model in models]
+    table = _log_likelihoods()
+    score = [
+        kernels.log_likelihood(some.m, some.n, kernels.rotation_of_model(model), model[4:], some.threshold_rad, table)
+        for model in models
+    ]
+    best = int(np.argmax(score))
+    return models[best], models[:best] + models[best + 1 :]
+
+
+@cache
+def _log_likelihoods() -> Floats:
+    """Logarithm of the likelihood of a match of unknown scale, less that of an outlier, by its residual."""
+    residuals = np.linspace(0, 1, _TABLE + 1)[:, None]
+    scales = np.geomspace(*_SCALES, 16)
+    density = np.mean(np.exp(-0.5 * (residuals / scales) ** 2) / scales, axis=1)
+    return np.asarray(np.log((density + _OUTLIERS) / _OUTLIERS))
 
 
 def refine_with_noise(problem: PoseProblem, model: Floats) -> tuple[Floats, float]:
     """Refine a motion (q_wxyz, t) with the noise that its residuals show; return the motion and that noise.
 
-    The noise is the standard deviation of a bearing, from the median absolute residual; at least a thousandth of the
-    threshold. Matches of untypical depth do not take part: an outlier that fits a motion by chance lies anywhere on its
-    epipolar line, while with little parallax the points of the scene lie within a few pixels of their lines.
+    The refinement is that of :mod:`quest.robust.kernels.mixture`. The noise is the standard deviation of a bearing,
+    from the median absolute residual; at least a thousandth of the threshold. Matches of untypical depth do not take
+    part in it: an outlier that fits a motion by chance lies anywhere on its epipolar line, while with little parallax
+    the points of the scene lie within a few pixels of their lines.
 
     P. J. Rousseeuw and A. M. Leroy, "Robust Regression and Outlier Detection", 1987, section 5.1: the factor for small
     samples.
@@ -38,17 +86,14 @@ def refine_with_noise(problem: PoseProblem, model: Floats) -> tuple[Floats, floa
 
     m, n, threshold_rad = problem.m, problem.n, problem.threshold_rad
     R, t = kernels.rotation_of_model(model), model[4:].copy()
-    noise_rad, use = threshold_rad / GATE_SIGMAS, np.zeros(len(problem), bool)
-    for _ in range(3):
-        count, changed, median_rad = kernels.typical_inliers(m, n, R, t, threshold_rad, RATIO_MADS, LEAST_SINE2, use)
-        # Where at most one match in a thousand changes sides, the noise does not change either.
-        if count < 6 or changed <= 1e-3 * count:
-            break
-        # 1.4826 times the median absolute deviation is the deviation of a Gaussian. The lower bound keeps the gates of
-        # exact data open.
-        noise_rad = max(1.4826 * _few_matches(count) * median_rad, 1e-3 * threshold_rad)
-        kernels.refine(m, n, use, R, t, KERNEL_SIGMAS * noise_rad, _STEPS)
-    return kernels.model_of_pose(R, t), noise_rad
+    least_rad, use = 1e-3 * threshold_rad, np.zeros(len(problem), bool)
+    kernels.refine_mixture(m, n, R, t, threshold_rad, least_rad, LEAST_SINE2)
+    count, _, median_rad = kernels.typical_inliers(m, n, R, t, threshold_rad, RATIO_MADS, LEAST_SINE2, use)
+    if count < _UNKNOWNS + 1:
+        return kernels.model_of_pose(R, t), threshold_rad / GATE_SIGMAS
+    # 1.4826 times the median absolute deviation is the deviation of a Gaussian. The lower bound keeps the gates of
+    # exact data open.
+    return kernels.model_of_pose(R, t), max(1.4826 * _few_matches(count) * median_rad, least_rad)
 
 
 def _few_matches(count: int) -> float:
@@ -56,16 +101,14 @@ def _few_matches(count: int) -> float:
     return 1 + _UNKNOWNS / max(count - _UNKNOWNS, 1)
 
 
-def settle(problem: PoseProblem, model: Floats, noise_rad: float, raw: bool) -> Floats:
-    """Refine a motion (q_wxyz, t) twice on its inliers, with a known noise; a raw one of a sample is polished before.
+def _polished(problem: PoseProblem, model: Floats) -> Floats:
+    """A raw motion (q_wxyz, t) of a sample, refined on the matches within twice the threshold and within it.
 
     The motion stays as it is where fewer than six matches are inliers.
     """
     from quest.robust import kernels
 
     R, t, threshold_rad = kernels.rotation_of_model(model), model[4:].copy(), problem.threshold_rad
-    stages = [(threshold_rad, KERNEL_SIGMAS * noise_rad)] * 2
-    if raw:
-        stages = [(2 * threshold_rad, 0.5 * threshold_rad), *stages]
-    kernels.climb(problem.m, problem.n, R, t, threshold_rad, np.array(stages), len(problem), _STEPS)
+    stages = np.array([(2 * threshold_rad, 0.5 * threshold_rad), (threshold_rad, 0.5 * threshold_rad)])
+    kernels.climb(problem.m, problem.n, R, t, threshold_rad, stages, len(problem), _STEPS)
     return kernels.model_of_pose(R, t)

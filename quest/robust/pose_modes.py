@@ -5,6 +5,7 @@ Models are rows (q_wxyz, t) of seven numbers, unit norm each.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import acos
 
 import numpy as np
@@ -35,10 +36,10 @@ def same_mode(a: Floats, b: Floats) -> bool:
     return bool(rotation < _SAME_ROTATION_RAD and direction < _SAME_DIRECTION_RAD)
 
 
-def spread_out(models: Floats, best: Floats, count: int = 3) -> list[Floats]:
+def spread_out(models: Sequence[Floats], best: Floats, count: int = 3) -> list[Floats]:
     """Models that clearly differ from the best one and from each other.
 
-    Shapes: ``models`` (H, 7), ``best`` (7,), returns (7,).
+    Shapes: ``models`` (7,), ``best`` (7,), returns (7,).
     """
     chosen: list[Floats] = []
     for model in models:

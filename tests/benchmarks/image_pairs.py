@@ -26,8 +26,8 @@ from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
 #: Data sets whose ground truth does not resolve the direction of a short baseline: its error is about ten degrees. The
-#: causes are depth tracking (7-Scenes) and a rolling shutter (TUM RGB-D).
-DIRECTION_UNKNOWN = ("7scenes/", "tum_rgbd/")
+#: causes are depth tracking (7-Scenes), a rolling shutter (TUM RGB-D), and no motion but a turn (panorama).
+DIRECTION_UNKNOWN = ("7scenes/", "tum_rgbd/", "panorama/")
 #: A sequence of a static camera, without any translation.
 STATIC_SEQUENCE = "euroc/V1_01_static"
 #: Excluded: a person holds the chessboard in front of a fixed camera, so no single motion explains the image.

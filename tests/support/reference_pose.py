@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from reference_parallax import typical_ratios
 from reference_ransac import RelativePoseProblem
 
 from quest.geometry.homography import decompose_homography, fit_homography, homography_residuals
-from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_matrix
+from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_matrix, rotation_from_vector
 from quest.geometry.refine import sampson_jacobian, tangent_basis
 from quest.relative_pose import Hypothesis
 from quest.robust.plane import PlaneFit
@@ -22,59 +21,65 @@ GATE_SIGMAS, LEAST_ON_PLANE, SAMPLES = 3.0, 8, 64
 
 
 def refine_with_noise(problem: RelativePoseProblem, model: Floats) -> tuple[Floats, float]:
-    """Refine a motion with the noise that its residuals show.
-
-    P. J. Rousseeuw and A. M. Leroy, "Robust Regression and Outlier Detection", 1987, section 5.1: the factor for small
-    samples.
+    """Refine a motion by the likelihood of a mixture, see :mod:`quest.robust.kernels.mixture`.
 
     Shapes: ``model`` (7,), returns ``model`` (7,).
 
     * Returns ``noise_rad``: Standard deviation of a bearing, from the median absolute residual; at least a thousandth
       of the threshold.
     """
-    noise_rad = problem.threshold_rad / GATE_SIGMAS
-    before = np.zeros(len(problem), bool)
-    for _ in range(3):
-        r2, behind = problem.residuals(model[None])
-        inlying = (r2[0] < problem.threshold_rad**2) & ~behind[0]
-        inlying &= _has_typical_depth(problem, model, inlying)
-        # Where at most one match in a thousand changes sides, the noise does not change either.
-        if inlying.sum() < 6 or (inlying ^ before).sum() <= 1e-3 * inlying.sum():
-            break
-        before = inlying
-        # 1.4826 times the median absolute deviation is the deviation of a Gaussian. The lower bound keeps the gates of
-        # exact data open.
-        few = 1 + 5 / max(int(inlying.sum()) - 5, 1)  # the motion has adapted to few matches by its five unknowns
-        noise_rad = max(1.4826 * few * float(np.sqrt(np.median(r2[0][inlying]))), 1e-3 * problem.threshold_rad)
-        model = problem.refine(model, inlying, GATE_SIGMAS * noise_rad)
-    return model, noise_rad
-
-
-def _has_typical_depth(problem: RelativePoseProblem, model: Floats, inlying: Bools) -> Bools:
-    """Whether the depth of a match (N,) is typical of the scene; False where the match is not inlying.
-
-    An outlier that fits a motion by chance lies anywhere on its epipolar line. With little parallax the points of the
-    scene lie within a few pixels of their lines.
-    """
-    typical = np.zeros(len(problem), bool)
+    threshold_rad, m, n = problem.threshold_rad, problem.m, problem.n
     R, t = matrix_from_quaternion(model[:4]), model[4:]
-    typical[inlying] = typical_ratios(R, t, problem.m[inlying], problem.n[inlying])
-    return typical
+    shares, s = np.tile(PRIOR, (4, 1)), 0.0
+    for turn in range(3):
+        near, group = _near_and_group(problem, R, t)
+        if near.sum() < 6:
+            return np.r_[quaternion_from_matrix(R), t], threshold_rad / GATE_SIGMAS
+        r = sampson_jacobian(R, t, m[near], n[near])[0]
+        if turn == 0:
+            s = 1.4826 * float(np.median(np.abs(r[group < 2])))
+        for _ in range(60):
+            shares, s, weight = _expected(r, group, threshold_rad, shares, s)
+            r, J = sampson_jacobian(R, t, m[near], n[near])
+            A = (J * weight[:, None]).T @ J
+            step = -np.linalg.solve(A + 1e-12 * np.trace(A) * np.eye(5), (J * weight[:, None]).T @ r)
+            R, t = rotation_from_vector(step[:3]) @ R, t + tangent_basis(t) @ step[3:]
+            t = t / np.linalg.norm(t)
+    near, group = _near_and_group(problem, R, t)
+    r = sampson_jacobian(R, t, m[near], n[near])[0][group < 2]
+    few = 1 + 5 / max(len(r) - 5, 1)  # the motion has adapted to few matches by its five unknowns
+    noise_rad = max(1.4826 * few * float(np.median(np.abs(r))), 1e-3 * threshold_rad)
+    return np.r_[quaternion_from_matrix(R), t], noise_rad
 
 
-def settle(problem: RelativePoseProblem, model: Floats, noise_rad: float) -> Floats:
-    """Refine a motion twice on its inliers, with a known noise.
+#: Shares of exact matches, of less exact ones and of outliers in a group without a match.
+PRIOR = np.array([0.5, 0.25, 0.25])
 
-    Shapes: ``model`` (7,), returns (7,).
 
-    * Returns: The motion as it came where fewer than six matches are inliers.
-    """
-    for _ in range(2):
-        use = problem.explained(model, problem.threshold_rad)
-        if use.sum() < 6:
-            break
-        model = problem.refine(model, use, GATE_SIGMAS * noise_rad)
-    return model
+def _near_and_group(problem: RelativePoseProblem, R: Floats, t: Floats) -> tuple[Bools, NDArray[np.int64]]:
+    """The matches within the threshold (N,), and the groups of these by their distance from the typical depth."""
+    r2, behind = problem.residuals(np.r_[quaternion_from_matrix(R), t][None])
+    near = (r2[0] < problem.threshold_rad**2) & ~behind[0]
+    m, n = problem.m[near], problem.n[near]
+    along = t - (n @ t)[:, None] * n
+    ratio = np.sum((n - m @ R.T) * along, axis=1) / np.sum(along**2, axis=1)
+    distance = np.abs(ratio - np.median(ratio))
+    return near, np.searchsorted([3, 6, 12], distance / np.median(distance))
+
+
+def _expected(
+    r: Floats, group: NDArray[np.int64], threshold_rad: float, shares: Floats, s: float
+) -> tuple[Floats, float, Floats]:
+    """One step of expectation: the shares (4, 3), s and the weights of the matches."""
+    scales = np.array([s, 3 * s])
+    density = np.sqrt(2 / np.pi) / scales * np.exp(-0.5 * (r[:, None] / scales) ** 2)
+    parts = shares[group] * np.column_stack([density, np.full(len(r), 1 / threshold_rad)])
+    parts /= parts.sum(axis=1, keepdims=True)
+    weight = parts[:, 0] + parts[:, 1] / 9
+    squares = np.sum(weight * r**2) + threshold_rad**2 / 9
+    s_new = np.sqrt(squares / max(parts[:, :2].sum() - 5 + 1, 1))
+    sums = np.array([PRIOR + parts[group == k].sum(axis=0) for k in range(4)])
+    return sums / sums.sum(axis=1, keepdims=True), min(max(s_new, 1e-3 * threshold_rad), threshold_rad / 2), weight
 
 
 def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit:

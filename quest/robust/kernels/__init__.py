@@ -13,6 +13,7 @@ Poses are ``R, t = cam2_from_cam1`` with |t| = 1, bearings have unit norm, and `
 
 from quest.robust.kernels.five_point import newton_five
 from quest.robust.kernels.local_optimization import climb, draw_starts, refit
+from quest.robust.kernels.mixture import log_likelihood, refine_mixture
 from quest.robust.kernels.noise import chance_inliers, mark_typical, typical_inliers
 from quest.robust.kernels.parallax import (
     anisotropy_sums,
@@ -38,6 +39,7 @@ __all__ = [
     "draw_starts",
     "eigen_in_place",
     "fit_plane",
+    "log_likelihood",
     "mark_typical",
     "model_of_pose",
     "newton_five",
@@ -46,6 +48,7 @@ __all__ = [
     "pose_information",
     "ratio_sums",
     "refine",
+    "refine_mixture",
     "refine_rotation",
     "refit",
     "residuals",

@@ -14,6 +14,61 @@ Bools = NDArray[np.bool_]
 
 
 @compiled
+def ratio_of_depth(m: Floats, i: int, n: Floats, j: int, R: Floats, t: Floats, least_sine2: float) -> float:
+    """The ratio |t| / depth of ray ``m[i]`` matched with ``n[j]``; infinite without a usable epipolar line.
+
+    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3).
+    """
+    n0, n1, n2 = n[j, 0], n[j, 1], n[j, 2]
+    d0 = n0 - (R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2])
+    d1 = n1 - (R[1, 0] * m[i, 0] + R[1, 1] * m[i, 1] + R[1, 2] * m[i, 2])
+    d2 = n2 - (R[2, 0] * m[i, 0] + R[2, 1] * m[i, 1] + R[2, 2] * m[i, 2])
+    s = n0 * t[0] + n1 * t[1] + n2 * t[2]
+    l0, l1, l2 = t[0] - s * n0, t[1] - s * n1, t[2] - s * n2
+    sine2 = l0 * l0 + l1 * l1 + l2 * l2
+    return (d0 * l0 + d1 * l1 + d2 * l2) / sine2 if sine2 > least_sine2 else np.inf
+
+
+@compiled
+def distances_from_typical(
+    m: Floats, n: Floats, R: Floats, t: Floats, least_sine2: float, use: Bools
+) -> tuple[Floats, float, float]:
+    """Distance of the ratio |t| / depth of each match from the median, in median absolute deviations.
+
+    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), ``use`` (N,), returns ``distances`` (N,).
+
+    * ``use``: The matches that count; the others, and those without a usable epipolar line, are at infinity.
+    * Returns: The distances, the median, and the median absolute deviation.
+    """
+    total, count = len(m), 0
+    ratios, values = np.full(total, np.inf), np.empty(total)
+    for i in range(total):
+        if use[i]:
+            ratios[i] = ratio_of_depth(m, i, n, i, R, t, least_sine2)
+            if ratios[i] < np.inf:
+                values[count] = ratios[i]
+                count += 1
+    if count == 0:
+        return ratios, 0.0, 0.0
+    middle = median_in_place(values[:count])
+    for i in range(count):
+        values[i] = abs(values[i] - middle)
+    spread = median_in_place(values[:count])
+    for i in range(total):
+        ratios[i] = distance_from_typical(ratios[i], middle, spread)
+    return ratios, middle, spread
+
+
+@compiled
+def distance_from_typical(ratio: float, middle: float, spread: float) -> float:
+    """The distance of one ratio. Where half of the ratios are equal, only these are typical."""
+    distance = abs(ratio - middle)
+    if spread > 0:
+        return distance / spread
+    return np.inf if distance > 0 else 0.0
+
+
+@compiled
 def mark_typical(m: Floats, n: Floats, R: Floats, t: Floats, mads: float, least_sine2: float, use: Bools) -> None:
     """Unmark the matches of untypical depth.
 
@@ -22,35 +77,9 @@ def mark_typical(m: Floats, n: Floats, R: Floats, t: Floats, mads: float, least_
     * ``mads``: Largest distance of a typical ratio from the median, in median absolute deviations.
     * ``use``: The matches that count; of these, those of untypical depth are set to False.
     """
-    ratios, values, count = np.empty(len(m)), np.empty(len(m)), 0
+    distances, _, _ = distances_from_typical(m, n, R, t, least_sine2, use)
     for i in range(len(m)):
-        if not use[i]:
-            continue
-        n0, n1, n2 = n[i, 0], n[i, 1], n[i, 2]
-        d0 = n0 - (R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2])
-        d1 = n1 - (R[1, 0] * m[i, 0] + R[1, 1] * m[i, 1] + R[1, 2] * m[i, 2])
-        d2 = n2 - (R[2, 0] * m[i, 0] + R[2, 1] * m[i, 1] + R[2, 2] * m[i, 2])
-        s = n0 * t[0] + n1 * t[1] + n2 * t[2]
-        l0, l1, l2 = t[0] - s * n0, t[1] - s * n1, t[2] - s * n2
-        sine2 = l0 * l0 + l1 * l1 + l2 * l2
-        if sine2 > least_sine2:
-            ratios[i] = (d0 * l0 + d1 * l1 + d2 * l2) / sine2
-            values[count] = ratios[i]
-            count += 1
-        else:
-            use[i] = False
-    if count == 0:
-        return
-    middle = median_in_place(values[:count])
-    count = 0
-    for i in range(len(m)):
-        if use[i]:
-            values[count] = abs(ratios[i] - middle)
-            count += 1
-    largest = mads * median_in_place(values[:count])
-    for i in range(len(m)):
-        if use[i]:
-            use[i] = abs(ratios[i] - middle) <= largest
+        use[i] = distances[i] <= mads
 
 
 @compiled

@@ -20,11 +20,19 @@ _SETTLED_GAIN = 1e-7
 
 @compiled
 def normal_equations(rays: Floats, R: Floats, t: Floats, scale2: float, rows: Floats, A: Floats, g: Floats) -> float:
-    """Write the weighted normal equations of the Sampson errors.
-
-    The derivatives are those of :func:`quest.geometry.refine.sampson_jacobian`.
+    """Write the normal equations of the Sampson errors with the weights of Geman and McClure; return the robust cost.
 
     Shapes: ``rays`` (6, N), ``R, t`` (3, 3), ``rows`` (7, N), ``A, g`` (5, 5).
+    """
+    derivatives(rays, R, t, scale2, rows)
+    return sums_of(rows, A, g) / scale2
+
+
+@compiled
+def derivatives(rays: Floats, R: Floats, t: Floats, scale2: float, rows: Floats) -> None:
+    """Write the Sampson errors and their derivatives, those of :func:`quest.geometry.refine.sampson_jacobian`.
+
+    Shapes: ``rays`` (6, N), ``R, t`` (3, 3), ``rows`` (7, N).
 
     * ``rays``: Unit bearings: three rows of camera 1 and three rows of camera 2.
     * ``rows``: Overwritten: the derivatives by the rotation (0 to 2) and by the direction (3, 4), the error, and the
@@ -54,6 +62,15 @@ def normal_equations(rays: Floats, R: Floats, t: Floats, scale2: float, rows: Fl
         d2 = along * c2 + by_p * a2 + by_s * n2
         rows[3, i], rows[4, i] = d0 * x + d1 * y + d2 * z, d0 * u + d1 * v + d2 * w
         rows[5, i], rows[6, i] = r, scale2 / (scale2 + r * r)
+
+
+@compiled
+def sums_of(rows: Floats, A: Floats, g: Floats) -> float:
+    """Write the weighted sums J^T J and J^T r over the rows of :func:`derivatives`; return that of r^2.
+
+    Shapes: ``rows`` (7, N), ``A, g`` (5, 5).
+    """
+    count = rows.shape[1]
     A00 = A01 = A02 = A03 = A04 = A11 = A12 = A13 = A14 = A22 = A23 = A24 = A33 = A34 = A44 = 0.0
     g0 = g1 = g2 = g3 = g4 = cost = 0.0
     # Sums in local variables stay in registers; sums in A and g do not.
@@ -76,7 +93,7 @@ def normal_equations(rays: Floats, R: Floats, t: Floats, scale2: float, rows: Fl
     for j in range(5):
         for k in range(j):
             A[j, k] = A[k, j]
-    return cost / scale2
+    return cost
 
 
 @compiled
