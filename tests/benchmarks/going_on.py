@@ -1,0 +1,207 @@
+"""What becomes of a map in the frames after it: ``python -m tests.benchmarks.going_on``.
+
+From every tenth frame of each real sequence below ``SLAM_INIT_DATA`` an initializer finds a map, and 60 further frames
+are located in the map that grows (:mod:`slam_init.mapping.growing`). The same is done from the map with true poses and
+points fitted to them: the difference is what the first map costs. On built-in scenes the depths are compared with the
+true ones, at the hand-over and after 20 frames.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from slam_init.bundle.points import fit_points
+from slam_init.bundle.problem import BundleProblem
+from slam_init.config import Config
+from slam_init.datasets import open_source
+from slam_init.datasets.synth import SynthSource
+from slam_init.evaluation.metrics import align_positions, align_truth
+from slam_init.initializer import Initializer
+from slam_init.mapping.growing import GrowingMap
+from slam_init.output.tables import markdown_table
+from slam_init.types.frame import Observations, Source, length_of
+from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.pose import Pose, Trajectory
+from tests.benchmarks.image_pairs import data_folder, find_sequences
+from tests.benchmarks.options import positive, show
+
+#: The issue of a map is decided in this number of frames: two seconds of video.
+_FRAMES, _WATCHED, _LATER = 60, 40, 20
+_SCENES = ("room", "wall", "corridor", "desk")
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of one map; NaN for what the ground truth does not tell."""
+
+    name: str
+    located: int
+    frames: int
+    lost_after: int | None
+    path_error: float
+    path_error_true_start: float
+    depth_error: float = math.nan
+    depth_error_later: float = math.nan
+
+    @property
+    def lost(self) -> bool:
+        """Whether the map was lost while it was watched."""
+        return self.lost_after is not None and self.lost_after <= _WATCHED
+
+
+def follow(name: str, source: Source, start: int) -> Row | None:
+    """Initialize from a frame on and go on; None without a map, or without frames after it."""
+    if source.camera is None or source.groundtruth is None:
+        return None
+    initializer, frames = Initializer(source.camera, Config(refine_frames=0)), source.frames(start)
+    for frame in frames:
+        if initializer.process(frame):
+            break
+    map_, truth = initializer.map, source.groundtruth
+    if map_ is None:
+        return None
+    seen = []
+    for frame in islice(frames, _FRAMES):
+        seen.append(initializer.tracker.track(frame))
+        initializer.tracker.history.forget(keep=())
+    if not seen:
+        return None
+    growing = GrowingMap(map_)
+    located, depths = [], [depth_error(source, map_)]
+    for number, observed in enumerate(seen, start=1):
+        if (one := growing.locate(observed)) is not None:
+            located.append(one.keyframe)
+        if number == _LATER:
+            depths.append(depth_error(source, growing.grown()))
+        if growing.lost_at is not None:
+            break
+    lost_after = None if growing.lost_at is None else sum(one.frame < growing.lost_at for one in seen) + 1
+    return Row(
+        name,
+        len(located),
+        len(seen),
+        lost_after,
+        path_error([*map_.keyframes, *located], truth),
+        _with_true_start(map_, truth, seen),
+        depths[0],
+        depths[1] if len(depths) > 1 else math.nan,
+    )
+
+
+def _with_true_start(map_: InitialMap, truth: Trajectory, seen: Sequence[Observations]) -> float:
+    """The error of the path from a map whose poses are the true ones; NaN where not all are known."""
+    world = align_truth(map_.keyframes, truth)
+    poses = [truth.at(keyframe.timestamp_s) for keyframe in map_.keyframes]
+    if world is None or any(pose is None for pose in poses):
+        return math.nan
+    keyframes = tuple(
+        replace(keyframe, world_from_cam=Pose(world.R @ pose.R, world.apply(pose.t)))
+        for keyframe, pose in zip(map_.keyframes, poses, strict=True)
+        if pose is not None
+    )
+    problem = BundleProblem(
+        frames=tuple(keyframe.frame for keyframe in keyframes),
+        world_from_cam=tuple(keyframe.world_from_cam for keyframe in keyframes),
+        points=map_.points,
+        track_ids=map_.track_ids,
+        views=map_.observation_keyframes,
+        landmarks=map_.observation_landmarks,
+        pixels=map_.observation_pixels,
+    )
+    fitted = fit_points(map_.camera, problem, map_.noise_px)
+    growing = GrowingMap(replace(map_, keyframes=keyframes, points=fitted.points))
+    located = [one.keyframe for observed in seen if (one := growing.locate(observed)) is not None]
+    return path_error([*keyframes, *located], truth)
+
+
+def path_error(views: Sequence[Keyframe], truth: Trajectory) -> float:
+    """Root mean square distance from the true positions after a similarity, over the length of the path."""
+    pairs = [(view.world_from_cam.t, pose.t) for view in views if (pose := truth.at(view.timestamp_s)) is not None]
+    if len(pairs) < 3:
+        return math.nan
+    estimated, true = (np.array(positions) for positions in zip(*pairs, strict=True))
+    length = float(np.sum(np.linalg.norm(np.diff(true, axis=0), axis=1)))
+    distances = np.linalg.norm(align_positions(estimated, true).apply(estimated) - true, axis=1)
+    return float(np.sqrt(np.mean(distances**2))) / length if length > 0 else math.nan
+
+
+def depth_error(source: Source, map_: InitialMap) -> float:
+    """Median relative error of the depths in the newest keyframe, after their scale; NaN without a depth image."""
+    if not isinstance(source, SynthSource):
+        return math.nan
+    keyframe = map_.keyframes[-1]
+    _, image = source.sequence.render(keyframe.frame)
+    mine = map_.observation_keyframes == len(map_.keyframes) - 1
+    points = map_.points[map_.observation_landmarks[mine]]
+    depths = keyframe.world_from_cam.inverse().apply(points)[:, 2]
+    x, y = np.round(map_.observation_pixels[mine]).astype(int).T
+    inside = (x >= 0) & (y >= 0) & (x < image.shape[1]) & (y < image.shape[0])
+    ratio = depths[inside] / image[y[inside], x[inside]]
+    return float(np.median(np.abs(ratio / np.median(ratio) - 1)))
+
+
+def runs(every: int) -> Iterator[Row]:
+    """The rows of all sequences, then those of the built-in scenes."""
+    data = data_folder()
+    for name in find_sequences(data):
+        source = open_source(str(data / name))
+        for start in range(0, length_of(source) or 1, every):
+            if (row := follow(name, source, start)) is not None:
+                yield row
+    for scene in _SCENES:
+        for seed in range(5):
+            if (row := follow(f"synth:{scene}", open_source(f"synth:{scene}?frames=90", seed=seed), 0)) is not None:
+                yield row
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Make the table: a line for each sequence."""
+    header = ["sequence", "maps", f"lost within {_WATCHED} frames", "located", "error of the path", "from true poses"]
+    header += ["depth error at the hand-over", f"after {_LATER} frames"]
+    lines = []
+    for name in dict.fromkeys(row.name for row in rows):
+        lines.append(_line(name, [row for row in rows if row.name == name]))
+    return markdown_table(header, [*lines, _line("all", rows)])
+
+
+def _line(name: str, rows: Sequence[Row]) -> list[str]:
+    located = f"{sum(row.located for row in rows)} of {sum(row.frames for row in rows)}"
+    errors = (
+        [row.path_error for row in rows],
+        [row.path_error_true_start for row in rows],
+        [row.depth_error for row in rows],
+        [row.depth_error_later for row in rows],
+    )
+    return [name, str(len(rows)), str(sum(row.lost for row in rows)), located, *map(_median, errors)]
+
+
+def _median(values: Sequence[float]) -> str:
+    known = [value for value in values if math.isfinite(value)]
+    return f"{float(np.median(known)):.2%}" if known else "-"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure, and print the table."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.going_on", allow_abbrev=False)
+    parser.add_argument("--every", type=positive, default=10, help="a start at every N-th frame (default: 10)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="also write the table to a file")
+    arguments = parser.parse_args(argv)
+    rows = []
+    for row in runs(arguments.every):
+        rows.append(row)
+        if sys.stderr.isatty():
+            print(row, file=sys.stderr)
+    show(table(rows) + "\n", arguments.out)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
