@@ -69,10 +69,12 @@ class Flow:
         return float(np.median(np.linalg.det(self.covariances[self.kept]))) ** 0.25 if self.kept.any() else 0.0
 
 
-def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig) -> Flow:
+def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig, expected: Floats | None = None) -> Flow:
     """Follow points forward, and back as a check.
 
-    Shapes: ``before, after`` (H, W), ``pixels`` (N, 2).
+    Shapes: ``before, after`` (H, W), ``pixels, expected`` (N, 2).
+
+    * ``expected``: Where the points are in the next frame to within some pixels, if that is known.
     """
     import cv2
 
@@ -82,8 +84,10 @@ def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig) ->
     start = pixels.astype(np.float32)
     window = (config.window_px, config.window_px)
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)
+    levels, flags = (config.pyramid_levels, 0) if expected is None else (1, cv2.OPTFLOW_USE_INITIAL_FLOW)
+    first = np.empty_like(start) if expected is None else expected.astype(np.float32)
     end, found, remainder = cv2.calcOpticalFlowPyrLK(
-        before, after, start, np.empty_like(start), winSize=window, maxLevel=config.pyramid_levels, criteria=criteria
+        before, after, start, first, winSize=window, maxLevel=levels, criteria=criteria, flags=flags
     )
     height, width = after.shape
     inside = (end >= 0).all(axis=1) & (end[:, 0] <= width - 1) & (end[:, 1] <= height - 1)

@@ -255,12 +255,23 @@ class Tracker:
             self._join(old, sift, i_old, i_new)
         self._sift_frames.append(sift)
         self._step_px = 0.0
-        kept[kept] = confirmed_by(
-            last.pixels[i_last], sift.pixels[i_now], self._last.pixels[kept], moved[kept],
-            self._config.forward_backward_px,
-        )  # fmt: skip
+        matched = last.pixels[i_last], sift.pixels[i_now]
+        kept[kept] = self._confirmed(matched, kept, moved)
+        covariances = followed.covariances.copy()
+        # The flow may have lost points only since it did not know where to look.
+        lost = np.flatnonzero(~kept)
+        expected = expected_by(*matched, self._last.pixels[lost])
+        if len(expected):
+            guided = flow(self._last_gray, gray, self._last.pixels[lost], self._config, expected)
+            moved[lost], covariances[lost] = guided.pixels, guided.covariances
+            found = np.zeros_like(kept)
+            found[lost] = guided.kept
+            if self._trackable is not None:
+                found &= self._trackable.patches_are_clear(moved)
+            found[found] = self._confirmed(matched, found, moved)
+            kept |= found
         kept &= ~np.isin(known_ids, sift.track_ids)
-        self._drift.follow(known_ids[kept], followed.covariances[kept])
+        self._drift.follow(known_ids[kept], covariances[kept])
         # Of two tracks that meet in one place only that of the flow is kept, as it is the older one.
         linked = np.flatnonzero(sift.track_ids >= 0)
         pixels = np.concatenate([moved[kept], sift.pixels[linked]])
@@ -270,6 +281,11 @@ class Tracker:
             squares = np.sum((sift.pixels[linked][:, None] - moved[kept][None]) ** 2, axis=2)
             single[kept.sum() :] = squares.min(axis=1) > (0.5 * self._config.min_distance * gray.shape[1]) ** 2
         return ids[single], pixels[single], True
+
+    def _confirmed(self, matched: tuple[Floats, Floats], chosen: Bools, moved: Floats) -> Bools:
+        """Which of some points of the last frame the matches confirm."""
+        assert self._last is not None
+        return confirmed_by(*matched, self._last.pixels[chosen], moved[chosen], self._config.forward_backward_px)
 
     def _detect(self, gray: Image, occupied: Floats, count: int) -> Floats:
         """Up to ``count`` corners (n, 2) at a distance from the occupied pixels."""
@@ -349,6 +365,20 @@ def confirmed_by(old: Floats, new: Floats, before: Floats, after: Floats, tolera
     moved = after - before
     agrees = ((low <= moved) & (moved <= high)).all(axis=1)
     return np.asarray(agrees & (agrees.mean() >= _LEAST_CONFIRMED))
+
+
+def expected_by(old: Floats, new: Floats, points: Floats) -> Floats:
+    """Where points are expected by the matches around them: moved as the median of these.
+
+    Shapes: ``old, new`` (M, 2), ``points`` (N, 2), returns (N, 2).
+
+    * Returns: Empty where there are too few matches.
+    """
+    if len(old) < _NEIGHBOURS or not len(points):
+        return np.zeros((0, 2))
+    squares = np.sum((points[:, None] - old[None]) ** 2, axis=2)
+    around = (new - old)[np.argpartition(squares, _NEIGHBOURS - 1, axis=1)[:, :_NEIGHBOURS]]
+    return np.asarray(points + np.median(around, axis=1))
 
 
 def _colors_at(image: Image, pixels: Floats) -> Image:
