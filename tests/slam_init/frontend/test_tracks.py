@@ -8,7 +8,7 @@ import pytest
 from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
-from slam_init.frontend.tracks import History, Tracker, common_tracks, confirmed_by
+from slam_init.frontend.tracks import History, Tracker, common_tracks, confirmed_by, expected_by
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 
@@ -132,6 +132,24 @@ def test_the_tracks_that_the_flow_kept_go_on_over_a_link_by_descriptors():
     jumped = linked.pixels[j] - tracker.history[0].pixels[i]
     assert np.sum(np.linalg.norm(jumped - (-130, 0), axis=1) < 1.0) >= 20
     assert (np.diff(linked.track_ids) > 0).all()
+
+
+def test_matches_tell_the_flow_where_to_look_so_that_tracks_go_on_over_a_jump():
+    """The flow alone loses all of them: the view moves by half an image at once."""
+    _, (seen, jumped) = follow(look((100, 60), (230, 60)))
+    still_visible = seen.pixels[:, 0] > 140
+    i, j = common_tracks(seen, jumped)
+    assert len(i) > 0.4 * still_visible.sum()
+    assert np.mean(np.linalg.norm(jumped.pixels[j] - seen.pixels[i] - (-130, 0), axis=1) < 1.0) > 0.95
+
+
+def test_points_are_expected_where_the_matches_around_them_went():
+    rng = np.random.default_rng(0)
+    old, points = rng.uniform(0, 300, (200, 2)), rng.uniform(50, 250, (40, 2))
+    turned = np.array([[0.96, -0.28], [0.28, 0.96]])
+    expected = expected_by(old, old @ turned.T + (80.0, -20.0), points)
+    assert np.linalg.norm(expected - (points @ turned.T + (80.0, -20.0)), axis=1).max() < 10
+    assert len(expected_by(old[:3], old[:3], points)) == 0
 
 
 def test_the_flow_is_confirmed_by_matches_that_move_alike_and_not_trusted_where_few_agree():
