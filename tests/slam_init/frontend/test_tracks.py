@@ -138,7 +138,7 @@ def test_the_tracks_that_the_flow_kept_go_on_over_a_link_by_descriptors():
 
 def test_matches_tell_the_flow_where_to_look_so_that_tracks_go_on_over_a_jump():
     """The flow alone loses all of them: the view moves by half an image at once."""
-    _, (seen, jumped) = follow(look((100, 60), (230, 60)))
+    _, (seen, jumped) = follow(frames_from((100, 60), (230, 60)))
     still_visible = seen.pixels[:, 0] > 140
     i, j = common_tracks(seen, jumped)
     assert len(i) > 0.4 * still_visible.sum()
