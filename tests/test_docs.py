@@ -14,6 +14,7 @@ from paths import ROOT
 
 from slam_init.cli.main import main, make_parser
 from slam_init.config import Config
+from slam_init.datasets.layouts import driving, handheld, listed, photographs
 from slam_init.output.names import BENCH_FILES, CALIBRATION_FILES, COMPARE_FILES, PAGE, RUN_FILES
 from slam_init.types.reasons import REASONS
 
@@ -162,6 +163,25 @@ def test_contributing_names_the_importers_of_gtsam():
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     sentence = re.search(r"Only (`slam_init[^.]*\.[^\n]*\n.*?) import gtsam", text, re.DOTALL)[1]
     assert set(re.findall(r"`(slam_init\.[\w.]+)`", sentence)) == importers
+
+
+def test_the_answers_of_contributing_name_what_their_files_hold():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    rows = text.partition("## Six questions")[2].partition("## ")[0].splitlines()[4:]
+    for row in filter(None, rows):
+        named = re.findall(r"`([^`]+)`", row)
+        files = [ROOT / name for name in named if "/" in name]
+        assert files and all(file.exists() for file in files), row
+        code = "".join(file.read_text(encoding="utf-8") for file in files if file.suffix == ".py")
+        for name in set(named) - {name for name in named if "/" in name}:
+            assert re.search(rf"^\s*(def |class )?{name}\b", code, re.MULTILINE), name
+
+
+def test_the_page_of_the_data_sets_has_every_layout():
+    table = (DOCS / "datasets.md").read_text(encoding="utf-8")
+    kinds = {layout.kind for module in (driving, handheld, listed, photographs) for layout in module.LAYOUTS}
+    assert len(kinds) > 10
+    assert {kind for kind in kinds if f"| `{kind}`" not in table} == set()
 
 
 @pytest.fixture(scope="module")
