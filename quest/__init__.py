@@ -15,7 +15,10 @@ pixels.
 * :func:`estimate_relative_pose`: the motion between two views from matches with outliers, and the other motions that
   explain the matches as well.
 * :func:`refine_relative_pose`: the same from a known pose, without samples.
-* :func:`estimate_relative_pose_px`: the same from pixels and the camera matrix of each view.
+* :func:`estimate_relative_pose_px`: the same from pixels, the camera matrix and the distortion of each view.
+* :func:`estimate_upright_pose`: the same where gravity is known, from samples of three matches.
+* :func:`estimate_shared_focal`: the same from pixels of one camera whose focal length is not known, with its deviation.
+* :func:`estimate_relative_poses`: many pairs at once, on threads.
 * :func:`parallax_statement`: whether the translation is observable, with an error rate, and |t|/depth = a +- b.
 * :class:`InputError`: the only exception that these functions raise for a wrong input.
 
@@ -25,8 +28,11 @@ References
    Estimation From Matched Feature Points", arXiv:1704.02672, 2017.
 """
 
+from quest.batch import estimate_relative_poses
 from quest.errors import InputError
 from quest.estimate import estimate_relative_pose, refine_relative_pose
+from quest.focal import SharedFocal, estimate_shared_focal
+from quest.gravity import estimate_upright_pose
 from quest.pixels import estimate_relative_pose_px
 from quest.registry import SOLVERS, Solver
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
@@ -46,9 +52,13 @@ __all__ = [
     "ParallaxStatement",
     "PoseEvidence",
     "RelativePose",
+    "SharedFocal",
     "Solver",
     "estimate_relative_pose",
     "estimate_relative_pose_px",
+    "estimate_relative_poses",
+    "estimate_shared_focal",
+    "estimate_upright_pose",
     "parallax_statement",
     "quest5",
     "quest6",

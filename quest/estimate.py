@@ -166,7 +166,7 @@ def estimate_relative_pose(
     ----------
     .. [F17] K. Fathian et al., "Quaternion Based Camera Pose Estimation From Matched Feature Points", 2017.
     """
-    m, n = _unit_bearings(bearings1, bearings2)
+    m, n = as_unit_bearings(bearings1, bearings2)
     options = _checked_options(len(m), threshold_rad, seed, confidence, max_samples, scores, solver)
     start = None if initial_pose is None else _checked_pose(initial_pose)
     threshold_rad = options.threshold_rad
@@ -273,7 +273,8 @@ def _checked_pose(initial_pose: tuple[ArrayLike, ArrayLike]) -> tuple[Floats, Fl
     return np.array(as_rotation(initial_pose[0]), order="C"), as_direction(initial_pose[1])
 
 
-def _unit_bearings(bearings1: ArrayLike, bearings2: ArrayLike) -> tuple[Floats, Floats]:
+def as_unit_bearings(bearings1: ArrayLike, bearings2: ArrayLike) -> tuple[Floats, Floats]:
+    """Check matched rays, and scale copies of them (N, 3) to unit norm."""
     from quest.robust import kernels
 
     rays1, rays2 = as_floats(bearings1, "bearings"), as_floats(bearings2, "bearings")

@@ -42,8 +42,6 @@ def best_of_modes(
     * ``inliers``: Number of matches that the best motion of the search explains. A raw model that misses half of them
       is left out.
     """
-    from quest.robust import kernels
-
     near = np.flatnonzero((report.costs[1:] - report.costs[0]) / problem.threshold_rad**2 < 0.5 * inliers)
     if len(near) == 0:
         return report.models[0], []
@@ -53,13 +51,16 @@ def best_of_modes(
         some = PoseProblem(problem.m[rows], problem.n[rows], problem.threshold_rad)
     models = [report.models[0], *(_polished(some, report.models[1 + k]) for k in near[:_MODES].tolist())]
     models = [refine_with_noise(some, model)[0] for model in models]
-    table = _log_likelihoods()
-    score = [
-        kernels.log_likelihood(some.m, some.n, kernels.rotation_of_model(model), model[4:], some.threshold_rad, table)
-        for model in models
-    ]
-    best = int(np.argmax(score))
+    best = int(np.argmax([log_likelihood(some, model) for model in models]))
     return models[best], models[:best] + models[best + 1 :]
+
+
+def log_likelihood(problem: PoseProblem, model: Floats) -> float:
+    """Logarithm of the likelihood of a motion (q_wxyz, t) without a scale, less that of outliers alone."""
+    from quest.robust import kernels
+
+    R, table = kernels.rotation_of_model(model), _log_likelihoods()
+    return kernels.log_likelihood(problem.m, problem.n, R, model[4:], problem.threshold_rad, table)
 
 
 @cache

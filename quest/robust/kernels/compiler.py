@@ -49,8 +49,8 @@ def compiler_of(folder: Path) -> Callable[[Function], Function]:
     folders = machine_code.folders_of(folder)
 
     def _compiled(function: Function) -> Function:
-        # No loop is called through a pointer.
-        dispatcher = _njit(error_model="numpy", no_cfunc_wrapper=True)(function)
+        # No loop is called through a pointer, and none holds the lock of the interpreter.
+        dispatcher = _njit(error_model="numpy", no_cfunc_wrapper=True, nogil=True)(function)
         if dispatcher is not function:  # NUMBA_DISABLE_JIT is not set
             dispatcher._cache = _Cache(f"{function.__module__}.{function.__qualname__}", sources, folders)
             dispatcher._compiler.compile = _without_collector(dispatcher._compiler.compile)

@@ -1,0 +1,51 @@
+"""Many pairs at once, on threads: the compiled loops run without the lock of the interpreter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from quest.errors import as_index
+from quest.estimate import estimate_relative_pose
+from quest.relative_pose import NoPose, RelativePose
+
+
+def estimate_relative_poses(
+    pairs: Iterable[tuple[ArrayLike, ArrayLike]], *, threads: int = 1, **options: Any
+) -> list[RelativePose | NoPose]:
+    """Estimate the motion of each pair of views.
+
+    Parameters
+    ----------
+    pairs : iterable of (bearings1, bearings2)
+        Matched rays (N, 3) of each pair; N may differ.
+    threads : int
+        Number of pairs at a time. The results do not depend on it.
+    **options
+        Of :func:`quest.estimate_relative_pose`, the same for all pairs.
+
+    Returns
+    -------
+    list of RelativePose or NoPose
+        In the order of the pairs.
+
+    Raises
+    ------
+    InputError
+        If threads is not a number from 1, or a pair or an option is refused.
+    """
+    threads = as_index(threads, "threads", 1)
+    given = list(pairs)
+
+    def estimate(pair: tuple[ArrayLike, ArrayLike]) -> RelativePose | NoPose:
+        return estimate_relative_pose(*pair, **options)
+
+    if threads == 1 or len(given) < 2:
+        return [estimate(pair) for pair in given]
+    # The first pair compiles, once.
+    first = estimate(given[0])
+    with ThreadPoolExecutor(threads) as pool:
+        return [first, *pool.map(estimate, given[1:])]

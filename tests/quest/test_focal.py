@@ -1,0 +1,46 @@
+"""Two views of a camera whose focal length is not known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from make_two_views import NO_TRANSLATION, R_TRUE, T_TRUE, box, is_true, random_rays, views
+
+from quest import InputError, estimate_shared_focal
+
+FOCAL_PX, CENTRE = 640.0, np.array([320.0, 240.0])
+
+
+def pixels(rays):
+    return FOCAL_PX * rays[:, :2] / rays[:, 2:] + CENTRE
+
+
+def test_the_focal_length_is_within_its_deviations():
+    errors = []
+    for seed in range(8):
+        m, n = views(box(seed, 300), noise_rad=5e-4, outliers=0.3, seed=seed)
+        found = estimate_shared_focal(pixels(m), pixels(n), CENTRE, seed=seed)
+        errors.append((found.focal_px - FOCAL_PX) / found.sigma_px)
+        assert found.focal_px == pytest.approx(FOCAL_PX, rel=0.1)
+        assert is_true(found.pose, R_TRUE, T_TRUE, rotation_deg=1.5, direction_deg=6)
+    assert 0.4 < np.sqrt(np.mean(np.square(errors))) < 2
+
+
+def test_a_turn_and_random_matches_have_no_focal_length():
+    for m, n in (
+        views(box(0), t=NO_TRANSLATION, R=np.eye(3), noise_rad=5e-4),
+        [random_rays(np.random.default_rng(seed), 100) for seed in (0, 1)],
+    ):
+        found = estimate_shared_focal(pixels(m), pixels(n), CENTRE)
+        assert not found
+
+
+def test_wrong_points_are_refused():
+    points = np.zeros((20, 2))
+    for one, other, centre in ((points, points[:5], CENTRE), (points, points, CENTRE[:1]), (points, points, (0, 0))):
+        with pytest.raises(InputError):
+            estimate_shared_focal(one, other, centre)
+    few = estimate_shared_focal(points[:8] + np.arange(8)[:, None], points[:8], CENTRE)
+    assert few.reason == "too_few_matches"
+    with pytest.raises(InputError):
+        estimate_shared_focal(points + 1, points, CENTRE, threshold_px=0)
