@@ -194,8 +194,7 @@ def estimate_relative_pose(
         return _rotation_or_no_pose(_rotation_of(problem, rotation, rng), PoseEvidence(total))
 
     found = int(problem.explained(report.models[0], threshold_rad).sum())
-    best, others = best_of_modes(problem, report, found, rng)
-    best, noise_rad = refine_with_noise(problem, best)
+    best, noise_rad, others = best_of_modes(problem, report, found, rng)
     gate_rad = min(threshold_rad, GATE_SIGMAS * noise_rad)
     inliers = problem.explained(best, gate_rad)
     motion = _Motion(best, inliers, m[inliers], n[inliers], noise_rad, gate_rad)

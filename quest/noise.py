@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from quest.robust.pose_modes import same_mode
 from quest.robust.pose_problem import PoseProblem
 from quest.robust.samples import RansacReport
 from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS
@@ -29,13 +30,13 @@ _TABLE = 400
 #: Largest number of other modes of the search that are compared with the best, and of matches that compare them.
 _MODES, _MOST_COMPARED = 4, 500
 #: Largest number of steps of a refinement.
-_STEPS = 12
+_STEPS = 6
 
 
 def best_of_modes(
     problem: PoseProblem, report: RansacReport, inliers: int, rng: np.random.Generator
-) -> tuple[Floats, list[Floats]]:
-    """The motion (q_wxyz, t) of the largest likelihood among the modes of a search, and the others.
+) -> tuple[Floats, float, list[Floats]]:
+    """The refined motion (q_wxyz, t) of the largest likelihood among the modes of a search, its noise, and the others.
 
     The search compares motions by the threshold, before they are refined; see :mod:`quest.robust.kernels.mixture`.
 
@@ -43,16 +44,23 @@ def best_of_modes(
       is left out.
     """
     near = np.flatnonzero((report.costs[1:] - report.costs[0]) / problem.threshold_rad**2 < 0.5 * inliers)
-    if len(near) == 0:
-        return report.models[0], []
     some = problem
-    if len(problem) > _MOST_COMPARED:
+    if len(near) > 0 and len(problem) > _MOST_COMPARED:
         rows = rng.permutation(len(problem))[:_MOST_COMPARED]
         some = PoseProblem(problem.m[rows], problem.n[rows], problem.threshold_rad)
-    models = [report.models[0], *(_polished(some, report.models[1 + k]) for k in near[:_MODES].tolist())]
-    models = [refine_with_noise(some, model)[0] for model in models]
-    best = int(np.argmax([log_likelihood(some, model) for model in models]))
-    return models[best], models[:best] + models[best + 1 :]
+    models = [report.models[0]]
+    for k in near[:_MODES].tolist():
+        model = _polished(some, report.models[1 + k])
+        # Most raw models lead to the optimum that is known.
+        if not any(same_mode(model, other) for other in models):
+            models.append(model)
+    if len(models) == 1:
+        return *refine_with_noise(problem, models[0]), []
+    refined = [refine_with_noise(some, model) for model in models]
+    best = int(np.argmax([log_likelihood(some, model) for model, _ in refined]))
+    others = [model for k, (model, _) in enumerate(refined) if k != best]
+    model, noise_rad = refined[best] if some is problem else refine_with_noise(problem, refined[best][0])
+    return model, noise_rad, others
 
 
 def log_likelihood(problem: PoseProblem, model: Floats) -> float:

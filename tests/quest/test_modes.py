@@ -37,9 +37,9 @@ def test_the_motion_with_the_better_matches_is_chosen_wherever_it_stands(count, 
         problem = PoseProblem(m, n, THRESHOLD_RAD)
         models = [as_model(*disturbed(R, t, seed, angle_rad)) for angle_rad in (2e-3, 0.1)]
         report = RansacReport(np.array(models if right == 0 else models[::-1]), np.zeros(2), 1)
-        best, others = best_of_modes(problem, report, count, np.random.default_rng(seed))
+        best, _, others = best_of_modes(problem, report, count, np.random.default_rng(seed))
         assert abs(best[:4] @ as_model(R, t)[:4]) > np.cos(0.01)
-        assert len(others) == 1
+        assert len(others) <= 1
 
 
 def test_refinement_stays_where_the_likelihood_is_largest():
