@@ -110,6 +110,7 @@ def pages():
     for page in (
         ROOT / "README.md",
         ROOT / "CONTRIBUTING.md",
+        ROOT / "SECURITY.md",
         ROOT / "quest" / "README.md",
         *sorted(DOCS.rglob("*.md")),
     ):
@@ -123,6 +124,14 @@ def test_every_extra_is_on_the_page_of_the_installation_and_is_installed_in_one_
     for name, text in pages():
         assert "slam-init[" not in text, name
         assert set(re.findall(r"pip install [-\w ]*[\"']\.\[(\w+)", text)) <= {*extras, "NAME"}, name
+
+
+def test_each_file_and_each_program_that_a_page_names_is_there():
+    for page, text in pages():
+        named = re.findall(r"`((?:slam_init|quest|sequences_synth|tests|docs)/[\w./-]+)`", text)
+        programs = re.findall(r"python -m (tests\.[a-z_.]*[a-z_])\b", text)
+        for place in [*named, *(program.replace(".", "/") for program in programs)]:
+            assert (ROOT / place).exists() or (ROOT / f"{place}.py").exists(), f"{place} on {page}"
 
 
 def test_no_page_names_a_package_that_is_no_module():
