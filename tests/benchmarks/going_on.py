@@ -30,8 +30,8 @@ from slam_init.output.tables import markdown_table
 from slam_init.types.frame import Observations, Source, length_of
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose, Trajectory
-from tests.benchmarks.image_pairs import data_folder, find_sequences
-from tests.benchmarks.options import positive, show
+from tests.benchmarks.image_pairs import find_sequences
+from tests.benchmarks.options import data_folder, positive, show
 
 #: The issue of a map is decided in this number of frames: two seconds of video.
 _FRAMES, _WATCHED, _LATER = 60, 40, 20

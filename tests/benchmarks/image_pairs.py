@@ -54,11 +54,6 @@ class ImagePair:
     cam2_from_cam1: Pose
 
 
-def data_folder() -> Path:
-    """Return the folder of the real data: ``SLAM_INIT_DATA``, by default ``../shared/data``."""
-    return Path(os.environ.get("SLAM_INIT_DATA", "../shared/data"))
-
-
 def find_sequences(data: Path) -> list[str]:
     """Return the paths below ``data`` of the sequences with a camera and a ground truth, sorted."""
     folders = (camera.parent for camera in data.rglob("camera.yaml") if (camera.parent / "groundtruth.txt").is_file())

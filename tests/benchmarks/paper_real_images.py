@@ -46,13 +46,12 @@ from tests.benchmarks.image_pairs import (
     DIRECTION_UNKNOWN,
     STATIC_SEQUENCE,
     ImagePair,
-    data_folder,
     find_sequences,
     sequence_pairs,
     true_matches,
 )
+from tests.benchmarks.options import data_folder, positive, run_on_one_thread, save
 from tests.benchmarks.quest.paper_problems import rotation_error
-from tests.benchmarks.quest.running import positive, run_on_one_thread, save
 
 _STEPS = (1, 2, 5, 10, 20, 30)
 _PARALLAX_RAD = np.deg2rad(1.0)

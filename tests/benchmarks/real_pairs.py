@@ -32,16 +32,15 @@ from tests.benchmarks.image_pairs import (
     STATIC_SEQUENCE,
     ImagePair,
     chessboard_pairs,
-    data_folder,
     find_sequences,
     pair_set,
     sequence_pairs,
     true_matches,
 )
+from tests.benchmarks.options import choice_list, data_folder, number_list, positive, run_on_one_thread, save
 from tests.benchmarks.quest.cells import auc_cell, errors_cell, kept_cell, times_cell, verdicts_cell
 from tests.benchmarks.quest.robust_methods import METHODS, Estimate, available, limit_threads
 from tests.benchmarks.quest.robust_trials import Answer, judge, warm_up
-from tests.benchmarks.quest.running import choice_list, number_list, positive, run_on_one_thread, save
 
 Floats = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import quest
 from slam_init.output.tables import markdown_table
-from tests.benchmarks.quest.running import positive, run_on_one_thread, save
+from tests.benchmarks.options import positive, run_on_one_thread, save
 
 Floats = NDArray[np.float64]
 #: Two views in any form that a caller could pass: arrays, lists, numbers, texts.

@@ -24,8 +24,8 @@ Floats = NDArray[np.float64]
 
 def main(arguments: list[str] | None = None) -> None:
     """Print the tables, write them and the plots."""
+    from tests.benchmarks.options import positive, run_on_one_thread
     from tests.benchmarks.quest import paper_tables
-    from tests.benchmarks.quest.running import positive, run_on_one_thread
 
     parser = argparse.ArgumentParser(
         prog="python -m tests.benchmarks.quest.paper_protocol", description="The paper's figures."

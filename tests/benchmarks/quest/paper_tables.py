@@ -13,10 +13,10 @@ from quest.geometry.refine import refine_pose
 from quest.solvers.selection import select_candidates
 from quest.solvers.translation import translation_and_depths
 from slam_init.output.tables import markdown_table
+from tests.benchmarks.options import save
 from tests.benchmarks.quest.contestants import Contestant, contestants
 from tests.benchmarks.quest.paper_cells import NOISES_PX, Cell
 from tests.benchmarks.quest.paper_problems import Problems, draw_problems, rotation_error
-from tests.benchmarks.quest.running import save
 
 Floats = NDArray[np.float64]
 

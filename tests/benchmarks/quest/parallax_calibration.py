@@ -27,7 +27,7 @@ from quest.geometry.refine import refine_pose, tangent_basis
 from quest.robust.rotation import refine_rotation
 from quest.uncertainty.parallax import ParallaxStatement, parallax_statement
 from slam_init.output.tables import markdown_table
-from tests.benchmarks.quest.running import positive, run_on_one_thread, save
+from tests.benchmarks.options import positive, run_on_one_thread, save
 from tests.support.reference_parallax import typical_ratios
 
 Floats = NDArray[np.float64]

@@ -52,7 +52,7 @@ Method = Callable[[Floats, Floats, float, int], Estimate]
 
 
 def limit_threads() -> None:
-    """Run OpenCV on one thread; :func:`tests.benchmarks.quest.running.run_on_one_thread` limits the other libraries."""
+    """Run OpenCV on one thread; :func:`tests.benchmarks.options.run_on_one_thread` limits the other libraries."""
     if find_spec("cv2"):
         import cv2
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tests.benchmarks.options import positive, show
+from tests.benchmarks.options import data_folder, positive, show
 from tests.benchmarks.speed.frames import frames_table, measure, stages_table
 from tests.benchmarks.speed.timing import cpu_flow_ms, machine
 
@@ -28,14 +28,10 @@ _SYNTHETIC = ("synth:room", "synth:wall", "synth:nadir", "synth:rotation", "synt
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "TBB_NUM_THREADS")
 
 
-def _data_folder() -> Path:
-    return Path(os.environ.get("SLAM_INIT_DATA", "../shared/data"))
-
-
 def _sources(names: Sequence[str]) -> list[tuple[str, Source]]:
     from slam_init.datasets import open_source
 
-    folder = _data_folder()
+    folder = data_folder()
     found: list[tuple[str, Source]] = []
     for name in names:
         if name.startswith("synth:"):
@@ -66,7 +62,7 @@ def _frames(options: argparse.Namespace) -> str:
 def _robust(options: argparse.Namespace) -> str:
     from tests.benchmarks.speed.robust import robust_table
 
-    return robust_table(options.repetitions, _data_folder())
+    return robust_table(options.repetitions, data_folder())
 
 
 def _start(options: argparse.Namespace) -> str:
