@@ -9,6 +9,7 @@ estimate, and the prior stays where it was: an estimate is never the prior of th
 from __future__ import annotations
 
 from slam_init.types.camera import Camera
+from slam_init.window.levels import PRINCIPAL_SIGMA
 from slam_init.window.state import CALIBRATED_SIGMA, Priors
 from slam_init.window.uncertainty import CameraEstimate
 
@@ -48,6 +49,7 @@ class WindowLens:
             focal_sigma=self.stated.focal_sigma or CALIBRATED_SIGMA,
             k1_sigma=_STATED_K1_SIGMA if self.stated.is_distorted else _UNSTATED_K1_SIGMA,
             readout_sigma_s=readout_sigma_s,
+            principal_sigma_px=PRINCIPAL_SIGMA * self.stated.width,
             log_scale_mean=-self._log_scale,
             k1_mean=-self._k1,
         )

@@ -33,10 +33,6 @@ FEW_VIEWS = 0.7
 #: Class: assumption.
 PULL_FREEDOM = 4.0
 
-#: Share of the videos whose frames a stabilizer shifts as a whole: phones and drones have one, and most shift slowly.
-#: Class: assumption.
-FRAMES_ARE_SHIFTED = 0.1
-
 #: Before a camera that only rotates, a moving body looks like a near object before points at infinity. So the rest of
 #: the tracks has to show a translation without the tracks that gain most: bodies that hold this share of them.
 #: Class: assumption.
@@ -132,9 +128,13 @@ LASTING_SHARE, LASTING_PX = 0.004, 0.3
 #: Class: measured.
 SHARED_PX = 0.02
 
-#: Standard deviation of the shift of a frame by a stabilizer, and the number of tracks that tell one.
+#: How a lens may change from view to view: standard deviations of the zoom of a view, and of its shift over the width.
+#: Lenses that focus change the focal length by up to three hundredths; optical stabilizers shift a frame by a
+#: hundredth of the width, electronic ones by more, and their scale changes by thousandths. With probability
+#: ``LENS_VARIES`` a window has one of these, each with the same one; else the lens is the same in all views.
 #: Class: assumption.
-SHIFT_PX, LEAST_SHIFTED = 1.0, 8
+LENS_MODES = ((0.003, 0.0003), (0.01, 0.0003), (0.03, 0.0003), (0.001, 0.001), (0.001, 0.003), (0.003, 0.01))
+LENS_VARIES = 0.1
 
 #: A neighbourhood holds a tenth of the tracks, and so about as much of the view: bodies and the errors of a lens extend
 #: that far. A larger one has fewer independent parts, and says less.

@@ -38,6 +38,8 @@ class Linearization:
     k1_column: int
     #: The readout among them; None where it is known.
     readout_column: int | None
+    #: Whether the principal point is among them.
+    knows_principal_point: bool = False
 
     @property
     def is_shift(self) -> Bools:
@@ -90,7 +92,17 @@ def linearize_with_fields(
     is_field = equations.columns_of_fields()
     k1 = int((~is_field)[: equations.focal + 1].sum())
     readout = k1 + 1 if priors.readout_sigma_s > 0 else None
-    return Linearization(information, gradient, shares, is_field, variance, coupling, k1, readout)
+    return Linearization(
+        information,
+        gradient,
+        shares,
+        is_field,
+        variance,
+        coupling,
+        k1,
+        readout,
+        priors.principal_sigma_px > 0,
+    )
 
 
 def information_by_chance(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:

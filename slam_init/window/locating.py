@@ -71,6 +71,7 @@ def locate_views(tracks: WindowTracks, motion: Motion, bearings: Floats, rotatio
         motion.log_scale,
         motion.readout_s,
         motion.k1,
+        motion.principal_px,
     )
 
 

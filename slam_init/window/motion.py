@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -35,6 +36,8 @@ class Motion:
     readout_s: float = 0.0
     #: Added to the first coefficient of the radial distortion.
     k1: float = 0.0
+    #: (2,) Added to the principal point.
+    principal_px: Floats = dataclasses.field(default_factory=lambda: np.zeros(2))
 
     def is_near(self, other: Motion) -> bool:
         """Whether another motion moves the first two frames alike, so that a fit ends in the same optimum."""
@@ -74,7 +77,7 @@ class FittedMotion:
         """The adjusted motion, as the start of the next fit."""
         state = self.fit.state
         poses = {frame: Pose(state.R[k], state.t[k]) for k, frame in enumerate(self.frames)}
-        return Motion(poses, state.plane, state.log_scale, state.readout_s, state.k1)
+        return Motion(poses, state.plane, state.log_scale, state.readout_s, state.k1, state.principal_px)
 
     def same_as(self, other: FittedMotion) -> bool:
         """Whether two fits ended in the same optimum."""
@@ -112,7 +115,10 @@ def noise_factor_at(tracks: WindowTracks, motion: Motion, priors: Priors) -> flo
 
 
 def _start(part: WindowTracks, R: Floats, t: Floats, motion: Motion, plane: Floats | None = None) -> WindowState:
-    return start_at(part, R, t, plane, log_scale=motion.log_scale, k1=motion.k1, readout_s=motion.readout_s)
+    return start_at(
+        part, R, t, plane, log_scale=motion.log_scale, k1=motion.k1, readout_s=motion.readout_s,
+        principal_px=motion.principal_px,
+    )  # fmt: skip
 
 
 def _part_of(tracks: WindowTracks, motion: Motion) -> tuple[WindowTracks, Floats, Floats, tuple[int, ...]]:

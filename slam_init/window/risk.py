@@ -41,7 +41,6 @@ from slam_init.window.levels import (
     CHANCE_GAIN,
     FEW_VIEWS,
     FLOOR,
-    FRAMES_ARE_SHIFTED,
     MERE_ROTATION,
     ON_BODIES,
     PULL_FREEDOM,
@@ -63,11 +62,11 @@ from slam_init.window.tracker_errors import (
     gain_of_lasting_errors,
     gain_of_shared_errors,
     gain_of_turning_errors,
-    largest_shift_px,
 )
 from slam_init.window.uncertainty import (
     CameraEstimate,
     ExpandedFit,
+    VaryingLens,
     camera_estimate,
     direction_sigmas_deg,
     directions_by_principal_point_deg,
@@ -76,7 +75,7 @@ from slam_init.window.uncertainty import (
     places_of,
     rotation_covariance,
     sigma_with_known_lens,
-    widened_by_shifts,
+    varying_lens,
 )
 
 #: A rival with a larger probability is undecided, however precisely it is known; a scale of the fields with a smaller
@@ -119,6 +118,8 @@ class WindowRisk:
     field_px: float
     #: The distortion and the readout by the best motion, or by the camera that only rotates where that is likely.
     camera: CameraEstimate
+    #: Probability that each view has a zoom or a shift of its own.
+    lens_varies: float
     #: The vote against the nearest rival; None without a rival.
     margin: Margin | None
     #: Log likelihood of the best motion over the rotation-only camera, in nats.
@@ -145,12 +146,12 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     by_point_deg = directions_by_principal_point_deg(expanded)
     by_tracks_deg = [direction_sigmas_deg(expanded, view) for view in range(1, len(best.rows))]
     of_views = [np.hypot(factor * one, by_point) for one, by_point in zip(by_tracks_deg, by_point_deg, strict=True)]
-    shifted = widened_by_shifts(expanded, largest_shift_px(hypotheses.tracks))
+    varying = varying_lens(expanded)
     rotation_deg = factor * _largest_sigma_deg(rotation_covariance(expanded))
     rotated = three_directions(WRONG_ROTATION_DEG, rotation_deg)
     direction_risks = tuple(
-        min(1.0, float(weights @ _with_shifts(sigmas_deg, wider)) + rotated)
-        for sigmas_deg, wider in zip(of_views, shifted, strict=True)
+        min(1.0, float(weights @ _with_varying_lens(sigmas_deg, varying, view)) + rotated)
+        for view, sigmas_deg in enumerate(of_views)
     )
     direction, direction_deg = direction_risks[0], float(np.sqrt(weights @ of_views[0] ** 2))
     calibrated = hypotheses.priors.focal_sigma <= CALIBRATED_SIGMA
@@ -184,6 +185,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         rotation_sigma_deg=rotation_deg,
         depth_sigma=float(np.median(depth_sigmas)) if len(depth_sigmas) else math.inf,
         field_px=field_px,
+        lens_varies=varying.varies,
         margin=nearest,
         rotation_log_likelihood=gain,
         camera=camera,
@@ -209,8 +211,7 @@ def confirmed(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -
             return free, of_free
         rival, direction = max(risk.rival, of_free.rival), risk.direction
         # The plane of shifted frames is another one in each view, so that it tells nothing about the direction.
-        if largest_shift_px(hypotheses.tracks) > hypotheses.tracks.noise_px:
-            direction = max(direction, FRAMES_ARE_SHIFTED * of_free.direction)
+        direction = max(direction, risk.lens_varies * of_free.direction)
         total = _total(direction, rival, risk.rotation, risk.moving)
         return hypotheses, replace(risk, rival=rival, direction=direction, total=total)
 
@@ -257,10 +258,10 @@ def _bodies_factor(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
     return math.sqrt((1 + (bodies / 2) ** 2) * shared)
 
 
-def _with_shifts(sigmas_deg: Floats, wider: float) -> Floats:
-    """Probability that a direction is wrong, where frames may be shifted as a whole and widen its deviation."""
-    as_it_is, shifted = (two_directions(WRONG_DIRECTION_DEG, factor * sigmas_deg) for factor in (1.0, wider))
-    return np.asarray((1 - FRAMES_ARE_SHIFTED) * as_it_is + FRAMES_ARE_SHIFTED * shifted)
+def _with_varying_lens(sigmas_deg: Floats, varying: VaryingLens, view: int) -> Floats:
+    """Probability that the direction of a view is wrong, over the modes of a lens that changes from view to view."""
+    moments_deg = np.hypot(varying.factors[:, view, None] * sigmas_deg, varying.shifts_deg[:, view, None])
+    return np.asarray(varying.probabilities @ two_directions(WRONG_DIRECTION_DEG, moments_deg))
 
 
 def _largest_sigma_deg(covariance: Floats) -> float:

@@ -7,16 +7,11 @@ turning moves all rows.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from slam_init.types.arrays import Floats
-from slam_init.window.levels import LASTING_PX, LASTING_SHARE, LEAST_SHIFTED, SHARED_PX, SHIFT_PX
+from slam_init.window.levels import LASTING_PX, LASTING_SHARE, SHARED_PX
 from slam_init.window.tracks import WindowTracks
-
-#: Of a shift, where whole pixels are given and the second differences are zero.
-_LEAST_SHIFT_PX = 0.01
 
 
 def gain_of_lasting_errors(tracks: WindowTracks, R: Floats) -> float:
@@ -39,25 +34,3 @@ def gain_of_turning_errors(tracks: WindowTracks, readout_s: float) -> float:
     moved_px = readout_s * tracks.sweep_errors[:, None] * np.linalg.norm(tracks.sweep_px_s, axis=2)
     seen = tracks.seen & (tracks.anchor >= 0)
     return float(np.sum((moved_px[seen] / tracks.sigma_px[seen]) ** 2))
-
-
-def largest_shift_px(tracks: WindowTracks) -> float:
-    """Largest standard deviation of a shift of each view as a whole that the tracks allow.
-
-    A stabilizer shifts each frame by itself. Then the second difference of the positions of a track has six times the
-    variance of the shift; the motion of the camera adds to it. So its size is an upper bound. Without three views in
-    equal steps, nothing is known.
-    """
-    order = np.argsort(tracks.frames)
-    squares: list[float] = []
-    for a, b, c in zip(order, order[1:], order[2:], strict=False):
-        seen = tracks.seen[[a, b, c]].all(axis=0)
-        if seen.sum() >= LEAST_SHIFTED and tracks.frames[b] - tracks.frames[a] == tracks.frames[c] - tracks.frames[b]:
-            bend = tracks.pixels[a, seen] - 2 * tracks.pixels[b, seen] + tracks.pixels[c, seen]
-            squares += (np.median(bend, axis=0) ** 2 / 6).tolist()
-    if not squares:
-        return SHIFT_PX
-    # The variance that a sum of squares falls short of once in twenty times, by Wilson and Hilferty.
-    spread = 2 / (9 * len(squares))
-    least = len(squares) * max(1 - spread - 1.645 * math.sqrt(spread), 0.05) ** 3
-    return min(max(math.sqrt(sum(squares) / least), _LEAST_SHIFT_PX), SHIFT_PX)

@@ -26,12 +26,14 @@ import numpy as np
 from quest.robust.spatial_blocks import regions_of
 from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats
+from slam_init.types.camera import Camera
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import JointFit
-from slam_init.window.levels import PRINCIPAL_SIGMA, TURNING_FACTOR
+from slam_init.window.levels import LENS_MODES, LENS_VARIES, PRINCIPAL_SIGMA, TURNING_FACTOR
 from slam_init.window.linearization import Linearization, information_by_chance, linearize_with_fields
-from slam_init.window.marginal import FIELD_PRIOR, FieldMarginal, marginalize_fields
+from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, FieldMarginal, marginalize_fields
 from slam_init.window.motion import FittedMotion
+from slam_init.window.track_equations import FIELD_TERMS
 from slam_init.window.tracks import WindowTracks
 
 #: Regions across and down for the scatter of the scores: a dozen sums determine a standard deviation to a fifth, and
@@ -115,6 +117,23 @@ class InverseDistances:
         """
         used = self.known & (self.values > 0)
         return np.asarray(self.sigmas[used] / self.values[used])
+
+
+@dataclass(frozen=True, eq=False)
+class VaryingLens:
+    """Whether the lens is the same in all views, and how certain the directions are if it is not."""
+
+    #: (M + 1,) Probability that the lens is the same, then that it changes in each of the modes.
+    probabilities: Floats
+    #: (M + 1, V - 1) Factors on the standard deviations of the directions; 1 if the lens is the same.
+    factors: Floats
+    #: (M + 1, V - 1) How far the directions move; 0 if the lens is the same.
+    shifts_deg: Floats
+
+    @property
+    def varies(self) -> float:
+        """Probability that the lens changes from view to view."""
+        return 1.0 - float(self.probabilities[0])
 
 
 @dataclass(frozen=True)
@@ -256,6 +275,8 @@ def directions_by_principal_point_deg(expanded: ExpandedFit) -> Floats:
     Shapes: returns (V - 1,).
     """
     lin, marginal = expanded.linearization, expanded.marginal
+    if lin.knows_principal_point:
+        return np.zeros(len(expanded.fit.state.R) - 1)
     other, shift = ~lin.is_field, lin.is_shift
     B = np.tile(np.eye(2), (int(shift.sum()) // 2, 1))
     mixed = lin.information[np.ix_(other, shift)] @ B
@@ -272,25 +293,58 @@ def directions_by_principal_point_deg(expanded: ExpandedFit) -> Floats:
     return np.asarray(np.degrees(sigmas))
 
 
-def widened_by_shifts(expanded: ExpandedFit, shift_px: float) -> Floats:
-    """Factors on the standard deviations of the directions if each view is shifted as a whole.
+def varying_lens(expanded: ExpandedFit) -> VaryingLens:
+    """What a zoom and a shift of each view explain of the tracks, and what they change about the directions.
 
-    Shapes: returns (V - 1,).
-
-    * ``shift_px``: Standard deviation of the shift of a view, in each direction.
+    The expansion of the fit tells it: the gradient of the cost by the zooms and the shifts, and their information. The
+    first view has none, as what all views have in common is the lens. The fields have their likeliest scale.
     """
-    lin = expanded.linearization
-    other, shift = ~lin.is_field, lin.is_shift
-    H = lin.information
+    lin, views = expanded.linearization, len(expanded.fit.state.R)
+    other, field, H = ~lin.is_field, lin.is_field, lin.information
     known = H[np.ix_(other, other)] + 1e-9 * np.eye(int(other.sum()))
-    mixed, own = H[np.ix_(other, shift)], H[np.ix_(shift, shift)] + np.eye(int(shift.sum())) / shift_px**2
-    covariances = [np.linalg.inv(known), np.linalg.inv(known - mixed @ np.linalg.solve(own, mixed.T))]
-    factors = []
-    for view in range(1, len(expanded.fit.state.R)):
-        _, J = _direction_derivatives(expanded, view)
-        without, shifted = (float(np.linalg.eigvalsh(J @ one @ J.T)[-1]) for one in covariances)
-        factors.append(math.sqrt(max(shifted / max(without, 1e-300), 1.0)))
-    return np.array(factors)
+    units = np.sqrt(np.maximum(np.diag(known), 1e-300))
+    covariance = np.linalg.inv(known / np.outer(units, units)) / np.outer(units, units)
+    follow = covariance @ H[np.ix_(other, field)]
+    left = H[np.ix_(field, field)] - H[np.ix_(field, other)] @ follow
+    gradient = lin.gradient[field] - follow.T @ lin.gradient[other]
+    scale_px = float(FIELD_SCALES_PX[int(np.argmax(expanded.scale_weights))])
+    given = np.zeros_like(left)
+    if scale_px:
+        given = np.linalg.inv(0.5 * (left + left.T) + np.eye(len(left)) / scale_px**2)
+    # Given a zoom or a shift, the fields take a part of it back.
+    B = _zooms_and_shifts(expanded.tracks.camera, views)
+    B -= given @ (left @ B)
+    information, gradient = B.T @ left @ _zooms_and_shifts(expanded.tracks.camera, views), B.T @ gradient
+    derivatives = [_direction_derivatives(expanded, view)[1] for view in range(1, views)]
+    along = [J @ follow for J in derivatives]
+    fixed = [J @ covariance @ J.T + F @ given @ F.T for J, F in zip(derivatives, along, strict=True)]
+    log_weights, factors, shifts_deg = [math.log(1 - LENS_VARIES)], [np.ones(views - 1)], [np.zeros(views - 1)]
+    for zoom, shift in LENS_MODES:
+        sigmas = np.tile([zoom, *2 * [shift * expanded.tracks.camera.width]], views - 1)
+        scaled = np.outer(sigmas, sigmas) * 0.5 * (information + information.T) + np.eye(len(sigmas))
+        posterior = np.outer(sigmas, sigmas) * np.linalg.inv(scaled)
+        mean = -posterior @ gradient
+        evidence = 0.5 * float(gradient @ posterior @ gradient) - 0.5 * float(np.linalg.slogdet(scaled)[1])
+        log_weights.append(math.log(LENS_VARIES / len(LENS_MODES)) + evidence)
+        moved = [F @ B @ posterior @ B.T @ F.T for F in along]
+        largest = [
+            float(np.linalg.eigvalsh(a + b)[-1] / max(np.linalg.eigvalsh(a)[-1], 1e-300))
+            for a, b in zip(fixed, moved, strict=True)
+        ]
+        factors.append(np.sqrt(np.maximum(largest, 1.0)))
+        shifts_deg.append(np.degrees([float(np.linalg.norm(F @ (B @ mean))) for F in along]))
+    weights = np.exp(np.array(log_weights) - max(log_weights))
+    return VaryingLens(weights / weights.sum(), np.array(factors), np.array(shifts_deg))
+
+
+def _zooms_and_shifts(camera: Camera, views: int) -> Floats:
+    """The coefficients (12 V, 3 V - 3) of the fields by the zoom and the shift (x, y) of each view but the first."""
+    own = np.zeros((FIELD_TERMS, 3))
+    half = FIELD_TERMS // 2
+    # The linear terms have a mean square of 1 over the image.
+    own[1, 0], own[half + 2, 0] = (camera.width - 1) / math.sqrt(12), (camera.height - 1) / math.sqrt(12)
+    own[0, 1] = own[half, 2] = 1.0
+    return np.kron(np.eye(views)[:, 1:], own)
 
 
 def inverse_distances(expanded: ExpandedFit) -> InverseDistances:
