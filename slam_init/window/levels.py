@@ -128,13 +128,16 @@ LASTING_SHARE, LASTING_PX = 0.004, 0.3
 #: Class: measured.
 SHARED_PX = 0.02
 
-#: How a lens may change from view to view: standard deviations of the zoom of a view, and of its shift over the width.
-#: Lenses that focus change the focal length by up to three hundredths; optical stabilizers shift a frame by a
-#: hundredth of the width, electronic ones by more, and their scale changes by thousandths. With probability
-#: ``LENS_VARIES`` a window has one of these, each with the same one; else the lens is the same in all views.
+#: How a lens may change from view to view. Lenses that focus zoom by up to three hundredths. Stabilizers shift a
+#: frame by up to a hundredth of the width, and change its scale by thousandths. Zooms of the first kind; shifts over
+#: the width of the second kind, each with a zoom of a third of it. A window has one of these with this probability.
 #: Class: assumption.
-LENS_MODES = ((0.003, 0.0003), (0.01, 0.0003), (0.03, 0.0003), (0.001, 0.001), (0.001, 0.003), (0.003, 0.01))
-LENS_VARIES = 0.1
+ZOOMS, SHIFTS, LENS_VARIES = (0.003, 0.01, 0.03), (0.001, 0.003, 0.01), 0.1
+
+#: Share of what the zooms of a camera that only rotates explain, that they leave unexplained: the centre of a zoom and
+#: the distortion change with the focus.
+#: Class: assumption.
+ZOOM_LEAVES = 0.1
 
 #: A neighbourhood holds a tenth of the tracks, and so about as much of the view: bodies and the errors of a lens extend
 #: that far. A larger one has fewer independent parts, and says less.

@@ -11,7 +11,6 @@ from slam_init.window.equations import WindowEquations, tangent_bases
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.kernels import TUKEY_GATES
 from slam_init.window.state import Priors
-from slam_init.window.track_equations import FIELD_TERMS
 from slam_init.window.tracks import WindowTracks
 
 #: A gate that weights all observations alike.
@@ -38,18 +37,6 @@ class Linearization:
     k1_column: int
     #: The readout among them; None where it is known.
     readout_column: int | None
-    #: Whether the principal point is among them.
-    knows_principal_point: bool = False
-
-    @property
-    def is_shift(self) -> Bools:
-        """Which unknowns shift a view as a whole: the constant terms of the fields.
-
-        Shapes: returns (G,).
-        """
-        shift = np.zeros(len(self.is_field), bool)
-        shift[np.flatnonzero(self.is_field)[:: FIELD_TERMS // 2]] = True
-        return shift
 
 
 def linearize_with_fields(
@@ -92,17 +79,7 @@ def linearize_with_fields(
     is_field = equations.columns_of_fields()
     k1 = int((~is_field)[: equations.focal + 1].sum())
     readout = k1 + 1 if priors.readout_sigma_s > 0 else None
-    return Linearization(
-        information,
-        gradient,
-        shares,
-        is_field,
-        variance,
-        coupling,
-        k1,
-        readout,
-        priors.principal_sigma_px > 0,
-    )
+    return Linearization(information, gradient, shares, is_field, variance, coupling, k1, readout)
 
 
 def information_by_chance(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:

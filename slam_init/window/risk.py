@@ -6,8 +6,8 @@ causes add their probabilities:
 * **direction**: the right hypothesis with a large error of the direction, or of the rotation. The covariance of the
   joint fit (Laplace) gives their standard deviations, the error fields integrated out. It knows noise, focal length and
   errors that the tracks of a view share. Errors that a track keeps over many views, and noise that differs between
-  tracks, show in the scatter of the scores; for the direction the larger deviation counts. The principal point adds a
-  deviation of its own, and shifts of frames by a stabilizer widen it with their prior probability.
+  tracks, show in the scatter of the scores; for the direction the larger deviation counts. A zoom and a shift of each
+  view widen and move it, with the probability that the lens changes from view to view.
 * **rival**: another motion is right. Each track votes by the difference of its two log likelihoods, by three nats at
   the most: so much it costs to say that the track is an outlier. The image region with the largest vote is left out,
   since a moving body or a step in the scene fills a region. What the error fields explain of the rival counts for it.
@@ -41,6 +41,7 @@ from slam_init.window.levels import (
     CHANCE_GAIN,
     FEW_VIEWS,
     FLOOR,
+    LENS_VARIES,
     MERE_ROTATION,
     ON_BODIES,
     PULL_FREEDOM,
@@ -49,6 +50,7 @@ from slam_init.window.levels import (
     SHARE_OF_BODIES,
     WRONG_DIRECTION_DEG,
     WRONG_ROTATION_DEG,
+    ZOOM_LEAVES,
 )
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, marginalize_fields
@@ -69,7 +71,6 @@ from slam_init.window.uncertainty import (
     VaryingLens,
     camera_estimate,
     direction_sigmas_deg,
-    directions_by_principal_point_deg,
     expand,
     inverse_distances,
     places_of,
@@ -77,6 +78,7 @@ from slam_init.window.uncertainty import (
     sigma_with_known_lens,
     varying_lens,
 )
+from slam_init.window.zooming_rotation import with_zooms
 
 #: A rival with a larger probability is undecided, however precisely it is known; a scale of the fields with a smaller
 #: one changes nothing.
@@ -118,8 +120,8 @@ class WindowRisk:
     field_px: float
     #: The distortion and the readout by the best motion, or by the camera that only rotates where that is likely.
     camera: CameraEstimate
-    #: Probability that each view has a zoom or a shift of its own.
-    lens_varies: float
+    #: Probability that each view is shifted as a whole.
+    frames_are_shifted: float
     #: The vote against the nearest rival; None without a rival.
     margin: Margin | None
     #: Log likelihood of the best motion over the rotation-only camera, in nats.
@@ -142,11 +144,9 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     expanded = expand(hypotheses, best)
     rigid, bodies = _optimism(hypotheses, best), _bodies_factor(hypotheses, best)
     factor, weights = rigid * bodies, expanded.scale_weights
-    # What the fit does not know widens its deviations, but not that of a nuisance with a prior of its own.
-    by_point_deg = directions_by_principal_point_deg(expanded)
     by_tracks_deg = [direction_sigmas_deg(expanded, view) for view in range(1, len(best.rows))]
-    of_views = [np.hypot(factor * one, by_point) for one, by_point in zip(by_tracks_deg, by_point_deg, strict=True)]
-    varying = varying_lens(expanded)
+    of_views = [factor * one for one in by_tracks_deg]
+    varying = varying_lens(expanded, hypotheses.priors)
     rotation_deg = factor * _largest_sigma_deg(rotation_covariance(expanded))
     rotated = three_directions(WRONG_ROTATION_DEG, rotation_deg)
     direction_risks = tuple(
@@ -185,7 +185,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         rotation_sigma_deg=rotation_deg,
         depth_sigma=float(np.median(depth_sigmas)) if len(depth_sigmas) else math.inf,
         field_px=field_px,
-        lens_varies=varying.varies,
+        frames_are_shifted=varying.shifted,
         margin=nearest,
         rotation_log_likelihood=gain,
         camera=camera,
@@ -200,6 +200,9 @@ def confirmed(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -
     if risk.total > max_risk:
         return hypotheses, risk
     with single_threaded():
+        risk = _against_zooms(hypotheses, risk)
+        if risk.total > max_risk:
+            return hypotheses, risk
         free = look_again(hypotheses)
         best, again = hypotheses.motions[0], free.motions[0]
         if not hypotheses.planar:
@@ -211,9 +214,19 @@ def confirmed(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -
             return free, of_free
         rival, direction = max(risk.rival, of_free.rival), risk.direction
         # The plane of shifted frames is another one in each view, so that it tells nothing about the direction.
-        direction = max(direction, risk.lens_varies * of_free.direction)
+        direction = max(direction, risk.frames_are_shifted * of_free.direction)
         total = _total(direction, rival, risk.rotation, risk.moving)
         return hypotheses, replace(risk, rival=rival, direction=direction, total=total)
+
+
+def _against_zooms(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
+    """The risk with the rival that the camera only rotates, and that its lens zooms from view to view."""
+    zooming = with_zooms(hypotheses)
+    explained = 0.5 * (hypotheses.rotation_only.cost - zooming.rotation_only.cost)
+    best = expand(hypotheses, hypotheses.motions[0], evidence_only=True)
+    _, probability, _ = _rotation_probability(zooming, best, ZOOM_LEAVES * explained)
+    rotation = risk.rotation + LENS_VARIES * probability
+    return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
 
 
 def _total(direction: float, rival: float, rotation: float, moving: float) -> float:
@@ -260,7 +273,7 @@ def _bodies_factor(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
 
 def _with_varying_lens(sigmas_deg: Floats, varying: VaryingLens, view: int) -> Floats:
     """Probability that the direction of a view is wrong, over the modes of a lens that changes from view to view."""
-    moments_deg = np.hypot(varying.factors[:, view, None] * sigmas_deg, varying.shifts_deg[:, view, None])
+    moments_deg = np.hypot(varying.factors[:, view, None] * sigmas_deg, varying.moved_deg[:, view, None])
     return np.asarray(varying.probabilities @ two_directions(WRONG_DIRECTION_DEG, moments_deg))
 
 
@@ -366,9 +379,15 @@ def _wrong_if_right(best: FittedMotion, rival: FittedMotion, sigma_deg: float) -
     return math.exp(-0.5 * (left_deg / max(sigma_deg, 1e-9)) ** 2)
 
 
-def _rotation_probability(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> tuple[float, float, CameraEstimate]:
-    """Gain over the rotation-only camera (nats), the probability of it if the camera only rotates, and that camera."""
+def _rotation_probability(
+    hypotheses: WindowHypotheses, expanded: ExpandedFit, unexplained: float = 0.0
+) -> tuple[float, float, CameraEstimate]:
+    """Gain over the rotation-only camera (nats), the probability of it if the camera only rotates, and that camera.
+
+    * ``unexplained``: What the model of that camera leaves, in nats.
+    """
     gain, freedom = hypotheses.gain_over_rotation
+    gain -= unexplained
     rotation = linearize_with_fields(
         hypotheses.tracks, hypotheses.rotation_only, hypotheses.rotation_priors, rotation_only=True
     )

@@ -29,16 +29,20 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import JointFit
-from slam_init.window.levels import LENS_MODES, LENS_VARIES, PRINCIPAL_SIGMA, TURNING_FACTOR
+from slam_init.window.kernels import TUKEY_GATES
+from slam_init.window.levels import LENS_VARIES, SHIFTS, TURNING_FACTOR, ZOOMS
 from slam_init.window.linearization import Linearization, information_by_chance, linearize_with_fields
 from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, FieldMarginal, marginalize_fields
 from slam_init.window.motion import FittedMotion
+from slam_init.window.state import Priors
 from slam_init.window.track_equations import FIELD_TERMS
 from slam_init.window.tracks import WindowTracks
 
 #: Regions across and down for the scatter of the scores: a dozen sums determine a standard deviation to a fifth, and
 #: errors of the lens and of the shutter extend over a quarter of the image.
 _SCORE_REGIONS = (4, 3)
+#: A lens that zooms shifts a view by its optical axis, over the width of the image: half a pixel of 1280.
+_NO_SHIFT = 3e-4
 #: An estimated readout is told from none at this number of its standard deviations.
 _TOLD_READOUT_SIGMAS = 3.0
 #: The stated distortion is suspected at five standard deviations, as errors that tracks share double them, and from
@@ -123,17 +127,27 @@ class InverseDistances:
 class VaryingLens:
     """Whether the lens is the same in all views, and how certain the directions are if it is not."""
 
-    #: (M + 1,) Probability that the lens is the same, then that it changes in each of the modes.
-    probabilities: Floats
+    #: (M + 1,) Logarithms of the weights: that the lens is the same, then that it zooms, then that views are shifted.
+    log_weights: Floats
     #: (M + 1, V - 1) Factors on the standard deviations of the directions; 1 if the lens is the same.
     factors: Floats
     #: (M + 1, V - 1) How far the directions move; 0 if the lens is the same.
-    shifts_deg: Floats
+    moved_deg: Floats
 
     @property
-    def varies(self) -> float:
-        """Probability that the lens changes from view to view."""
-        return 1.0 - float(self.probabilities[0])
+    def probabilities(self) -> Floats:
+        """Probability that the lens is the same, then of each mode.
+
+        Shapes: returns (M + 1,).
+        """
+        weights = np.exp(self.log_weights - self.log_weights.max())
+        return np.asarray(weights / weights.sum())
+
+    @property
+    def shifted(self) -> float:
+        """Probability that views are shifted as a whole, if the lens does not zoom."""
+        of_shifts = float(np.logaddexp.reduce(self.log_weights[1 + len(ZOOMS) :]))
+        return float(np.exp(of_shifts - np.logaddexp(of_shifts, self.log_weights[0])))
 
 
 @dataclass(frozen=True)
@@ -269,31 +283,7 @@ def sigma_with_known_lens(expanded: ExpandedFit, view: int = 1) -> float:
     return math.sqrt(min(max(left / max(largest, 1e-300), 0.0), 1.0))
 
 
-def directions_by_principal_point_deg(expanded: ExpandedFit) -> Floats:
-    """Largest standard deviations of the directions by the error of the principal point, which shifts all views alike.
-
-    Shapes: returns (V - 1,).
-    """
-    lin, marginal = expanded.linearization, expanded.marginal
-    if lin.knows_principal_point:
-        return np.zeros(len(expanded.fit.state.R) - 1)
-    other, shift = ~lin.is_field, lin.is_shift
-    B = np.tile(np.eye(2), (int(shift.sum()) // 2, 1))
-    mixed = lin.information[np.ix_(other, shift)] @ B
-    follow = np.linalg.solve(lin.information[np.ix_(other, other)] + 1e-9 * np.eye(int(other.sum())), mixed)
-    own = B.T @ lin.information[np.ix_(shift, shift)] @ B - mixed.T @ follow
-    sigma_px = PRINCIPAL_SIGMA * expanded.tracks.camera.width
-    covariance = np.linalg.inv(0.5 * (own + own.T) + np.eye(2) / sigma_px**2)
-    mean = -covariance @ (B.T @ lin.gradient[shift] - follow.T @ lin.gradient[other])
-    moment = covariance + np.outer(mean, mean)
-    sigmas = []
-    for view in range(1, len(expanded.fit.state.R)):
-        by_point = _direction_derivatives(expanded, view)[1] @ marginal.response @ mixed
-        sigmas.append(deviations(np.linalg.eigvalsh(by_point @ moment @ by_point.T))[-1])
-    return np.asarray(np.degrees(sigmas))
-
-
-def varying_lens(expanded: ExpandedFit) -> VaryingLens:
+def varying_lens(expanded: ExpandedFit, priors: Priors) -> VaryingLens:
     """What a zoom and a shift of each view explain of the tracks, and what they change about the directions.
 
     The expansion of the fit tells it: the gradient of the cost by the zooms and the shifts, and their information. The
@@ -315,26 +305,32 @@ def varying_lens(expanded: ExpandedFit) -> VaryingLens:
     B = _zooms_and_shifts(expanded.tracks.camera, views)
     B -= given @ (left @ B)
     information, gradient = B.T @ left @ _zooms_and_shifts(expanded.tracks.camera, views), B.T @ gradient
+    # The fields are polynomials of the measured pixels. A zoom of these shrinks their noise as well: with N tracks in a
+    # view the gradient has an expectation of -2 N. A lens zooms the projections, which are a residual away.
+    squares = np.sum(expanded.fit.residuals**2, axis=2)
+    left_of_gate = np.maximum(1 - squares / (TUKEY_GATES * priors.gate_sigmas**2), 0.0)
+    used = expanded.tracks.seen & (expanded.tracks.anchor >= 0) & (left_of_gate > 0)
+    gradient[::3] += np.sum(left_of_gate**2 * np.where(used, squares, 0.0), axis=1)[1:]
     derivatives = [_direction_derivatives(expanded, view)[1] for view in range(1, views)]
     along = [J @ follow for J in derivatives]
     fixed = [J @ covariance @ J.T + F @ given @ F.T for J, F in zip(derivatives, along, strict=True)]
-    log_weights, factors, shifts_deg = [math.log(1 - LENS_VARIES)], [np.ones(views - 1)], [np.zeros(views - 1)]
-    for zoom, shift in LENS_MODES:
+    log_weights, factors, moved_deg = [math.log(1 - LENS_VARIES)], [np.ones(views - 1)], [np.zeros(views - 1)]
+    modes = [*((zoom, _NO_SHIFT) for zoom in ZOOMS), *((shift / 3, shift) for shift in SHIFTS)]
+    for zoom, shift in modes:
         sigmas = np.tile([zoom, *2 * [shift * expanded.tracks.camera.width]], views - 1)
         scaled = np.outer(sigmas, sigmas) * 0.5 * (information + information.T) + np.eye(len(sigmas))
         posterior = np.outer(sigmas, sigmas) * np.linalg.inv(scaled)
         mean = -posterior @ gradient
         evidence = 0.5 * float(gradient @ posterior @ gradient) - 0.5 * float(np.linalg.slogdet(scaled)[1])
-        log_weights.append(math.log(LENS_VARIES / len(LENS_MODES)) + evidence)
+        log_weights.append(math.log(LENS_VARIES / len(modes)) + evidence)
         moved = [F @ B @ posterior @ B.T @ F.T for F in along]
         largest = [
             float(np.linalg.eigvalsh(a + b)[-1] / max(np.linalg.eigvalsh(a)[-1], 1e-300))
             for a, b in zip(fixed, moved, strict=True)
         ]
         factors.append(np.sqrt(np.maximum(largest, 1.0)))
-        shifts_deg.append(np.degrees([float(np.linalg.norm(F @ (B @ mean))) for F in along]))
-    weights = np.exp(np.array(log_weights) - max(log_weights))
-    return VaryingLens(weights / weights.sum(), np.array(factors), np.array(shifts_deg))
+        moved_deg.append(np.degrees([float(np.linalg.norm(F @ (B @ mean))) for F in along]))
+    return VaryingLens(np.array(log_weights), np.array(factors), np.array(moved_deg))
 
 
 def _zooms_and_shifts(camera: Camera, views: int) -> Floats:

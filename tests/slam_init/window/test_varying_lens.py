@@ -1,0 +1,81 @@
+"""Laws of a lens that changes from view to view: it is told where the tracks tell it, and costs nothing elsewhere."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from make_window import hypotheses_of, pair_and_further, point_source
+
+from slam_init.window.levels import LENS_VARIES, SHIFTS, ZOOMS
+from slam_init.window.risk import confirmed, risk_of
+from slam_init.window.state import Priors
+from slam_init.window.uncertainty import expand, varying_lens
+from slam_init.window.zooming_rotation import with_zooms
+
+VIEWS = 8
+
+
+def hypotheses(scene, seed=0, zoom=0.0, shift=0.0, **options):
+    """A window whose views but the first are zoomed about the centre of the image, and shifted over its width."""
+    source = point_source(scene, seed, **options)
+    camera, random = source.camera, np.random.default_rng(seed)
+    centre, views = np.array([camera.width, camera.height]) / 2, []
+    for k, view in enumerate(pair_and_further(list(source.observations()), VIEWS)):
+        factor, moved = 1 + zoom * random.normal() * (k > 0), shift * camera.width * random.normal(size=2) * (k > 0)
+        pixels = centre + factor * (view.pixels - centre) + moved
+        views.append(replace(view, pixels=pixels, bearings=camera.bearings(pixels)))
+    return hypotheses_of(camera, views, Priors(0.02, principal_sigma_px=2.0))
+
+
+def lens_of(found):
+    return varying_lens(expand(found, found.motions[0]), found.priors)
+
+
+@pytest.mark.parametrize("scene", ["room", "corridor", "wall"])
+def test_a_lens_that_is_the_same_in_all_views_is_told(scene):
+    found = hypotheses(scene, baseline=0.1)
+    lens = lens_of(found)
+    assert lens.probabilities[0] > 1 - LENS_VARIES
+    assert lens.shifted < LENS_VARIES
+    assert risk_of(found).frames_are_shifted == pytest.approx(lens.shifted)
+
+
+@pytest.mark.parametrize(("scene", "zoom", "shift"), [("room", 0.01, 0.0), ("wall", 0.01, 0.0), ("room", 0.0, 0.01)])
+def test_a_lens_that_changes_is_told(scene, zoom, shift):
+    lens = lens_of(hypotheses(scene, zoom=zoom, shift=shift, baseline=0.1))
+    assert lens.probabilities[0] < 0.01
+    if shift:
+        assert lens.shifted > 0.99
+
+
+def test_zooms_before_a_wall_leave_no_small_risk():
+    """A zoom of a view looks like a motion toward the wall."""
+    plain, zoomed = (risk_of(hypotheses("wall", zoom=zoom, baseline=0.05)) for zoom in (0.0, 0.02))
+    assert plain.direction < 0.1
+    assert zoomed.direction > 0.1
+
+
+def test_the_modes_widen_the_directions_and_the_lens_as_stated_does_not():
+    lens = lens_of(hypotheses("room", baseline=0.1))
+    assert lens.probabilities.sum() == pytest.approx(1)
+    assert lens.factors.shape == lens.moved_deg.shape == (1 + len(ZOOMS) + len(SHIFTS), VIEWS - 1)
+    assert (lens.factors[0] == 1).all()
+    assert (lens.moved_deg[0] == 0).all()
+    assert (lens.factors >= 1).all()
+    # The more a lens may zoom, the less is known.
+    assert (np.diff(lens.factors[1:4], axis=0) >= -1e-9).all()
+
+
+@pytest.mark.parametrize(("scene", "seed"), [("rotation", 1), ("rotation", 2), ("static", 1), ("static", 2)])
+def test_a_camera_that_zooms_and_does_not_translate_has_no_small_risk(scene, seed):
+    found = hypotheses(scene, seed, zoom=0.02)
+    zooming = with_zooms(found)
+    assert zooming.rotation_only.cost < 0.7 * found.rotation_only.cost
+    assert zooming.gain_over_rotation[0] < 2 * zooming.gain_over_rotation[1]
+    _, risk = confirmed(found, replace(risk_of(found), total=0.0), max_risk=0.005)
+    assert risk.total > 0.005
+
+
+def test_zooms_do_not_explain_a_room():
+    found = hypotheses("room", baseline=0.1)
+    assert with_zooms(found).gain_over_rotation[0] > 0.5 * found.gain_over_rotation[0]
