@@ -128,11 +128,17 @@ LASTING_SHARE, LASTING_PX = 0.004, 0.3
 #: Class: measured.
 SHARED_PX = 0.02
 
-#: How a lens may change from view to view. Lenses that focus zoom by up to three hundredths. Stabilizers shift a
-#: frame by up to a hundredth of the width, and change its scale by thousandths. Zooms of the first kind; shifts over
-#: the width of the second kind, each with a zoom of a third of it. A window has one of these with this probability.
+#: How a lens may change from view to view: standard deviations of the zooms of the views, and of their shifts over
+#: the width (each with a zoom of a third of it), with the probability that a window has them. Lenses that focus zoom by
+#: up to three hundredths. Stabilizers shift a frame by up to a hundredth of the width, and change its scale by thousandths.
+#: Large changes are rarer within a second than small ones, about in proportion to one over their size.
 #: Class: assumption.
-ZOOMS, SHIFTS, LENS_VARIES = (0.003, 0.01, 0.03), (0.001, 0.003, 0.01), 0.1
+ZOOMS = ((0.003, 0.02), (0.01, 0.006), (0.03, 0.002))
+SHIFTS = ((0.001, 0.05), (0.003, 0.02), (0.01, 0.005))
+
+#: Probability that the lens of a camera that only rotates zooms, and the standard deviation of the zooms.
+#: Class: assumption.
+LENS_ZOOMS, LARGEST_ZOOM = 0.1, 0.03
 
 #: Share of what the zooms of a camera that only rotates explain, that they leave unexplained: the centre of a zoom and
 #: the distortion change with the focus.

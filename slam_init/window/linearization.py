@@ -37,6 +37,8 @@ class Linearization:
     k1_column: int
     #: The readout among them; None where it is known.
     readout_column: int | None
+    #: The principal point among them; None where it is known.
+    principal_columns: slice | None = None
 
 
 def linearize_with_fields(
@@ -79,7 +81,9 @@ def linearize_with_fields(
     is_field = equations.columns_of_fields()
     k1 = int((~is_field)[: equations.focal + 1].sum())
     readout = k1 + 1 if priors.readout_sigma_s > 0 else None
-    return Linearization(information, gradient, shares, is_field, variance, coupling, k1, readout)
+    after = k1 + 1 if readout is None else readout + 1
+    principal = slice(after, after + 2) if priors.principal_sigma_px > 0 else None
+    return Linearization(information, gradient, shares, is_field, variance, coupling, k1, readout, principal)
 
 
 def information_by_chance(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:

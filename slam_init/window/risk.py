@@ -41,7 +41,7 @@ from slam_init.window.levels import (
     CHANCE_GAIN,
     FEW_VIEWS,
     FLOOR,
-    LENS_VARIES,
+    LENS_ZOOMS,
     MERE_ROTATION,
     ON_BODIES,
     PULL_FREEDOM,
@@ -70,6 +70,7 @@ from slam_init.window.uncertainty import (
     ExpandedFit,
     VaryingLens,
     camera_estimate,
+    direction_by_principal_point_deg,
     direction_sigmas_deg,
     expand,
     inverse_distances,
@@ -145,7 +146,11 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     rigid, bodies = _optimism(hypotheses, best), _bodies_factor(hypotheses, best)
     factor, weights = rigid * bodies, expanded.scale_weights
     by_tracks_deg = [direction_sigmas_deg(expanded, view) for view in range(1, len(best.rows))]
-    of_views = [factor * one for one in by_tracks_deg]
+    # What the fit does not know widens its deviations, but not that of the principal point with its own prior.
+    of_views = [
+        _widened(sigmas_deg, factor, direction_by_principal_point_deg(expanded, 1 + view))
+        for view, sigmas_deg in enumerate(by_tracks_deg)
+    ]
     varying = varying_lens(expanded, hypotheses.priors)
     rotation_deg = factor * _largest_sigma_deg(rotation_covariance(expanded))
     rotated = three_directions(WRONG_ROTATION_DEG, rotation_deg)
@@ -225,7 +230,7 @@ def _against_zooms(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk
     explained = 0.5 * (hypotheses.rotation_only.cost - zooming.rotation_only.cost)
     best = expand(hypotheses, hypotheses.motions[0], evidence_only=True)
     _, probability, _ = _rotation_probability(zooming, best, ZOOM_LEAVES * explained)
-    rotation = risk.rotation + LENS_VARIES * probability
+    rotation = risk.rotation + LENS_ZOOMS * probability
     return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
 
 
@@ -269,6 +274,11 @@ def _bodies_factor(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
     # What a fit explains in part leaves residuals that neighbours share.
     shared = variance_by_neighbours(best.tracks, best.fit, hypotheses.priors, places_of(best.fit))
     return math.sqrt((1 + (bodies / 2) ** 2) * shared)
+
+
+def _widened(sigmas_deg: Floats, factor: float, fixed_deg: float) -> Floats:
+    """Standard deviations with a factor on all but a part that has a deviation of its own."""
+    return np.asarray(np.hypot(factor * np.sqrt(np.maximum(sigmas_deg**2 - fixed_deg**2, 0.0)), fixed_deg))
 
 
 def _with_varying_lens(sigmas_deg: Floats, varying: VaryingLens, view: int) -> Floats:

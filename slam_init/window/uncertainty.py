@@ -30,7 +30,7 @@ from slam_init.types.camera import Camera
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.kernels import TUKEY_GATES
-from slam_init.window.levels import LENS_VARIES, SHIFTS, TURNING_FACTOR, ZOOMS
+from slam_init.window.levels import SHIFTS, TURNING_FACTOR, ZOOMS
 from slam_init.window.linearization import Linearization, information_by_chance, linearize_with_fields
 from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, FieldMarginal, marginalize_fields
 from slam_init.window.motion import FittedMotion
@@ -283,6 +283,18 @@ def sigma_with_known_lens(expanded: ExpandedFit, view: int = 1) -> float:
     return math.sqrt(min(max(left / max(largest, 1e-300), 0.0), 1.0))
 
 
+def direction_by_principal_point_deg(expanded: ExpandedFit, view: int = 1) -> float:
+    """Largest standard deviation of a direction by the error of the principal point alone."""
+    columns = expanded.linearization.principal_columns
+    if columns is None:
+        return 0.0
+    _, J = _direction_derivatives(expanded, view)
+    covariance = expanded.marginal.covariance
+    mixed = J @ covariance[:, columns]
+    by_point = mixed @ np.linalg.solve(covariance[columns, columns], mixed.T)
+    return math.degrees(math.sqrt(max(float(np.linalg.eigvalsh(by_point)[-1]), 0.0)))
+
+
 def varying_lens(expanded: ExpandedFit, priors: Priors) -> VaryingLens:
     """What a zoom and a shift of each view explain of the tracks, and what they change about the directions.
 
@@ -314,15 +326,22 @@ def varying_lens(expanded: ExpandedFit, priors: Priors) -> VaryingLens:
     derivatives = [_direction_derivatives(expanded, view)[1] for view in range(1, views)]
     along = [J @ follow for J in derivatives]
     fixed = [J @ covariance @ J.T + F @ given @ F.T for J, F in zip(derivatives, along, strict=True)]
-    log_weights, factors, moved_deg = [math.log(1 - LENS_VARIES)], [np.ones(views - 1)], [np.zeros(views - 1)]
-    modes = [*((zoom, _NO_SHIFT) for zoom in ZOOMS), *((shift / 3, shift) for shift in SHIFTS)]
-    for zoom, shift in modes:
+    log_weights, factors, moved_deg = (
+        [math.log(1 - sum(prior for _, prior in (*ZOOMS, *SHIFTS)))],
+        [np.ones(views - 1)],
+        [np.zeros(views - 1)],
+    )
+    modes = [
+        *((zoom, _NO_SHIFT, prior) for zoom, prior in ZOOMS),
+        *((shift / 3, shift, prior) for shift, prior in SHIFTS),
+    ]
+    for zoom, shift, prior in modes:
         sigmas = np.tile([zoom, *2 * [shift * expanded.tracks.camera.width]], views - 1)
         scaled = np.outer(sigmas, sigmas) * 0.5 * (information + information.T) + np.eye(len(sigmas))
         posterior = np.outer(sigmas, sigmas) * np.linalg.inv(scaled)
         mean = -posterior @ gradient
         evidence = 0.5 * float(gradient @ posterior @ gradient) - 0.5 * float(np.linalg.slogdet(scaled)[1])
-        log_weights.append(math.log(LENS_VARIES / len(modes)) + evidence)
+        log_weights.append(math.log(prior) + evidence)
         moved = [F @ B @ posterior @ B.T @ F.T for F in along]
         largest = [
             float(np.linalg.eigvalsh(a + b)[-1] / max(np.linalg.eigvalsh(a)[-1], 1e-300))
@@ -340,7 +359,7 @@ def _zooms_and_shifts(camera: Camera, views: int) -> Floats:
     # The linear terms have a mean square of 1 over the image.
     own[1, 0], own[half + 2, 0] = (camera.width - 1) / math.sqrt(12), (camera.height - 1) / math.sqrt(12)
     own[0, 1] = own[half, 2] = 1.0
-    return np.kron(np.eye(views)[:, 1:], own)
+    return np.asarray(np.kron(np.eye(views)[:, 1:], own), np.float64)
 
 
 def inverse_distances(expanded: ExpandedFit) -> InverseDistances:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from make_window import hypotheses_of, pair_and_further, point_source
 
-from slam_init.window.levels import LENS_VARIES, SHIFTS, ZOOMS
+from slam_init.window.levels import SHIFTS, ZOOMS
 from slam_init.window.risk import confirmed, risk_of
 from slam_init.window.state import Priors
 from slam_init.window.uncertainty import expand, varying_lens
@@ -35,8 +35,8 @@ def lens_of(found):
 def test_a_lens_that_is_the_same_in_all_views_is_told(scene):
     found = hypotheses(scene, baseline=0.1)
     lens = lens_of(found)
-    assert lens.probabilities[0] > 1 - LENS_VARIES
-    assert lens.shifted < LENS_VARIES
+    assert lens.probabilities[0] > 0.9
+    assert lens.shifted < sum(prior for _, prior in SHIFTS)
     assert risk_of(found).frames_are_shifted == pytest.approx(lens.shifted)
 
 
