@@ -130,8 +130,8 @@ SHARED_PX = 0.02
 
 #: How a lens may change from view to view: standard deviations of the zooms of the views, and of their shifts over
 #: the width (each with a zoom of a third of it), with the probability that a window has them. Lenses that focus zoom by
-#: up to three hundredths. Stabilizers shift a frame by up to a hundredth of the width, and change its scale by thousandths.
-#: Large changes are rarer within a second than small ones, about in proportion to one over their size.
+#: up to three hundredths. Stabilizers shift a frame by up to a hundredth of the width, and change its scale by
+#: thousandths. Large changes are rarer within a second than small ones, about in proportion to one over their size.
 #: Class: assumption.
 ZOOMS = ((0.003, 0.02), (0.01, 0.006), (0.03, 0.002))
 SHIFTS = ((0.001, 0.05), (0.003, 0.02), (0.01, 0.005))
