@@ -21,6 +21,9 @@ from quest.relative_pose import NoPose, PoseEvidence, RelativePose
 from quest.robust.pose_problem import PoseProblem
 
 Floats = NDArray[np.float64]
+#: Distance of the farthest point from the principal point, in each image: from a pixel to a million, more than any
+#: decoder gives.
+_REACH_PX = (1.0, 1e6)
 
 #: Focal lengths of the sweep, in distances of the farthest match from the principal point: fields of view of 127 to 19
 #: degrees. Neighbours differ by a fifth, less than the optimum of a motion allows.
@@ -82,8 +85,8 @@ def estimate_shared_focal(
     Raises
     ------
     InputError
-        If the points are not two finite arrays (N, 2) of one shape, the principal point is none, or threshold_px is not
-        positive.
+        If the points are not two finite arrays (N, 2) of one shape, all lie within a pixel of the principal point or
+        one beyond a million pixels from it, the principal point is none, or threshold_px is not positive.
     """
     centred1, centred2 = _centred(points1, points2, principal_point)
     threshold_px = as_positive(threshold_px, "threshold_px", "a positive number of pixels")
@@ -160,9 +163,13 @@ def _centred(points1: ArrayLike, points2: ArrayLike, principal_point: ArrayLike)
     centre = as_floats(principal_point, "the principal point")
     if centre.shape != (2,) or not np.isfinite(centre).all():
         raise InputError(f"the principal point has shape {centre.shape}: give two finite numbers")
-    if len(both[0]) == 0 or not (both[0] != centre).any():
-        raise InputError("there is no point off the principal point: give matches")
-    return both[0] - centre, both[1] - centre
+    if len(both[0]) == 0:
+        raise InputError("there are no points: give matches")
+    centred1, centred2 = both[0] - centre, both[1] - centre
+    reach_px = [float(np.abs(centred).max()) for centred in (centred1, centred2)]
+    if not _REACH_PX[0] <= min(reach_px) <= max(reach_px) <= _REACH_PX[1]:
+        raise InputError(f"the points lie up to {max(reach_px):.3g} px from the principal point: give pixels of images")
+    return centred1, centred2
 
 
 def _maximum(function: Callable[[float], float], low: float, high: float) -> float:

@@ -14,6 +14,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,8 @@ Floats = NDArray[np.float64]
 #: Two views in any form that a caller could pass: arrays, lists, numbers, texts.
 Views = tuple[object, object]
 
-_PIXELS = "estimate_relative_pose_px"
+#: The functions that take pixels.
+_PIXELS = ("estimate_relative_pose_px", "estimate_shared_focal")
 
 #: Every function of the package by its name, with the classical solvers of :data:`quest.SOLVERS`.
 FUNCTIONS: dict[str, Callable[..., object]] = {
@@ -181,7 +183,14 @@ def call(name: str, views: Views, rng: np.random.Generator) -> object:
     if name == "refine_relative_pose":
         given = (_quaternions(rng)[0], rng.normal(size=3))
         return function(*views, given if odd is ... else (odd, given[1]) if rng.random() < 0.5 else odd)
-    if name == _PIXELS:
+    if name == "estimate_relative_poses":
+        (pose,) = cast(list[object], function([views], threads=1 if odd is ... else odd))
+        return pose
+    if name == "estimate_upright_pose":
+        return function(*views, rng.normal(size=3), rng.normal(size=3) if odd is ... else odd)
+    if name == "estimate_shared_focal":
+        return function(*views, (0.0, 0.0) if odd is ... else odd)
+    if name == "estimate_relative_pose_px":
         cameras: list[object] = [np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]])] * 2
         if odd is not ...:
             cameras[int(rng.integers(2))] = odd if rng.random() < 0.5 else np.full((3, 3), 1e300)
@@ -220,6 +229,9 @@ def defect_of(result: object) -> str | None:
         if result.kind != "rotation" and not np.isfinite(result.covariance).all():
             return "a covariance that is not finite"
         return None if np.isfinite([result.noise_rad, result.parallax_rad]).all() else "a statistic that is not finite"
+    if isinstance(result, quest.SharedFocal):
+        known = np.isfinite(result.focal_px) and result.focal_px > 0 and not np.isnan(result.sigma_px)
+        return defect_of(result.pose) if known else "no focal length"
     if isinstance(result, quest.ParallaxStatement):
         if not (0 <= result.p_value <= 1 and np.isfinite(result.test_value) and result.noise_rad > 0):
             return "an invalid test"
@@ -251,7 +263,7 @@ def _unit(a: Floats) -> bool:
 def judge(name: str, seed: int, index: int) -> tuple[str, str]:
     """Outcome of one call ("answer", "InputError" or "broken") and, of a broken one, what happened."""
     rng = np.random.default_rng([seed, index])
-    what, harmful, views = draw_input(rng, pixels=name == _PIXELS)
+    what, harmful, views = draw_input(rng, pixels=name in _PIXELS)
     with warnings.catch_warnings(), np.errstate(divide="warn", over="warn", invalid="warn"):
         warnings.simplefilter("error")
         try:

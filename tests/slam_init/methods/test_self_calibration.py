@@ -60,7 +60,7 @@ def test_the_file_is_read_back(tmp_path):
 
 def test_the_advice_about_an_unknown_focal_length_does_not_ask_for_what_was_given():
     given = replace(PRIOR, source="stated", focal_sigma=0.05)
-    assert "--camera" not in WindowLens(given).advice()
+    assert "fov" not in WindowLens(given).advice() and "f=" not in WindowLens(given).advice()
     assert WindowLens(PRIOR).advice() is None  # that of the reason
     wide = WindowLens(PRIOR)
     wide.follow(math.log(0.5), 0.0)
