@@ -11,7 +11,8 @@ pixels.
 * :func:`quest5`, :func:`quest6`, :func:`quest6_fast`, :func:`quest7`, :func:`questn`: rotations from five, six, seven
   or any number of matches. All but :func:`quest7` solve points on a plane too.
 * :data:`SOLVERS`: these solvers and the classical ones that they are compared with, by name.
-* :func:`translation_and_depths`: the translation and the depths that go with a rotation.
+* :func:`translation_and_depths`: the translation and the depths that go with a rotation;
+  :func:`translation_and_depths_printed`: the same as the paper prints it.
 * :func:`estimate_relative_pose`: the motion between two views from matches with outliers, and the other motions that
   explain the matches as well.
 * :func:`refine_relative_pose`: the same from a known pose, without samples.
@@ -36,6 +37,7 @@ from quest.gravity import estimate_upright_pose
 from quest.pixels import estimate_relative_pose_px
 from quest.registry import SOLVERS, Solver
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
+from quest.solvers.printed import translation_and_depths_printed
 from quest.solvers.quest5 import quest5
 from quest.solvers.quest6 import quest6
 from quest.solvers.quest6_fast import quest6_fast
@@ -67,6 +69,7 @@ __all__ = [
     "questn",
     "refine_relative_pose",
     "translation_and_depths",
+    "translation_and_depths_printed",
 ]
 
 
