@@ -22,9 +22,9 @@ HEAVY = (
 )
 
 
-def loaded_by(code):
-    """Which heavy libraries a fresh interpreter has loaded after some code."""
-    report = f"import sys; {code}; print(' '.join(n for n in {HEAVY} if n in sys.modules))"
+def loaded_by(code, names=HEAVY):
+    """Which of some modules, by default the heavy libraries, a fresh interpreter has loaded after some code."""
+    report = f"import sys; {code}; print(' '.join(n for n in {names} if n in sys.modules))"
     done = subprocess.run([sys.executable, "-c", report], capture_output=True, text=True, cwd=ROOT, check=True)
     return done.stdout.split()
 
@@ -32,6 +32,12 @@ def loaded_by(code):
 @pytest.mark.parametrize("module", ["slam_init.cli", "slam_init.initializer", "quest"])
 def test_a_fresh_interpreter_loads_nothing_heavy(module):
     assert loaded_by(f"import {module}") == []
+
+
+def test_an_initializer_without_a_map_loads_neither_maps_nor_their_adjustment():
+    assert (
+        loaded_by("import slam_init.initializer", ("slam_init.bundle", "slam_init.mapping", "slam_init.window")) == []
+    )
 
 
 def test_estimation_loads_neither_opencv_nor_another_solver():

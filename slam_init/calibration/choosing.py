@@ -8,7 +8,6 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from slam_init.calibration.metadata import focal_from_metadata
 from slam_init.calibration.prior import camera_with_focal, prior_camera
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
@@ -62,6 +61,8 @@ def camera_of_source(source: Source, given: GivenCamera = None, start: int = 0) 
 
 def camera_of_metadata(source: Source, size: tuple[int, int]) -> Camera | None:
     """The camera by what a video or photographs state of their lens; None where they state nothing."""
+    from slam_init.calibration.metadata import focal_from_metadata
+
     if source.kind not in _WITH_METADATA:
         return None
     files: Any = source

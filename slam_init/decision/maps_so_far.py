@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from slam_init.config import Config
 from slam_init.decision.outcome import Outcome
-from slam_init.mapping.growing import Located
-from slam_init.mapping.map_building import MapWithViews
-from slam_init.mapping.refinement import Refinement
 from slam_init.recording.recorder import Recorder
 from slam_init.types.evidence import Margin
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap
+
+if TYPE_CHECKING:
+    from slam_init.mapping.growing import Located
+    from slam_init.mapping.map_building import MapWithViews
+    from slam_init.mapping.refinement import Refinement
 
 
 class MapsSoFar:
@@ -78,6 +82,8 @@ class MapsSoFar:
             self._recorder.refined(map_)
 
     def _accept(self, built: MapWithViews) -> None:
+        from slam_init.mapping.refinement import Refinement  # with the adjustment: a camera that waits needs neither
+
         self._refinement = Refinement(built.map, self._config)
         self.accepted = built.map
         self.hypotheses = (built.map,)

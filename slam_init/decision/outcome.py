@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from slam_init.mapping.map_building import MapWithViews
 from slam_init.types.evidence import Margin
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.result import Attempt
+
+if TYPE_CHECKING:
+    from slam_init.mapping.map_building import MapWithViews
 
 
 @dataclass(frozen=True, eq=False)
