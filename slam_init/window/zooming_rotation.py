@@ -30,13 +30,14 @@ _CENTRAL = 0.1
 
 
 def with_zooms(hypotheses: WindowHypotheses) -> WindowHypotheses:
-    """The same hypotheses, but the rotation-only camera zooms from view to view."""
+    """The same hypotheses, but the rotation-only camera zooms from view to view, its zooms undone in the tracks."""
     tracks, best, rotating = hypotheses.tracks, hypotheses.motions[0].fit, hypotheses.rotation_only.state
     R = best.state.R if len(best.state.R) == len(rotating.R) else rotating.R
-    priors = hypotheses.priors
+    # A readout would take the place of zooms.
+    priors = replace(hypotheses.priors, readout_sigma_s=0.0)
     t = np.outer(np.arange(len(R)), [1e-9, 0.0, 0.0])
     state = start_at(tracks, R, t, readout_s=tracks.readout_s, at_infinity=True)
-    zooms, lowest, before = np.zeros(len(R)), hypotheses.rotation_only, math.inf
+    zooms, lowest, before = np.zeros(len(R)), hypotheses, math.inf
     for _ in range(_ROUNDS):
         part = _zoomed(tracks, zooms)
         zooms = (1 + zooms) * (1 + _further_zooms(part, state)) - 1
@@ -49,12 +50,12 @@ def with_zooms(hypotheses: WindowHypotheses) -> WindowHypotheses:
         start = _again(part, start)
         fit = fit_window(part, start, priors, rotation_only=True, max_steps=_MAX_STEPS)
         state, cost = fit.state, fit.cost + float(np.sum((zooms / LARGEST_ZOOM) ** 2))
-        if cost < lowest.cost:
-            lowest = replace(fit, cost=cost)
+        if cost < lowest.rotation_only.cost:
+            lowest = replace(hypotheses, tracks=part, rotation_only=replace(fit, cost=cost), rotation_priors=priors)
         if before - cost < _LEAST_PROGRESS * (cost - best.cost):
             break
         before = cost
-    return replace(hypotheses, rotation_only=lowest)
+    return lowest
 
 
 def _again(tracks: WindowTracks, state: WindowState) -> WindowState:
