@@ -115,6 +115,7 @@ class WindowRule:
         self._last: _Judged | None = None
         self._rotating = False
         self._static = np.zeros(0, np.int64)
+        self._further: list[Observations] = []
         self._lens_step = (0.0, 0.0)
 
     def judge(
@@ -149,6 +150,7 @@ class WindowRule:
             return Outcome(refused_at(attempt, Verdict.PURE_ROTATION, Stage.MOTION))
         if chosen is not None:
             self._reference = chosen.reference
+        if chosen is not None and (self._live.wants_proposals() or not self._third_view):
             with stopwatch("two_view"):
                 pose, self._threshold_rad = self._estimate(self.lens.camera, self._config, pair)
             attempt = self._with_pose(attempt, pose)
@@ -225,7 +227,7 @@ class WindowRule:
     def _judged(self, attempt: Attempt, pair: MatchedPair) -> Outcome:
         try:
             views = [pair.reference, pair.current]
-            views += [without(view, self._static) for view in self._further_views(pair)]
+            views += [without(view, self._static) for view in self._further]
             hypotheses = self._live.fitted(views, [self._history.attitude(view.frame) for view in views])
             risk = None
             if hypotheses is not None:
@@ -299,7 +301,10 @@ class WindowRule:
     def _matched(self, preview: PairPreview, current: Observations) -> MatchedPair:
         """The matches of a pair, without those that lie on the image and not in the scene."""
         pair = match_pair(self._history, preview, current)
-        further = voting_views(self._history, pair.reference, current, self._config.map, MAX_VIEWS - 2)
+        further = voting_views(
+            self._history, pair.reference, current, self._config.map, MAX_VIEWS - 2, self._live.frames
+        )
+        self._further = further if self._third_view else []
         self._static = static_tracks(pair.reference, current, further)
         if not len(self._static):
             return pair
@@ -307,12 +312,6 @@ class WindowRule:
         return replace(
             matches, reference=without(pair.reference, self._static), current=without(pair.current, self._static)
         )
-
-    def _further_views(self, pair: MatchedPair) -> list[Observations]:
-        """The views of the window besides the pair."""
-        if not self._third_view:
-            return []
-        return voting_views(self._history, pair.reference, pair.current, self._config.map, MAX_VIEWS - 2)
 
     def _undecided(self, refused: Attempt, pair: MatchedPair, hypotheses: WindowHypotheses) -> tuple[InitialMap, ...]:
         """The maps of both motions of a plane that the tracks do not decide between."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import itertools
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,16 +42,24 @@ def table_of(reference: Observations, current: Observations, further: list[Obser
 
 
 def voting_views(
-    history: History, reference: Observations, current: Observations, config: MapConfig, most: int
+    history: History,
+    reference: Observations,
+    current: Observations,
+    config: MapConfig,
+    most: int,
+    before: Collection[int] = (),
 ) -> list[Observations]:
-    """Choose the views that vote on the motions of a pair: evenly spaced over all views between and before the pair.
+    """Choose the views that vote on the motions of a pair, spread over all views between and before the pair.
 
     A short baseline does no harm here, because all motions predict nearly the same for such a view.
 
+    * ``before``: Frames that stay where they still share the tracks of the pair: their poses are known.
     * Returns: Each sees at least ``min_resected`` of the tracks that the pair has in common.
     """
     views = (*history.between(-1, reference.frame), *history.between(reference.frame, current.frame))
-    return _evenly_spaced(_sharing(views, reference, current, config.min_resected), most)
+    sharing = _sharing(views, reference, current, config.min_resected)
+    frames = [view.frame for view in sharing]
+    return [sharing[k] for k in _spread(frames, most, before)]
 
 
 def _sharing(
@@ -58,12 +67,24 @@ def _sharing(
 ) -> list[Observations]:
     """Return the views that see at least ``least`` of the tracks that a pair has in common."""
     pair_ids = np.intersect1d(reference.track_ids, current.track_ids, assume_unique=True)
-    return [v for v in views if len(np.intersect1d(pair_ids, v.track_ids, assume_unique=True)) >= least]
+    return [v for v in views if np.isin(v.track_ids, pair_ids, assume_unique=True).sum() >= least]
 
 
-def _evenly_spaced(views: list[Observations], at_most: int) -> list[Observations]:
-    """Return at most ``at_most`` of the views, with the first and the last among them."""
-    if not views:
-        return []
-    picks = np.unique(np.linspace(0, len(views) - 1, at_most).round().astype(int))
-    return [views[k] for k in picks]
+def _spread(frames: list[int], most: int, before: Collection[int]) -> list[int]:
+    """Places of at most so many of some ascending frames: the first, the last, and those of before as far as they fit.
+
+    Frames that are new fill the widest gaps, and frames leave where they stand closest.
+    """
+    if len(frames) <= most:
+        return list(range(len(frames)))
+    chosen = sorted({0, len(frames) - 1, *(k for k, frame in enumerate(frames) if frame in before)})
+    while len(chosen) < most:
+        gap = max(range(len(chosen) - 1), key=lambda k: frames[chosen[k + 1]] - frames[chosen[k]])
+        low, high = chosen[gap], chosen[gap + 1]
+        if high - low < 2:  # the widest gap holds no other frame
+            low, high = max(itertools.pairwise(chosen), key=lambda pair: pair[1] - pair[0])
+        chosen = sorted({*chosen, (low + high) // 2})
+    while len(chosen) > most:
+        inner = range(1, len(chosen) - 1)
+        del chosen[min(inner, key=lambda k: frames[chosen[k + 1]] - frames[chosen[k - 1]])]
+    return chosen

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,11 +38,14 @@ from slam_init.window.tracks import WindowTracks
 #: The window is fitted again where the noise was off by more than this factor (as a logarithm): the standard deviations
 #: are off by as much. With another noise other observations are outliers, hence the rounds.
 _NOISE_TOLERANCE, _NOISE_ROUNDS = 0.07, 2
+#: A proposal beside a living motion is given up if it costs this many times what is hopeless after its first step:
+#: later steps of starts that ended below gained a third of their cost at most.
+_GIVEN_UP = 1.5
 #: A motion whose cost is higher by this cannot become the best: 300 nats.
 _FAR_BEHIND = 600.0
 #: A gain is certain where it exceeds that by chance by so many standard deviations (one in 10^12) even if error fields
 #: explain half of it, the most that they can.
-_CERTAIN_SIGMAS, _EXPLAINED_BY_FIELDS = 7.0, 0.5
+CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS = 7.0, 0.5
 #: A start of the camera that only rotates is fitted to so many tracks: it has a handful of unknowns besides the
 #: rotations, and the step of every track takes its time. It ends where a step lowers the cost by so little: a hundredth
 #: of a cost of several hundred.
@@ -65,6 +69,11 @@ class WindowHypotheses:
     priors: Priors
     #: Of the camera that only rotates: its focal length may be wrong.
     rotation_priors: Priors
+    #: Where the fits of the camera that only rotates ended: with any focal length, then, where it was fitted, with the
+    #: stated one.
+    rotations: tuple[Motion, ...] = ()
+    #: Whether they began where their last fits had ended, and nowhere else.
+    rotation_lives: bool = False
 
     def costs_of(self, motion: FittedMotion) -> Floats:
         """The cost of each track in all views; a view that a motion does not locate sees outliers.
@@ -158,13 +167,17 @@ def motions_of_pair(
     return motions
 
 
-def fit_hypotheses(tracks: WindowTracks, motions: Sequence[Motion], priors: Priors) -> WindowHypotheses | None:
+def fit_hypotheses(
+    tracks: WindowTracks, motions: Sequence[Motion], priors: Priors, living: Sequence[Motion] = ()
+) -> WindowHypotheses | None:
     """Fit motions, and the rotation-only camera, to all views of a window.
 
     * ``tracks``: Views: reference, current, then further ones. Their noise is measured again by the residuals of the
       best motion.
     * ``motions``: Each knows two of the views or more. Those that know more come first: a later one that is near is
       left out.
+    * ``living``: Where the last fits of the camera that only rotates ended (:attr:`WindowHypotheses.rotations`); by
+      default it is fitted anew.
     """
     first = motions[0] if motions else Motion({}, readout_s=tracks.readout_s)
     bearings = tracks.bearings(0.0, first.readout_s, first.k1)
@@ -179,16 +192,39 @@ def fit_hypotheses(tracks: WindowTracks, motions: Sequence[Motion], priors: Prio
             poses.append(located)
     if not poses:
         return None
-    tracks = tracks.with_noise(tracks.noise_px * noise_factor_at(tracks, poses[0], priors))
+    if poses[0].points is None:
+        tracks = tracks.with_noise(tracks.noise_px * noise_factor_at(tracks, poses[0], priors))
     planar, fits = _fitted(tracks, poses, bearings, priors)
     for _ in range(_NOISE_ROUNDS):
         noise_px = max(fits[0].fit.noise_factor * tracks.noise_px, tracks.least_noise_px)
         if abs(math.log(noise_px / tracks.noise_px)) <= _NOISE_TOLERANCE:
             break
         tracks = tracks.with_noise(noise_px)
-        planar, fits = _fitted(tracks, [one.motion for one in fits], bearings, priors)
-    rotation_only, rotation_priors = _fit_rotation(tracks, rotations, priors, fits[0])
-    return WindowHypotheses(tracks, planar, tuple(fits), rotation_only, priors, rotation_priors)
+        again = [replace(one.motion, points=None) if one.is_new else one.motion for one in fits]
+        planar, fits = _fitted(tracks, again, bearings, priors)
+    starts = tuple(_in_window(tracks, one, rotations) for one in living)
+    turning = _fit_rotation(tracks, rotations, priors, fits[0], starts)
+    return WindowHypotheses(
+        tracks, planar, tuple(fits), turning.fit, priors, turning.priors, turning.ends, bool(starts)
+    )
+
+
+def with_rotation_anew(hypotheses: WindowHypotheses) -> WindowHypotheses:
+    """The same hypotheses with the camera that only rotates fitted from afar, where that costs less."""
+    tracks, best = hypotheses.tracks, hypotheses.motions[0]
+    bearings = tracks.bearings(0.0, best.fit.state.readout_s, best.fit.state.k1)
+    bearings[~tracks.seen] = np.nan
+    rotations = align_views(bearings, [best.motion], tracks.frames[:2])
+    anew = _fit_rotation(tracks, rotations, hypotheses.priors, best)
+    if anew.fit.cost >= hypotheses.rotation_only.cost:
+        return hypotheses
+    return replace(
+        hypotheses,
+        rotation_only=anew.fit,
+        rotation_priors=anew.priors,
+        rotations=anew.ends,
+        rotation_lives=False,
+    )
 
 
 def _fitted(
@@ -210,8 +246,10 @@ def _fit_each(tracks: WindowTracks, motions: Sequence[Motion], priors: Priors) -
     """Fit motions; those that stay far behind an earlier one in the same views are not fitted to the end."""
     fits: list[FittedMotion] = []
     for motion in motions:
-        costs = [one.fit.cost for one in fits if set(one.frames) == set(motion.cam_from_world)]
-        fits.append(fit_motion(tracks, motion, priors, min(costs, default=math.inf) + _FAR_BEHIND))
+        same = [one for one in fits if set(one.frames) == set(motion.cam_from_world)]
+        hopeless = min((one.fit.cost for one in same), default=math.inf) + _FAR_BEHIND
+        give_up = math.inf if all(one.is_new for one in same) else _GIVEN_UP * hopeless
+        fits.append(fit_motion(tracks, motion, priors, hopeless, give_up=give_up))
     return fits
 
 
@@ -236,52 +274,101 @@ def _with_plane(motion: Motion, tracks: WindowTracks, bearings: Floats) -> Motio
     return replace(motion, plane=plane_of_motion(pose.R, pose.t, bearings[0, both], bearings[1, both]))
 
 
+class _Turning(NamedTuple):
+    """The better fit of the camera that only rotates, and its prior."""
+
+    fit: JointFit
+    priors: Priors
+    #: Where the fits ended.
+    ends: tuple[Motion, ...]
+
+
 def _fit_rotation(
-    tracks: WindowTracks, rotations: Floats, priors: Priors, best: FittedMotion
-) -> tuple[JointFit, Priors]:
-    """Fit the camera that only rotates, with a right and with a wrong focal length; the better fit, and its prior."""
-    # The translation has no effect on points at infinity; its length only has to differ from zero.
-    t = np.outer(np.arange(len(rotations)), [1e-9, 0.0, 0.0])
-    few = tracks.of_tracks(evenly_spaced(len(tracks.track_ids), _START_TRACKS))
-    start = start_at(few, rotations, t, readout_s=tracks.readout_s, at_infinity=True)
+    tracks: WindowTracks, rotations: Floats, priors: Priors, best: FittedMotion, living: Sequence[Motion] = ()
+) -> _Turning:
+    """Fit the camera that only rotates, with a right and with a wrong focal length."""
     # A focal length that is no calibration may be wrong at no price.
     unknown = priors.focal_sigma >= WRONG_FOCAL
     any_focal = replace(
         priors, focal_sigma=max(WRONG_FOCAL, priors.focal_sigma), k1_sigma=max(WRONG_K1, priors.k1_sigma)
     )
-    # A wrong focal length moves the tracks by many times their noise, so the fit starts with a noise that allows it.
-    factor = start_noise_factor(few, start, any_focal, rotation_only=True)
-    for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():
-        wide = few.with_noise(wider * tracks.noise_px)
-        start = fit_window(wide, start, any_focal, rotation_only=True, tolerance=_START_TOLERANCE).state
-    start = _at_infinity(tracks, start)
+    start = None if living else _far_start(tracks, rotations, any_focal)
     # Far from the answer the principal point would follow outliers.
     any_focal = replace(any_focal, principal_sigma_px=WRONG_PRINCIPAL * tracks.camera.width)
-    hopeless = _hopeless_rotation(tracks, start, priors, best)
-    wrong = fit_window(tracks, start, any_focal, rotation_only=True, hopeless=hopeless)
+    hopeless = _hopeless_rotation(tracks, rotations, priors, best)
+    wrong = _fit_turning(tracks, living[0] if start is None else start, any_focal, hopeless)
+    ends: tuple[Motion, ...] = (_turning_motion(tracks, wrong),)
     wrong = replace(wrong, cost=wrong.cost + (0.0 if unknown else WRONG_FOCAL_COST))
     if unknown or wrong.cost > hopeless:
-        return wrong, any_focal
+        return _Turning(wrong, any_focal, ends)
     # It is the better one only if it costs less.
-    right = fit_window(tracks, _at_infinity(tracks, wrong.state), priors, rotation_only=True, hopeless=wrong.cost)
-    return (right, priors) if right.cost <= wrong.cost else (wrong, any_focal)
+    right = _fit_turning(tracks, living[1] if len(living) > 1 else wrong.state, priors, wrong.cost)
+    ends = (*ends, _turning_motion(tracks, right))
+    if right.cost <= wrong.cost:
+        return _Turning(right, priors, ends)
+    return _Turning(wrong, any_focal, ends)
 
 
-def _at_infinity(tracks: WindowTracks, found: WindowState) -> WindowState:
-    """The start of a camera that only rotates: the rotations and the lens of a state, with the rays as measured."""
-    return start_at(
-        tracks, found.R, found.t, log_scale=found.log_scale, k1=found.k1, readout_s=found.readout_s, at_infinity=True
-    )
+def _far_start(tracks: WindowTracks, rotations: Floats, priors: Priors) -> WindowState:
+    """Where the fit of a camera that only rotates starts if nothing is known of it."""
+    few = tracks.of_tracks(evenly_spaced(len(tracks.track_ids), _START_TRACKS))
+    start = start_at(few, rotations, _no_motion(len(rotations)), readout_s=tracks.readout_s, at_infinity=True)
+    # A wrong focal length moves the tracks by many times their noise, so the fit starts with a noise that allows it.
+    factor = start_noise_factor(few, start, priors, rotation_only=True)
+    for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():
+        wide = few.with_noise(wider * tracks.noise_px)
+        start = fit_window(wide, start, priors, rotation_only=True, tolerance=_START_TOLERANCE).state
+    return start
 
 
-def _hopeless_rotation(tracks: WindowTracks, start: WindowState, priors: Priors, best: FittedMotion) -> float:
+def _fit_turning(tracks: WindowTracks, start: WindowState | Motion, priors: Priors, hopeless: float) -> JointFit:
+    """Fit a camera that only rotates, from the poses and the lens of a state, or from where an earlier fit ended."""
+    if isinstance(start, WindowState):
+        first = start_at(
+            tracks, start.R, start.t, log_scale=start.log_scale, k1=start.k1, readout_s=start.readout_s,
+            at_infinity=True,
+        )  # fmt: skip
+        return fit_window(tracks, first, priors, rotation_only=True, hopeless=hopeless)
+    R = np.array([start.cam_from_world[frame].R for frame in tracks.frames])
+    first = start_at(
+        tracks, R, _no_motion(len(R)), log_scale=start.log_scale, k1=start.k1, readout_s=start.readout_s,
+        principal_px=start.principal_px, at_infinity=True,
+    )  # fmt: skip
+    known = None if start.points is None else start.points.start(tracks, first)
+    return fit_window(tracks, first, priors, known=known, rotation_only=True, hopeless=hopeless)
+
+
+def _no_motion(views: int) -> Floats:
+    """Translations (V, 3) without an effect on points at infinity; their length only has to differ from zero."""
+    return np.outer(np.arange(views), [1e-9, 0.0, 0.0])
+
+
+def _turning_motion(tracks: WindowTracks, fit: JointFit) -> Motion:
+    """Where a fit of a camera that only rotates ended."""
+    return FittedMotion(fit, tracks, tuple(range(len(tracks.frames))), tracks.frames).motion
+
+
+def _in_window(tracks: WindowTracks, motion: Motion, rotations: Floats) -> Motion:
+    """A rotation-only motion in the views of a window: those that it does not know turn as the tracks do."""
+    known = {row: motion.cam_from_world[f].R for row, f in enumerate(tracks.frames) if f in motion.cam_from_world}
+    turned = dict(known)
+    for row in set(range(len(tracks.frames))) - set(known):
+        nearest = min(known, key=lambda one: abs(tracks.frames[one] - tracks.frames[row]), default=None)
+        turned[row] = rotations[row] if nearest is None else rotations[row] @ rotations[nearest].T @ known[nearest]
+    world = turned[0]
+    poses = {frame: Pose(turned[row] @ world.T, np.zeros(3)) for row, frame in enumerate(tracks.frames)}
+    points = None if motion.points is None or not known else motion.points.moved(Pose(world, np.zeros(3)))
+    return replace(motion, cam_from_world=poses, points=points)
+
+
+def _hopeless_rotation(tracks: WindowTracks, rotations: Floats, priors: Priors, best: FittedMotion) -> float:
     """The cost from which on the best motion is certain to gain more than by chance over a camera that only rotates."""
     explained = np.zeros_like(tracks.seen)
     explained[list(best.rows)] = best.fit.state.on_plane if best.fit.state.plane is not None else True
     outliers = tracks.seen & ~explained
     freedom = 3 * len(best.rows) + int((tracks.anchor >= 0).sum())
-    by_chance = freedom + 2 * (gain_of_shared_errors(tracks) + gain_of_turning_errors(tracks, start.readout_s))
-    by_chance *= best.fit.dispersion * gain_of_lasting_errors(tracks, start.R)
+    by_chance = freedom + 2 * (gain_of_shared_errors(tracks) + gain_of_turning_errors(tracks, best.fit.state.readout_s))
+    by_chance *= best.fit.dispersion * gain_of_lasting_errors(tracks, rotations)
     # The tail of chi-square by Wilson and Hilferty.
-    certain = (1 + _CERTAIN_SIGMAS * math.sqrt(2 / (9 * freedom))) ** 3 / _EXPLAINED_BY_FIELDS
+    certain = (1 + CERTAIN_SIGMAS * math.sqrt(2 / (9 * freedom))) ** 3 / EXPLAINED_BY_FIELDS
     return best.fit.cost + priors.gate_sigmas**2 * int(outliers.sum()) + certain * by_chance

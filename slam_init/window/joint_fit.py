@@ -16,13 +16,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Bools, Floats
 from slam_init.window.equations import OFF_PLANE_COST, WindowEquations, explained_at_most
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
 #: Largest number of steps of a fit that starts near the answer.
 MAX_STEPS = 12
+#: The same for a fit that goes on where the last one ended: its window has one frame more. It goes on with the next
+#: frame, so that a slow rest is no loss. It ends where a step gains less than a tenth of a nat. A camera that only
+#: rotates is a poor model of most windows, whose fit would not end; it is fitted anew before a map is accepted.
+LIVING_STEPS, LIVING_STEPS_OF_ROTATION, LIVING_TOLERANCE = 8, 2, 0.2
 #: Levenberg-Marquardt: first damping, the factor of a rejected step, and how often a step is tried.
 _DAMPING, _RAISE, _TRIES = 1e-4, 10.0, 6
 #: Robust costs converge linearly. A step that gains at least this share of what the step before gained is tried again
@@ -70,10 +74,15 @@ class JointFit:
     dispersion: float
     #: (V, T, 2) Of each observation in units of the noise; infinite behind a camera.
     residuals: Floats
-    #: explained, near_misses: Number of tracks that the fit explains, and of those that it does not although they
-    #: stay near their projections.
-    explained: int
+    #: (T,) Tracks that the fit explains.
+    explains: Bools
+    #: Number of tracks that it does not explain although they stay near their projections.
     near_misses: int
+
+    @property
+    def explained(self) -> int:
+        """Number of tracks that the fit explains."""
+        return int(self.explains.sum())
 
 
 def fit_window(
@@ -81,20 +90,32 @@ def fit_window(
     start: WindowState,
     priors: Priors,
     *,
+    known: WindowState | None = None,
     rotation_only: bool = False,
     max_steps: int = MAX_STEPS,
     tolerance: float = 0.05,
     hopeless: float = math.inf,
+    give_up: float = math.inf,
 ) -> JointFit:
     """Fit all views of a window jointly, from a start near the answer.
 
     * ``start``: Its plane says whether the points lie on a plane. The length of the longest baseline from view 0 is
       held.
+    * ``known``: The start with the points of an earlier fit. A track starts where it costs less.
     * ``rotation_only``: Whether all points are at infinity, so that the camera only rotates.
+    * ``hopeless``: The fit ends where the steps to come cannot lower the cost to this; ``give_up``: where a step leaves
+      it above this.
     * ``tolerance``: The fit ends where a step lowers the cost by less: a fortieth of a nat is far below what decides.
     """
     equations = WindowEquations(tracks, start, priors, rotation_only, with_shares=False)
-    fit = _optimized(equations, start, max_steps, tolerance, hopeless)
+    if known is not None:
+        start = _cheaper(equations, start, known)
+        if max_steps == MAX_STEPS:  # others fit to the end
+            max_steps = LIVING_STEPS_OF_ROTATION if rotation_only else LIVING_STEPS
+            tolerance = max(tolerance, LIVING_TOLERANCE)
+    fit = _optimized(equations, start, max_steps, tolerance, hopeless, give_up)
+    if fit.cost > give_up or (rotation_only and known is not None):
+        return fit
     lens = start
     for _ in range(_LENS_ROUNDS):
         if max(abs(fit.state.k1 - lens.k1), abs(fit.state.log_scale - lens.log_scale)) < _LENS_TOLERANCE:
@@ -102,12 +123,12 @@ def fit_window(
         lens, again = fit.state, _measured_again(equations, fit, rotation_only=rotation_only)
         if again is None:
             break
-        fit = _optimized(equations, again, max_steps, tolerance, hopeless)
+        fit = _optimized(equations, again, max_steps, tolerance, hopeless, give_up)
     for _ in range(0 if start.plane is None else _PLANE_ROUNDS):
         reassigned = _reassigned(equations, fit.state)
         if (reassigned.on_plane == fit.state.on_plane).all():
             break
-        fit = _optimized(equations, reassigned, max_steps, tolerance, hopeless)
+        fit = _optimized(equations, reassigned, max_steps, tolerance, hopeless, give_up)
     return fit
 
 
@@ -163,7 +184,7 @@ def information_of_relief(tracks: WindowTracks, fit: JointFit, priors: Priors) -
 
 
 def _optimized(
-    equations: WindowEquations, state: WindowState, max_steps: int, tolerance: float, hopeless: float
+    equations: WindowEquations, state: WindowState, max_steps: int, tolerance: float, hopeless: float, give_up: float
 ) -> JointFit:
     """Levenberg-Marquardt from a state."""
     cost = equations.build(state)
@@ -192,7 +213,7 @@ def _optimized(
                 moved, lower = further, lowest
         state, cost, damping = moved, lower, max(damping / _RAISE, 1e-9)
         equations.build(state)
-        if fell < tolerance or cost - _STEPS_TO_COME * fell > hopeless:
+        if fell < tolerance or cost - _STEPS_TO_COME * fell > hopeless or cost > give_up:
             break
     return JointFit(
         state,
@@ -229,12 +250,26 @@ def _noise_factor(equations: WindowEquations, state: WindowState) -> float:
     return float(np.sqrt(factor2))
 
 
-def _explained_and_near(equations: WindowEquations, state: WindowState) -> tuple[int, int]:
+def _explained_and_near(equations: WindowEquations, state: WindowState) -> tuple[Bools, int]:
     seen, used = equations.tracks.seen, equations.tracks.anchor >= 0
     bound = explained_at_most(np.maximum(2 * seen.sum(axis=0) - 3, 0)) + OFF_PLANE_COST * (state.plane is not None)
     explained = used & (equations.costs <= bound)
     near = (seen & (equations.squares < _NEAR_SIGMAS**2)).sum(axis=0) > 0.5 * seen.sum(axis=0)
-    return int(explained.sum()), int((used & ~explained & near).sum())
+    return explained, int((used & ~explained & near).sum())
+
+
+def _cheaper(equations: WindowEquations, start: WindowState, known: WindowState) -> WindowState:
+    """Of two states with the same views, the one in which each track costs less."""
+    equations.cost(start)
+    of_start = equations.costs.copy()
+    equations.cost(known)
+    better = equations.costs <= of_start
+    return replace(
+        start,
+        rays=np.where(better[:, None], known.rays, start.rays),
+        inverse_distances=np.where(better, known.inverse_distances, start.inverse_distances),
+        on_plane=np.where(better, known.on_plane, start.on_plane),
+    )
 
 
 def _reassigned(equations: WindowEquations, state: WindowState) -> WindowState:

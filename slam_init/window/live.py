@@ -20,6 +20,9 @@ from slam_init.window.tracks import gather_tracks
 _MAX_MOTIONS = 4
 #: A motion against which the tracks vote by this is dropped: a hundred nats. More frames hardly turn that.
 _HOPELESS = 200.0
+#: After proposals that left no motion, at most so many windows are fitted without one. Before a map is accepted,
+#: further motions are proposed in any case (:mod:`slam_init.window.second_look`).
+_LONGEST_REST = 4
 
 
 class LiveHypotheses:
@@ -34,7 +37,10 @@ class LiveHypotheses:
         self._least_noise_px = least_noise_px
         self._motions: list[Motion] = []
         self._proposed: list[Motion] = []
+        self._rotations: tuple[Motion, ...] = ()
         self._noise_px = 0.0
+        # Proposals in a row that left no motion, and the windows until the next one is worth its time.
+        self._barren = self._rest = 0
 
     def __bool__(self) -> bool:
         return bool(self._motions or self._proposed)
@@ -55,19 +61,33 @@ class LiveHypotheses:
         self._proposed = motions_of_pair(pose, frames, rays1, rays2, readout_s)
         self._noise_px = self._noise_px or noise_px
 
+    @property
+    def frames(self) -> frozenset[int]:
+        """The frames whose poses the best motion knows."""
+        return frozenset(self._motions[0].cam_from_world) if self._motions else frozenset()
+
+    def wants_proposals(self) -> bool:
+        """Whether a pair should propose motions for the next window: not after proposals that left none."""
+        if self._motions and self._rest > 0:
+            self._rest -= 1
+            return False
+        return True
+
     def adopt_lens(self, camera: Camera, priors: Priors, log_scale: float, k1: float) -> None:
         """Go on with another lens.
 
         * ``log_scale, k1``: From the earlier camera to this one, as in :class:`~slam_init.window.motion.Motion`.
         """
         self._camera, self._priors = camera, priors
-        self._motions = [
-            replace(motion, log_scale=motion.log_scale - log_scale, k1=motion.k1 - k1) for motion in self._motions
-        ]
+        self._motions, rotations = (
+            [replace(motion, log_scale=motion.log_scale - log_scale, k1=motion.k1 - k1) for motion in ones]
+            for ones in (self._motions, self._rotations)
+        )
+        self._rotations = tuple(rotations)
 
     def forget(self) -> None:
         """Drop all motions."""
-        self._motions, self._proposed = [], []
+        self._motions, self._proposed, self._rotations = [], [], ()
 
     def fitted(
         self, views: Sequence[Observations], attitudes: Sequence[Attitude | None] = ()
@@ -85,22 +105,27 @@ class LiveHypotheses:
             if len(m.rows) < len(best.rows) or hypotheses.votes(best, m).sum() < _HOPELESS
         ]  # fmt: skip
         self._motions = [fitted.motion for fitted in kept[:_MAX_MOTIONS]]
+        if self._proposed:
+            self._barren = 0 if any(fitted.is_new for fitted in kept) else self._barren + 1
+            self._rest = min(self._barren, _LONGEST_REST)
+        self._rotations = hypotheses.rotations
 
     def _fitted(self, views: Sequence[Observations], attitudes: Sequence[Attitude | None]) -> WindowHypotheses | None:
         tracks = gather_tracks(self._camera, views, self._noise_px, self._least_noise_px, attitudes=attitudes)
         motions = [*self._motions, *self._proposed]
         # Where no turning is known, the readout moves no pixel.
         priors = self._priors if tracks.sweep_px_s.any() else replace(self._priors, readout_sigma_s=0.0)
-        hypotheses = fit_hypotheses(tracks, motions, priors)
-        self._proposed = []
+        hypotheses = fit_hypotheses(tracks, motions, priors, self._rotations)
         if hypotheses is None:
-            self._motions = []
+            self._proposed = []
+            self._motions, self._rotations = [], ()
             return None
         self._noise_px = hypotheses.tracks.noise_px
         gain, freedom = hypotheses.gain_over_rotation
         # Twice the gain is as large as this by chance alone: there is nothing to carry on.
         if 2 * gain < freedom:
-            self._motions = []
+            self._motions, self._proposed, self._rotations = [], [], hypotheses.rotations
             return hypotheses
         self.keep(hypotheses)
+        self._proposed = []
         return hypotheses

@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from quest.geometry.quaternion import rotation_angle
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
+from slam_init.window.carried import CarriedPoints
 from slam_init.window.joint_fit import MAX_STEPS, JointFit, fit_window, start_noise_factor
 from slam_init.window.row_motion import with_translation
 from slam_init.window.state import Priors, WindowState, start_at
@@ -38,6 +40,8 @@ class Motion:
     k1: float = 0.0
     #: (2,) Added to the principal point.
     principal_px: Floats = dataclasses.field(default_factory=lambda: np.zeros(2))
+    #: Where the last fit of the motion ended; None before its first fit.
+    points: CarriedPoints | None = None
 
     def is_near(self, other: Motion) -> bool:
         """Whether another motion moves the first two frames alike, so that a fit ends in the same optimum."""
@@ -60,6 +64,8 @@ class FittedMotion:
     rows: tuple[int, ...]
     #: Absolute indices of these views.
     frames: tuple[int, ...]
+    #: Whether it was fitted for the first time.
+    is_new: bool = False
 
     @property
     def cam2_from_cam1(self) -> Pose:
@@ -72,12 +78,13 @@ class FittedMotion:
         """Whether most points were held on a plane."""
         return self.fit.state.plane is not None
 
-    @property
+    @cached_property
     def motion(self) -> Motion:
         """The adjusted motion, as the start of the next fit."""
         state = self.fit.state
         poses = {frame: Pose(state.R[k], state.t[k]) for k, frame in enumerate(self.frames)}
-        return Motion(poses, state.plane, state.log_scale, state.readout_s, state.k1, state.principal_px)
+        points = CarriedPoints.of(self.tracks, state, self.fit.explains)
+        return Motion(poses, state.plane, state.log_scale, state.readout_s, state.k1, state.principal_px, points)
 
     def same_as(self, other: FittedMotion) -> bool:
         """Whether two fits ended in the same optimum."""
@@ -98,14 +105,22 @@ def difference_deg(a: Pose, b: Pose) -> tuple[float, float]:
 
 
 def fit_motion(
-    tracks: WindowTracks, motion: Motion, priors: Priors, hopeless: float = math.inf, *, max_steps: int = MAX_STEPS
+    tracks: WindowTracks,
+    motion: Motion,
+    priors: Priors,
+    hopeless: float = math.inf,
+    *,
+    max_steps: int = MAX_STEPS,
+    give_up: float = math.inf,
 ) -> FittedMotion:
-    """Fit a motion to the views that it knows."""
+    """Fit a motion to the views that it knows; see :func:`.joint_fit.fit_window`."""
     part, R, t, rows = _part_of(tracks, motion)
     frames = tuple(tracks.frames[row] for row in rows)
     start = _start(part, R, t, motion, motion.plane)
     part = with_translation(part, start)
-    return FittedMotion(fit_window(part, start, priors, hopeless=hopeless, max_steps=max_steps), part, rows, frames)
+    known = None if motion.points is None else motion.points.start(part, start)
+    fit = fit_window(part, start, priors, known=known, hopeless=hopeless, give_up=give_up, max_steps=max_steps)
+    return FittedMotion(fit, part, rows, frames, motion.points is None)
 
 
 def noise_factor_at(tracks: WindowTracks, motion: Motion, priors: Priors) -> float:

@@ -64,7 +64,8 @@ def _has_relief(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> b
     """
     count = int((fitted.fit.state.on_plane & (tracks.anchor >= 0)).sum())
     left = int((tracks.anchor >= 0).sum()) - count
-    free = fit_motion(tracks, replace(fitted.motion, plane=None), priors)
+    # From measured rays: distances that start on the plane gain more, and the level is for those that do not.
+    free = fit_motion(tracks, replace(fitted.motion, plane=None, points=None), priors)
     gain = fitted.fit.cost - OFF_PLANE_COST * left - free.fit.cost
     return not _is_chance(gain / max(free.fit.noise_factor, 1.0) ** 2, count, RELIEF_SIGMAS)
 

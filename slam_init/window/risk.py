@@ -33,7 +33,7 @@ from quest.robust.spatial_blocks import regions_of
 from slam_init.system.linear_algebra import deviations, single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.evidence import Margin
-from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.hypotheses import CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS, WindowHypotheses, with_rotation_anew
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.levels import (
     AGREES_SIGMAS,
@@ -205,6 +205,12 @@ def confirmed(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -
     if risk.total > max_risk:
         return hypotheses, risk
     with single_threaded():
+        if hypotheses.rotation_lives:  # a start near its last fit may have kept it in a wrong mode
+            anew = with_rotation_anew(hypotheses)
+            if anew is not hypotheses:
+                hypotheses, risk = anew, _risk_of(anew)
+                if risk.total > max_risk:
+                    return hypotheses, risk
         risk = _against_zooms(hypotheses, risk)
         if risk.total > max_risk:
             return hypotheses, risk
@@ -398,22 +404,27 @@ def _rotation_probability(
     """
     gain, freedom = hypotheses.gain_over_rotation
     gain -= unexplained
-    rotation = linearize_with_fields(
-        hypotheses.tracks, hypotheses.rotation_only, hypotheses.rotation_priors, rotation_only=True
-    )
-    marginal = marginalize_fields(rotation)
-    explained = marginal.lowered_cost - expanded.marginal.lowered_cost
     tracks, state = hypotheses.tracks, hypotheses.rotation_only.state
     dispersion = gain_of_lasting_errors(tracks, state.R) * hypotheses.motions[0].fit.dispersion
-    gains = np.maximum(gain - 0.5 * np.maximum(explained, 0.0), 0.0) / dispersion
     # Shared errors make the distribution a noncentral one, which is that of Patnaik nearly: a scaled chi-square. Its
     # cube root over its freedom is nearly Gaussian (Wilson and Hilferty).
     shared = gain_of_shared_errors(tracks) + gain_of_turning_errors(tracks, state.readout_s)
     scale = (freedom + 2 * shared) / (freedom + shared)
     freedom = (freedom + shared) / scale
     spread = 2 / (9 * freedom)
-    z = ((2 * gains / (scale * freedom)) ** (1 / 3) - (1 - spread)) / math.sqrt(spread)
-    probability = float(expanded.scale_weights @ [at_any_look(float(one)) for one in z])
+
+    def z_of(gains: Floats) -> Floats:
+        return np.asarray(((2 * gains / (scale * freedom)) ** (1 / 3) - (1 - spread)) / math.sqrt(spread))
+
+    if z_of(np.array([(1 - EXPLAINED_BY_FIELDS) * max(gain, 0.0) / dispersion]))[0] > CERTAIN_SIGMAS:
+        return gain, 0.0, camera_estimate(expanded)
+    rotation = linearize_with_fields(
+        hypotheses.tracks, hypotheses.rotation_only, hypotheses.rotation_priors, rotation_only=True
+    )
+    marginal = marginalize_fields(rotation)
+    explained = marginal.lowered_cost - expanded.marginal.lowered_cost
+    gains = np.maximum(gain - 0.5 * np.maximum(explained, 0.0), 0.0) / dispersion
+    probability = float(expanded.scale_weights @ [at_any_look(float(one)) for one in z_of(gains)])
     return gain, probability, camera_estimate(ExpandedFit(tracks, hypotheses.rotation_only, rotation, marginal))
 
 

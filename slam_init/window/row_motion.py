@@ -15,8 +15,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam_init.frontend.rolling_shutter import image_flow, readout_places
-from slam_init.types.arrays import Floats
+from quest.robust.kernels.small_algebra import solve_in_place
+from slam_init.frontend.rolling_shutter import readout_places
+from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.window.compiler import compiled
+from slam_init.window.projection import camera_vector, project_point
 from slam_init.window.state import WindowState
 from slam_init.window.tracks import WindowTracks
 
@@ -35,33 +38,90 @@ def with_translation(tracks: WindowTracks, state: WindowState) -> WindowTracks:
     centres = -np.einsum("kji,kj->ki", state.R, state.t)
     velocity = np.empty_like(centres)
     velocity[order] = np.gradient(centres[order], times, axis=0)
-    added = np.zeros_like(tracks.sweep_px_s)
-    for k in range(len(centres)):
-        known = tracks.sweep_px_s[k].any(axis=1) & tracks.seen[k] & (tracks.anchor >= 0)
-        rays, inverse = _rays_in_view(tracks, state, k)
-        known &= np.isfinite(rays).all(axis=1)
-        if known.sum() < 3:
-            continue
-        d, rho = rays[known], inverse[known, None]
-        moved = -rho * (state.R[k] @ velocity[k])
-        aligned = np.linalg.solve(len(d) * np.eye(3) - d.T @ d, np.cross(d, moved).sum(axis=0))
-        flow = image_flow(tracks.camera, d, moved - np.cross(aligned, d))
-        places = readout_places(tracks.camera, tracks.pixels[k, known])
-        added[k, known] = np.nan_to_num(flow) * places[:, None]
+    known = tracks.sweep_px_s.any(axis=2) & tracks.seen & (tracks.anchor >= 0)
+    flow = np.zeros_like(tracks.sweep_px_s)
+    _flow_of_translation(
+        camera_vector(tracks.camera), state.R, state.t, velocity, tracks.anchor, state.rays, _distances(tracks, state),
+        known, flow,
+    )  # fmt: skip
+    added = flow * readout_places(tracks.camera, tracks.pixels)[..., None]
     # The pixels were corrected for the turning alone.
     return replace(tracks, pixels=tracks.pixels - tracks.readout_s * added, sweep_px_s=tracks.sweep_px_s + added)
 
 
-def _rays_in_view(tracks: WindowTracks, state: WindowState, k: int) -> tuple[Floats, Floats]:
-    """Unit rays (T, 3) of the points in a view, and their inverse distances (T,)."""
+def _distances(tracks: WindowTracks, state: WindowState) -> Floats:
+    """The inverse distances of the tracks along their rays (T,), those on the plane by the plane."""
+    if state.plane is None:
+        return state.inverse_distances
     anchor = np.maximum(tracks.anchor, 0)
-    rho = state.inverse_distances.copy()
-    if state.plane is not None:
-        world = np.einsum("tji,tj->ti", state.R[anchor], state.rays)
-        centre = -np.einsum("tji,tj->ti", state.R[anchor], state.t[anchor])
-        on_plane = (world @ state.plane) / (1 - centre @ state.plane)
-        rho = np.where(state.on_plane, np.maximum(on_plane, 0.0), rho)
-    in_world = np.einsum("tji,tj->ti", state.R[anchor], state.rays - rho[:, None] * state.t[anchor])
-    points = in_world @ state.R[k].T + rho[:, None] * state.t[k]
-    lengths = np.maximum(np.linalg.norm(points, axis=1), 1e-300)
-    return points / lengths[:, None], rho / lengths
+    world = np.einsum("tji,tj->ti", state.R[anchor], state.rays)
+    centre = -np.einsum("tji,tj->ti", state.R[anchor], state.t[anchor])
+    on_plane = (world @ state.plane) / (1 - centre @ state.plane)
+    return np.where(state.on_plane, np.maximum(on_plane, 0.0), state.inverse_distances)
+
+
+@compiled
+def _flow_of_translation(
+    camera: Floats,
+    R: Floats,
+    t: Floats,
+    velocity: Floats,
+    anchor: Ints,
+    rays: Floats,
+    rho: Floats,
+    known: Bools,
+    flow: Floats,
+) -> None:
+    """How pixels move with the translation of the camera, but for what a rotation explains.
+
+    Shapes: ``camera`` (31,), ``R, t`` (V, 3, 3), ``velocity`` (V, 3), ``anchor`` (T,), ``rays`` (T, 3), ``rho`` (T,),
+    ``known`` (V, T), ``flow`` (V, T, 2).
+
+    * ``flow``: Receives pixels per second; it stays where fewer than three tracks of a view are known.
+    """
+    V, T = known.shape
+    d, moved = np.empty((T, 3)), np.empty((T, 3))
+    A, b, u, w = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
+    for k in range(V):
+        count = 0
+        for p in range(3):
+            b[p] = 0.0
+            u[p] = R[k, p, 0] * velocity[k, 0] + R[k, p, 1] * velocity[k, 1] + R[k, p, 2] * velocity[k, 2]
+            for q in range(3):
+                A[p, q] = 0.0
+        for i in range(T):
+            if not known[k, i]:
+                continue
+            a, r = anchor[i], rho[i]
+            for p in range(3):
+                w[p] = 0.0
+                for q in range(3):
+                    w[p] += R[a, q, p] * (rays[i, q] - r * t[a, q])
+            norm = 0.0
+            for p in range(3):
+                d[i, p] = R[k, p, 0] * w[0] + R[k, p, 1] * w[1] + R[k, p, 2] * w[2] + r * t[k, p]
+                norm += d[i, p] * d[i, p]
+            norm = max(np.sqrt(norm), 1e-300)
+            count += 1
+            for p in range(3):
+                d[i, p] /= norm
+                moved[i, p] = -r / norm * u[p]
+            b[0] += d[i, 1] * moved[i, 2] - d[i, 2] * moved[i, 1]
+            b[1] += d[i, 2] * moved[i, 0] - d[i, 0] * moved[i, 2]
+            b[2] += d[i, 0] * moved[i, 1] - d[i, 1] * moved[i, 0]
+            for p in range(3):
+                A[p, p] += 1.0
+                for q in range(3):
+                    A[p, q] -= d[i, p] * d[i, q]
+        if count < 3 or not solve_in_place(A, b):
+            continue
+        for i in range(T):
+            if not known[k, i]:
+                continue
+            m0 = moved[i, 0] - (b[1] * d[i, 2] - b[2] * d[i, 1])
+            m1 = moved[i, 1] - (b[2] * d[i, 0] - b[0] * d[i, 2])
+            m2 = moved[i, 2] - (b[0] * d[i, 1] - b[1] * d[i, 0])
+            seen, _, _, a0, a1, a2, b0, b1, b2, _, _ = project_point(camera, 1.0, 0.0, d[i, 0], d[i, 1], d[i, 2])
+            if seen:
+                flow[k, i, 0] = a0 * m0 + a1 * m1 + a2 * m2
+                flow[k, i, 1] = b0 * m0 + b1 * m1 + b2 * m2

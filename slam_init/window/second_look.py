@@ -49,7 +49,8 @@ def look_again(hypotheses: WindowHypotheses) -> WindowHypotheses:
 def _look_again(hypotheses: WindowHypotheses) -> WindowHypotheses:
     tracks, priors = hypotheses.tracks, hypotheses.priors
     # Fits that were given up as hopeless, or that ran out of steps, are fitted to the end as well.
-    free = [replace(one.motion, plane=None) for one in hypotheses.motions]
+    starts = [one.motion for one in hypotheses.motions]
+    free = [replace(one, plane=None, points=None if hypotheses.planar else one.points) for one in starts]
     fits = [fit_motion(tracks, one, priors, max_steps=_STEPS) for one in free]
     bearings = _bearings(hypotheses)
     for start in _different_starts(hypotheses, fits, bearings):
@@ -75,9 +76,9 @@ def _different_starts(hypotheses: WindowHypotheses, known: Sequence[FittedMotion
     if both.sum() < MIN_RESECTED:
         return []
     frames, best = pair.frames, hypotheses.motions[0]
-    motions = [replace(one.motion, cam_from_world=_of_pair(one.motion, frames)) for one in known]
+    motions = [replace(one.motion, cam_from_world=_of_pair(one.motion, frames), points=None) for one in known]
     reach = fit_motion(pair, motions[0], hypotheses.priors).fit.cost + FAR_BEHIND_IN_PAIR
-    lens = replace(best.motion, plane=None)
+    lens = replace(best.motion, plane=None, points=None)
     found: list[Motion] = []
     for pose in _poses_to_start_from(hypotheses, both, bearings):
         start = replace(lens, cam_from_world={frames[0]: Pose.identity(), frames[1]: pose})
@@ -85,7 +86,7 @@ def _different_starts(hypotheses: WindowHypotheses, known: Sequence[FittedMotion
             continue
         fitted = fit_motion(pair, start, hypotheses.priors, reach)
         if fitted.fit.cost <= reach and not any(fitted.motion.is_near(one) for one in [*motions, *found]):
-            found.append(fitted.motion)
+            found.append(replace(fitted.motion, points=None))
     return found
 
 

@@ -189,7 +189,7 @@ def test_walking_along_a_street_gives_a_map_with_depths():
         pytest.skip(f"no phone/lund_street in {DATA}: set SLAM_INIT_DATA to the folder of the data sets")
     source = open_source(folder)
     initializer = Initializer(source.camera, Config())
-    for frame in source.frames(max_frames=8):
+    for frame in source.frames(max_frames=12):
         if initializer.process(frame):
             break
     attempts = initializer.finish().attempts

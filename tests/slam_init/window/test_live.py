@@ -123,13 +123,14 @@ class GivenCosts:
         self.asked, self.costs, self.views = [], {}, {}
         self.gain_over_rotation = FAR_FROM_ROTATION
 
-    def __call__(self, tracks, motions, priors):
+    def __call__(self, tracks, motions, priors, living):
         self.asked.append(motions)
         fits = [
             SimpleNamespace(
                 motion=motion,
                 rows=tuple(range(self.views.get(k, 3))),
                 fit=SimpleNamespace(cost=self.costs.get(k, 100.0 + k)),
+                is_new=False,
             )
             for k, motion in enumerate(motions)
         ]
@@ -137,7 +138,11 @@ class GivenCosts:
         if not fits:
             return None
         return SimpleNamespace(
-            tracks=tracks, motions=tuple(fits), gain_over_rotation=self.gain_over_rotation, votes=votes_by_costs
+            tracks=tracks,
+            motions=tuple(fits),
+            gain_over_rotation=self.gain_over_rotation,
+            votes=votes_by_costs,
+            rotations=(),
         )
 
 
@@ -261,12 +266,16 @@ def test_the_noise_is_carried_from_fit_to_fit(pair, monkeypatch):
     source, views, _ = pair
     noises = []
 
-    def fit(tracks, motions, priors):
+    def fit(tracks, motions, priors, living):
         noises.append((tracks.noise_px, tracks.least_noise_px))
-        fitted = SimpleNamespace(motion=motions[0], rows=(0, 1, 2), fit=SimpleNamespace(cost=1.0))
+        fitted = SimpleNamespace(motion=motions[0], rows=(0, 1, 2), fit=SimpleNamespace(cost=1.0), is_new=False)
         halved = tracks.with_noise(0.5 * tracks.noise_px)
         return SimpleNamespace(
-            tracks=halved, motions=(fitted,), gain_over_rotation=FAR_FROM_ROTATION, votes=votes_by_costs
+            tracks=halved,
+            motions=(fitted,),
+            gain_over_rotation=FAR_FROM_ROTATION,
+            votes=votes_by_costs,
+            rotations=(),
         )
 
     monkeypatch.setattr(live_module, "fit_hypotheses", fit)
