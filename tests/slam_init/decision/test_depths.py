@@ -130,7 +130,7 @@ def test_the_stated_deviations_of_depths_are_their_scatter():
 
 def test_straight_ahead_the_initializer_waits_until_depths_are_known():
     """The motion is known after seven frames, and half of the depths are not."""
-    source = point_source("corridor", 50101, baseline=0.03, noise_px=0.7, outliers=0.3)
+    source = point_source("corridor", 50104, baseline=0.03, noise_px=0.7, outliers=0.3)
     initializer, attempts = initialized(source)
     refused = [
         one for one in attempts if one.verdict == Verdict.LOW_PARALLAX and one.failed_gates[0].name in DEPTH_GATES

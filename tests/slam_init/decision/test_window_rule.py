@@ -74,7 +74,7 @@ def test_a_translating_camera_is_initialized_correctly(scene, baseline, seed):
 
 def test_the_joint_estimate_holds_the_poses_where_few_landmarks_are_certain():
     """Straight ahead in a corridor most depths are uncertain, so that the landmarks alone move the motion away."""
-    source = point_source("corridor", 50101, baseline=0.03, noise_px=0.7, outliers=0.3)
+    source = point_source("corridor", 50104, baseline=0.03, noise_px=0.7, outliers=0.3)
     result = finished(source)
     assert result, result.reason
     assert any(attempt.map is not None and attempt.map.pose_prior for attempt in result.attempts)
