@@ -15,6 +15,8 @@ _STEPS = 8
 _EXPLAINED = 0.8
 #: Largest number of drawn poses. With 200, one of 1188 views of windows got a better pose and one a worse one.
 _DRAWS = 100
+#: From so many times the extent of the points their rays differ by a millionth of a degree: the steps have run away.
+_FARTHEST = 1e8
 
 
 def resect(
@@ -54,6 +56,8 @@ def _refined(start: Pose, points: Floats, bearings: Floats, threshold_rad: float
     R, t = start.R.copy(), start.t.copy()
     for scale in (4.0, 1.0):
         refine_absolute_pose(R, t, points, bearings, scale * threshold_rad, _STEPS)
+    if not np.abs(t).max() < _FARTHEST * np.abs(points).max():
+        return None
     pose = Pose(R, t)
     inliers = _angles(pose, points, bearings) < threshold_rad
     return (pose, inliers) if inliers.sum() >= 6 else None

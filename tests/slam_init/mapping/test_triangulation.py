@@ -188,3 +188,13 @@ def test_the_compiled_refinement_equals_the_readable_one(seed, off, wrong):
         np.testing.assert_allclose(R, expected.R, atol=1e-7)
         np.testing.assert_allclose(t, expected.t, atol=1e-6)
         assert np.abs(R @ R.T - np.eye(3)).max() < 1e-12
+
+
+def test_a_resection_that_runs_away_is_no_pose():
+    """A start so far away that squares overflow, as a step along rays that are all alike leads to."""
+    rng = np.random.default_rng(0)
+    points = rng.normal((0.0, 0.0, 5.0), 1.0, (20, 3))
+    bearings = np.tile([0.0, 0.0, 1.0], (20, 1))
+    far = Pose(np.eye(3), np.array([0.0, 0.0, 1e160]))
+    with np.errstate(all="raise"):
+        assert resect(points, bearings, 1e-3, far) is None
