@@ -140,6 +140,11 @@ SHIFTS = ((0.001, 0.05), (0.003, 0.02), (0.01, 0.005))
 #: Class: assumption.
 LENS_ZOOMS, LARGEST_ZOOM = 0.1, 0.03
 
+#: Most that zooms cost, twice the negative log of their probability (2 log 100): in one shot of a hundred a person
+#: zooms, by any factor. Without a bound, a zoom by a quarter would count as 8 standard deviations in each view.
+#: Class: assumption.
+ZOOMED_COST = 9.2
+
 #: Share of what the zooms of a camera that only rotates explain, that they leave unexplained: the centre of a zoom and
 #: the distortion change with the focus.
 #: Class: assumption.

@@ -16,7 +16,7 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import fit_window, start_noise_factor
-from slam_init.window.levels import LARGEST_ZOOM
+from slam_init.window.levels import LARGEST_ZOOM, ZOOMED_COST
 from slam_init.window.state import WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
@@ -49,7 +49,7 @@ def with_zooms(hypotheses: WindowHypotheses) -> WindowHypotheses:
             start = fit_window(wide, start, priors, rotation_only=True, max_steps=_MAX_STEPS).state
         start = _again(part, start)
         fit = fit_window(part, start, priors, rotation_only=True, max_steps=_MAX_STEPS)
-        state, cost = fit.state, fit.cost + float(np.sum((zooms / LARGEST_ZOOM) ** 2))
+        state, cost = fit.state, fit.cost + min(float(np.sum((zooms / LARGEST_ZOOM) ** 2)), ZOOMED_COST)
         if cost < lowest.rotation_only.cost:
             lowest = replace(hypotheses, tracks=part, rotation_only=replace(fit, cost=cost), rotation_priors=priors)
         if before - cost < _LEAST_PROGRESS * (cost - best.cost):

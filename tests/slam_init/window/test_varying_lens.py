@@ -15,13 +15,17 @@ from slam_init.window.zooming_rotation import with_zooms
 VIEWS = 8
 
 
-def hypotheses(scene, seed=0, zoom=0.0, shift=0.0, **options):
-    """A window whose views but the first are zoomed about the centre of the image, and shifted over its width."""
+def hypotheses(scene, seed=0, zoom=0.0, shift=0.0, ramp=0.0, **options):
+    """A window whose views but the first are zoomed about the centre of the image, and shifted over its width.
+
+    * ``ramp``: A steady zoom, from the first view to the last one.
+    """
     source = point_source(scene, seed, **options)
     camera, random = source.camera, np.random.default_rng(seed)
     centre, views = np.array([camera.width, camera.height]) / 2, []
     for k, view in enumerate(pair_and_further(list(source.observations()), VIEWS)):
         factor, moved = 1 + zoom * random.normal() * (k > 0), shift * camera.width * random.normal(size=2) * (k > 0)
+        factor *= 1 + ramp * k / VIEWS
         pixels = centre + factor * (view.pixels - centre) + moved
         views.append(replace(view, pixels=pixels, bearings=camera.bearings(pixels)))
     return hypotheses_of(camera, views, Priors(0.02, principal_sigma_px=2.0))
@@ -72,6 +76,14 @@ def test_a_camera_that_zooms_and_does_not_translate_has_no_small_risk(scene, see
     zooming = with_zooms(found)
     assert zooming.rotation_only.cost < 0.7 * found.rotation_only.cost
     assert zooming.gain_over_rotation[0] < 2 * zooming.gain_over_rotation[1]
+    _, risk = confirmed(found, replace(risk_of(found), total=0.0), max_risk=0.005)
+    assert risk.total > 0.005
+
+
+@pytest.mark.parametrize(("seed", "ramp"), [(1, 0.25), (2, 0.25), (3, 0.25), (1, 0.7)])
+def test_a_person_who_zooms_in_does_not_move_toward_a_plane(seed, ramp):
+    found = hypotheses("static", seed, ramp=ramp)
+    assert with_zooms(found).rotation_only.cost < 0.4 * found.rotation_only.cost
     _, risk = confirmed(found, replace(risk_of(found), total=0.0), max_risk=0.005)
     assert risk.total > 0.005
 
