@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from quest.errors import InputError, as_floats
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import canonical, matrix_from_quaternion
 from quest.solvers.monomials import coefficient_rows, quartic_index
@@ -70,16 +71,27 @@ def translation_and_depths_printed(q: ArrayLike, m: ArrayLike, n: ArrayLike) -> 
     u, v : (N,) float
         Depths in the unit of t, along rays of unit norm. Most of them are positive.
 
+    Raises
+    ------
+    InputError
+        If the shapes do not fit, N < 2, a bearing is zero or not finite, or the quaternion is zero or not finite.
+
     References
     ----------
     .. [F17] K. Fathian et al., arXiv:1704.02672, 2017, the matrix C.
     """
     m, n = as_matches(m, n, at_least=2)
+    q = as_floats(q, "q")
+    if m.ndim != 2 or q.shape != (4,):
+        raise InputError(f"q of shape {q.shape} for bearings of shape {m.shape}: give (4,) and (N, 3)")
+    largest = np.abs(q).max()
+    if not 0 < largest < np.inf:
+        raise InputError("q is zero or not finite: give a quaternion of any other norm")
     count = len(m)
     C = np.zeros((count, 3, 3 + 2 * count))
     C[:, :, :3] = np.eye(3)
     match = np.arange(count)
-    C[match, :, 3 + match] = m @ matrix_from_quaternion(q).T
+    C[match, :, 3 + match] = m @ matrix_from_quaternion(q / largest).T
     C[match, :, 3 + count + match] = -n
     null = np.linalg.svd(C.reshape(3 * count, -1))[2][-1]
     null = null * (1.0 if np.sign(null[3:]).sum() >= 0 else -1.0)

@@ -59,6 +59,10 @@ def rotations_of(result):
     """The rotations (K, 3, 3) in an answer; none in a refusal."""
     if isinstance(result, quest.RelativePose):
         return [result.R, *(other.R for other in result.alternatives)]
+    if isinstance(result, quest.SharedFocal):
+        return rotations_of(result.pose)
+    if isinstance(result, list):
+        return [R for one in result for R in rotations_of(one)]
     if isinstance(result, np.ndarray):
         return list(matrix_from_quaternion(result))
     return []
@@ -73,11 +77,17 @@ def called(name, m, n):
     if name == "estimate_relative_pose_px":
         K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
         return FUNCTIONS[name](m[:, :2], n[:, :2], K, K, max_samples=50)
+    if name == "estimate_relative_poses":
+        return FUNCTIONS[name]([(m, n)], max_samples=50)
+    if name == "estimate_upright_pose":
+        return FUNCTIONS[name](m, n, [0.0, 1.0, 0.0], [0.0, 1.0, 0.1], max_samples=50)
+    if name == "estimate_shared_focal":
+        return FUNCTIONS[name](m[:, :2], n[:, :2], (320.0, 240.0))
     return FUNCTIONS[name](m, n)
 
 
 #: Functions that are given a rotation.
-TAKING_ONE = ("parallax_statement", "translation_and_depths")
+TAKING_ONE = ("parallax_statement", "translation_and_depths", "translation_and_depths_printed")
 GIVING_ONE = pytest.mark.parametrize("name", [name for name in FUNCTIONS if name not in TAKING_ONE])
 
 
