@@ -33,7 +33,7 @@ from slam_init.types.pose import Pose, Trajectory
 from tests.benchmarks.image_pairs import find_sequences
 from tests.benchmarks.options import data_folder, positive, show
 
-#: The issue of a map is decided in this number of frames: two seconds of video.
+#: Frames after the map (two seconds of video), those in which a loss counts, and those after which depths are compared.
 _FRAMES, _WATCHED, _LATER = 60, 40, 20
 _SCENES = ("room", "wall", "corridor", "desk")
 

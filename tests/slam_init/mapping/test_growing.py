@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from continue_with_isam2 import position_errors
 
+from slam_init.mapping import growing as growing_module
 from slam_init.mapping.follower import Follower
 from slam_init.mapping.growing import GrowingMap
 from slam_init.types.frame import Frame
@@ -88,3 +89,12 @@ def test_the_same_frames_give_the_same_map(room_fed, grown):
     for frame in room_fed.following:
         growing.locate(room_fed.tracker.track(frame))
     assert np.array_equal(growing.grown().points, grown[2].points)
+
+
+def test_a_long_way_keeps_a_bounded_number_of_keyframes(room_fed, monkeypatch):
+    monkeypatch.setattr(growing_module, "_WINDOW", 3)
+    growing = GrowingMap(room_fed.result.map)
+    for frame in room_fed.following:
+        growing.locate(room_fed.tracker.track(frame))
+    assert growing.keyframes_added > 0
+    assert len(growing.grown().keyframes) == 3

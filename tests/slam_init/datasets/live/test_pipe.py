@@ -75,7 +75,7 @@ def test_a_rate_that_is_impossible_is_not_believed(rate):
         (b"YUV4MPEG2 W-3 H4\n", "states no width and height"),
         (b"YUV4MPEG2 W999999 H999999\n", "states 999999x999999 pixels"),
         (b"YUV4MPEG2 W65 H49 C420p10\n", "colour space '420p10'"),
-        (y4m("mono", 0) + b"XXXXXXXX\n", "image 3 of the Y4M stream does not start with FRAME"),
+        (y4m("mono", 0) + b"NO FRAME\n", "image 3 of the Y4M stream does not start with FRAME"),
     ],
 )
 def test_broken_data_are_refused(data, words):
