@@ -37,7 +37,7 @@ from slam_init.types.pose import Pose, Trajectory
 
 @dataclass(frozen=True)
 class Poster:
-    """A data set that implements :class:`slam_init.datasets.timed.TimedSource`."""
+    """A data set that implements :class:`slam_init.types.frame.TimedSource`."""
 
     name: str = "poster"
     #: Kind of the source in ``summary.json``.

@@ -15,8 +15,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from slam_init.datasets.ros.camera_info import camera_of_info
-from slam_init.datasets.ros.images import decode
+from slam_init.datasets.ros.messages import camera_of_info, decode
 from slam_init.errors import SlamInitError
 from slam_init.initializer import Initializer, load_all
 from slam_init.types.initial_map import InitialMap

@@ -12,8 +12,7 @@ from urllib.parse import parse_qsl, urlencode
 import numpy as np
 
 from slam_init.compare.judging import NOT_JUDGED, Criteria, criteria_of, group_of_scene
-from slam_init.datasets.derived import DerivedSource
-from slam_init.datasets.views import SourceView
+from slam_init.datasets.views import DerivedSource, SourceView
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.mapping.reduction import Reduction
 from slam_init.system.regular_file import user_path

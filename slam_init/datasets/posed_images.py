@@ -1,4 +1,4 @@
-"""Makes the source of a sequence of images from what its data set states of them.
+"""What a layout is, and the source that is made of what a data set states of its images.
 
 Each reader of a layout lists its images, and for each image the time stamp, the calibration and the true pose as far as
 the files state them. :func:`image_sequence` checks these and makes the source. The poses of the layouts have several
@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,8 +27,29 @@ from slam_init.datasets.text import trajectory
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
+from slam_init.types.frame import TimedSource
 from slam_init.types.pose import Pose, Trajectory
 from slam_init.types.time_stamps import TimeUnit
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A kind of folder or file."""
+
+    #: What :func:`slam_init.datasets.opening.detect_kind` returns.
+    kind: str
+    #: The files that tell it, and its name in brackets, for the message where nothing fits.
+    looked_for: str
+    #: Finds the files that a path of this kind has; None or False for another path. It reads no large file.
+    find: Callable[[Path], Any]
+    #: Opens a path, with what was found.
+    open: Callable[[Path, Any], TimedSource]
+
+
+def file_of(*names: str) -> Callable[[Path], Path | None]:
+    """Make the search for the first of some files in a folder."""
+    return lambda folder: next((folder / name for name in names if (folder / name).is_file()), None)
+
 
 #: Nominal rate of images without times.
 PHOTO_RATE_HZ = 1.0

@@ -51,7 +51,7 @@ def draw_points(size: tuple[int, int], pixels: Floats) -> Image:
 
 @dataclass(frozen=True, eq=False)
 class TrackSource:
-    """A :class:`slam_init.datasets.timed.TimedSource` of given tracks; its images are dots, or pictures."""
+    """A :class:`slam_init.types.frame.TimedSource` of given tracks; its images are dots, or pictures."""
 
     #: name, kind, camera, groundtruth: See :class:`slam_init.types.frame.Source`.
     name: str

@@ -1,14 +1,292 @@
-"""What a command uses of a source: which frames, and which pixels of them."""
+"""Sources that are made of another source: with other times, fewer frames, masked pixels.
+
+As in COLMAP, the black pixels (0) of a mask are ignored, and the mask of ``NAME.EXT`` is ``NAME.EXT.png`` in the
+folder; ``NAME.png`` is found as well. Frames of a video are named ``frame-000012``.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
 from urllib.parse import parse_qsl, urlencode
 
-from slam_init.datasets.masks import MaskedSource
-from slam_init.datasets.subsampled import SubsampledSource
-from slam_init.datasets.timed import TimedSource
+import numpy as np
+
+from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of
+from slam_init.datasets.image_files import ImageFileSource, check_size, frame_range, read_image
+from slam_init.datasets.synth import SynthSource
 from slam_init.errors import SourceError
+from slam_init.system.regular_file import user_path
+from slam_init.types.arrays import Floats, Image, Ints
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, TimedSource, notes_of
+from slam_init.types.pose import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class DerivedSource:
+    """A :class:`slam_init.types.frame.TimedSource` that is like another one, but for what a subclass changes."""
+
+    source: TimedSource
+
+    @property
+    def name(self) -> str:
+        """That of the source."""
+        return self.source.name
+
+    @property
+    def kind(self) -> str:
+        """That of the source."""
+        return self.source.kind
+
+    @property
+    def camera(self) -> Camera | None:
+        """That of the source."""
+        return self.source.camera
+
+    @property
+    def groundtruth(self) -> Trajectory | None:
+        """That of the source."""
+        return self.source.groundtruth
+
+    @property
+    def gyroscope(self) -> Gyroscope | None:
+        """That of the source."""
+        return gyroscope_of(self.source)
+
+    @property
+    def timestamps_s(self) -> Floats:
+        """Those of the source."""
+        return self.source.timestamps_s
+
+    def __len__(self) -> int:
+        return len(self.source)
+
+    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
+        """Give the frames of the source."""
+        yield from self.source.frames(start, max_frames)
+
+
+@dataclass(frozen=True, eq=False)
+class RestatedSource:
+    """The frames of a source with another statement of their times, their calibration and their truth."""
+
+    source: TimedSource
+    name: str
+    kind: str
+    camera: Camera | None
+    #: (N,) In seconds, strictly increasing; the frames after the last stamp are left out.
+    timestamps_s: Floats
+    groundtruth: Trajectory | None
+    #: What the user should know, for example the unit of the stamps.
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.timestamps_s)
+
+    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
+        """Give the frames of the source in order, with these times."""
+        wanted = frame_range(len(self), start, max_frames, self.name)
+        expected = None if self.camera is None else (self.camera.width, self.camera.height)
+        for frame in self.source.frames(start, len(wanted)):
+            if expected is not None:
+                check_size(f"{self.name}, frame {frame.index}", frame.image.shape[1::-1], expected, "the camera")
+            yield replace(frame, timestamp_s=float(self.timestamps_s[frame.index]))
+
+
+#: Time stamps are exact to this.
+_ROUNDING_S = 1e-6
+
+
+class _Pace:
+    """Chooses the frames that are nearest to regular instants, as they come."""
+
+    def __init__(self, fps: float) -> None:
+        self._interval_s = 1 / fps
+        self._due_s: float | None = None
+        self._last_s: float | None = None
+
+    def includes(self, time_s: float) -> bool:
+        """Whether a frame is used: the first one that is later than an instant, or earlier by half a frame at most."""
+        step_s = 0.0 if self._last_s is None else min(time_s - self._last_s, self._interval_s)
+        self._last_s = time_s
+        # Times are rounded to microseconds in some containers; without this a frame in the middle would be a lottery.
+        ahead_s = time_s + step_s / 2 + _ROUNDING_S
+        if self._due_s is None:
+            self._due_s = time_s
+        if ahead_s < self._due_s:
+            return False
+        # Several instants within one frame interval count as one: no frame is given twice.
+        self._due_s += self._interval_s * (np.floor((ahead_s - self._due_s) / self._interval_s) + 1)
+        return True
+
+
+@dataclass(frozen=True, eq=False)
+class SubsampledSource(DerivedSource):
+    """A part of the frames of a source. Frames keep their time stamps and, unless renumbered, their indices."""
+
+    #: Every N-th frame is included, from the start frame on.
+    every: int = 1
+    #: The frames nearest to this rate are included, by their time stamps, from the start frame on. A source with a
+    #: lower rate gives all frames.
+    fps: float | None = None
+    #: Whether the frames that are included from frame 0 on get consecutive indices, as a comparison needs them.
+    renumbered: bool = False
+
+    def __post_init__(self) -> None:
+        if self.every < 1:
+            raise SourceError(f"every {self.every} frames: give 1 or more")
+        if self.fps is not None and not 0 < self.fps < np.inf:
+            raise SourceError(f"{self.fps!r} frames a second: give a positive number")
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Those of the source, and which frames are included."""
+        taken = (
+            f"every {self.every} frames one is used" if self.fps is None else f"at most {self.fps:g} frames a second"
+        )
+        return (*notes_of(self.source), taken if self.fps is None else f"{taken} are used")
+
+    @cached_property
+    def timestamps_s(self) -> Floats:
+        """(N,) float: time stamps of the frames that are included from frame 0 on."""
+        times_s = self.source.timestamps_s
+        return times_s[self._included[self._included < len(times_s)]]  # a bag may hold fewer frames than its index says
+
+    @cached_property
+    def _included(self) -> Ints:
+        """Absolute indices of the frames that are included from frame 0 on."""
+        return self._indices(0)
+
+    def _indices(self, start: int) -> Ints:
+        if self.fps is None:
+            return np.arange(start, len(self.source), self.every)
+        pace = _Pace(self.fps)
+        times_s = self.source.timestamps_s[start:].tolist()
+        return np.array([start + i for i, time_s in enumerate(times_s) if pace.includes(time_s)], int)
+
+    def __len__(self) -> int:
+        return len(self._included)
+
+    def left(self, start: int) -> int:
+        """Count the frames that are included from a frame on."""
+        return len(self) - start if self.renumbered else len(self._indices(start))
+
+    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
+        """Read the frames that are included, in order.
+
+        * ``start``: Absolute index of the first frame; for renumbered frames their own number.
+        """
+        if self.renumbered:
+            wanted = frame_range(len(self), start, max_frames, self.name)
+            positions = {int(self._included[k]): k for k in wanted}
+            for frame in self._read(list(positions)):
+                yield replace(frame, index=positions[frame.index])
+            return
+        frame_range(len(self.source), start, max_frames, self.name)
+        if self.fps is not None and not self._is_random_access:
+            yield from self._paced(start, max_frames)
+            return
+        yield from self._read(self._indices(start)[:max_frames].tolist())
+
+    @property
+    def _is_random_access(self) -> bool:
+        """Whether a frame costs nothing before it is read; a video decodes all frames before."""
+        return isinstance(self.source, ImageFileSource | SynthSource)
+
+    def _read(self, indices: list[int]) -> Iterator[Frame]:
+        if self._is_random_access:
+            for index in indices:
+                yield from self.source.frames(index, 1)
+            return
+        wanted = set(indices)
+        for frame in self.source.frames(indices[0], indices[-1] - indices[0] + 1):
+            if frame.index in wanted:
+                yield frame
+
+    def _paced(self, start: int, max_frames: int | None) -> Iterator[Frame]:
+        """By the time stamps of the frames themselves, which need not be known before."""
+        assert self.fps is not None
+        pace, given = _Pace(self.fps), 0
+        for frame in self.source.frames(start):
+            if pace.includes(frame.timestamp_s):
+                yield frame
+                given += 1
+                if given == max_frames:
+                    return
+
+
+@dataclass(frozen=True, eq=False)
+class MaskedSource(DerivedSource):
+    """A source whose frames have masks.
+
+    * ``source``: Gives the frames.
+    """
+
+    #: An image for all frames, or a folder.
+    path: Path
+    #: (H, W) The mask of all frames; None for a folder.
+    of_all: Image | None
+
+    @classmethod
+    def open(cls, source: TimedSource, path: str | os.PathLike[str]) -> MaskedSource:
+        """Open the masks of a source."""
+        path = user_path(path)
+        if path.is_dir():
+            return cls(source, path, None)
+        if not path.exists():
+            raise SourceError(f"{path}: no such file or folder of masks")
+        return cls(source, path, read_mask(path))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Those of the source, and what the mask ignores."""
+        notes = notes_of(self.source)
+        if self.of_all is None:
+            return (*notes, f"the masks in {self.path.name} are ignored pixels of the frames")
+        return (*notes, f"the mask {self.path.name} ignores {np.mean(self.of_all == 0):.1%} of each image")
+
+    def left(self, start: int) -> int:
+        """Count the frames from a frame on."""
+        return self.source.left(start) if isinstance(self.source, SubsampledSource) else len(self.source) - start
+
+    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
+        """Read frames in order, with their masks."""
+        for frame in self.source.frames(start, max_frames):
+            mask, path = (self.of_all, self.path) if self.of_all is not None else self._of(frame)
+            size, expected = mask.shape[::-1], frame.image.shape[1::-1]
+            if size != expected:
+                raise SourceError(
+                    f"{path}: the mask is {size[0]}x{size[1]}, but the frame {frame.name} is "
+                    f"{expected[0]}x{expected[1]}: give a mask of the size of the frames"
+                )
+            yield replace(frame, mask=mask)
+
+    def _of(self, frame: Frame) -> tuple[Image, Path]:
+        names = (f"{frame.name}.png", f"{os.path.splitext(frame.name)[0]}.png")  # noqa: PTH122 (a Path drops "./")
+        for name in names:
+            if (self.path / name).exists():
+                return read_mask(self.path / name, self.path), self.path / name
+        looked_for = " or ".join(dict.fromkeys(names))
+        raise SourceError(
+            f"{self.path}: no mask for the frame {frame.name}: add {looked_for}, or give one mask for all"
+        )
+
+
+def read_mask(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Image:
+    """Read a mask.
+
+    Shapes: returns (H, W).
+
+    * ``path``: An image; of a coloured one, pixels that are black in all channels are ignored.
+    """
+    image = read_image(path, root)
+    bright = image if image.ndim == 2 else image.max(axis=2)
+    return np.where(bright > 0, np.uint8(255), np.uint8(0))
+
 
 _PREFIX = "view?"
 

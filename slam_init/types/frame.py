@@ -87,6 +87,19 @@ class Source(Protocol):
         ...
 
 
+class TimedSource(Source, Protocol):
+    """A source whose length and time stamps are known without decoding its images."""
+
+    @property
+    def timestamps_s(self) -> Floats:
+        """(N,) float: time stamps of all frames in seconds, strictly increasing."""
+        ...
+
+    def __len__(self) -> int:
+        """Number of frames. For a video the number in its header; for a bag that in its index, an upper bound."""
+        ...
+
+
 def length_of(source: Source) -> int | None:
     """Tell how many frames a source has.
 

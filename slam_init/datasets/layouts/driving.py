@@ -42,8 +42,7 @@ from pathlib import Path
 import numpy as np
 
 from slam_init.datasets.image_files import ImageFileSource, image_size, images_of, list_images, stored_camera
-from slam_init.datasets.layouts.layout import Layout
-from slam_init.datasets.posed_images import image_sequence, with_axes
+from slam_init.datasets.posed_images import Layout, image_sequence, with_axes
 from slam_init.datasets.stamps import stamp_of
 from slam_init.datasets.text import (
     check_count,

@@ -30,10 +30,8 @@ import numpy as np
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.datasets.bounded import json_array, json_number, read_json
-from slam_init.datasets.derived import RestatedSource
 from slam_init.datasets.image_files import ImageFileSource, image_size, images_of, list_images
-from slam_init.datasets.layouts.layout import Layout
-from slam_init.datasets.posed_images import image_sequence, with_axes
+from slam_init.datasets.posed_images import Layout, image_sequence, with_axes
 from slam_init.datasets.stamps import image_times, stamp_of
 from slam_init.datasets.text import (
     check_count,
@@ -46,11 +44,12 @@ from slam_init.datasets.text import (
     read_rows,
     trajectory,
 )
-from slam_init.datasets.timed import TimedSource
 from slam_init.datasets.video import open_video
+from slam_init.datasets.views import RestatedSource
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import check_inside
 from slam_init.types.camera import Camera
+from slam_init.types.frame import TimedSource
 from slam_init.types.pose import Pose
 
 # A calibration of ARKitScenes belongs to an image if their stamps differ by no more than this: they are rounded to

@@ -44,8 +44,7 @@ import numpy as np
 from slam_init.calibration.files import load_camera, load_yaml
 from slam_init.datasets.gyroscope import Gyroscope, made_gyroscope
 from slam_init.datasets.image_files import MAX_FRAMES, ImageFileSource, image_size, stored_camera
-from slam_init.datasets.layouts.layout import Layout, file_of
-from slam_init.datasets.posed_images import image_sequence
+from slam_init.datasets.posed_images import Layout, file_of, image_sequence
 from slam_init.datasets.stamps import stamp_of
 from slam_init.datasets.text import fields_of, numbers, pinhole, pose_from_matrix, read_rows, read_trajectory
 from slam_init.errors import CalibrationError, SourceError

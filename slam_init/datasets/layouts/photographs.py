@@ -37,11 +37,16 @@ from pathlib import Path
 import numpy as np
 
 from slam_init.datasets.bounded import JsonObject, json_array, json_number, read_json, read_npy
-from slam_init.datasets.colmap_files import ColmapImage, model_files, read_cameras, read_images
-from slam_init.datasets.folder import NOMINAL_RATE_HZ, find_images
-from slam_init.datasets.image_files import IMAGE_SUFFIXES, ImageFileSource, image_size, stored_camera
-from slam_init.datasets.layouts.layout import Layout, file_of
-from slam_init.datasets.posed_images import AXES, PosedImage, image_sequence, photographs, with_axes
+from slam_init.datasets.colmap import ColmapImage, model_files, read_cameras, read_images
+from slam_init.datasets.image_files import (
+    IMAGE_SUFFIXES,
+    NOMINAL_RATE_HZ,
+    ImageFileSource,
+    find_images,
+    image_size,
+    stored_camera,
+)
+from slam_init.datasets.posed_images import AXES, Layout, PosedImage, file_of, image_sequence, photographs, with_axes
 from slam_init.datasets.text import check_count, fields_of, numbers, pinhole, pose_from_matrix, read_rows
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import check_inside

@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 from functools import partial
 
-from slam_init.datasets.live.capture import open_camera, open_url
-from slam_init.datasets.live.pipe import open_pipe
 from slam_init.datasets.live.source import LiveSource
+from slam_init.datasets.live.streams import open_camera, open_pipe, open_url
 from slam_init.errors import SourceError
 
 _PIPE = "-"

@@ -21,8 +21,8 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from types import TracebackType
 
-from slam_init.datasets.folder import NOMINAL_RATE_HZ
-from slam_init.datasets.live.stream import Stream, StreamImage
+from slam_init.datasets.image_files import NOMINAL_RATE_HZ
+from slam_init.datasets.live.streams import Stream, StreamImage
 from slam_init.errors import SourceError
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame

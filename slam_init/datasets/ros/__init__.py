@@ -5,7 +5,7 @@ calibrations and true poses have a module each. Messages of standard types only 
 ``rosbags``: the definitions that a bag holds are ignored, since ``rosbags`` would make code of them.
 """
 
-from slam_init.datasets.ros.detection import detect_file, is_bag_folder
+from slam_init.datasets.ros.bag import detect_file, is_bag_folder
 from slam_init.datasets.ros.source import RosSource, open_ros
 from slam_init.datasets.ros.topics import BagName
 

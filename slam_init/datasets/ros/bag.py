@@ -1,4 +1,4 @@
-"""Reads the messages of a bag, one after the other, through ``rosbags``.
+"""Recognizes ROS bags, and reads their messages one after the other, through ``rosbags``.
 
 What the library raises on a broken bag is of many types. Each becomes a :class:`~slam_init.errors.SourceError`.
 """
@@ -21,14 +21,56 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slam_init.datasets.image_files import MAX_PIXELS
-from slam_init.datasets.ros.detection import METADATA, STORAGE_SUFFIXES, storage_files
 from slam_init.errors import SourceError, plain_line
-from slam_init.system.regular_file import check_inside, kind_problem, read_regular
+from slam_init.system.regular_file import check_inside, kind_problem, open_regular, read_regular
 
 if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
     from rosbags.typesys.store import Typestore
+
+#: The file that describes a ROS 2 bag.
+METADATA = "metadata.yaml"
+#: The files that hold the messages of a ROS 2 bag.
+STORAGE_SUFFIXES = (".db3", ".mcap")
+
+_METADATA_KEY = b"rosbag2_bagfile_information"
+_METADATA_START = 4096
+_MAGIC_ROS1, _MAGIC_MCAP, _MAGIC_SQLITE = b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0"
+
+
+def detect_file(path: str | os.PathLike[str]) -> str | None:
+    """Tell whether a file is a ROS bag.
+
+    * Returns: ``ros1`` or ``ros2``; None if it is none. A broken file with the suffix of a bag is one.
+    """
+    path = Path(path)
+    with open_regular(path, SourceError) as file:
+        start = file.read(len(_MAGIC_SQLITE))
+    if path.suffix.lower() == ".bag" or start.startswith(_MAGIC_ROS1):
+        return "ros1"
+    # Many programs write SQLite files, so that the suffix decides.
+    if path.suffix.lower() in STORAGE_SUFFIXES or start.startswith(_MAGIC_MCAP):
+        return "ros2"
+    return None
+
+
+def is_bag_folder(folder: str | os.PathLike[str]) -> bool:
+    """Tell whether a folder is a ROS 2 bag."""
+    metadata = Path(folder) / METADATA
+    if metadata.is_file():
+        with open_regular(metadata, SourceError) as file:
+            if _METADATA_KEY in file.read(_METADATA_START):
+                return True
+    return bool(storage_files(folder))
+
+
+def storage_files(folder: str | os.PathLike[str]) -> list[Path]:
+    """List the files in a folder that hold messages of ROS 2."""
+    with os.scandir(folder) as entries:
+        names = [entry.name for entry in entries if entry.name.lower().endswith(STORAGE_SUFFIXES)]
+    return [Path(folder, name) for name in sorted(names) if not name.startswith(".")]
+
 
 #: Largest chunk or message when it is decompressed: a message holds one image of MAX_PIXELS with 8 bytes a pixel.
 MAX_CHUNK_BYTES = 8 * MAX_PIXELS

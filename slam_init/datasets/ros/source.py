@@ -12,11 +12,9 @@ import numpy as np
 from slam_init.datasets.gyroscope import Gyroscope
 from slam_init.datasets.image_files import MAX_FRAMES, check_size, frame_range
 from slam_init.datasets.ros.bag import Bag, Message
-from slam_init.datasets.ros.camera_info import camera_of_info
-from slam_init.datasets.ros.images import decode
-from slam_init.datasets.ros.imu import BagGyroscope, read_gyroscope
+from slam_init.datasets.ros.messages import camera_of_info, decode
+from slam_init.datasets.ros.motion import BagGyroscope, Truth, read_gyroscope, read_truth
 from slam_init.datasets.ros.topics import image_topic, info_topic, truth_topic
-from slam_init.datasets.ros.truth import Truth, read_truth
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
@@ -38,7 +36,7 @@ def open_ros(
 
 
 class RosSource:
-    """A :class:`slam_init.datasets.timed.TimedSource` over a topic of images.
+    """A :class:`slam_init.types.frame.TimedSource` over a topic of images.
 
     The time stamp of a frame is that of the header of its message; where the first header has none, all frames have the
     times at which they were recorded. An image that does not come after the one before is left out and counted; frames

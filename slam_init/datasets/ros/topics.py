@@ -9,7 +9,7 @@ from pathlib import Path
 from urllib.parse import parse_qsl, urlencode
 
 from slam_init.datasets.ros.bag import Bag, Topic
-from slam_init.datasets.ros.images import COMPRESSED, RAW, is_picture
+from slam_init.datasets.ros.messages import COMPRESSED, RAW, is_picture
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import user_path
 

@@ -6,8 +6,7 @@ from make_files import picture
 from make_scene import texture
 from make_video import write_by_pyav
 
-from slam_init.datasets.interlaced import Deinterlacer, comb_ratio, first_field
-from slam_init.datasets.video import open_video
+from slam_init.datasets.video import Deinterlacer, comb_ratio, first_field, open_video
 
 TEXTURE = texture(3, 200, 300)
 

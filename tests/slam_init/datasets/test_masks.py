@@ -5,8 +5,7 @@ import pytest
 from make_files import picture, write_image
 
 from slam_init.datasets import open_source
-from slam_init.datasets.masks import MaskedSource, read_mask
-from slam_init.datasets.views import SourceView
+from slam_init.datasets.views import MaskedSource, SourceView, read_mask
 from slam_init.errors import SourceError
 
 LEFT = np.zeros((48, 64), np.uint8)

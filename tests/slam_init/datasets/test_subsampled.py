@@ -8,9 +8,8 @@ from make_files import picture, write_image
 from make_video import corner_frames, write_mp4
 
 from slam_init.datasets import open_source
-from slam_init.datasets.subsampled import SubsampledSource
 from slam_init.datasets.video import open_video
-from slam_init.datasets.views import SourceView
+from slam_init.datasets.views import SourceView, SubsampledSource
 from slam_init.errors import SourceError
 
 

@@ -9,7 +9,8 @@ import pytest
 from make_files import write
 from make_video import corner_frames, write_by_pyav, write_mp4
 
-from slam_init.datasets import open_source, video_decoder
+from slam_init.datasets import open_source
+from slam_init.datasets import video as video_reader
 from slam_init.datasets.video import open_video
 from slam_init.errors import SourceError
 
@@ -123,6 +124,6 @@ def test_a_stream_without_a_decoder_is_one_line(tmp_path, monkeypatch):
     def opened(path):
         yield None, SimpleNamespace(codec_context=None)
 
-    monkeypatch.setattr(video_decoder, "_opened", opened)
+    monkeypatch.setattr(video_reader, "_opened", opened)
     with pytest.raises(SourceError, match="no installed decoder knows the codec"):
         open_video(write_mp4(tmp_path / "v.mp4", corner_frames()))

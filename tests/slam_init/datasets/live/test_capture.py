@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from slam_init.datasets.live import LiveSource, open_live
-from slam_init.datasets.live.capture import CaptureStream
+from slam_init.datasets.live.streams import CaptureStream
 from slam_init.errors import SourceError
 
 SERVER = """

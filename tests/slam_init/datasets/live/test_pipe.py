@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from make_files import picture
 
-from slam_init.datasets.live.pipe import open_pipe
+from slam_init.datasets.live.streams import open_pipe
 from slam_init.errors import SourceError
 
 GREY = [cv2.cvtColor(picture(seed, (65, 49)), cv2.COLOR_BGR2GRAY) for seed in range(3)]

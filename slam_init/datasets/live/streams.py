@@ -1,21 +1,128 @@
-"""Images of a pipe: raw video with a header (YUV4MPEG2, the format ``yuv4mpegpipe`` of FFmpeg), and MJPEG.
+"""Connections that deliver images: a camera or a network stream, through OpenCV, and a pipe.
 
-Both are recognized by their first bytes. A Y4M stream states its rate, so that its images have times. MJPEG is a
-sequence of JPEG images and states no times.
+A pipe carries raw video with a header (YUV4MPEG2, the format ``yuv4mpegpipe`` of FFmpeg), or MJPEG. Both are recognized
+by their first bytes. A Y4M stream states its rate, so that its images have times. MJPEG is a sequence of JPEG images
+and states no times.
 """
 
 from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
+from dataclasses import dataclass
 from fractions import Fraction
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 
 from slam_init.datasets.image_files import MAX_PIXELS, decode_image
-from slam_init.datasets.live.stream import Stream, StreamImage
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Image
+
+if TYPE_CHECKING:
+    import cv2
+
+
+@dataclass(frozen=True, eq=False)
+class StreamImage:
+    """An image of a stream."""
+
+    #: (H, W) Grey or BGR.
+    image: Image
+    #: Time in seconds that the stream states, from any origin; None if it states none.
+    stream_s: float | None
+
+
+class Stream(Protocol):
+    """A connection that delivers images one after the other."""
+
+    def read(self) -> StreamImage | None:
+        """Wait for the next image.
+
+        * Returns: None at the end of the stream, or when the connection is lost.
+        """
+        ...
+
+    def close(self) -> None:
+        """End the connection."""
+        ...
+
+
+# -- cameras and addresses -------------------------------------------------------------------------
+
+
+# A stream that sends nothing for this long is lost. Cameras send a picture within a second, key frames of network
+# cameras come every 2 to 4 s.
+_TIMEOUT_MS = 10_000
+
+
+class CaptureStream:
+    """A stream over an opened capture of OpenCV. The times are those that the container or the protocol states.
+
+    * ``name``: For messages.
+    * ``capture``: It is closed with the stream.
+    * ``timed``: Whether the capture states times. Drivers of cameras state the time of the system's clock or nothing.
+    """
+
+    def __init__(self, name: str, capture: cv2.VideoCapture, *, timed: bool) -> None:
+        import cv2
+
+        self._capture, self._timed = capture, timed
+        if not capture.isOpened():
+            capture.release()
+            raise SourceError(f"{name}: cannot be opened: check that it runs, and that its name is right")
+        width, height = (capture.get(what) for what in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        if width * height > MAX_PIXELS:
+            capture.release()
+            raise SourceError(f"{name}: {width:.0f}x{height:.0f} pixels are more than {MAX_PIXELS / 1e6:.0f} million")
+
+    def read(self) -> StreamImage | None:
+        """Wait for the next image."""
+        import cv2
+
+        found, image = self._capture.read()
+        if not found:
+            return None
+        stream_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3 if self._timed else None
+        return StreamImage(cast(Image, np.asarray(image, np.uint8)), stream_s)
+
+    def close(self) -> None:
+        """Release the capture."""
+        self._capture.release()
+
+
+def open_camera(name: str, number: int) -> CaptureStream:
+    """Open a camera of this machine."""
+    import cv2
+
+    return _stream(name, lambda: cv2.VideoCapture(number), timed=False)
+
+
+def open_url(name: str, url: str) -> CaptureStream:
+    """Open a network stream. What it may refer to (a playlist) is bounded by FFmpeg: no file of this machine."""
+    import cv2
+
+    limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _TIMEOUT_MS]
+    return _stream(name, lambda: cv2.VideoCapture(url, cv2.CAP_FFMPEG, limits), timed=True)
+
+
+def _stream(name: str, open_capture: Callable[[], cv2.VideoCapture], *, timed: bool) -> CaptureStream:
+    import cv2
+
+    try:
+        capture = open_capture()
+        capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # the pixels as they are sent, as those of a file
+        # MJPEG over HTTP states no times: those of FFmpeg are counted at a nominal rate. Over RTSP it does.
+        code = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True)
+        counted = code == b"MJPG" and not name.lower().startswith("rtsp")
+        return CaptureStream(name, capture, timed=timed and not counted)
+    except cv2.error:
+        raise SourceError(f"{name}: cannot be opened: check that it runs, and that its name is right") from None
+
+
+# -- pipes -----------------------------------------------------------------------------------------
+
 
 _READ_BYTES = 1 << 16
 _HELP = "pipe raw video or MJPEG into it: ffmpeg -i INPUT -f yuv4mpegpipe -pix_fmt yuv420p - | slam-init run -"
