@@ -16,10 +16,9 @@ from slam_init.bench.sheet import Sheet, sheet_of
 from slam_init.bench.sheet_text import sheet_text
 from slam_init.bench.suites import rendered_worlds, simulated_worlds
 from slam_init.compare.command import not_applicable_lines
-from slam_init.compare.extras import Digests, Extras
 from slam_init.compare.plan import Plan
 from slam_init.compare.replay import replay, tracks_digest
-from slam_init.compare.run import compare
+from slam_init.compare.run import Digests, Extras, compare
 from slam_init.compare.sources import ComparedSource, describe_sources, open_compared
 from slam_init.compare.trial_table import TrialTable
 from slam_init.compare.trials import Settings

@@ -12,12 +12,11 @@ from slam_init.bench.frozen import FrozenCheck, check_frozen
 from slam_init.bench.hardware import hardware, versions
 from slam_init.bench.protocol import NAME, VERSION, Run
 from slam_init.bench.strata import Stratum, strata_of
-from slam_init.compare.aggregate import figures_of, only_counts, paired_outcomes
+from slam_init.compare.figures import figures_of, mean_wait, only_counts, paired_outcomes
 from slam_init.compare.plan import Plan
 from slam_init.compare.reliability import RiskBin, reliability_of
 from slam_init.compare.statistics import Interval, cluster_share, holm, sign_flip
 from slam_init.compare.trial_table import TrialTable
-from slam_init.compare.wait import mean_wait
 from slam_init.methods.external_command import is_external, method_label
 from slam_init.methods.registry import method_info
 from slam_init.output.plain_json import Json, plain, plain_fields

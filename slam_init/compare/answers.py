@@ -11,7 +11,7 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
-from slam_init.compare.messages import Answer, MethodRequest, Request, TracksRequest, TrialRequest
+from slam_init.compare.isolation import Answer, MethodRequest, Request, TracksRequest, TrialRequest
 from slam_init.compare.replay import find_tracks, replay, tracks_digest
 from slam_init.compare.sources import open_compared
 from slam_init.compare.trials import Settings, error_row, run_trial

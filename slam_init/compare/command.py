@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
+from slam_init.compare.figures import WaitDifference
 from slam_init.compare.isolation import check_method
 from slam_init.compare.plan import Plan
 from slam_init.compare.reliability import Reliability
@@ -18,7 +19,6 @@ from slam_init.compare.summary import ComparisonSummary
 from slam_init.compare.tables import QUALITY, RATES, STATIC, figure_text, text_figures
 from slam_init.compare.trial_table import LEVELS, PARTS
 from slam_init.compare.trials import Settings
-from slam_init.compare.wait import WaitDifference
 from slam_init.config import Config
 from slam_init.datasets.views import SourceView
 from slam_init.errors import ConfigError

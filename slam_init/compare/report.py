@@ -10,23 +10,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.compare.aggregate import Figures, figures_of
 from slam_init.compare.charts import Axis, box_chart, curve_chart, interval_chart, stacked_chart
-from slam_init.compare.failure_gallery import thumbnails
+from slam_init.compare.figures import Figures, figures_of, wait_differences
+from slam_init.compare.gallery import gallery_section, thumbnails, waiting_section
 from slam_init.compare.reliability import Reliability, reliabilities
-from slam_init.compare.report_gallery import gallery_section, waiting_section
-from slam_init.compare.report_tables import (
+from slam_init.compare.statistics import Interval
+from slam_init.compare.tables import (
+    QUALITY,
+    RATES,
+    STATIC,
     coverage_table,
     group_table,
+    html_figures,
     judging_table,
+    page_html,
     pair_table,
     risk_table,
     wait_table,
 )
-from slam_init.compare.statistics import Interval
-from slam_init.compare.tables import QUALITY, RATES, STATIC, html_figures, page_html
 from slam_init.compare.trial_table import LEVELS, PARTS, TrialTable
-from slam_init.compare.wait import wait_differences
 from slam_init.methods import METHODS
 from slam_init.methods.external_command import method_label
 from slam_init.types.arrays import Bools, Floats

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+import csv
+import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 from slam_init.compare.backends import DASK, Backend, open_backend
-from slam_init.compare.extras import Extras, StoredDigests
 from slam_init.compare.isolation import end_process, isolated_tracks, isolated_trials
 from slam_init.compare.journal import Journal
 from slam_init.compare.plan import Plan
 from slam_init.compare.recordings import RECORDINGS
-from slam_init.compare.results import publish_results
-from slam_init.compare.rows import TrialRow
-from slam_init.compare.summary import ComparisonSummary
+from slam_init.compare.rows import COLUMNS, TrialRow
+from slam_init.compare.summary import ComparisonSummary, summary_of
 from slam_init.compare.trajectories import TRAJECTORIES
+from slam_init.compare.trial_table import TrialTable
 from slam_init.compare.trials import Settings
 from slam_init.datasets.points import POINTS
 from slam_init.datasets.views import SourceView
@@ -28,6 +30,105 @@ from slam_init.errors import OutputError
 from slam_init.output.folder import OutputFolder, output_error
 from slam_init.output.names import COMPARE_FILES, TRIALS, UNFINISHED
 from slam_init.output.plain_json import Json
+
+if TYPE_CHECKING:
+    from slam_init.compare.plan import Plan
+
+#: Digest of the tracks by the label of the source.
+Digests: TypeAlias = Mapping[str, str]
+MakeTexts: TypeAlias = Callable[[TrialTable, Plan, Digests], Mapping[str, str]]
+
+
+def _no_texts(table: TrialTable, plan: Plan, digests: Digests) -> Mapping[str, str]:
+    """Return no further files."""
+    return {}
+
+
+@dataclass(frozen=True)
+class Extras:
+    """The additions of a benchmark."""
+
+    #: The command that the folder of the results belongs to.
+    command: str = "compare"
+    #: Names of the further files.
+    files: tuple[str, ...] = ()
+    #: File of the digests of the tracks; empty for none.
+    digests: str = ""
+    #: Whether the trials write their trajectories.
+    trajectories: bool = False
+    #: Takes the trials, the plan and the digests, and returns the content of further files by name.
+    texts: MakeTexts = _no_texts
+
+
+class StoredDigests:
+    """The digests of the tracks, on disk: a comparison that is resumed does not compute the tracks of finished trials.
+
+    * ``path``: None keeps them in memory only.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self.known: dict[str, str] = {}
+        if path is not None and path.is_file():
+            for line in path.read_text(encoding="utf-8").splitlines():
+                try:
+                    label, digest = json.loads(line)
+                except (ValueError, TypeError):  # the process was killed while it wrote this line
+                    continue
+                self.known[str(label)] = str(digest)
+
+    def add(self, label: str, digest: str) -> None:
+        """Add the digest of a source."""
+        if self.known.get(label) == digest:
+            return
+        self.known[label] = digest
+        if self._path is None:
+            return
+        try:
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps([label, digest]) + "\n")
+        except OSError as error:
+            raise OutputError(f"cannot write {self._path}: {error.strerror}: make room") from error
+
+
+_RESULTS, _SUMMARY, _REPORT = "results.csv", "summary.json", "report.html"
+
+
+def publish_results(
+    folder: OutputFolder, rows: Iterable[TrialRow], plan: Plan, command: str, extras: Extras, digests: Digests
+) -> ComparisonSummary:
+    """Write all result files: either all are replaced, or none. The rows are read once and are not kept in memory."""
+    from slam_init.compare.report import report_html
+
+    try:
+        with (folder.staging / _RESULTS).open("w", encoding="utf-8", errors="backslashreplace", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            table = TrialTable.read(_write_rows(rows, writer.writerow))
+        summary = summary_of(table, plan)
+        texts = {
+            _REPORT: report_html(table, plan, command),
+            **extras.texts(table, plan, digests),
+            _SUMMARY: json.dumps(summary.as_dict(), indent=2, allow_nan=False) + "\n",
+        }
+        for name, text in texts.items():
+            # File names need not be valid Unicode.
+            (folder.staging / name).write_bytes(text.encode("utf-8", "backslashreplace"))
+    except OSError as error:
+        raise output_error(folder.path, error) from error
+    folder.publish([_RESULTS, *texts])
+    return summary
+
+
+def _write_rows(rows: Iterable[TrialRow], write: Callable[[Sequence[object]], object]) -> Iterator[TrialRow]:
+    for row in rows:
+        write([_cell(value) for value in row.values()])
+        yield row
+
+
+def _cell(value: str | int | float | bool | None) -> str | int | float | None:
+    return str(value).lower() if isinstance(value, bool) else value
+
 
 _NO_EXTRAS = Extras()
 #: Least number of batches for each worker.

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.compare.aggregate import Figures, PairTest, figures_of, pair_tests
+from slam_init.compare.figures import Figures, PairTest, WaitDifference, figures_of, pair_tests, wait_differences
 from slam_init.compare.judging import Criteria
 from slam_init.compare.reliability import Reliability, reliabilities
 from slam_init.compare.trial_table import TrialTable
-from slam_init.compare.wait import WaitDifference, wait_differences
 from slam_init.output.plain_json import Json, plain_fields
 from slam_init.types.arrays import Ints
 

@@ -22,7 +22,7 @@ def main(arguments: list[str]) -> None:
     descriptor, memory_limit_mb, parent = (int(argument) for argument in arguments)
     guarded(parent)  # before libraries are loaded that start threads: a fork does not copy threads
     from slam_init.compare.answers import answer_to, load_libraries
-    from slam_init.compare.messages import READY, Request
+    from slam_init.compare.isolation import READY, Request
 
     # Requests come from the comparison, and are pickled. Answers are lines of JSON.
     connection: Connection[bytes, Request] = Connection(descriptor)

@@ -1,6 +1,6 @@
 """The figures of a comparison count its rows."""
 
-from slam_init.compare.aggregate import figures_of
+from slam_init.compare.figures import figures_of
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.trial_table import TrialTable
 

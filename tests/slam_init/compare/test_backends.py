@@ -5,8 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from slam_init.compare.backend import Backend
-from slam_init.compare.backends import open_backend
+from slam_init.compare.backends import Backend, open_backend
 from slam_init.errors import ConfigError, SlamInitError
 
 

@@ -2,9 +2,8 @@
 
 import pytest
 
-from slam_init.compare import dask_cluster
-from slam_init.compare.backends import open_backend
-from slam_init.compare.dask_cluster import WorkerFacts, worker_facts
+from slam_init.compare import backends
+from slam_init.compare.backends import open_backend, worker_facts
 from slam_init.errors import ConfigError, SlamInitError
 
 distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
@@ -31,13 +30,13 @@ def test_a_worker_without_the_data_is_refused(cluster, tmp_path):
     with opened(cluster, [str(tmp_path)]):
         pass
     absent = str(tmp_path / "absent")
-    assert worker_facts([str(tmp_path), absent]).missing == (absent,)
+    assert worker_facts([str(tmp_path), absent])[1] == [absent]
     with pytest.raises(SlamInitError, match=r"lacks .*absent: workers need the data"), opened(cluster, [absent]):
         pass
 
 
 def test_a_worker_of_another_version_is_refused(cluster, monkeypatch):
-    monkeypatch.setattr(dask_cluster, "worker_facts", lambda _: WorkerFacts("0.0.1", ()))
+    monkeypatch.setattr(backends, "worker_facts", lambda _: ({"slam-init": "0.0.1"}, []))
     with pytest.raises(SlamInitError, match=r"has slam-init 0\.0\.1, .*install the same version"), opened(cluster):
         pass
 
@@ -46,7 +45,7 @@ def test_a_worker_without_the_package_is_refused(cluster, monkeypatch):
     def fails(_):
         raise ModuleNotFoundError("No module named 'slam_init'")
 
-    monkeypatch.setattr(dask_cluster, "worker_facts", fails)
+    monkeypatch.setattr(backends, "worker_facts", fails)
     with pytest.raises(SlamInitError, match=r"cannot run slam-init .*install slam-init there"), opened(cluster):
         pass
 

@@ -9,8 +9,7 @@ from dataclasses import replace
 import pytest
 from comparisons import SOURCES
 
-from slam_init.compare.isolation import check_method, isolated_trial
-from slam_init.compare.messages import Answer, parse_answer
+from slam_init.compare.isolation import Answer, check_method, isolated_trial, parse_answer
 from slam_init.compare.sources import describe_sources
 from slam_init.compare.trials import Settings, Trial
 from slam_init.errors import ConfigError

@@ -146,7 +146,7 @@ def test_a_comparison_that_fails_leaves_the_earlier_tables(plan, finished, tmp_p
     for name in ("trials.jsonl", "results.csv", "summary.json", "report.html"):
         (tmp_path / name).write_bytes((finished[0] / name).read_bytes())
     before = contents(tmp_path)
-    monkeypatch.setattr("slam_init.compare.results.summary_of", full)
+    monkeypatch.setattr("slam_init.compare.run.summary_of", full)
     with pytest.raises(OutputError, match="No space left on device: make room"):
         compare(replace(plan, methods=METHODS[:1]), tmp_path, backend="sequential")
     assert contents(tmp_path) == before

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from slam_init.compare.figures import mean_wait, wait_differences, waits
 from slam_init.compare.judging import NOT_JUDGED, Criteria
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.trial_table import TrialTable
-from slam_init.compare.wait import mean_wait, wait_differences, waits
 
 
 def row(outcome, frames=None, *, source="a", method="quest", start=0, limit=11, **values):
