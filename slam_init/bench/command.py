@@ -85,7 +85,7 @@ def run_bench(run: Run, out: str | os.PathLike[str], execution: Execution) -> st
         jobs=execution.jobs,
         progress=execution.progress,
         command=shlex.join(run.words()),
-        extras=Extras("bench", SHEET_FILES, DIGESTS, execution.trajectories, _texts),
+        extras=Extras("bench", (*SHEET_FILES, DIGESTS), execution.trajectories, _texts),
     )
     return f"{sheet_text(made[-1])}\nsheet: {Path(out) / _MARKDOWN}, report: {Path(out) / 'report.html'}\n"
 

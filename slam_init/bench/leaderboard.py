@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from slam_init.bench.protocol import DEFAULTS, NAME, VERSION
 from slam_init.bench.sheet import SCHEMA
 from slam_init.compare.rows import finite_json
 from slam_init.compare.statistics import Interval
-from slam_init.compare.tables import HTML_ENDS, figure_text, page_html, share_bar
+from slam_init.compare.tables import html_figure, page_html, page_part, share_bar
 from slam_init.errors import SourceError
 from slam_init.output.folder import OutputFolder, output_error
 from slam_init.output.names import PAGE, SHEET_FILES
@@ -34,7 +33,6 @@ _MAX_TEXT = 2000
 #: false in a tenth of the trials ranks no higher than one that never answers.
 FALSE_COST = 10
 OUTCOMES = ("correct", "false", "none", "error")
-_html = partial(figure_text, ends=HTML_ENDS)
 
 
 @dataclass(frozen=True)
@@ -153,17 +151,7 @@ def leaderboard_html(entries: Sequence[Entry]) -> str:
     for entry in entries:
         groups.setdefault(entry.group, []).append(entry)
     order = list(DEFAULTS)
-    body = [
-        f"<h1>{NAME} {VERSION}</h1>"
-        '<p class="soft">Initialization of monocular SLAM. A trial starts a method at a frame and ends at its first '
-        "map. Correct: share of the trials in which a map can be correct, with a rotation within 5&deg; and a "
-        "direction of the baseline within 15&deg;. False: share of all judged trials with any other map. Delay: frames "
-        "until the first correct map; a trial without one counts as its limit. Risk: false maps among those with a "
-        "stated risk, and the number that the stated risks promise. Intervals are 95 %.</p>"
-        f"<p><b>Order.</b> Score: share of correct maps minus {FALSE_COST} times that of false maps. A start without a "
-        "map costs frames; a false map costs what is built on it. So a method whose maps are false in one trial of ten "
-        "ranks no higher than one that never answers. A click on a heading sorts by its column.</p>"
-    ]
+    body = [page_part("leaderboard", name=f"{NAME} {VERSION}", cost=FALSE_COST)]
     for name, rows in sorted(groups.items(), key=lambda item: (order.index(item[1][0].suite), item[0])):
         body.append(_section(name, sorted(rows, key=lambda entry: (-entry.score, entry.label))))
     return page_html(f"{NAME} {VERSION}", body)
@@ -210,14 +198,14 @@ def _cells(entry: Entry) -> list[str]:
     """The cells of a row behind the name of the method."""
     return [
         f"{100 * entry.score:.1f}",
-        _html(entry.correct, 1, 100),
-        _html(entry.false, 1, 100),
-        _html(entry.delay, 2),
-        _html(entry.none, 1, 100),
+        html_figure(entry.correct, 1, 100),
+        html_figure(entry.false, 1, 100),
+        html_figure(entry.delay, 2),
+        html_figure(entry.none, 1, 100),
         str(entry.outcomes[3]),
         str(entry.trials),
         escape(entry.risk) or "-",
-        _html(entry.frame_ms),
+        html_figure(entry.frame_ms),
     ]
 
 

@@ -6,13 +6,11 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from slam_init.bench.frozen import FrozenCheck, check_frozen
 from slam_init.bench.hardware import hardware, versions
 from slam_init.bench.protocol import NAME, VERSION, Run
 from slam_init.bench.strata import Stratum, strata_of
-from slam_init.compare.figures import figures_of, mean_wait, only_counts, paired_outcomes
+from slam_init.compare.figures import figures_of, only_counts, paired_outcomes
 from slam_init.compare.plan import Plan
 from slam_init.compare.reliability import RiskBin, reliability_of
 from slam_init.compare.statistics import Interval, cluster_share, holm, sign_flip
@@ -182,27 +180,27 @@ def sheet_of(table: TrialTable, plan: Plan, run: Run, digests: Mapping[str, str]
 
 
 def _row(table: TrialTable, run: Run, method: str, not_applicable: int) -> Row:
-    mask = table.where(method=method)
-    outcome, sources = table.text["outcome"], table.text["source"]
-    solvable, judged = mask & table.solvable, mask & (outcome != "accepted")
-    figures, reliability = figures_of(table, mask), reliability_of(table, mask)
+    trials = table.of_method(method)
+    solvable, judged = trials.select(trials["solvable"]), trials.select(trials["outcome"] != "accepted")
+    expected = trials.select(trials["reason_expected"])
+    figures, reliability = figures_of(trials), reliability_of(trials)
     info = method_info(method)
     about = "an external program" if is_external(method) else f"{info.summary} ({info.source})"
     return Row(
         method=method,
         label=method_label(method),
         about=about,
-        trials=int(mask.sum()),
-        sequences=len(set(sources[mask].tolist())),
-        solvable=int(solvable.sum()),
-        correct=_share(outcome == "correct", solvable, table),
-        strict=_share(table.strict & (outcome == "correct"), solvable, table),
-        false=_share(outcome == "false", judged, table),
-        false_maps=int(np.sum(judged & (outcome == "false"))),
-        none=_share(outcome == "none", solvable, table),
-        errors=int(np.sum(mask & (outcome == "error"))),
-        delay=mean_wait(table, mask),
-        reason=_share(table.reason_right, mask & table.reason_expected, table),
+        trials=len(trials),
+        sequences=len(set(trials["source"].tolist())),
+        solvable=len(solvable),
+        correct=_share(solvable["outcome"] == "correct", solvable),
+        strict=_share(solvable["strict"] & (solvable["outcome"] == "correct"), solvable),
+        false=_share(judged["outcome"] == "false", judged),
+        false_maps=figures.false,
+        none=_share(solvable["outcome"] == "none", solvable),
+        errors=figures.error,
+        delay=figures.wait,
+        reason=_share(expected["reason_right"], expected),
         risk=None if reliability is None else _risk(reliability.total),
         not_applicable=not_applicable,
         command=shlex.join(run.words((method,))),
@@ -215,13 +213,13 @@ def _risk(maps: RiskBin) -> Risk:
     return Risk(maps.maps, maps.expected_false, maps.false, maps.false_rate, reliable)
 
 
-def _share(hits: Bools, mask: Bools, table: TrialTable) -> Interval:
-    return cluster_share(hits[mask], table.text["source"][mask])
+def _share(hits: Bools, table: TrialTable) -> Interval:
+    return cluster_share(hits, table["source"])
 
 
 def _pairs(table: TrialTable, methods: Sequence[str]) -> list[PairedTest]:
     """Test each pair of methods on the trials that both ran."""
-    pairs = paired_outcomes(table, methods, np.ones(len(table), bool))
+    pairs = paired_outcomes(table, methods)
     p_correct, p_false = (
         holm([sign_flip(getattr(pair, kind).astype(float), pair.sources) for pair in pairs])
         for kind in ("correct", "false")

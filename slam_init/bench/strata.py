@@ -17,7 +17,6 @@ from slam_init.compare.judging import criteria_of
 from slam_init.compare.sources import ComparedSource
 from slam_init.compare.statistics import Interval, cluster_share
 from slam_init.compare.trial_table import TrialTable
-from slam_init.types.arrays import Bools
 
 #: Options of a world that are strata, and their headings.
 AXES = {"baseline": "baseline / depth", "noise_px": "noise (px)", "outliers": "outliers", "focal_error": "focal error"}
@@ -57,30 +56,28 @@ def strata_of(table: TrialTable, sources: Sequence[ComparedSource], methods: Seq
     """
     kinds = {source.label: _kind(source) for source in sources}
     values = {source.label: _values(source) for source in sources}
-    labels = table.text["source"].tolist()
+    labels = table["source"].tolist()
     kind_of_row = np.array([kinds[label] for label in labels], object)
     axes = {axis: np.array([values[label].get(axis, np.nan) for label in labels], float) for axis in AXES}
     strata = []
     for kind in sorted(set(kinds.values())):
         of_kind = kind_of_row == kind
-        strata.append(_stratum(table, methods, of_kind, kind, "", None))
+        strata.append(Stratum(kind, "", None, _cells(table.select(of_kind), methods)))
         for axis, of_row in axes.items():
             for value in sorted(set(of_row[of_kind & np.isfinite(of_row)].tolist())):
-                strata.append(_stratum(table, methods, of_kind & (of_row == value), kind, axis, value))
+                cells = _cells(table.select(of_kind & (of_row == value)), methods)
+                strata.append(Stratum(kind, axis, value, cells))
     return strata
 
 
-def _stratum(
-    table: TrialTable, methods: Sequence[str], mask: Bools, kind: str, axis: str, value: float | None
-) -> Stratum:
+def _cells(table: TrialTable, methods: Sequence[str]) -> tuple[Cell, ...]:
     cells = []
     for method in methods:
-        chosen = mask & table.where(method=method)
-        solvable = chosen & table.solvable
-        correct = cluster_share(table.text["outcome"][solvable] == "correct", table.text["source"][solvable])
-        false = int(np.sum(table.text["outcome"][chosen] == "false"))
-        cells.append(Cell(method, int(chosen.sum()), correct, false))
-    return Stratum(kind, axis, value, tuple(cells))
+        trials = table.of_method(method)
+        solvable = trials.select(trials["solvable"])
+        correct = cluster_share(solvable["outcome"] == "correct", solvable["source"])
+        cells.append(Cell(method, len(trials), correct, int(np.sum(trials["outcome"] == "false"))))
+    return tuple(cells)
 
 
 def _kind(source: ComparedSource) -> str:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from slam_init.compare.statistics import Interval, cluster_mean, holm, mcnemar_exact, restricted_mean, wilson
 from slam_init.compare.trial_table import TrialTable
-from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.types.arrays import Floats, Ints
 
 
 @dataclass(frozen=True)
@@ -40,21 +40,22 @@ class WaitDifference:
 
 def waits(table: TrialTable) -> Floats:
     """Return the wait (N,) of each trial in frames; NaN for a trial in which no map can be correct."""
-    limits = table.numbers["frames_limit"] - 1
-    frames = np.where(table.text["outcome"] == "correct", table.numbers["frames_to_accept"] - 1, limits)
-    return np.where(table.solvable, np.minimum(frames, limits), np.nan)
+    limits = table["frames_limit"] - 1
+    frames = np.where(table["outcome"] == "correct", table["frames_to_accept"] - 1, limits)
+    return np.where(table["solvable"], np.minimum(frames, limits), np.nan)
 
 
-def mean_wait(table: TrialTable, mask: Bools) -> Interval:
-    """Compute the restricted mean of the wait of some trials in frames: ``mask`` (N,)."""
-    mask = mask & table.solvable
-    return cluster_mean(waits(table)[mask], table.text["source"][mask])
+def mean_wait(table: TrialTable) -> Interval:
+    """Compute the restricted mean of the wait of the trials in frames."""
+    table = table.select(table["solvable"])
+    return cluster_mean(waits(table), table["source"])
 
 
-def wait_differences(table: TrialTable, methods: Sequence[str], mask: Bools) -> list[WaitDifference]:
-    """Compare the wait of the first method with that of each other method, trial by trial: ``mask`` (N,)."""
-    values, mask = waits(table), mask & table.solvable
-    by_method = {method: table.by_trial(values, mask & table.where(method=method)) for method in methods}
+def wait_differences(table: TrialTable, methods: Sequence[str]) -> list[WaitDifference]:
+    """Compare the wait of the first method with that of each other method, trial by trial."""
+    table = table.select(table["solvable"])
+    parts = {method: table.of_method(method) for method in methods}
+    by_method = {method: part.by_trial(waits(part)) for method, part in parts.items()}
     first = by_method[methods[0]]
     differences = []
     for other in methods[1:]:
@@ -126,48 +127,45 @@ class Figures:
     frame_p95_ms: float | None
 
 
-def figures_of(table: TrialTable, mask: Bools) -> Figures:
-    """Compute the figures of a set of trials: ``mask`` (N,)."""
-    outcome = table.text["outcome"][mask]
+def figures_of(table: TrialTable) -> Figures:
+    """Compute the figures of a set of trials."""
+    outcome = table["outcome"]
     counts = Counter(outcome.tolist())
-    trials, correct, false = int(mask.sum()), counts["correct"], counts["false"]
-    accepted = correct + false + counts["accepted"]
-    numbers = {name: values[mask] for name, values in table.numbers.items()}
-    is_correct = outcome == "correct"
-    frames, limits = numbers["frames_to_accept"], numbers["frames_limit"]
-    expected, undecided = int(table.reason_expected[mask].sum()), int(table.ambiguous[mask].sum())
-    wrong_focal = table.wrong_focal[mask]
-    suspects, reports = (np.isfinite(numbers[f"{name}_focal_factor"]) for name in ("suspected", "reported"))
-    reasons = Counter(table.text["reason"][mask][(outcome == "none") | (outcome == "error")].tolist())
-    seconds = numbers["seconds_to_accept"][np.isfinite(numbers["seconds_to_accept"])]
+    trials, correct, false = len(table), counts["correct"], counts["false"]
+    is_correct, wrong_focal = outcome == "correct", table["wrong_focal"]
+    frames, limits = table["frames_to_accept"], table["frames_limit"]
+    undecided = int(table["ambiguous"].sum())
+    suspects, reports = (np.isfinite(table[f"{name}_focal_factor"]) for name in ("suspected", "reported"))
+    reasons = Counter(table["reason"][(outcome == "none") | (outcome == "error")].tolist())
+    seconds = table["seconds_to_accept"][np.isfinite(table["seconds_to_accept"])]
     return Figures(
         trials=trials,
         correct=correct,
-        strict=int(np.sum(is_correct & table.strict[mask])),
+        strict=int(np.sum(is_correct & table["strict"])),
         false=false,
         none=counts["none"],
         error=counts["error"],
-        accepted=accepted,
+        accepted=correct + false + counts["accepted"],
         correct_rate=wilson(correct, trials),
         false_rate=wilson(false, trials - counts["accepted"]),
         precision=wilson(correct, correct + false),
         frames_to_accept=restricted_mean(frames, limits),
         frames_to_correct=restricted_mean(np.where(is_correct, frames, np.nan), limits),
-        wait=mean_wait(table, mask),
+        wait=mean_wait(table),
         seconds_to_accept=restricted_mean(seconds, np.full(len(seconds), np.inf)),
-        reason_accuracy=wilson(int(np.sum(table.reason_right[mask])), expected),
+        reason_accuracy=wilson(int(np.sum(table["reason_right"])), int(table["reason_expected"].sum())),
         undecided=undecided,
-        kept_truth_rate=wilson(int(np.sum(table.kept_truth[mask])), undecided),
+        kept_truth_rate=wilson(int(np.sum(table["kept_truth"])), undecided),
         suspicion_rate=wilson(int(np.sum(suspects & wrong_focal)), int(wrong_focal.sum())),
         report_rate=wilson(int(np.sum(reports & wrong_focal)), int(wrong_focal.sum())),
         false_report_rate=wilson(int(np.sum(reports & ~wrong_focal)), int(np.sum(~wrong_focal))),
         reasons=dict(sorted(reasons.items(), key=lambda item: (-item[1], item[0]))),
-        medians={name: _median(numbers[name][is_correct]) for name in _MEDIANS_OF_CORRECT},
-        peak_memory_mb=_quantile(numbers["peak_memory_mb"], 1.0),
-        frame_median_ms=_median(numbers["frame_median_ms"]),
-        attempt_median_ms=_median(numbers["attempt_median_ms"]),
-        trial_ms=_median(numbers["trial_ms"]),
-        frame_p95_ms=_quantile(numbers["frame_p95_ms"], 0.95),
+        medians={name: _median(table[name][is_correct]) for name in _MEDIANS_OF_CORRECT},
+        peak_memory_mb=_quantile(table["peak_memory_mb"], 1.0),
+        frame_median_ms=_median(table["frame_median_ms"]),
+        attempt_median_ms=_median(table["attempt_median_ms"]),
+        trial_ms=_median(table["trial_ms"]),
+        frame_p95_ms=_quantile(table["frame_p95_ms"], 0.95),
     )
 
 
@@ -185,9 +183,10 @@ class Paired:
     false: Ints
 
 
-def paired_outcomes(table: TrialTable, methods: Sequence[str], mask: Bools) -> list[Paired]:
-    """Compare the outcomes of every pair of methods, trial by trial: ``mask`` (N,)."""
-    outcomes = {m: table.by_trial(table.text["outcome"], mask & table.where(method=m)) for m in methods}
+def paired_outcomes(table: TrialTable, methods: Sequence[str]) -> list[Paired]:
+    """Compare the outcomes of every pair of methods, trial by trial."""
+    parts = {method: table.of_method(method) for method in methods}
+    outcomes = {method: part.by_trial(part["outcome"]) for method, part in parts.items()}
     pairs = []
     for first, second in combinations(methods, 2):
         shared = sorted(outcomes[first].keys() & outcomes[second].keys())
@@ -227,9 +226,9 @@ class PairTest:
     p_false_holm: float
 
 
-def pair_tests(table: TrialTable, methods: Sequence[str], mask: Bools) -> list[PairTest]:
-    """Test every pair of methods on the trials that both ran: ``mask`` (N,)."""
-    pairs = paired_outcomes(table, methods, mask)
+def pair_tests(table: TrialTable, methods: Sequence[str]) -> list[PairTest]:
+    """Test every pair of methods on the trials that both ran."""
+    pairs = paired_outcomes(table, methods)
     correct = [mcnemar_exact(*only_counts(pair.correct)) for pair in pairs]
     false = [mcnemar_exact(*only_counts(pair.false)) for pair in pairs]
     p_values = zip(correct, holm(correct), false, holm(false), strict=True)

@@ -24,7 +24,6 @@ import numpy as np
 
 from slam_init.compare.statistics import Interval, wilson
 from slam_init.compare.trial_table import TrialTable
-from slam_init.types.arrays import Bools
 
 #: Edges of the bins of the stated risk. A bin holds its upper edge, because a map is accepted up to and with a risk of
 #: 0.005. The first bin also holds 0.
@@ -83,25 +82,21 @@ class Reliability:
         return [*((f"{one.low:g} to {one.high:g}", one) for one in self.bins if one.maps), ("all", self.total)]
 
 
-def reliability_of(table: TrialTable, mask: Bools) -> Reliability | None:
-    """Compare the stated risks of a set of trials with their outcomes.
-
-    Shapes: ``mask`` (N,).
-
-    * ``mask``: The trials that are counted. Of these, only maps with a stated risk and a sound ground truth enter.
-    """
-    outcome, risk = table.text["outcome"], table.numbers["risk"]
+def reliability_of(table: TrialTable) -> Reliability | None:
+    """Compare the stated risks with the outcomes: of the maps with a stated risk and a sound ground truth."""
+    outcome = table["outcome"]
     judged = (outcome == "correct") | (outcome == "false")
-    mask = mask & judged & table.sound & np.isfinite(risk)
-    if not np.any(mask):
+    table = table.select(judged & table["sound"] & np.isfinite(table["risk"]))
+    if not len(table):
         return None
-    position = np.digitize(risk, RISK_EDGES[1:-1], right=True)
-    bins = [_bin(table, mask & (position == k), low, high) for k, (low, high) in enumerate(pairwise(RISK_EDGES))]
+    position = np.digitize(table["risk"], RISK_EDGES[1:-1], right=True)
+    bins = [_bin(table.select(position == k), low, high) for k, (low, high) in enumerate(pairwise(RISK_EDGES))]
+    solvable = table.select(table["solvable"])
     return Reliability(
         bins=tuple(bins),
-        total=_bin(table, mask, RISK_EDGES[0], RISK_EDGES[-1]),
-        rotation=_coverage(table, mask & table.solvable, "rotation", ROTATION_SIGMAS),
-        direction=_coverage(table, mask & table.solvable, "direction", DIRECTION_SIGMAS),
+        total=_bin(table, RISK_EDGES[0], RISK_EDGES[-1]),
+        rotation=_coverage(solvable, "rotation", ROTATION_SIGMAS),
+        direction=_coverage(solvable, "direction", DIRECTION_SIGMAS),
     )
 
 
@@ -112,25 +107,20 @@ def reliabilities(table: TrialTable, methods: Sequence[str]) -> dict[str, dict[s
       together. A method without a counted map is left out, and so is a level without a method.
     """
     found = {
-        name: {
-            method: reliability
-            for method in methods
-            if (reliability := reliability_of(table, mask & table.where(method=method))) is not None
-        }
-        for name, mask in table.levels().items()
+        name: {method: one for method in methods if (one := reliability_of(part.of_method(method))) is not None}
+        for name, part in table.levels().items()
     }
     return {name: by_method for name, by_method in found.items() if by_method}
 
 
-def _bin(table: TrialTable, mask: Bools, low: float, high: float) -> RiskBin:
-    risks = table.numbers["risk"][mask]
-    maps, false = int(mask.sum()), int(np.sum(table.text["outcome"][mask] == "false"))
-    expected = math.fsum(risks.tolist())
+def _bin(table: TrialTable, low: float, high: float) -> RiskBin:
+    maps, false = len(table), int(np.sum(table["outcome"] == "false"))
+    expected = math.fsum(table["risk"].tolist())
     return RiskBin(low, high, maps, expected / maps if maps else math.nan, expected, false, wilson(false, maps))
 
 
-def _coverage(table: TrialTable, mask: Bools, name: str, sigmas: float) -> Coverage:
-    error, sigma = (table.numbers[column][mask] for column in (f"pair_{name}_error_deg", f"{name}_sigma_deg"))
+def _coverage(table: TrialTable, name: str, sigmas: float) -> Coverage:
+    error, sigma = table[f"pair_{name}_error_deg"], table[f"{name}_sigma_deg"]
     known = np.isfinite(error) & np.isfinite(sigma)
     maps, within = int(known.sum()), int(np.sum(error[known] <= sigmas * sigma[known]))
     return Coverage(maps, within, wilson(within, maps))

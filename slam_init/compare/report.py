@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slam_init.compare.charts import Axis, box_chart, curve_chart, interval_chart, stacked_chart
-from slam_init.compare.figures import Figures, figures_of, wait_differences
-from slam_init.compare.gallery import gallery_section, thumbnails, waiting_section
-from slam_init.compare.reliability import Reliability, reliabilities
+from slam_init.compare.figures import Figures
+from slam_init.compare.gallery import thumbnails, waiting_cases, worst_cases
+from slam_init.compare.reliability import Reliability
 from slam_init.compare.statistics import Interval
+from slam_init.compare.summary import ComparisonSummary
 from slam_init.compare.tables import (
     QUALITY,
     RATES,
@@ -24,6 +24,7 @@ from slam_init.compare.tables import (
     html_figures,
     judging_table,
     page_html,
+    page_part,
     pair_table,
     risk_table,
     wait_table,
@@ -31,7 +32,7 @@ from slam_init.compare.tables import (
 from slam_init.compare.trial_table import LEVELS, PARTS, TrialTable
 from slam_init.methods import METHODS
 from slam_init.methods.external_command import method_label
-from slam_init.types.arrays import Bools, Floats
+from slam_init.types.arrays import Floats
 
 if TYPE_CHECKING:
     from slam_init.compare.plan import Plan
@@ -47,50 +48,30 @@ _RISK_PERCENT = (0.01, 100.0)
 _OUTCOMES = ("strict", "correct", "false", "none", "error")
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """Trials that are counted together."""
-
-    name: str
-    title: str
-    mask: Bools
-    figures: dict[str, Figures]
-
-    @property
-    def no_translation(self) -> bool:
-        return self.name.endswith("static")
-
-
-def report_html(table: TrialTable, plan: Plan, command: str) -> str:
+def report_html(table: TrialTable, summary: ComparisonSummary, plan: Plan, command: str) -> str:
     """Make the page."""
-    parts = [
-        _Part(
-            name,
-            PARTS[name],
-            mask,
-            {method: figures_of(table, mask & table.where(method=method)) for method in plan.methods},
-        )
-        for name, mask in table.parts().items()
-    ]
-    reliability = reliabilities(table, plan.methods)
     colors = method_colors(plan.methods)
-    body = [_header(table, plan, command, parts, stated_risk=bool(reliability))]
-    for part in parts:
-        body.append(_static_section(part) if part.no_translation else _moving_section(table, plan, part, colors))
-    if reliability:
-        body.append(_reliability_section(reliability, colors))
-    body += [
-        _groups_section(table, plan),
-        _judging_section(plan),
-        gallery_section(table, plan),
-        waiting_section(table, plan),
+    sections = {
+        name: _static_section(name, summary)
+        if name.endswith("static")
+        else _moving_section(name, part, summary, plan, colors)
+        for name, part in table.parts().items()
+    }
+    body = [
+        _header(table, summary, plan, command),
+        *sections.values(),
+        _reliability_section(summary.reliability, colors) if summary.reliability else "",
+        page_part("scenes", table=group_table(summary.groups, plan.methods, thumbnails(plan.sources))),
+        page_part("judging", table=judging_table(summary.judging)),
+        page_part("worst", cases=worst_cases(table, plan)),
+        page_part("waiting", cases=waiting_cases(table, plan)),
+        page_part("footer", every=plan.every),
     ]
-    body.append(_footer(plan))
     return page_html("slam-init compare", body)
 
 
-def _header(table: TrialTable, plan: Plan, command: str, parts: Sequence[_Part], *, stated_risk: bool) -> str:
-    false = int(np.sum(table.text["outcome"] == "false"))
+def _header(table: TrialTable, summary: ComparisonSummary, plan: Plan, command: str) -> str:
+    false = int(np.sum(table["outcome"] == "false"))
     facts = [
         (f"{len(table):,}", "trials"),
         (str(len(plan.methods)), "methods"),
@@ -98,60 +79,62 @@ def _header(table: TrialTable, plan: Plan, command: str, parts: Sequence[_Part],
         (f"{false:,}", "false maps"),
         (str(plan.settings.seed), "seed"),
     ]
-    links = [(part.name, part.title) for part in parts]
-    links += [("reliability", "stated risk")] if stated_risk else []
+    links = [(name, PARTS[name]) for name in summary.parts]
+    links += [("reliability", "stated risk")] if summary.reliability else []
     links += [("scenes", "by scene"), ("judging", "how judged"), ("worst", "worst cases"), ("waiting", "no map")]
-    return (
-        "<h1>Monocular initializers on the same tracks</h1>"
-        '<p class="soft">Each trial starts a method at a frame and ends at its first map, or after '
-        f"{plan.settings.limit_frames} frames or {plan.settings.limit_s:g} s of video. "
-        "All methods get the same tracks.</p>"
-        f'<div class="facts">{"".join(f"<div><b>{n}</b>{unit}</div>" for n, unit in facts)}</div>'
-        f"<nav>{''.join(f'<a href=#{name}>{escape(title)}</a>' for name, title in links)}</nav>"
-        + (f"<pre><code>{escape(command)}</code></pre>" if command else "")
-        + _legend([(name, name) for name in _OUTCOMES])
+    return page_part(
+        "header",
+        limit_frames=plan.settings.limit_frames,
+        limit_s=f"{plan.settings.limit_s:g}",
+        facts="".join(f"<div><b>{n}</b>{unit}</div>" for n, unit in facts),
+        links="".join(f"<a href=#{name}>{escape(title)}</a>" for name, title in links),
+        command=f"<pre><code>{escape(command)}</code></pre>" if command else "",
+        legend=_legend([(name, name) for name in _OUTCOMES]),
     )
 
 
 # -- one part --------------------------------------------------------------------------------------
 
 
-def _moving_section(table: TrialTable, plan: Plan, part: _Part, colors: dict[str, str]) -> str:
-    return (
-        f'<h2 id="{part.name}">{escape(part.title[0].upper() + part.title[1:])}</h2>'
-        '<p class="soft">Shares have 95 % intervals (Wilson). Frames are restricted means: a trial without a map (or '
-        "without a correct map) counts as its limit. Ambiguous: the trials that ended with an ambiguous plane, and the "
-        "share in which one of the stored hypotheses is correct. Errors are medians over the correct maps. The best "
-        "value of a column is bold.</p>"
-        + html_figures("outcomes and time by method", part.figures, RATES, bar=True)
-        + "<h3>Quality of the correct maps, and time</h3>"
-        + html_figures("quality of the correct maps, and time, by method", part.figures, QUALITY)
-        + _legend([(colors[method], method_label(method)) for method in plan.methods])
-        + f'<div class="charts">{"".join(_charts(table, plan, part, colors))}</div>'
-        + "<h3>On the same trials</h3>"
-        '<p class="soft">Each cell compares two methods: the number of trials in which only the method of the row, and '
-        "only the method of the column, finds a correct map; below, the p-value of McNemar's exact test, adjusted for "
-        "the number of pairs (Holm). A cell is coloured if the p-value is below 0.05.</p>"
-        + pair_table(table, plan.methods, part.mask)
-        + '<p class="soft">Difference of the waits, trial by trial: a negative difference means that '
-        f"{escape(method_label(plan.methods[0]))} has a correct map earlier. The intervals come from a bootstrap over "
-        "sequences, because trials of one sequence overlap. They are too narrow for fewer than about ten sequences. A "
-        "cell is coloured if its interval does not hold zero.</p>"
-        + wait_table(wait_differences(table, plan.methods, part.mask))
+def _moving_section(
+    name: str, table: TrialTable, summary: ComparisonSummary, plan: Plan, colors: Mapping[str, str]
+) -> str:
+    figures = summary.parts[name]
+    return page_part(
+        "moving",
+        name=name,
+        title=escape(_capital(PARTS[name])),
+        rates=html_figures("outcomes and time by method", figures, RATES, bar=True),
+        quality=html_figures("quality of the correct maps, and time, by method", figures, QUALITY),
+        legend=_legend([(colors[method], method_label(method)) for method in plan.methods]),
+        charts="".join(_charts(table, figures, colors)),
+        pairs=pair_table(summary.pairs[name], plan.methods),
+        first=escape(method_label(plan.methods[0])),
+        waits=wait_table(summary.waits[name]),
     )
 
 
-def _charts(table: TrialTable, plan: Plan, part: _Part, colors: dict[str, str]) -> list[str]:
-    outcome = table.text["outcome"]
-    frames = table.numbers["frames_to_accept"]
-    limit = max(float(np.max(table.numbers["frames_limit"][part.mask])), 2.0)
+def _static_section(name: str, summary: ComparisonSummary) -> str:
+    figures = summary.parts[name]
+    return page_part(
+        "static",
+        name=name,
+        title=escape(_capital(PARTS[name])),
+        outcomes=html_figures("outcomes by method without translation", figures, STATIC, bar=True),
+        reasons=_reasons(figures),
+    )
+
+
+def _charts(table: TrialTable, figures: Mapping[str, Figures], colors: Mapping[str, str]) -> list[str]:
+    limit = max(float(np.max(table["frames_limit"])), 2.0)
     time = Axis("frames since the start", 0, limit)
-    masks = {method: part.mask & table.where(method=method) for method in plan.methods}
+    parts = {method: table.of_method(method) for method in colors}
+    frames = {
+        kind: {method: part["frames_to_accept"][part["outcome"] == kind] for method, part in parts.items()}
+        for kind in ("correct", "false")
+    }
     correct, false = (
-        {
-            colors[method]: _cumulative(frames[mask & (outcome == kind)], int(mask.sum()))
-            for method, mask in masks.items()
-        }
+        {colors[method]: _cumulative(values, len(parts[method])) for method, values in frames[kind].items()}
         for kind in ("correct", "false")
     )
     most_false = max((float(y[-1]) for _, y in false.values() if len(y)), default=0.0)
@@ -162,36 +145,25 @@ def _charts(table: TrialTable, plan: Plan, part: _Part, colors: dict[str, str]) 
     ):
         title = _described(f"{kind} maps over time", curves, colors)
         chart = curve_chart(title, curves, time, Axis("share of trials", 0, top), [])
-        charts.append((name, f"Share of the trials that have a {kind} map at this frame.", chart))
+        charts.append(_figure(name, f"Share of the trials that have a {kind} map at this frame.", chart))
     for column, name, (low, high), bounds in (
         ("rotation_error_deg", "Rotation error", _ROTATION_DEG, (1, 5)),
         ("direction_error_deg", "Direction error", _DIRECTION_DEG, (5, 15)),
     ):
-        values = table.numbers[column]
         # Trials whose ground truth does not resolve the direction have no direction error.
-        known = table.knows_direction() if column == "direction_error_deg" else np.ones(len(table), bool)
+        judged = {m: part.with_direction() if column == "direction_error_deg" else part for m, part in parts.items()}
         curves = {
-            colors[method]: _cumulative(np.clip(_known(values[mask & known]), low, high), int(np.sum(mask & known)))
-            for method, mask in masks.items()
+            colors[method]: _cumulative(np.clip(_known(part[column]), low, high), len(part))
+            for method, part in judged.items()
         }
         note = "Share of the trials whose map has at most this error. Dashed lines: the bounds of strict and correct."
         axis = Axis(f"worst keyframe (degrees), strict {bounds[0]}, correct {bounds[1]}", low, high, log=True)
-        charts.append(
-            (
-                name,
-                note,
-                curve_chart(_described(name, curves, colors), curves, axis, Axis("share of trials", 0, 1), bounds),
-            )
-        )
-    boxes = [
-        (method_label(method), colors[method], _known(frames[mask & (outcome == "correct")]))
-        for method, mask in masks.items()
-    ]
-    charts.append(
-        ("Frames to a correct map", "Trials with a correct map: median, quartiles, 5th and 95th percentile.",
-         box_chart("frames to a correct map", boxes, time))
-    )  # fmt: skip
-    return [_figure(*chart) for chart in charts] + [_reasons(part)]
+        chart = curve_chart(_described(name, curves, colors), curves, axis, Axis("share of trials", 0, 1), bounds)
+        charts.append(_figure(name, note, chart))
+    boxes = [(method_label(method), colors[method], _known(values)) for method, values in frames["correct"].items()]
+    chart = box_chart("frames to a correct map", boxes, time)
+    note = "Trials with a correct map: median, quartiles, 5th and 95th percentile."
+    return [*charts, _figure("Frames to a correct map", note, chart), _reasons(figures)]
 
 
 def _described(title: str, curves: Mapping[str, tuple[Floats, Floats]], colors: Mapping[str, str]) -> str:
@@ -200,25 +172,13 @@ def _described(title: str, curves: Mapping[str, tuple[Floats, Floats]], colors: 
     return f"{title}; at the end " + ", ".join(f"{name} {100 * ys[-1] if len(ys) else 0:.0f} %" for name, ys in ends)
 
 
-def _static_section(part: _Part) -> str:
-    return (
-        f'<h2 id="{part.name}">{escape(part.title[0].upper() + part.title[1:])}</h2>'
-        '<p class="soft">The camera never translates, so every map is false. The expected reason is static_camera or '
-        "pure_rotation. Focal error: of the trials whose stated focal length is wrong on purpose, the share in which "
-        "an attempt suspects it, and the share in which the result reports it. False alarm: of the trials with the "
-        "true focal length, the share in which the result reports that it is wrong.</p>"
-        + html_figures("outcomes by method without translation", part.figures, STATIC, bar=True)
-        + f'<div class="charts">{_reasons(part)}</div>'
-    )
-
-
-def _reasons(part: _Part) -> str:
+def _reasons(figures: Mapping[str, Figures]) -> str:
     """Draw the shares of the reasons for which there is no map, with one bar per method."""
-    names = list(dict.fromkeys(reason for f in part.figures.values() for reason, n in f.reasons.items() if n))
-    names.sort(key=lambda name: -sum(f.reasons.get(name, 0) for f in part.figures.values()))
+    names = list(dict.fromkeys(reason for f in figures.values() for reason, n in f.reasons.items() if n))
+    names.sort(key=lambda name: -sum(f.reasons.get(name, 0) for f in figures.values()))
     shown = names[: _COLORS - 1]
     rows = []
-    for method, f in part.figures.items():
+    for method, f in figures.items():
         pieces = [(f"r{i}", 100 * f.reasons.get(name, 0) / max(f.trials, 1)) for i, name in enumerate(shown)]
         rest = sum(f.reasons.get(name, 0) for name in names[_COLORS - 1 :])
         rows.append((method_label(method), [*pieces, ("r9", 100 * rest / max(f.trials, 1))]))
@@ -232,17 +192,11 @@ def _reasons(part: _Part) -> str:
     )
 
 
+# -- the stated risk -------------------------------------------------------------------------------
+
+
 def _reliability_section(reliability: Mapping[str, Mapping[str, Reliability]], colors: Mapping[str, str]) -> str:
-    body = [
-        '<h2 id="reliability">Reliability of the stated risk</h2>'
-        '<p class="soft">Some methods state a probability that their map is wrong. It is reliable if the share of '
-        "false maps agrees with it. The expected number of false maps is the sum of the stated risks. Shares have "
-        "95 % intervals (Wilson); a cell is coloured if its interval lies above the mean stated risk. Only maps with a "
-        "sound ground truth are counted, with and without translation of the camera.</p>"
-        '<p class="soft">Coverage: share of the maps of a moving camera whose pair has an error within the given '
-        "number of stated standard deviations. It is 95 % or more if the deviations are right, because each of them "
-        "is that of the most uncertain axis.</p>"
-    ]
+    levels = []
     for level, by_method in reliability.items():
         series = {
             colors[method]: [(100 * one.mean_risk, _percent(one.false_rate)) for one in of_method.bins if one.maps]
@@ -250,7 +204,6 @@ def _reliability_section(reliability: Mapping[str, Mapping[str, Reliability]], c
         }
         labels = ("mean stated risk (%)", "false maps (%)")
         stated, observed = (Axis(label, *_RISK_PERCENT, log=True) for label in labels)
-        title = LEVELS[level][0].upper() + LEVELS[level][1:]
         chart = _figure(
             f"Reliability diagram: {LEVELS[level]}",
             "One point for each bin of the stated risk, with the interval of its share of false maps. A share of 0 is "
@@ -258,46 +211,17 @@ def _reliability_section(reliability: Mapping[str, Mapping[str, Reliability]], c
             "about 19 of 20 intervals cross this line.",
             interval_chart(f"reliability diagram, {LEVELS[level]}", series, stated, observed),
         )
-        legend = _legend([(colors[method], method_label(method)) for method in by_method])
-        body.append(
-            f"<h3>{title}</h3>{risk_table(by_method)}<h3>{title}: coverage of the stated standard deviations</h3>"
-            f'{coverage_table(by_method)}{legend}<div class="charts">{chart}</div>'
+        levels.append(
+            page_part(
+                "level",
+                title=_capital(LEVELS[level]),
+                risks=risk_table(by_method),
+                coverage=coverage_table(by_method),
+                legend=_legend([(colors[method], method_label(method)) for method in by_method]),
+                chart=chart,
+            )
         )
-    return "".join(body)
-
-
-def _groups_section(table: TrialTable, plan: Plan) -> str:
-    return (
-        '<h2 id="scenes">By scene</h2>'
-        '<p class="soft">Number of trials with a correct map / a false map / no map (errors included), and the wait '
-        "in frames. The picture is the first frame of a sequence of the scene.</p>"
-        + group_table(table, plan.methods, thumbnails(plan.sources))
-    )
-
-
-def _judging_section(plan: Plan) -> str:
-    return (
-        '<h2 id="judging">How each sequence is judged</h2>'
-        '<p class="soft">The errors are those of the worst keyframe, relative to the first keyframe. Every map is '
-        "false if the camera does not translate. A sequence without ground truth is not judged.</p>"
-        + judging_table(plan.judging())
-    )
-
-
-def _footer(plan: Plan) -> str:
-    return (
-        "<footer><h3>Definitions</h3><p>An accepted map is <b>correct</b> if every keyframe is within the bounds of "
-        "its sequence: 5&deg; in rotation and 15&deg; in the direction of its baseline for a sound ground truth. A "
-        "correct map is <b>strict</b> if every keyframe is within 1&deg; and 5&deg;. Any other map is <b>false</b>; if "
-        "the camera never translates, every map is false. <b>None</b>: no map up to the limit. <b>Error</b>: the "
-        "method raised, did not answer in time, crashed or used too much memory. <b>Survival</b>: share of the "
-        "landmarks that are observed within 3 px of their projection after resection; median over every third of the "
-        "next 30 frames. <b>ATE</b>: root mean square position error of the keyframes after alignment by a similarity, "
-        "divided by the length of the true path; for maps of at least three keyframes. <b>Depth</b>: median relative "
-        "error after median alignment, where depth is known.</p><p>The intervals and tests assume independent trials. "
-        f"Trials of one sequence start every {plan.every} frames; they overlap and are not fully independent. The "
-        "intervals of the wait resample sequences and do not need this assumption.</p></footer>"
-    )
+    return page_part("reliability", levels="".join(levels))
 
 
 # -- parts -----------------------------------------------------------------------------------------
@@ -310,6 +234,10 @@ def _figure(title: str, note: str, content: str) -> str:
 def _legend(entries: Sequence[tuple[str, str]]) -> str:
     items = "".join(f'<li><i class="{name}"></i>{escape(label)}</li>' for name, label in entries)
     return f'<ul class="legend">{items}</ul>'
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
 def _percent(share: Interval) -> Interval:

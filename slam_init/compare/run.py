@@ -8,11 +8,11 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 from slam_init.compare.backends import DASK, Backend, open_backend
 from slam_init.compare.isolation import end_process, isolated_tracks, isolated_trials
@@ -28,118 +28,39 @@ from slam_init.datasets.points import POINTS
 from slam_init.datasets.views import SourceView
 from slam_init.errors import OutputError
 from slam_init.output.folder import OutputFolder, output_error
-from slam_init.output.names import COMPARE_FILES, TRIALS, UNFINISHED
+from slam_init.output.names import COMPARE_FILES, DIGESTS, TRIALS, UNFINISHED
 from slam_init.output.plain_json import Json
-
-if TYPE_CHECKING:
-    from slam_init.compare.plan import Plan
 
 #: Digest of the tracks by the label of the source.
 Digests: TypeAlias = Mapping[str, str]
 MakeTexts: TypeAlias = Callable[[TrialTable, Plan, Digests], Mapping[str, str]]
-
-
-def _no_texts(table: TrialTable, plan: Plan, digests: Digests) -> Mapping[str, str]:
-    """Return no further files."""
-    return {}
+_RESULTS, _SUMMARY, _REPORT = "results.csv", "summary.json", "report.html"
+#: Least number of batches for each worker.
+_BATCHES_PER_WORKER = 8
 
 
 @dataclass(frozen=True)
 class Extras:
-    """The additions of a benchmark."""
+    """What a benchmark adds to a comparison."""
 
     #: The command that the folder of the results belongs to.
     command: str = "compare"
-    #: Names of the further files.
+    #: Names of the further files. With :data:`DIGESTS` among them the digests of the tracks are stored.
     files: tuple[str, ...] = ()
-    #: File of the digests of the tracks; empty for none.
-    digests: str = ""
     #: Whether the trials write their trajectories.
     trajectories: bool = False
     #: Takes the trials, the plan and the digests, and returns the content of further files by name.
-    texts: MakeTexts = _no_texts
-
-
-class StoredDigests:
-    """The digests of the tracks, on disk: a comparison that is resumed does not compute the tracks of finished trials.
-
-    * ``path``: None keeps them in memory only.
-    """
-
-    def __init__(self, path: Path | None) -> None:
-        self._path = path
-        self.known: dict[str, str] = {}
-        if path is not None and path.is_file():
-            for line in path.read_text(encoding="utf-8").splitlines():
-                try:
-                    label, digest = json.loads(line)
-                except (ValueError, TypeError):  # the process was killed while it wrote this line
-                    continue
-                self.known[str(label)] = str(digest)
-
-    def add(self, label: str, digest: str) -> None:
-        """Add the digest of a source."""
-        if self.known.get(label) == digest:
-            return
-        self.known[label] = digest
-        if self._path is None:
-            return
-        try:
-            with self._path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps([label, digest]) + "\n")
-        except OSError as error:
-            raise OutputError(f"cannot write {self._path}: {error.strerror}: make room") from error
-
-
-_RESULTS, _SUMMARY, _REPORT = "results.csv", "summary.json", "report.html"
-
-
-def publish_results(
-    folder: OutputFolder, rows: Iterable[TrialRow], plan: Plan, command: str, extras: Extras, digests: Digests
-) -> ComparisonSummary:
-    """Write all result files: either all are replaced, or none. The rows are read once and are not kept in memory."""
-    from slam_init.compare.report import report_html
-
-    try:
-        with (folder.staging / _RESULTS).open("w", encoding="utf-8", errors="backslashreplace", newline="") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(COLUMNS)
-            table = TrialTable.read(_write_rows(rows, writer.writerow))
-        summary = summary_of(table, plan)
-        texts = {
-            _REPORT: report_html(table, plan, command),
-            **extras.texts(table, plan, digests),
-            _SUMMARY: json.dumps(summary.as_dict(), indent=2, allow_nan=False) + "\n",
-        }
-        for name, text in texts.items():
-            # File names need not be valid Unicode.
-            (folder.staging / name).write_bytes(text.encode("utf-8", "backslashreplace"))
-    except OSError as error:
-        raise output_error(folder.path, error) from error
-    folder.publish([_RESULTS, *texts])
-    return summary
-
-
-def _write_rows(rows: Iterable[TrialRow], write: Callable[[Sequence[object]], object]) -> Iterator[TrialRow]:
-    for row in rows:
-        write([_cell(value) for value in row.values()])
-        yield row
-
-
-def _cell(value: str | int | float | bool | None) -> str | int | float | None:
-    return str(value).lower() if isinstance(value, bool) else value
+    texts: MakeTexts = lambda *_: {}
 
 
 _NO_EXTRAS = Extras()
-#: Least number of batches for each worker.
-_BATCHES_PER_WORKER = 8
 
 
 def compare(
     plan: Plan,
     out: str | os.PathLike[str],
     *,
-    backend: str | Backend = "loky",
+    backend: str = "loky",
     jobs: int = 1,
     recordings: bool = False,
     progress: bool = False,
@@ -150,31 +71,29 @@ def compare(
 
     * ``out``: Folder of ``trials.jsonl``, ``results.csv``, ``summary.json``, ``report.html`` and the recordings: a new
       or an empty one, or one of an earlier comparison. Earlier results stay until all trials have ended.
-    * ``backend``: ``loky``, ``sequential`` or ``dask:ADDRESS``, see :func:`slam_init.compare.backends.open_backend`; or
-      workers of your own on this machine.
+    * ``backend``: ``loky``, ``sequential`` or ``dask:ADDRESS``, see :func:`slam_init.compare.backends.open_backend`.
     """
     path = Path(out)
-    targets = (*COMPARE_FILES, *extras.files, *((extras.digests,) if extras.digests else ()))
+    targets = (*COMPARE_FILES, *extras.files)
     with OutputFolder(path, extras.command, targets) as folder, _tracks_folder(folder, backend) as tracks:
         recorded = str((path / RECORDINGS).resolve()) if recordings else None
         posed = str((path / TRAJECTORIES).resolve()) if extras.trajectories else None
         settings = replace(plan.settings, tracks=tracks, recordings=recorded, trajectories=posed)
-        claimed = [TRIALS, *((extras.digests,) if extras.digests else ())]
+        claimed = [TRIALS, *({DIGESTS} & {*extras.files})]
         claimed += plan.recordings() if recordings else ()
         claimed += plan.trajectories() if extras.trajectories else ()
         folder.claim(claimed)
         _remove_unfinished(folder)
-        digests = StoredDigests(path / extras.digests if extras.digests else None)
+        digests = StoredDigests(path / DIGESTS if DIGESTS in extras.files else None)
         with Journal(path / TRIALS, _shared_settings(plan, settings), partial(_is_current, plan)) as journal:
             try:
-                opened = open_backend(backend, jobs, _paths(plan)) if isinstance(backend, str) else nullcontext(backend)
-                with opened as workers:
+                with open_backend(backend, jobs, _paths(plan)) as workers:
                     _run_trials(plan, settings, journal, workers, progress, digests)
             finally:
                 end_process()  # that of the sequential backend
             if recordings:
                 _side_by_side(plan, settings, journal)
-            return publish_results(folder, journal.rows(plan.holds), plan, command, extras, digests.known)
+            return _publish(folder, journal.rows(plan.holds), plan, command, extras, digests.known)
 
 
 def _paths(plan: Plan) -> list[str]:
@@ -195,12 +114,12 @@ def _remove_unfinished(folder: OutputFolder) -> None:
 
 
 @contextmanager
-def _tracks_folder(folder: OutputFolder, backend: str | Backend) -> Iterator[str]:
+def _tracks_folder(folder: OutputFolder, backend: str) -> Iterator[str]:
     """Make the folder of the tracks: below that of the results, which the next command clears after a kill.
 
     The workers of a cluster may be on other machines, where only the folder of temporary files is sure to be there.
     """
-    if isinstance(backend, Backend) or not backend.startswith(DASK):
+    if not backend.startswith(DASK):
         tracks_folder = (folder.staging / "tracks").resolve()
         try:
             # A worker that finds none makes it, and takes it away when it ends, while others read from it.
@@ -245,6 +164,7 @@ def _is_current(plan: Plan, row: TrialRow) -> bool:
 def _run_trials(
     plan: Plan, settings: Settings, journal: Journal, workers: Backend, progress: bool, digests: StoredDigests
 ) -> None:
+    """Run the trials that the journal lacks, after the tracks of their sources."""
     from tqdm import tqdm
 
     missing = sum(trial.key not in journal for trial in plan.trials())
@@ -282,3 +202,64 @@ def _side_by_side(plan: Plan, settings: Settings, journal: Journal) -> None:
             of_start = outcomes[source.label, start]
             shown = {method: of_start[method] for method in plan.methods_on(source)}
             write_side_by_side(source, start, settings, shown)
+
+
+class StoredDigests:
+    """The digests of the tracks, on disk: a run that is resumed does not compute the tracks of finished trials.
+
+    * ``path``: None keeps them in memory only.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self.known: dict[str, str] = {}
+        for line in path.read_text(encoding="utf-8").splitlines() if path is not None and path.is_file() else ():
+            with suppress(ValueError, TypeError):  # the process was killed while it wrote this line
+                label, digest = json.loads(line)
+                self.known[str(label)] = str(digest)
+
+    def add(self, label: str, digest: str) -> None:
+        """Add the digest of a source."""
+        if self.known.get(label) == digest:
+            return
+        self.known[label] = digest
+        if self._path is None:
+            return
+        try:
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps([label, digest]) + "\n")
+        except OSError as error:
+            raise OutputError(f"cannot write {self._path}: {error.strerror}: make room") from error
+
+
+def _publish(
+    folder: OutputFolder, rows: Iterable[TrialRow], plan: Plan, command: str, extras: Extras, digests: Digests
+) -> ComparisonSummary:
+    """Write all result files: either all are replaced, or none. The rows are read once and are not kept in memory."""
+    from slam_init.compare.report import report_html
+
+    try:
+        with (folder.staging / _RESULTS).open("w", encoding="utf-8", errors="backslashreplace", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            table = TrialTable.read(_written(rows, writer.writerow))
+        summary = summary_of(table, plan)
+        texts = {
+            _REPORT: report_html(table, summary, plan, command),
+            **extras.texts(table, plan, digests),
+            _SUMMARY: json.dumps(summary.as_dict(), indent=2, allow_nan=False) + "\n",
+        }
+        for name, text in texts.items():
+            # File names need not be valid Unicode.
+            (folder.staging / name).write_bytes(text.encode("utf-8", "backslashreplace"))
+    except OSError as error:
+        raise output_error(folder.path, error) from error
+    folder.publish([_RESULTS, *texts])
+    return summary
+
+
+def _written(rows: Iterable[TrialRow], write: Callable[[Sequence[object]], object]) -> Iterator[TrialRow]:
+    """Write rows to a table, and pass them on."""
+    for row in rows:
+        write([str(value).lower() if isinstance(value, bool) else value for value in row.values()])
+        yield row

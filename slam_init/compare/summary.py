@@ -6,14 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from slam_init.compare.figures import Figures, PairTest, WaitDifference, figures_of, pair_tests, wait_differences
 from slam_init.compare.judging import Criteria
 from slam_init.compare.reliability import Reliability, reliabilities
 from slam_init.compare.trial_table import TrialTable
 from slam_init.output.plain_json import Json, plain_fields
-from slam_init.types.arrays import Ints
 
 if TYPE_CHECKING:
     from slam_init.compare.plan import Plan
@@ -71,8 +68,7 @@ class ComparisonSummary:
 
 def summary_of(table: TrialTable, plan: Plan) -> ComparisonSummary:
     """Compute all figures of a comparison."""
-    parts = table.parts()
-    groups, cells = sorted(set(table.text["group"].tolist())), table.cells()
+    parts, cells = table.parts(), table.cells()
     return ComparisonSummary(
         schema=_SCHEMA,
         seed=plan.settings.seed,
@@ -85,23 +81,17 @@ def summary_of(table: TrialTable, plan: Plan) -> ComparisonSummary:
         sources=tuple(source.label for source in plan.sources),
         judging=plan.judging(),
         parts={
-            name: {method: figures_of(table, table.where(method=method) & mask) for method in plan.methods}
-            for name, mask in parts.items()
+            name: {method: figures_of(part.of_method(method)) for method in plan.methods}
+            for name, part in parts.items()
         },
+        # The figures of a scene are computed from its trials alone: there may be a thousand scenes.
         groups={
-            group: {method: _cell(table, cells.get((group, method))) for method in plan.methods} for group in groups
+            group: {method: figures_of(table.select(cells[group, method])) for method in plan.methods}
+            for group in sorted(set(table["group"].tolist()))
         },
-        pairs={name: tuple(pair_tests(table, plan.methods, mask)) for name, mask in parts.items()},
+        pairs={name: tuple(pair_tests(part, plan.methods)) for name, part in parts.items()},
         waits={
-            name: tuple(wait_differences(table, plan.methods, mask))
-            for name, mask in parts.items()
-            if name.endswith("moving")
+            name: tuple(wait_differences(part, plan.methods)) for name, part in parts.items() if name.endswith("moving")
         },
         reliability=reliabilities(table, plan.methods),
     )
-
-
-def _cell(table: TrialTable, rows: Ints | None) -> Figures:
-    """Figures of a method in a scene. They are computed from its trials alone: there may be a thousand scenes."""
-    cell = table.select(np.zeros(0, np.int64) if rows is None else rows)
-    return figures_of(cell, np.ones(len(cell), bool))

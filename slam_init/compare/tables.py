@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
+from functools import cache
 from html import escape
 from importlib.resources import files
+from string import Template
 from typing import NamedTuple
 
-import numpy as np
-
-from slam_init.compare.figures import Figures, PairTest, WaitDifference, pair_tests, waits
+from slam_init.compare.figures import Figures, PairTest, WaitDifference
 from slam_init.compare.judging import Criteria
 from slam_init.compare.reliability import DIRECTION_SIGMAS, ROTATION_SIGMAS, Coverage, Reliability
 from slam_init.compare.statistics import Interval
-from slam_init.compare.trial_table import TrialTable
 from slam_init.methods.external_command import method_label
 from slam_init.output.tables import fitted_tables
-from slam_init.types.arrays import Bools, Floats
 
 #: The ends of an interval behind its value.
 TEXT_ENDS, HTML_ENDS = " [{}, {}]", '<span class="interval">{} to {}</span>'
+#: A difference of two methods is coloured if its adjusted p-value is smaller.
+_SIGNIFICANT = 0.05
+_OUTCOMES = ("correct", "accepted", "false", "none", "error")
 
 
 class Column(NamedTuple):
@@ -101,6 +101,11 @@ def figure_text(
         return "-"
     known = [f"{scale * end:.{digits}f}" for end in others if not math.isnan(end)]
     return f"{scale * first:.{digits}f}{ends.format(*known) if known else ''}"
+
+
+def html_figure(value: Interval | float | int | None, digits: int = 1, scale: float = 1.0) -> str:
+    """Write a figure for a cell of a page."""
+    return figure_text(value, digits, scale, ends=HTML_ENDS)
 
 
 def p_value_text(p: float) -> str:
@@ -183,6 +188,20 @@ def _best_methods(figures: Mapping[str, Figures], column: Column) -> set[str]:
     return {method for method, value in values.items() if value == max(values.values())}
 
 
+def page_part(part: str, /, **values: object) -> str:
+    """Fill a part of ``report.html``. There a comment names each part."""
+    return _page_parts()[part].substitute(values)
+
+
+@cache
+def _page_parts() -> dict[str, Template]:
+    text = files("slam_init.compare").joinpath("report.html").read_text(encoding="utf-8")
+    # A line break before a block or a placeholder is none of the page; one in a text is a space.
+    text = re.sub(r"\n(?=\$|</?(h\d|p|div|nav|footer)\b)", "", text).replace("\n", " ")
+    _, *parts = re.split(r"<!-- (\w+) -->", text)
+    return {name: Template(part.strip()) for name, part in zip(parts[::2], parts[1::2], strict=True)}
+
+
 def page_html(title: str, body: Iterable[str]) -> str:
     """Make a page that loads nothing from other places."""
     home = files("slam_init.compare")
@@ -195,35 +214,25 @@ def page_html(title: str, body: Iterable[str]) -> str:
     )
 
 
-_SIGNIFICANT = 0.05
-_OUTCOMES = ("correct", "accepted", "false", "none", "error")
-_html = partial(figure_text, ends=HTML_ENDS)
-
-
-def group_table(table: TrialTable, methods: Sequence[str], thumbnails: Mapping[str, str]) -> str:
+def group_table(
+    groups: Mapping[str, Mapping[str, Figures]], methods: Sequence[str], thumbnails: Mapping[str, str]
+) -> str:
     """Make the table of scenes (rows) and methods (columns) with counts of correct, false and no maps, and the wait."""
     rows = []
-    of_cell, outcomes, wait_of_trial = table.cells(), table.text["outcome"], waits(table)
-    nothing = np.zeros(0, np.int64)
-    for group in sorted(set(table.text["group"].tolist())):
+    for group, figures in groups.items():
         cells = []
-        for method in methods:
-            trials = of_cell.get((group, method), nothing)
-            n = Counter(outcomes[trials].tolist())
-            bar = share_bar([(name, n[name]) for name in _OUTCOMES])
-            counts = f"{n['correct'] + n['accepted']} / {n['false']} / {n['none'] + n['error']}"
-            cells.append(f"<td>{bar}{counts}{_wait_of_cell(wait_of_trial[trials])}</td>")
+        for f in figures.values():
+            counts = f"{f.accepted - f.false} / {f.false} / {f.none + f.error}"
+            not_compared = f.accepted - f.correct - f.false
+            bar = share_bar(list(zip(_OUTCOMES, (f.correct, not_compared, f.false, f.none, f.error), strict=True)))
+            wait = "" if math.isnan(f.wait.value) else f'<span class="interval">wait {f.wait.value:.2f}</span>'
+            cells.append(f"<td>{bar}{counts}{wait}</td>")
         picture = ""
         if group in thumbnails:
             picture = f'<img class="thumb" alt="" src="data:image/jpeg;base64,{thumbnails[group]}">'
         rows.append(f'<tr><th scope="row">{picture}{escape(group)}</th>{"".join(cells)}</tr>')
     headings = ["scene", *(escape(method_label(method)) for method in methods)]
     return html_table("outcomes by scene and method", headings, rows, "matrix")
-
-
-def _wait_of_cell(waits_of_trials: Floats) -> str:
-    known = waits_of_trials[np.isfinite(waits_of_trials)]
-    return f'<span class="interval">wait {known.mean():.2f}</span>' if len(known) else ""
 
 
 def wait_table(differences: Sequence[WaitDifference]) -> str:
@@ -233,7 +242,7 @@ def wait_table(differences: Sequence[WaitDifference]) -> str:
     first = method_label(differences[0].first)
     rows = [
         f"<tr>{row_heading(method_label(d.second))}<td>{d.trials}</td><td>{d.sequences}</td>"
-        f"<td{_sign_class(d.difference_frames)}>{_html(d.difference_frames, 2)}</td></tr>"
+        f"<td{_sign_class(d.difference_frames)}>{html_figure(d.difference_frames, 2)}</td></tr>"
         for d in differences
     ]
     headings = [f"wait of {escape(first)} minus that of", "trials", "sequences", "frames"]
@@ -254,9 +263,9 @@ def risk_table(by_method: Mapping[str, Reliability]) -> str:
             head = row_heading(method_label(method), len(named)) if k == 0 else ""
             understated = ' class="lose"' if one.false_rate.low > one.mean_risk else ""
             rows.append(
-                f"<tr>{head}<td>{name}</td><td>{one.maps}</td><td>{_html(one.mean_risk, 3, 100)}</td>"
-                f"<td>{_html(one.expected_false, 3)}</td><td>{one.false}</td>"
-                f"<td{understated}>{_html(one.false_rate, 2, 100)}</td></tr>"
+                f"<tr>{head}<td>{name}</td><td>{one.maps}</td><td>{html_figure(one.mean_risk, 3, 100)}</td>"
+                f"<td>{html_figure(one.expected_false, 3)}</td><td>{one.false}</td>"
+                f"<td{understated}>{html_figure(one.false_rate, 2, 100)}</td></tr>"
             )
     headings = ["method", "stated risk", "maps", "mean stated<br>risk %", "expected<br>false maps"]
     return html_table("stated risks and false maps", [*headings, "false maps", "false %"], rows)
@@ -274,7 +283,7 @@ def coverage_table(by_method: Mapping[str, Reliability]) -> str:
 
 
 def _coverage_cells(coverage: Coverage) -> str:
-    return f"<td>{coverage.maps}</td><td>{_html(coverage.rate, 1, 100)}</td>"
+    return f"<td>{coverage.maps}</td><td>{html_figure(coverage.rate, 1, 100)}</td>"
 
 
 def judging_table(judging: Mapping[str, Criteria]) -> str:
@@ -288,9 +297,9 @@ def judging_table(judging: Mapping[str, Criteria]) -> str:
     return html_table("how each sequence is judged", headings, rows, "words")
 
 
-def pair_table(table: TrialTable, methods: Sequence[str], mask: Bools) -> str:
-    """Make the table of paired comparisons: p-values, and trials that only one of two methods solves: ``mask`` (N,)."""
-    tests = {(test.first, test.second): test for test in pair_tests(table, methods, mask)}
+def pair_table(pairs: Iterable[PairTest], methods: Sequence[str]) -> str:
+    """Make the table of paired comparisons: p-values, and trials that only one of two methods solves."""
+    tests = {(test.first, test.second): test for test in pairs}
     rows = []
     for first in methods:
         cells = ["<td>&middot;</td>" if first == second else _pair_cell(tests, first, second) for second in methods]

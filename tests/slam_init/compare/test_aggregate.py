@@ -16,6 +16,6 @@ def test_suspected_and_reported_focal_errors_are_counted_and_a_report_on_the_tru
     wrong, right = "points:rotation?focal_error=0.05", "points:rotation"
     rows = [row(wrong), row(wrong, 0.96), row(wrong, 0.95, 0.95), row(right, 0.95, 0.95)]
     table = TrialTable.read(rows)
-    figures = figures_of(table, table.where(method="quest"))
+    figures = figures_of(table.of_method("quest"))
     shares = [figures.suspicion_rate, figures.report_rate, figures.false_report_rate]
     assert [round(share.value, 2) for share in shares] == [0.67, 0.33, 1.0]

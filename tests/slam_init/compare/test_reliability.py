@@ -32,7 +32,7 @@ def row(risk, outcome="correct", *, method="quest", group="points:room", start=0
 
 
 def reliability(*rows):
-    return reliability_of(TrialTable.read(rows), np.ones(len(rows), bool))
+    return reliability_of(TrialTable.read(rows))
 
 
 @given(st.lists(st.tuples(st.sampled_from(RISK_EDGES) | st.floats(0, 1), st.booleans()), min_size=1, max_size=40))
@@ -135,17 +135,19 @@ def test_the_page_and_the_summary_hold_the_section_only_if_a_method_states_a_ris
     plan = Plan(tuple(describe_sources(["points:room"])), ("quest", "poselib"))
     without = [row(None, method=method) for method in plan.methods]
     table = TrialTable.read(without)
-    assert TITLE not in report_html(table, plan, "")
-    assert summary_of(table, plan).as_dict()["reliability"] == {}
+    summary = summary_of(table, plan)
+    assert TITLE not in report_html(table, summary, plan, "")
+    assert summary.as_dict()["reliability"] == {}
 
     table = TrialTable.read([*without, row(0.0005, start=1), row(0.004, "false", start=2), row(0.003, start=3)])
-    page = report_html(table, plan, "")
+    summary = summary_of(table, plan)
+    page = report_html(table, summary, plan, "")
     assert page.count(TITLE) == 1
     assert "href=#reliability" in page
     section = page[page.index('id="reliability"') : page.index('id="scenes"')]
     assert section.count("<circle") == 2  # two bins with maps
     assert "nan" not in section
-    written = summary_of(table, plan).as_dict()["reliability"]
+    written = summary.as_dict()["reliability"]
     assert list(written) == ["points"]
     assert list(written["points"]) == ["quest"]
     assert written["points"]["quest"]["total"]["expected_false"] == 0.0075

@@ -30,8 +30,8 @@ def test_trials_that_no_map_can_solve_have_no_wait():
     ]
     table = TrialTable.read(rows)
     assert np.isnan(waits(table)).all()
-    assert math.isnan(mean_wait(table, np.ones(4, bool)).value)
-    assert wait_differences(table, ("quest", "stella"), np.ones(4, bool))[0].trials == 0
+    assert math.isnan(mean_wait(table).value)
+    assert wait_differences(table, ("quest", "stella"))[0].trials == 0
 
 
 def test_a_difference_compares_the_same_trials_and_its_interval_the_sequences():
@@ -42,18 +42,18 @@ def test_a_difference_compares_the_same_trials_and_its_interval_the_sequences():
             rows.append(row("correct", 2, source=source, start=start, method="stella"))
     rows.append(row("correct", 2, source="e", method="stella"))  # quest did not run this trial
     table = TrialTable.read(rows)
-    (difference,) = wait_differences(table, ("quest", "stella"), np.ones(len(table), bool))
+    (difference,) = wait_differences(table, ("quest", "stella"))
     assert (difference.first, difference.second) == ("quest", "stella")
     assert (difference.trials, difference.sequences) == (8, 4)
     assert difference.difference_frames.value == pytest.approx(np.mean([2, 3, 4, 5]))
     assert 2 <= difference.difference_frames.low < 3.5 < difference.difference_frames.high <= 5
-    (swapped,) = wait_differences(table, ("stella", "quest"), np.ones(len(table), bool))
+    (swapped,) = wait_differences(table, ("stella", "quest"))
     assert swapped.difference_frames.value == -difference.difference_frames.value
 
 
 def test_a_single_sequence_has_a_mean_and_no_interval():
     table = TrialTable.read([row("correct", 3, start=start) for start in (0, 10)])
-    interval = mean_wait(table, np.ones(2, bool))
+    interval = mean_wait(table)
     assert interval.value == 2
     assert math.isnan(interval.low)
     assert math.isnan(interval.high)
