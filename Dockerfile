@@ -17,7 +17,7 @@ COPY --from=tested /tested /
 RUN python -m pip install /src && rm -r /src && useradd --create-home user
 USER user
 WORKDIR /home/user
-# What numba compiles at the first run is kept in the image, below the home of the user.
-RUN slam-init run --quiet --out first && rm -r first
+# What numba compiles at the first run is kept in the image, below the home of the user, for any processor.
+RUN NUMBA_CPU_NAME=generic slam-init run --quiet --out first && rm -r first
 ENTRYPOINT ["slam-init"]
 CMD ["--help"]

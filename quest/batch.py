@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -45,6 +44,8 @@ def estimate_relative_poses(
 
     if threads == 1 or len(given) < 2:
         return [estimate(pair) for pair in given]
+    from concurrent.futures import ThreadPoolExecutor
+
     # The first pair compiles, once.
     first = estimate(given[0])
     with ThreadPoolExecutor(threads) as pool:

@@ -1,21 +1,31 @@
-"""Compile the estimate beforehand, for images and installers: ``python -m quest.compile``.
+"""Compile the estimate beforehand, for images and installers: ``python -m quest.compile [--portable]``.
 
 numba compiles each loop at its first call, and the machine code is kept on disk
 (:mod:`quest.robust.kernels.machine_code`). This program makes the calls, on a general scene, a plane, a rotation and
-random matches, so that no user waits.
+random matches, so that no user waits. With ``--portable`` the machine code is that of any processor of this kind of
+machine, so that an image may run elsewhere than it was built: a tenth slower than code for one processor. It depends on
+the versions of Python and of numba.
 """
 
 from __future__ import annotations
 
+import argparse
+import os
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
 from quest.estimate import estimate_relative_pose
 
 
-def main() -> None:
+def main(argv: Sequence[str] | None = None) -> None:
     """Compile the loops of the default solver, and print the time and the folder."""
+    parser = argparse.ArgumentParser(prog="python -m quest.compile", allow_abbrev=False)
+    parser.description = "Compile the estimate beforehand."
+    parser.add_argument("--portable", action="store_true", help="for any processor, not for this one alone")
+    if parser.parse_args(argv).portable:
+        os.environ["NUMBA_CPU_NAME"] = "generic"  # numba reads it when the kernels are imported
     from quest.robust.kernels import compiler, machine_code
 
     begin = time.perf_counter()

@@ -8,7 +8,7 @@ import pickle
 import sys
 import warnings
 from collections.abc import Callable
-from functools import wraps
+from functools import cache, partial, wraps
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -17,7 +17,7 @@ try:
         # It reads numbers in the environment, and goes on with a warning of many lines where one is none.
         warnings.filterwarnings("error", "Environment variable 'NUMBA_", RuntimeWarning)
         import numba
-        from numba.core import serialize
+        from numba.core import codegen, serialize
         from numba.core.compiler import CompileResult
         from numba.core.runtime.nrt import rtsys
 except (ValueError, RuntimeWarning) as error:  # ValueError: NUMBA_NUM_THREADS=0
@@ -30,6 +30,10 @@ from quest.robust.kernels import machine_code
 _njit: Any = numba.njit
 _rebuild: Any = CompileResult._rebuild
 _dumps: Any = serialize.dumps
+_llvm: Any = cast("Any", codegen).ll
+
+#: numba's name and features of the processor where it compiles for all processors, see quest.compile.
+_ANY_PROCESSOR = ("generic", "")
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -88,24 +92,42 @@ class _Cache:
         self._name, self._folders = name, folders
         self._parts = (name, sources, numba.__version__, sys.implementation.cache_tag, sys.abiflags)
 
-    def _file(self, signature: object, codegen: Any) -> str:
-        return machine_code.name_of(self._name, (*self._parts, signature, codegen.magic_tuple()))
+    def _file(self, signature: object, processor: tuple[str, ...]) -> str:
+        return machine_code.name_of(self._name, (*self._parts, signature, processor))
 
     def load_overload(self, signature: object, context: Any) -> object | None:
-        """The machine code of a signature; None where there is none on disk."""
-        data = machine_code.read(self._folders, self._file(signature, context.codegen()))
+        """The machine code of a signature for this processor, or for any; None where there is none on disk."""
+        processor = context.codegen().magic_tuple()
+        data = machine_code.read(self._folders, self._file(signature, processor))
+        data = data or machine_code.read(self._folders, self._file(signature, (processor[0], *_ANY_PROCESSOR)))
         if data is None:
             return None
         rtsys.initialize(context)  # what the machine code calls to allocate arrays
-        return cast("object", _rebuild(context, *pickle.loads(data)))
+        parts, bitcode = pickle.loads(data)
+        library, function, *rest = pickle.loads(parts)
+        context.codegen()._engine._defined_symbols.add(function.llvm_cpython_wrapper_name)
+        result: Any = _rebuild(context, library, function, *rest)
+        # A loop that is compiled later may contain this one. To read all bitcode takes a third of a first call.
+        result.library._get_module_for_linking = partial(_llvm.parse_bitcode, bitcode)
+        return cast("object", result)
 
     def save_overload(self, signature: object, result: Any) -> None:
         """Keep machine code."""
         if not result.library.has_dynamic_globals:  # addresses in this process
-            machine_code.write(self._folders, self._file(signature, result.codegen), _dumps(result._reduce()))
+            (name, kind, (code, bitcode)), *rest = result._reduce()
+            parts = _dumps(((name, kind, (code, _nothing())), *rest))
+            machine_code.write(
+                self._folders, self._file(signature, result.codegen.magic_tuple()), pickle.dumps((parts, bitcode))
+            )
 
     def flush(self) -> None:
         """Nothing: a changed source has a name of its own."""
+
+
+@cache
+def _nothing() -> bytes:
+    """The bitcode of an empty module."""
+    return cast("bytes", _llvm.parse_assembly("").as_bitcode())
 
 
 #: The folder of the loops of quest, and the decorator of these loops.

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from quest.robust.kernels.compiler import compiled
 from quest.robust.kernels.noise import distance_from_typical, distances_from_typical, ratio_of_depth
-from quest.robust.kernels.refinement import derivatives, sums_of
+from quest.robust.kernels.refinement import damped_step, derivatives, move, sums_of
 from quest.robust.kernels.scoring import match_residual
-from quest.robust.kernels.small_algebra import copy_pose, median_in_place, shift, solve_in_place, tangents, turn
+from quest.robust.kernels.small_algebra import copy_pose, median_in_place
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -92,7 +92,7 @@ def refine_mixture(
                 continue
             for k in range(3):
                 rays[k, at], rays[3 + k, at] = m[i, k], n[i, k]
-            group[at] = np.searchsorted(_BOUNDS, distances[i])
+            group[at] = _group_of(distances[i])
             at += 1
             if distances[i] <= _BOUNDS[1]:
                 values[typical] = values[i]
@@ -103,6 +103,15 @@ def refine_mixture(
             rays, group, R, t, threshold_rad, least_rad, prior, shares, s, _UPDATES if turn_number == 0 else 1
         )
     return shares, s
+
+
+@compiled
+def _group_of(distance: float) -> int:
+    """The group of a distance from the typical depth; ``np.searchsorted`` would load scipy with numba."""
+    group = 0
+    while group < len(_BOUNDS) and _BOUNDS[group] < distance:
+        group += 1
+    return group
 
 
 @compiled
@@ -121,7 +130,7 @@ def _add_chance(
             r2, behind = match_residual(m, i, n, j, R, t, 2 * limit)
             if r2 < limit and not behind:
                 ratio = ratio_of_depth(m, i, n, j, R, t, least_sine2)
-                group = np.searchsorted(_BOUNDS, distance_from_typical(ratio, middle, spread))
+                group = _group_of(distance_from_typical(ratio, middle, spread))
                 prior[group, 2] += outliers / (rounds * total)
 
 
@@ -141,28 +150,14 @@ def _maximize(
     cost = _weigh(rows, weights)
     sums_of(rows, A, g)
     for _ in range(_STEPS):
-        trace = A[0, 0] + A[1, 1] + A[2, 2] + A[3, 3] + A[4, 4]
-        if not (trace > 0 and np.isfinite(trace)):
+        if not damped_step(A, g, damping, damped, step):
             break
-        for j in range(5):
-            for k in range(5):
-                damped[j, k] = A[j, k] / trace
-            damped[j, j] += damping * damped[j, j] + 1e-12
-            step[j] = -g[j] / trace
-        if not solve_in_place(damped, step):
-            break
-        gain = longest = 0.0
+        gain = 0.0
         for j in range(5):
             gain -= g[j] * step[j]
-            longest = max(longest, abs(step[j]))
         if gain < _SETTLED * s * s:
             break
-        for j in range(5):
-            step[j] /= max(longest, 1.0)  # a radian: the derivatives are not valid beyond
-        copy_pose(R, t, R_new, t_new)
-        x, y, z, u, v, w = tangents(t)
-        turn(R_new, step[0], step[1], step[2])
-        shift(t_new, step[3], step[4], x, y, z, u, v, w)
+        move(R, t, step, R_new, t_new)
         derivatives(rays, R_new, t_new, 1.0, rows_new)
         if _weigh(rows_new, weights) <= cost:
             copy_pose(R_new, t_new, R, t)

@@ -97,6 +97,43 @@ def sums_of(rows: Floats, A: Floats, g: Floats) -> float:
 
 
 @compiled
+def damped_step(A: Floats, g: Floats, damping: float, damped: Floats, step: Floats) -> bool:
+    """Write the damped step of least squares, of at most a radian; false where there is none. ``damped`` is scratch.
+
+    Shapes: ``A, damped`` (5, 5), ``g, step`` (5,).
+    """
+    trace = A[0, 0] + A[1, 1] + A[2, 2] + A[3, 3] + A[4, 4]
+    if not (trace > 0 and np.isfinite(trace)):
+        return False
+    # Divided by the trace, so that the bound on the pivots is a bound on the condition.
+    for j in range(5):
+        for k in range(5):
+            damped[j, k] = A[j, k] / trace
+        damped[j, j] += damping * damped[j, j] + 1e-12
+        step[j] = -g[j] / trace
+    if not solve_in_place(damped, step):
+        return False
+    longest = 1.0  # a radian: the derivatives are not valid beyond
+    for j in range(5):
+        longest = max(longest, abs(step[j]))
+    for j in range(5):
+        step[j] /= longest
+    return True
+
+
+@compiled
+def move(R: Floats, t: Floats, step: Floats, R_new: Floats, t_new: Floats) -> None:
+    """Write the pose that a step leads to.
+
+    Shapes: ``R, R_new`` (3, 3), ``t, t_new`` (3,), ``step`` (5,).
+    """
+    copy_pose(R, t, R_new, t_new)
+    x, y, z, u, v, w = tangents(t)
+    turn(R_new, step[0], step[1], step[2])
+    shift(t_new, step[3], step[4], x, y, z, u, v, w)
+
+
+@compiled
 def refine(m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale_rad: float, iterations: int) -> None:
     """Refine a pose in place, as :func:`quest.geometry.refine.refine_pose`.
 
@@ -116,26 +153,9 @@ def refine(m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale_rad: fl
     cost, damping = normal_equations(rays, R, t, scale2, rows, A, g), 1e-4
     R_new, t_new = np.empty((3, 3)), np.empty(3)
     for _ in range(iterations):
-        trace = A[0, 0] + A[1, 1] + A[2, 2] + A[3, 3] + A[4, 4]
-        if not (trace > 0 and np.isfinite(trace)):
+        if not damped_step(A, g, damping, damped, step):
             return
-        # Divided by the trace, so that the bound on the pivots is a bound on the condition.
-        for j in range(5):
-            for k in range(5):
-                damped[j, k] = A[j, k] / trace
-            damped[j, j] += damping * damped[j, j] + 1e-12
-            step[j] = -g[j] / trace
-        if not solve_in_place(damped, step):
-            return
-        longest = 1.0  # a radian: the derivatives are not valid beyond
-        for j in range(5):
-            longest = max(longest, abs(step[j]))
-        for j in range(5):
-            step[j] /= longest
-        copy_pose(R, t, R_new, t_new)
-        x, y, z, u, v, w = tangents(t)
-        turn(R_new, step[0], step[1], step[2])
-        shift(t_new, step[3], step[4], x, y, z, u, v, w)
+        move(R, t, step, R_new, t_new)
         cost_new = normal_equations(rays, R_new, t_new, scale2, rows, damped, step)
         if cost_new <= cost:
             gain, cost = cost - cost_new, cost_new

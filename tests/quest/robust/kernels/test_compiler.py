@@ -87,3 +87,18 @@ def test_an_edit_of_a_called_loop_renews_the_machine_code_of_its_callers(copied_
     assert halved != source
     module.write_text(halved)
     assert run(code, cwd=copied_package.parent, env=environment) != before
+
+
+def test_portable_machine_code_serves_a_processor_without_its_own_and_may_be_called_by_a_loop(tmp_path):
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    code = (
+        "import numpy as np; from quest.robust.kernels import compiler, small_algebra;"
+        "t = np.array([0.6, 0.0, 0.8]); print(*small_algebra.tangents(t));"
+        "caller = compiler.numba.njit(lambda t: small_algebra.tangents(t)[5]);"
+        "print(caller(t), sum(small_algebra.tangents.stats.cache_hits.values()))"
+    )
+    portable = run(code, env=environment | {"NUMBA_CPU_NAME": "generic"}).split()
+    kept = sorted(tmp_path.rglob("*.code"))
+    assert run(code, env=environment).split() == [*portable[:-1], "1"]
+    assert portable[-1] == "0" and portable[5] == portable[6]
+    assert sorted(tmp_path.rglob("*.code")) == kept
