@@ -8,20 +8,18 @@ bound, each value is checked, and every text is escaped.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import Any
 
 from slam_init.bench.protocol import DEFAULTS, NAME, VERSION
-from slam_init.bench.sheet import SCHEMA
-from slam_init.compare.rows import finite_json
-from slam_init.compare.statistics import Interval
+from slam_init.bench.sheet import SCHEMA, Row, Sheet
 from slam_init.compare.tables import html_figure, page_html, page_part, share_bar
 from slam_init.errors import SourceError
 from slam_init.output.folder import OutputFolder, output_error
 from slam_init.output.names import PAGE, SHEET_FILES
+from slam_init.output.plain_json import parsed
 from slam_init.system.regular_file import check_inside, read_regular, user_path
 
 #: A sheet of 1,000 worlds and 20 methods has 300 kB.
@@ -42,19 +40,7 @@ class Entry:
     #: Rows of one group can be compared.
     group: str
     suite: str
-    label: str
-    command: str
-    about: str
-    trials: int
-    #: correct, false, none, delay: As in the sheet.
-    correct: Interval
-    false: Interval
-    none: Interval
-    delay: Interval
-    #: Number of trials with a correct map, a false one, none, and an error.
-    outcomes: tuple[int, int, int, int]
-    #: Of maps with a stated risk: false ones, and the expected number.
-    risk: str
+    row: Row
     frame_ms: float | None
     machine: str
     #: Where the sheet lies.
@@ -63,8 +49,26 @@ class Entry:
     @property
     def score(self) -> float:
         """The rank: share of correct maps minus :data:`FALSE_COST` times that of false maps."""
-        correct, false = (0.0 if math.isnan(share.value) else share.value for share in (self.correct, self.false))
+        shares = (self.row.correct, self.row.false)
+        correct, false = (0.0 if math.isnan(share.value) else share.value for share in shares)
         return correct - FALSE_COST * false
+
+    @property
+    def outcomes(self) -> tuple[int, int, int, int]:
+        """Numbers of trials by their outcome; a false map in a trial that no map can solve counts as well."""
+        row = self.row
+        correct = 0 if math.isnan(row.correct.value) else round(row.solvable * row.correct.value)
+        return correct, row.false_maps, max(0, row.trials - correct - row.false_maps - row.errors), row.errors
+
+
+@dataclass(frozen=True)
+class _Head:
+    """What tells whether a file is a score sheet of this version."""
+
+    schema: int
+    benchmark: str
+    version: int
+    suite: str
 
 
 def publish(folders: Sequence[str], out: Path) -> str:
@@ -88,61 +92,32 @@ def read_entries(folder: str) -> list[Entry]:
     if not path.exists():
         raise SourceError(f"{folder} has no {SHEET_FILES[0]}: give folders of results of slam-init bench")
     check_inside(path, user_path(folder))
+    text = read_regular(path, _MAX_BYTES, "a score sheet", SourceError)
     try:
-        sheet = finite_json(read_regular(path, _MAX_BYTES, "a score sheet", SourceError))
-        if sheet.get("benchmark") != NAME or sheet.get("version") != VERSION or sheet.get("schema") != SCHEMA:
+        head = parsed(_Head, text)
+        if (head.benchmark, head.version, head.schema) != (NAME, VERSION, SCHEMA):
             raise SourceError(f"{path} is no score sheet of {NAME} {VERSION}: run slam-init bench again")
-        return _entries(sheet, folder)
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        sheet = parsed(Sheet, text)
+        if sheet.run.suite not in DEFAULTS or not all(row.method in sheet.times for row in sheet.rows):
+            raise ValueError("an unknown suite, or a row without times")
+    except ValueError:
         raise SourceError(f"{path} is damaged: run slam-init bench again") from None
+    group, machine = _group(sheet, folder), ", ".join(sheet.machine.values())
+    return [Entry(group, sheet.run.suite, row, sheet.times[row.method].frame_ms, machine, folder) for row in sheet.rows]
 
 
-def _entries(sheet: Mapping[str, Any], folder: str) -> list[Entry]:
-    run, frozen = sheet["run"], sheet["frozen"]
-    suite = _text(sheet["suite"])
-    if suite not in DEFAULTS:
-        raise ValueError("an unknown suite")
-    sequences = [_text(name) for name in sheet["sequences"]]
-    state = "other tracks than the frozen ones" if frozen["different"] else "frozen tracks"
-    parts = [f"{len(sequences)} {'sequences' if suite == 'video' else 'worlds'}", f"seed {int(run['seed'])}"]
-    parts += [] if suite == "drawn" else [f"every {int(run['every'])} frames"]
-    parts += [state if not frozen["unknown"] or frozen["different"] else "not frozen"]
+def _group(sheet: Sheet, folder: str) -> str:
+    """Tell with which rows those of a sheet can be compared."""
+    suite, frozen = sheet.run.suite, sheet.frozen
+    state = "other tracks than the frozen ones" if frozen.different else "frozen tracks"
+    parts = [f"{len(sheet.sequences)} {'sequences' if suite == 'video' else 'worlds'}", f"seed {sheet.run.seed}"]
+    parts += [] if suite == "drawn" else [f"every {sheet.run.every} frames"]
+    parts += [state if not frozen.unknown or frozen.different else "not frozen"]
     if suite == "video":
-        parts.append(", ".join(sequences))
-    if frozen["different"]:  # such runs can be compared with themselves only
-        parts.append(f"on {_text(sheet['machine'].get('processor', ''))}, {folder}")
-    machine = ", ".join(_text(value) for value in sheet["machine"].values())
-    entries = []
-    for row in sheet["rows"]:
-        risk = row["risk"]
-        frame_ms = sheet["times"][row["method"]]["frame_ms"]
-        entries.append(
-            Entry(
-                group=f"{suite}: {'; '.join(parts)}",
-                suite=suite,
-                label=_text(row["label"]),
-                command=_text(row["command"]),
-                about=_text(row["about"]),
-                trials=int(row["trials"]),
-                correct=_interval(row["correct"]),
-                false=_interval(row["false"]),
-                none=_interval(row["none"]),
-                delay=_interval(row["delay"]),
-                outcomes=_outcomes(row),
-                risk="" if risk is None else f"{int(risk['false'])} ({_known(risk['expected_false']) or 0.0:.2g})",
-                frame_ms=_known(frame_ms),
-                machine=machine[:_MAX_TEXT],
-                folder=folder,
-            )
-        )
-    return entries
-
-
-def _outcomes(row: Mapping[str, Any]) -> tuple[int, int, int, int]:
-    """Numbers of trials by their outcome; a false map in a trial that no map can solve counts as well."""
-    trials, solvable, false, errors = (int(row[name]) for name in ("trials", "solvable", "false_maps", "errors"))
-    correct = round(solvable * (_known(row["correct"][0]) or 0.0))
-    return correct, false, max(0, trials - correct - false - errors), errors
+        parts.append(", ".join(sheet.sequences))
+    if frozen.different:  # such runs can be compared with themselves only
+        parts.append(f"on {sheet.machine.get('processor', '')}, {folder}")
+    return f"{suite}: {'; '.join(parts)}"
 
 
 def leaderboard_html(entries: Sequence[Entry]) -> str:
@@ -153,7 +128,7 @@ def leaderboard_html(entries: Sequence[Entry]) -> str:
     order = list(DEFAULTS)
     body = [page_part("leaderboard", name=f"{NAME} {VERSION}", cost=FALSE_COST)]
     for name, rows in sorted(groups.items(), key=lambda item: (order.index(item[1][0].suite), item[0])):
-        body.append(_section(name, sorted(rows, key=lambda entry: (-entry.score, entry.label))))
+        body.append(_section(name, sorted(rows, key=lambda entry: (-entry.score, entry.row.label))))
     return page_html(f"{NAME} {VERSION}", body)
 
 
@@ -164,19 +139,19 @@ def _section(name: str, entries: Sequence[Entry]) -> str:
     ]
     head = "".join(f'<th scope="col"{_class(kind)}>{title}</th>' for title, kind in columns)
     rows = "".join(
-        f'<tr><th scope="row" title="{escape(entry.about)}">{escape(entry.label)}</th>'
+        f'<tr><th scope="row" title="{escape(entry.row.about)}">{escape(entry.row.label)}</th>'
         + "".join(f"<td{_class(kind)}>{cell}</td>" for cell, (_, kind) in zip(_cells(entry), columns[1:], strict=True))
         + "</tr>"
         for entry in entries
     )
     chart = "".join(
-        f"<b>{escape(entry.label)}</b>{share_bar(list(zip(OUTCOMES, entry.outcomes, strict=True)))}"
+        f"<b>{escape(entry.row.label)}</b>{share_bar(list(zip(OUTCOMES, entry.outcomes, strict=True)))}"
         f"<span>{100 * entry.score:.0f}</span>"
         for entry in entries
     )
     legend = "".join(f'<li><i class="{outcome}"></i>{outcome}</li>' for outcome in OUTCOMES)
     commands = "".join(
-        f"<li><b>{escape(entry.label)}</b> <code>{escape(entry.command)}</code>"
+        f"<li><b>{escape(entry.row.label)}</b> <code>{escape(entry.row.command)}</code>"
         f'<br><span class="soft">{escape(entry.machine)}; {escape(entry.folder)}</span></li>'
         for entry in entries
     )
@@ -196,34 +171,15 @@ def _class(kind: str) -> str:
 
 def _cells(entry: Entry) -> list[str]:
     """The cells of a row behind the name of the method."""
+    row = entry.row
     return [
         f"{100 * entry.score:.1f}",
-        html_figure(entry.correct, 1, 100),
-        html_figure(entry.false, 1, 100),
-        html_figure(entry.delay, 2),
-        html_figure(entry.none, 1, 100),
-        str(entry.outcomes[3]),
-        str(entry.trials),
-        escape(entry.risk) or "-",
+        html_figure(row.correct, 1, 100),
+        html_figure(row.false, 1, 100),
+        html_figure(row.delay, 2),
+        html_figure(row.none, 1, 100),
+        str(row.errors),
+        str(row.trials),
+        "-" if row.risk is None else f"{row.risk.false} ({row.risk.expected_false:.2g})",
         html_figure(entry.frame_ms),
     ]
-
-
-def _interval(value: object) -> Interval:
-    if not isinstance(value, list) or len(value) != 3:
-        raise ValueError("no interval")
-    known = [_known(end) for end in value]
-    return Interval(*(math.nan if end is None else end for end in known))
-
-
-def _known(value: object) -> float | None:
-    """A number, or None; a text such as "nan" is neither."""
-    if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
-        raise TypeError("not a number")
-    return None if value is None else float(value)
-
-
-def _text(value: object) -> str:
-    if not isinstance(value, str):
-        raise TypeError("not a text")
-    return value[:_MAX_TEXT]

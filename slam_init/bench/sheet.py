@@ -17,7 +17,7 @@ from slam_init.compare.statistics import Interval, cluster_share, holm, sign_fli
 from slam_init.compare.trial_table import TrialTable
 from slam_init.methods.external_command import is_external, method_label
 from slam_init.methods.registry import method_info
-from slam_init.output.plain_json import Json, plain, plain_fields
+from slam_init.output.plain_json import Json, plain_fields
 from slam_init.types.arrays import Bools
 
 #: Version of the layout of ``sheet.json``.
@@ -87,7 +87,6 @@ class Row:
     not_applicable: int
     #: A command line that gives this row alone.
     command: str
-    times: Times
 
 
 @dataclass(frozen=True)
@@ -128,6 +127,8 @@ class Sheet:
     rows: tuple[Row, ...]
     pairs: tuple[PairedTest, ...]
     strata: tuple[Stratum, ...]
+    #: By method.
+    times: Mapping[str, Times]
     machine: Mapping[str, str]
     packages: Mapping[str, str]
 
@@ -140,24 +141,9 @@ class Sheet:
         """Convert to plain JSON types, as in ``sheet.json``.
 
         * Returns: An interval becomes a list of value, low and high end, with six significant digits and None for NaN.
-          Times are in ``times`` by method, apart from the rows.
         """
-        facts = ("run", "command", "departures", "sequences", "frozen", "notes")
-        rows = [plain_fields(row) for row in self.rows]
-        times = {row.method: plain(row.times) for row in self.rows}
-        return {
-            "schema": SCHEMA,
-            "benchmark": NAME,
-            "version": VERSION,
-            "suite": self.run.suite,
-            **{name: plain(getattr(self, name)) for name in facts},
-            "rows": [{name: value for name, value in row.items() if name != "times"} for row in rows],
-            "pairs": plain(self.pairs),
-            "strata": plain(self.strata),
-            "times": times,
-            "machine": plain(self.machine),
-            "packages": plain(self.packages),
-        }
+        head: dict[str, Json] = {"schema": SCHEMA, "benchmark": NAME, "version": VERSION, "suite": self.run.suite}
+        return head | plain_fields(self)
 
 
 def sheet_of(table: TrialTable, plan: Plan, run: Run, digests: Mapping[str, str], notes: Sequence[str]) -> Sheet:
@@ -174,6 +160,7 @@ def sheet_of(table: TrialTable, plan: Plan, run: Run, digests: Mapping[str, str]
         rows=tuple(_row(table, run, method, left_out.get(method, 0)) for method in plan.methods),
         pairs=tuple(_pairs(table, plan.methods)),
         strata=tuple(strata_of(table, plan.sources, plan.methods)),
+        times={method: _times(table.of_method(method)) for method in plan.methods},
         machine=hardware(),
         packages=versions(),
     )
@@ -204,8 +191,12 @@ def _row(table: TrialTable, run: Run, method: str, not_applicable: int) -> Row:
         risk=None if reliability is None else _risk(reliability.total),
         not_applicable=not_applicable,
         command=shlex.join(run.words((method,))),
-        times=Times(figures.frame_median_ms, figures.frame_p95_ms, figures.attempt_median_ms),
     )
+
+
+def _times(table: TrialTable) -> Times:
+    figures = figures_of(table)
+    return Times(figures.frame_median_ms, figures.frame_p95_ms, figures.attempt_median_ms)
 
 
 def _risk(maps: RiskBin) -> Risk:

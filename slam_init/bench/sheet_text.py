@@ -26,7 +26,7 @@ def sheet_text(sheet: Sheet) -> str:
         f"({first.solvable} of {first.trials}). False is over all trials: a camera that does not translate has no "
         "correct map. Delay: frames after the start until the first correct map; a trial without one counts as its "
         "limit. Risk: false maps among those with a stated risk, and how many the stated risks promise.",
-        _scores(sheet.rows),
+        _scores(sheet),
         "## On the same trials",
         _pairs_text(sheet.pairs),
         "## Strata",
@@ -45,7 +45,7 @@ def _facts(sheet: Sheet) -> list[str]:
     return [whole, f"tracks: {sheet.frozen.text}", *sheet.notes]
 
 
-def _scores(rows: Sequence[Row]) -> str:
+def _scores(sheet: Sheet) -> str:
     header = ["method", "trials", "correct", "strict", "false", "none", "error", "delay (frames)", "reason right"]
     header += ["risk: false (expected) of maps", "frame (ms)", "p95 (ms)"]
     return fitted_tables(
@@ -62,10 +62,10 @@ def _scores(rows: Sequence[Row]) -> str:
                 figure_text(row.delay, 2),
                 figure_text(row.reason, 1, 100),
                 _risk(row),
-                figure_text(row.times.frame_ms),
-                figure_text(row.times.frame_p95_ms),
+                figure_text(sheet.times[row.method].frame_ms),
+                figure_text(sheet.times[row.method].frame_p95_ms),
             ]
-            for row in rows
+            for row in sheet.rows
         ],
     )
 

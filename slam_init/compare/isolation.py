@@ -21,15 +21,16 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 
-from slam_init.compare.rows import TrialRow, finite_json, parse_row, row_text
+from slam_init.compare.rows import TrialRow, checked_row
 from slam_init.compare.trials import Settings, Trial, error_row
 from slam_init.errors import ConfigError, OutputError, SlamInitError
 from slam_init.methods.external_command import is_external
 from slam_init.methods.external_run import USER_PYTHONPATH
+from slam_init.output.plain_json import parsed
 
 #: Sent by the process when it has loaded its libraries, before the first request.
 READY = b"ready\n"
@@ -80,32 +81,18 @@ class Answer:
 
     def line(self) -> bytes:
         """Write the answer as one line. A row with a number that is not finite is a ValueError."""
-        row = None if self.row is None else json.loads(row_text(self.row))
-        return json.dumps(vars(self) | {"row": row}, allow_nan=False).encode() + b"\n"
+        return json.dumps(asdict(self), allow_nan=False).encode() + b"\n"
+
+    @staticmethod
+    def parse(line: bytes) -> Answer:
+        """Read an answer, and check each of its values."""
+        answer = parsed(Answer, line)
+        if answer.row is not None:
+            checked_row(answer.row)
+        return answer if answer.error is None else replace(answer, error=" ".join(answer.error.split())[:_MAX_TEXT])
 
 
 Request = TrialRequest | TracksRequest | MethodRequest
-
-
-def parse_answer(line: bytes) -> Answer:
-    """Read an answer, and check each of its values."""
-    content = finite_json(line)
-    exhausted, row = content.get("memory_exhausted"), content.get("row")
-    if not isinstance(exhausted, bool):
-        raise ValueError("memory_exhausted is no truth value")
-    return Answer(
-        _text(content.get("request")) or "",
-        _text(content.get("error")),
-        None if row is None else parse_row(json.dumps(row)),
-        exhausted,
-        _text(content.get("digest")) or "",
-    )
-
-
-def _text(value: object) -> str | None:
-    if value is not None and not isinstance(value, str):
-        raise ValueError("not a text")
-    return None if value is None else " ".join(value.split())[:_MAX_TEXT]
 
 
 #: Time for loading the libraries on a busy machine.
@@ -256,7 +243,7 @@ class TrialProcess:
             if not self._ready:
                 self._ready = self._line(_START_S) == READY
             self._connection.send(request)
-            answer = parse_answer(self._line(limit_s))
+            answer = Answer.parse(self._line(limit_s))
         except TimeoutError:  # TimeoutError is a subclass of OSError
             raise
         except OSError:

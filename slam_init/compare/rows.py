@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import re
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias, get_args, get_type_hints
+from typing import Literal, TypeAlias
 
-from slam_init.output.plain_json import Json
+from slam_init.output.plain_json import parsed
 
 #: ``accepted``: the method found a map, and there is no ground truth to compare the map with. For the other outcomes
 #: see :mod:`slam_init.compare`.
@@ -137,58 +136,16 @@ def row_text(row: TrialRow) -> str:
 
 
 def parse_row(line: str | bytes) -> TrialRow:
-    """Read a line of ``trials.jsonl``. The line may come from another version of the program.
-
-    * ``line``: JSON object. Unknown keys are ignored, and a missing key of an optional value means None.
-    """
-    content = finite_json(line)
-    for name in COLUMNS:
-        value = content.get(name)
-        if name == "outcome":
-            if value not in get_args(Outcome):
-                raise ValueError(f"{name} is {value!r}")
-        elif type(value) not in _TYPES[name]:  # type() and not isinstance(): a bool is not a number here
-            raise ValueError(f"{name} is {value!r}")
-    if content.get("keyframes") is not None and not _KEYFRAMES.fullmatch(str(content["keyframes"])):
-        raise ValueError(f"keyframes is {content['keyframes']!r}")
-    values: dict[str, Any] = {name: content[name] for name in COLUMNS if name in content}
-    return TrialRow(**values)
+    """Read a line of ``trials.jsonl``. The line may come from another version of the program."""
+    return checked_row(parsed(TrialRow, line))
 
 
-def finite_json(line: str | bytes) -> dict[str, Json]:
-    """Read a JSON object of finite numbers."""
-    try:
-        content = json.loads(line, parse_constant=_finite, parse_float=_finite, parse_int=_small)
-    except RecursionError:
-        raise ValueError("too deep") from None
-    if not isinstance(content, dict):
-        raise ValueError("not a JSON object")
-    return content
-
-
-def _finite(text: str) -> float:
-    number = float(text)
-    if not math.isfinite(number):
-        raise ValueError(f"{text} is not finite")
-    return number
-
-
-def _small(text: str) -> int:
-    number = int(text)
-    if abs(number) >= 1 << 63:
-        raise ValueError("a number has more than 64 bits")
-    return number
+def checked_row(row: TrialRow) -> TrialRow:
+    """Check the texts of a row that may come from anywhere."""
+    if row.keyframes is not None and not _KEYFRAMES.fullmatch(row.keyframes):
+        raise ValueError(f"keyframes is {row.keyframes!r}")
+    return row
 
 
 #: Absolute indices of frames, separated by spaces.
 _KEYFRAMES = re.compile(r"\d{1,18}( \d{1,18})*")
-
-
-def _types_by_column() -> dict[str, frozenset[type]]:
-    """Return the types that JSON can give for each field. A whole number is a valid float."""
-    hints = get_type_hints(TrialRow)
-    types = {name: frozenset(get_args(hints[name]) or (hints[name],)) for name in COLUMNS if name != "outcome"}
-    return {name: allowed | {int} if float in allowed else allowed for name, allowed in types.items()}
-
-
-_TYPES = _types_by_column()

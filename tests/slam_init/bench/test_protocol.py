@@ -131,14 +131,18 @@ def test_the_page_ranks_the_rows_of_equal_protocols_and_loads_nothing(finished, 
     entries = read_entries(str(out))
     assert len({entry.group for entry in entries}) == 1
     order = re.findall(r'<th scope="row"[^>]*>([^<]*)<', page)
-    assert order == [entry.label for entry in sorted(entries, key=lambda entry: (-entry.score, entry.label))]
+    assert order == [one.row.label for one in sorted(entries, key=lambda one: (-one.score, one.row.label))]
     assert page.count('class="board"') == 1 and "10 times that of false maps" in page
 
 
 def test_a_false_map_costs_more_than_none(finished):
     entry = read_entries(str(finished[0]))[0]
-    waits = replace(entry, label="waits", correct=Interval(0.6, 0.5, 0.7), false=Interval(0.0, 0.0, 0.1))
-    answers = replace(entry, label="answers", correct=Interval(0.9, 0.8, 1.0), false=Interval(0.04, 0.0, 0.1))
+    shares = {"waits": (Interval(0.6, 0.5, 0.7), Interval(0.0, 0.0, 0.1))}
+    shares |= {"answers": (Interval(0.9, 0.8, 1.0), Interval(0.04, 0.0, 0.1))}
+    waits, answers = (
+        replace(entry, row=replace(entry.row, label=label, correct=correct, false=false))
+        for label, (correct, false) in shares.items()
+    )
     order = re.findall(r'<th scope="row"[^>]*>([^<]*)<', leaderboard_html([answers, waits]))
     assert order == ["waits", "answers"]
 
@@ -147,16 +151,17 @@ def test_the_page_and_the_report_of_a_run_tell_the_same_false_rates(finished):
     out, _ = finished
     summary = json.loads((out / "summary.json").read_text())
     for entry in read_entries(str(out)):
-        figures = [part[entry.label] for part in summary["parts"].values() if entry.label in part]
+        figures = [part[entry.row.label] for part in summary["parts"].values() if entry.row.label in part]
         assert sum(one["false"] for one in figures) == entry.outcomes[1]
         judged = sum(one["trials"] - one["accepted"] + one["correct"] + one["false"] for one in figures)
-        assert entry.false[0] == pytest.approx(entry.outcomes[1] / judged)
-        assert sum(entry.outcomes) == entry.trials
+        assert entry.row.false.value == pytest.approx(entry.outcomes[1] / judged)
+        assert sum(entry.outcomes) == entry.row.trials
 
 
 def test_a_text_in_a_sheet_is_escaped(finished):
-    entry = replace(read_entries(str(finished[0]))[0], label="<script>alert(1)</script>", command="<b>", about='"><i>')
-    page = leaderboard_html([entry])
+    entry = read_entries(str(finished[0]))[0]
+    row = replace(entry.row, label="<script>alert(1)</script>", command="<b>", about='"><i>')
+    page = leaderboard_html([replace(entry, row=row)])
     for hostile in ("<script>alert", "<b><", '"><i>'):
         assert hostile not in page
 
