@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from slam_init.datasets.opening import open_source
     from slam_init.errors import CalibrationError, ConfigError, OutputError, SlamInitError, SourceError
     from slam_init.initializer import Initializer
-    from slam_init.output.results import load_graph, write_results
-    from slam_init.output.saving import write_colmap
+    from slam_init.output.results import load_graph, write_colmap, write_results
     from slam_init.runner import run
     from slam_init.scale.find import find_scale
     from slam_init.scale.metric_map import in_metres
@@ -103,11 +102,11 @@ _HOMES = {
     "parse_scale": "scale.requests",
     "prior_camera": "calibration.prior",
     "run": "runner",
-    "write_colmap": "output.saving",
+    "write_colmap": "output.results",
     "write_results": "output.results",
 }
 
-set_writer(lambda thing, folder: import_module("slam_init.output.saving").save(thing, folder))
+set_writer(lambda thing, folder: import_module("slam_init.output.results").save(thing, folder))
 
 
 def __getattr__(name: str) -> object:

@@ -20,7 +20,7 @@ from slam_init.mapping.follower import Continuation, FrameTracker, follow
 from slam_init.mapping.reduction import Reduction
 from slam_init.methods import make_initializer
 from slam_init.methods.registry import FrontEnd
-from slam_init.output.colmap_cameras import colmap_note
+from slam_init.output.colmap import colmap_note
 from slam_init.output.names import segment_folder
 from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.provenance import InputHash, provenance_of

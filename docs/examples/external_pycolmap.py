@@ -17,7 +17,7 @@ import tempfile
 from pathlib import Path
 
 from slam_init.calibration.files import load_camera
-from slam_init.output.colmap_cameras import colmap_camera, colmap_note
+from slam_init.output.colmap import colmap_camera, colmap_note
 
 _MOST_FRAMES = 20
 

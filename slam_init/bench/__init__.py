@@ -7,14 +7,11 @@ score sheet, and a page that ranks the sheets of several runs.
 ===================  ===============================================================================
 module               content
 ===================  ===============================================================================
-``protocol``         name and version; what a run of the benchmark is
-``suites``           the suites ``drawn`` and ``rendered``
+``protocol``         name and version; what a run is; the worlds of the suites ``drawn`` and ``rendered``; digests of
+                     the tracks of this version
 ``manifest``         the suite ``video``: public sequences, where to get each, their checksums
 ``convert``          converters of the published layouts that no reader takes
-``strata``           difficulty strata: kind of scene, and noise, outliers, baseline, focal length
-``frozen``           digests of the tracks of this version of the protocol
-``sheet``            the score sheet; ``sheet_text`` writes it as Markdown
-``hardware``         the machine
+``sheet``            the score sheet with its strata; ``sheet_text`` writes it as Markdown
 ``command``          runs ``slam-init bench``
 ``leaderboard``      runs ``slam-init bench publish``
 ===================  ===============================================================================

@@ -9,12 +9,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from slam_init.bench.frozen import frozen_checksum
 from slam_init.bench.manifest import MANIFEST, checksum, data_folder, find_sequences
-from slam_init.bench.protocol import DEFAULTS, Run
+from slam_init.bench.protocol import DEFAULTS, Run, frozen_checksum, rendered_worlds, simulated_worlds
 from slam_init.bench.sheet import Sheet, sheet_of
 from slam_init.bench.sheet_text import sheet_text
-from slam_init.bench.suites import rendered_worlds, simulated_worlds
 from slam_init.compare.command import not_applicable_lines
 from slam_init.compare.plan import Plan
 from slam_init.compare.replay import replay, tracks_digest

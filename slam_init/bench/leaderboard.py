@@ -98,7 +98,11 @@ def read_entries(folder: str) -> list[Entry]:
         if (head.benchmark, head.version, head.schema) != (NAME, VERSION, SCHEMA):
             raise SourceError(f"{path} is no score sheet of {NAME} {VERSION}: run slam-init bench again")
         sheet = parsed(Sheet, text)
-        if sheet.run.suite not in DEFAULTS or not all(row.method in sheet.times for row in sheet.rows):
+        if (
+            head.suite not in DEFAULTS
+            or head.suite != sheet.run.suite
+            or not all(row.method in sheet.times for row in sheet.rows)
+        ):
             raise ValueError("an unknown suite, or a row without times")
     except ValueError:
         raise SourceError(f"{path} is damaged: run slam-init bench again") from None

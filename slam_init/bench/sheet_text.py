@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from slam_init.bench.sheet import PairedTest, Row, Sheet
-from slam_init.bench.strata import AXES, Stratum
+from slam_init.bench.sheet import AXES, PairedTest, Row, Sheet, Stratum
 from slam_init.compare.tables import figure_text, p_value_text
 from slam_init.methods.external_command import method_label
 from slam_init.output.tables import fitted_tables

@@ -7,8 +7,7 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from slam_init.cli.exit_codes import DONE
-from slam_init.cli.parser import OUT_HELP, UsageError
+from slam_init.cli.parser import DONE, OUT_HELP, UsageError
 from slam_init.cli.trial_options import add_methods, add_processes, check_trials
 from slam_init.system.process_io import tell
 

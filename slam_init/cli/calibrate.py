@@ -6,8 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from slam_init.cli.exit_codes import DONE, NOT_INITIALIZED
-from slam_init.cli.parser import OUT_HELP, at_least
+from slam_init.cli.parser import DONE, NOT_INITIALIZED, OUT_HELP, at_least
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
 from slam_init.output.names import CALIBRATION_FILES
 from slam_init.system.process_io import tell

@@ -6,8 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from slam_init.cli.exit_codes import DONE
-from slam_init.cli.parser import OUT_HELP, UsageError
+from slam_init.cli.parser import DONE, OUT_HELP, UsageError
 from slam_init.cli.source_options import add_mask, add_topics, view_of, with_topics
 from slam_init.cli.trial_options import add_methods, add_processes, check_trials
 from slam_init.system.process_io import tell

@@ -17,9 +17,8 @@ from typing import NoReturn
 from slam_init.cli.bench import add_bench
 from slam_init.cli.calibrate import add_calibrate
 from slam_init.cli.compare import add_compare
-from slam_init.cli.exit_codes import BAD_INPUT, INTERRUPTED
 from slam_init.cli.info import add_info
-from slam_init.cli.parser import Parser, UsageError
+from slam_init.cli.parser import BAD_INPUT, INTERRUPTED, Parser, UsageError
 from slam_init.cli.run import add_run
 from slam_init.cli.synth import add_synth
 from slam_init.cli.view import add_view

@@ -19,6 +19,11 @@ if TYPE_CHECKING:
 
     Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 
+DONE, BAD_INPUT, NOT_INITIALIZED = 0, 2, 3
+#: Added to the number of the signal.
+INTERRUPTED = 128
+
+
 OUT_HELP = "results: a new or empty folder, or one of an earlier run of this command (default: %(default)s)"
 
 

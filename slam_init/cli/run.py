@@ -8,8 +8,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from slam_init.cli.exit_codes import DONE, NOT_INITIALIZED
-from slam_init.cli.parser import ListMethods, UsageError, at_least
+from slam_init.cli.parser import DONE, NOT_INITIALIZED, ListMethods, UsageError, at_least
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
 from slam_init.system.process_io import tell
 from slam_init.system.regular_file import user_path

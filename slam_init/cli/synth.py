@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from slam_init.cli.exit_codes import DONE
-from slam_init.cli.parser import at_least
+from slam_init.cli.parser import DONE, at_least
 from slam_init.system.process_io import tell
 
 if TYPE_CHECKING:

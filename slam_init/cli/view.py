@@ -7,8 +7,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from slam_init.cli.exit_codes import DONE
-from slam_init.cli.parser import UsageError
+from slam_init.cli.parser import DONE, UsageError
 from slam_init.errors import OutputError, SourceError, ViewerError
 from slam_init.system.process_io import tell
 from slam_init.system.regular_file import check_inside, user_path

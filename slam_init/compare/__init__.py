@@ -14,8 +14,8 @@ The *wait* of a trial is the number of frames after its start frame until the fi
 A trial without a correct map counts as its limit.
 
 A run goes ``plan`` (the trials), ``backends`` (where they run), ``isolation`` (a process with limits for each worker),
-``trials`` (one trial and its row), ``journal`` (rows on disk), ``trial_table`` and ``summary`` (figures), ``results``
-and ``report`` (files).
+``trials`` (one trial and its row), ``rows`` (rows on disk), ``trial_table`` and ``summary`` (figures), ``run`` and
+``report`` (files).
 """
 
 from slam_init.compare.plan import Plan

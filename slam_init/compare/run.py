@@ -16,10 +16,9 @@ from typing import TypeAlias
 
 from slam_init.compare.backends import DASK, Backend, open_backend
 from slam_init.compare.isolation import end_process, isolated_tracks, isolated_trials
-from slam_init.compare.journal import Journal
 from slam_init.compare.plan import Plan
 from slam_init.compare.recordings import RECORDINGS
-from slam_init.compare.rows import COLUMNS, TrialRow
+from slam_init.compare.rows import COLUMNS, Journal, TrialRow
 from slam_init.compare.summary import ComparisonSummary, summary_of
 from slam_init.compare.trajectories import TRAJECTORIES
 from slam_init.compare.trial_table import TrialTable

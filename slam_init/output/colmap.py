@@ -1,4 +1,4 @@
-"""Writes the initial map as a COLMAP model in text format."""
+"""Writes the initial map as a COLMAP model in text format, with COLMAP's camera or one that stands for it."""
 
 from __future__ import annotations
 
@@ -9,10 +9,65 @@ from collections.abc import Sequence
 import numpy as np
 
 from slam_init.errors import plain_line
-from slam_init.output.colmap_cameras import colmap_camera, colmap_view
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.initial_map import InitialMap
+
+#: COLMAP's models with the same parameters in the same order.
+_SAME_PARAMETERS = {"rational": "FULL_OPENCV", "thin-prism-fisheye": "THIN_PRISM_FISHEYE", "fov": "FOV", "eucm": "EUCM"}
+#: Number of coefficients that COLMAP's models take, where a lens with more radial distortion has one more.
+_COEFFICIENTS = {"fov": 1, "eucm": 2}
+
+
+def colmap_view(camera: Camera) -> tuple[Camera, str]:
+    """Choose the camera that is written.
+
+    * Returns ``camera``: The same one, or the pinhole camera with the same pixels near the optical axis.
+    """
+    note = colmap_note(camera)
+    if not note:
+        return camera, note
+    K = camera.K
+    return Camera("pinhole", camera.width, camera.height, K[0, 0], K[1, 1], camera.cx, camera.cy), note
+
+
+def colmap_note(camera: Camera) -> str:
+    """Tell what a COLMAP model cannot say about a camera."""
+    if camera.model == "equirectangular" and not _is_whole_sphere(camera):
+        what = "panoramas of the whole sphere only"
+    elif camera.model in ("omni", "double-sphere", "thin-prism"):
+        what = f"no {camera.model} model"
+    elif len(camera.distortion) > _COEFFICIENTS.get(camera.model, len(camera.distortion)):
+        what = f"no {camera.model} model with more radial distortion"
+    else:
+        return ""
+    return f"COLMAP has {what}: the observations in colmap/ are those of an undistorted PINHOLE camera"
+
+
+def _is_whole_sphere(camera: Camera) -> bool:
+    sphere = (camera.width / (2 * math.pi), camera.height / math.pi)
+    centre = ((camera.width - 1) / 2, (camera.height - 1) / 2)
+    same_scale = np.allclose((camera.fx, camera.fy), sphere, rtol=1e-4)
+    return same_scale and np.allclose((camera.cx, camera.cy), centre, atol=0.1)
+
+
+def colmap_camera(camera: Camera) -> tuple[str, list[float]]:
+    """Find COLMAP's name and parameters of a camera."""
+    centre = [camera.cx + 0.5, camera.cy + 0.5]
+    parameters = [camera.fx, camera.fy, *centre, *camera.distortion]
+    if camera.model == "equirectangular":
+        return "EQUIRECTANGULAR", [camera.width, camera.height]
+    if camera.model in _SAME_PARAMETERS:
+        return _SAME_PARAMETERS[camera.model], parameters
+    if camera.model == "pinhole":
+        return "PINHOLE", parameters
+    if camera.model == "fisheye":
+        return "OPENCV_FISHEYE", parameters
+    if len(camera.distortion) == 5 and camera.distortion[4] != 0:
+        # k4, k5, k6: the denominator of the rational model.
+        return "FULL_OPENCV", [*parameters, 0.0, 0.0, 0.0]
+    return "OPENCV", parameters[:8]
+
 
 #: A pinhole image is stretched by the squared inverse cosine of the angle: 33 times at 80 degrees. Rays beyond are left
 #: out of it.
@@ -26,7 +81,7 @@ def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
     added to the principal point and to each observation. Ids begin at 1: images in the order of the keyframes, points
     in the order of the landmarks.
 
-    Some lenses have no model in COLMAP (:func:`~slam_init.output.colmap_cameras.colmap_note`). Their observations are
+    Some lenses have no model in COLMAP (:func:`~slam_init.output.colmap.colmap_note`). Their observations are
     those of a pinhole camera, so the model is one of images that are undistorted to it. COLMAP's models on the plane
     z = 1 have no place for rays at 89 degrees or more from the optical axis. Those observations are left out, and so
     are points that less than two images still observe.

@@ -27,23 +27,27 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from slam_init.errors import SourceError
+from slam_init.errors import OutputError, SourceError
 from slam_init.output.colmap import colmap_model, numbers_text
 from slam_init.output.folder import OutputFolder, output_error
 from slam_init.output.handover import handover_bytes
 from slam_init.output.names import COLMAP_FILES, OVERVIEW, RECORDING, run_files, segment_folder
 from slam_init.output.nerfstudio import transforms_text
-from slam_init.output.summary import Summary, summary_text
+from slam_init.output.summary import Summary, summary_of, summary_text
 from slam_init.system.regular_file import read_regular
 from slam_init.types.arrays import Bools, Image
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame
 from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.pose import Trajectory
 from slam_init.types.result import Result
 from slam_init.types.segments import MAX_SEGMENTS
 
@@ -256,3 +260,47 @@ def ply_bytes(map_: InitialMap) -> bytes:
     vertices = np.zeros(len(map_.points), dtype=[("xyz", "<f4", 3), ("rgb", "u1", 3)])
     vertices["xyz"], vertices["rgb"] = map_.points, map_.colors
     return header.encode() + vertices.tobytes()
+
+
+@dataclass(frozen=True)
+class _FromPython:
+    """The source of a result whose frames came from the caller."""
+
+    name: str = "python"
+    kind: str = "frames"
+    camera: Camera | None = None
+    groundtruth: Trajectory | None = None
+
+    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
+        yield from ()
+
+
+def save(thing: object, folder: str | os.PathLike[str]) -> None:
+    """Write a map or a result to a folder, see :meth:`slam_init.types.savable.Savable.save`."""
+    if isinstance(thing, InitialMap):
+        with OutputFolder(folder, "run", run_files(restart=False)) as out:
+            publish_files(out, map_files(thing))
+    elif isinstance(thing, Result):
+        if thing.camera is None:
+            raise OutputError(f"{folder}: the result has no camera: take that of an Initializer, or save its map")
+        write_results(folder, thing, summary_of(thing, _FromPython(), thing.camera, thing.method, thing.seed))
+
+
+def write_colmap(map_: InitialMap, folder: str | os.PathLike[str]) -> None:
+    """Write a map as a COLMAP text model: ``cameras.txt``, ``images.txt``, ``points3D.txt``.
+
+    Parameters
+    ----------
+    map_ : InitialMap
+    folder : str or path
+        A folder that is new, empty, or was written by an earlier call.
+
+    Raises
+    ------
+    OutputError
+        If the folder holds other files, or a file cannot be written.
+    """
+    names = [name.rpartition("/")[2] for name in COLMAP_FILES]
+    with OutputFolder(folder, "colmap", names) as out:
+        texts = colmap_model(map_)
+        publish_files(out, {n: t.encode("utf-8", "surrogateescape") for n, t in zip(names, texts, strict=True)})

@@ -2,18 +2,119 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from slam_init.evaluation.metrics import Similarity, align_truth, positions_between
-from slam_init.recording.layout import ERROR, ERROR_BARS, ESTIMATE_COLOR, TRUTH_COLOR, Color
-from slam_init.recording.paths import dashes
+from slam_init.recording.layout import ERROR, ERROR_BARS, ESTIMATE_COLOR, TRUTH_COLOR, TWINS, Color
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose, Trajectory
+from slam_init.types.scale import Scale
+
+#: Number of dashes of the ground truth. It is dashed so that the estimate can be seen where both agree.
+_DASHES = 30
+#: The better one of two undecided maps, and its rival.
+CONJUGATE_NAMES = ("a", "b")
+#: Size of a frustum in units of the map, whose median depth is 1.
+_FRUSTUM = 0.08
+_CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+#: Colours of the better one of two undecided maps, and of its rival.
+_COLORS: tuple[Color, ...] = ((190, 120, 255), (130, 110, 150))
+
+
+def dashes(positions: Floats) -> list[Floats]:
+    """Cut a path into pieces of equal length, and return every other piece: ``positions`` (N, 3), returns (M, 3)."""
+    lengths = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    cuts = np.linspace(0, along[-1], 2 * _DASHES)
+    pieces = []
+    for begin, end in cuts.reshape(-1, 2):
+        # The corners of the path within a dash are kept.
+        at = np.concatenate([[begin], along[(along > begin) & (along < end)], [end]])
+        pieces.append(np.stack([np.interp(at, along, column) for column in positions.T], axis=1))
+    return pieces
+
+
+def log_hypotheses(rec: Any, maps: Sequence[InitialMap]) -> None:
+    """Log the paths of up to two maps, and clear the entities of the maps that do not exist."""
+    import rerun as rr
+
+    for k, color in enumerate(_COLORS):
+        entity = f"world/trajectory/hypothesis{k + 1}"
+        if k < len(maps):
+            path = np.array([keyframe.world_from_cam.t for keyframe in maps[k].keyframes])
+            thin, label = rr.Radius.ui_points(1.5), f"map {CONJUGATE_NAMES[k].upper()}"
+            rec.log(entity, rr.LineStrips3D([path], colors=[color], radii=thin, labels=[label], show_labels=True))
+        else:
+            rec.log(entity, rr.Clear(recursive=False))
+
+
+def log_conjugate_maps(rec: Any, maps: Sequence[InitialMap]) -> None:
+    """Log the landmarks, the frusta and the path of up to two maps, each in a space of its own; clear the others."""
+    import rerun as rr
+
+    for k, name in enumerate(CONJUGATE_NAMES):
+        entity = f"{TWINS}/{name}"
+        if k >= len(maps):
+            rec.log(entity, rr.Clear(recursive=True))
+            continue
+        map_ = maps[k]
+        rec.log(entity, rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
+        rec.log(f"{entity}/points", rr.Points3D(map_.points, colors=map_.colors, radii=rr.Radius.ui_points(2.5)))
+        strips = [strip for keyframe in map_.keyframes for strip in _frustum(map_, keyframe.world_from_cam)]
+        thin = rr.Radius.ui_points(1.0)
+        rec.log(f"{entity}/keyframes", rr.LineStrips3D(strips, colors=[ESTIMATE_COLOR], radii=thin))
+        path = np.array([keyframe.world_from_cam.t for keyframe in map_.keyframes])
+        rec.log(f"{entity}/path", rr.LineStrips3D([path], colors=[_COLORS[0]], radii=rr.Radius.ui_points(1.5)))
+
+
+def _frustum(map_: InitialMap, world_from_cam: Pose) -> list[Floats]:
+    """The outline of the image and the edges from the centre to its corners, as line strips."""
+    camera = map_.camera
+    x, y = _FRUSTUM * camera.width / (2 * camera.fx), _FRUSTUM * camera.height / (2 * camera.fy)
+    corners = world_from_cam.apply(np.array([[sx * x, sy * y, _FRUSTUM] for sx, sy in _CORNERS]))
+    centre = world_from_cam.t
+    return [corners[[0, 1, 2, 3, 0]], *(np.stack([centre, corner]) for corner in corners)]
+
+
+#: The entity of the bar.
+SCALE_BAR = "world/scale"
+_COLOR = (230, 230, 230)
+#: Length of the bar in units of the map, at most: the median depth is 1.
+_LONGEST = 0.25
+
+
+def bar_metres(metres_per_unit: float) -> float:
+    """Choose the length of the bar.
+
+    * Returns: 1, 2 or 5 times a power of ten, at most a quarter of the unit.
+    """
+    most = _LONGEST * metres_per_unit
+    power = 10.0 ** math.floor(math.log10(most))
+    return next(factor * power for factor in (5.0, 2.0, 1.0) if factor * power <= most * (1 + 1e-9))
+
+
+def log_scale_bar(rec: Any, scale: Scale) -> None:
+    """Log the bar from the first camera to the right, with its length and the scale as label."""
+    import rerun as rr
+
+    if scale.metres_per_unit is None or scale.sigma is None:
+        return
+    metres = bar_metres(scale.metres_per_unit)
+    end = metres / scale.metres_per_unit
+    label = f"{metres:g} m (1 unit = {scale.metres_per_unit:.4g} m +- {scale.sigma:.1%}, {scale.origin})"
+    rec.log(
+        SCALE_BAR,
+        rr.LineStrips3D(
+            [[(0.0, 0.0, 0.0), (end, 0.0, 0.0)]], colors=[_COLOR], radii=rr.Radius.ui_points(2.5), labels=[label]
+        ),
+    )
+
 
 #: Size of the frustum of the camera in units of the map, whose median depth is 1. On a short path the frusta of the
 #: keyframes would hide the path. Their size is then a tenth of the path, so that five of them do not overlap.

@@ -57,12 +57,19 @@ from slam_init.recording.layout import (
     End,
     blueprint,
 )
-from slam_init.recording.map_view import FRUSTUM, MapView, log_pinhole
+from slam_init.recording.map_view import (
+    CONJUGATE_NAMES,
+    FRUSTUM,
+    SCALE_BAR,
+    MapView,
+    log_conjugate_maps,
+    log_hypotheses,
+    log_pinhole,
+    log_scale_bar,
+)
 from slam_init.recording.pair_view import log_pair
-from slam_init.recording.paths import CONJUGATE_NAMES, log_conjugate_maps, log_hypotheses
 from slam_init.recording.recorder import Recorder
 from slam_init.recording.recording_file import RecordingFile, open_stream
-from slam_init.recording.scale_bar import SCALE_BAR, log_scale_bar
 from slam_init.recording.text import (
     advice_markdown,
     attempt_line,

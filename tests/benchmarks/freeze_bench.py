@@ -11,15 +11,14 @@ import json
 import sys
 from pathlib import Path
 
-from slam_init.bench import frozen
-from slam_init.bench.hardware import versions
+from slam_init.bench import protocol
 from slam_init.bench.manifest import checksum, data_folder, find_sequences
-from slam_init.bench.protocol import DEFAULTS, SUITES, VERSION
-from slam_init.bench.suites import simulated_worlds
+from slam_init.bench.protocol import DEFAULTS, SUITES, VERSION, simulated_worlds
 from slam_init.compare.replay import replay, tracks_digest
 from slam_init.compare.sources import open_compared
+from slam_init.output.provenance import versions
 
-_FILE = Path(frozen.__file__).with_name("frozen.json")
+_FILE = Path(protocol.__file__).with_name("frozen.json")
 #: What the tracks of each suite depend on.
 _LIBRARIES = {
     "drawn": ("numpy",),

@@ -16,9 +16,8 @@ from pathlib import Path
 from statistics import median
 
 from sequences_synth import SCENES, STANDARD_SCENES
-from slam_init.compare.journal import read_journal
 from slam_init.compare.plan import Plan
-from slam_init.compare.rows import TrialRow
+from slam_init.compare.rows import TrialRow, read_journal
 from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources
 from slam_init.compare.trials import Settings

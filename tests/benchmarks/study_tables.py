@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.compare.journal import read_journal
-from slam_init.compare.rows import TrialRow
+from slam_init.compare.rows import TrialRow, read_journal
 from slam_init.compare.statistics import Interval, restricted_mean, wilson
 from slam_init.output.tables import markdown_table, number
 from tests.benchmarks.study_parts import Cell

@@ -19,8 +19,7 @@ ones. If a process ends while the journal exists, the next command completes the
 results are moved back.
 """
 
-from slam_init.output.folder.files import output_error, remedy
-from slam_init.output.folder.marker import Marker
+from slam_init.output.folder.marker import Marker, output_error, remedy
 from slam_init.output.folder.ownership import check_folder, chosen_folder
 from slam_init.output.folder.writing import OutputFolder, staged_names
 

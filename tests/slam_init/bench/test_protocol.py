@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 
 from slam_init.bench.command import Execution, list_text, run_bench
-from slam_init.bench.frozen import check_frozen
 from slam_init.bench.leaderboard import leaderboard_html, publish, read_entries
-from slam_init.bench.protocol import DEFAULTS, Run
-from slam_init.bench.suites import DRAWN_OPTIONS, rendered_worlds, simulated_worlds
+from slam_init.bench.protocol import DEFAULTS, DRAWN_OPTIONS, Run, check_frozen, rendered_worlds, simulated_worlds
 from slam_init.cli import main
 from slam_init.compare.replay import replay, tracks_digest
 from slam_init.compare.sources import open_compared

@@ -5,8 +5,7 @@ import tracemalloc
 
 import pytest
 
-from slam_init.compare.journal import Journal
-from slam_init.compare.rows import COLUMNS, TrialRow, parse_row, row_text
+from slam_init.compare.rows import COLUMNS, Journal, TrialRow, parse_row, row_text
 from slam_init.errors import OutputError
 
 

@@ -8,8 +8,7 @@ import pytest
 from make_lenses import LENSES, directions
 from make_map import CAMERAS, make_map
 
-from slam_init.output.colmap import colmap_model, numbers_text
-from slam_init.output.colmap_cameras import colmap_note
+from slam_init.output.colmap import colmap_model, colmap_note, numbers_text
 from slam_init.output.names import COLMAP_FILES
 
 

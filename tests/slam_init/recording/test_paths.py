@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from slam_init.recording.paths import dashes
+from slam_init.recording.map_view import dashes
 
 
 def test_the_dashes_have_equal_lengths_and_keep_the_corners_of_the_path():

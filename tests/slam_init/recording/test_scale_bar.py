@@ -4,8 +4,8 @@ import pytest
 from make_map import CAMERAS, make_map, make_observations
 from read_recording import column, entities
 
+from slam_init.recording.map_view import bar_metres
 from slam_init.recording.rerun_recorder import RerunRecorder
-from slam_init.recording.scale_bar import bar_metres
 from slam_init.types.scale import Scale, ScaleOrigin
 
 
