@@ -32,7 +32,7 @@ from quest.covariance import planar_pose_covariance, pose_covariance
 from quest.errors import InputError, as_floats, as_index, as_positive
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import quaternion_from_matrix
-from quest.noise import GATE_SIGMAS, best_of_modes, refine_with_noise
+from quest.noise import GATE_SIGMAS, LOSSES, best_of_modes, refine_with_noise
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
 from quest.robust.lo_ransac import PROPOSALS, lo_ransac
 from quest.robust.plane import PlaneFit, fit_plane, off_line_rad
@@ -79,6 +79,7 @@ class _Options(NamedTuple):
     max_samples: int
     scores: Floats | None
     solver: str
+    loss: str
 
 
 class _Motion(NamedTuple):
@@ -120,6 +121,7 @@ def estimate_relative_pose(
     max_samples: int = 50_000,
     scores: ArrayLike | None = None,
     solver: str = "quest5",
+    loss: str = "mixture",
     initial_pose: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> RelativePose | NoPose:
     """Estimate the motion between two calibrated views from matches with outliers.
@@ -146,6 +148,10 @@ def estimate_relative_pose(
         six matches, 6 to 11 us a sample, and more samples where there are outliers. "five": Newton's method on five
         matches from two starts; it finds a quarter to a half of the solutions in the same time. The machine code of
         the last two is compiled at their first use.
+    loss : {"mixture", "least_squares", "truncated", "huber", "cauchy", "geman_mcclure"}
+        What the last refinement minimizes. "mixture": the likelihood with a scale for each match, see
+        :mod:`quest.robust.kernels.mixture`; the others are M-estimates of the scale of half of the threshold, for
+        comparison: their poses are less accurate where outliers lie near their epipolar lines.
     initial_pose : (q_or_R, t), optional
         A pose cam2_from_cam1 to begin with, as from a motion model: its rotation as a quaternion wxyz or a matrix, and
         its translation of any norm but zero. Samples are drawn until a better one would have been found, so a good
@@ -167,7 +173,7 @@ def estimate_relative_pose(
     .. [F17] K. Fathian et al., "Quaternion Based Camera Pose Estimation From Matched Feature Points", 2017.
     """
     m, n = as_unit_bearings(bearings1, bearings2)
-    options = _checked_options(len(m), threshold_rad, seed, confidence, max_samples, scores, solver)
+    options = _checked_options(len(m), threshold_rad, seed, confidence, max_samples, scores, solver, loss)
     start = None if initial_pose is None else _checked_pose(initial_pose)
     threshold_rad = options.threshold_rad
     rng = np.random.default_rng(options.seed)
@@ -176,7 +182,7 @@ def estimate_relative_pose(
     if distinct < _MIN_MATCHES:
         return NoPose("too_few_matches", PoseEvidence(distinct, needed=_MIN_MATCHES))
     rotation = propose_rotation(m, n, threshold_rad, rng)
-    problem = PoseProblem(m, n, threshold_rad)
+    problem = PoseProblem(m, n, threshold_rad, options.loss)
     report = lo_ransac(
         problem.m,
         problem.n,
@@ -234,6 +240,7 @@ def refine_relative_pose(
     *,
     threshold_rad: float = 2e-3,
     seed: int = 0,
+    loss: str = "mixture",
 ) -> RelativePose | NoPose:
     """Refine a known motion between two calibrated views on matches with outliers.
 
@@ -249,6 +256,8 @@ def refine_relative_pose(
         A match whose Sampson error is larger is an outlier, in radians.
     seed : int
         Seed of the subsets to which the pose is refitted.
+    loss : str
+        As of :func:`quest.estimate_relative_pose`.
 
     Returns
     -------
@@ -262,7 +271,7 @@ def refine_relative_pose(
     """
     start = _checked_pose(initial_pose)
     return estimate_relative_pose(
-        bearings1, bearings2, threshold_rad=threshold_rad, seed=seed, max_samples=0, initial_pose=start
+        bearings1, bearings2, threshold_rad=threshold_rad, seed=seed, max_samples=0, loss=loss, initial_pose=start
     )
 
 
@@ -296,6 +305,7 @@ def _checked_options(
     max_samples: int,
     scores: ArrayLike | None,
     solver: str,
+    loss: str,
 ) -> _Options:
     threshold_rad = as_positive(threshold_rad, "threshold_rad", "a positive angle in radians")
     if threshold_rad > 1:
@@ -306,7 +316,9 @@ def _checked_options(
     ranking = None if scores is None else _checked_scores(scores, count)
     if not (isinstance(solver, str) and solver in PROPOSALS):
         raise InputError(f"solver is {solver!r:.60}: give one of {', '.join(PROPOSALS)}")
-    return _Options(threshold_rad, as_index(seed, "seed", 0), confidence, max_samples, ranking, solver)
+    if not (isinstance(loss, str) and loss in ("mixture", *LOSSES)):
+        raise InputError(f"loss is {loss!r:.60}: give one of mixture, {', '.join(LOSSES)}")
+    return _Options(threshold_rad, as_index(seed, "seed", 0), confidence, max_samples, ranking, solver, loss)
 
 
 def _checked_scores(scores: ArrayLike, count: int) -> Floats:
@@ -389,7 +401,18 @@ def _pose_with_alternatives(
         parallax=parallax,
         covariance=covariance,
         evidence=evidence,
+        H=_homography(first, problem.m[inliers], problem.n[inliers]) if planar else None,
     )
+
+
+def _homography(motion: Hypothesis, m: Floats, n: Floats) -> Floats:
+    """``R + t k'`` (3, 3), with the plane k that fits the matches of a motion best along their epipolar lines."""
+    # n x (R m + t (k . m)) = 0: each match says what k . m is.
+    along, across = np.cross(n, motion.t), np.cross(n, m @ motion.R.T)
+    weights = np.linalg.norm(along, axis=1)
+    depths = -np.sum(along * across, axis=1) / np.maximum(weights, 1e-300)
+    k = np.linalg.lstsq(weights[:, None] * m, depths, rcond=None)[0]
+    return np.asarray(motion.R + np.outer(motion.t, k))
 
 
 def _rivals(problem: PoseProblem, others: list[Floats], motion: _Motion, plane: PlaneFit) -> list[Floats]:
@@ -453,4 +476,5 @@ def _rotation_or_no_pose(
         parallax=parallax,
         covariance=np.full((5, 5), np.nan),
         evidence=replace(evidence, false_alarms=false_alarms),
+        H=rotation.R,
     )

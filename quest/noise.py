@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from quest.geometry.quaternion import quaternion_from_matrix
 from quest.robust.pose_modes import same_mode
 from quest.robust.pose_problem import PoseProblem
 from quest.robust.samples import RansacReport
@@ -31,6 +33,17 @@ _TABLE = 400
 _MODES, _MOST_COMPARED = 4, 500
 #: Largest number of steps of a refinement.
 _STEPS = 6
+#: Scale of the losses beside "mixture" in thresholds, as PoseLib has it; number of their steps; the last
+#: step.
+_LOSS_SCALE, _LOSS_STEPS, _LOSS_SETTLED_RAD = 0.5, 25, 1e-7
+#: Weight of a match by its squared residual, in units of the squared scale, for each of these losses.
+LOSSES: dict[str, Callable[[Floats], Floats]] = {
+    "least_squares": np.ones_like,
+    "truncated": lambda u: (u < 1 / _LOSS_SCALE**2).astype(np.float64),
+    "huber": lambda u: 1 / np.sqrt(np.maximum(u, 1)),
+    "cauchy": lambda u: 1 / (1 + u),
+    "geman_mcclure": lambda u: 1 / (1 + u) ** 2,
+}
 
 
 def best_of_modes(
@@ -47,7 +60,7 @@ def best_of_modes(
     some = problem
     if len(near) > 0 and len(problem) > _MOST_COMPARED:
         rows = rng.permutation(len(problem))[:_MOST_COMPARED]
-        some = PoseProblem(problem.m[rows], problem.n[rows], problem.threshold_rad)
+        some = PoseProblem(problem.m[rows], problem.n[rows], problem.threshold_rad, problem.loss)
     models = [report.models[0]]
     for k in near[:_MODES].tolist():
         model = _polished(some, report.models[1 + k])
@@ -83,10 +96,10 @@ def _log_likelihoods() -> Floats:
 def refine_with_noise(problem: PoseProblem, model: Floats) -> tuple[Floats, float]:
     """Refine a motion (q_wxyz, t) with the noise that its residuals show; return the motion and that noise.
 
-    The refinement is that of :mod:`quest.robust.kernels.mixture`. The noise is the standard deviation of a bearing,
-    from the median absolute residual; at least a thousandth of the threshold. Matches of untypical depth do not take
-    part in it: an outlier that fits a motion by chance lies anywhere on its epipolar line, while with little parallax
-    the points of the scene lie within a few pixels of their lines.
+    The refinement is that of :mod:`quest.robust.kernels.mixture`, or that of another loss. The noise is the standard
+    deviation of a bearing, from the median absolute residual; at least a thousandth of the threshold. Matches of
+    untypical depth do not take part in it: an outlier that fits a motion by chance lies anywhere on its epipolar line,
+    while with little parallax the points of the scene lie within a few pixels of their lines.
 
     P. J. Rousseeuw and A. M. Leroy, "Robust Regression and Outlier Detection", 1987, section 5.1: the factor for small
     samples.
@@ -96,13 +109,39 @@ def refine_with_noise(problem: PoseProblem, model: Floats) -> tuple[Floats, floa
     m, n, threshold_rad = problem.m, problem.n, problem.threshold_rad
     R, t = kernels.rotation_of_model(model), model[4:].copy()
     least_rad, use = 1e-3 * threshold_rad, np.zeros(len(problem), bool)
-    kernels.refine_mixture(m, n, R, t, threshold_rad, least_rad, LEAST_SINE2)
+    if problem.loss == "mixture":
+        kernels.refine_mixture(m, n, R, t, threshold_rad, least_rad, LEAST_SINE2)
+    else:
+        _refine_with_loss(problem, R, t)
     count, _, median_rad = kernels.typical_inliers(m, n, R, t, threshold_rad, RATIO_MADS, LEAST_SINE2, use)
     if count < _UNKNOWNS + 1:
         return kernels.model_of_pose(R, t), threshold_rad / GATE_SIGMAS
     # 1.4826 times the median absolute deviation is the deviation of a Gaussian. The lower bound keeps the gates of
     # exact data open.
     return kernels.model_of_pose(R, t), max(1.4826 * _few_matches(count) * median_rad, least_rad)
+
+
+def _refine_with_loss(problem: PoseProblem, R: Floats, t: Floats) -> None:
+    """Refine a pose in place by re-weighted least squares over the matches within twice the threshold."""
+    from quest.robust.kernels import rays_by_row, refinement
+
+    m, n, threshold_rad, weight_of = problem.m, problem.n, problem.threshold_rad, LOSSES[problem.loss]
+    model = np.concatenate([quaternion_from_matrix(R), t])
+    use = problem.explained(model, 2 * threshold_rad)
+    if use.sum() <= _UNKNOWNS:
+        return
+    rays, rows = rays_by_row(m[use], n[use]), np.empty((7, int(use.sum())))
+    A, g, damped, step = np.empty((5, 5)), np.empty(5), np.empty((5, 5)), np.empty(5)
+    for _ in range(_LOSS_STEPS):
+        refinement.derivatives(rays, R, t, 1.0, rows)
+        # The sums multiply by the square of the last row.
+        rows[6] = np.sqrt(weight_of((rows[5] / (_LOSS_SCALE * threshold_rad)) ** 2))
+        refinement.sums_of(rows, A, g)
+        if not refinement.damped_step(A, g, 1e-9, damped, step):
+            return
+        refinement.move(R.copy(), t.copy(), step, R, t)
+        if np.abs(step).max() < _LOSS_SETTLED_RAD:
+            return
 
 
 def _few_matches(count: int) -> float:

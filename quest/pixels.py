@@ -34,6 +34,7 @@ def estimate_relative_pose_px(
     max_samples: int = 50_000,
     scores: ArrayLike | None = None,
     solver: str = "quest5",
+    loss: str = "mixture",
 ) -> RelativePose | NoPose:
     """Estimate the motion between two pinhole views from matched pixels with outliers.
 
@@ -60,6 +61,8 @@ def estimate_relative_pose_px(
         Quality of the matches, higher is better.
     solver : {"quest5", "quest6", "five"}
         What proposes motions, see :func:`quest.estimate_relative_pose`.
+    loss : str
+        What the last refinement minimizes, see there.
 
     Returns
     -------
@@ -92,6 +95,7 @@ def estimate_relative_pose_px(
         max_samples=max_samples,
         scores=scores,
         solver=solver,
+        loss=loss,
     )
 
 

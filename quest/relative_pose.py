@@ -132,6 +132,9 @@ class RelativePose(Described):
         ``quest.geometry.refine.tangent_basis(t)``.
     evidence : PoseEvidence
         The numbers on which the decisions rest.
+    H : (3, 3) float or None
+        Homography ``R + t k'`` of the plane ``k . X = 1`` for kind "planar", R for kind "rotation": n is parallel to
+        H m for the bearings of a match, and ``K2 H K1^-1`` is that of pixels. None for kind "general".
     """
 
     q_wxyz: Floats
@@ -147,6 +150,7 @@ class RelativePose(Described):
     parallax: ParallaxStatement | None
     covariance: Floats
     evidence: PoseEvidence
+    H: Floats | None = None
 
     def __bool__(self) -> bool:
         return True

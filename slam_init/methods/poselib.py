@@ -9,6 +9,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -33,8 +34,6 @@ class PoseLib(EssentialMethod):
 
     def motions(self, camera: Camera, pixels1: Floats, pixels2: Floats, seed: int) -> Motions | None:
         """Estimate the pose; None where PoseLib finds none."""
-        import poselib
-
         K = camera.K
         pinhole = {
             "model": "PINHOLE",
@@ -42,17 +41,27 @@ class PoseLib(EssentialMethod):
             "height": camera.height,
             "params": [K[0, 0], K[1, 1], camera.cx, camera.cy],
         }
-        options = {
-            "max_epipolar_error": self.max_epipolar_error_px,
-            "min_iterations": self.min_iterations,
-            "seed": seed,
-        }
-        pose, info = poselib.estimate_relative_pose(pixels1, pixels2, pinhole, pinhole, options, {})
+        ransac = {"min_iterations": self.min_iterations, "seed": seed}
+        pose, info = relative_pose_of_poselib(pixels1, pixels2, pinhole, self.max_epipolar_error_px, ransac)
         inliers = np.asarray(info["inliers"], bool)
         length = float(np.linalg.norm(pose.t))
         if len(inliers) != len(pixels1) or not inliers.any() or not length > 0:
             return None
         return np.asarray(pose.R, float)[None], np.asarray(pose.t, float)[None] / length, inliers
+
+
+def relative_pose_of_poselib(
+    pixels1: Floats, pixels2: Floats, camera: dict[str, Any], max_error_px: float, ransac: dict[str, Any]
+) -> tuple[Any, dict[str, Any]]:
+    """Call PoseLib 2, which takes two flat dictionaries of options, or 3, which takes one nested dictionary."""
+    import poselib
+
+    if int(poselib.__version__.split(".")[0]) < 3:
+        options: tuple[dict[str, Any], ...] = ({"max_epipolar_error": max_error_px, **ransac}, {})
+    else:
+        options = ({"max_error": max_error_px, "ransac": ransac},)
+    pose, info = poselib.estimate_relative_pose(pixels1, pixels2, camera, camera, *options)
+    return pose, info
 
 
 def poselib_100() -> PoseLib:

@@ -26,7 +26,7 @@ from quest.robust.kernels.planes import best_plane, fit_plane, off_line, planar_
 from quest.robust.kernels.refinement import refine, refine_rotation
 from quest.robust.kernels.rotations import best_rotation
 from quest.robust.kernels.samples import try_samples
-from quest.robust.kernels.scoring import residuals, residuals_of_model, score
+from quest.robust.kernels.scoring import rays_by_row, residuals, residuals_of_model, score
 from quest.robust.kernels.small_algebra import eigen_in_place, model_of_pose, rotation_of_model, unit_rows
 
 __all__ = [
@@ -47,6 +47,7 @@ __all__ = [
     "planar_information",
     "pose_information",
     "ratio_sums",
+    "rays_by_row",
     "refine",
     "refine_mixture",
     "refine_rotation",

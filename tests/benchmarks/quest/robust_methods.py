@@ -95,13 +95,12 @@ def _opencv(flag: str, bearings1: Floats, bearings2: Floats, threshold_rad: floa
 def _poselib(
     options: dict[str, Any], bearings1: Floats, bearings2: Floats, threshold_rad: float, seed: int
 ) -> Estimate:
-    import poselib
+    from slam_init.methods.poselib import relative_pose_of_poselib
 
     camera = {"model": "SIMPLE_PINHOLE", "width": 1, "height": 1, "params": [_FOCAL_PX, 0.0, 0.0]}
     x1, x2 = _points(bearings1), _points(bearings2)
-    ransac = {"max_epipolar_error": threshold_rad * _FOCAL_PX, "seed": seed, **options}
     begin = time.process_time()
-    pose, info = poselib.estimate_relative_pose(x1, x2, camera, camera, ransac)
+    pose, info = relative_pose_of_poselib(x1, x2, camera, threshold_rad * _FOCAL_PX, {"seed": seed, **options})
     seconds = time.process_time() - begin
     if info["num_inliers"] == 0:
         return Estimate((), seconds, "none")

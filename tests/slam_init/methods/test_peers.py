@@ -1,5 +1,8 @@
 """Methods that call the libraries of other authors: their settings, and their counts on the scenes of the table."""
 
+import sys
+import types
+
 import numpy as np
 import pytest
 from make_window import point_source
@@ -11,6 +14,7 @@ from slam_init.compare.measures import pose_errors
 from slam_init.config import Config
 from slam_init.methods import METHODS, make_initializer, make_two_view
 from slam_init.methods.essential import GATED_PAIRS, GateRules
+from slam_init.methods.poselib import relative_pose_of_poselib
 
 PEERS = ("poselib", "poselib-100", "magsac", "superansac")
 
@@ -88,3 +92,18 @@ def test_the_window_judges_the_poses_of_poselib(scene, seed):
     errors = pose_errors(initializer.map, source.groundtruth)
     assert errors.rotation_deg < 5 and errors.direction_deg < 15
     assert initializer.status.risk <= Config().acceptance.max_risk
+
+
+def test_poselib_3_takes_one_dictionary_of_nested_options(monkeypatch):
+    calls = []
+    poselib_3 = types.SimpleNamespace(
+        __version__="3.0.0",
+        # Its signature: opt and initial_pose follow the cameras.
+        estimate_relative_pose=lambda x1, x2, camera1, camera2, opt, initial_pose=None: (
+            calls.append(opt) or ("pose", {})
+        ),
+    )
+    monkeypatch.setitem(sys.modules, "poselib", poselib_3)
+    points = np.zeros((5, 2))
+    assert relative_pose_of_poselib(points, points, {}, 1.5, {"seed": 3}) == ("pose", {})
+    assert calls == [{"max_error": 1.5, "ransac": {"seed": 3}}]
