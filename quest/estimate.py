@@ -28,7 +28,7 @@ from quest.chance import (
     false_alarms_beside_rotation,
     false_alarms_of_rotation,
 )
-from quest.covariance import planar_pose_covariance, pose_covariance
+from quest.covariance import planar_pose_covariance, plane_of_pose, pose_covariance
 from quest.errors import InputError, as_floats, as_index, as_positive
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import quaternion_from_matrix
@@ -383,10 +383,14 @@ def _pose_with_alternatives(
     alternatives = equivalent_motions(problem, candidates, best, inliers, gate_rad, None if planar else noise_rad)
     first = as_hypothesis(best, inliers)
     depths, parallax_rad = kernels.depths_and_parallax(problem.m, problem.n, first.R, first.t, inliers)
+    outliers = 1 - float(inliers.mean())
     if planar:
-        covariance = planar_pose_covariance(first, problem.m[inliers], problem.n[inliers], noise_rad)
+        k, on_plane = plane_of_pose(first, problem.m[inliers], problem.n[inliers], noise_rad)
+        H = first.R + np.outer(first.t, k)
+        on = np.flatnonzero(inliers)[on_plane]
+        covariance = planar_pose_covariance(first, problem.m[on], problem.n[on], noise_rad, outliers)
     else:
-        covariance = pose_covariance(first, motion.m, motion.n, noise_rad)
+        H, covariance = None, pose_covariance(first, motion.m, motion.n, noise_rad, outliers)
     return RelativePose(
         q_wxyz=first.q_wxyz,
         R=first.R,
@@ -401,18 +405,8 @@ def _pose_with_alternatives(
         parallax=parallax,
         covariance=covariance,
         evidence=evidence,
-        H=_homography(first, problem.m[inliers], problem.n[inliers]) if planar else None,
+        H=H,
     )
-
-
-def _homography(motion: Hypothesis, m: Floats, n: Floats) -> Floats:
-    """``R + t k'`` (3, 3), with the plane k that fits the matches of a motion best along their epipolar lines."""
-    # n x (R m + t (k . m)) = 0: each match says what k . m is.
-    along, across = np.cross(n, motion.t), np.cross(n, m @ motion.R.T)
-    weights = np.linalg.norm(along, axis=1)
-    depths = -np.sum(along * across, axis=1) / np.maximum(weights, 1e-300)
-    k = np.linalg.lstsq(weights[:, None] * m, depths, rcond=None)[0]
-    return np.asarray(motion.R + np.outer(motion.t, k))
 
 
 def _rivals(problem: PoseProblem, others: list[Floats], motion: _Motion, plane: PlaneFit) -> list[Floats]:

@@ -14,6 +14,10 @@ from quest.uncertainty.parallax import ParallaxStatement
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+#: Median parallax in deviations of the noise from which the covariance holds: baselines of .01 of the depth have 6, of
+#: .03 have 16.
+_LEAST_PARALLAX_SIGMAS = 10.0
+
 
 @dataclass(frozen=True)
 class PoseEvidence:
@@ -198,6 +202,20 @@ class RelativePose(Described):
         F = second.T @ self.E @ first
         norm = float(np.linalg.norm(F))
         return np.asarray(F / norm if norm > 0 else F)
+
+    @property
+    def covariance_holds(self) -> bool:
+        """Whether the 95 % ellipsoid of the covariance is known to hold the truth in 92 % of the scenes or more.
+
+        False where the median parallax is less than ten deviations of the noise: the parallax, by which the covariance
+        follows, is then itself uncertain, and the ellipsoid held 84 to 94 %.
+
+        Returns
+        -------
+        bool
+            False for kind "rotation".
+        """
+        return bool(self.kind != "rotation" and self.parallax_rad >= _LEAST_PARALLAX_SIGMAS * self.noise_rad)
 
     @property
     def direction_sigma_rad(self) -> float:

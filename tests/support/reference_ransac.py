@@ -140,7 +140,7 @@ class RelativePoseProblem:
     """
 
     def __init__(self, m: Floats, n: Floats, threshold_rad: float, solver: str = "quest6") -> None:
-        self.m, self.n, self.threshold_rad = m, n, threshold_rad
+        self.m, self.n, self.threshold_rad, self.loss = m, n, threshold_rad, "mixture"
         self._sampler = SAMPLERS[solver]
         self.sample_size = self._sampler.size
 
