@@ -143,8 +143,8 @@ def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
 def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     best = hypotheses.motions[0]
     expanded = expand(hypotheses, best)
-    rigid, bodies = _optimism(hypotheses, best), _bodies_factor(hypotheses, best)
-    factor, weights = rigid * bodies, expanded.scale_weights
+    optimism = _optimism(hypotheses, best)
+    factor, weights = optimism.factor, expanded.scale_weights
     by_tracks_deg = [direction_sigmas_deg(expanded, view) for view in range(1, len(best.rows))]
     # What the fit does not know widens its deviations, but not that of the principal point with its own prior.
     of_views = [
@@ -162,11 +162,12 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     calibrated = hypotheses.priors.focal_sigma <= CALIBRATED_SIGMA
     known_lens = (1.0 if calibrated else sigma_with_known_lens(expanded)) * by_tracks_deg[0]
     with_known_lens = float(weights @ two_directions(WRONG_DIRECTION_DEG, known_lens))
-    if_rigid = float(weights @ two_directions(WRONG_DIRECTION_DEG, rigid * by_tracks_deg[0]))
+    if_rigid = float(weights @ two_directions(WRONG_DIRECTION_DEG, optimism.if_rigid * by_tracks_deg[0]))
     gain, rotation, camera = _rotation_probability(hypotheses, expanded)
     if rotation <= MERE_ROTATION:
         camera = camera_estimate(expanded, factor)
-    rotation = max(rotation, _bodies_probability(hypotheses))
+    # Points at infinity lie on no plane, so that a plane needs no such test.
+    rotation = max(rotation, 0.0 if hypotheses.planar else _bodies_probability(hypotheses, ON_BODIES))
     refused = rotation > _UNDECIDED or direction > _UNKNOWN
     rival, nearest = _rival_term(hypotheses, expanded, direction_deg, fit=not refused)
     other = other_motion(hypotheses) if rotation <= MERE_ROTATION else OtherMotion()
@@ -236,6 +237,9 @@ def _against_zooms(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk
     explained = 0.5 * (hypotheses.rotation_only.cost - zooming.rotation_only.cost)
     best = expand(hypotheses, hypotheses.motions[0], evidence_only=True)
     _, probability, _ = _rotation_probability(zooming, best, ZOOM_LEAVES * explained)
+    # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief.
+    if explained > zooming.gain_over_rotation[0]:
+        probability = max(probability, _bodies_probability(zooming, SHARE_OF_BODIES))
     rotation = risk.rotation + LENS_ZOOMS * probability
     return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
 
@@ -263,23 +267,38 @@ def _rival_term(
     return min(1.0, sum(odds)), min(margins, key=Margin.decision_ratio, default=None)
 
 
-def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
-    """Factor on the standard deviation of the direction, for what the covariance does not know."""
-    few_views = 1 + FEW_VIEWS / math.sqrt(len(best.rows) - 1)
-    # A focal length or a distortion that is pulled beyond its prior compensates errors that the model does not have.
-    state, priors = best.fit.state, hypotheses.priors
-    pull2 = sum(pull**2 for pull in priors.lens_pulls(state))
-    return few_views * math.sqrt(1 + pull2 / PULL_FREEDOM)
+@dataclass(frozen=True)
+class _Optimism:
+    """What the covariance does not know, as factors on the variance of the direction. Independent causes add theirs."""
+
+    #: Laplace with few views.
+    few_views: float
+    #: A focal length or a distortion beyond its prior: it compensates errors that the model does not have.
+    pulled_lens: float
+    #: Tracks on bodies that the fit explains by chance, and residuals that neighbouring tracks share.
+    bodies: float
+
+    @property
+    def if_rigid(self) -> float:
+        """Factor on the standard deviation if no track lies on a moving body."""
+        return math.sqrt(self.few_views * (1 + self.pulled_lens))
+
+    @property
+    def factor(self) -> float:
+        """Factor on the standard deviation."""
+        return math.sqrt(self.few_views * (1 + self.pulled_lens + self.bodies))
 
 
-def _bodies_factor(hypotheses: WindowHypotheses, best: FittedMotion) -> float:
-    """Factor on the standard deviation of the direction for tracks that a rigid scene does not explain."""
+def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> _Optimism:
+    """Factors for what the covariance of the direction does not know."""
+    few_views = (1 + FEW_VIEWS / math.sqrt(len(best.rows) - 1)) ** 2
+    pull2 = sum(pull**2 for pull in hypotheses.priors.lens_pulls(best.fit.state))
     # Tracks that stay near without being explained may lie on moving bodies. As many again may be explained by chance,
     # and each of these pulls by about half a standard deviation of a track, all in the same direction.
     bodies = best.fit.near_misses / math.sqrt(max(best.fit.explained, 1))
     # What a fit explains in part leaves residuals that neighbours share.
     shared = variance_by_neighbours(best.tracks, best.fit, hypotheses.priors, places_of(best.fit))
-    return math.sqrt((1 + (bodies / 2) ** 2) * shared)
+    return _Optimism(few_views, pull2 / PULL_FREEDOM, (bodies / 2) ** 2 + shared - 1)
 
 
 def _widened(sigmas_deg: Floats, factor: float, fixed_deg: float) -> Floats:
@@ -428,17 +447,12 @@ def _rotation_probability(
     return gain, probability, camera_estimate(ExpandedFit(tracks, hypotheses.rotation_only, rotation, marginal))
 
 
-def _bodies_probability(hypotheses: WindowHypotheses) -> float:
-    """Probability of the gains over the rotation-only camera if the tracks that gain most lie on moving bodies.
-
-    Points at infinity lie on no plane, so that a plane needs no such test.
-    """
-    if hypotheses.planar:
-        return 0.0
+def _bodies_probability(hypotheses: WindowHypotheses, share: float) -> float:
+    """Probability of the gains over the rotation-only camera if this share of the tracks, which gain most, moves."""
     best, explained = hypotheses.motions[0], explained_tracks(hypotheses)
     gains = hypotheses.rotation_only.track_costs - hypotheses.costs_of(best)
     gains = np.sort(gains[explained]) / best.fit.dispersion
-    rest = gains[: len(gains) - int(ON_BODIES * len(gains))]
+    rest = gains[: len(gains) - int(share * len(gains))]
     if not len(rest):
         return 1.0
     return at_any_look((float(rest.sum()) - CHANCE_GAIN * len(rest)) / math.sqrt(2 * len(rest)))

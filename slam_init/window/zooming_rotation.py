@@ -2,8 +2,9 @@
 
 A lens that focuses changes the focal length of each view by up to some hundredths. That looks like a motion toward a
 plane. So a map has to gain over this camera too. A zoom ``z`` of a view is undone in its pixels, ``c + (x - c) / (1 +
-z)``, and the noise is that of the pixels as measured. The rotations and the zooms of the views are nearly independent,
-so that they are fitted in turn.
+z)``, and the noise is that of the pixels as measured. First each view is located: its rotation and its zoom by the rays
+that earlier views have measured. Then the rotations and the rays of all views are fitted jointly, and the views are
+located again, in turn.
 """
 
 from __future__ import annotations
@@ -13,48 +14,49 @@ from dataclasses import replace
 
 import numpy as np
 
+from quest.geometry.quaternion import rotation_from_vector
 from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.joint_fit import fit_window, start_noise_factor
+from slam_init.window.joint_fit import fit_window
 from slam_init.window.levels import LARGEST_ZOOM, ZOOMED_COST
 from slam_init.window.state import WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
-#: Rotations and zooms are fitted in turn so often. It ends where a round lowers the cost by less than this share of
-#: what is left to the best motion: zooms do not explain it then.
+#: Views are located and fitted in turn so often. It ends where a round lowers the cost by less than this share of what
+#: is left to the best motion: zooms do not explain it then.
 _ROUNDS, _MAX_STEPS, _LEAST_PROGRESS = 8, 30, 0.1
-#: A start whose residuals are this many times the noise is far from the answer.
-_FAR_FACTOR = 1.5
-#: Pixels nearer to the centre than this share of the width tell little of a zoom.
-_CENTRAL = 0.1
+#: Steps of a view, and the change of a rotation (rad) and of a zoom below which they end: a hundredth of a pixel.
+_STEPS, _CONVERGED = 20, 1e-5
+#: Longest step of a rotation (rad) and of the logarithm of a zoom: outliers must not throw a view away.
+_LONGEST_STEP = 0.2
+#: Step of the numerical derivatives by a rotation, in radians.
+_DERIVATIVE_RAD = 1e-6
+#: The weights of the residuals are those of Geman and McClure, at twice the scale of the median residual.
+_OF_MEDIAN, _OF_SCALE = 1.4826, 2.0
+#: Fewer tracks than this do not locate a view: twice its four unknowns, at two coordinates a track.
+_LEAST_TRACKS = 4
 
 
 def with_zooms(hypotheses: WindowHypotheses) -> WindowHypotheses:
     """The same hypotheses, but the rotation-only camera zooms from view to view, its zooms undone in the tracks."""
     tracks, best, rotating = hypotheses.tracks, hypotheses.motions[0].fit, hypotheses.rotation_only.state
-    R = best.state.R if len(best.state.R) == len(rotating.R) else rotating.R
     # A readout would take the place of zooms.
     priors = replace(hypotheses.priors, readout_sigma_s=0.0)
-    t = np.outer(np.arange(len(R)), [1e-9, 0.0, 0.0])
-    state = start_at(tracks, R, t, readout_s=tracks.readout_s, at_infinity=True)
-    zooms, lowest, before = np.zeros(len(R)), hypotheses, math.inf
+    t = np.outer(np.arange(len(rotating.R)), [1e-9, 0.0, 0.0])
+    state = start_at(tracks, rotating.R, t, readout_s=tracks.readout_s, at_infinity=True)
+    state, zooms = _located(tracks, state, np.zeros(len(rotating.R)))
+    lowest, before = hypotheses, math.inf
     for _ in range(_ROUNDS):
         part = _zoomed(tracks, zooms)
-        zooms = (1 + zooms) * (1 + _further_zooms(part, state)) - 1
-        part = _zoomed(tracks, zooms)
-        start = _again(part, state)
-        factor = start_noise_factor(part, start, priors, rotation_only=True)
-        for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():
-            wide = part.with_noise(wider * part.noise_px)
-            start = fit_window(wide, start, priors, rotation_only=True, max_steps=_MAX_STEPS).state
-        start = _again(part, start)
-        fit = fit_window(part, start, priors, rotation_only=True, max_steps=_MAX_STEPS)
-        state, cost = fit.state, fit.cost + min(float(np.sum((zooms / LARGEST_ZOOM) ** 2)), ZOOMED_COST)
+        fit = fit_window(part, _again(part, state), priors, rotation_only=True, max_steps=_MAX_STEPS)
+        cost = fit.cost + min(float(np.sum((zooms / LARGEST_ZOOM) ** 2)), ZOOMED_COST)
         if cost < lowest.rotation_only.cost:
             lowest = replace(hypotheses, tracks=part, rotation_only=replace(fit, cost=cost), rotation_priors=priors)
         if before - cost < _LEAST_PROGRESS * (cost - best.cost):
             break
         before = cost
+        state, zooms = _located(tracks, fit.state, zooms, fit.state.rays)
     return lowest
 
 
@@ -68,24 +70,70 @@ def _again(tracks: WindowTracks, state: WindowState) -> WindowState:
 
 def _zoomed(tracks: WindowTracks, zooms: Floats) -> WindowTracks:
     """The tracks with the zooms (V,) of the views undone."""
-    centre, factors = np.array([tracks.camera.cx, tracks.camera.cy]), 1 + zooms
+    centre, factors = _centre(tracks.camera), 1 + zooms
     pixels = centre + (tracks.pixels - centre) / factors[:, None, None]
     places = tracks.places * factors[:, None, None]
     return replace(tracks, pixels=pixels, sigma_px=tracks.sigma_px / factors[:, None], places=places)
 
 
-def _further_zooms(tracks: WindowTracks, state: WindowState) -> Floats:
-    """The zooms (V,) of the views but the first that are left, by the medians over the tracks."""
+def _centre(camera: Camera) -> Floats:
+    return np.array([camera.cx, camera.cy])
+
+
+def _located(
+    tracks: WindowTracks, state: WindowState, zooms: Floats, rays: Floats | None = None
+) -> tuple[WindowState, Floats]:
+    """The rotations and the zooms (V,) of the views, one view after another.
+
+    * ``rays``: (T, 3) In the anchor views; by default as measured, with the zooms of the views located before.
+    """
     camera = tracks.camera.refocused(state.log_scale, state.k1)
-    centre = np.array([camera.cx, camera.cy])
-    anchor, further = np.maximum(tracks.anchor, 0), np.zeros(len(state.R))
-    for k in range(1, len(state.R)):
-        turned = np.einsum("tij,tj->ti", state.R[k] @ np.swapaxes(state.R[anchor], 1, 2), state.rays)
-        expected = camera.project(turned) - centre
-        lengths = np.linalg.norm(expected, axis=1)
-        used = tracks.seen[k] & (tracks.anchor >= 0) & (anchor != k) & np.isfinite(expected).all(axis=1)
-        used &= lengths > _CENTRAL * camera.width
-        if used.any():
-            measured = (tracks.pixels[k] - state.principal_px - centre)[used]
-            further[k] = float(np.median(np.einsum("ti,ti->t", measured, expected[used]) / lengths[used] ** 2)) - 1
-    return further
+    R, zooms, columns = state.R.copy(), zooms.copy(), np.arange(len(tracks.anchor))
+    anchor = np.maximum(tracks.anchor, 0)
+    for k in range(1, len(R)):
+        used = tracks.seen[k] & (tracks.anchor >= 0) & (tracks.anchor < k)
+        measured = tracks.pixels[k] - state.principal_px
+        if rays is None:
+            of_anchor = _zoomed(tracks, zooms).pixels[anchor, columns] - state.principal_px
+            from_anchor = camera.bearings(of_anchor)
+        else:
+            from_anchor = rays
+        used &= np.isfinite(from_anchor).all(axis=1)
+        if used.sum() >= _LEAST_TRACKS:
+            world = np.einsum("tji,tj->ti", R[anchor[used]], from_anchor[used])
+            R[k], zooms[k] = _located_view(camera, world, measured[used], R[k], zooms[k], tracks.sigma_px[k, used])
+    return replace(state, R=R), zooms
+
+
+def _located_view(
+    camera: Camera, world: Floats, pixels: Floats, R: Floats, zoom: float, sigma_px: Floats
+) -> tuple[Floats, float]:
+    """The rotation and the zoom of a view by rays of the world (N, 3) and their pixels (N, 2): robust least squares.
+
+    Up to half of the tracks may be outliers.
+    """
+    centre, log_zoom, sigma_px = _centre(camera), math.log1p(zoom), sigma_px[:, None]
+
+    def residuals(R: Floats, log_zoom: float) -> Floats:
+        projected = centre + math.exp(log_zoom) * (camera.project(world @ R.T) - centre)
+        return np.asarray((pixels - projected) / sigma_px)
+
+    for _ in range(_STEPS):
+        left = residuals(R, log_zoom)
+        if not np.isfinite(left).all():
+            break
+        turned = [rotation_from_vector(_DERIVATIVE_RAD * axis) @ R for axis in np.eye(3)]
+        by_rotation = [(left - residuals(one, log_zoom)) / _DERIVATIVE_RAD for one in turned]
+        by_zoom = (pixels - centre) / sigma_px - left
+        J = np.stack([*by_rotation, by_zoom], axis=-1)
+        lengths = np.linalg.norm(left, axis=1)
+        scale = _OF_SCALE * max(1.0, _OF_MEDIAN * float(np.median(lengths)))
+        weights = (1 + (lengths / scale) ** 2) ** -2
+        information = np.einsum("n,nqi,nqj->ij", weights, J, J)
+        step = np.linalg.lstsq(information, np.einsum("n,nqi,nq->i", weights, J, left), rcond=None)[0]
+        largest = float(np.abs(step).max())
+        step *= min(1.0, _LONGEST_STEP / max(largest, _CONVERGED))
+        R, log_zoom = rotation_from_vector(step[:3]) @ R, log_zoom + float(step[3])
+        if largest < _CONVERGED:
+            break
+    return R, math.expm1(log_zoom)

@@ -80,12 +80,21 @@ def test_a_camera_that_zooms_and_does_not_translate_has_no_small_risk(scene, see
     assert risk.total > 0.005
 
 
-@pytest.mark.parametrize(("seed", "ramp"), [(1, 0.25), (2, 0.25), (3, 0.25), (1, 0.7)])
-def test_a_person_who_zooms_in_does_not_move_toward_a_plane(seed, ramp):
-    found = hypotheses("static", seed, ramp=ramp)
+@pytest.mark.parametrize("scene", ["static", "rotation"])
+@pytest.mark.parametrize(("seed", "ramp"), [(1, 0.25), (2, 0.25), (3, -0.25), (1, 0.7)])
+def test_a_person_who_zooms_does_not_move_toward_a_plane(scene, seed, ramp):
+    found = hypotheses(scene, seed, ramp=ramp)
     assert with_zooms(found).rotation_only.cost < 0.4 * found.rotation_only.cost
     _, risk = confirmed(found, replace(risk_of(found), total=0.0), max_risk=0.005)
     assert risk.total > 0.005
+
+
+@pytest.mark.parametrize("scene", ["rotation", "static"])
+@pytest.mark.parametrize("ramp", [-0.3, 0.3, 0.8])
+def test_a_zoom_and_a_rotation_leave_noise_only(scene, ramp):
+    """The rival reaches the cost of the motion toward a plane, although it starts without any zoom."""
+    found = hypotheses(scene, 4, ramp=ramp)
+    assert with_zooms(found).rotation_only.cost < 1.02 * found.motions[0].fit.cost < 0.4 * found.rotation_only.cost
 
 
 def test_zooms_do_not_explain_a_room():
