@@ -111,7 +111,7 @@ def plane_of_pose(pose: Hypothesis, m: Floats, n: Floats, noise_rad: float) -> t
         k = np.linalg.lstsq(weighted.T @ m[on], m[on].T @ products[on], rcond=None)[0]
         depths = m @ k
         off_rad = np.abs(weights * depths - products) / np.sqrt(np.maximum(weights, 1e-300))
-        off_rad /= np.linalg.norm(rotated + np.outer(depths, pose.t), axis=1)
+        off_rad /= np.maximum(np.linalg.norm(rotated + np.outer(depths, pose.t), axis=1), 1e-300)
         on = off_rad <= max(GATE_SIGMAS * np.sqrt(2) * noise_rad, GATE_SIGMAS * float(np.median(off_rad)))
     return k, on
 

@@ -56,7 +56,7 @@ def best_of_modes(
     * ``inliers``: Number of matches that the best motion of the search explains. A raw model that misses half of them
       is left out.
     """
-    near = np.flatnonzero((report.costs[1:] - report.costs[0]) / problem.threshold_rad**2 < 0.5 * inliers)
+    near = np.flatnonzero(report.costs[1:] - report.costs[0] < 0.5 * inliers * problem.threshold_rad**2)
     some = problem
     if len(near) > 0 and len(problem) > _MOST_COMPARED:
         rows = rng.permutation(len(problem))[:_MOST_COMPARED]
