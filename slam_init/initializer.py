@@ -1,17 +1,21 @@
 """The pipeline, to be read from top to bottom.
 
-For each frame, the tracker follows the tracks, and the keyframe manager previews the pairs with earlier frames. If no
-pair shows enough tracks or motion, the frame is refused (:func:`~slam_init.decision.screening.screen`). Otherwise the
-window judges the frame (:mod:`slam_init.decision.window_rule`), in these stages:
+For each frame (:meth:`Initializer._step`):
 
 ==========================  =========================================================================================
 stage                       what it does
 ==========================  =========================================================================================
-two views                   :mod:`quest` proposes motions from the best pair that need not wait
-window                      one joint fit of all views for each motion (:mod:`slam_init.window`)
-risk                        the probability that the best motion is wrong
-map                         a bundle-adjusted map of an accepted motion, or of both motions of an undecided plane
-depths                      whether a tracker can go on from the landmarks (:mod:`slam_init.decision.depths`)
+frame                       :mod:`slam_init.intake` checks it and follows the tracks; one history holds their rays
+keyframe                    :mod:`slam_init.frontend.keyframes` previews the pairs with earlier frames
+window                      :mod:`slam_init.decision.screening` refuses the frame if no pair shows enough tracks or
+                            motion; else :mod:`slam_init.decision.window_rule` fits all views for each motion, which
+                            :mod:`quest` proposes from the best pair
+judgement                   :mod:`slam_init.decision.judged_window`: the risk that the best motion is wrong, the
+                            reason, and the lens to go on with
+map                         :mod:`slam_init.decision.window_map`: a bundle-adjusted map of an accepted motion, or of
+                            both motions of an undecided plane; :mod:`slam_init.decision.depths`: whether a tracker can
+                            go on from its landmarks
+growth                      :mod:`slam_init.mapping.refinement`: further frames are located in the map, which grows
 ==========================  =========================================================================================
 
 The first map whose risk is small enough, and whose depths are known, ends the initialization. A refusal has a reason
@@ -20,41 +24,33 @@ and its evidence. If the views cannot decide between the two motions of a plane,
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from threading import get_ident
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.calibration.choosing import GivenCamera, camera_of_size, check_given
-from slam_init.calibration.prior import prior_camera
+from slam_init.calibration.choosing import GivenCamera
 from slam_init.config import Config
 from slam_init.decision.attempt_log import AttemptLog, focal_notes
-from slam_init.decision.focal_check import FocalCheck
 from slam_init.decision.maps_so_far import MapsSoFar
+from slam_init.decision.outcome import Outcome
 from slam_init.decision.pose_so_far import PoseSoFar
 from slam_init.decision.screening import screen
-from slam_init.errors import ConfigError, SlamInitError
-from slam_init.frontend.conventions import check_rays
-from slam_init.frontend.frame_clock import FrameClock
+from slam_init.errors import ConfigError
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
 from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
-from slam_init.frontend.static_overlay import StaticOverlay
-from slam_init.frontend.tracks import Tracker
+from slam_init.frontend.tracks import History, Tracker
+from slam_init.intake import Intake, Turn
 from slam_init.recording.recorder import Recorder
 from slam_init.types.arrays import Floats, Image
-from slam_init.types.attitude import checked_rotation
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.result import Attempt, ProvisionalMap, Result, Segment
-from slam_init.types.segments import MAX_SEGMENTS
-from slam_init.types.status import Status, frame_of
+from slam_init.types.result import ProvisionalMap, Result
+from slam_init.types.status import Status
 from slam_init.types.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
@@ -110,29 +106,19 @@ class Initializer:
         third_view: bool = True,
         propose: Proposer | None = None,
     ) -> None:
-        check_given(camera)
         if not isinstance(config, Config | None) or not isinstance(recorder, Recorder | None):
             wrong = recorder if isinstance(config, Config | None) else config
             raise ConfigError(f"{type(wrong).__name__} is no option of an Initializer: give camera, Config, Recorder")
         self.config = config or Config()
         self.recorder = recorder or Recorder()
-        # Until the first frame tells the size of the images, a camera that is not given in full has an ordinary one.
-        self._given, self._waits_for_size = camera, not isinstance(camera, Camera)
-        self._begin(camera if isinstance(camera, Camera) else prior_camera((640, 480)))
-        self._overlay = StaticOverlay()
         self.stopwatch = Stopwatch()
         self.status = Status()
-        self.frames_read = 0
-        self._third_view = third_view
-        self._propose = propose
-        self._next_index = 0
-        self._first_index: int | None = None
-        self._segments: deque[Segment] = deque(maxlen=MAX_SEGMENTS)
+        self._intake = Intake(camera, self.config.tracking)
+        self.keyframes = KeyframeManager(self.config)
+        self._window = _window_rule(self.config, self._intake, third_view=third_view, propose=propose)
         self._attempts = AttemptLog()
-        self._maps, self._pose = MapsSoFar(self.recorder, self.config), PoseSoFar()
-        self._window: WindowRule | None = None
-        self._masked = 0.0
-        self._thread: int | None = None
+        self._maps = MapsSoFar(self.recorder, self.config)
+        self._pose = PoseSoFar()
 
     def process(
         self,
@@ -177,31 +163,15 @@ class Initializer:
         """
         if self._maps.handed_over:
             return self.status
-        with self._alone():
-            return self._process(image, timestamp_s, mask, rotation, rotation_sigma_rad)
-
-    def _process(
-        self,
-        image: Image | Frame,
-        timestamp_s: float | None,
-        mask: Image | None,
-        rotation: Floats | None,
-        rotation_sigma_rad: float,
-    ) -> Status:
-        if self._waits_for_size:
-            self._settle_camera(image)
-        frame = frame_of(image, timestamp_s, self._next_index, self.camera, mask)
-        turned = None if rotation is None else (checked_rotation(rotation, rotation_sigma_rad), rotation_sigma_rad)
-        own_seconds = timestamp_s is None or isinstance(image, Frame)
-        frame = self._clock.stamped(frame, in_seconds_by_type=own_seconds)
-        with self.stopwatch("frame"):
-            self._masked = 0.0 if frame.mask is None else 1.0 - np.count_nonzero(frame.mask) / frame.mask.size
-            with self.stopwatch("track"):
-                current = self.tracker.track(frame)
-                self._overlay.observe(frame, current)
-            self.recorder.frame(frame, current)
-            status = self._step(current, turned=turned)
-        self.recorder.frame_time(self.stopwatch.last_ms("frame"))
+        with self._intake.alone():
+            turn = Turn.checked(rotation, rotation_sigma_rad)
+            frame = self._intake.frame(image, timestamp_s, mask)
+            with self.stopwatch("frame"):
+                with self.stopwatch("track"):
+                    current = self._intake.track(frame)
+                self.recorder.frame(frame, current)
+                status = self._step(current, (), turn)
+            self.recorder.frame_time(self.stopwatch.last_ms("frame"))
         return status
 
     def process_tracks(
@@ -241,55 +211,69 @@ class Initializer:
         """
         if self._maps.handed_over:
             return self.status
-        if self._waits_for_size:
-            raise SlamInitError("tracks tell no size of the images: give the Initializer a Camera (Camera.from_K)")
-        if self.camera.focal_sigma is not None:  # their rays are of a lens that is being estimated
-            current, revised = current.through(self.camera), [one.through(self.camera) for one in revised]
-        self._clock.check_tracks(current)
-        check_rays(self.camera, current)
-        turned = None if rotation is None else (checked_rotation(rotation, rotation_sigma_rad), rotation_sigma_rad)
-        with self._alone():
-            return self._step(current, revised, turned)
+        current, revised = self._intake.check_tracks(current, revised)
+        turn = Turn.checked(rotation, rotation_sigma_rad)
+        with self._intake.alone():
+            return self._step(current, revised, turn)
 
-    def _step(
-        self,
-        current: Observations,
-        revised: Sequence[Observations] = (),
-        turned: tuple[Floats, float] | None = None,
-    ) -> Status:
-        """Process the tracks of the next frame, whose time is checked."""
-        self.history.add(current, revised)
-        self._clock.took(current)
-        if turned is not None:
-            self.history.turned(current.frame, *turned)
+    def _step(self, current: Observations, revised: Sequence[Observations], turn: Turn | None) -> Status:
+        """The way of a frame from its tracks to the status."""
+        self._intake.add(current, revised, turn)
+        self._maps.count(current.frame)
         if self.map is not None:
-            return self._refine(self.map, current)
+            return self._grow(self.map, current)
         current = self.shutter.correct(self.history, current.frame)
-        self._count(current)
         with self.stopwatch("pairs"):
             pairs = self.keyframes.preview(self.history, current)
         with self.stopwatch("judge"):
-            attempt = self._judge(pairs, current)
+            outcome = self._judge(pairs, current)
+        if outcome is not None:
+            self._keep(outcome, current.frame)
         self.keyframes.update(current, pairs)
         self.history.forget(keep=self.keyframes.candidates)
-        judged = self._window is not None and attempt is not None and attempt.window is not None
-        window = self._window.newest_motion() if judged and self._window is not None else None
-        pose = self._pose.after(self.history, current, window, self.map)
-        if pose is not None and self.map is None:
-            self.recorder.waiting(pose)
-        self.status = replace(self._status_after(attempt), pose=pose)
+        self.status = self._status_after(outcome, self.history[current.frame])
         return self.status
 
-    def _refine(self, map_: InitialMap, current: Observations) -> Status:
+    def _judge(self, pairs: list[PairPreview], current: Observations) -> Outcome | None:
+        """Judge a frame; None if nothing was tried."""
+        refused = screen(self.camera, self.config, current, pairs, self._intake.masked)
+        if refused is not None:
+            return Outcome(refused)
+        chosen = self.keyframes.best_pair_to_try(pairs)
+        outcome = self._window.judge(chosen, pairs, current, self.stopwatch)
+        if chosen is not None and outcome is not None and outcome.accepted is None:
+            self.keyframes.failed(chosen)
+        return outcome
+
+    def _keep(self, outcome: Outcome, frame: int) -> None:
+        """Log an attempt, keep its maps, and go on with its lens."""
+        self.recorder.attempt(outcome.attempt)
+        self._attempts.add(outcome.attempt)
+        if outcome.lens is not None:
+            self._intake.see_through(outcome.lens)
+        if self.shutter.readout_s:
+            self.recorder.row_times(self.history[frame], corrected_pixels(self.camera, self.history[frame]))
+        self._maps.keep(outcome)
+
+    def _status_after(self, outcome: Outcome | None, current: Observations) -> Status:
+        """The status after a frame that was judged or left out, with the pose of its camera."""
+        attempt, motion = (None, None) if outcome is None else (outcome.attempt, outcome.motion)
+        pose = self._pose.after(self.history, current, motion, self.map)
+        if self.map is not None:
+            return replace(Status.initialized(attempt), pose=pose, refining=not self._maps.handed_over)
+        if pose is not None:
+            self.recorder.waiting(pose)
+        status = self.status.after(attempt, self._attempts.best_progress(self.keyframes.candidates))
+        return replace(status, pose=pose)
+
+    def _grow(self, map_: InitialMap, current: Observations) -> Status:
         """Locate a frame in the accepted map, which grows by it."""
-        self._count(current)
         with self.stopwatch("refine"):
             located = self._maps.locate(current)
         self.history.forget(keep=())
         pose = None if located is None else self._pose.located(map_, located.keyframe, located.rotation_sigma_deg)
-        self.status = replace(
-            self.status, attempt=None, pose=pose, refining=not self._maps.handed_over, lost_at=self._maps.lost_at
-        )
+        refining, lost_at = not self._maps.handed_over, self._maps.lost_at
+        self.status = replace(self.status, attempt=None, pose=pose, refining=refining, lost_at=lost_at)
         return self.status
 
     @property
@@ -298,13 +282,36 @@ class Initializer:
         return self._maps.accepted
 
     @property
+    def frames_read(self) -> int:
+        """Number of frames that the initializer was given."""
+        return self._maps.frames
+
+    @property
+    def tracker(self) -> Tracker:
+        """Follows the tracks; it can be used after the initialization."""
+        return self._intake.tracker
+
+    @property
+    def history(self) -> History:
+        """The observations of the last frames; :attr:`tracker` adds to it."""
+        return self._intake.history
+
+    @property
+    def shutter(self) -> RollingShutter:
+        """Corrects the rays of a rolling shutter."""
+        return self._intake.shutter
+
+    @property
+    def camera(self) -> Camera:
+        """The camera with the lens in use: the stated one, or an estimate."""
+        return self.history.camera
+
+    @property
     def provisional(self) -> ProvisionalMap | None:
         """The best map up to now with its risk; the accepted map once there is one.
 
         It is built when it is asked for, which takes as long as a bundle adjustment. None where no motion is known.
         """
-        if self._window is None:
-            return None
         if self.map is not None and self.status.risk is not None:
             return ProvisionalMap(self.map, self.status.risk)
         return self._window.provisional()
@@ -312,19 +319,21 @@ class Initializer:
     @property
     def result(self) -> Result:
         """The result up to now: the map, or the reason why there is none and the undecided maps."""
-        reason = None if self.map is not None else self._attempts.prevailing_reason()
+        maps, reason = self._maps, None if self.map is not None else self._attempts.prevailing_reason()
+        lost = () if maps.lost_at is None else (f"the map was lost at frame {maps.lost_at}, while it grew",)
+        focal = focal_notes(self.map, self.config.map)
         return Result(
             map=self.map,
             reason=reason,
             frames_read=self.frames_read,
-            frames_to_init=self.frames_read - self._maps.refined if self.map is not None else None,
+            frames_to_init=maps.frames_to_init,
             attempts=self._attempts.kept,
             timing_ms=self.stopwatch.summary(),
-            notes=self._notes(),
+            notes=(*self._intake.notes, *self._attempts.notes(), *focal, *lost),
             advice="" if reason is None else self._attempts.advice(reason),
-            hypotheses=self._maps.hypotheses,
-            margin=self._maps.margin,
-            segments=(*self._segments, *self._current_segment()) if self._segments else (),
+            hypotheses=maps.hypotheses,
+            margin=maps.margin,
+            segments=maps.segments,
             camera=self.camera,
             method=self.config.method,
             seed=self.config.seed,
@@ -354,137 +363,21 @@ class Initializer:
             Absolute index of the first frame whose tracks the next map may use, among those in the history that the
             tracker has followed. By default the newest frame.
         """
-        self._segments.extend(self._current_segment())
-        known = [observed.frame for observed in self.history]
-        newest = known[-1:] or [0]
-        self.history.start_at(newest[0] if since is None else min(since, newest[0]))
-        self.keyframes = KeyframeManager(self.camera, self.config)
-        self._focal_check = FocalCheck(self.camera, self.config)
-        self._attempts, self._maps, self._pose = AttemptLog(), MapsSoFar(self.recorder, self.config), PoseSoFar()
-        self._window = None
-        self.status, self.frames_read, self._first_index = Status(), 0, None
-        for observed in list(self.history):
-            self._clock.took(observed)
-            current = self.shutter.correct(self.history, observed.frame)
-            self._count(current)
+        self._maps.restart()
+        self.keyframes, self._window = KeyframeManager(self.config), self._window.renewed()
+        self._attempts, self._pose, self.status = AttemptLog(), PoseSoFar(), Status()
+        for frame in self._intake.restart(since):
+            current = self.shutter.correct(self.history, frame)
+            self._maps.count(frame)
             self.keyframes.update(current, self.keyframes.preview(self.history, current))
         self.recorder.restarted()
 
-    # -- parts of the step of a frame -------------------------------------------------------------
 
-    @contextmanager
-    def _alone(self) -> Iterator[None]:
-        """Refuse a frame while another thread is inside: the history would be that of both."""
-        inside, thread = self._thread, get_ident()
-        if inside is not None and inside != thread:
-            raise SlamInitError("another thread is processing a frame: an Initializer is for one thread at a time")
-        self._thread = thread
-        try:
-            yield
-        finally:
-            self._thread = inside
+def _window_rule(config: Config, intake: Intake, *, third_view: bool, propose: Proposer | None) -> WindowRule:
+    # Imported here, since it loads the compiler (0.3 s), which reading a video or a camera does not need.
+    from slam_init.decision.window_rule import WindowRule
 
-    def _begin(self, camera: Camera) -> None:
-        """Make what depends on the camera."""
-        self.camera = camera
-        self.tracker = Tracker(camera, self.config.tracking)
-        self.history = self.tracker.history
-        self._clock = FrameClock(self.history)
-        self.shutter = RollingShutter(camera)
-        self.keyframes = KeyframeManager(camera, self.config)
-        self._focal_check = FocalCheck(camera, self.config)
-
-    def _settle_camera(self, image: Image | Frame) -> None:
-        """Complete the given camera with the size of the first image."""
-        pixels = image.image if isinstance(image, Frame) else image
-        shape: tuple[int, ...] = getattr(pixels, "shape", ())
-        if len(shape) >= 2 and min(shape[:2]) > 0:  # what is no image is refused next
-            self._begin(camera_of_size(self._given, (shape[1], shape[0])))
-            self._waits_for_size = False
-
-    def _count(self, current: Observations) -> None:
-        self.frames_read += 1
-        self._next_index = current.frame + 1
-        self._first_index = current.frame if self._first_index is None else self._first_index
-
-    def _current_segment(self) -> tuple[Segment, ...]:
-        """The accepted map as a segment; empty without one."""
-        if self.map is None or self._first_index is None:
-            return ()
-        return (Segment(self.map, self._first_index, self.frames_read - self._maps.refined),)
-
-    def _status_after(self, attempt: Attempt | None) -> Status:
-        if self.map is not None:
-            return replace(Status.initialized(attempt), refining=not self._maps.handed_over)
-        return self.status.after(attempt, self._attempts.best_progress(self.keyframes.candidates))
-
-    def _judge(self, pairs: list[PairPreview], current: Observations) -> Attempt | None:
-        """Judge a frame; the attempt, if it makes one."""
-        refused = screen(self.camera, self.config, current, pairs, self._masked)
-        if refused is not None:
-            return self._checked_and_logged(refused, pairs, current)
-        best = self.keyframes.best_pair_to_try(pairs)
-        outcome = self._window_rule().judge(best, pairs, current, self.stopwatch)
-        if outcome is None:
-            return None
-        attempt = self._checked_and_logged(outcome.attempt, pairs, current)
-        if self._window is not None and self._window.follow_lens():
-            self._see_through(self._window.lens.camera)
-        self._report_shutter(current.frame)
-        self._maps.take(outcome)
-        if self.map is None and best is not None:
-            self.keyframes.failed(best)
-        return attempt
-
-    def _window_rule(self) -> WindowRule:
-        if self._window is None:
-            # Imported here, since it loads the compiler (0.3 s), as quest does where an estimation starts.
-            from slam_init.decision.window_rule import WindowRule
-
-            self._window = WindowRule(
-                self.camera, self.config, self.history, self.shutter, third_view=self._third_view, propose=self._propose
-            )
-        return self._window
-
-    def _see_through(self, camera: Camera) -> None:
-        """Go on with another estimate of the lens; the window has taken the rays of the history from it."""
-        self.camera = camera
-        self.tracker.adopt_camera(camera)
-        self.keyframes.camera = camera
-
-    def _notes(self) -> tuple[str, ...]:
-        """All notes for the user."""
-        focal = focal_notes(self.map, self.config.map)
-        lost = () if self._maps.lost_at is None else (f"the map was lost at frame {self._maps.lost_at}, while it grew",)
-        return (
-            *self._clock.notes,
-            *self._attempts.notes(),
-            *focal,
-            *self._shutter_notes(),
-            *self._overlay.notes,
-            *lost,
-        )
-
-    def _shutter_notes(self) -> tuple[str, ...]:
-        """A note about an estimated readout, for people who know their camera."""
-        if self.camera.readout_s is not None or not self.shutter.readout_s:
-            return ()
-        found = self.camera.with_readout(self.shutter.readout_s)
-        return (f"a rolling shutter was corrected: readout {found.readout_ms:.1f} ms, {found.readout_direction}",)
-
-    def _report_shutter(self, frame: int) -> None:
-        """Report what the correction of a rolling shutter moves, where it is known."""
-        if self.shutter.readout_s and frame in self.history:
-            corrected = self.history[frame]
-            self.recorder.row_times(corrected, corrected_pixels(self.camera, corrected))
-
-    def _checked_and_logged(self, attempt: Attempt, pairs: Sequence[PairPreview], current: Observations) -> Attempt:
-        """Add a check of the focal length to an attempt if one is due, and log the attempt."""
-        if self.camera.focal_sigma is None:  # a focal length that is no calibration needs no suspicion
-            attempt = self._focal_check(attempt, pairs, self.history, current)
-        self.recorder.attempt(attempt)
-        self._attempts.add(attempt)
-        return attempt
+    return WindowRule(config, intake.history, intake.shutter, third_view=third_view, propose=propose)
 
 
 @cache

@@ -34,11 +34,11 @@ from slam_init.types.arrays import Bools, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, Source, length_of, notes_of
 from slam_init.types.initial_map import Keyframe
+from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.types.result import GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
 from slam_init.types.segments import MAX_SEGMENTS
 from slam_init.types.status import Status
-from slam_init.window.state import CALIBRATED_SIGMA
 
 #: Memory for images of keyframes: their descriptors need the newest one, and markers need all of them. 256 MB hold 800
 #: grey images of 640x480, or 30 of 4K.
@@ -308,7 +308,7 @@ class _GivenTracks:
     """Gives the tracks of a source in the place of a tracker, and adds them to the hash of the input."""
 
     def __init__(self, source: KnowsTracks, camera: Camera, hashed: InputHash) -> None:
-        self.history = History(_GIVEN_FRAMES)
+        self.history = History(camera, _GIVEN_FRAMES)
         self._source = source
         self._camera = camera
         self._hashed = hashed

@@ -15,16 +15,11 @@ from slam_init.bundle.problem import BundleProblem, LensPrior
 from slam_init.config import MapConfig
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
+from slam_init.types.lens_in_use import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, k1_sigma
 
-#: Relative standard deviation of the focal length of a calibration, and the largest one of a focal length that the
-#: window has estimated: with a larger one no map is handed over. Both are those of the window.
-CALIBRATED_SIGMA, ESTIMATED_SIGMA = 0.02, 0.06
 #: Standard deviation of each coordinate of the principal point, over the width of the image: the optical axis of phones
 #: is off by a hundredth, that of a cropped or shifted image by a twentieth.
 PRINCIPAL_SIGMA = 0.025
-#: Standard deviation of k1: a calibration that states a distortion knows it to a hundredth. Images without one are
-#: rectified, or those of a good lens.
-STATED_K1_SIGMA, UNSTATED_K1_SIGMA = 0.01, 0.05
 #: Steps of the derivatives. Poses and points follow most of a change of the lens, and a millionth of what is left may
 #: count: errors of a thousandth of the derivatives would tell as much about the focal length as a turning camera does.
 _STEP, _PIXEL_STEP = 1e-6, 1e-3
@@ -36,14 +31,13 @@ def lens_prior(stated: Camera, config: MapConfig) -> LensPrior:
     * ``stated``: The camera before the adjustment of its focal length.
     """
     share = config.lens_uncertainty
-    focal = share * min(stated.focal_sigma or CALIBRATED_SIGMA, ESTIMATED_SIGMA)
-    k1 = STATED_K1_SIGMA if stated.is_distorted else UNSTATED_K1_SIGMA
+    focal = share * min(stated.focal_sigma or CALIBRATED_SIGMA, MAX_FOCAL_SIGMA)
     estimated = (stated.focal_sigma or 0.0) > CALIBRATED_SIGMA
     return LensPrior(
         stated,
         config.focal_sigma if config.refine_focal else focal,
         share * PRINCIPAL_SIGMA * stated.width,
-        share * k1,
+        share * k1_sigma(stated),
         (config.refine_focal or estimated, False, False, estimated),
     )
 

@@ -21,8 +21,7 @@ _FIRST_CHECK_DEG = 5.0
 class FocalCheck:
     """Checks the stated focal length of a rotating camera, each time it has rotated clearly farther than before."""
 
-    def __init__(self, camera: Camera, config: Config) -> None:
-        self._camera = camera
+    def __init__(self, config: Config) -> None:
         self._config = config
         self._next_deg = _FIRST_CHECK_DEG
 
@@ -43,7 +42,7 @@ class FocalCheck:
             return attempt
         # Each check costs as much time as a frame, and a slightly larger rotation gives the same result.
         self._next_deg = self._config.keyframes.retry_gain * farthest.rotation_deg
-        return with_focal_check(self._camera, self._config, attempt, history[farthest.reference], current)
+        return with_focal_check(history.camera, self._config, attempt, history[farthest.reference], current)
 
 
 def with_focal_check(

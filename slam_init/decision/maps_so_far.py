@@ -1,7 +1,8 @@
-"""The maps that the judgements of a video have led to."""
+"""The frames and the maps of a video up to now."""
 
 from __future__ import annotations
 
+from collections import deque
 from typing import TYPE_CHECKING
 
 from slam_init.config import Config
@@ -10,6 +11,8 @@ from slam_init.recording.recorder import Recorder
 from slam_init.types.evidence import Margin
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap
+from slam_init.types.result import Segment
+from slam_init.types.segments import MAX_SEGMENTS
 
 if TYPE_CHECKING:
     from slam_init.mapping.growing import Located
@@ -18,21 +21,54 @@ if TYPE_CHECKING:
 
 
 class MapsSoFar:
-    """The maps of the attempts up to now: an accepted map, or two undecided maps.
+    """The maps of the attempts up to now: an accepted map, or two undecided maps, and the segments before a restart.
 
     * ``recorder``: Receives a report when a map is accepted or has grown, and when the undecided maps change.
+    * ``frames``: Number of frames since the start.
     * ``hypotheses``: The accepted map, or the two undecided ones.
     * ``margin``: The vote of the accepted map, if it had one. Before that, the last vote between two maps.
     """
 
     def __init__(self, recorder: Recorder, config: Config) -> None:
         self._recorder, self._config = recorder, config
+        self._earlier: deque[Segment] = deque(maxlen=MAX_SEGMENTS)
+        self._forget()
+
+    def _forget(self) -> None:
         self._refinement: Refinement | None = None
+        self._first: int | None = None
+        self.frames = 0
         self.accepted: InitialMap | None = None
         self.hypotheses: tuple[InitialMap, ...] = ()
         self.margin: Margin | None = None
 
-    def take(self, outcome: Outcome) -> None:
+    def count(self, frame: int) -> None:
+        """Count a frame."""
+        self.frames += 1
+        self._first = frame if self._first is None else self._first
+
+    def restart(self) -> None:
+        """Start anew; an accepted map becomes a segment."""
+        self._earlier.extend(self._current_segment())
+        self._forget()
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """The maps up to now, with those before a restart; empty without a restart."""
+        return (*self._earlier, *self._current_segment()) if self._earlier else ()
+
+    def _current_segment(self) -> tuple[Segment, ...]:
+        """The accepted map as a segment; empty without one."""
+        if self.accepted is None or self._first is None:
+            return ()
+        return (Segment(self.accepted, self._first, self.frames - self.refined),)
+
+    @property
+    def frames_to_init(self) -> int | None:
+        """Number of frames up to the accepted map; None without one."""
+        return None if self.accepted is None else self.frames - self.refined
+
+    def keep(self, outcome: Outcome) -> None:
         """Keep the maps of an attempt, and drop the maps that it contradicts."""
         if outcome.margin is not None or outcome.accepted is not None:
             self.margin = outcome.margin
@@ -67,16 +103,16 @@ class MapsSoFar:
         if located is not None:
             self._recorder.continued(located.keyframe)
         if self._refinement.done:
-            self._keep(self._refinement.map)
+            self._replace(self._refinement.map)
         return located
 
     def hand_over(self) -> None:
         """Take the accepted map, if there is one, as it has grown."""
         if self._refinement is not None and not self._refinement.done:
             self._refinement.end()
-            self._keep(self._refinement.map)
+            self._replace(self._refinement.map)
 
-    def _keep(self, map_: InitialMap) -> None:
+    def _replace(self, map_: InitialMap) -> None:
         if map_ is not self.accepted:
             self.accepted, self.hypotheses = map_, (map_,)
             self._recorder.refined(map_)

@@ -134,8 +134,7 @@ class KeyframeManager:
     * ``candidates``: Absolute indices of the candidate reference frames, ascending.
     """
 
-    def __init__(self, camera: Camera, config: Config) -> None:
-        self.camera = camera
+    def __init__(self, config: Config) -> None:
         self._config = config
         self.candidates: list[int] = []
         self._steps_px: deque[float] = deque(maxlen=_SECOND_FRAMES)
@@ -151,7 +150,7 @@ class KeyframeManager:
             self._step = step if self._step is None else min(self._step, step)
         self._last = current.frame
         noise_px = self._config.map.noise_px
-        pairs = preview_pairs(self.camera, [history[frame] for frame in self.candidates], current, noise_px)
+        pairs = preview_pairs(history.camera, [history[frame] for frame in self.candidates], current, noise_px)
         return sorted(pairs, key=lambda pair: -pair.direction_score)
 
     def best_pair_to_try(self, pairs: list[PairPreview]) -> PairPreview | None:

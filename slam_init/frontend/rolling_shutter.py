@@ -22,6 +22,7 @@ from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.types.lens_in_use import LensInUse
 
 #: A hand changes its turning several times in a second. With frames farther apart than this, the turning between two
 #: frames tells nothing about the turning in the time of a readout.
@@ -77,12 +78,11 @@ class RollingShutter:
     """Corrects the rays of the frames of a video.
 
     * ``camera``: Its readout is used; where it is unknown, the rays are corrected once :meth:`adopt` gets an
-      estimate.
+      estimate. The lens is that of the history.
     * ``readout_s``: Readout that the rays are corrected for.
     """
 
     def __init__(self, camera: Camera) -> None:
-        self._camera = camera
         self.readout_s = camera.readout_s or 0.0
         self._off = camera.readout_s == 0.0
         self._newest: int | None = None
@@ -97,7 +97,7 @@ class RollingShutter:
         current = history[frame]
         previous = history[self._newest] if self._newest is not None and self._newest in history else None
         self._newest = frame
-        step = None if previous is None else self._step(previous, current)
+        step = None if previous is None else self._step(history.camera, previous, current)
         self._steps = [] if step is None else [*self._steps[-1:], step]
         if step is None or previous is None:
             return current
@@ -115,10 +115,11 @@ class RollingShutter:
                 turns[first.frame] = first.turn_rad_s - change * first.length_s
         for one, turn_rad_s in turns.items():
             if one in history:
-                history.put(replace(self._corrected(history[one], turn_rad_s), turn_error=error))
+                corrected = self._corrected(history.camera, history[one], turn_rad_s)
+                history.put(replace(corrected, turn_error=error))
         return history[frame]
 
-    def _step(self, previous: Observations, current: Observations) -> _Step | None:
+    def _step(self, camera: Camera, previous: Observations, current: Observations) -> _Step | None:
         """The turning between two frames; None where they are far apart in time, or share too few tracks."""
         length_s = current.timestamp_s - previous.timestamp_s
         if not 0 < length_s <= VIDEO_INTERVAL_S:
@@ -127,7 +128,7 @@ class RollingShutter:
         if len(i) < _LEAST_TRACKS:
             return None
         if self._steps:
-            current = self._corrected(current, self._steps[-1].turn_rad_s)
+            current = self._corrected(camera, current, self._steps[-1].turn_rad_s)
         R = np.eye(3)
         for scale_rad in _SCALES_RAD:
             R = refine_rotation(R, previous.bearings[i], current.bearings[j], scale_rad, iterations=4)
@@ -144,30 +145,32 @@ class RollingShutter:
         self._correct_all(history)
         return True
 
-    def adopt_camera(self, history: History, camera: Camera) -> None:
+    def see_through(self, history: History, lens: LensInUse) -> None:
         """Take the rays of all frames of a history from another lens."""
+        if lens is history.lens:
+            return
         # The turning was seen through the earlier lens: a longer one sees the same motion of the pixels as less.
-        shorter = self._camera.focal_px / camera.focal_px
-        self._camera = camera
+        camera, shorter = lens.camera, history.camera.focal_px / lens.camera.focal_px
+        history.lens = lens
         self._steps = [replace(step, turn_rad_s=shorter * step.turn_rad_s) for step in self._steps]
         for one in history:
             turn = None if one.turn_rad_s is None else shorter * one.turn_rad_s
             raw = replace(one.through(camera), turn_rad_s=turn)
-            history.put(raw if turn is None or self._off else self._corrected(raw, turn))
+            history.put(raw if turn is None or self._off else self._corrected(camera, raw, turn))
 
     def _correct_all(self, history: History) -> None:
         for one in history:
             if one.turn_rad_s is not None and one.readout_s != self.readout_s:
                 # Both corrections turn about the same axis.
                 rest_s = one.readout_s - self.readout_s
-                bearings = _turned(self._camera, one, one.bearings, one.turn_rad_s, rest_s)
+                bearings = _turned(history.camera, one, one.bearings, one.turn_rad_s, rest_s)
                 history.put(replace(one, bearings=bearings, readout_s=self.readout_s))
 
-    def _corrected(self, observations: Observations, turn_rad_s: Floats) -> Observations:
+    def _corrected(self, camera: Camera, observations: Observations, turn_rad_s: Floats) -> Observations:
         raw = observations.bearings
         if observations.turn_rad_s is not None and observations.readout_s:
-            raw = _turned(self._camera, observations, raw, observations.turn_rad_s, observations.readout_s)
-        bearings = _turned(self._camera, observations, raw, turn_rad_s, -self.readout_s) if self.readout_s else raw
+            raw = _turned(camera, observations, raw, observations.turn_rad_s, observations.readout_s)
+        bearings = _turned(camera, observations, raw, turn_rad_s, -self.readout_s) if self.readout_s else raw
         return replace(observations, bearings=bearings, turn_rad_s=turn_rad_s, readout_s=self.readout_s)
 
 

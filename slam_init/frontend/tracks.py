@@ -31,6 +31,7 @@ from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
+from slam_init.types.lens_in_use import LensInUse
 
 #: The flow of a track agrees with descriptors where it lies among those of so many neighbours, which span the depths
 #: around the track. The flow of a frame is trusted where two thirds of its tracks agree: in 4 links of a driving car 86
@@ -50,15 +51,27 @@ def common_tracks(a: Observations, b: Observations) -> tuple[Ints, Ints]:
 
 
 class History:
-    """Observations of the last frames, and of older ones that are still needed.
+    """Observations of the last frames, and of older ones that are still needed, with the rays of one lens.
 
     * ``limit``: Number of recent frames that :meth:`forget` keeps in any case.
+    * ``lens``: Of all rays. :meth:`slam_init.frontend.rolling_shutter.RollingShutter.see_through` changes it.
     """
 
-    def __init__(self, limit: int) -> None:
+    def __init__(self, camera: Camera, limit: int) -> None:
+        self.lens = LensInUse.of(camera)
         self._limit = limit
         self._frames: dict[int, Observations] = {}
         self._attitudes: dict[int, Attitude] = {}
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that the rays are seen through."""
+        return self.lens.camera
+
+    @property
+    def newest(self) -> int:
+        """Absolute index of the newest frame; -1 without one."""
+        return max(self._frames, default=-1)
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -98,7 +111,7 @@ class History:
         """
         for one in (observations, *revised):
             _check(one)
-        newest = max(self._frames, default=-1)
+        newest = self.newest
         # A tracker that shares this history has already put its own observations here.
         again = observations.frame == newest and self._frames[newest] is not observations
         if observations.frame < max(newest, 0) or again:
@@ -159,15 +172,14 @@ class _SiftFrame:
 class Tracker:
     """Follows features from frame to frame and keeps their history.
 
-    * ``camera``: Converts pixels to bearings.
+    * ``camera``: The lens that the history starts with.
     * ``history_limit``: Number of recent frames in the history.
     * ``revised``: Earlier frames that got additional tracks in the last call of :meth:`track`.
     """
 
     def __init__(self, camera: Camera, config: TrackingConfig, history_limit: int = 150) -> None:
-        self.history = History(history_limit)
+        self.history = History(camera, history_limit)
         self.revised: tuple[Observations, ...] = ()
-        self._camera = camera
         self._config = config
         self._last: Observations | None = None
         self._last_gray: Image | None = None
@@ -177,10 +189,6 @@ class Tracker:
         self._drift = Drift()
         self._exposure, self._exposure_s, self._step_px = Exposure(), 0.0, 0.0
         self._next_id = 0
-
-    def adopt_camera(self, camera: Camera) -> None:
-        """Take the rays of further frames from another lens."""
-        self._camera = camera
 
     def track(self, frame: Frame) -> Observations:
         """Follow the tracks into the next frame, and start new tracks if too many were lost.
@@ -197,7 +205,7 @@ class Tracker:
             new = self._detect(gray, pixels, wanted - len(ids))
             ids = np.concatenate([ids, self._new_ids(len(new))])
             pixels = np.concatenate([pixels, new])
-        bearings = self._camera.bearings(pixels)
+        bearings = self.history.camera.bearings(pixels)
         # Pixels beyond the field of view of the lens model have no ray and are left out.
         order = np.argsort(ids)
         order = order[np.isfinite(bearings[order]).all(axis=1)]
@@ -325,7 +333,7 @@ class Tracker:
     def _add_to_history(self, frame: int, ids: Ints, pixels: Floats) -> None:
         known = self.history[frame]
         # The flow may have continued a track into this frame already.
-        seen = np.isfinite(self._camera.bearings(pixels)).all(axis=1) & ~np.isin(ids, known.track_ids)
+        seen = np.isfinite(self.history.camera.bearings(pixels)).all(axis=1) & ~np.isin(ids, known.track_ids)
         ids, pixels = ids[seen], pixels[seen]
         all_ids = np.concatenate([known.track_ids, ids])
         order = np.argsort(all_ids)
@@ -335,7 +343,7 @@ class Tracker:
             known,
             track_ids=all_ids[order],
             pixels=all_pixels,
-            bearings=self._camera.bearings(all_pixels),
+            bearings=self.history.camera.bearings(all_pixels),
             colors=colors[order],
             drifts=np.concatenate([known.drifts, np.zeros((len(ids), 2, 2))])[order],
             readout_s=0.0,

@@ -76,7 +76,7 @@ class GrowingMap:
         self.lost_at: int | None = None
         self.keyframes_added = 0
         self._accepted, self._config = map_, config or MapConfig()
-        self._shutter, self._rays = RollingShutter(map_.camera), History(2)
+        self._shutter, self._rays = RollingShutter(map_.camera), History(map_.camera, 2)
         self._problem = with_lenses(
             map_.camera,
             BundleProblem(

@@ -35,9 +35,18 @@ class FrontEnd(Protocol):
     """The interface of an initializer: it takes frames until it has a map."""
 
     status: Status
-    frames_read: int
-    tracker: Tracker
-    history: History
+
+    @property
+    def frames_read(self) -> int:
+        """Number of frames that it was given."""
+
+    @property
+    def tracker(self) -> Tracker:
+        """Follows the tracks."""
+
+    @property
+    def history(self) -> History:
+        """The observations of the last frames."""
 
     @property
     def map(self) -> InitialMap | None:

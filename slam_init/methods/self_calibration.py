@@ -16,11 +16,11 @@ import numpy as np
 
 from slam_init.config import Config
 from slam_init.datasets.track_source import KnowsTracks
-from slam_init.decision.lens import MAX_FOCAL_SIGMA
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import WindowEvidence
 from slam_init.types.frame import Frame, Source, length_of
+from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Result
 from slam_init.types.status import Status
@@ -55,7 +55,7 @@ class StretchEstimate:
 class SelfCalibration:
     """The camera by all stretches."""
 
-    #: None where the stretches do not tell the focal length to :data:`slam_init.decision.lens.MAX_FOCAL_SIGMA`, the
+    #: None where the stretches do not tell the focal length to :data:`slam_init.types.lens_in_use.MAX_FOCAL_SIGMA`, the
     #: bound of a map without a calibration.
     camera: Camera | None
     #: Those that tell the focal length.

@@ -11,10 +11,11 @@ from slam_init.types.arrays import Floats
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.types.lens_in_use import LensInUse
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.motion import Motion
 from slam_init.window.state import Priors
-from slam_init.window.tracks import gather_tracks
+from slam_init.window.tracks import WindowTracks, gather_tracks
 
 #: Number of motions that are carried from frame to frame: both motions of a plane, and two that other pairs found.
 _MAX_MOTIONS = 4
@@ -31,9 +32,7 @@ class LiveHypotheses:
     * ``least_noise_px``: Lower limit of the noise of a track.
     """
 
-    def __init__(self, camera: Camera, priors: Priors, least_noise_px: float = 0.1) -> None:
-        self._camera = camera
-        self._priors = priors
+    def __init__(self, least_noise_px: float = 0.1) -> None:
         self._least_noise_px = least_noise_px
         self._motions: list[Motion] = []
         self._proposed: list[Motion] = []
@@ -73,12 +72,11 @@ class LiveHypotheses:
             return False
         return True
 
-    def adopt_lens(self, camera: Camera, priors: Priors, log_scale: float, k1: float) -> None:
-        """Go on with another lens.
-
-        * ``log_scale, k1``: From the earlier camera to this one, as in :class:`~slam_init.window.motion.Motion`.
-        """
-        self._camera, self._priors = camera, priors
+    def see_through(self, old: LensInUse, new: LensInUse) -> None:
+        """Go on with another lens: the motions were fitted through the old one."""
+        if new is old:
+            return
+        log_scale, k1 = new.log_scale - old.log_scale, new.k1 - old.k1
         self._motions, rotations = (
             [replace(motion, log_scale=motion.log_scale - log_scale, k1=motion.k1 - k1) for motion in ones]
             for ones in (self._motions, self._rotations)
@@ -90,11 +88,16 @@ class LiveHypotheses:
         self._motions, self._proposed, self._rotations = [], [], ()
 
     def fitted(
-        self, views: Sequence[Observations], attitudes: Sequence[Attitude | None] = ()
+        self,
+        camera: Camera,
+        priors: Priors,
+        views: Sequence[Observations],
+        attitudes: Sequence[Attitude | None] = (),
     ) -> WindowHypotheses | None:
         """Fit all motions to the views of a window, and keep those that are not hopeless."""
         with single_threaded():
-            return self._fitted(views, attitudes)
+            tracks = gather_tracks(camera, views, self._noise_px, self._least_noise_px, attitudes=attitudes)
+            return self._fitted(tracks, priors)
 
     def keep(self, hypotheses: WindowHypotheses) -> None:
         """Go on with the motions of hypotheses, but for those that the tracks vote against."""
@@ -110,11 +113,10 @@ class LiveHypotheses:
             self._rest = min(self._barren, _LONGEST_REST)
         self._rotations = hypotheses.rotations
 
-    def _fitted(self, views: Sequence[Observations], attitudes: Sequence[Attitude | None]) -> WindowHypotheses | None:
-        tracks = gather_tracks(self._camera, views, self._noise_px, self._least_noise_px, attitudes=attitudes)
+    def _fitted(self, tracks: WindowTracks, priors: Priors) -> WindowHypotheses | None:
         motions = [*self._motions, *self._proposed]
         # Where no turning is known, the readout moves no pixel.
-        priors = self._priors if tracks.sweep_px_s.any() else replace(self._priors, readout_sigma_s=0.0)
+        priors = priors if tracks.sweep_px_s.any() else replace(priors, readout_sigma_s=0.0)
         hypotheses = fit_hypotheses(tracks, motions, priors, self._rotations)
         if hypotheses is None:
             self._proposed = []

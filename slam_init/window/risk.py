@@ -33,6 +33,7 @@ from quest.robust.spatial_blocks import regions_of
 from slam_init.system.linear_algebra import deviations, single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.evidence import Margin
+from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.window.hypotheses import CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS, WindowHypotheses, with_rotation_anew
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.levels import (
@@ -58,7 +59,6 @@ from slam_init.window.motion import FittedMotion
 from slam_init.window.neighbours import variance_by_neighbours
 from slam_init.window.other_motion import OtherMotion, explained_tracks, other_motion
 from slam_init.window.second_look import look_again
-from slam_init.window.state import CALIBRATED_SIGMA
 from slam_init.window.tails import at_any_look, three_directions, two_directions
 from slam_init.window.tracker_errors import (
     gain_of_lasting_errors,

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats
+from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.window.measured_rays import triangulated
 from slam_init.window.track_equations import FIELD_TERMS
 from slam_init.window.tracks import WindowTracks
-
-#: Relative standard deviation of the focal length of a calibration: they are better than two per cent.
-CALIBRATED_SIGMA = 0.02
 
 
 @dataclass(frozen=True)

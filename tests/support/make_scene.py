@@ -42,9 +42,9 @@ def observe(camera, poses, points, noise_px=0.0, rng=None, frames=None) -> list[
     return seen
 
 
-def history_of(observations) -> History:
-    """A history that holds all these observations."""
-    history = History(1000)
+def history_of(observations, camera=CAMERA) -> History:
+    """A history that holds all these observations of a camera."""
+    history = History(camera, 1000)
     for observed in observations:
         history.put(observed)
     return history

@@ -45,7 +45,7 @@ def test_a_right_focal_length_is_not_suspected():
 def test_a_check_is_made_when_the_rotation_has_clearly_grown():
     degrees = [0, 3, 7, 7.5, 16]
     stated, seen = rotating(degrees, 1.06)
-    history, check = history_of(seen), FocalCheck(stated, CONFIG)
+    history, check = history_of(seen, stated), FocalCheck(CONFIG)
     done = []
     for current, angle in zip(seen[1:], degrees[1:], strict=True):
         pairs = [preview_of([seen[0], current], stated)]
@@ -58,15 +58,15 @@ def test_a_check_is_made_when_the_rotation_has_clearly_grown():
 def test_the_pair_with_the_largest_rotation_is_checked():
     stated, seen = rotating([0, 8, 16], 1.06)
     pairs = [preview_of([seen[1], seen[2]], stated), preview_of([seen[0], seen[2]], stated)]
-    checked = FocalCheck(stated, CONFIG)(ROTATED, pairs, history_of(seen), seen[2])
+    checked = FocalCheck(CONFIG)(ROTATED, pairs, history_of(seen, stated), seen[2])
     assert checked.rotation_only == with_focal_check(stated, CONFIG, ROTATED, seen[0], seen[2]).rotation_only
 
 
 def test_only_an_unchecked_pure_rotation_is_checked():
     stated, seen = rotating([0, 16], 1.06)
-    pairs, history = [preview_of(seen, stated)], history_of(seen)
+    pairs, history = [preview_of(seen, stated)], history_of(seen, stated)
     for attempt in (
         Attempt((0, 1), Verdict.LOW_PARALLAX),
         replace(ROTATED, rotation_only=RotationOnlyEvidence(1.0)),
     ):
-        assert FocalCheck(stated, CONFIG)(attempt, pairs, history, seen[1]) is attempt
+        assert FocalCheck(CONFIG)(attempt, pairs, history, seen[1]) is attempt

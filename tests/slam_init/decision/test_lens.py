@@ -7,9 +7,10 @@ import pytest
 from make_scene import CAMERA
 from make_window import WINDOW_CONFIG, point_source, pose_errors_deg, true_motion
 
-from slam_init.decision.lens import WindowLens
+from slam_init.decision.lens import followed, priors_of
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
+from slam_init.types.lens_in_use import LensInUse
 from slam_init.types.reasons import Verdict
 from slam_init.window.uncertainty import CameraEstimate, DistortionEstimate, FocalEstimate
 
@@ -35,22 +36,20 @@ def initialized(source, camera):
 
 
 def test_a_calibrated_lens_follows_nothing():
-    lens = WindowLens(CAMERA)
+    lens = LensInUse.of(CAMERA)
     assert not lens.is_unknown
-    assert lens.step(found(0.3, 0.1)) == (0.0, 0.0)
+    assert followed(lens, found(0.3, 0.1)) is lens
 
 
 def test_a_lens_that_moves_takes_its_prior_along():
-    lens = WindowLens(UNKNOWN)
-    step = lens.step(found(0.2, -0.1))
-    lens.follow(*step)
+    lens = followed(LensInUse.of(UNKNOWN), found(0.2, -0.1))
     np.testing.assert_allclose(lens.camera.fx, CAMERA.fx * np.exp(0.2))
     assert lens.camera.distortion[0] == -0.1
-    priors = lens.priors(0.0)
+    priors = priors_of(lens)
     assert (priors.log_scale_mean, priors.k1_mean, priors.focal_sigma) == (-0.2, 0.1, 0.35)
     # Back again, the prior is the first one.
-    lens.follow(-0.2, 0.1)
-    assert lens.priors(0.0).log_scale_mean == pytest.approx(0)
+    lens = lens.moved(-0.2, 0.1)
+    assert priors_of(lens).log_scale_mean == pytest.approx(0)
     np.testing.assert_allclose(lens.camera.fx, CAMERA.fx)
 
 

@@ -17,7 +17,9 @@ from slam_init.calibration.prior import camera_with_focal
 from slam_init.config import Config
 from slam_init.decision import window_rule
 from slam_init.decision.screening import LEAST_PARALLAX_SHARE
+from slam_init.decision.window_map import WindowMaps
 from slam_init.decision.window_rule import WindowRule
+from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.initializer import Initializer
 from slam_init.methods import make_initializer
 from slam_init.output.summary import summary_schema, summary_text
@@ -42,7 +44,7 @@ def tried(source, views, config=WINDOW_CONFIG):
     observations = list(source.observations())
     seen = [observations[k] for k in views]
     preview = preview_of(seen, source.camera)
-    rule = WindowRule(source.camera, config, history_of(seen))
+    rule = WindowRule(config, history_of(seen, source.camera), RollingShutter(source.camera))
     return rule.judge(preview, [preview], seen[-1], Stopwatch())
 
 
@@ -225,7 +227,9 @@ class Frames:
 
     def __init__(self, source):
         self.observations = list(source.observations())
-        self.rule = WindowRule(source.camera, WINDOW_CONFIG, history_of(self.observations))
+        self.rule = WindowRule(
+            WINDOW_CONFIG, history_of(self.observations, source.camera), RollingShutter(source.camera)
+        )
         self._camera = source.camera
 
     def judge(self, k, *, chosen, reference=0):
@@ -357,7 +361,7 @@ def test_the_provisional_map_is_none_then_too_risky_then_the_accepted_map(scene,
 
 
 def test_a_map_that_bundle_adjustment_moves_away_is_refused_and_its_provisional_map_is_wrong_for_certain(monkeypatch):
-    monkeypatch.setattr(window_rule, "_moved_frames", lambda bundle, motion: motion.frames[1:])
+    monkeypatch.setattr(WindowMaps, "moved_frames", lambda maps, bundle: (1,))
     source = point_source("room", 2, baseline=0.1)
     initializer, risks = Initializer(source.camera, WINDOW_CONFIG), []
     for observed in source.observations():

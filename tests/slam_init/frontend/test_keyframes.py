@@ -83,7 +83,7 @@ def test_the_score_grows_with_parallax_tracks_and_spread(better, worse):
 
 def drive(poses, manager=None):
     """Feed all frames to a manager; gives its candidates after each frame."""
-    manager = manager or KeyframeManager(CAMERA, CONFIG)
+    manager = manager or KeyframeManager(CONFIG)
     seen = observe(CAMERA, poses, cloud(np.random.default_rng(1)))
     history = history_of(seen)
     windows = []
@@ -123,7 +123,7 @@ def test_candidates_are_dropped_at_an_age_at_which_tracks_have_drifted():
 def test_a_new_candidate_takes_over_the_retry_condition_of_the_newest_one():
     """Both see the same scene, so that a failure need not be repeated for each candidate."""
     settings = CONFIG.keyframes
-    manager = KeyframeManager(CAMERA, CONFIG)
+    manager = KeyframeManager(CONFIG)
     first = 100
     manager.update(replace(observe(CAMERA, [Pose.identity()], cloud(np.random.default_rng(1)))[0], frame=first), [])
     manager.failed(pair(first, first + 9))
@@ -143,7 +143,7 @@ def test_a_new_candidate_takes_over_the_retry_condition_of_the_newest_one():
 
 def candidates_with_steps(steps_px):
     """The candidates of a static camera whose frames have tracks of these standard deviations."""
-    manager = KeyframeManager(CAMERA, CONFIG)
+    manager = KeyframeManager(CONFIG)
     seen = observe(CAMERA, [Pose.identity()] * len(steps_px), cloud(np.random.default_rng(1)))
     seen = [replace(one, step_px=step_px) for one, step_px in zip(seen, steps_px, strict=True)]
     history = history_of(seen)
@@ -168,7 +168,7 @@ def test_after_a_frame_with_few_features_the_next_frame_becomes_a_candidate():
     """The first frame after a cut or a dark image shares its few tracks with the next, which has many more."""
     poor, rich = observe(CAMERA, [Pose.identity()] * 2, cloud(np.random.default_rng(1)))
     poor = replace(poor, track_ids=poor.track_ids[:5], pixels=poor.pixels[:5], bearings=poor.bearings[:5])
-    manager = KeyframeManager(CAMERA, CONFIG)
+    manager = KeyframeManager(CONFIG)
     history = history_of([poor, rich])
     for current in (poor, rich):
         manager.update(current, manager.preview(history, current))
@@ -178,7 +178,7 @@ def test_after_a_frame_with_few_features_the_next_frame_becomes_a_candidate():
 def test_pairs_are_sorted_by_descending_score():
     poses = make_poses(4)
     seen = observe(CAMERA, poses, cloud(np.random.default_rng(2)))
-    manager = KeyframeManager(CAMERA, CONFIG)
+    manager = KeyframeManager(CONFIG)
     manager.candidates[:] = [0, 1, 2]
     pairs = manager.preview(history_of(seen), seen[3])
     assert [pair.reference for pair in pairs] == [0, 1, 2]  # in a steady motion the oldest frame has the highest score
@@ -186,7 +186,7 @@ def test_pairs_are_sorted_by_descending_score():
 
 
 def test_pairs_with_too_few_matches_are_not_tried():
-    manager = KeyframeManager(CAMERA, CONFIG)
+    manager = KeyframeManager(CONFIG)
     few, enough = CONFIG.keyframes.min_matches - 1, CONFIG.keyframes.min_matches
     assert manager.best_pair_to_try([]) is None
     assert manager.best_pair_to_try([pair(0, 5, matches=few)]) is None
@@ -195,7 +195,7 @@ def test_pairs_with_too_few_matches_are_not_tried():
 
 def test_a_failed_pair_waits_for_a_higher_score_or_some_frames():
     settings = CONFIG.keyframes
-    manager = KeyframeManager(CAMERA, CONFIG)
+    manager = KeyframeManager(CONFIG)
     manager.failed(pair(0, 20, parallax_px=10))
     assert manager.best_pair_to_try([pair(0, 21, parallax_px=10)]) is None
     assert manager.best_pair_to_try([pair(0, 21, parallax_px=10.1 * settings.retry_gain)]) is not None
@@ -206,7 +206,7 @@ def test_a_failed_pair_waits_for_a_higher_score_or_some_frames():
 
 def test_a_failed_pair_waits_until_a_steady_motion_has_grown_by_the_gain():
     """With little parallax the score is mostly noise and hardly grows, but the baseline does."""
-    manager = KeyframeManager(CAMERA, CONFIG)
+    manager = KeyframeManager(CONFIG)
     manager.failed(pair(0, 40))
     waited = [frame for frame in range(41, 60) if manager.best_pair_to_try([pair(0, frame)]) is None]
     assert len(waited) + 41 == round(CONFIG.keyframes.retry_gain * 40)
@@ -215,7 +215,7 @@ def test_a_failed_pair_waits_until_a_steady_motion_has_grown_by_the_gain():
 def test_the_wait_is_doubled_after_each_failure_without_a_higher_score():
     """The camera stops after too short a baseline. With equal waits a full window would cost one attempt per frame."""
     settings = CONFIG.keyframes
-    manager = KeyframeManager(CAMERA, CONFIG)
+    manager = KeyframeManager(CONFIG)
     tried = []
     for frame in range(1, 64 * settings.new_after_frames):
         if (chosen := manager.best_pair_to_try([pair(0, frame)])) is not None:

@@ -48,7 +48,7 @@ def vector(camera):
 
 
 def corrected_frames(camera, frames):
-    history, shutter = History(100), RollingShutter(camera)
+    history, shutter = History(camera, 100), RollingShutter(camera)
     for one in frames:
         history.add(one)
         shutter.correct(history, one.frame)

@@ -222,7 +222,7 @@ def test_common_tracks_are_in_the_order_of_their_ids():
 
 
 def test_the_history_is_bounded_and_keeps_the_requested_frames():
-    history = History(5)
+    history = History(CAMERA, 5)
     for frame in range(20):
         history.put(observed(frame, [frame]))
         history.forget(keep=[2])

@@ -8,8 +8,9 @@ import pytest
 from slam_init.calibration.files import load_camera
 from slam_init.calibration.prior import prior_camera
 from slam_init.calibration.writing import camera_yaml
-from slam_init.decision.lens import MAX_FOCAL_SIGMA, WindowLens
+from slam_init.decision.lens import advice_on
 from slam_init.methods.self_calibration import StretchEstimate, combine
+from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA, LensInUse
 
 PRIOR = prior_camera((640, 480))
 
@@ -60,8 +61,7 @@ def test_the_file_is_read_back(tmp_path):
 
 def test_the_advice_about_an_unknown_focal_length_does_not_ask_for_what_was_given():
     given = replace(PRIOR, source="stated", focal_sigma=0.05)
-    assert "fov" not in WindowLens(given).advice() and "f=" not in WindowLens(given).advice()
-    assert WindowLens(PRIOR).advice() is None  # that of the reason
-    wide = WindowLens(PRIOR)
-    wide.follow(math.log(0.5), 0.0)
-    assert wide.advice().startswith("wide lens: give")
+    advice = advice_on(LensInUse.of(given))
+    assert "fov" not in advice and "f=" not in advice
+    assert advice_on(LensInUse.of(PRIOR)) is None  # that of the reason
+    assert advice_on(LensInUse.of(PRIOR).moved(math.log(0.5), 0.0)).startswith("wide lens: give")

@@ -33,10 +33,10 @@ def propose(live, source, views):
 def test_a_carried_motion_is_that_of_the_last_window_fitted_from_its_own_pair(scene, baseline, seed):
     source = point_source(scene, seed, baseline=baseline)
     observations = list(source.observations())
-    live = LiveHypotheses(source.camera, PRIORS)
+    live = LiveHypotheses()
     propose(live, source, window(observations, 5))
     for last in range(5, 12):
-        carried = live.fitted(window(observations, last))
+        carried = live.fitted(source.camera, PRIORS, window(observations, last))
     alone = hypotheses_of(source.camera, window(observations, 11), PRIORS)
     assert carried.planar == alone.planar
     rotation, direction = carried.motions[0].difference_deg(alone.motions[0])
@@ -52,10 +52,10 @@ def test_a_carried_motion_is_that_of_the_last_window_fitted_from_its_own_pair(sc
 def test_a_motion_is_carried_to_another_reference():
     source = point_source("room", 2)
     observations = list(source.observations())
-    live = LiveHypotheses(source.camera, PRIORS)
+    live = LiveHypotheses()
     propose(live, source, window(observations, 8))
-    assert live.fitted(window(observations, 8))
-    carried = live.fitted(window(observations, 11, reference=3))
+    assert live.fitted(source.camera, PRIORS, window(observations, 8))
+    carried = live.fitted(source.camera, PRIORS, window(observations, 11, reference=3))
     assert carried.motions[0].frames[:2] == (3, 11)
     rotation, direction = pose_errors_deg(carried.motions[0].cam2_from_cam1, true_motion(source, 3, 11))
     assert rotation < 0.5
@@ -65,33 +65,33 @@ def test_a_motion_is_carried_to_another_reference():
 def test_further_views_drop_the_twin_of_a_plane():
     source = point_source("wall", 0, baseline=0.4)
     observations = list(source.observations())
-    live = LiveHypotheses(source.camera, PRIORS)
+    live = LiveHypotheses()
     propose(live, source, [observations[0], observations[5]])
-    counts = [len(live.fitted([observations[0], observations[5]]).motions)]
+    counts = [len(live.fitted(source.camera, PRIORS, [observations[0], observations[5]]).motions)]
     for last in range(6, 12):
-        counts.append(len(live.fitted(window(observations, last)).motions))
+        counts.append(len(live.fitted(source.camera, PRIORS, window(observations, last)).motions))
     assert counts[0] == 2
     assert counts[-1] == 1
 
 
 def test_nothing_lives_before_a_proposal():
     source = point_source("room", 0)
-    live = LiveHypotheses(source.camera, PRIORS)
+    live = LiveHypotheses()
     assert not live
-    assert live.fitted(list(source.observations())[:3]) is None
+    assert live.fitted(source.camera, PRIORS, list(source.observations())[:3]) is None
     assert not live
 
 
 def test_a_proposal_lives_until_no_motion_locates_the_pair():
     source = point_source("room", 0)
     observations = list(source.observations())
-    live = LiveHypotheses(source.camera, PRIORS)
+    live = LiveHypotheses()
     propose(live, source, window(observations, 5))
     assert live
-    assert live.fitted(window(observations, 5))
+    assert live.fitted(source.camera, PRIORS, window(observations, 5))
     assert live
     lost = [replace(view, frame=100 + view.frame, track_ids=10_000 + view.track_ids) for view in observations[:3]]
-    assert live.fitted(lost) is None
+    assert live.fitted(source.camera, PRIORS, lost) is None
     assert not live
 
 
@@ -99,7 +99,7 @@ def test_a_pair_without_translation_proposes_nothing():
     source = point_source("room", 0)
     observations = list(source.observations())
     pose, rays1, rays2 = pose_of_pair(source.camera, observations[0], observations[5])
-    live = LiveHypotheses(source.camera, PRIORS)
+    live = LiveHypotheses()
     live.propose(replace(pose, t=np.zeros(3), alternatives=()), (0, 5), rays1, rays2, 0.7)
     assert not live
 
@@ -178,87 +178,87 @@ def proposal(live, pair, degs, frames=None):
 
 def test_living_motions_come_before_the_proposals(pair, fits):
     """A later motion that is near an earlier one is not fitted, and living motions know more views."""
-    live = LiveHypotheses(pair[0].camera, PRIORS)
+    live = LiveHypotheses()
     for degs in ([0], [20]):
         proposal(live, pair, degs)
-        live.fitted(pair[1])
+        live.fitted(pair[0].camera, PRIORS, pair[1])
     assert len(fits.asked[1]) == 2
     assert fits.asked[1][0] is fits.asked[0][0]
 
 
 def test_a_proposal_near_a_living_motion_leaves_the_fit_as_it_is(pair):
     source, views, _ = pair
-    proposed_twice, proposed_once = (LiveHypotheses(source.camera, PRIORS) for _ in range(2))
+    proposed_twice, proposed_once = (LiveHypotheses() for _ in range(2))
     for live in (proposed_twice, proposed_once):
         proposal(live, pair, [0])
-        live.fitted(views)
+        live.fitted(source.camera, PRIORS, views)
     proposal(proposed_twice, pair, [1.0])
-    a, b = (live.fitted(views) for live in (proposed_twice, proposed_once))
+    a, b = (live.fitted(source.camera, PRIORS, views) for live in (proposed_twice, proposed_once))
     assert len(a.motions) == 1
     assert a.motions[0].fit.cost == b.motions[0].fit.cost
 
 
 def test_a_proposal_is_fitted_once(pair, fits):
-    live = LiveHypotheses(pair[0].camera, PRIORS)
+    live = LiveHypotheses()
     proposal(live, pair, [0, 20])
     for _ in range(3):
-        live.fitted(pair[1])
+        live.fitted(pair[0].camera, PRIORS, pair[1])
     assert [len(motions) for motions in fits.asked] == [2, 2, 2]
 
 
 def test_a_proposal_of_a_pair_that_no_motion_knows_is_new(pair, fits):
-    live = LiveHypotheses(pair[0].camera, PRIORS)
+    live = LiveHypotheses()
     proposal(live, pair, [0])
-    live.fitted(pair[1])
+    live.fitted(pair[0].camera, PRIORS, pair[1])
     proposal(live, pair, [0], frames=(50, 51))
-    live.fitted(pair[1])
+    live.fitted(pair[0].camera, PRIORS, pair[1])
     assert [len(motions) for motions in fits.asked] == [1, 2]
 
 
 def test_hopeless_motions_are_dropped(pair, fits):
-    live = LiveHypotheses(pair[0].camera, PRIORS)
+    live = LiveHypotheses()
     proposal(live, pair, [0, 20, 40])
     fits.costs = {0: 1000.0, 1: 1199.0, 2: 1201.0}
-    live.fitted(pair[1])
-    live.fitted(pair[1])
+    live.fitted(pair[0].camera, PRIORS, pair[1])
+    live.fitted(pair[0].camera, PRIORS, pair[1])
     assert fits.asked[1] == [fits.asked[0][0], fits.asked[0][1]]
 
 
 def test_a_few_tracks_that_are_far_off_do_not_drop_a_motion(pair, fits, monkeypatch):
     """Tracks on a moving body: each costs a rival as much as it is off, and votes by no more than an outlier."""
-    live = LiveHypotheses(pair[0].camera, PRIORS)
+    live = LiveHypotheses()
     proposal(live, pair, [0, 20])
     fits.costs = {0: 1000.0, 1: 5000.0}
     monkeypatch.setattr(sys.modules[__name__], "votes_by_costs", lambda motion, rival: np.full(20, 6.0))
-    live.fitted(pair[1])
-    live.fitted(pair[1])
+    live.fitted(pair[0].camera, PRIORS, pair[1])
+    live.fitted(pair[0].camera, PRIORS, pair[1])
     assert len(fits.asked[1]) == 2
 
 
 def test_a_motion_of_fewer_views_is_not_compared_by_its_cost(pair, fits):
-    live = LiveHypotheses(pair[0].camera, PRIORS)
+    live = LiveHypotheses()
     proposal(live, pair, [0, 20])
     fits.costs, fits.views = {0: 1000.0, 1: 5000.0}, {1: 2}
-    live.fitted(pair[1])
-    live.fitted(pair[1])
+    live.fitted(pair[0].camera, PRIORS, pair[1])
+    live.fitted(pair[0].camera, PRIORS, pair[1])
     assert len(fits.asked[1]) == 2
 
 
 @pytest.mark.parametrize(("gain", "lives"), [(4.9, False), (5.1, True)])
 def test_motions_that_gain_no_more_than_chance_over_a_rotation_are_not_carried(pair, fits, gain, lives):
-    live = LiveHypotheses(pair[0].camera, PRIORS)
+    live = LiveHypotheses()
     proposal(live, pair, [0, 20])
     fits.gain_over_rotation = (gain, 10.0)
-    assert len(live.fitted(pair[1]).motions) == 2
+    assert len(live.fitted(pair[0].camera, PRIORS, pair[1]).motions) == 2
     assert bool(live) == lives
 
 
 def test_the_four_best_motions_live(pair, fits):
-    live = LiveHypotheses(pair[0].camera, PRIORS)
+    live = LiveHypotheses()
     proposal(live, pair, [0, 20, 40, 60, 80, 100])
     fits.costs = dict(enumerate([60.0, 50.0, 40.0, 30.0, 20.0, 10.0]))
-    live.fitted(pair[1])
-    live.fitted(pair[1])
+    live.fitted(pair[0].camera, PRIORS, pair[1])
+    live.fitted(pair[0].camera, PRIORS, pair[1])
     assert fits.asked[1] == fits.asked[0][:1:-1]
 
 
@@ -279,8 +279,8 @@ def test_the_noise_is_carried_from_fit_to_fit(pair, monkeypatch):
         )
 
     monkeypatch.setattr(live_module, "fit_hypotheses", fit)
-    live = LiveHypotheses(source.camera, PRIORS, least_noise_px=0.05)
+    live = LiveHypotheses(least_noise_px=0.05)
     for _ in range(3):
         proposal(live, pair, [0])  # with a stated noise of 0.7 pixels, which counts for the first fit only
-        live.fitted(views)
+        live.fitted(source.camera, PRIORS, views)
     np.testing.assert_allclose(noises, [(0.7, 0.05), (0.35, 0.05), (0.175, 0.05)])

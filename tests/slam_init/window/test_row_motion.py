@@ -17,7 +17,7 @@ def window(scene, seed, **options):
     """Tracks of five frames, reference and current first, the true state, and the pixels of a global shutter."""
     source = point_source(scene, seed, views=12, fps=30.0, turning_deg_s=60.0, noise_px=0.0, outliers=0.0, **options)
     sequence, camera = source.sequence, source.camera
-    history, shutter = History(20), RollingShutter(camera)
+    history, shutter = History(camera, 20), RollingShutter(camera)
     for observed in source.observations():
         history.add(observed)
         shutter.correct(history, observed.frame)

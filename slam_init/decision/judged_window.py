@@ -1,0 +1,179 @@
+"""A judged window, and what follows from it: the gates on its risk, its reason, the next lens, and its evidence.
+
+All of it is a function of the window. Nothing here looks at the history or remembers an earlier window.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from quest.geometry.epipolar import depths_from_pose
+from slam_init.decision.lens import advice_on, followed
+from slam_init.decision.pose_so_far import WindowMotion
+from slam_init.decision.two_views import MatchedPair
+from slam_init.types.arrays import Bools
+from slam_init.types.evidence import RotationOnlyEvidence, WindowEvidence
+from slam_init.types.gates import Gate, GateName, at_most
+from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA, LensInUse
+from slam_init.types.pose import Pose
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import Attempt
+from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.levels import MERE_ROTATION
+from slam_init.window.motion import FittedMotion
+from slam_init.window.risk import WindowRisk
+
+#: A gain over the rotation-only camera that chance exceeds more often than this is no evidence of a translation. A
+#: direction without a translation is uncertain too, so that its term would hide the cause.
+_INSIGNIFICANT = 0.05
+#: A focal length is suspected only if it is off by a hundredth or more, the error of a careless calibration, and by
+#: five of its standard deviations: errors that the tracks share double them. Five hundredths have to be told.
+_LEAST_FOCAL_ERROR, _DOUBTFUL_SIGMAS, _TOLD_FOCAL_ERROR = 0.01, 5.0, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedWindow:
+    """A window: its pair, its hypotheses and the risk of the best one."""
+
+    pair: MatchedPair
+    hypotheses: WindowHypotheses
+    risk: WindowRisk
+    #: That the rays of the pair are seen through.
+    lens: LensInUse
+    #: A match is an outlier if it is farther from its projection.
+    threshold_rad: float
+
+    @property
+    def best(self) -> FittedMotion:
+        """The best hypothesis."""
+        return self.hypotheses.motions[0]
+
+    @property
+    def only_rotates(self) -> bool:
+        """Whether the camera merely rotates."""
+        return self.risk.rotation > MERE_ROTATION
+
+    @property
+    def motion(self) -> WindowMotion:
+        """The poses of its cameras: those of the best motion, or of the camera that only rotates."""
+        poses = self.best.motion.cam_from_world
+        if self.only_rotates:
+            R = self.hypotheses.rotation_only.state.R
+            poses = {frame: Pose(R[k], np.zeros(3)) for k, frame in enumerate(self.hypotheses.tracks.frames)}
+        pair = (self.best.frames[0], self.best.frames[1])
+        return WindowMotion(poses, pair, self.only_rotates, self.risk.rotation_sigma_deg, self.risk.direction_sigma_deg)
+
+    @property
+    def next_lens(self) -> LensInUse:
+        """The lens to go on with where no map is accepted."""
+        return followed(self.lens, self.risk.camera)
+
+    @property
+    def lens_of_best(self) -> LensInUse:
+        """The lens that was fitted with the best motion; a calibration stays."""
+        state = self.best.fit.state
+        return self.lens.moved(state.log_scale, state.k1) if self.lens.is_unknown else self.lens
+
+    def certain_frames(self, most: float) -> tuple[int, ...]:
+        """Reference, current, and the views whose own directions are at most as risky: the keyframes of the map."""
+        reference, current, *others = self.best.frames
+        risks = zip(others, self.risk.direction_of_views[1:], strict=True)
+        return (reference, current, *(frame for frame, one in risks if one <= most))
+
+    def gates(self, max_risk: float) -> list[Gate]:
+        """The gates on the risk and, where the focal length is estimated, on its deviation."""
+        reason, advice = self._reason(max_risk)
+        if not self.lens.is_unknown:
+            return [at_most(GateName.RISK, self.risk.total, max_risk, reason, advice)]
+        lens_advice, unknown = advice_on(self.lens), Verdict.UNKNOWN_FOCAL_LENGTH
+        if self._held_by_lens(reason, max_risk):
+            reason, advice = unknown, lens_advice
+        return [
+            at_most(GateName.RISK, self.risk.total, max_risk, reason, advice),
+            at_most(GateName.FOCAL_SIGMA, self.risk.camera.focal.sigma, MAX_FOCAL_SIGMA, unknown, lens_advice),
+        ]
+
+    def with_evidence(self, attempt: Attempt) -> Attempt:
+        """Add what the window found to its attempt: figures, inliers, and tracks with a motion of their own."""
+        moving = np.isin(self.pair.track_ids, self.risk.moving_tracks)
+        return replace(attempt, window=self._evidence(), inliers=self._inliers(), moving=moving)
+
+    def rotation_evidence(self) -> RotationOnlyEvidence | None:
+        """The focal length of the rotation-only camera, and whether it casts doubt on the stated one.
+
+        * Returns: None where the camera rotated too little to tell a focal length that is off by five hundredths.
+        """
+        log_scale, sigma = self.hypotheses.focal_of_rotation
+        doubtful = abs(log_scale) >= _LEAST_FOCAL_ERROR and abs(log_scale) > _DOUBTFUL_SIGMAS * sigma
+        if not doubtful and _DOUBTFUL_SIGMAS * sigma > _TOLD_FOCAL_ERROR:
+            return None
+        factor = math.exp(log_scale)
+        return RotationOnlyEvidence(factor, factor if doubtful else None)
+
+    def _evidence(self) -> WindowEvidence:
+        hypotheses, risk, lens = self.hypotheses, self.risk, self.lens
+        distortion, readout = risk.camera.distortion, risk.camera.readout
+        rolling = None if readout is None else lens.camera.with_readout(readout.seconds)
+        return WindowEvidence(
+            views=len(self.best.rows),
+            hypotheses=len(hypotheses.motions),
+            planar=hypotheses.planar,
+            risk=risk.total,
+            risk_direction=risk.direction,
+            risk_rival=risk.rival,
+            risk_rotation=risk.rotation,
+            risk_moving=risk.moving,
+            risk_floor=risk.floor,
+            direction_sigma_deg=risk.direction_sigma_deg,
+            rotation_sigma_deg=risk.rotation_sigma_deg,
+            depth_sigma=risk.depth_sigma,
+            noise_px=hypotheses.tracks.noise_px,
+            field_px=risk.field_px,
+            rotation_log_likelihood=risk.rotation_log_likelihood,
+            focal_factor=math.exp(lens.log_scale + risk.camera.focal.log_scale),
+            focal_sigma=risk.camera.focal.sigma,
+            readout_ms=None if rolling is None else rolling.readout_ms,
+            readout_direction=None if rolling is None else rolling.readout_direction,
+            readout_sigma_ms=None if readout is None else 1e3 * readout.sigma_s,
+            distortion_k1=lens.k1 + distortion.k1,
+            distortion_sigma=distortion.sigma,
+            suspected_distortion=None if lens.is_unknown else distortion.suspected,
+        )
+
+    def _inliers(self) -> Bools:
+        """The matches that the best motion explains, through its lens and with points in front of both cameras."""
+        pair, pose, lens = self.pair, self.best.cam2_from_cam1, self.lens_of_best
+        m, n = pair.rays1, pair.rays2
+        if lens is not self.lens:
+            m, n = lens.camera.bearings(pair.pixels1), lens.camera.bearings(pair.pixels2)
+        depths1, depths2 = depths_from_pose(pose.R, pose.t, m, n)
+        normal = np.cross(np.broadcast_to(pose.t, m.shape), m @ pose.R.T)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+        near = np.abs(np.einsum("ij,ij->i", n, normal)) < np.sqrt(2) * self.threshold_rad
+        return np.asarray(near & (depths1 > 0) & (depths2 > 0))
+
+    def _held_by_lens(self, reason: Verdict, max_risk: float) -> bool:
+        """Whether the direction would be known well enough if the focal length were."""
+        risk = self.risk
+        by_direction = reason in (Verdict.LOW_PARALLAX, Verdict.MOVING_BODIES) and risk.direction >= risk.rival
+        wide = risk.camera.focal.sigma > MAX_FOCAL_SIGMA
+        return by_direction and wide and risk.direction_with_known_lens <= max_risk
+
+    def _reason(self, max_risk: float) -> tuple[Verdict, str | None]:
+        """The verdict and the advice: no translation if it is not significant, else the largest term of the risk."""
+        planar, risk = self.hypotheses.planar, self.risk
+        # A rotation with a wrong focal length looks like a plane with two motions: then neither motion may be right.
+        unlikely = max_risk if planar and risk.rival >= risk.direction else _INSIGNIFICANT
+        if risk.rotation > unlikely or risk.rotation >= max(risk.rival, risk.direction):
+            return Verdict.PURE_ROTATION, None
+        if risk.moving >= max(risk.rival, risk.direction_if_rigid):
+            return Verdict.MOVING_BODIES, None
+        if risk.rival >= risk.direction:
+            if planar:
+                return Verdict.AMBIGUOUS_PLANE, None
+            return Verdict.LOW_PARALLAX, "two motions explain the tracks: translate further, best sideways"
+        # A rigid scene with these tracks would be known well enough.
+        return (Verdict.LOW_PARALLAX if risk.direction_if_rigid > max_risk else Verdict.MOVING_BODIES), None

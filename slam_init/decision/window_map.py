@@ -1,0 +1,139 @@
+"""The map of a judged window: bundle-adjusted on all tracks of the pair, and refused where it cannot be used."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
+from slam_init.config import Config
+from slam_init.decision.judged_window import JudgedWindow
+from slam_init.frontend.rolling_shutter import RollingShutter
+from slam_init.frontend.tracks import History
+from slam_init.mapping.candidate import map_of_poses
+from slam_init.mapping.map_building import MapWithViews, map_with_views
+from slam_init.mapping.views import TrackTable, table_of
+from slam_init.types.initial_map import InitialMap
+from slam_init.types.lens_in_use import CALIBRATED_SIGMA
+from slam_init.types.result import ProvisionalMap
+from slam_init.window.motion import FittedMotion, difference_deg
+
+#: A calibration is left where the focal length is off by so many of its standard deviations: once in 400 by chance.
+_CERTAIN_FOCAL_SIGMAS = 3.0
+#: Largest risk that a further keyframe adds: a tenth of the largest risk that is accepted.
+_RISK_OF_A_VIEW = 5e-4
+#: Bundle adjustment on all tracks may turn the fitted motion by as much as a third of what makes a map wrong.
+_ADJUSTED_ROTATION_DEG, _ADJUSTED_DIRECTION_DEG = 1.5, 5.0
+
+
+class WindowMaps:
+    """Builds the maps of a judged window.
+
+    * ``history``: Holds the frames of the window.
+    * ``shutter``: Has corrected their rays.
+    """
+
+    def __init__(self, window: JudgedWindow, config: Config, history: History, shutter: RollingShutter) -> None:
+        self._window, self._config = window, config
+        self._history, self._readout_s = history, shutter.readout_s
+
+    def accepted(self) -> tuple[BundleSolution | BundleFailure, TrackTable]:
+        """The map of the best motion, in the views that add little risk.
+
+        The stated risk is that of the pair. A view that is left out costs some landmarks only.
+        """
+        return self._agreeing(self._window.certain_frames(_RISK_OF_A_VIEW))
+
+    def undecided(self) -> tuple[InitialMap, ...]:
+        """The maps of both motions of a plane that the tracks do not decide between; none where one has no map."""
+        both = [self.built(self._adjusted(motion)[0]) for motion in self._window.hypotheses.motions[:2]]
+        maps = tuple(one.map for one in both if one is not None)
+        return maps if len(maps) == 2 else ()
+
+    def provisional(self) -> ProvisionalMap | None:
+        """The map of the best motion with its risk; None where it cannot be built.
+
+        The risk is 1 where bundle adjustment moved the map away from the motion.
+        """
+        total = self._window.risk.total
+        bundle, _ = self._agreeing(self._window.certain_frames(total))
+        risk = 1.0 if self.moved_frames(bundle) else total
+        built = self.built(bundle, risk)
+        return None if built is None else ProvisionalMap(built.map, risk)
+
+    def built(self, bundle: BundleSolution | BundleFailure, risk: float | None = None) -> MapWithViews | None:
+        """The map of an adjusted bundle, with what the window knows of its camera."""
+        if not isinstance(bundle, BundleSolution):
+            return None
+        lens, hypotheses = self._window.lens, self._window.hypotheses
+        built = map_with_views(self._history, bundle, "planar" if hypotheses.planar else "general")
+        map_, camera = built.map, built.map.camera
+        if lens.camera.readout_s is None and self._readout_s:
+            camera = camera.with_readout(self._readout_s)
+        if lens.is_unknown:
+            sigma = min(self._window.risk.camera.focal.sigma, 1.0)
+            camera = replace(camera, source="estimated", focal_sigma=sigma)
+            factor = camera.fx / lens.stated.fx
+            map_ = replace(map_, focal_factor=factor, focal_factor_sigma=factor * sigma)
+        return replace(built, map=replace(map_, camera=camera, risk=risk))
+
+    def moved_frames(self, bundle: BundleSolution | BundleFailure) -> tuple[int, ...]:
+        """The keyframes whose motion from the reference is not that of the window any more, after bundle adjustment.
+
+        Bundle adjustment does not know that points lie on a plane, nor the error fields: views with short baselines may
+        move far. A failure moved none.
+        """
+        if not isinstance(bundle, BundleSolution):
+            return ()
+        world_from_cam = dict(zip(bundle.problem.frames, bundle.problem.world_from_cam, strict=True))
+        fitted, reference = self._window.best.motion.cam_from_world, self._window.best.frames[0]
+        moved = []
+        for frame in set(world_from_cam) - {reference}:
+            adjusted = world_from_cam[frame].inverse() @ world_from_cam[reference]
+            rotation_deg, direction_deg = difference_deg(fitted[frame], adjusted)
+            if rotation_deg > _ADJUSTED_ROTATION_DEG or direction_deg > _ADJUSTED_DIRECTION_DEG:
+                moved.append(frame)
+        return tuple(moved)
+
+    def _agreeing(self, frames: Sequence[int]) -> tuple[BundleSolution | BundleFailure, TrackTable]:
+        """The map of the best motion, which bundle adjustment has not moved away from the motion.
+
+        A further view that moves away is left out. Where the pair moves, the joint estimate gives priors of the poses.
+        It knows more than the landmarks: tracks with uncertain depths, and that the points lie on a plane.
+        """
+        motion, risk = self._window.best, self._window.risk
+        bundle, table = self._adjusted(motion, frames)
+        moved = self.moved_frames(bundle)
+        if moved and frames[1] not in moved:
+            bundle, table = self._adjusted(motion, [frame for frame in frames if frame not in moved])
+            moved = self.moved_frames(bundle)
+        if moved:
+            sigmas = np.radians([risk.rotation_sigma_deg, risk.direction_sigma_deg])
+            bundle, table = self._adjusted(motion, frames, PosePrior(*sigmas.tolist()))
+        return bundle, table
+
+    def _adjusted(
+        self, motion: FittedMotion, frames: Sequence[int] | None = None, prior: PosePrior | None = None
+    ) -> tuple[BundleSolution | BundleFailure, TrackTable]:
+        """The bundle-adjusted map of a fitted motion, on all tracks of the pair and in the given frames."""
+        pair, lens, threshold_rad = self._window.pair, self._window.lens, self._window.threshold_rad
+        views = [self._history[frame] for frame in (motion.frames if frames is None else frames)[2:]]
+        table = table_of(pair.reference, pair.current, views)
+        if self._readout_s:
+            table = replace(table, pixels=np.array([lens.camera.project(bearings) for bearings in table.bearings]))
+        poses, state = motion.motion.cam_from_world, motion.fit.state
+        if lens.is_unknown:
+            camera = lens.moved(state.log_scale, state.k1).camera
+            table = replace(table, bearings=np.array([camera.bearings(pixels) for pixels in table.pixels]))
+            return map_of_poses(camera, self._config, table, poses, threshold_rad, prior), table
+        options = self._config.map
+        # A focal length that is certain to be off would bend the map. An estimate within its own standard deviation is
+        # no reason to leave a calibration: errors that neighbouring tracks share pull it by a tenth on a board.
+        sigma = self._window.risk.camera.focal.sigma
+        if abs(state.log_scale) > max(CALIBRATED_SIGMA, _CERTAIN_FOCAL_SIGMAS * sigma):
+            options = replace(options, refine_focal=True, focal_sigma=CALIBRATED_SIGMA)
+        config, factor = replace(self._config, map=options), math.exp(state.log_scale)
+        return map_of_poses(lens.camera, config, table, poses, threshold_rad, prior, factor), table

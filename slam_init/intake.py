@@ -1,0 +1,140 @@
+"""What an initializer takes in: images are tracked, tracks of others are checked, and one history holds their rays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from threading import get_ident
+from typing import NamedTuple
+
+import numpy as np
+
+from slam_init.calibration.choosing import GivenCamera, camera_of_size, check_given
+from slam_init.calibration.prior import prior_camera
+from slam_init.config import TrackingConfig
+from slam_init.errors import SlamInitError
+from slam_init.frontend.conventions import check_rays
+from slam_init.frontend.frame_clock import FrameClock
+from slam_init.frontend.rolling_shutter import RollingShutter
+from slam_init.frontend.static_overlay import StaticOverlay
+from slam_init.frontend.tracks import Tracker
+from slam_init.types.arrays import Floats, Image
+from slam_init.types.attitude import checked_rotation
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, Observations
+from slam_init.types.lens_in_use import LensInUse
+from slam_init.types.status import frame_of
+
+
+class Turn(NamedTuple):
+    """How the camera turned since the last frame, by a gyroscope or a robot."""
+
+    rotation: Floats
+    sigma_rad: float
+
+    @staticmethod
+    def checked(rotation: Floats | None, sigma_rad: float) -> Turn | None:
+        """A measurement; None without one. Raises SlamInitError if the matrix is no rotation."""
+        return None if rotation is None else Turn(checked_rotation(rotation, sigma_rad), sigma_rad)
+
+
+class Intake:
+    """Takes images and tracks. What is wrong with them is told before anything changes.
+
+    * ``given``: The calibration of the images, or its matrix K, or None. The size of the first image completes a
+      matrix, and None.
+    * ``tracker``: Follows the tracks of images.
+    * ``history``: The observations of the last frames. It knows the lens in use.
+    * ``shutter``: Corrects the rays of a rolling shutter.
+    * ``masked``: Share of the last image that a mask ignores.
+    """
+
+    def __init__(self, given: GivenCamera, config: TrackingConfig) -> None:
+        check_given(given)
+        # Until the first frame tells the size of the images, a camera that is not given in full has an ordinary one.
+        self._given, self._waits_for_size = given, not isinstance(given, Camera)
+        self.tracker = Tracker(given if isinstance(given, Camera) else prior_camera((640, 480)), config)
+        self.history = self.tracker.history
+        self.shutter = RollingShutter(self.history.camera)
+        self.masked = 0.0
+        self._clock, self._overlay = FrameClock(self.history), StaticOverlay()
+        self._thread: int | None = None
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Refuse a frame while another thread is inside: the history would be that of both."""
+        inside, thread = self._thread, get_ident()
+        if inside is not None and inside != thread:
+            raise SlamInitError("another thread is processing a frame: an Initializer is for one thread at a time")
+        self._thread = thread
+        try:
+            yield
+        finally:
+            self._thread = inside
+
+    def frame(self, image: Image | Frame, timestamp_s: float | None, mask: Image | None) -> Frame:
+        """Check an image, its time and its mask, and make a frame of them."""
+        if self._waits_for_size:
+            self._complete_camera(image)
+        frame = frame_of(image, timestamp_s, self.history.newest + 1, self.history.camera, mask)
+        own_seconds = timestamp_s is None or isinstance(image, Frame)
+        return self._clock.stamped(frame, in_seconds_by_type=own_seconds)
+
+    def track(self, frame: Frame) -> Observations:
+        """Follow the tracks into a frame."""
+        self.masked = 0.0 if frame.mask is None else 1.0 - np.count_nonzero(frame.mask) / frame.mask.size
+        current = self.tracker.track(frame)
+        self._overlay.observe(frame, current)
+        return current
+
+    def check_tracks(
+        self, current: Observations, revised: Sequence[Observations]
+    ) -> tuple[Observations, Sequence[Observations]]:
+        """Check the time and the rays of tracks from elsewhere; return them with the rays of the lens in use."""
+        if self._waits_for_size:
+            raise SlamInitError("tracks tell no size of the images: give the Initializer a Camera (Camera.from_K)")
+        camera = self.history.camera
+        if camera.focal_sigma is not None:  # their rays are of a lens that is being estimated
+            current, revised = current.through(camera), [one.through(camera) for one in revised]
+        self._clock.check_tracks(current)
+        check_rays(camera, current)
+        return current, revised
+
+    def add(self, current: Observations, revised: Sequence[Observations], turn: Turn | None) -> None:
+        """Add the tracks of the next frame to the history."""
+        self.history.add(current, revised)
+        self._clock.took(current)
+        if turn is not None:
+            self.history.turned(current.frame, *turn)
+
+    def restart(self, since: int | None) -> list[int]:
+        """Forget the frames before one, by default before the newest; return those that stay."""
+        newest = max(self.history.newest, 0)
+        self.history.start_at(newest if since is None else min(since, newest))
+        for observed in self.history:
+            self._clock.took(observed)
+        return [observed.frame for observed in self.history]
+
+    def see_through(self, lens: LensInUse) -> None:
+        """Go on with another estimate of the lens."""
+        self.shutter.see_through(self.history, lens)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes about the time stamps, an estimated readout, and what is in the image and not in the scene."""
+        return (*self._clock.notes, *self._shutter_notes(), *self._overlay.notes)
+
+    def _complete_camera(self, image: Image | Frame) -> None:
+        """Complete the given camera with the size of the first image."""
+        pixels = image.image if isinstance(image, Frame) else image
+        shape: tuple[int, ...] = getattr(pixels, "shape", ())
+        if len(shape) >= 2 and min(shape[:2]) > 0:  # what is no image is refused next
+            self.history.lens = LensInUse.of(camera_of_size(self._given, (shape[1], shape[0])))
+            self._waits_for_size = False
+
+    def _shutter_notes(self) -> tuple[str, ...]:
+        """A note about an estimated readout, for people who know their camera."""
+        if self.history.camera.readout_s is not None or not self.shutter.readout_s:
+            return ()
+        found = self.history.camera.with_readout(self.shutter.readout_s)
+        return (f"a rolling shutter was corrected: readout {found.readout_ms:.1f} ms, {found.readout_direction}",)
