@@ -34,14 +34,14 @@ import numpy as np
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.calibration.choosing import GivenCamera
 from slam_init.config import Config
-from slam_init.decision.attempt_log import AttemptLog, focal_notes
+from slam_init.decision.attempt_log import AttemptLog
 from slam_init.decision.maps_so_far import MapsSoFar
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.pose_so_far import PoseSoFar
 from slam_init.decision.screening import screen
 from slam_init.errors import ConfigError
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
-from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
+from slam_init.frontend.rolling_shutter import corrected_pixels
 from slam_init.frontend.tracks import History, Tracker
 from slam_init.intake import Intake, Turn
 from slam_init.recording.recorder import Recorder
@@ -83,18 +83,8 @@ class Initializer:
 
     Attributes
     ----------
-    map : InitialMap or None
-        The accepted map.
     status : Status
         The status after the last frame.
-    frames_read : int
-        Number of frames that the initializer was given.
-    tracker : Tracker
-        Follows the tracks; it can be used after the initialization.
-    history : History
-        The observations of the last frames; :attr:`tracker` adds to it.
-    shutter : RollingShutter
-        Corrects the rays of a rolling shutter.
     """
 
     def __init__(
@@ -113,9 +103,9 @@ class Initializer:
         self.recorder = recorder or Recorder()
         self.stopwatch = Stopwatch()
         self.status = Status()
-        self._intake = Intake(camera, self.config.tracking)
+        self.intake = Intake(camera, self.config.tracking)
         self.keyframes = KeyframeManager(self.config)
-        self._window = _window_rule(self.config, self._intake, third_view=third_view, propose=propose)
+        self._window = _window_rule(self.config, self.intake, third_view=third_view, propose=propose)
         self._attempts = AttemptLog()
         self._maps = MapsSoFar(self.recorder, self.config)
         self._pose = PoseSoFar()
@@ -163,12 +153,12 @@ class Initializer:
         """
         if self._maps.handed_over:
             return self.status
-        with self._intake.alone():
+        with self.intake.alone():
             turn = Turn.checked(rotation, rotation_sigma_rad)
-            frame = self._intake.frame(image, timestamp_s, mask)
+            frame = self.intake.frame(image, timestamp_s, mask)
             with self.stopwatch("frame"):
                 with self.stopwatch("track"):
-                    current = self._intake.track(frame)
+                    current = self.intake.track(frame)
                 self.recorder.frame(frame, current)
                 status = self._step(current, (), turn)
             self.recorder.frame_time(self.stopwatch.last_ms("frame"))
@@ -211,18 +201,18 @@ class Initializer:
         """
         if self._maps.handed_over:
             return self.status
-        current, revised = self._intake.check_tracks(current, revised)
+        current, revised = self.intake.check_tracks(current, revised)
         turn = Turn.checked(rotation, rotation_sigma_rad)
-        with self._intake.alone():
+        with self.intake.alone():
             return self._step(current, revised, turn)
 
     def _step(self, current: Observations, revised: Sequence[Observations], turn: Turn | None) -> Status:
         """The way of a frame from its tracks to the status."""
-        self._intake.add(current, revised, turn)
+        self.intake.add(current, revised, turn)
         self._maps.count(current.frame)
         if self.map is not None:
             return self._grow(self.map, current)
-        current = self.shutter.correct(self.history, current.frame)
+        current = self.intake.shutter.correct(self.history, current.frame)
         with self.stopwatch("pairs"):
             pairs = self.keyframes.preview(self.history, current)
         with self.stopwatch("judge"):
@@ -236,7 +226,7 @@ class Initializer:
 
     def _judge(self, pairs: list[PairPreview], current: Observations) -> Outcome | None:
         """Judge a frame; None if nothing was tried."""
-        refused = screen(self.camera, self.config, current, pairs, self._intake.masked)
+        refused = screen(self.camera, self.config, current, pairs, self.intake.masked)
         if refused is not None:
             return Outcome(refused)
         chosen = self.keyframes.best_pair_to_try(pairs)
@@ -250,8 +240,8 @@ class Initializer:
         self.recorder.attempt(outcome.attempt)
         self._attempts.add(outcome.attempt)
         if outcome.lens is not None:
-            self._intake.see_through(outcome.lens)
-        if self.shutter.readout_s:
+            self.intake.see_through(outcome.lens)
+        if self.intake.shutter.readout_s:
             self.recorder.row_times(self.history[frame], corrected_pixels(self.camera, self.history[frame]))
         self._maps.keep(outcome)
 
@@ -289,17 +279,12 @@ class Initializer:
     @property
     def tracker(self) -> Tracker:
         """Follows the tracks; it can be used after the initialization."""
-        return self._intake.tracker
+        return self.intake.tracker
 
     @property
     def history(self) -> History:
         """The observations of the last frames; :attr:`tracker` adds to it."""
-        return self._intake.history
-
-    @property
-    def shutter(self) -> RollingShutter:
-        """Corrects the rays of a rolling shutter."""
-        return self._intake.shutter
+        return self.intake.history
 
     @property
     def camera(self) -> Camera:
@@ -319,25 +304,8 @@ class Initializer:
     @property
     def result(self) -> Result:
         """The result up to now: the map, or the reason why there is none and the undecided maps."""
-        maps, reason = self._maps, None if self.map is not None else self._attempts.prevailing_reason()
-        lost = () if maps.lost_at is None else (f"the map was lost at frame {maps.lost_at}, while it grew",)
-        focal = focal_notes(self.map, self.config.map)
-        return Result(
-            map=self.map,
-            reason=reason,
-            frames_read=self.frames_read,
-            frames_to_init=maps.frames_to_init,
-            attempts=self._attempts.kept,
-            timing_ms=self.stopwatch.summary(),
-            notes=(*self._intake.notes, *self._attempts.notes(), *focal, *lost),
-            advice="" if reason is None else self._attempts.advice(reason),
-            hypotheses=maps.hypotheses,
-            margin=maps.margin,
-            segments=maps.segments,
-            camera=self.camera,
-            method=self.config.method,
-            seed=self.config.seed,
-        )
+        notes, timing_ms = self.intake.notes, self.stopwatch.summary()
+        return self._maps.result(self._attempts, self.camera, notes, timing_ms)
 
     def finish(self) -> Result:
         """End the sequence. No map is accepted only because the sequence ends; one that grows is handed over.
@@ -366,8 +334,8 @@ class Initializer:
         self._maps.restart()
         self.keyframes, self._window = KeyframeManager(self.config), self._window.renewed()
         self._attempts, self._pose, self.status = AttemptLog(), PoseSoFar(), Status()
-        for frame in self._intake.restart(since):
-            current = self.shutter.correct(self.history, frame)
+        for frame in self.intake.restart(since):
+            current = self.intake.shutter.correct(self.history, frame)
             self._maps.count(frame)
             self.keyframes.update(current, self.keyframes.preview(self.history, current))
         self.recorder.restarted()

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from slam_init.config import Config
+from slam_init.decision.attempt_log import AttemptLog, focal_notes
 from slam_init.decision.outcome import Outcome
 from slam_init.recording.recorder import Recorder
+from slam_init.types.camera import Camera
 from slam_init.types.evidence import Margin
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.result import Segment
+from slam_init.types.result import Result, Segment
 from slam_init.types.segments import MAX_SEGMENTS
+from slam_init.types.stopwatch import StageTimes
 
 if TYPE_CHECKING:
     from slam_init.mapping.growing import Located
@@ -63,11 +67,6 @@ class MapsSoFar:
             return ()
         return (Segment(self.accepted, self._first, self.frames - self.refined),)
 
-    @property
-    def frames_to_init(self) -> int | None:
-        """Number of frames up to the accepted map; None without one."""
-        return None if self.accepted is None else self.frames - self.refined
-
     def keep(self, outcome: Outcome) -> None:
         """Keep the maps of an attempt, and drop the maps that it contradicts."""
         if outcome.margin is not None or outcome.accepted is not None:
@@ -111,6 +110,30 @@ class MapsSoFar:
         if self._refinement is not None and not self._refinement.done:
             self._refinement.end()
             self._replace(self._refinement.map)
+
+    def result(
+        self, attempts: AttemptLog, camera: Camera, notes: tuple[str, ...], timing_ms: Mapping[str, StageTimes]
+    ) -> Result:
+        """The result up to now: the map, or the reason why there is none and the undecided maps."""
+        map_, lost = self.accepted, self.lost_at
+        reason = attempts.prevailing_reason() if map_ is None else None
+        lost_note = () if lost is None else (f"the map was lost at frame {lost}, while it grew",)
+        return Result(
+            map=map_,
+            reason=reason,
+            frames_read=self.frames,
+            frames_to_init=None if map_ is None else self.frames - self.refined,
+            attempts=attempts.kept,
+            timing_ms=timing_ms,
+            notes=(*notes, *attempts.notes(), *focal_notes(map_, self._config.map), *lost_note),
+            advice="" if reason is None else attempts.advice(reason),
+            hypotheses=self.hypotheses,
+            margin=self.margin,
+            segments=self.segments,
+            camera=camera,
+            method=self._config.method,
+            seed=self._config.seed,
+        )
 
     def _replace(self, map_: InitialMap) -> None:
         if map_ is not self.accepted:

@@ -67,9 +67,9 @@ def test_a_reset_keeps_the_tracks_since_a_frame():
 def test_a_reset_keeps_the_readout_and_the_clock():
     initializer = Initializer(CAMERA)
     fed(initializer, scene(1, 0))
-    initializer.shutter.readout_s = 0.02
+    initializer.intake.shutter.readout_s = 0.02
     initializer.reset()
-    assert initializer.shutter.readout_s == 0.02
+    assert initializer.intake.shutter.readout_s == 0.02
     with pytest.raises(Exception, match="time stamp"):
         initializer.process_tracks(replace(scene(1, 60)[0], timestamp_s=0.0))
 
