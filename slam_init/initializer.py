@@ -210,8 +210,8 @@ class Initializer:
         """The way of a frame from its tracks to the status."""
         self.intake.add(current, revised, turn)
         self._maps.count(current.frame)
-        if self.map is not None:
-            return self._grow(self.map, current)
+        if self._maps.accepted is not None:
+            return self._grow(self._maps.accepted, current)
         current = self.intake.shutter.correct(self.history, current.frame)
         with self.stopwatch("pairs"):
             pairs = self.keyframes.preview(self.history, current)
