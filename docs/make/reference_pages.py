@@ -142,15 +142,15 @@ def _comments(source: str) -> dict[tuple[str, str], str]:
 
 
 def reasons() -> str:
-    """Write the page of the reasons, in order of precedence, and of the gates."""
+    """Write the page of the reasons and of the gates."""
     from slam_init.types.gates import GateName
     from slam_init.types.reasons import REASONS
 
     lines = [
         "# Reasons and gates",
         "",
-        "Why there is no map, in order of precedence: an attempt reports the first reason that holds. A run reports "
-        "the most frequent reason of the second half of its attempts.",
+        "Why there is no map. The stage of an attempt that refuses it gives the reason. A run reports the most "
+        "frequent reason of the second half of its attempts, and of equally frequent ones the first of this list.",
         "",
         "| reason | advice |",
         "| --- | --- |",

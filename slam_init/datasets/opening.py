@@ -16,7 +16,7 @@ import numpy as np
 from slam_init.datasets.colmap import is_colmap_database, open_colmap_database
 from slam_init.datasets.hloc import is_hdf5, open_hloc
 from slam_init.datasets.image_files import IMAGE_SUFFIXES, holds_images, open_folder
-from slam_init.datasets.layouts import driving, handheld, listed, photographs
+from slam_init.datasets.layouts import LAYOUTS
 from slam_init.datasets.live import is_live
 from slam_init.datasets.live.address import without_password
 from slam_init.datasets.posed_images import Layout
@@ -77,10 +77,7 @@ def _with_checked_times(text: str, source: TimedSource) -> TimedSource:
 
 
 _FOLDERS: tuple[Layout, ...] = (
-    *listed.LAYOUTS,
-    *driving.LAYOUTS,
-    *handheld.LAYOUTS,
-    *photographs.LAYOUTS,
+    *LAYOUTS,
     Layout("ros2", "metadata.yaml, .mcap or .db3 (ROS 2)", is_bag_folder, lambda path, _: open_ros(path, 2)),
     Layout("images", "images in it or in images/", holds_images, lambda path, _: open_folder(path)),
 )

@@ -79,8 +79,8 @@ class AttemptLog:
 
         The first half is not counted, because a video may start with a camera that hardly moves.
 
-        * Returns: ``too_few_frames`` without attempts; the first in order of precedence if several verdicts are equally
-          frequent.
+        * Returns: ``too_few_frames`` without attempts; of equally frequent verdicts the first member of
+          :class:`~slam_init.types.reasons.Verdict`.
         """
         if not self._verdicts:
             return Verdict.TOO_FEW_FRAMES

@@ -114,7 +114,7 @@ class OrbSlam:
         evidence |= {"inliers": int(inliers.sum()), "good": int(good[best]), "good_gate": needed}
         evidence |= {"rival_share": rival, "rival_share_gate": rival_share}
         evidence |= {"parallax_deg": parallax_deg, "parallax_deg_gate": rules.min_parallax_deg}
-        # The sources give no reasons; these follow the order of precedence of this project. The number of good points
+        # The sources give no reasons; these follow the list of this project. The number of good points
         # comes first, since a few points have no reliable parallax.
         if good[best] < rules.min_triangulated:
             return TwoViewOutcome.refused(Verdict.NO_CONSISTENT_MOTION, count, evidence)

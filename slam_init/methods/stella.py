@@ -99,7 +99,7 @@ class Stella:
         evidence |= {"parallax_deg": parallax_deg, "parallax_deg_gate": rules.min_parallax_deg}
         evidence |= {"triangulated": int(triangulated[best]), "triangulated_gate": rules.min_triangulated}
         # The sources give no reasons. Too few points have no reliable parallax, so they are tested first. The other
-        # reasons follow the order of precedence of this project.
+        # reasons follow the list of this project.
         if valid[best] < rules.min_valid:
             return TwoViewOutcome.refused(Verdict.NO_CONSISTENT_MOTION, count, evidence)
         if parallax_deg < rules.min_parallax_deg:

@@ -1,4 +1,4 @@
-"""Verdicts on a pair of frames: a closed set of reasons, their order of precedence, and an advice for each."""
+"""Verdicts on a pair of frames: a closed set of reasons, and an advice for each."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ from enum import StrEnum
 
 
 # To add a reason, add a line here: the value goes to ``summary.json``, and the advice is shown to the person who moves
-# the camera. A gate (``slam_init.types.gates.Gate``) or a rule of ``slam_init.decision`` then names the reason, and
-# ``slam_init.pictures.style`` gives it a colour. The page of the reasons is made from this list. Run
-# ``python tests/support/make_schema.py``.
+# the camera. A gate or a rule of ``slam_init.decision`` then names the reason: ``screening`` before two views,
+# ``two_views`` for a pair, ``_reason`` of ``judged_window`` for a window, ``depths`` for a map. ``VERDICT_COLORS`` of
+# ``slam_init.pictures.style`` gives it a colour. ``python tests/support/make_schema.py`` writes it to
+# ``slam_init/output/summary.schema.json``. The page of the reasons is made from this list.
 class Verdict(StrEnum):
     """The verdict on a pair of frames: accepted, or the reason of the refusal.
 
-    The order of the members is the order of precedence. An attempt reports the first reason that holds: a static camera
-    is also a pure rotation (by zero degrees), and a pure rotation also has low parallax. A run reports the most
-    frequent reason of the second half of its attempts, and the first one of equally frequent reasons.
+    The stage of an attempt that refuses it gives the reason, and the stages decide which reason comes first. A run
+    reports the most frequent reason of the second half of its attempts. Of equally frequent reasons it reports the
+    first member: the special case stands before the general one (a static camera, a pure rotation, low parallax).
 
     Attributes
     ----------
@@ -62,5 +63,5 @@ class Verdict(StrEnum):
     ACCEPTED = "accepted", ""
 
 
-#: Every verdict but ``accepted``, in order of precedence.
+#: Every verdict but ``accepted``.
 REASONS: tuple[Verdict, ...] = tuple(verdict for verdict in Verdict if verdict is not Verdict.ACCEPTED)

@@ -10,7 +10,7 @@ from make_files import picture, write, write_image
 from make_layouts import FRAMES, LAYOUTS, POINT
 from paths import DATA
 
-from slam_init.datasets import detect_kind, open_source
+from slam_init.datasets import detect_kind, layouts, open_source
 from slam_init.datasets.posed_images import common_camera
 from slam_init.errors import CalibrationError, SlamInitError, SourceError
 from slam_init.types.camera import Camera
@@ -19,6 +19,10 @@ from slam_init.types.camera import Camera
 @pytest.fixture(params=sorted(LAYOUTS))
 def layout(request):
     return LAYOUTS[request.param]
+
+
+def test_every_layout_has_a_sample():
+    assert {layout.kind for layout in LAYOUTS.values()} == {layout.kind for layout in layouts.LAYOUTS}
 
 
 def test_a_known_point_of_the_world_lands_on_its_pixel(layout, tmp_path):

@@ -47,7 +47,7 @@ def test_the_number_of_kept_attempts_is_bounded():
 
 
 def test_the_reason_of_a_run_is_the_most_frequent_verdict_of_the_second_half_of_all_attempts():
-    """Of 50 attempts, 25 were static and 25 had low parallax; the first in order of precedence is reported."""
+    """Of 50 attempts, 25 were static and 25 had low parallax; the first in the list of reasons is reported."""
     log = AttemptLog(limit=10)
     assert log.prevailing_reason() == Verdict.TOO_FEW_FRAMES
     for k in range(100):

@@ -1,4 +1,4 @@
-"""Laws of verdicts: they are strings, each refusal has an advice, and their order is the order of precedence."""
+"""Laws of verdicts: they are strings, each refusal has an advice, and a special case comes before a general one."""
 
 import json
 import pickle
@@ -26,6 +26,6 @@ def test_each_refusal_has_an_advice_and_acceptance_has_none():
 
 
 def test_a_static_camera_comes_before_a_rotation_and_a_rotation_before_low_parallax():
-    """Each is a special case of the next, and the first one that holds is reported."""
+    """Each is a special case of the next. A run reports the first of equally frequent reasons."""
     order = [REASONS.index(reason) for reason in (Verdict.STATIC_CAMERA, Verdict.PURE_ROTATION, Verdict.LOW_PARALLAX)]
     assert order == sorted(order)
