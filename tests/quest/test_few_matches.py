@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from make_two_views import NO_TRANSLATION, NOISE_RAD, box, is_true, plane, views
-from reference_parallax import depths_along_epipolar_lines
 
 from quest import RelativePose, estimate_relative_pose
 from quest.chance import chance_of_motion
@@ -15,6 +14,7 @@ from quest.geometry.epipolar import depths_from_pose
 from quest.geometry.homography import homography_residuals
 from quest.geometry.quaternion import rotation_from_vector
 from quest.geometry.refine import tangent_basis
+from quest.robust import kernels
 from quest.robust.pose_problem import PoseProblem
 
 SEEDS = range(20)
@@ -90,12 +90,18 @@ def test_thirty_matches_of_a_plane_are_a_plane():
     assert kinds.count("planar") >= 17
 
 
+def depths_of(pair: Drawn) -> np.ndarray:
+    """The depths (2, N) of all matches in both views."""
+    inliers = np.ones(len(pair.m), bool)
+    return kernels.depths_and_parallax(pair.m, pair.n, pair.R, pair.t, inliers)[0]
+
+
 def test_depths_at_low_parallax_are_not_biased_although_those_of_the_midpoint_are():
     """Parallax of twice the noise: the noise across the epipolar lines widens the angle between the rays."""
     ratios, midpoints = [], []
     for seed in SEEDS:
         pair = drawn(seed, count=200, ratio=0.01, noise_rad=3e-3)
-        ratios.extend(depths_along_epipolar_lines(pair.R, pair.t, pair.m, pair.n)[0] / pair.distances)
+        ratios.extend(depths_of(pair)[0] / pair.distances)
         midpoints.extend(depths_from_pose(pair.R, pair.t, pair.m, pair.n)[0] / pair.distances)
     # In the median over all points, with those behind the camera beyond infinity.
     inverse, inverse_midpoint = (np.median(1 / np.array(values)) for values in (ratios, midpoints))
@@ -105,11 +111,7 @@ def test_depths_at_low_parallax_are_not_biased_although_those_of_the_midpoint_ar
 
 def test_exact_matches_have_the_depths_of_the_midpoint():
     pair = drawn(1, count=50, ratio=0.1, noise_rad=0.0)
-    for along, midpoint in zip(
-        depths_along_epipolar_lines(pair.R, pair.t, pair.m, pair.n),
-        depths_from_pose(pair.R, pair.t, pair.m, pair.n),
-        strict=True,
-    ):
+    for along, midpoint in zip(depths_of(pair), depths_from_pose(pair.R, pair.t, pair.m, pair.n), strict=True):
         assert along == pytest.approx(midpoint, rel=1e-9)
 
 

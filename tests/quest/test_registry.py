@@ -161,8 +161,11 @@ def test_repeated_matches_neither_raise_nor_warn_nor_change_other_samples(solver
     repeated = np.arange(len(m)) % distinct
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        batch = solver.function(np.stack([m[repeated], m]), np.stack([n[repeated], n]))
+        both = np.stack([m[repeated], m]), np.stack([n[repeated], n])
+        batch = solver.function(*both)
+        chosen, _ = select_candidates(batch, *both)
     assert distance(known(batch[1]), unit(q)) < 1e-6
+    assert distance(known(chosen[1]), unit(q)) < 1e-6
 
 
 @ALL
@@ -191,6 +194,8 @@ def test_wrong_arguments_are_named(solver: Solver):
         solver.function(good[1:], good[1:])
     with pytest.raises(InputError, match="one shape"):
         solver.function(good, good[None])
+    with pytest.raises(InputError, match="one shape"):
+        solver.function(good[:, :2], good[:, :2])
     with pytest.raises(InputError, match="not finite"):
         solver.function(good, np.nan * good)
     with pytest.raises(InputError, match="zero"):

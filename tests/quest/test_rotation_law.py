@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import reference_pose
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -137,8 +136,7 @@ def test_a_fitted_rotation_is_one_even_where_no_pair_of_rays_determines_it(seed,
     m, n = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in scaled)
     R, _ = fit_rotation(m, n, threshold_rad, rng)
     assert is_rotation(R)
-    for refine in (reference_pose.refine_rotation, refine_rotation):
-        assert is_rotation(refine(R, m, n, threshold_rad))
+    assert is_rotation(refine_rotation(R, m, n, threshold_rad))
     poses = decompose_homography(fit_homography(m, n), m)
     assert all(is_rotation(R) for R, _, _ in poses)
 

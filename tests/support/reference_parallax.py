@@ -1,4 +1,4 @@
-"""The readable halves of the compiled parallax test of quest, and depths without bias by noise."""
+"""The readable halves of the compiled parallax test of quest."""
 
 from __future__ import annotations
 
@@ -91,30 +91,6 @@ def _information_of_noise(R: Floats, t: Floats, m: Floats, n: Floats, noise_rad:
     # The noise of two bearings, orthogonal to a, seen from the two directions in which t can move.
     added[3:, 3:] = 2 * noise_rad**2 * (weight.sum() * np.eye(2) - (aB * weight[:, None]).T @ aB)
     return added
-
-
-def depths_along_epipolar_lines(R: Floats, t: Floats, m: Floats, n: Floats) -> tuple[Floats, Floats]:
-    """Depths of noisy matches for a given pose: each ray as measured, the other view by its place on the epipolar line.
-
-    The midpoint (:func:`depths_from_pose`) divides by the squared sine of the angle between the two rays. The noise
-    across the epipolar line adds to this angle, so that at low parallax the midpoint is too near: by more than a tenth
-    in the median where the parallax is twice the noise (tests/quest/test_few_matches.py). Here the displacement along
-    the line alone counts. The inverse depth is the least-squares solution of ``n x (R m + rho t) = 0``, linear in the
-    noise of that displacement, so that the median depth is not biased::
-
-        1 / u = (c (n . t) - R m . t) / (1 - (n . t)^2)        1 / v = (n . t - c (R m . t)) / (1 - (R m . t)^2)
-
-    with ``c = (R m) . n``. The signs are those of the midpoint, and exact matches have the same depths.
-
-    Shapes: ``R`` (3, 3), ``t`` (3,), ``m, n`` (N, 3), returns ``u, v`` (N,).
-
-    * Returns ``u, v``: Depths in camera 1 and camera 2 in units of |t|, negative for a point behind; infinite or NaN
-      for parallel rays.
-    """
-    a = m @ R.T
-    c, a_t, n_t = np.einsum("ij,ij->i", a, n), a @ t, n @ t
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return (1 - n_t) * (1 + n_t) / (c * n_t - a_t), (1 - a_t) * (1 + a_t) / (n_t - c * a_t)
 
 
 def _ratio_sigma(gradient: Floats, raw: Floats, by_noise: Floats, weight: float, noise_rad: float) -> float:

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from make_views import unit
-from reference_pose import refine_rotation
 
 from quest.geometry.epipolar import sampson_error
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from quest.geometry.refine import refine_pose, sampson_jacobian, tangent_basis
+from quest.robust.rotation import refine_rotation
 
 SEEDS = st.integers(0, 2**32 - 1)
 SCALE_RAD = 1e-3

@@ -1,4 +1,4 @@
-"""Compiled refinement of poses and rotations equals the readable one."""
+"""Compiled refinement: of poses as the plain one, of rotations to the least robust cost."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from make_pose_matches import (
     random_pose,
 )
 from make_views import unit
-from reference_pose import refine_rotation
 
 from quest.geometry.quaternion import rotation_from_vector
 from quest.geometry.refine import refine_pose
@@ -66,16 +65,21 @@ def test_refinement_without_matches_changes_nothing():
 
 @laws
 @given(seed=SEEDS, angle_rad=st.floats(0, 0.02), wrong=st.integers(0, 20))
-def test_the_refined_rotation_equals_that_of_the_readable_refinement(seed, angle_rad, wrong):
+def test_the_refined_rotation_has_the_least_robust_cost(seed, angle_rad, wrong):
     R, _, m, _ = pose_and_matches(seed)
     rng = np.random.default_rng(seed)
     n = unit(m @ R.T + NOISE_RAD * rng.normal(size=m.shape))
     n[:wrong] = unit(rng.uniform([-0.5, -0.5, 1], [0.5, 0.5, 1], (wrong, 3)))
     found, _ = disturbed(R, np.ones(3), seed, angle_rad)
-    expected = refine_rotation(found, m, n, 0.02, iterations=100)
     kernels.refine_rotation(m, n, found, 0.02, 100)
-    assert angle_between(found, expected) < 1e-7
     assert_orthonormal(found)
+
+    def robust_cost(step) -> float:
+        r2 = 0.5 * np.sum((n - m @ found.T @ rotation_from_vector(step).T) ** 2, axis=1)
+        return float(np.sum(r2 / (0.02**2 + r2)))
+
+    for step in 1e-5 * np.eye(3):
+        assert robust_cost(np.zeros(3)) < min(robust_cost(step), robust_cost(-step))
 
 
 @pytest.mark.parametrize("axis", [[np.pi, 0, 0], [0, np.pi, 0], [0, 0, np.pi], [0, 0, 0]])
