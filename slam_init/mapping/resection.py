@@ -83,4 +83,6 @@ def _minimal_pose(points: Floats, bearings: Floats, threshold_rad: float) -> Pos
 def _angles(pose: Pose, points: Floats, bearings: Floats) -> Floats:
     """Return the angles (N,) between rays and their points, in the small-angle approximation."""
     X = pose.apply(points)
+    # The square of a point far enough away is beyond all numbers.
+    X /= np.maximum(np.abs(X).max(axis=1, keepdims=True), 1e-300)
     return np.asarray(np.linalg.norm(X / np.linalg.norm(X, axis=1, keepdims=True) - bearings, axis=1))
