@@ -6,6 +6,7 @@ import inspect
 import pkgutil
 import re
 import shlex
+import sys
 import tomllib
 from contextlib import chdir
 
@@ -193,13 +194,36 @@ def test_the_page_of_the_data_sets_has_every_layout_in_the_order_in_which_they_a
     assert [kind for kind in rows if kind != "kind"] == [layout.kind for layout in LAYOUTS]
 
 
+def maker(name):
+    """A module of docs/make."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / "make" / f"{name}.py")
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture(scope="module")
 def reference_pages():
     """What makes the pages of the reference."""
-    spec = importlib.util.spec_from_file_location("reference_pages", DOCS / "make" / "reference_pages.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return maker("reference_pages")
+
+
+@pytest.fixture(scope="module")
+def numbers():
+    """What makes the page of the numbers that decide."""
+    return maker("numbers")
+
+
+def test_the_page_of_the_numbers_is_that_of_the_code(numbers):
+    assert numbers.PAGE.read_text(encoding="utf-8") == numbers.page(), "run python docs/make/numbers.py"
+
+
+def test_every_number_of_the_decision_has_a_class_and_no_other_class_is_used(numbers):
+    found = [number for file in numbers.files() for number in numbers.numbers(file)]
+    assert {number.kind for number in found} == {"", *numbers.CLASSES}
+    decide = [number for number in found if number.file.startswith(("slam_init/decision/", numbers.LEVELS))]
+    assert [number.names for number in decide if not number.kind] == []
+    assert len(decide) > 50 and all(len(number.reason) > 20 for number in found if number.kind)
 
 
 def test_the_page_of_the_command_line_has_every_option(reference_pages):

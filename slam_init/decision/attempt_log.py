@@ -21,10 +21,12 @@ _VERDICTS = tuple(Verdict)
 
 #: Number of attempts that are kept in full, enough for half a minute of video. The memory of an initializer must not
 #: grow with the length of the video.
+#: Class: budget.
 ATTEMPTS_KEPT = 1000
 
 #: A single pair may look like a rotation-only camera by chance, so at least two suspicions are required. The focal
 #: factors of a camera that really only rotates agree to a hundredth.
+#: Class: assumption.
 _LEAST_SUSPICIONS, _ALIKE = 2, 0.015
 
 

@@ -37,9 +37,11 @@ from slam_init.types.reasons import Verdict
 
 #: Least share of the landmarks with known depths, and the largest standard deviation of the position of the next view,
 #: over its baseline; see the module docstring.
+#: Class: geometry.
 KNOWN_SHARE, MAX_LOCATED_SIGMA = 0.75, 0.2
 #: A camera moves toward what it looks at where its path and the mean direction of the landmarks differ by less than
 #: this angle (its cosine): then less than half of a step is sideways.
+#: Class: geometry, as a cosine.
 _AHEAD = math.cos(math.radians(30))
 
 

@@ -15,6 +15,7 @@ from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
 #: A focal length that is wrong by 5 % moves the tracks by less than 0.2 px where the rotation is smaller than this.
+#: Class: geometry.
 _FIRST_CHECK_DEG = 5.0
 
 

@@ -22,16 +22,15 @@ from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.levels import MERE_ROTATION
+from slam_init.window.levels import (
+    DOUBTFUL_FOCAL_SIGMAS,
+    INSIGNIFICANT_GAIN,
+    LEAST_FOCAL_ERROR,
+    MERE_ROTATION,
+    TOLD_FOCAL_ERROR,
+)
 from slam_init.window.motion import FittedMotion
 from slam_init.window.risk import WindowRisk
-
-#: A gain over the rotation-only camera that chance exceeds more often than this is no evidence of a translation. A
-#: direction without a translation is uncertain too, so that its term would hide the cause.
-_INSIGNIFICANT = 0.05
-#: A focal length is suspected only if it is off by a hundredth or more, the error of a careless calibration, and by
-#: five of its standard deviations: errors that the tracks share double them. Five hundredths have to be told.
-_LEAST_FOCAL_ERROR, _DOUBTFUL_SIGMAS, _TOLD_FOCAL_ERROR = 0.01, 5.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +106,8 @@ class JudgedWindow:
         * Returns: None where the camera rotated too little to tell a focal length that is off by five hundredths.
         """
         log_scale, sigma = self.hypotheses.focal_of_rotation
-        doubtful = abs(log_scale) >= _LEAST_FOCAL_ERROR and abs(log_scale) > _DOUBTFUL_SIGMAS * sigma
-        if not doubtful and _DOUBTFUL_SIGMAS * sigma > _TOLD_FOCAL_ERROR:
+        doubtful = abs(log_scale) >= LEAST_FOCAL_ERROR and abs(log_scale) > DOUBTFUL_FOCAL_SIGMAS * sigma
+        if not doubtful and DOUBTFUL_FOCAL_SIGMAS * sigma > TOLD_FOCAL_ERROR:
             return None
         factor = math.exp(log_scale)
         return RotationOnlyEvidence(factor, factor if doubtful else None)
@@ -166,7 +165,7 @@ class JudgedWindow:
         """The verdict and the advice: no translation if it is not significant, else the largest term of the risk."""
         planar, risk = self.hypotheses.planar, self.risk
         # A rotation with a wrong focal length looks like a plane with two motions: then neither motion may be right.
-        unlikely = max_risk if planar and risk.rival >= risk.direction else _INSIGNIFICANT
+        unlikely = max_risk if planar and risk.rival >= risk.direction else INSIGNIFICANT_GAIN
         if risk.rotation > unlikely or risk.rotation >= max(risk.rival, risk.direction):
             return Verdict.PURE_ROTATION, None
         if risk.moving >= max(risk.rival, risk.direction_if_rigid):

@@ -9,18 +9,17 @@ estimate, and the prior stays where it was: an estimate is never the prior of th
 from __future__ import annotations
 
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA, LensInUse, k1_sigma
-from slam_init.window.levels import PRINCIPAL_SIGMA
+from slam_init.window.levels import PRINCIPAL_SIGMA, READOUT_SIGMA_S
 from slam_init.window.state import Priors
 from slam_init.window.uncertainty import CameraEstimate
 
-#: Standard deviation of an unknown readout about none: global shutters have none, and rolling ones take up to the time
-#: between two frames of a video, which is two standard deviations.
-_READOUT_SIGMA_S = 1 / 60
 #: A lens in use with a wider field than 90 degrees, or that bends the corners by a tenth, is one of an action camera.
 #: The pinhole model with k1 does not describe such a lens, so that no motion tells its focal length.
+#: Class: assumption, in sides of the image and as k1.
 _WIDE_FOCAL, _WIDE_K1 = 0.5, -0.1
 #: The camera follows an estimate that differs by more: half of what a calibration leaves open, which moves a pixel in
 #: the corner by a hundredth of its distance from the centre, be it by the focal length or by the distortion.
+#: Class: geometry.
 _FOLLOWED = 0.01
 
 
@@ -30,7 +29,7 @@ def priors_of(lens: LensInUse) -> Priors:
     return Priors(
         focal_sigma=stated.focal_sigma or CALIBRATED_SIGMA,
         k1_sigma=k1_sigma(stated),
-        readout_sigma_s=_READOUT_SIGMA_S if stated.readout_s is None else 0.0,
+        readout_sigma_s=READOUT_SIGMA_S if stated.readout_s is None else 0.0,
         principal_sigma_px=PRINCIPAL_SIGMA * stated.width,
         log_scale_mean=-lens.log_scale,
         k1_mean=-lens.k1,

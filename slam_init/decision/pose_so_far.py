@@ -21,13 +21,18 @@ from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
 
 #: A rotation needs two rays; with eight, half of them may be outliers.
+#: Class: geometry.
 _LEAST_TRACKS = 8
 #: The anchor is replaced where it shares fewer than this share of the tracks of a frame: what it shows no longer covers
 #: the view.
+#: Class: assumption.
 _LEAST_SHARED = 0.5
 #: Scales of the robust kernel, from a fast turn between photographs to the residuals of a parallax of a tenth of a
 #: degree.
+#: Class: geometry.
 _SCALES_RAD = (0.1, 0.03, 0.01, 0.003)
+#: Median length of a vector with two Gaussian components of deviation 1.
+#: Class: definition.
 _MEDIAN_OF_RAYLEIGH = 1.1774
 
 

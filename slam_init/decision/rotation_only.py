@@ -21,21 +21,27 @@ from slam_init.types.camera import Camera
 from slam_init.types.evidence import RotationOnlyEvidence
 
 #: Focal factors that are tried. Focal lengths from memory or from a data sheet are wrong by up to a tenth.
+#: Class: assumption.
 _FACTORS = np.linspace(0.9, 1.1, 21)
 #: A focal length is suspected only if it is wrong by two hundredths or more, twice the error of a careless calibration.
+#: Class: assumption.
 _LEAST_OFF = 0.02
 #: Required gain by the free focal length. The first number is chi-square with one degree of freedom, exceeded by chance
 #: once in 15 000 cases. The second is in standard deviations over regions of the image, so that a body that moves by
 #: itself cannot decide.
+#: Class: level, in chi-square and standard deviations.
 _LEAST_GAIN, _LEAST_GAIN_Z = 16.0, 3.0
 #: Squared residuals are truncated at three standard deviations in each of their two components.
+#: Class: level, in chi-square.
 _GATE2 = 18.0
 #: A rotation moves tracks farther across the lens than a short translation does, and the remaining error of the lens
 #: calibration grows with the displacement. A lens that is calibrated to half a pixel leaves three times the correlated
 #: error of a translation.
+#: Class: assumption.
 _CORRELATED_FACTOR = 3.0
 #: Correlated tracking error of a translation, which does not average out: three times the 0.05 px by which
 #: interpolation between pixels misleads a tracker.
+#: Class: assumption.
 _CORRELATED_PX = 0.15
 
 

@@ -17,8 +17,10 @@ from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
 #: A tenth of the tracks may be outliers. If the rotation leaves more of the tracks displaced, the camera moved.
+#: Class: assumption.
 LEAST_PARALLAX_SHARE = 0.1
 #: Where more of the image is masked, most features are, and the advice names the mask rather than the light.
+#: Class: assumption.
 _MUCH_MASKED = 0.5
 
 

@@ -25,6 +25,7 @@ from slam_init.types.result import Attempt
 #: half of the threshold, the threshold has cut off many correct matches: inliers that fill the threshold evenly have a
 #: standard deviation of 0.58 of it. The threshold is then widened once by a factor of three, from the value for a noise
 #: of 0.7 px to the value for a noise of 2 px.
+#: Class: level.
 _TOO_NOISY_SIGMAS, _WIDER = 2.0, 3.0
 
 

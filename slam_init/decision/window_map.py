@@ -19,14 +19,13 @@ from slam_init.mapping.views import TrackTable, table_of
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.types.result import ProvisionalMap
+from slam_init.window.levels import (
+    ADJUSTED_DIRECTION_DEG,
+    ADJUSTED_ROTATION_DEG,
+    CERTAIN_FOCAL_SIGMAS,
+    RISK_OF_A_VIEW,
+)
 from slam_init.window.motion import FittedMotion, difference_deg
-
-#: A calibration is left where the focal length is off by so many of its standard deviations: once in 400 by chance.
-_CERTAIN_FOCAL_SIGMAS = 3.0
-#: Largest risk that a further keyframe adds: a tenth of the largest risk that is accepted.
-_RISK_OF_A_VIEW = 5e-4
-#: Bundle adjustment on all tracks may turn the fitted motion by as much as a third of what makes a map wrong.
-_ADJUSTED_ROTATION_DEG, _ADJUSTED_DIRECTION_DEG = 1.5, 5.0
 
 
 class WindowMaps:
@@ -45,7 +44,7 @@ class WindowMaps:
 
         The stated risk is that of the pair. A view that is left out costs some landmarks only.
         """
-        return self._agreeing(self._window.certain_frames(_RISK_OF_A_VIEW))
+        return self._agreeing(self._window.certain_frames(RISK_OF_A_VIEW))
 
     def undecided(self) -> tuple[InitialMap, ...]:
         """The maps of both motions of a plane that the tracks do not decide between; none where one has no map."""
@@ -94,7 +93,7 @@ class WindowMaps:
         for frame in set(world_from_cam) - {reference}:
             adjusted = world_from_cam[frame].inverse() @ world_from_cam[reference]
             rotation_deg, direction_deg = difference_deg(fitted[frame], adjusted)
-            if rotation_deg > _ADJUSTED_ROTATION_DEG or direction_deg > _ADJUSTED_DIRECTION_DEG:
+            if rotation_deg > ADJUSTED_ROTATION_DEG or direction_deg > ADJUSTED_DIRECTION_DEG:
                 moved.append(frame)
         return tuple(moved)
 
@@ -133,7 +132,7 @@ class WindowMaps:
         # A focal length that is certain to be off would bend the map. An estimate within its own standard deviation is
         # no reason to leave a calibration: errors that neighbouring tracks share pull it by a tenth on a board.
         sigma = self._window.risk.camera.focal.sigma
-        if abs(state.log_scale) > max(CALIBRATED_SIGMA, _CERTAIN_FOCAL_SIGMAS * sigma):
+        if abs(state.log_scale) > max(CALIBRATED_SIGMA, CERTAIN_FOCAL_SIGMAS * sigma):
             options = replace(options, refine_focal=True, focal_sigma=CALIBRATED_SIGMA)
         config, factor = replace(self._config, map=options), math.exp(state.log_scale)
         return map_of_poses(lens.camera, config, table, poses, threshold_rad, prior, factor), table

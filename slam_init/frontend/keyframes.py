@@ -32,11 +32,14 @@ _ONE_NUMBER = (1 << 32, 1)
 _LONGEST_WAIT = 8
 #: A frame is blurred where its tracks were followed with twice the variance of the last second of video. It becomes no
 #: candidate while a sharp frame may follow soon: a hand is at rest between two swings.
+#: Class: assumption, in standard deviations and frames.
 _BLURRED, _SECOND_FRAMES = float(np.sqrt(2)), 30
 #: Two frames that share half of their tracks see the same scene.
+#: Class: assumption.
 _SAME_SCENE = 0.5
 #: A candidate is dropped after 300 frames, since tracks drift and drift looks like parallax. In 600 to 900 frames of
 #: pure rotation, a tenth of the tracks of the oldest candidate drifted by 2 px, and the candidate was tried repeatedly.
+#: Class: measured.
 _OLDEST_FRAMES = 300
 
 

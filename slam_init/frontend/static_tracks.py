@@ -22,14 +22,19 @@ from slam_init.types.arrays import Floats, Ints
 from slam_init.types.frame import Observations
 
 #: Static tracks deviate from their first pixel by less than one of these, in pixels: the noise of trackers.
+#: Class: assumption.
 _STATIC_PX = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8)
 #: They are compared with those that deviate by less than this many times more; a smaller share is expected of a scene.
+#: Class: assumption.
 _SLOW = 2.0
 #: The median track has to deviate by this many times more: the image moves.
+#: Class: assumption.
 _MOVES = 2.0
 #: One false recognition in a thousand sequences of a thousand frames.
+#: Class: level.
 _LEAST_PROBABILITY = 1e-6
 #: A larger share of static tracks is a scene before a camera that hardly turns.
+#: Class: assumption.
 _LARGEST_SHARE = 0.5
 
 

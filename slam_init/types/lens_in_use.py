@@ -11,14 +11,17 @@ from dataclasses import dataclass
 from slam_init.types.camera import Camera
 
 #: Relative standard deviation of the focal length of a calibration: they are better than two per cent.
+#: Class: assumption.
 CALIBRATED_SIGMA = 0.02
 #: A map without a calibration is handed over, and a calibration is written, once the focal length is about as well
 #: known as by a data sheet (5 %). A focal length that is off by this much changes a rotation of 20 degrees by one, and
 #: the depths by as much as itself; what it does to the direction is in the risk.
+#: Class: geometry.
 MAX_FOCAL_SIGMA = 0.06
 #: Standard deviation of the first coefficient of the radial distortion. A calibration that states a distortion knows it
 #: to a hundredth. Without one, most images are rectified or those of a good lens; those of phones and wide angles have
 #: up to 0.3.
+#: Class: assumption.
 _STATED_K1_SIGMA, _UNSTATED_K1_SIGMA = 0.01, 0.05
 
 

@@ -42,9 +42,11 @@ _NOISE_TOLERANCE, _NOISE_ROUNDS = 0.07, 2
 #: later steps of starts that ended below gained a third of their cost at most.
 _GIVEN_UP = 1.5
 #: A motion whose cost is higher by this cannot become the best: 300 nats.
+#: Class: level, in twice the nats.
 _FAR_BEHIND = 600.0
 #: A gain is certain where it exceeds that by chance by so many standard deviations (one in 10^12) even if error fields
 #: explain half of it, the most that they can.
+#: Class: level.
 CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS = 7.0, 0.5
 #: A start of the camera that only rotates is fitted to so many tracks: it has a handful of unknowns besides the
 #: rotations, and the step of every track takes its time. It ends where a step lowers the cost by so little: a hundredth

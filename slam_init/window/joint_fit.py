@@ -45,6 +45,7 @@ _LENS_TOLERANCE, _LENS_ROUNDS = 0.01, 3
 _NOISE_ROUNDS, _INSIDE_THREE_SIGMAS = 5, 0.949
 #: An observation is near its projection within this number of standard deviations: some pixels. Wrong matches lie
 #: anywhere in the image; tracks on bodies that move slowly stay near.
+#: Class: assumption.
 _NEAR_SIGMAS = 30.0
 #: Median of the squared length of a 2-D Gaussian of variance 1, and the largest noise at a start over the assumed one.
 _MEDIAN_SQUARE, _LARGEST_START_FACTOR = 1.386, 30.0

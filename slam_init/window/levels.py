@@ -1,18 +1,18 @@
-"""The numbers that decide on a map, in one place: value, unit, reason, and class.
+"""The numbers that decide on a map: value, unit, reason, and class.
 
-The unit is in the name, or the number has none. The classes:
+The unit is in the name or after the class, or the number has none. The classes:
 
-* definition: what is called wrong.
+* definition: what is called wrong, or the same.
 * geometry: it follows from the geometry of views.
 * level: a statistical level; the comment says how often chance exceeds it.
 * measured: on data that the comment or ``docs/how/risk.md`` names.
 * assumption: no data tell it; the comment says why this value.
+* budget: it bounds time or memory.
 
-The scales of the error fields and their prior are in :mod:`slam_init.window.marginal`, what recognizes an overlay in
-:mod:`slam_init.frontend.static_tracks`, the priors of a lens in :mod:`slam_init.window.state` and
-:mod:`slam_init.decision.lens`, the gates on depths in :mod:`slam_init.decision.depths`. What names the reason of a
-refusal, and accepts nothing, is in :mod:`slam_init.decision.window_rule`. Numbers that change the time of a fit but not
-its result stay beside the fit.
+``docs/reference/numbers.md`` lists all of them, with those that stay in other modules: gates on depths, priors of a
+lens, the smooth errors of a view, what recognizes an overlay, and ``quest``. ``python docs/make/numbers.py`` writes the
+page from the comments, and a test compares it with the code. Numbers that change the time of a fit but not its result
+stay beside the fit, and have no class.
 """
 
 from __future__ import annotations
@@ -56,7 +56,15 @@ SHARE_OF_BODIES, BODIES_MOVE = 0.25, 0.05
 
 #: Two fits of a motion agree within this number of standard deviations, and within what makes two fits one.
 #: Class: level.
-AGREES_SIGMAS, SAME_ROTATION_DEG, SAME_DIRECTION_DEG = 3.0, 0.3, 2.0
+AGREES_SIGMAS = 3.0
+
+#: Two fits nearer than this are one: an order below what makes a map wrong.
+#: Class: definition.
+SAME_ROTATION_DEG, SAME_DIRECTION_DEG = 0.3, 2.0
+
+#: Motions nearer than this lead to the same optimum: a third of what makes a map wrong.
+#: Class: definition.
+NEAR_ROTATION_DEG, NEAR_DIRECTION_DEG = 1.5, 5.0
 
 #: Share of wrong maps that no term explains, measured on the versions before: one of 480 maps (300 worlds by another
 #: hand, 236 of the three smallest failures, 150 starts on video).
@@ -73,7 +81,7 @@ INFORMATION_GROWS = 100.0
 # -- further starts --------------------------------------------------------------------------------------
 
 #: A start whose fit to the pair costs more than the best one by this is dropped: fifty nats in two views.
-#: Class: level.
+#: Class: level, in twice the nats.
 FAR_BEHIND_IN_PAIR = 100.0
 
 # -- the camera that only rotates, and the votes ---------------------------------------------------------
@@ -87,7 +95,7 @@ WORTH_TRYING = 0.05
 #: only rotates the stated focal length is right, or wrong with this standard deviation of its logarithm at a price of
 #: three nats (odds of one to twenty). So a fifth costs 5.5 nats, where the prior of right ones would charge 40, and a
 #: translation would be the cheaper explanation. Half as long again costs 11: level flight looks like such a rotation.
-#: Class: assumption.
+#: Class: assumption, as a logarithm and in twice the nats.
 WRONG_FOCAL, WRONG_FOCAL_COST = 0.1, 6.0
 
 #: The same for a distortion that the calibration lacks: lenses of phones and wide angles have a k1 of up to 0.3.
@@ -96,11 +104,11 @@ WRONG_K1 = 0.15
 
 #: The same for the principal point, over the width of the image: the optical axis of phones is off by a hundredth, that
 #: of a cropped or shifted image by a twentieth. Only a camera that turns about several axes shows it.
-#: Class: assumption.
+#: Class: assumption, over the width.
 WRONG_PRINCIPAL = 0.025
 
 #: Largest vote of a track, as a difference of costs (twice the nats): so much it costs to say that it is an outlier.
-#: Class: level.
+#: Class: level, in twice the nats.
 LARGEST_VOTE = 6.0
 
 # -- nuisances -------------------------------------------------------------------------------------------
@@ -108,8 +116,13 @@ LARGEST_VOTE = 6.0
 #: Standard deviation of the principal point of a calibration, over the width of the image: two pixels of 640, as a
 #: chessboard tells it. Optical axes that nobody calibrated are off by a hundredth; with that, level flight with a turn
 #: had no map in 12 worlds, since a turn about the optical axis moves the image by the error of the principal point.
-#: Class: assumption.
+#: Class: assumption, over the width.
 PRINCIPAL_SIGMA = 0.003
+
+#: Standard deviation of an unknown readout about none: global shutters have none, and rolling ones take up to the time
+#: between two frames of a video, which is two standard deviations.
+#: Class: assumption.
+READOUT_SIGMA_S = 1 / 60
 
 #: Factor on the standard deviation of a readout: the turning of the frames has errors too, most of all that of the
 #: newest one, and they do not average out over the tracks. It was chosen on seeds below 100. With it, two standard
@@ -120,7 +133,7 @@ TURNING_FACTOR = 2.5
 #: Errors that a tracker keeps from view to view: they grow with the displacement of the image, up to a limit in pixels.
 #: On rendered images of cameras that only turn, by up to 40 degrees with a wrong focal length or unstated distortion,
 #: the best translation gains as much as with errors of up to 0.0033 of the displacement, and of 0.27 px at the most.
-#: Class: measured.
+#: Class: measured, of the displacement and in px.
 LASTING_SHARE, LASTING_PX = 0.004, 0.3
 
 #: Errors that the tracks of a view share below the noise, in pixels, and that hence do not average out: the bias of
@@ -132,7 +145,7 @@ SHARED_PX = 0.02
 #: the width (each with a zoom of a third of it), with the probability that a window has them. Lenses that focus zoom by
 #: up to three hundredths. Stabilizers shift a frame by up to a hundredth of the width, and change its scale by
 #: thousandths. Large changes are rarer within a second than small ones, about in proportion to one over their size.
-#: Class: assumption.
+#: Class: assumption, each with its probability.
 ZOOMS = ((0.003, 0.02), (0.01, 0.006), (0.03, 0.002))
 SHIFTS = ((0.001, 0.05), (0.003, 0.02), (0.01, 0.005))
 
@@ -142,7 +155,7 @@ LENS_ZOOMS, LARGEST_ZOOM = 0.1, 0.03
 
 #: Most that zooms cost, twice the negative log of their probability (2 log 100): in one shot of a hundred a person
 #: zooms, by any factor. Without a bound, a zoom by a quarter would count as 8 standard deviations in each view.
-#: Class: assumption.
+#: Class: assumption, in twice the nats.
 ZOOMED_COST = 9.2
 
 #: Share of what the zooms of a camera that only rotates explain, that they leave unexplained: the centre of a zoom and
@@ -168,7 +181,7 @@ SHARE_OF_COMPACT, SHARE_OF_WIDE, WIDE = 0.5, 0.25, 0.5
 EVEN = 0.5
 
 #: Outlier threshold of the other motion, in standard deviations of the noise; fewer tracks than this have none.
-#: Class: level.
+#: Class: level, in standard deviations and tracks.
 OTHER_SIGMAS, LEAST_OTHER_TRACKS = 3.0, 20
 
 # -- whether points lie on a plane -----------------------------------------------------------------------
@@ -193,3 +206,29 @@ TOLD_RELIEF, TOLD_SIGMAS, LARGEST_GAIN = 0.2, 20.0, 9.0
 #: Least share of the tracks that a plane holds, and their least number.
 #: Class: level.
 LEAST_ON_PLANE, LEAST_TRACKS_ON_PLANE = 0.5, 20
+
+# -- the map of an accepted motion -----------------------------------------------------------------------
+
+#: Largest risk that a further keyframe adds: a tenth of the largest risk that is accepted.
+#: Class: assumption.
+RISK_OF_A_VIEW = 5e-4
+
+#: Bundle adjustment on all tracks may turn the fitted motion by as much as a third of what makes a map wrong.
+#: Class: definition.
+ADJUSTED_ROTATION_DEG, ADJUSTED_DIRECTION_DEG = 1.5, 5.0
+
+#: A calibration is left where the focal length is off by so many of its standard deviations: once in 400 by chance.
+#: Class: level.
+CERTAIN_FOCAL_SIGMAS = 3.0
+
+# -- what names the reason of a refusal, and accepts nothing ---------------------------------------------
+
+#: A gain over the rotation-only camera that chance exceeds more often than this is no evidence of a translation. A
+#: direction without a translation is uncertain too, so that its term would hide the cause.
+#: Class: level.
+INSIGNIFICANT_GAIN = 0.05
+
+#: A focal length is suspected only if it is off by a hundredth or more, the error of a careless calibration, and by
+#: five of its standard deviations: errors that the tracks share double them. Five hundredths have to be told.
+#: Class: assumption.
+LEAST_FOCAL_ERROR, DOUBTFUL_FOCAL_SIGMAS, TOLD_FOCAL_ERROR = 0.01, 5.0, 0.05

@@ -18,8 +18,10 @@ from slam_init.window.state import Priors
 from slam_init.window.tracks import WindowTracks, gather_tracks
 
 #: Number of motions that are carried from frame to frame: both motions of a plane, and two that other pairs found.
+#: Class: budget.
 _MAX_MOTIONS = 4
 #: A motion against which the tracks vote by this is dropped: a hundred nats. More frames hardly turn that.
+#: Class: level, in twice the nats.
 _HOPELESS = 200.0
 #: After proposals that left no motion, at most so many windows are fitted without one. Before a map is accepted,
 #: further motions are proposed in any case (:mod:`slam_init.window.second_look`).

@@ -16,8 +16,10 @@ from slam_init.window.tracks import WindowTracks
 
 #: A further view needs this many points of the motion: twice the six unknowns of its pose in coordinates, and as many
 #: again to contradict the motion.
+#: Class: geometry.
 MIN_RESECTED = 12
 #: Outlier threshold of a further view before the joint fit, in standard deviations of the noise.
+#: Class: level.
 _RESECTION_SIGMAS = 4.0
 #: Scales of the robust kernel that aligns two views by a rotation. The first one reaches 25 degrees, the angle between
 #: two photos of a panorama; the last one is a few pixels.

@@ -21,15 +21,19 @@ from slam_init.window.linearization import Linearization
 
 #: Standard deviation of a coefficient of a field, in pixels: from none to a lens without its distortion, in steps of a
 #: factor of two. The root mean square of a coordinate over the image is 2.4 times as large.
+#: Class: assumption.
 FIELD_SCALES_PX: Floats = np.array([0.0, 0.03, 0.06, 0.125, 0.25, 0.5, 1.0, 2.0])
 #: Probability of each scale before the tracks are seen: rectified lenses and good trackers leave a tenth of a pixel;
 #: more than half a pixel is a camera model that does not hold.
+#: Class: assumption.
 FIELD_PRIOR: Floats = np.array([0.2, 0.2, 0.2, 0.2, 0.12, 0.05, 0.02, 0.01])
 #: Fields of the largest scale pull by chance farther than this number of their standard deviations twice in a million
 #: times. Tracks that are held at infinity pull although they tell nothing about a field.
+#: Class: level.
 LARGEST_PULL_SIGMAS = 5.0
 #: The largest share of the information about an unknown that is taken for chance: deviations are twenty times as wide
 #: then, and a share so near to one is itself known within a twentieth at best (tracks are a few hundred).
+#: Class: level.
 _LARGEST_SHARE_BY_CHANCE = 0.95
 #: Of a sum of unknowns in units of their standard deviations: rounding leaves no more, and may leave less than nothing.
 _LEAST_VARIANCE = 1e-14

@@ -14,14 +14,15 @@ from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
 from slam_init.window.carried import CarriedPoints
 from slam_init.window.joint_fit import MAX_STEPS, JointFit, fit_window, start_noise_factor
+from slam_init.window.levels import (
+    NEAR_DIRECTION_DEG,
+    NEAR_ROTATION_DEG,
+    SAME_DIRECTION_DEG,
+    SAME_ROTATION_DEG,
+)
 from slam_init.window.row_motion import with_translation
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
-
-#: Motions nearer than this lead to the same optimum: a third of what makes an initialization wrong.
-_NEAR_ROTATION_DEG, _NEAR_DIRECTION_DEG = 1.5, 5.0
-#: Two fits nearer than this are one: an order below what makes an initialization wrong.
-_SAME_ROTATION_DEG, _SAME_DIRECTION_DEG = 0.3, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,7 @@ class Motion:
             return False
         a, b = (one.cam_from_world[second] @ one.cam_from_world[first].inverse() for one in (self, other))
         rotation_deg, direction_deg = difference_deg(a, b)
-        return rotation_deg <= _NEAR_ROTATION_DEG and direction_deg <= _NEAR_DIRECTION_DEG
+        return rotation_deg <= NEAR_ROTATION_DEG and direction_deg <= NEAR_DIRECTION_DEG
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,7 @@ class FittedMotion:
     def same_as(self, other: FittedMotion) -> bool:
         """Whether two fits ended in the same optimum."""
         rotation_deg, direction_deg = self.difference_deg(other)
-        return rotation_deg <= _SAME_ROTATION_DEG and direction_deg <= _SAME_DIRECTION_DEG
+        return rotation_deg <= SAME_ROTATION_DEG and direction_deg <= SAME_DIRECTION_DEG
 
     def difference_deg(self, other: FittedMotion) -> tuple[float, float]:
         """Angles between the rotations and between the directions of the pair."""

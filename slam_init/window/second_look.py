@@ -35,6 +35,7 @@ from slam_init.window.other_motion import explained_tracks
 #: 2420 that end at 1207 and 721: the order of the motions turned.
 _STEPS = 60
 #: Outlier threshold of the starts, in standard deviations of the noise.
+#: Class: level, in standard deviations.
 _SIGMAS = 3.0
 #: Directions of the baseline, in the reference: both ways along its axes.
 _DIRECTIONS: Floats = np.vstack([np.eye(3), -np.eye(3)])

@@ -17,16 +17,20 @@ from slam_init.window.measured_rays import measured_rays
 
 #: A decision needs a well-spread subset of the tracks, not all of them: the standard deviation of the direction falls
 #: with the square root of their number, and 300 of 800 tracks leave 1.6 times of it.
+#: Class: budget.
 MAX_TRACKS = 300
 #: The information of more views comes from their baselines, which grow; views in between add little.
+#: Class: budget.
 MAX_VIEWS = 12
 #: A blurred corner is a trail, and a tracker follows some point of it: one instant of the exposure. On rendered images
 #: the standard deviation of this instant is 0.12 to 0.15 exposures.
+#: Class: measured, in exposures.
 _INSTANT = 0.15
 #: The image is divided into this many cells (columns, rows); each cell gives its best tracks in turn.
 _CELLS = (12, 9)
 
 #: Of a measured rotation between two views: no gyroscope is better than a thousandth of a degree.
+#: Class: assumption, in rad^2.
 _LEAST_VARIANCE_RAD2 = 3e-10
 
 

@@ -1,0 +1,202 @@
+"""Writes ``docs/reference/numbers.md``: every number that decides on a map, from the comments above the numbers.
+
+A number is on the page if its ``#:`` comment names a class, or if :data:`MORE` does. A test compares the page with the
+code, so that it cannot go stale: run ``python docs/make/numbers.py`` after a change.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "reference" / "numbers.md"
+LEVELS = "slam_init/window/levels.py"
+CLASSES = ("definition", "geometry", "level", "measured", "assumption", "budget")
+
+#: Class and unit of numbers whose own comments name none: fields, bundle adjustment, and all of quest, which knows no
+#: maps.
+MORE = {
+    "slam_init/types/evidence.py": {
+        "Margin.LOG_LIKELIHOOD_NEEDED": "level, in nats",
+        "Margin.z_needed": "level, in standard deviations",
+    },
+    "slam_init/window/state.py": {"Priors.gate_sigmas": "level"},
+    "slam_init/window/equations.py": {"OFF_PLANE_COST": "level, in twice the nats"},
+    "slam_init/window/kernels.py": {"TUKEY_GATES": "definition"},
+    "slam_init/window/risk.py": {"_UNDECIDED": "level", "_UNKNOWN": "level", "_FAR_BEHIND_NATS": "level"},
+    "slam_init/window/uncertainty.py": {
+        "_SCORE_REGIONS": "geometry",
+        "_NO_SHIFT": "assumption, over the width",
+        "_TOLD_READOUT_SIGMAS": "level",
+        "_DOUBTFUL_SIGMAS": "level, in standard deviations and as k1",
+    },
+    "slam_init/bundle/adjustment.py": {"_WORST_NOISE": "assumption", "_LARGEST_LEVERAGE": "measured"},
+    "slam_init/bundle/graph.py": {"CAUCHY": "level, in standard deviations"},
+    "slam_init/bundle/lens.py": {"PRINCIPAL_SIGMA": "assumption, over the width"},
+    "slam_init/bundle/shared_errors.py": {"_SCALES_PX": "assumption", "_PRIOR": "assumption"},
+    "quest/estimate.py": {
+        "_ERROR_RATE": "level",
+        "_LEAST_NOISE": "assumption, in thresholds",
+        "_MIN_MATCHES": "measured",
+        "_LEAST_SHARE": "assumption",
+        "_LINE_SIGMAS": "measured",
+    },
+    "quest/chance.py": {"LARGEST_OF_MOTION": "level"},
+    "quest/alternatives.py": {
+        "_FLAT": "level",
+        "_RELIEF_SIGMAS": "level",
+        "RIVAL_LEVEL": "level, in chi-square and standard deviations",
+        "PLANE_LEVEL": "level, in chi-square and standard deviations",
+    },
+    "quest/noise.py": {"GATE_SIGMAS": "level"},
+    "quest/relative_pose.py": {"_LEAST_PARALLAX_SIGMAS": "measured"},
+    "quest/uncertainty/parallax.py": {
+        "_NEAR_SIGMAS": "level",
+        "_FAR_SIGMAS": "level",
+        "_FAVOURED_DEVIATE": "level",
+        "RATIO_MADS": "assumption",
+    },
+}
+#: Places of the numbers, in the order of the page.
+FILES = (
+    LEVELS,
+    *(f"slam_init/{folder}" for folder in ("decision", "window", "types", "frontend", "mapping", "bundle")),
+    "quest",
+)
+_UNITS = {"DEG": "degrees", "PX": "px", "RAD": "rad", "S": "s", "SIGMAS": "standard deviations", "NATS": "nats"}
+_CLASS = re.compile(r"Class: (\w+)(?:, (?:in )?([^.]+))?\.$")
+
+
+@dataclass(frozen=True)
+class Number:
+    """A statement that gives numbers names."""
+
+    file: str
+    #: What the section of the module is called; empty without one.
+    section: str
+    names: tuple[str, ...]
+    value: str
+    reason: str
+    #: One of :data:`CLASSES`; empty where the number does not decide.
+    kind: str
+    unit: str
+
+
+def numbers(file: str) -> Iterator[Number]:
+    """Read the numbers of a module: its constants, and the fields of its classes that :data:`MORE` names."""
+    source = (ROOT / file).read_text(encoding="utf-8")
+    lines, more = source.splitlines(), dict(MORE.get(file, {}))
+    last = ""
+    for names, statement in _statements(ast.parse(source)):
+        comment = _comment(lines, statement.lineno) or _described(source, names[0]) or last
+        last = comment
+        found = _CLASS.search(comment)
+        stated = more.pop(names[0], None)
+        if "." in names[0] and stated is None:
+            continue
+        if found is None and stated is not None:
+            found = _CLASS.search(f"Class: {stated}.")
+        kind, unit = (found[1], found[2] or _unit(names)) if found else ("", "")
+        section = next((row.strip("# -") for row in lines[statement.lineno :: -1] if row.startswith("# -- ")), "")
+        yield Number(file, section, names, _value(statement.value), _CLASS.sub("", comment).strip(), kind, unit)
+    if more:
+        raise KeyError(f"{file} has no {next(iter(more))}: correct MORE in docs/make/numbers.py")
+
+
+def _statements(tree: ast.Module) -> Iterator[tuple[tuple[str, ...], ast.Assign | ast.AnnAssign]]:
+    """The assignments of numbers to upper-case names, and to fields of classes, each with its names."""
+    for statement in tree.body:
+        inner = statement.body if isinstance(statement, ast.ClassDef) else [statement]
+        prefix = f"{statement.name}." if isinstance(statement, ast.ClassDef) else ""
+        for one in inner:
+            if not isinstance(one, ast.Assign | ast.AnnAssign) or one.value is None:
+                continue
+            targets = one.targets if isinstance(one, ast.Assign) else [one.target]
+            names = tuple(node.id for target in targets for node in ast.walk(target) if isinstance(node, ast.Name))
+            parts = [node for node in ast.walk(one.value) if isinstance(node, ast.Constant)]
+            is_number = any(isinstance(part.value, int | float) and part.value is not True for part in parts)
+            if names and is_number and (prefix or names[0].lstrip("_").isupper()):
+                yield tuple(prefix + name for name in names), one
+
+
+def _comment(lines: list[str], line: int) -> str:
+    """The ``#:`` comment above a line."""
+    above: list[str] = []
+    for row in reversed(lines[: line - 1]):
+        if not row.lstrip().startswith("#:"):
+            break
+        above.insert(0, row.lstrip().removeprefix("#:").strip())
+    return " ".join(above)
+
+
+def _described(source: str, name: str) -> str:
+    """What the docstring of a class says of a field; empty for a constant."""
+    found = re.search(rf"^    {name.partition('.')[2]} : .*\n((?:        .*\n)+)", source, re.MULTILINE)
+    return " ".join(found[1].split()) if found and "." in name else ""
+
+
+def _unit(names: tuple[str, ...]) -> str:
+    units = [_UNITS.get(name.upper().rpartition("_")[2], "") for name in names]
+    return units[0] if len(set(units)) == 1 else ", ".join(unit or "1" for unit in units)
+
+
+def _value(value: ast.expr | None) -> str:
+    if isinstance(value, ast.Call) and ast.unparse(value.func) == "np.array":
+        value = value.args[0]
+    parts = value.elts if isinstance(value, ast.Tuple | ast.List) else [value]
+    return ", ".join(ast.unparse(part) for part in parts if part is not None)
+
+
+def files() -> Iterator[str]:
+    """Give the modules of the page, each once."""
+    seen = set()
+    for place in FILES:
+        for path in sorted((ROOT / place).rglob("*.py")) if (ROOT / place).is_dir() else [ROOT / place]:
+            file = path.relative_to(ROOT).as_posix()
+            if file not in seen:
+                seen.add(file)
+                yield file
+
+
+def page() -> str:
+    """Write the page."""
+    title = "# Numbers that decide"
+    intro = ast.get_docstring(ast.parse((ROOT / LEVELS).read_text(encoding="utf-8"))) or ""
+    classes = re.findall(r"^\* .*$", intro, re.MULTILINE)
+    lines = [
+        title,
+        "",
+        "Made by `python docs/make/numbers.py` from the comments in the code; a test compares the two. A map is "
+        "accepted where its risk is at most `acceptance.max_risk`, an option. Options are for users "
+        "([`slam_init/config.py`](../../slam_init/config.py)); the numbers of this page are for those who change the "
+        "decision. Each has a class:",
+        "",
+        *classes,
+        "",
+        "Numbers that change the time of a fit but not its result stand beside the fit, and not here.",
+    ]
+    place = ("", "")
+    for number in (number for file in files() for number in numbers(file) if number.kind):
+        if (number.file, number.section) != place:
+            if number.file != place[0]:
+                lines += ["", f"## [`{number.file}`](../../{number.file})"]
+            if number.section:
+                lines += ["", f"### {number.section[0].upper()}{number.section[1:]}"]
+            lines += ["", "| number | value | unit | class | reason |", "| --- | --- | --- | --- | --- |"]
+            place = (number.file, number.section)
+        names = ", ".join(f"`{name}`" for name in number.names)
+        lines.append(f"| {names} | {number.value} | {number.unit} | {number.kind} | {_cell(number.reason)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _cell(text: str) -> str:
+    return re.sub(r":(?:mod|func|data|class):`~?([^`]+)`", r"`\1`", text).replace("``", "`").replace("|", "\\|")
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
+    print(PAGE)
