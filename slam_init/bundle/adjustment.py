@@ -6,8 +6,8 @@ minimized again. The map is scaled so that the median depth of the landmarks in 
 know that the lens is not exact (:mod:`slam_init.bundle.lens`), and that errors are not independent
 (:mod:`slam_init.bundle.shared_errors`).
 
-gtsam's Levenberg-Marquardt reports no error for a point with one view, for a NaN, or for a point behind a camera. These
-cases are checked here. A failure is returned as a value with its cause.
+A point with one view, a NaN and a point behind a camera are checked here. A failure is returned as a value with its
+cause.
 
 Focal length: held as stated, or with ``refine_focal`` an unknown. It is adjusted in rounds of three steps:
 
@@ -29,11 +29,10 @@ import numpy as np
 
 from slam_init.bundle.covariances import MapCovariances, covariances
 from slam_init.bundle.focal import adjust_focal, camera_with_focal_factor
-from slam_init.bundle.graph import GAUGE, build_graph, optimize
-from slam_init.bundle.least_squares import minimize, with_lenses
+from slam_init.bundle.graph import GAUGE, build_graph
+from slam_init.bundle.least_squares import fit_points, minimize, with_lenses
 from slam_init.bundle.lens import at_projections, lens_prior
 from slam_init.bundle.noise import estimate_noise, least_squares_noise, min_parallax_rad
-from slam_init.bundle.points import fit_points
 from slam_init.bundle.problem import BundleFailure, BundleFit, BundleProblem, BundleSolution, LensPrior
 from slam_init.bundle.shared_errors import ErrorModel, error_model
 from slam_init.bundle.virtual_cameras import needs_virtual_cameras
@@ -120,7 +119,7 @@ def _solution(
     """The solution of a fit, with its graph; ``residuals`` (M, 2)."""
     final, camera = fit.problem, fit.camera
     variable = lens if lens.sigmas.any() and not needs_virtual_cameras(camera) else None
-    graph, values = build_graph(camera, final, errors.overdispersion * noise_px, robust=False, prior=variable)
+    graph, values = build_graph(camera, final, errors.overdispersion * noise_px, prior=variable)
     return BundleSolution(
         problem=final,
         before=_same_landmarks(start, final),
@@ -216,12 +215,18 @@ def fit_with_held_camera(
     * ``poses_known``: Whether the poses are those of a robust estimate. Only the points are fitted robustly then.
     * Returns: The fit has no outliers, and its median depth in the first view is 1.
     """
+    start = with_lenses(camera, start)
     if poses_known:
-        start = with_lenses(camera, start)
-        points = fit_points(camera, start, config.noise_px)
+        points = fit_points(start, config.noise_px)
         return _least_squares(camera, points, (_rms_px(start, camera),), config, _FEW_ITERATIONS)
+    if not (np.isfinite(start.points).all() and np.isfinite(start.pixels).all()):
+        return BundleFailure("a coordinate of a landmark or of a pixel is not finite")
+    seen: Bools = np.asarray(np.isfinite(start.residuals(camera)).all(axis=1))
+    ahead = start.keep(seen)
+    if (failure := _cannot_be_solved(ahead)) is not None:
+        return failure
     # The robust stage only has to identify the outliers; the least-squares stage reaches the full precision.
-    robust, errors = optimize(camera, start, config.noise_px, robust=True, iterations=8, tolerance=1e-3)
+    robust, errors = minimize(ahead, config.noise_px, iterations=8, tolerance=1e-3, robust=True)
     return _least_squares(camera, robust, tuple(errors), config, _ITERATIONS)
 
 
@@ -241,8 +246,6 @@ def _least_squares(
     cleaned = cleaned.keep(certain[cleaned.landmarks])
     if (failure := _cannot_be_solved(cleaned)) is not None:
         return failure
-    if cleaned.lenses is None:
-        cleaned = with_lenses(camera, cleaned)
     settled = _settled(camera, cleaned, noise_px, iterations)
     return settled if isinstance(settled, BundleFailure) else settled._replace(errors=(*errors, *settled.errors))
 
@@ -298,7 +301,7 @@ def _scale_to_median_depth(problem: BundleProblem) -> BundleProblem | None:
 
 
 def _cannot_be_solved(problem: BundleProblem) -> BundleFailure | None:
-    """A failure if the observations do not determine all unknowns, a case that gtsam does not always report."""
+    """A failure if the observations do not determine all unknowns."""
     seen = np.bincount(problem.views, minlength=len(problem.frames))
     if len(problem.points) < 6:
         return BundleFailure(f"only {len(problem.points)} landmarks remain after the removal of outliers")

@@ -43,6 +43,14 @@ class SharedErrors(NamedTuple):
     #: Variance of the noise of the graph over that of the covariances. The tracks tell so much less about the lens.
     excess: float = 1.0
 
+    @staticmethod
+    def of_lens(by_lens: Floats) -> SharedErrors:
+        """Those of a lens whose prior is not known yet, without fields.
+
+        Shapes: ``by_lens`` (M, 2, 4).
+        """
+        return SharedErrors(by_lens, np.zeros(LENS), np.zeros(LENS, bool), np.zeros((len(by_lens), FIELD // 2)), 0.0)
+
     def of_observations(self, kept: Bools) -> SharedErrors:
         """Those of some observations."""
         return self._replace(by_lens=self.by_lens[kept], places=self.places[kept])
@@ -90,7 +98,7 @@ def covariances(problem: BundleProblem, noise_px: float, shared: SharedErrors | 
     from slam_init.bundle.kernel import leverage_of_pairs, spread_to_points
 
     count = len(problem.frames)
-    errors = _no_errors(len(problem.pixels)) if shared is None else shared
+    errors = SharedErrors.of_lens(np.zeros((len(problem.pixels), 2, LENS))) if shared is None else shared
     found = shared_equations(problem, noise_px, errors)
     covariance = inverse_of_poses(found.equations.information)
     with single_threaded():
@@ -111,21 +119,15 @@ def covariances(problem: BundleProblem, noise_px: float, shared: SharedErrors | 
         followed[:, :, first : first + part.shape[2]] += part
         first += part.shape[2]
     newest = problem.world_from_cam[-1]
-    points, in_newest, by_noise = np.empty((3, len(problem.points), 3, 3))
     seen = np.ascontiguousarray(newest.inverse().apply(problem.points))
     R = np.ascontiguousarray(newest.R)
     rows = np.ascontiguousarray(by_causes[-6:])
-    spread_to_points(found.equations.roots, followed, rows, R, seen, 6 * count, points, in_newest, by_noise)
-    by_view, leverage = by_causes.reshape(count, 6, -1), np.empty(len(points))
-    poses, (starts, views, lenses, _) = arrays_of(problem.world_from_cam), found.observed
-    leverage_of_pairs(*poses, problem.points, starts, views, lenses, covariance, leverage)
+    by_view, (R_all, t_all) = by_causes.reshape(count, 6, -1), arrays_of(problem.world_from_cam)
     return MapCovariances(
         np.asarray(by_view @ np.swapaxes(by_view, 1, 2)),
-        points,
-        in_newest,
-        by_noise,
+        *spread_to_points(found.equations.roots, followed, rows, R, seen, 6 * count),
         of_lens @ of_lens.T,
-        leverage,
+        leverage_of_pairs(R_all, t_all, problem.points, *found.observed[:3], covariance),
     )
 
 
@@ -145,17 +147,13 @@ def shared_equations(
     points, landmarks, views = np.ascontiguousarray(problem.points), len(problem.points), len(R)
     with single_threaded():
         equations = equations_of(observed, terms, R, t, points, NONE)
-    own_size, size = LENS + FIELD, LENS + FIELD * views
-    of_points, by_view = np.empty((landmarks, 3, size)), np.empty((views, 6, own_size))
-    own, gradient = np.empty((views, own_size, own_size)), np.empty(size)
-    solved, scores = np.empty((landmarks, 3)), np.empty((landmarks, 6 * views))
+    size = LENS + FIELD * views
     left = np.zeros((len(problem.pixels), 2)) if residuals is None else residuals
     by_lens, left = (np.ascontiguousarray(one[observed.order] / noise_px) for one in (shared.by_lens, left))
     places = np.ascontiguousarray(shared.places[observed.order])
-    couple_shared_errors(
-        R, t, points, *observed[:3], equations.roots, by_lens, places, left,
-        of_points, by_view, own, gradient, solved, scores,
-    )  # fmt: skip
+    of_points, by_view, own, gradient, solved, scores = couple_shared_errors(
+        R, t, points, *observed[:3], equations.roots, by_lens, places, left
+    )
     coupling = np.zeros((views, 6, size))
     coupling[:, :, :LENS] = by_view[:, :, :LENS]
     for view in range(views):
@@ -201,8 +199,3 @@ def _root(covariance: Floats) -> Floats:
         return np.asarray(units[:, None] * np.linalg.cholesky(0.5 * (scaled + scaled.T)))
     except np.linalg.LinAlgError as error:
         raise RuntimeError(f"the poses are not determined: {error}") from None
-
-
-def _no_errors(observations: int) -> SharedErrors:
-    none, places = np.zeros((observations, 2, LENS)), np.zeros((observations, FIELD // 2))
-    return SharedErrors(none, np.zeros(LENS), np.zeros(LENS, bool), places, 0.0)

@@ -7,16 +7,21 @@ In this case the result is that of the prior, and the standard deviation is that
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from slam_init.bundle.graph import build_graph, is_undistorted_first, read_focal_factor, read_problem
-from slam_init.bundle.least_squares import minimize, with_lenses
+from slam_init.bundle.covariances import SharedErrors, inverse_of_poses, shared_equations
+from slam_init.bundle.least_squares import Equations, minimize, stepped, with_lenses
+from slam_init.bundle.lens import at_projections, lens_derivatives, residuals_of
 from slam_init.bundle.noise import least_squares_noise
-from slam_init.bundle.problem import BundleFit, LensPrior
+from slam_init.bundle.problem import BundleFit, BundleProblem, LensPrior
+from slam_init.bundle.reprojection import is_undistorted_first
 from slam_init.config import MapConfig
 from slam_init.errors import CalibrationError
+from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.lenses.models import scaled_coefficients
 
@@ -47,46 +52,76 @@ def adjust_focal(prior: LensPrior, fit: BundleFit, config: MapConfig) -> BundleF
     """Adjust the focal length by Newton's method. Poses and landmarks are optimized again after each step.
 
     Adjusting all unknowns at once converges very slowly: 5 % more focal length needs 5 % less rotation and 5 % less
-    width of the points, and the error of second order (5 % squared) is already a pixel. gtsam's Levenberg-Marquardt is
-    not used for the focal length: in a factor with a variable calibration a landmark behind the camera has no error, so
-    that landmarks would be pushed there.
+    width of the points, and the error of second order (5 % squared) is already a pixel.
 
     * ``prior``: The stated camera, and the standard deviation of its focal length.
     * Returns: With the adjusted camera; the given fit if no step lowers the error.
     """
     camera, problem, errors, _ = fit
     noise_px = least_squares_noise(problem, problem.residuals(camera), config)
-    graph, values = build_graph(camera, problem, noise_px, robust=False, prior=prior)
-    error = float(graph.error(values))
+    factor, rms_px = camera.fx / prior.camera.fx, minimize(problem, noise_px, iterations=0, tolerance=0.0)[1][-1]
+
+    def error_of(factor: float, rms_px: float) -> float:
+        return 0.5 * len(problem.views) * (rms_px / noise_px) ** 2 + 0.5 * ((factor - 1) / prior.focal) ** 2
+
+    error = error_of(factor, rms_px)
     for _ in range(_NEWTON_STEPS):
         try:
-            # The step in all unknowns; its component in the focal length is the Newton step.
-            step = graph.linearize(values).optimize()
-        except RuntimeError:  # how gtsam reports singular systems and cheirality
+            step = _newton_step(camera, problem, noise_px, factor, prior)
+        except RuntimeError:  # the poses are not determined
             break
         for share in _STEP_SHARES:
-            moved = values.retract(step.scale(share))
-            factor = read_focal_factor(prior.camera, moved)
-            if not _FACTORS[0] < factor < _FACTORS[1]:
+            tried_factor = factor * math.exp(share * step.log_scale)
+            if not _FACTORS[0] < tried_factor < _FACTORS[1]:
                 continue
             try:
-                tried = camera_with_focal_factor(prior.camera, factor)
-                there = with_lenses(tried, read_problem(moved, problem))
-                polished, more = minimize(there, noise_px, iterations=15, tolerance=1e-6)
+                tried = camera_with_focal_factor(prior.camera, tried_factor)
+                polished, more = minimize(
+                    with_lenses(tried, step.moved(problem, share)), noise_px, iterations=15, tolerance=1e-6
+                )
             except (RuntimeError, CalibrationError):  # the step is too long: try a shorter one
                 continue
-            # Checked before the graph is evaluated: gtsam prints a message to the standard output for each landmark
-            # behind a camera with a variable calibration.
-            if not np.isfinite(polished.residuals(tried)).all():
-                continue
-            graph_there, values_there = build_graph(tried, polished, noise_px, robust=False, prior=prior)
-            if (new := float(graph_there.error(values_there))) < error:
+            new = error_of(tried_factor, more[-1])
+            if new < error and np.isfinite(polished.residuals(tried)).all():
                 break
         else:
             break
         gain, error = error - new, new
-        camera, problem, graph, values = tried, polished, graph_there, values_there
+        camera, problem, factor = tried, polished, tried_factor
         errors = (*errors, *more)
         if gain < _NEWTON_TOLERANCE * error:
             break
     return fit._replace(camera=camera, problem=problem, errors=errors)
+
+
+class _NewtonStep(NamedTuple):
+    """A step of the logarithm of the focal length, and what follows it."""
+
+    log_scale: float
+    #: (6 K,)
+    poses: Floats
+    #: (3 L,) Of the points, over their roots.
+    of_points: Floats
+    equations: Equations
+
+    def moved(self, problem: BundleProblem, share: float) -> BundleProblem:
+        """Poses and points after a share of the step."""
+        return stepped(problem, self.equations, share * self.poses, share * self.of_points)
+
+
+def _newton_step(
+    camera: Camera, problem: BundleProblem, noise_px: float, factor: float, prior: LensPrior
+) -> _NewtonStep:
+    """The step in all unknowns at the optimum of poses and points, which follow the focal length."""
+    projected = at_projections(camera, problem)
+    lens = lens_derivatives(camera, projected)
+    found = shared_equations(projected, noise_px, SharedErrors.of_lens(lens), residuals_of(projected, problem))
+    coupling, of_points = found.coupling[:, 0], found.of_points[:, :, 0].ravel()
+    follows = -inverse_of_poses(found.equations.information) @ coupling
+    information = float(found.own[:, 0, 0].sum() - of_points @ of_points + coupling @ follows)
+    gradient = float(found.gradient[0] + follows @ found.scores.sum(axis=0))
+    # The prior is that of the factor, which a step of its logarithm moves in proportion.
+    information += (factor / prior.focal) ** 2
+    gradient += (factor - 1) * factor / prior.focal**2
+    step = -gradient / information
+    return _NewtonStep(step, step * follows, step * of_points, found.equations)

@@ -1,4 +1,4 @@
-"""The factor graph of bundle adjustment and its optimum.
+"""The factor graph of bundle adjustment.
 
 Variables: ``X(frame)`` are poses world_from_cam, ``L(track)`` are landmarks, ``K(0)`` is the calibration where the lens
 has a prior; otherwise the calibration is held.
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     import gtsam
 
 __all__ = [
-    "CAUCHY",
     "GAUGE",
     "PoseTerms",
     "build_graph",
@@ -39,15 +38,11 @@ __all__ = [
     "is_undistorted_first",
     "landmark_key",
     "measured_pixels",
-    "optimize",
     "pose_key",
     "projection",
-    "read_focal_factor",
     "read_problem",
 ]
 
-#: Tuning constant with 95 % efficiency on Gaussian residuals (Holland and Welsch 1977).
-CAUCHY = 2.3849
 #: Standard deviation that practically fixes a variable; much faster than constrained noise in gtsam.
 _GAUGE_SIGMA = 1e-6
 #: Relative standard deviation of the range factor. The optimum does not depend on it, as the scale is otherwise free.
@@ -78,7 +73,7 @@ def landmark_key(track_id: int) -> int:
 
 
 def build_graph(
-    camera: Camera, problem: BundleProblem, noise_px: float, *, robust: bool, prior: LensPrior | None = None
+    camera: Camera, problem: BundleProblem, noise_px: float, *, prior: LensPrior | None = None
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Build the factor graph of a problem: reprojection factors, gauge, baseline range, and the priors that there are.
 
@@ -86,9 +81,7 @@ def build_graph(
     """
     import gtsam
 
-    noise: gtsam.noiseModel.Base = gtsam.noiseModel.Isotropic.Sigma(2, noise_px)
-    if robust:
-        noise = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(CAUCHY), noise)
+    noise = gtsam.noiseModel.Isotropic.Sigma(2, noise_px)
     factor = projection(camera, problem.pixels, noise, adjusted=prior is not None)
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     pose_keys = [pose_key(frame) for frame in problem.frames]
@@ -210,40 +203,6 @@ def _unit_of_k1(camera: Camera) -> float:
     return float(np.abs(bent - np.resize((*camera.distortion, *np.zeros(len(bent))), len(bent))).max())
 
 
-def optimize(
-    camera: Camera, problem: BundleProblem, noise_px: float, *, robust: bool, iterations: int, tolerance: float
-) -> tuple[BundleProblem, list[float]]:
-    """Optimize poses and landmarks for a held camera.
-
-    * ``tolerance``: Relative decrease of the error below which the iterations end.
-    * Returns ``errors``: Root mean square residual in pixels at the start and after each iteration.
-    """
-    import gtsam
-
-    graph, values = build_graph(camera, problem, noise_px, robust=robust)
-    errors = [_rms_px(float(graph.error(values)), noise_px, problem)]
-    params = gtsam.LevenbergMarquardtParams()
-    optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, params)
-    error = float(optimizer.error())
-    # gtsam's own loop does not tell the error of each iteration. The tolerances are those of gtsam.
-    for _ in range(iterations):
-        optimizer.iterate()
-        before, error = error, float(optimizer.error())
-        errors.append(_rms_px(error, noise_px, problem))
-        if not np.isfinite(error) or gtsam.checkConvergence(
-            tolerance, params.getAbsoluteErrorTol(), 0.0, before, error
-        ):
-            break
-    if not np.isfinite(error):
-        raise RuntimeError("bundle adjustment diverged: the error is not finite")
-    return read_problem(optimizer.values(), problem), errors
-
-
-def _rms_px(error: float, noise_px: float, problem: BundleProblem) -> float:
-    """Root mean square of the 2-D residuals from the error that gtsam computes."""
-    return float(noise_px * np.sqrt(2 * error / len(problem.views)))
-
-
 def read_problem(values: gtsam.Values, problem: BundleProblem) -> BundleProblem:
     """Replace the poses and points of a problem by those of gtsam values."""
     poses = tuple(_pose(values.atPose3(pose_key(frame))) for frame in problem.frames)
@@ -253,10 +212,3 @@ def read_problem(values: gtsam.Values, problem: BundleProblem) -> BundleProblem:
 
 def _pose(pose3: gtsam.Pose3) -> Pose:
     return Pose(np.asarray(pose3.rotation().matrix(), float), np.asarray(pose3.translation(), float))
-
-
-def read_focal_factor(camera: Camera, values: gtsam.Values) -> float:
-    """Read the focal length of gtsam values over that of the stated camera."""
-    at = getattr(values, f"at{type(gtsam_calibration(camera, adjusted=True)).__name__}")
-    calibration = at(calibration_key())
-    return float(np.sqrt(calibration.fx() * calibration.fy()) / np.sqrt(camera.fx * camera.fy))

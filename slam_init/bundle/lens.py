@@ -50,6 +50,19 @@ def at_projections(camera: Camera, problem: BundleProblem) -> BundleProblem:
     return with_lenses(camera, replace(problem, pixels=problem.pixels + problem.residuals(camera)))
 
 
+def residuals_of(projected: BundleProblem, measured: BundleProblem) -> Floats:
+    """The residuals of a problem in the virtual cameras of its projections.
+
+    Shapes: returns (M, 2).
+
+    * ``projected``: Of :func:`at_projections`.
+    """
+    if projected.lenses is None or measured.lenses is None:
+        raise ValueError("a problem without lenses: make them by with_lenses")
+    rays = projected.lenses[:, 2] - measured.lenses[:, 2]
+    return np.asarray(np.einsum("mij,mj->mi", projected.lenses[:, :2], rays))
+
+
 def lens_derivatives(camera: Camera, problem: BundleProblem) -> Floats:
     """How the residuals in the virtual cameras follow the lens: log focal length, principal point (2), k1.
 

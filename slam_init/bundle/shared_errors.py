@@ -32,7 +32,7 @@ from slam_init.bundle.covariances import (
 )
 from slam_init.bundle.graph import PoseTerms
 from slam_init.bundle.least_squares import arrays_of
-from slam_init.bundle.lens import lens_derivatives
+from slam_init.bundle.lens import lens_derivatives, residuals_of
 from slam_init.bundle.problem import BundleProblem, LensPrior
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats, evenly_spaced
@@ -73,10 +73,7 @@ def error_model(
     * ``projected``: The problem at its optimum, of :func:`slam_init.bundle.lens.at_projections`.
     * ``measured``: The same problem with what was measured.
     """
-    if projected.lenses is None or measured.lenses is None:
-        raise ValueError("a problem without lenses: make them by with_lenses")
-    across = projected.lenses[:, :2]
-    residuals = np.einsum("mij,mj->mi", across, projected.lenses[:, 2] - measured.lenses[:, 2])
+    residuals = residuals_of(projected, measured)
     by_lens, places = lens_derivatives(camera, projected), _polynomials(camera, projected.pixels)
     shared = SharedErrors(by_lens, lens.sigmas, np.array(lens.fitted), places, 0.0)
     chosen = np.zeros(len(projected.points), bool)

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.bundle.points import fit_points
+from slam_init.bundle.least_squares import fit_points, with_lenses
 from slam_init.bundle.problem import BundleProblem
 from slam_init.config import Config
 from slam_init.datasets import open_source
@@ -116,7 +116,7 @@ def _with_true_start(map_: InitialMap, truth: Trajectory, seen: Sequence[Observa
         landmarks=map_.observation_landmarks,
         pixels=map_.observation_pixels,
     )
-    fitted = fit_points(map_.camera, problem, map_.noise_px)
+    fitted = fit_points(with_lenses(map_.camera, problem), map_.noise_px)
     growing = GrowingMap(replace(map_, keyframes=keyframes, points=fitted.points))
     located = [one.keyframe for observed in seen if (one := growing.locate(observed)) is not None]
     return path_error([*keyframes, *located], truth)

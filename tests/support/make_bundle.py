@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import gtsam
 import numpy as np
 from make_scene import CONFIG
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
+from slam_init.bundle.least_squares import CAUCHY
 from slam_init.bundle.problem import BundleProblem, BundleSolution
 from slam_init.types.pose import Pose
 
@@ -34,6 +36,18 @@ def disturbed(
     return replace(
         exact, world_from_cam=tuple(poses), points=exact.points * rng.normal(1, 0.02, (len(exact.points), 1))
     )
+
+
+def with_kernel(graph: gtsam.NonlinearFactorGraph, observations: int) -> gtsam.NonlinearFactorGraph:
+    """The same graph with Cauchy's kernel on its reprojection factors, which come first."""
+    cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(CAUCHY)
+    robust = gtsam.NonlinearFactorGraph()
+    for number in range(graph.size()):
+        factor = graph.at(number)
+        if number < observations:
+            factor = factor.cloneWithNewNoiseModel(gtsam.noiseModel.Robust.Create(cauchy, factor.noiseModel()))
+        robust.add(factor)
+    return robust
 
 
 def scale_of(solution: BundleSolution, exact: BundleProblem) -> float:

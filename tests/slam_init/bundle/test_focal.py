@@ -159,7 +159,7 @@ def test_if_a_round_of_the_focal_length_fails_the_result_is_that_of_the_last_one
 def test_if_all_steps_of_the_focal_length_fail_the_stated_one_is_kept(monkeypatch):
     rng = np.random.default_rng(0)
     noisy = problem(CAMERA, cloud(rng), ROTATING, 0.2, rng)
-    monkeypatch.setattr(focal, "minimize", failing_from(focal.minimize, 1))
+    monkeypatch.setattr(focal, "minimize", failing_from(focal.minimize, 2))
     solution = adjust(CAMERA, noisy, FOCAL)
     assert isinstance(solution, BundleSolution)
     assert solution.focal_factor == 1

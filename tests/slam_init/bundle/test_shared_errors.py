@@ -193,7 +193,7 @@ def test_the_prior_of_the_graph_has_the_deviations_of_the_lens():
     rng = np.random.default_rng(11)
     seen = problem(CAMERA, cloud(rng, 40), ROTATING, 0.3, rng)
     prior = lens_prior(CAMERA, LENS)
-    graph, _ = build_graph(CAMERA, seen, 1e4, robust=False, prior=prior)
+    graph, _ = build_graph(CAMERA, seen, 1e4, prior=prior)
     (factor,) = (one for one in map(graph.at, range(graph.size())) if type(one).__name__.startswith("PriorFactorCal3"))
     covariance = np.linalg.inv(factor.noiseModel().R().T @ factor.noiseModel().R())
     sigmas = np.sqrt(np.diag(covariance))[[0, 3, 4, 5]] / [CAMERA.fx, 1, 1, 1]

@@ -50,7 +50,7 @@ def test_the_errors_of_gtsam_are_the_residuals_of_the_raw_pixels(model):
     camera, rng = LENSES[model], np.random.default_rng(4)
     problem = problem_around(camera, 0.1, rng, ROTATING[:2], 40)
     residuals = problem.residuals(camera)
-    graph, values = build_graph(camera, problem, 1.0, robust=False)
+    graph, values = build_graph(camera, problem, 1.0)
     theirs = np.array([graph.at(i).error(values) for i in range(len(residuals))])
     ours = 0.5 * np.sum(residuals**2, axis=1)
     if model == "thin-prism":  # its factors measure undistorted pixels
