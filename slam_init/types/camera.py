@@ -23,13 +23,10 @@ from slam_init.types.lenses.lens import Lens
 from slam_init.types.lenses.models import COEFFICIENTS, bent_coefficients, check_coefficients, lens_of
 from slam_init.types.lenses.planar import (
     MAX_PLANAR_ANGLE_RAD,
-    distort_fisheye,
-    distort_radtan,
+    FisheyeLens,
+    RadialTangentialLens,
     polynomial,
-    radial_part,
     turning_radius,
-    undistort_fisheye,
-    undistort_radtan,
 )
 
 # Range of the focal length in units of the longer side: a fisheye of 180 degrees has 0.3, a telescope 100. A value
@@ -178,6 +175,11 @@ class Camera(Described):
         if self.model in ("pinhole", "radtan") or (self.model == "fisheye" and not self._sees_beyond_the_plane()):
             return None
         return lens_of(self.model, self.distortion)
+
+    @property
+    def _planar_lens(self) -> RadialTangentialLens | FisheyeLens:
+        """The lens where :attr:`lens` is None."""
+        return (FisheyeLens if self.model == "fisheye" else RadialTangentialLens)(self.distortion)
 
     def _sees_beyond_the_plane(self) -> bool:
         """Whether a corner of a fisheye image is beyond 89 degrees."""
@@ -346,9 +348,7 @@ class Camera(Described):
             rays = self.lens.unproject(centred)
             with np.errstate(all="ignore"):  # rays behind the plane
                 return np.where((rays[:, 2] >= _LEAST_DEPTH)[:, None], rays[:, :2] / rays[:, 2:], np.nan)
-        if self.model == "fisheye":
-            return undistort_fisheye(centred, self.distortion)
-        return undistort_radtan(centred, self.distortion) if self.is_distorted else centred
+        return self._planar_lens.undistort(centred)
 
     def bearings(self, pixels: Floats) -> Floats:
         """Compute the bearings of raw pixels.
@@ -387,28 +387,17 @@ class Camera(Described):
         points = np.asarray(points, float).reshape(-1, 3)
         if self.lens is not None:
             return np.asarray(self.lens.project(points) * (self.fx, self.fy) + (self.cx, self.cy))
-        in_front = points[:, 2] > 0
+        in_front, lens = points[:, 2] > 0, self._planar_lens
         xy = points[:, :2] / np.where(in_front, points[:, 2], 1.0)[:, None]
-        seen = in_front
-        if self.model == "fisheye":
-            angle = np.arctan(np.hypot(xy[:, 0], xy[:, 1]))
-            seen = in_front & (angle < turning_radius(self.distortion, MAX_PLANAR_ANGLE_RAD))
-            xy = distort_fisheye(xy, self.distortion)
-        elif self.is_distorted:
-            seen = in_front & (np.hypot(xy[:, 0], xy[:, 1]) < turning_radius(radial_part(self.distortion), np.inf))
-            xy = distort_radtan(xy, self.distortion)
-        pixels = xy * (self.fx, self.fy) + (self.cx, self.cy)
-        pixels[~seen] = np.nan
-        return np.asarray(pixels)
+        pixels = lens.distort(xy) * (self.fx, self.fy) + (self.cx, self.cy)
+        return np.where((in_front & lens.sees(xy))[:, None], pixels, np.nan)
 
     @property
     def max_tangent(self) -> float:
         """Tangent of the largest angle from the optical axis that the lens sees; infinite where nothing limits it."""
         if self.lens is not None:
             return math.tan(self.lens.max_angle_rad) if self.lens.max_angle_rad < math.pi / 2 else math.inf
-        if self.model == "fisheye":
-            return math.tan(turning_radius(self.distortion, MAX_PLANAR_ANGLE_RAD))
-        return turning_radius(radial_part(self.distortion), np.inf) if self.is_distorted else math.inf
+        return self._planar_lens.max_tangent
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         known = (

@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from slam_init.types.arrays import Floats
-from slam_init.types.lenses.lens import Lens
-from slam_init.types.lenses.profiles import Profile
+from slam_init.types.lenses.lens import Lens, Profile
 from slam_init.window.compiler import compiled
 
 #: Length of the vector of a lens.

@@ -6,11 +6,10 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
-from slam_init.types.lenses.planar import radial_part, turning_radius
 from slam_init.window.compiler import compiled
 
 #: Newton's method ends where it moves a point of the plane z = 1 by less, or after so many steps; a point whose pixel
-#: is still off by more has no ray. As :func:`slam_init.types.lenses.planar.undistort_radtan`.
+#: is still off by more has no ray. As :func:`slam_init.types.lenses.planar.RadialTangentialLens.undistort`.
 _CONVERGED, _STEPS, _SOLVED = 1e-13, 30, 1e-10
 
 
@@ -23,13 +22,12 @@ def measured_rays(camera: Camera, pixels: Floats, seen: Bools) -> Floats:
     """
     if camera.lens is not None or camera.model not in ("pinhole", "radtan"):
         return camera.bearings(pixels.reshape(-1, 2)).reshape(*seen.shape, 3)
-    numbers, limit = np.zeros(9), np.inf
+    numbers = np.zeros(9)
     numbers[:4] = camera.fx, camera.fy, camera.cx, camera.cy
     if camera.is_distorted:
         numbers[4 : 4 + len(camera.distortion)] = camera.distortion
-        limit = turning_radius(radial_part(camera.distortion), np.inf)
     rays = np.empty((*seen.shape, 3))
-    _unproject(numbers, limit, np.ascontiguousarray(pixels), seen, rays)
+    _unproject(numbers, camera.max_tangent, np.ascontiguousarray(pixels), seen, rays)
     return rays
 
 

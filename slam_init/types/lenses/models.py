@@ -26,9 +26,7 @@ import math
 from functools import lru_cache
 
 from slam_init.errors import CalibrationError
-from slam_init.types.lenses.bending import STRAIGHT, Bending
-from slam_init.types.lenses.lens import Lens
-from slam_init.types.lenses.profiles import Profile
+from slam_init.types.lenses.lens import STRAIGHT, Bending, Lens, Profile
 
 #: The names of the coefficients of each model; those after a bar may be absent, all or none of them.
 COEFFICIENTS: dict[str, str] = {

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Bools, Floats
+from slam_init.types.lenses.lens import Bending
 
 # Newton's method doubles the number of correct digits in each step. Real lenses need 4 to 8 steps; pixels near the
 # radius at which the lens polynomial stops growing need more.
@@ -16,11 +18,6 @@ _NEWTON_STEPS = 30
 _SOLVED = 1e-10
 #: Rays are represented on the plane z = 1, which ends at 90 degrees.
 MAX_PLANAR_ANGLE_RAD = math.radians(89.0)
-
-
-def radial_part(distortion: tuple[float, ...]) -> tuple[float, ...]:
-    """Pick the radial coefficients ``k1, k2[, k3]`` of radtan ones."""
-    return (*distortion[:2], *distortion[4:])
 
 
 def polynomial(k: tuple[float, ...], r: Floats) -> tuple[Floats, Floats]:
@@ -47,81 +44,96 @@ def turning_radius(k: tuple[float, ...], limit: float) -> float:
     return min(limit, float(np.sqrt(real.min()))) if len(real) else limit
 
 
-def distort_radtan(xy: Floats, distortion: tuple[float, ...]) -> Floats:
-    """Distort points of the plane z = 1.
+@dataclass(frozen=True)
+class RadialTangentialLens:
+    """OpenCV's ``k1 k2 p1 p2 [k3]``; without coefficients the lens of a pinhole camera."""
 
-    Shapes: ``xy`` (N, 2), returns (N, 2).
-    """
-    return np.column_stack(_distorted(xy[:, 0], xy[:, 1], distortion)[:2])
+    coefficients: tuple[float, ...]
 
+    @property
+    def max_tangent(self) -> float:
+        """Radius on the plane at which the distorted radius stops growing."""
+        return turning_radius((*self.coefficients[:2], *self.coefficients[4:]), np.inf)
 
-def _distorted(x: Floats, y: Floats, distortion: tuple[float, ...]) -> tuple[Floats, Floats, Floats, Floats]:
-    """Both coordinates of distorted points, the squares of their ideal radii and the radial factors."""
-    k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    distorted_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    distorted_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    return distorted_x, distorted_y, r2, radial
+    def sees(self, xy: Floats) -> Bools:
+        """Tell which points of the plane are within the field: ``xy`` (N, 2), returns (N,).
 
+        The field of a lens without distortion has no border, so that an infinite point keeps its infinite pixel.
+        """
+        if not any(self.coefficients):
+            return np.ones(len(xy), bool)
+        return np.asarray(np.hypot(xy[:, 0], xy[:, 1]) < self.max_tangent)
 
-def undistort_radtan(distorted: Floats, distortion: tuple[float, ...]) -> Floats:
-    """Invert :func:`distort_radtan`.
+    def distort(self, xy: Floats) -> Floats:
+        """Distort points of the plane: ``xy`` (N, 2), returns (N, 2)."""
+        k1, k2, p1, p2, k3 = (*self.coefficients, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+        return Bending(k1, k2, k3, p1=p1, p2=p2).apply(xy)
 
-    Newton's method starts from the distorted point. For the radial part alone it converges monotonically, for barrel
-    and for pincushion lenses (the profile is concave or convex). The tangential part is small.
+    def undistort(self, distorted: Floats) -> Floats:
+        """Invert :meth:`distort`: ``distorted`` (N, 2), returns (N, 2) with NaN where there is no ray.
 
-    Shapes: ``distorted`` (N, 2), returns (N, 2).
-    """
-    k1, k2, p1, p2, k3 = (*distortion, 0.0)[:5]
-    wanted_x, wanted_y = np.ascontiguousarray(distorted.T)
-    x, y = wanted_x, wanted_y
-    with np.errstate(all="ignore"):  # points without a ray may overflow; they end as NaN
-        for _ in range(_NEWTON_STEPS):
-            distorted_x, distorted_y, r2, radial = _distorted(x, y, distortion)
-            left_x, left_y = distorted_x - wanted_x, distorted_y - wanted_y
-            radial_slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial / d r2, times 2
-            jxx = radial + x * x * radial_slope + 2 * p1 * y + 6 * p2 * x
-            jxy = x * y * radial_slope + 2 * p1 * x + 2 * p2 * y
-            jyy = radial + y * y * radial_slope + 6 * p1 * y + 2 * p2 * x
-            determinant = jxx * jyy - jxy * jxy
-            step_x = (jyy * left_x - jxy * left_y) / determinant
-            step_y = (jxx * left_y - jxy * left_x) / determinant
-            x, y = x - step_x, y - step_y
-            if np.all(np.abs(step_x) < 1e-13) and np.all(np.abs(step_y) < 1e-13):
-                break
-        xy = np.column_stack([x, y])
-        residual = distort_radtan(xy, distortion) - distorted
-        solved = np.abs(residual).max(axis=1, initial=0.0) < _SOLVED
-        # A root beyond the turning radius is another ray, which the lens polynomial maps to the same pixel.
-        seen = np.hypot(xy[:, 0], xy[:, 1]) < turning_radius(radial_part(distortion), np.inf)
-    xy[~(solved & seen)] = np.nan
-    return xy
-
-
-def distort_fisheye(xy: Floats, distortion: tuple[float, ...]) -> Floats:
-    """Distort points of the plane z = 1: their distorted radius is a polynomial of the angle.
-
-    Shapes: ``xy`` (N, 2), returns (N, 2).
-    """
-    radius = np.hypot(xy[:, 0], xy[:, 1])
-    distorted, _ = polynomial(distortion, np.arctan(radius))
-    return np.asarray(xy * np.where(radius > 1e-12, distorted / np.maximum(radius, 1e-12), 1.0)[:, None])
+        Newton's method starts from the distorted point. For the radial part alone it converges monotonically, for
+        barrel and for pincushion lenses (the profile is concave or convex). The tangential part is small.
+        """
+        if not any(self.coefficients):
+            return distorted
+        k1, k2, p1, p2, k3 = (*self.coefficients, 0.0)[:5]
+        xy = distorted
+        with np.errstate(all="ignore"):  # points without a ray may overflow; they end as NaN
+            for _ in range(_NEWTON_STEPS):
+                x, y = np.ascontiguousarray(xy.T)
+                left_x, left_y = (self.distort(xy) - distorted).T
+                r2 = x * x + y * y
+                radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+                slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial / d r2, times 2
+                jxx = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
+                jxy = x * y * slope + 2 * p1 * x + 2 * p2 * y
+                jyy = radial + y * y * slope + 6 * p1 * y + 2 * p2 * x
+                determinant = jxx * jyy - jxy * jxy
+                step_x = (jyy * left_x - jxy * left_y) / determinant
+                step_y = (jxx * left_y - jxy * left_x) / determinant
+                xy = np.column_stack([x - step_x, y - step_y])
+                if (np.abs(step_x) < 1e-13).all() and (np.abs(step_y) < 1e-13).all():
+                    break
+            solved = np.abs(self.distort(xy) - distorted).max(axis=1, initial=0.0) < _SOLVED
+            # A root beyond the turning radius is another ray, which the lens polynomial maps to the same pixel.
+            return np.where((solved & self.sees(xy))[:, None], xy, np.nan)
 
 
-def undistort_fisheye(distorted: Floats, distortion: tuple[float, ...]) -> Floats:
-    """Invert :func:`distort_fisheye`.
+@dataclass(frozen=True)
+class FisheyeLens:
+    """OpenCV's ``k1 k2 k3 k4``: the distorted radius is a polynomial of the angle."""
 
-    Shapes: ``distorted`` (N, 2), returns (N, 2).
-    """
-    radius = np.hypot(distorted[:, 0], distorted[:, 1])
-    limit = turning_radius(distortion, MAX_PLANAR_ANGLE_RAD)
-    angle = np.minimum(radius, limit)
-    with np.errstate(all="ignore"):  # points without a ray end as NaN
-        for _ in range(_NEWTON_STEPS):
-            value, slope = polynomial(distortion, angle)
-            angle = np.clip(angle - (value - radius) / slope, 0.0, limit)
-        value, _ = polynomial(distortion, angle)
-        solved = (np.abs(value - radius) < _SOLVED) & (angle < limit)
-        scale = np.where(radius > 1e-12, np.tan(angle) / np.maximum(radius, 1e-12), 1.0)
-    return np.where(solved[:, None], distorted * scale[:, None], np.nan)
+    coefficients: tuple[float, ...]
+
+    @property
+    def _limit_rad(self) -> float:
+        return turning_radius(self.coefficients, MAX_PLANAR_ANGLE_RAD)
+
+    @property
+    def max_tangent(self) -> float:
+        """Tangent of the angle at which the distorted radius stops growing, or of 89 degrees."""
+        return math.tan(self._limit_rad)
+
+    def sees(self, xy: Floats) -> Bools:
+        """Tell which points of the plane are within the field: ``xy`` (N, 2), returns (N,)."""
+        return np.asarray(np.arctan(np.hypot(xy[:, 0], xy[:, 1])) < self._limit_rad)
+
+    def distort(self, xy: Floats) -> Floats:
+        """Distort points of the plane: ``xy`` (N, 2), returns (N, 2)."""
+        radius = np.hypot(xy[:, 0], xy[:, 1])
+        distorted, _ = polynomial(self.coefficients, np.arctan(radius))
+        return np.asarray(xy * np.where(radius > 1e-12, distorted / np.maximum(radius, 1e-12), 1.0)[:, None])
+
+    def undistort(self, distorted: Floats) -> Floats:
+        """Invert :meth:`distort`: ``distorted`` (N, 2), returns (N, 2) with NaN where there is no ray."""
+        radius, limit = np.hypot(distorted[:, 0], distorted[:, 1]), self._limit_rad
+        angle = np.minimum(radius, limit)
+        with np.errstate(all="ignore"):  # points without a ray end as NaN
+            for _ in range(_NEWTON_STEPS):
+                value, slope = polynomial(self.coefficients, angle)
+                angle = np.clip(angle - (value - radius) / slope, 0.0, limit)
+            value, _ = polynomial(self.coefficients, angle)
+            solved = (np.abs(value - radius) < _SOLVED) & (angle < limit)
+            scale = np.where(radius > 1e-12, np.tan(angle) / np.maximum(radius, 1e-12), 1.0)
+        return np.where(solved[:, None], distorted * scale[:, None], np.nan)
