@@ -14,17 +14,17 @@ forward or sideways by 15, 30 or 45 degrees from straight down. In ``handheld`` 
 turns the camera about an axis that changes, with little or no translation; in ``pan`` the camera turns steadily.
 :func:`make_points` makes tracks without images, in scenes of the same kind.
 
-The option ``lens`` renders through a wide lens (:mod:`sequences_synth.lens_camera`).
+The option ``lens`` renders through a wide lens (:mod:`sequences_synth.camera`).
 
 A frame may have a rolling shutter: a pixel in row y is exposed at ``t_frame + readout (y / height - 1/2)``, and the
 pose and the time stamp of a frame are those of its middle row (:mod:`sequences_synth.shutter`).
 """
 
-from sequences_synth.camera import PinholeCamera
-from sequences_synth.lens_camera import LENSES, LensCamera
-from sequences_synth.points import POINT_SCENES, SCENES_WITHOUT_TRANSLATION, PointOptions, PointSequence, make_points
+from sequences_synth.camera import LENSES, LensCamera, PinholeCamera
+from sequences_synth.options import PointOptions, SynthOptions
+from sequences_synth.points import POINT_SCENES, SCENES_WITHOUT_TRANSLATION, PointSequence, make_points
 from sequences_synth.scene import SCENES, STANDARD_SCENES
-from sequences_synth.sequence import SynthOptions, SynthSequence, make_sequence
+from sequences_synth.sequence import SynthSequence, make_sequence
 from sequences_synth.tracking_error import TrackingError
 from sequences_synth.writer import write_tum
 

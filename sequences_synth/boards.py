@@ -1,23 +1,26 @@
-"""Bodies that move and turn in front of the camera: textured boards that fill a stated share of its view.
+"""Boards in front of the camera: bodies that move and turn, cards that sway, and a tag of known size.
 
-The boards follow the gaze of the camera, as a person does whom the camera follows, so that their share of the view is
-the same in every frame. In the frame of the camera they sway and oscillate about their own vertical axes. A pair of
-views in which most tracks lie on one board therefore shows the rigid motion of this board.
+The bodies are textured boards that fill a stated share of the view. They follow the gaze of the camera, as a person
+does whom the camera follows, so that their share of the view is the same in every frame. In the frame of the camera
+they sway and oscillate about their own vertical axes. A pair of views in which most tracks lie on one board therefore
+shows the rigid motion of this board.
+
+The tag is an AprilTag of the family 36h11, on a board that faces the camera at first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sequences_synth.arrays import Floats, Image
 from sequences_synth.builder import Setup
+from sequences_synth.texture import Texture, halved
 from sequences_synth.textured_quad import Quad
-from sequences_synth.trajectory import rotation_from_vector
-
-Floats = NDArray[np.float64]
+from sequences_synth.trajectory import Path, progress, rotation_from_vector
 
 # Amplitude of the turning, radians: at more than 40 degrees a board would hide itself.
 _TURN_RAD = np.radians(35.0)
@@ -100,6 +103,39 @@ def moving_boards(
     return boards
 
 
+def moving_cards(setup: Setup, path: Path, quads: list[Quad], share: float) -> list[Quad]:
+    """Make boards that sway in front of the camera; together they cover about the given share of the image.
+
+    The boards follow the steady path of the camera, so that they stay in view.
+    """
+    rng = setup.rng
+    pose = path.steady(0.0, 0.0)
+    right, down, ahead = pose[:3, 0], pose[:3, 1], pose[:3, 2]
+    # The boards are clearly nearer than the scene, so that they never intersect it.
+    distance = 0.6 * nearest_ahead(setup, quads, pose)
+    view_w, view_h = distance * setup.width / setup.K[0, 0], distance * setup.height / setup.K[1, 1]
+    count = 3
+    painter = setup.painter(pose[:3, 3], distance)
+    painter.count = len(quads)
+    cards = []
+    for i in range(count):
+        w, h = view_w * np.sqrt(share / count), view_h * np.sqrt(share / count)
+        x = view_w * ((i + 0.5) / count - 0.5)
+        y = rng.uniform(-0.5, 0.5) * (view_h - h)
+        corner = pose[:3, 3] + (1 - 0.05 * i) * distance * ahead + (x - 0.5 * w) * right + (y - 0.5 * h) * down
+        sway, rate, phase = 0.12 * view_w * setup.random_sign(), rng.uniform(0.05, 0.09), rng.uniform(0, 2 * np.pi)
+
+        def displacement(frame: float, sway: float = sway, rate: float = rate, phase: float = phase) -> Floats:
+            moved = progress(frame - path.move_from, path.slow_start)
+            carried = path.centre(moved) - path.centre(0.0)
+            return np.asarray(
+                carried + sway * (np.sin(phase + rate * frame) * right + 0.4 * np.cos(phase + rate * frame) * down)
+            )
+
+        cards.append(painter.quad(corner, w * right, h * down, "print", displacement=displacement))
+    return cards
+
+
 def nearest_ahead(setup: Setup, quads: Sequence[Quad], pose: Floats) -> float:
     """Compute the least depth of the scene along 7x7 rays spread over the view.
 
@@ -115,3 +151,54 @@ def nearest_ahead(setup: Setup, quads: Sequence[Quad], pose: Floats) -> float:
         a, b = np.linalg.pinv(edges) @ (pose[:3, 3:] + depth * rays - quad.corner[:, None])
         depths.append(depth[(depth > 0) & (a >= 0) & (a <= 1) & (b >= 0) & (b <= 1)])
     return float(np.concatenate(depths).min())
+
+
+# -- tag -------------------------------------------------------------------------------------------
+
+
+#: Number of the tag in its family.
+TAG_NUMBER = 7
+# Cells of the tag with its black border, and of the white margin on each side.
+_CELLS, _MARGIN = 8, 1
+_CELL_TEXELS = 32
+# Depth of the board over the least depth of the scene: the board intersects nothing.
+_TAG_NEARER = 0.7
+# Grey levels of the black and of the white print.
+_BLACK, _WHITE = 30, 225
+# The board is turned about its vertical axis, so that its size and its distance are distinguished.
+_TAG_TURN_RAD = np.radians(20.0)
+
+
+@dataclass(frozen=True, eq=False)
+class TagTexture(Texture):
+    """The texture of the board."""
+
+    @cached_property
+    def levels(self) -> list[Image]:
+        """Images of the texture, each half as large as the one before.
+
+        Shapes: returns (H, W, 3).
+        """
+        import cv2
+
+        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+        tag = cv2.aruco.generateImageMarker(dictionary, TAG_NUMBER, _CELLS * _CELL_TEXELS)
+        margin = _MARGIN * _CELL_TEXELS
+        printed = np.pad(np.where(tag > 0, _WHITE, _BLACK).astype(np.uint8), margin, constant_values=_WHITE)
+        return halved(np.repeat(cv2.GaussianBlur(printed, (0, 0), 0.7)[:, :, None], 3, axis=2))
+
+
+def tag_board(setup: Setup, world_from_cam: Callable[[float], Floats], quads: Sequence[Quad], side_m: float) -> Quad:
+    """Make the board."""
+    pose = world_from_cam(0.0)
+    depth = _TAG_NEARER * nearest_ahead(setup, quads, pose)
+    side = side_m * (_CELLS + 2 * _MARGIN) / _CELLS
+    texels = (_CELLS + 2 * _MARGIN) * _CELL_TEXELS
+    # The black square goes from the outer edge of its first texel to that of its last one; texel centres are half a
+    # texel inside.
+    half = 0.5 * side * (texels - 1) / texels
+    c, s = np.cos(_TAG_TURN_RAD), np.sin(_TAG_TURN_RAD)
+    u, v = 2 * half * np.array([c, 0.0, s]), 2 * half * np.array([0.0, 1.0, 0.0])
+    corner = np.array([0.0, 0.0, depth]) - 0.5 * (u + v)
+    R = pose[:3, :3]
+    return Quad(R @ corner + pose[:3, 3], R @ u, R @ v, TagTexture((*setup.seed, 0), texels, texels, "wall"))

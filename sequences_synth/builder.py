@@ -6,13 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sequences_synth.hand_motion import Handling
+from sequences_synth.arrays import Floats
 from sequences_synth.textured_quad import Painter
-from sequences_synth.trajectory import Jitter
-
-Floats = NDArray[np.float64]
+from sequences_synth.trajectory import Handling, Jitter
 
 # A hand trembles by a fraction of a degree and some millimetres.
 HAND_DEG, _HAND_M = 0.25, 0.004

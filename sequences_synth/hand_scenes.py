@@ -6,15 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sequences_synth.arrays import Floats
 from sequences_synth.builder import Setup
-from sequences_synth.hand_motion import Arc, HandTurning
 from sequences_synth.room_scenes import furnished_room
 from sequences_synth.textured_quad import Quad
-from sequences_synth.trajectory import orientation, rotation_from_vector
-
-Floats = NDArray[np.float64]
+from sequences_synth.trajectory import Arc, HandTurning, orientation, rotation_from_vector
 
 # Median depth of the furnished room, metres: the unit of the speed of the translation.
 _ROOM_DEPTH_M = 3.0

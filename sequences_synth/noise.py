@@ -5,11 +5,8 @@ from __future__ import annotations
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Floats32 = NDArray[np.float32]
-Image = NDArray[np.uint8]
+from sequences_synth.arrays import Floats, Floats32, Image
 
 # Blur of less than this half length in pixels is skipped: it does not affect feature detectors.
 _LEAST_BLUR_PX = 0.1

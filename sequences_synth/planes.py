@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sequences_synth.arrays import Floats
 from sequences_synth.builder import Setup, curved_path, hand_jitter, linear_angles
 from sequences_synth.textured_quad import Quad
 from sequences_synth.trajectory import PROGRESS_RANGE, Jitter, Path
-
-Floats = NDArray[np.float64]
 
 # A gimbal trembles less than a hand (degrees), but the wind moves the drone (metres).
 _GIMBAL_DEG, _GIMBAL_M = 0.08, 0.03

@@ -6,12 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sequences_synth.hand_motion import Arc, Handling, HandTurning
-from sequences_synth.trajectory import rotation_from_vector
+from sequences_synth.arrays import Floats
+from sequences_synth.trajectory import Arc, Handling, HandTurning, rotation_from_vector
 
-Floats = NDArray[np.float64]
 # Progress (...) -> vector (..., 3).
 PathFunction = Callable[[Floats], Floats]
 

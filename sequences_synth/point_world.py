@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sequences_synth.arrays import Floats, Ints
 from sequences_synth.camera import PinholeCamera
-from sequences_synth.hand_motion import Handling
-from sequences_synth.point_options import PointOptions
-from sequences_synth.point_path import Bodies, PointPath
+from sequences_synth.options import PointOptions
 from sequences_synth.point_scenes import HAND_LAYOUTS, LAYOUTS, Layout
-from sequences_synth.point_shot import Shot
+from sequences_synth.point_shot import Bodies, PointPath, Shot
 from sequences_synth.shutter import Shutter
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from sequences_synth.trajectory import Handling
 
 # Number of tracks of a sequence over the number of visible points in a view: points leave the view and others enter.
 _TRACKS_BY_VISIBLE = 1.15

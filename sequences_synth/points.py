@@ -21,20 +21,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sequences_synth.arrays import Bools, Floats, Ints
 from sequences_synth.camera import PinholeCamera, stated_camera
-from sequences_synth.limits import unknown_scene
-from sequences_synth.point_options import PointOptions
+from sequences_synth.options import PointOptions, check_scene
 from sequences_synth.point_scenes import HAND_LAYOUTS, LAYOUTS
 from sequences_synth.point_shot import Shot
 from sequences_synth.point_world import MOVING, OUTLIER, film
-from sequences_synth.schedule import Schedule
+from sequences_synth.schedule import Schedule, stream
 from sequences_synth.tracking_error import TrackingError
-
-__all__ = ["POINT_SCENES", "SCENES_WITHOUT_TRANSLATION", "PointOptions", "PointSequence", "make_points"]
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 #: Names of the scenes.
 POINT_SCENES: tuple[str, ...] = (*LAYOUTS, *HAND_LAYOUTS)
@@ -108,7 +102,7 @@ class PointSequence:
         """
         cam_from_world = np.linalg.inv(self.poses[index])
         z = self.points @ cam_from_world[2, :3] + cam_from_world[2, 3]
-        elsewhere = self.scene_of_track != self._scene(index)
+        elsewhere = self.scene_of_track != self.schedule.shown(index)[0]
         return np.asarray(np.where(self.is_outlier | self.is_moving | elsewhere, np.nan, z))
 
     def pixel_poses(self, index: int, pixels: Floats) -> Floats:
@@ -119,12 +113,8 @@ class PointSequence:
         * Returns: Poses world_from_cam, of the virtual camera in a stabilized view. With a global shutter all are the
           pose of the view.
         """
-        scene = self._scene(index)
-        shown, first = (self.schedule.ticks[k] for k in (self.schedule.content[index], scene * self.schedule.cut))
-        return self.shots[scene].pixel_poses(int(shown - first), pixels)
-
-    def _scene(self, index: int) -> int:
-        return int(0 < self.schedule.cut <= range(len(self))[index])
+        scene, tick = self.schedule.shown(index)
+        return self.shots[scene].pixel_poses(tick, pixels)
 
 
 def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -> PointSequence:
@@ -147,23 +137,18 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
     ValueError
         If the scene is unknown (the message lists the known ones), or if the seed is negative.
     """
-    if name not in POINT_SCENES:
-        raise ValueError(unknown_scene(name, POINT_SCENES))
-    if seed < 0:
-        raise ValueError(f"seed is {seed}: it must not be negative")
+    check_scene(name, seed, POINT_SCENES)
     options = options or PointOptions()
     centre = (_WIDTH - 1) / 2, (_HEIGHT - 1) / 2
     true_camera = PinholeCamera(_WIDTH, _HEIGHT, _FOCAL_PX, _FOCAL_PX, *centre, k1=options.k1)
     error = TrackingError.draw(
-        _stream(seed, b"tracking error ", name), options.views, _WIDTH, _HEIGHT, options.field_px, options.drift_px
+        stream(seed, b"tracking error ", name), options.views, _WIDTH, _HEIGHT, options.field_px, options.drift_px
     )
-    schedule = Schedule.draw(
-        _stream(seed, b"schedule ", name), options.views, options.dropped, options.repeated, options.cut
-    )
+    schedule = Schedule.draw(stream(seed, b"schedule ", name), options.views, options)
     scenes = []
     for number, frames in enumerate(schedule.scenes):
         rng, body_rng, blur_rng = (
-            _stream(seed, number * b"after the cut " + purpose, name) for purpose in (b"", b"bodies ", b"blur ")
+            stream(seed, number * b"after the cut " + purpose, name) for purpose in (b"", b"bodies ", b"blur ")
         )
         ticks = schedule.ticks[frames] - schedule.ticks[frames.start]
         shot, kinds = film(name, true_camera, ticks, options, rng, body_rng)
@@ -176,7 +161,7 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
         seed=seed,
         options=options,
         camera=stated_camera(
-            true_camera, options.focal_error, options.principal_error, _stream(seed, b"principal point ", name)
+            true_camera, options.focal_error, options.principal_error, stream(seed, b"principal point ", name)
         ),
         true_camera=true_camera,
         poses=np.concatenate([scene.poses for scene in scenes])[content],
@@ -192,11 +177,6 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
         schedule=schedule,
         shots=tuple(scene.shot for scene in scenes),
     )
-
-
-def _stream(seed: int, purpose: bytes, name: str) -> np.random.Generator:
-    """A generator for one effect. The options of the effect then change neither the scene nor the noise."""
-    return np.random.default_rng((seed, *purpose, *name.encode()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,14 +15,9 @@ from dataclasses import dataclass
 from typing import Protocol, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sequences_synth.arrays import Floats, Floats32, Ids, Image
 from sequences_synth.textured_quad import Quad
-
-Floats = NDArray[np.float64]
-Floats32 = NDArray[np.float32]
-Image = NDArray[np.uint8]
-Ids = NDArray[np.int16]
 
 #: The near plane in metres: a surface that is nearer would fill the view.
 NEAR_M = 0.05

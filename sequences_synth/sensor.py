@@ -1,8 +1,8 @@
 """The sensor: one frame of a world with rolling shutter, lens, motion blur and electronic stabilization.
 
 A frame is rendered by :mod:`sequences_synth.render` where one homography per surface is enough: with a global shutter
-and without distortion. Otherwise each row is rendered with its own pose (:mod:`sequences_synth.render_lines`), and with
-a :class:`~sequences_synth.lens_camera.LensCamera` each sample by its own ray (:mod:`sequences_synth.render_rays`).
+and without distortion. Otherwise each row is rendered with its own pose, and with a
+:class:`~sequences_synth.camera.LensCamera` each sample by its own ray (:mod:`sequences_synth.render_lines`).
 
 A stabilized frame is rendered on a larger sensor, then warped and cropped. The rows beyond the border of the frame are
 exposed before and after those within it.
@@ -19,19 +19,14 @@ from typing import Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from sequences_synth.camera import PinholeCamera
-from sequences_synth.lens_camera import LensCamera, sample_rays
+from sequences_synth.arrays import Floats, Floats32, Image
+from sequences_synth.camera import LensCamera, PinholeCamera, sample_rays
 from sequences_synth.noise import blur_along
 from sequences_synth.render import View, render
 from sequences_synth.render_lines import render_lines
-from sequences_synth.render_rays import render_rays
 from sequences_synth.shutter import Shutter
 from sequences_synth.stabilizer import LARGEST_WARP_RAD, virtual_from_cam
 from sequences_synth.textured_quad import Quad
-
-Floats = NDArray[np.float64]
-Floats32 = NDArray[np.float32]
-Image = NDArray[np.uint8]
 
 # The flow of the motion blur is smooth away from silhouettes. It is computed on every fourth pixel of each row and
 # column.
@@ -148,19 +143,11 @@ class Sensor:
     def _expose(self, frame: float) -> View:
         """One sharp view of the whole sensor."""
         camera = self._whole
-        if isinstance(camera, LensCamera):
-            frames_of = partial(self._frames_of, frame)
-            return render_rays(self.quads, camera, self.shutter.by_columns, frames_of, self.path.world_from_cam)
-        if self.shutter.readout_s == 0.0 and camera.k1 == 0.0:
+        if isinstance(camera, PinholeCamera) and self.shutter.readout_s == 0.0 and camera.k1 == 0.0:
             cam_from_world = np.asarray(np.linalg.inv(self.path.world_from_cam(frame)), float)
             return render(self.quads, camera.K, cam_from_world, frame, camera.width, camera.height)
-        return render_lines(
-            self.quads,
-            camera,
-            self.shutter.by_columns,
-            lambda lines: self._frames_of(frame, lines),
-            self.path.world_from_cam,
-        )
+        frames_of = partial(self._frames_of, frame)
+        return render_lines(self.quads, camera, self.shutter.by_columns, frames_of, self.path.world_from_cam)
 
     def _long_exposure(self, frame: int, view: View) -> Image:
         """Mean of renders over the exposure."""

@@ -15,9 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from sequences_synth.arrays import Floats
 
 #: The directions in which the rows or columns are read.
 READOUT_DIRECTIONS: tuple[str, ...] = ("down", "up", "right", "left")

@@ -10,11 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sequences_synth.arrays import Floats
 from sequences_synth.trajectory import rotation_from_vector, vector_from_rotation
-
-Floats = NDArray[np.float64]
 
 # Standard deviation of the Gaussian by which rotations are smoothed. It removes the tremor of a hand and keeps pans.
 _SMOOTHING_S = 0.3

@@ -15,8 +15,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[np.uint8]
-Floats32 = NDArray[np.float32]
+from sequences_synth.arrays import Floats32, Image
+
 Color = tuple[float, float, float]
 
 # Average number of texels per mark: with about one texel per pixel, an image of 640x480 shows some 700 marks.

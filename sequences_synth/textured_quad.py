@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sequences_synth.arrays import Floats
 from sequences_synth.texture import Texture
-
-Floats = NDArray[np.float64]
 
 # Largest side of a texture in texels: painting a larger one takes longer than rendering the sequence.
 _MAX_TEXELS = 4096

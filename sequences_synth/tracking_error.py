@@ -10,9 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from sequences_synth.arrays import Floats
 
 # Number of polynomials of degree 2 or less in two variables.
 _TERMS = 6

@@ -12,10 +12,9 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from sequences_synth.arrays import Floats
 from sequences_synth.camera import PinholeCamera
 from sequences_synth.sequence import SynthSequence
-
-Floats = NDArray[np.float64]
 
 #: Grey levels per metre of a 16-bit depth image of TUM RGB-D. The largest depth is then 13 m.
 DEPTH_FACTOR = 5000.0

@@ -325,11 +325,8 @@ class Initializer:
         motions are forgotten, and the next map has a world frame of its own. A map that was accepted becomes a segment
         of :attr:`result`; the last 99 are kept.
 
-        Parameters
-        ----------
-        since : int, optional
-            Absolute index of the first frame whose tracks the next map may use, among those in the history that the
-            tracker has followed. By default the newest frame.
+        * ``since``: Absolute index of the first frame whose tracks the next map may use, among those in the history
+          that the tracker has followed. By default the newest frame.
         """
         self._maps.restart()
         self.keyframes, self._window = KeyframeManager(self.config), self._window.renewed()

@@ -263,16 +263,20 @@ def test_the_python_of_all_pages_is_python():
 
 
 def shown_in_the_reference():
-    """The functions and classes that the pages of the reference name, with the public members of the classes."""
+    """The functions and classes that the pages of the reference name, with the members of the classes that they show.
+
+    A page shows all public members of a class, or those of its option ``members``.
+    """
     pages = "".join(page.read_text(encoding="utf-8") for page in sorted((DOCS / "reference").glob("*.md")))
-    for name in re.findall(r"^::: (\S+)$", pages, re.MULTILINE):
+    for name, members in re.findall(r"^::: (\S+)$(?:\n    options: { members: (\[.*?\]|false))?", pages, re.MULTILINE):
         thing = pkgutil.resolve_name(name)
         if inspect.ismodule(thing):
             continue
         yield name
         if inspect.isclass(thing):
             for member, value in vars(thing).items():
-                if not member.startswith("_") and inspect.isroutine(getattr(value, "__func__", value)):
+                shown = not member.startswith("_") and (not members or member in re.findall(r"\w+", members))
+                if shown and inspect.isroutine(getattr(value, "__func__", value)):
                     yield f"{name}.{member}"
 
 
@@ -287,5 +291,6 @@ def test_the_docstrings_of_the_reference_describe_parameters_results_and_errors(
         checks += ["PR01", "PR02", "PR03", "PR04", "RT01", "RT04", "YD01"]
     assert [error for error in validate(name)["errors"] if error[0] in checks] == []
     if dataclasses.is_dataclass(thing):  # its fields stand below Attributes, or a comment each in a section of options
-        described = f"{thing.__doc__}{inspect.getsource(thing)}" if "Config" in name else thing.__doc__
+        described = "".join(str(base.__doc__) for base in thing.__mro__)  # a base has an entry of its own
+        described += inspect.getsource(thing) if "Config" in name else ""
         assert [item.name for item in dataclasses.fields(thing) if not re.search(rf"\b{item.name}\b", described)] == []

@@ -8,11 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sequences_synth.camera import PinholeCamera, stated_camera
-from sequences_synth.hand_motion import Arc, Handling, HandTurning
+from sequences_synth.options import EffectOptions
 from sequences_synth.schedule import Schedule
 from sequences_synth.shutter import Shutter
 from sequences_synth.stabilizer import LARGEST_WARP_RAD, virtual_from_cam
-from sequences_synth.trajectory import rotation_from_vector, rotations_from_vectors, vector_from_rotation
+from sequences_synth.trajectory import (
+    Arc,
+    Handling,
+    HandTurning,
+    rotation_from_vector,
+    rotations_from_vectors,
+    vector_from_rotation,
+)
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -54,7 +61,8 @@ def test_the_shutter_runs_in_its_direction_and_the_middle_has_the_time_of_the_fr
 @given(SEEDS, st.integers(2, 80), st.floats(0, 0.8), st.floats(0, 0.8), st.booleans())
 def test_a_schedule_keeps_its_frames_ends_and_order(seed, frames, dropped, repeated, has_cut):
     cut = frames // 2 if has_cut and frames >= 4 else 0
-    schedule = Schedule.draw(np.random.default_rng(seed), frames, dropped, repeated, cut)
+    options = EffectOptions(dropped=dropped, repeated=repeated, cut=cut)
+    schedule = Schedule.draw(np.random.default_rng(seed), frames, options)
     taken = max(frames, round(frames / (1 - dropped)))
     assert (schedule.ticks[0], schedule.ticks[-1], len(schedule.ticks)) == (0, taken - 1, frames)
     assert (np.diff(schedule.ticks) > 0).all()
@@ -66,7 +74,7 @@ def test_a_schedule_keeps_its_frames_ends_and_order(seed, frames, dropped, repea
 
 
 def test_without_options_a_schedule_is_every_frame_once():
-    schedule = Schedule.draw(np.random.default_rng(1), 7, 0.0, 0.0, 0)
+    schedule = Schedule.draw(np.random.default_rng(1), 7, EffectOptions())
     np.testing.assert_array_equal(schedule.ticks, range(7))
     np.testing.assert_array_equal(schedule.content, range(7))
     assert schedule.scenes == (slice(0, 7),)

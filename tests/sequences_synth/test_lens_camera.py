@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from sequences_synth import LENSES, SynthOptions, make_sequence, write_tum
-from sequences_synth.camera import PinholeCamera
-from sequences_synth.lens_camera import LensCamera, lens_camera, sample_rays
+from sequences_synth.camera import LensCamera, PinholeCamera, lens_camera, sample_rays
 from sequences_synth.sensor import Sensor
 from slam_init.calibration.files import load_camera
 from slam_init.datasets.synth import open_synth
