@@ -313,16 +313,7 @@ def load_config(path: str | os.PathLike[str] | None, overrides: Mapping[str, obj
 
 
 def config_toml(config: Config) -> str:
-    """The resolved configuration as TOML text that :func:`load_config` reads back.
-
-    Parameters
-    ----------
-    config : Config
-
-    Returns
-    -------
-    str
-    """
+    """The resolved configuration as TOML text that :func:`load_config` reads back."""
     import tomli_w
 
     # TOML has no null: an option that is left out has its default, which is None there.

@@ -78,17 +78,7 @@ class TwoViewOutcome:
 
     @property
     def verdict(self) -> Verdict:
-        """The reason as a verdict of the pipeline.
-
-        Returns
-        -------
-        Verdict
-
-        Raises
-        ------
-        SlamInitError
-            If the reason is not one of :data:`slam_init.types.reasons.REASONS`.
-        """
+        """The reason as a verdict of the pipeline; it is an error if it is none of them."""
         try:
             return Verdict(self.reason)
         except ValueError:

@@ -265,16 +265,8 @@ class Camera(Described):
     def refocused(self, log_scale: float, k1: float = 0.0) -> Camera:
         """The same camera with another focal length, and more radial distortion.
 
-        Parameters
-        ----------
-        log_scale : float
-            Logarithm of the new focal length over this one.
-        k1 : float
-            Added to the first coefficient of the radial distortion.
-
-        Returns
-        -------
-        Camera
+        * ``log_scale``: Logarithm of the new focal length over this one.
+        * ``k1``: Added to the first coefficient of the radial distortion.
         """
         factor = math.exp(log_scale)
         return replace(self, fx=self.fx * factor, fy=self.fy * factor).bent(k1)
@@ -282,15 +274,8 @@ class Camera(Described):
     def bent(self, k1: float) -> Camera:
         """The same camera with more radial distortion.
 
-        Parameters
-        ----------
-        k1 : float
-            Added to the first coefficient of the radial distortion. For models whose lens coordinates have another
-            scale, it is converted to that scale. A panorama is not bent.
-
-        Returns
-        -------
-        Camera
+        * ``k1``: Added to the first coefficient of the radial distortion. For models whose lens coordinates have
+          another scale, it is converted to that scale. A panorama is not bent.
         """
         if k1 == 0.0:
             return self
@@ -306,14 +291,7 @@ class Camera(Described):
     def scaled(self, factor: float) -> Camera:
         """Compute the calibration of the same camera for resized images.
 
-        Parameters
-        ----------
-        factor : float
-            Size of the new images over that of the old ones.
-
-        Returns
-        -------
-        Camera
+        * ``factor``: Size of the new images over that of the old ones.
         """
         return replace(
             self,
@@ -331,16 +309,10 @@ class Camera(Described):
         The distortion is inverted by Newton's method to machine precision. The fixed-point iteration of OpenCV has an
         error of 0.1 px in the corners of a strongly distorting lens.
 
-        Parameters
-        ----------
-        pixels : (N, 2) float
-            Raw pixels.
+        Shapes: ``pixels`` (N, 2), returns (N, 2).
 
-        Returns
-        -------
-        (N, 2) float
-            NaN for pixels without a ray: beyond the radius at which the lens polynomial stops growing, and for wide
-            lenses beyond 89 degrees from the optical axis.
+        * Returns: NaN for pixels without a ray: beyond the radius at which the lens polynomial stops growing, and for
+          wide lenses beyond 89 degrees from the optical axis.
         """
         pixels = np.asarray(pixels, float).reshape(-1, 2)
         centred = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)

@@ -20,74 +20,48 @@ FreeEvidence = Mapping[str, float | int | str]
 
 @dataclass(frozen=True)
 class PreviewEvidence:
-    """Figures of the keyframe manager for the pair, before any epipolar geometry.
+    """Figures of the keyframe manager for the pair, before any epipolar geometry."""
 
-    Attributes
-    ----------
-    matches : int
-        Tracks that both views see.
-    motion_px : float
-        90th percentile of the displacement of the tracks.
-    rotation_deg : float
-        Angle of the rotation that aligns the tracks best.
-    parallax_px : float
-        Median displacement after this rotation is removed.
-    parallax_share : float
-        Share of the tracks that are displaced by more than noise after the rotation is removed.
-    spread : float
-        Share of the image's grid cells that hold a common track, in [0, 1]; 0 if there are fewer than 3.
-    """
-
+    #: Tracks that both views see.
     matches: int
+    #: 90th percentile of the displacement of the tracks.
     motion_px: float
+    #: Angle of the rotation that aligns the tracks best.
     rotation_deg: float
+    #: Median displacement after this rotation is removed.
     parallax_px: float
+    #: Share of the tracks that are displaced by more than noise after the rotation is removed.
     parallax_share: float
+    #: Share of the image's grid cells that hold a common track, in [0, 1]; 0 if there are fewer than 3.
     spread: float
 
 
 @dataclass(frozen=True)
 class TwoViewEvidence:
-    """Figures of the relative pose of the pair.
+    """Figures of the relative pose of the pair."""
 
-    Attributes
-    ----------
-    statistics : PoseEvidence
-        Counts and test values of :func:`quest.estimate_relative_pose`.
-    kind : str or None
-        ``general``, ``planar`` or ``rotation``. None where no pose was found; then all fields below are None too.
-    alternatives : int or None
-        Number of other motions that explain the matches as well.
-    noise_px : float or None
-        Standard deviation of a coordinate of a match, from the residuals.
-    parallax_deg : float or None
-        Median parallax of the inliers.
-    direction_sigma_deg : float or None
-        Standard deviation of the direction of the translation, from the noise of single matches.
-    """
-
+    #: Counts and test values of :func:`quest.estimate_relative_pose`.
     statistics: PoseEvidence
+    #: ``general``, ``planar`` or ``rotation``. None where no pose was found; then all fields below are None too.
     kind: str | None = None
+    #: Number of other motions that explain the matches as well.
     alternatives: int | None = None
+    #: Standard deviation of a coordinate of a match, from the residuals.
     noise_px: float | None = None
+    #: Median parallax of the inliers.
     parallax_deg: float | None = None
+    #: Standard deviation of the direction of the translation, from the noise of single matches.
     direction_sigma_deg: float | None = None
 
 
 @dataclass(frozen=True)
 class RotationOnlyEvidence:
-    """The best explanation of the matches by a camera that only rotates, with a free focal length.
+    """The best explanation of the matches by a camera that only rotates, with a free focal length."""
 
-    Attributes
-    ----------
-    focal_factor : float
-        Focal length of that camera divided by the stated one.
-    suspected_focal_factor : float or None
-        The same factor if the stated focal length is suspected to be wrong: the rotation-only camera explains the
-        matches, and the free focal length explains them clearly better than the stated one. Else None.
-    """
-
+    #: Focal length of that camera divided by the stated one.
     focal_factor: float
+    #: The same factor if the stated focal length is suspected to be wrong: the rotation-only camera explains the
+    #: matches, and the free focal length explains them clearly better than the stated one. Else None.
     suspected_focal_factor: float | None = None
 
 
@@ -164,45 +138,31 @@ class WindowEvidence:
 
 @dataclass(frozen=True)
 class MapEvidence:
-    """Figures of the bundle adjustment of the map.
+    """Figures of the bundle adjustment of the map."""
 
-    Attributes
-    ----------
-    reprojection_rmse_px : float or None
-        Root mean square of the reprojection errors; None if the adjustment failed.
-    failure : str or None
-        Why bundle adjustment failed; None if it did not fail.
-    pose_prior : bool
-        Whether the graph has priors on the poses, by the joint estimate of all views. They are added where the
-        landmarks alone would move the motion away from that estimate.
-    """
-
+    #: Root mean square of the reprojection errors; None if the adjustment failed.
     reprojection_rmse_px: float | None = None
+    #: Why bundle adjustment failed; None if it did not fail.
     failure: str | None = None
+    #: Whether the graph has priors on the poses, by the joint estimate of all views. They are added where the landmarks
+    #: alone would move the motion away from that estimate.
     pose_prior: bool = False
 
 
 @dataclass(frozen=True)
 class Margin:
-    """The amount by which one map explains the tracks better than another.
-
-    Attributes
-    ----------
-    log_likelihood : float
-        Difference of the truncated Gaussian log likelihoods, in nats; positive where the first map is better.
-    z : float
-        The same difference, in units of its standard deviation if both maps explain the tracks equally well
-        (after Vuong 1989). Each track votes by the difference of its two log likelihoods; the votes against the
-        first map tell the standard deviation (:mod:`slam_init.window.risk`).
-    z_needed : float
-        Smallest z that decides the vote. Two equally good maps exceed the default once in 30 000 cases.
-    """
+    """The amount by which one map explains the tracks better than another."""
 
     #: Smallest log likelihood that decides the vote, also if the assumed noise is wrong by a factor of two.
     LOG_LIKELIHOOD_NEEDED: ClassVar[float] = 20.0
 
+    #: Difference of the truncated Gaussian log likelihoods, in nats; positive where the first map is better.
     log_likelihood: float
+    #: The same difference, in units of its standard deviation if both maps explain the tracks equally well (after Vuong
+    #: 1989). Each track votes by the difference of its two log likelihoods; the votes against the first map tell the
+    #: standard deviation (:mod:`slam_init.window.risk`).
     z: float
+    #: Smallest z that decides the vote. Two equally good maps exceed the default once in 30 000 cases.
     z_needed: float = 4.0
 
     def decides(self) -> bool:

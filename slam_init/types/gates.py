@@ -36,13 +36,9 @@ class GateName(StrEnum):
     """The name of a gate, that is, of the figure that is compared with a threshold.
 
     A suffix ``_px`` or ``_deg`` is the unit.
-
-    Attributes
-    ----------
-    unit : str
-        Unit of the value and of the threshold; empty for shares, counts and ratios.
     """
 
+    #: Unit of the value and of the threshold; empty for shares, counts and ratios.
     unit: str
 
     def __new__(cls, value: str, unit: str = "") -> GateName:

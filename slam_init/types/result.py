@@ -132,32 +132,23 @@ class Attempt(Described):
 
 @dataclass(frozen=True)
 class GroundTruthErrors:
-    """Errors of the keyframes of a map against the true trajectory.
+    """Errors of the keyframes of a map against the true trajectory."""
 
-    Attributes
-    ----------
-    rotation_error_deg : float
-        Angle between the estimated and the true rotation relative to the first keyframe; largest value over the
-        keyframes.
-    direction_error_deg : float or None
-        Angle between the estimated and the true translation relative to the first keyframe, in the frame of the first
-        camera; largest value over the keyframes. Keyframes whose true baseline is shorter than 0.3 of the longest one
-        are left out. A keyframe that is estimated exactly at the first one has no direction and counts as 180. None if
-        the true camera is static.
-    ate_rmse : float or None
-        Root mean square position error of the keyframes after alignment by a similarity, in units of the ground truth;
-        None if the true camera is static, and for two keyframes, which a similarity aligns exactly.
-    path_length : float
-        Length of the true path from the first keyframe to the last, in units of the ground truth.
-    scale_error : float or None
-        Lengths of a map in metres over the true ones, minus 1, by the keyframes and the frames that were located after
-        the initialization. None for a map without a scale, and where the scale is that of the ground truth.
-    """
-
+    #: Angle between the estimated and the true rotation relative to the first keyframe; largest value over the
+    #: keyframes.
     rotation_error_deg: float
+    #: Angle between the estimated and the true translation relative to the first keyframe, in the frame of the first
+    #: camera; largest value over the keyframes. Keyframes whose true baseline is shorter than 0.3 of the longest one
+    #: are left out. A keyframe that is estimated exactly at the first one has no direction and counts as 180. None if
+    #: the true camera is static.
     direction_error_deg: float | None
+    #: Root mean square position error of the keyframes after alignment by a similarity, in units of the ground truth;
+    #: None if the true camera is static, and for two keyframes, which a similarity aligns exactly.
     ate_rmse: float | None
+    #: Length of the true path from the first keyframe to the last, in units of the ground truth.
     path_length: float
+    #: Lengths of a map in metres over the true ones, minus 1, by the keyframes and the frames that were located after
+    #: the initialization. None for a map without a scale, and where the scale is that of the ground truth.
     scale_error: float | None = None
 
 
@@ -193,30 +184,20 @@ class ProvisionalMap:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """A part of the frames with a map of its own. A new one begins where the map of the one before was lost.
+    """A part of the frames with a map of its own. A new one begins where the map of the one before was lost."""
 
-    Attributes
-    ----------
-    map : InitialMap
-        Its world frame is the camera frame of its own first keyframe.
-    first_frame : int
-        Absolute index of the first frame.
-    frames_to_init : int
-        Number of frames from there until the map was accepted.
-    located : tuple of Keyframe
-        The frames after the initialization that were located in the map.
-    lost_at : int or None
-        Absolute index of the first frame that could not be located any more; None where the frames ended before, or
-        were not followed.
-    scale : Scale or None
-        What was found of the scale, if it was looked for.
-    """
-
+    #: Its world frame is the camera frame of its own first keyframe.
     map: InitialMap
+    #: Absolute index of the first frame.
     first_frame: int
+    #: Number of frames from there until the map was accepted.
     frames_to_init: int
+    #: The frames after the initialization that were located in the map.
     located: tuple[Keyframe, ...] = ()
+    #: Absolute index of the first frame that could not be located any more; None where the frames ended before, or were
+    #: not followed.
     lost_at: int | None = None
+    #: What was found of the scale, if it was looked for.
     scale: Scale | None = None
 
 

@@ -24,27 +24,19 @@ class Scale(Described):
 
     A map without a scale has the median depth of its landmarks as unit. The factor is that of such a map, also once the
     map itself is in metres.
-
-    Attributes
-    ----------
-    origin : ScaleOrigin
-        Where the scale comes from.
-    metres_per_unit : float or None
-        Factor from units of the map to metres; None where no scale was found.
-    sigma : float or None
-        Relative standard deviation of the factor: 0.02 is two per cent. It holds for the distance from the first
-        camera to the one farthest from it, and includes the stated deviation of the known length. None where no scale
-        was found.
-    evidence : str
-        What the scale was found from, in words: the sightings, the plane or the frames.
-    reason : str
-        Why no scale was found; empty where one was.
     """
 
+    #: Where the scale comes from.
     origin: ScaleOrigin
+    #: Factor from units of the map to metres; None where no scale was found.
     metres_per_unit: float | None = None
+    #: Relative standard deviation of the factor: 0.02 is two per cent. It holds for the distance from the first camera
+    #: to the one farthest from it, and includes the stated deviation of the known length. None where no scale was
+    #: found.
     sigma: float | None = None
+    #: What the scale was found from, in words: the sightings, the plane or the frames.
     evidence: str = ""
+    #: Why no scale was found; empty where one was.
     reason: str = ""
 
     def __bool__(self) -> bool:

@@ -79,16 +79,8 @@ class Status(Described):
     def after(self, attempt: Attempt | None, progress: float) -> Status:
         """Return the status after a frame that did not lead to a map.
 
-        Parameters
-        ----------
-        attempt : Attempt or None
-            The attempt of this frame. Without an attempt, reason and advice stay.
-        progress : float
-            From 0 to 1.
-
-        Returns
-        -------
-        Status
+        * ``attempt``: The attempt of this frame. Without an attempt, reason and advice stay.
+        * ``progress``: From 0 to 1.
         """
         if attempt is None:
             return replace(self, progress=progress, attempt=None)
@@ -97,17 +89,7 @@ class Status(Described):
 
     @staticmethod
     def initialized(attempt: Attempt | None) -> Status:
-        """Return the status once there is a map.
-
-        Parameters
-        ----------
-        attempt : Attempt or None
-            The accepted attempt.
-
-        Returns
-        -------
-        Status
-        """
+        """Return the status once there is a map, with the accepted attempt."""
         return Status(State.INITIALIZED, 1.0, None, "", attempt, None if attempt is None else attempt.window)
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:

@@ -17,32 +17,22 @@ class StageTimes(TypedDict):
     """Wall-clock times of a stage, in milliseconds, and the number of its calls.
 
     ``two_view`` and ``map`` are stages of ``judge``, and ``frame`` is all that a frame takes.
-
-    Attributes
-    ----------
-    median : float
-        Median time of a call.
-    p95 : float
-        95th percentile of the times of the calls.
-    p99 : float
-        99th percentile of the times of the calls.
-    largest : float
-        The longest call.
-    total : float
-        Sum of the times of all calls.
-    calls : float
-        Number of calls.
-    histogram : list of int
-        Number of calls that take less than 1, 2, 5, 10, 20, 33, 50, 100, 200, 500, 1000 ms and not less than the one
-        before; then those that take longer.
     """
 
+    #: Median time of a call.
     median: float
+    #: 95th percentile of the times of the calls.
     p95: float
+    #: 99th percentile of the times of the calls.
     p99: float
+    #: The longest call.
     largest: float
+    #: Sum of the times of all calls.
     total: float
+    #: Number of calls.
     calls: float
+    #: Number of calls that take less than 1, 2, 5, 10, 20, 33, 50, 100, 200, 500, 1000 ms and not less than the one
+    #: before; then those that take longer.
     histogram: list[int]
 
 
@@ -60,12 +50,8 @@ class Stopwatch:
     The quantiles are those of the last calls: an hour of video at least. The number, the sum, the largest time and the
     histogram are those of all calls. So the memory is bounded for a video of any length.
 
-    Parameters
-    ----------
-    clock : callable, optional
-        Seconds since any instant.
-    kept : int
-        Calls of a stage whose times are kept; up to twice as many until the oldest are dropped.
+    * ``clock``: Seconds since any instant.
+    * ``kept``: Calls of a stage whose times are kept; up to twice as many until the oldest are dropped.
     """
 
     def __init__(self, clock: Callable[[], float] = time.perf_counter, kept: int = _KEPT) -> None:
