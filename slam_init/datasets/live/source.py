@@ -19,7 +19,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from types import TracebackType
 
 from slam_init.datasets.image_files import NOMINAL_RATE_HZ
 from slam_init.datasets.live.streams import Stream, StreamImage
@@ -131,9 +130,7 @@ class LiveSource:
     def __enter__(self) -> LiveSource:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     # -- the side of the consumer -----------------------------------------------------------------
