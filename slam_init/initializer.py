@@ -1,25 +1,27 @@
 """The pipeline, to be read from top to bottom.
 
-For each frame (:meth:`Initializer._step`):
+For each frame (:meth:`Initializer._step`). The stages have the names of their times (``Result.timing_ms``):
 
-==========================  =========================================================================================
-stage                       what it does
-==========================  =========================================================================================
-frame                       :mod:`slam_init.intake` checks it and follows the tracks; one history holds their rays
-keyframe                    :mod:`slam_init.frontend.keyframes` previews the pairs with earlier frames
-window                      :mod:`slam_init.decision.screening` refuses the frame if no pair shows enough tracks or
-                            motion; else :mod:`slam_init.decision.window_rule` fits all views for each motion, which
-                            :mod:`quest` proposes from the best pair
-judgement                   :mod:`slam_init.decision.judged_window`: the risk that the best motion is wrong, the
-                            reason, and the lens to go on with
-map                         :mod:`slam_init.decision.window_map`: a bundle-adjusted map of an accepted motion, or of
-                            both motions of an undecided plane; :mod:`slam_init.decision.depths`: whether a tracker can
-                            go on from its landmarks
-growth                      :mod:`slam_init.mapping.refinement`: further frames are located in the map, which grows
-==========================  =========================================================================================
+=============  ======================================================================================================
+stage          what it does
+=============  ======================================================================================================
+``frame``      all that follows
+``track``      :mod:`slam_init.intake` checks the image and follows the tracks; one history holds their rays
+``pairs``      :mod:`slam_init.frontend.keyframes` previews the pairs of the frame with earlier ones, the candidates
+``judge``      :mod:`slam_init.decision.screening` refuses the frame if no pair shows enough tracks or motion; else
+               :mod:`slam_init.decision.window_rule` judges the window: the pair and further views
+``two_view``   inside ``judge``: :mod:`quest` proposes motions from the best pair
+``map``        inside ``judge``: all views are fitted for each motion. :mod:`slam_init.decision.judged_window` states
+               the risk that the best one is wrong, the reason, and the lens to go on with;
+               :mod:`slam_init.decision.window_map` builds the map of an accepted motion, or of both motions of an
+               undecided plane; :mod:`slam_init.decision.depths` asks whether a tracker can go on from its landmarks
+``refine``     in place of ``pairs`` and ``judge`` once a map is accepted: :mod:`slam_init.mapping.refinement` locates
+               the frame in the map, which grows
+=============  ======================================================================================================
 
-The first map whose risk is small enough, and whose depths are known, ends the initialization. A refusal has a reason
-and its evidence. If the views cannot decide between the two motions of a plane, both maps are kept.
+A map is **accepted** if its risk is small enough and its depths are known. It is **handed over** when it does not
+change any more: at once, or after it has grown by further frames (``Config.refine_frames``). A refusal has a reason and
+its evidence. If the views cannot decide between the two motions of a plane, both maps are kept.
 """
 
 from __future__ import annotations
@@ -142,8 +144,9 @@ class Initializer:
         Returns
         -------
         Status
-            Truthy once there is a map. While ``status.refining``, further frames are located in it
-            (``status.pose``), and it grows; from then on this method ignores frames.
+            Truthy once a map is accepted. While ``status.refining``, further frames are located in the map
+            (``status.pose``), and it grows. Once the map is handed over, this method ignores frames and returns the
+            last status.
 
         Raises
         ------
@@ -201,9 +204,9 @@ class Initializer:
         """
         if self._maps.handed_over:
             return self.status
-        current, revised = self.intake.check_tracks(current, revised)
-        turn = Turn.checked(rotation, rotation_sigma_rad)
         with self.intake.alone():
+            turn = Turn.checked(rotation, rotation_sigma_rad)
+            current, revised = self.intake.check_tracks(current, revised)
             return self._step(current, revised, turn)
 
     def _step(self, current: Observations, revised: Sequence[Observations], turn: Turn | None) -> Status:
@@ -212,7 +215,8 @@ class Initializer:
         self._maps.count(current.frame)
         if self._maps.accepted is not None:
             return self._grow(self._maps.accepted, current)
-        current = self.intake.shutter.correct(self.history, current.frame)
+        # The rays of the newest frames change in the history, since a rolling shutter is known better with each frame.
+        current = self.intake.shutter.correct_newest(self.history, current.frame)
         with self.stopwatch("pairs"):
             pairs = self.keyframes.preview(self.history, current)
         with self.stopwatch("judge"):
@@ -221,11 +225,12 @@ class Initializer:
             self._keep(outcome, current.frame)
         self.keyframes.update(current, pairs)
         self.history.forget(keep=self.keyframes.candidates)
+        # The judgement may have changed the lens or the readout, and with them the rays of this frame.
         self.status = self._status_after(outcome, self.history[current.frame])
         return self.status
 
     def _judge(self, pairs: list[PairPreview], current: Observations) -> Outcome | None:
-        """Judge a frame; None if nothing was tried."""
+        """Judge a frame; None without an attempt: no pair is worth trying, and no earlier motion goes on."""
         refused = screen(self.camera, self.config, current, pairs, self.intake.masked)
         if refused is not None:
             return Outcome(refused)
@@ -240,7 +245,7 @@ class Initializer:
         self.recorder.attempt(outcome.attempt)
         self._attempts.add(outcome.attempt)
         if outcome.lens is not None:
-            self.intake.see_through(outcome.lens)
+            self.intake.change_lens(outcome.lens)
         if self.intake.shutter.readout_s:
             self.recorder.row_times(self.history[frame], corrected_pixels(self.camera, self.history[frame]))
         self._maps.keep(outcome)
@@ -248,19 +253,19 @@ class Initializer:
     def _status_after(self, outcome: Outcome | None, current: Observations) -> Status:
         """The status after a frame that was judged or left out, with the pose of its camera."""
         attempt, motion = (None, None) if outcome is None else (outcome.attempt, outcome.motion)
-        pose = self._pose.after(self.history, current, motion, self.map)
+        pose = self._pose.update(self.history, current, motion, self.map)
         if self.map is not None:
             return replace(Status.initialized(attempt), pose=pose, refining=not self._maps.handed_over)
         if pose is not None:
             self.recorder.waiting(pose)
-        status = self.status.after(attempt, self._attempts.best_progress(self.keyframes.candidates))
-        return replace(status, pose=pose)
+        self._attempts.forget_progress(keep=self.keyframes.candidates)
+        return replace(self.status.after(attempt, self._attempts.best_progress), pose=pose)
 
     def _grow(self, map_: InitialMap, current: Observations) -> Status:
         """Locate a frame in the accepted map, which grows by it."""
         with self.stopwatch("refine"):
             located = self._maps.locate(current)
-        self.history.forget(keep=())
+        self.history.forget(keep=())  # no pair needs a candidate any more
         pose = None if located is None else self._pose.located(map_, located.keyframe, located.rotation_sigma_deg)
         refining, lost_at = not self._maps.handed_over, self._maps.lost_at
         self.status = replace(self.status, attempt=None, pose=pose, refining=refining, lost_at=lost_at)
@@ -293,9 +298,10 @@ class Initializer:
 
     @property
     def provisional(self) -> ProvisionalMap | None:
-        """The best map up to now with its risk; the accepted map once there is one.
+        """The map of the best motion of the last judged window, with its risk; the accepted map once there is one.
 
-        It is built when it is asked for, which takes as long as a bundle adjustment. None where no motion is known.
+        It is built when it is asked for, which takes as long as a bundle adjustment. None where no motion is known, or
+        where its frames are forgotten.
         """
         if self.map is not None and self.status.risk is not None:
             return ProvisionalMap(self.map, self.status.risk)
@@ -332,7 +338,7 @@ class Initializer:
         self.keyframes, self._window = KeyframeManager(self.config), self._window.renewed()
         self._attempts, self._pose, self.status = AttemptLog(), PoseSoFar(), Status()
         for frame in self.intake.restart(since):
-            current = self.intake.shutter.correct(self.history, frame)
+            current = self.intake.shutter.correct_newest(self.history, frame)
             self._maps.count(frame)
             self.keyframes.update(current, self.keyframes.preview(self.history, current))
         self.recorder.restarted()
@@ -359,7 +365,8 @@ def load_all() -> None:
     for frame in range(8):
         turned = (points - (0.01 * frame, 0.0, 0.0)) @ rotation_from_vector(np.array([0.0, 0.01 * frame, 0.0])).T
         pixels = camera.project(turned) + 0.3 * rng.normal(size=(len(points), 2))
-        drifts = np.full((len(points), 2, 2), 0.01 * frame) + 0.01 * frame * np.eye(2)
+        # Tracks drift by a random walk: 0.02 px^2 a frame in each coordinate, with a correlation of one half.
+        drifts = np.tile(0.01 * frame * np.array([[2.0, 1.0], [1.0, 2.0]]), (len(points), 1, 1))
         seen = np.flatnonzero(np.isfinite(pixels).all(axis=1))
         observed = Observations(
             frame=frame,

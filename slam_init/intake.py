@@ -115,9 +115,9 @@ class Intake:
             self._clock.took(observed)
         return [observed.frame for observed in self.history]
 
-    def see_through(self, lens: LensInUse) -> None:
-        """Go on with another estimate of the lens."""
-        self.shutter.see_through(self.history, lens)
+    def change_lens(self, lens: LensInUse) -> None:
+        """Go on with another estimate of the lens: the history gets the rays of all its frames anew."""
+        self.shutter.change_lens(self.history, lens)
 
     @property
     def notes(self) -> tuple[str, ...]:

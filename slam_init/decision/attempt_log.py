@@ -63,12 +63,13 @@ class AttemptLog:
             f" ({attempt.advice})" if attempt.advice else "",
         )
 
-    def best_progress(self, references: Iterable[int]) -> float:
-        """Return the best progress of the pairs whose reference frame is still a candidate.
+    def forget_progress(self, keep: Iterable[int]) -> None:
+        """Drop the progress of all pairs but those with these reference frames."""
+        self._progress = {frame: self._progress.get(frame, 0.0) for frame in keep}
 
-        The progress of all other reference frames is dropped.
-        """
-        self._progress = {frame: self._progress.get(frame, 0.0) for frame in references}
+    @property
+    def best_progress(self) -> float:
+        """The best progress of the pairs whose progress was not dropped."""
         return max(self._progress.values(), default=0.0)
 
     @property

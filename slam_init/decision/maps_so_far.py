@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 class MapsSoFar:
     """The maps of the attempts up to now: an accepted map, or two undecided maps, and the segments before a restart.
 
+    An accepted map may grow by further frames. From the end of its growth on it is handed over.
+
     * ``recorder``: Receives a report when a map is accepted or has grown, and when the undecided maps change.
     * ``frames``: Number of frames since the start.
     * ``hypotheses``: The accepted map, or the two undecided ones.
@@ -82,7 +84,7 @@ class MapsSoFar:
 
     @property
     def handed_over(self) -> bool:
-        """Whether there is a map that does not change any more."""
+        """Whether there is an accepted map that does not grow any more."""
         return self._refinement is not None and self._refinement.done
 
     @property

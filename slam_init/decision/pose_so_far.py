@@ -56,10 +56,10 @@ class PoseSoFar:
         self._known: dict[int, tuple[Floats, float]] = {}
         self._anchor: int | None = None
 
-    def after(
+    def update(
         self, history: History, current: Observations, window: WindowMotion | None, map_: InitialMap | None
     ) -> CameraPose | None:
-        """Take a frame, what its judgement says, and the map if it was accepted.
+        """Go on with a frame, what its judgement says, and the map if it was accepted; return the pose of the frame.
 
         * Returns: None for the first frame, and where too few tracks go on.
         """

@@ -174,7 +174,7 @@ class WindowRule:
         # A camera that merely rotates is judged again once a pair shows parallax.
         self._last, self._rotates = window, window.only_rotates
         outcome = self._decided(window, window.with_evidence(attempt))
-        self._live.see_through(window.lens, outcome.lens or window.lens)
+        self._live.change_lens(window.lens, outcome.lens or window.lens)
         return replace(outcome, motion=window.motion, margin=risk.margin)
 
     def _estimated(self, views: _Views) -> tuple[WindowHypotheses, WindowRisk] | None:

@@ -88,8 +88,11 @@ class RollingShutter:
         self._newest: int | None = None
         self._steps: list[_Step] = []
 
-    def correct(self, history: History, frame: int) -> Observations:
-        """Find how the camera turns in the two newest frames of a history, and correct their rays."""
+    def correct_newest(self, history: History, frame: int) -> Observations:
+        """Find how the camera turns in the two newest frames of a history, and correct their rays there.
+
+        * ``frame``: The newest one. It is returned as it is in the history now.
+        """
         if self._off:
             return history[frame]
         # Frames that got more tracks have raw rays again.
@@ -145,8 +148,8 @@ class RollingShutter:
         self._correct_all(history)
         return True
 
-    def see_through(self, history: History, lens: LensInUse) -> None:
-        """Take the rays of all frames of a history from another lens."""
+    def change_lens(self, history: History, lens: LensInUse) -> None:
+        """Go on with another lens: the history gets the rays of all its frames anew."""
         if lens is history.lens:
             return
         # The turning was seen through the earlier lens: a longer one sees the same motion of the pixels as less.

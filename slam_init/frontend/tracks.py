@@ -54,7 +54,7 @@ class History:
     """Observations of the last frames, and of older ones that are still needed, with the rays of one lens.
 
     * ``limit``: Number of recent frames that :meth:`forget` keeps in any case.
-    * ``lens``: Of all rays. :meth:`slam_init.frontend.rolling_shutter.RollingShutter.see_through` changes it.
+    * ``lens``: Of all rays. :meth:`slam_init.frontend.rolling_shutter.RollingShutter.change_lens` changes it.
     """
 
     def __init__(self, camera: Camera, limit: int) -> None:
@@ -125,7 +125,7 @@ class History:
         self.put(observations)
 
     def forget(self, keep: Iterable[int]) -> None:
-        """Drop the frames that are older than the limit."""
+        """Drop all frames but the newest, whose number is the limit, and those to keep besides."""
         wanted = set(keep)
         # Frames are counted, because the indices of a subsampled source are far apart.
         for frame in sorted(self._frames)[: -self._limit]:

@@ -138,7 +138,7 @@ class GrowingMap:
         """The tracks of a frame with the rays of the camera of the map, at the middle of the readout."""
         self._rays.put(_by_camera(self.camera, observed))
         self._rays.forget(keep=())
-        return self._shutter.correct(self._rays, observed.frame)
+        return self._shutter.correct_newest(self._rays, observed.frame)
 
     def _judge(self, frame: int, tracked: int, agreeing: int) -> None:
         """Find out whether the map is lost."""

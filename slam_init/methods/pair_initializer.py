@@ -113,7 +113,7 @@ class PairInitializer:
         if attempt is not None and attempt.verdict == Verdict.ACCEPTED and self.map is not None:
             views = [self.history[keyframe.frame] for keyframe in self.map.keyframes]
             self.recorder.initialized(self.map, views)
-        self._attempts.best_progress(())  # none of these methods has a measure of progress
+        self._attempts.forget_progress(keep=())  # none of these methods has a measure of progress
         self.history.forget(keep=() if self._reference is None else (self._reference,))
         self.status = self.status.after(attempt, 0.0) if self.map is None else Status.initialized(attempt)
         return self.status

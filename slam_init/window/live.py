@@ -74,7 +74,7 @@ class LiveHypotheses:
             return False
         return True
 
-    def see_through(self, old: LensInUse, new: LensInUse) -> None:
+    def change_lens(self, old: LensInUse, new: LensInUse) -> None:
         """Go on with another lens: the motions were fitted through the old one."""
         if new is old:
             return

@@ -70,10 +70,9 @@ def test_the_best_progress_is_that_of_the_references_that_are_still_candidates()
     log.add(refusal(5, reference=0, progress=0.8))
     log.add(refusal(6, reference=0, progress=0.3))
     log.add(refusal(7, reference=1, progress=0.5))
-    assert log.best_progress([0, 1, 2]) == 0.8
-    assert log.best_progress([1, 2]) == 0.5
-    assert log.best_progress([0, 1]) == 0.5  # the progress of a dropped reference is not kept
-    assert log.best_progress([]) == 0
+    for candidates, best in (([0, 1, 2], 0.8), ([1, 2], 0.5), ([0, 1], 0.5), ([], 0.0)):  # what is dropped is gone
+        log.forget_progress(keep=candidates)
+        assert log.best_progress == best
 
 
 def test_each_verdict_can_be_logged():

@@ -51,7 +51,7 @@ def corrected_frames(camera, frames):
     history, shutter = History(camera, 100), RollingShutter(camera)
     for one in frames:
         history.add(one)
-        shutter.correct(history, one.frame)
+        shutter.correct_newest(history, one.frame)
     return history, shutter
 
 

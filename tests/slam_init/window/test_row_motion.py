@@ -20,7 +20,7 @@ def window(scene, seed, **options):
     history, shutter = History(camera, 20), RollingShutter(camera)
     for observed in source.observations():
         history.add(observed)
-        shutter.correct(history, observed.frame)
+        shutter.correct_newest(history, observed.frame)
     frames = [3, 7, 4, 5, 6]
     tracks = gather_tracks(camera, [history[frame] for frame in frames], 0.5)
     cam_from_world = np.linalg.inv(sequence.poses[frames]) @ sequence.poses[frames[0]]
