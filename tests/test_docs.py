@@ -221,6 +221,8 @@ def test_the_page_of_the_numbers_is_that_of_the_code(numbers):
 def test_every_number_of_the_decision_has_a_class_and_no_other_class_is_used(numbers):
     found = [number for file in numbers.files() for number in numbers.numbers(file)]
     assert {number.kind for number in found} == {"", *numbers.CLASSES}
+    named = {name for number in found for name in number.names}
+    assert {name for more in numbers.MORE.values() for name in more} <= named, "correct MORE in docs/make/numbers.py"
     decide = [number for number in found if number.file.startswith(("slam_init/decision/", numbers.LEVELS))]
     assert [number.names for number in decide if not number.kind] == []
     assert len(decide) > 50 and all(len(number.reason) > 20 for number in found if number.kind)
