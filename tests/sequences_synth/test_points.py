@@ -20,17 +20,6 @@ def reprojected(sequence, index):
     return X[:, :2] / X[:, 2:] * sequence.true_camera.fx + [sequence.true_camera.cx, sequence.true_camera.cy]
 
 
-@pytest.mark.parametrize("scene", POINT_SCENES)
-def test_without_noise_static_points_project_exactly_to_their_pixels(scene):
-    sequence = make_points(scene, 1, PointOptions(noise_px=0, outliers=0.2, moving=0.2))
-    static = ~(sequence.is_outlier | sequence.is_moving)
-    for index in range(len(sequence)):
-        seen = sequence.visible[index] & static
-        assert seen.sum() > 50
-        np.testing.assert_allclose(sequence.pixels[index, seen], reprojected(sequence, index)[seen], atol=1e-9)
-        assert (sequence.depths(index)[seen] > 0).all()
-
-
 def test_noise_and_shares_are_the_requested_ones():
     sequence = make_points("room", 2, PointOptions(noise_px=0.7, outliers=0.3, moving=0.2, points=2000))
     assert sequence.is_outlier.mean() == pytest.approx(0.3, abs=0.001)

@@ -334,16 +334,6 @@ def test_the_history_does_not_grow_with_a_video_of_a_static_camera(room):
     assert all(len(attempt.pixels1) == 0 for attempt in initializer.finish().attempts)
 
 
-def test_the_history_does_not_grow_with_the_number_of_frames_whose_tracks_are_given():
-    (observed,) = seen_from([Pose.identity()], count=50)
-    initializer = Initializer(CAMERA)
-    frames = HISTORY + 20
-    for k in range(frames):
-        initializer.process_tracks(replace(observed, frame=k, timestamp_s=k / 30))
-    assert len(initializer.history) <= HISTORY < frames
-    assert len(initializer.result.attempts) == frames - 1
-
-
 def _bytes_reached(root):
     """Memory of all that an object refers to, without modules, classes and functions."""
     seen, waiting, total = set(), [root], 0

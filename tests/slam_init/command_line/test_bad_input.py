@@ -22,6 +22,7 @@ BAD = {
     "abbreviated option": (["run", "--see", "3"], "--see"),
     "seed no number": (["run", "--seed", "x"], "--seed"),
     "seed negative": (["run", "--seed", "-1"], "--seed"),
+    "seed of 5,000 digits": (["run", "--seed", f"1{5000 * '0'}"], "--seed"),
     "start negative": (["run", "--start", "-1"], "--start"),
     "start beyond the end": (["run", IMAGES, *WITH, "--start", "3"], "start is 3"),
     "max-frames zero": (["run", "--max-frames", "0"], "--max-frames"),

@@ -21,11 +21,6 @@ def opened(cluster, sources=()):
     return open_backend(f"dask:{cluster.scheduler_address}", 1, sources)
 
 
-def test_every_task_is_answered_once(cluster):
-    with opened(cluster) as backend:
-        assert sorted(backend.run(abs, iter([-3, -2, -1]))) == [(-3, 3), (-2, 2), (-1, 1)]
-
-
 def test_a_worker_without_the_data_is_refused(cluster, tmp_path):
     with opened(cluster, [str(tmp_path)]):
         pass

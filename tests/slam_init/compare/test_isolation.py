@@ -9,14 +9,16 @@ from slam_init.compare.isolation import isolated_trial
 from slam_init.compare.sources import describe_sources
 from slam_init.compare.trials import Settings, Trial
 
+HOSTILE = "tests.benchmarks.attacks.hostile"
+
 
 @pytest.mark.parametrize(
     ("method", "cause"),
     [
-        ("Raises", "RuntimeError: no such thing as a pose"),
-        ("Crashes", "the process died (SIGABRT)"),
-        ("Eats", "more than 400 MB of memory"),
-        ("Hangs", "no answer within 0.5 s"),
+        ("failing_methods:Raises", "RuntimeError: no such thing as a pose"),
+        (f"{HOSTILE}:Aborts", "the process died (SIGABRT)"),
+        (f"{HOSTILE}:EatsMemory", "more than 400 MB of memory"),
+        (f"{HOSTILE}:LoopsInPython", "no answer within 0.5 s"),
     ],
 )
 def test_a_method_that_fails_spoils_only_its_own_trial(method, cause):
@@ -24,7 +26,7 @@ def test_a_method_that_fails_spoils_only_its_own_trial(method, cause):
     settings = Settings(memory_limit_mb=400)
     # The first trial starts the process and imports the libraries. Only after that half a second is a long time.
     isolated_trial(Trial(source, "stella", 0), settings)
-    limit_s = 0.5 if method == "Hangs" else 60.0
-    failed = isolated_trial(Trial(source, f"failing_methods:{method}", 0), replace(settings, time_limit_s=limit_s))
+    limit_s = 0.5 if "Loops" in method else 60.0
+    failed = isolated_trial(Trial(source, method, 0), replace(settings, time_limit_s=limit_s))
     assert (failed.outcome, failed.reason) == ("error", cause)
     assert isolated_trial(Trial(source, "stella", 0), settings).outcome != "error"

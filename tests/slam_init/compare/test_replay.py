@@ -3,10 +3,8 @@
 import atexit
 
 import numpy as np
-import pytest
 from make_scene import texture, window
 from make_source import GivenFrames
-from path_types import PATH_TYPES
 
 from slam_init.compare import answers, replay
 from slam_init.compare.replay import find_tracks
@@ -38,14 +36,6 @@ def test_revised_frames_are_replayed_at_the_frame_at_which_they_were_revised(tmp
         assert [one.frame for one in tracker.revised] == [one.frame for one in step.revised]
         for ours, stored in zip(tracker.revised, step.revised, strict=True):
             np.testing.assert_array_equal(ours.track_ids, stored.track_ids)
-
-
-@pytest.mark.parametrize("path_type", PATH_TYPES)
-def test_stored_tracks_are_opened_by_a_path_of_any_type(path_type, tmp_path):
-    source = GivenFrames(CAMERA, (window(texture(0, 240, 320), 0, 0, 320, 240),))
-    (first,) = find_tracks(source, "one frame", tmp_path).steps(0)
-    (again,) = find_tracks(source, "one frame", path_type(tmp_path)).steps(0)
-    np.testing.assert_array_equal(first.current.pixels, again.current.pixels)
 
 
 def test_tracks_that_disappear_while_they_are_opened_are_made_anew(tmp_path, monkeypatch):

@@ -6,23 +6,13 @@ import zlib
 import cv2
 import numpy as np
 import pytest
-from make_files import CAMERA_YAML, picture, write, write_image
+from make_files import picture, write, write_image
 from make_layouts import eth3d
-from path_types import PATH_TYPES
 
 from slam_init.datasets import image_files, open_source
-from slam_init.datasets.image_files import IMAGE_SUFFIXES, list_images, read_image, stored_camera
+from slam_init.datasets.image_files import IMAGE_SUFFIXES, read_image
+from slam_init.datasets.layouts import listed
 from slam_init.errors import SourceError
-
-
-@pytest.mark.parametrize("path_type", PATH_TYPES)
-def test_the_readers_of_images_take_every_type_of_path(tmp_path, path_type):
-    path = tmp_path / "a.png"
-    write_image(path)
-    write(tmp_path / "camera.yaml", CAMERA_YAML)
-    np.testing.assert_array_equal(read_image(path_type(path)), picture())
-    assert list_images(path_type(tmp_path)) == [path]
-    assert stored_camera(path_type(tmp_path), path_type(path)).width == 64
 
 
 @pytest.mark.parametrize(
@@ -129,6 +119,10 @@ def test_a_folder_of_too_many_images_is_refused_with_what_to_do(tmp_path, monkey
     for k in range(3):
         write_image(tmp_path / f"{k}.png", picture(k))
     with pytest.raises(SourceError, match="holds more than 2 images: split it into several folders"):
+        open_source(tmp_path)
+    monkeypatch.setattr(listed, "MAX_FRAMES", 2)
+    write(tmp_path / "rgb.txt", "".join(f"{k} {k}.png\n" for k in range(3)))
+    with pytest.raises(SourceError, match="lists more than 2 images: split the sequence"):
         open_source(tmp_path)
 
 

@@ -9,7 +9,6 @@ import pytest
 from make_map import bytes_of
 from make_pair import preview_of
 from make_scene import CAMERA, cloud, history_of, observe
-from make_source import GivenFrames, picked, synth
 from make_summary import summarize
 from make_window import WINDOW_CONFIG, point_source, pose_errors_deg, true_motion
 
@@ -23,7 +22,6 @@ from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.initializer import Initializer
 from slam_init.methods import make_initializer
 from slam_init.output.summary import summary_schema, summary_text
-from slam_init.runner import run
 from slam_init.types.gates import GateName, Stage
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
@@ -117,19 +115,6 @@ def test_a_few_tracks_on_moving_bodies_do_not_decide_between_the_motions_of_a_pl
         rotation, direction = errors_deg(source, result.map)
         assert rotation < 0.5 and direction < 5.0
     assert Verdict.AMBIGUOUS_PLANE in {attempt.verdict for attempt in result.attempts}
-
-
-def test_two_photographs_of_a_rotation_only_camera_with_a_wrong_focal_length_make_no_map():
-    """The errors of a real tracker gain more than independent noise does."""
-    source = synth("rotation", focal_error=-0.08)
-    result, _ = run(GivenFrames(source.camera, picked(source, (0, 40))), source.camera, WINDOW_CONFIG)
-    assert not result
-    assert result.reason == Verdict.PURE_ROTATION
-
-
-def test_the_same_tracks_give_the_same_map():
-    a, b = (finished(point_source("wall", 0, baseline=0.3)).map for _ in range(2))
-    assert bytes_of(a) == bytes_of(b)
 
 
 # -- evidence and gates ---------------------------------------------------------------------------

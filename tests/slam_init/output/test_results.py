@@ -114,12 +114,8 @@ def test_gtsam_reads_the_graph_and_continues_to_optimize_it(tmp_path, model):
     assert graph.error(optimized) < graph.error(values)
 
 
-def test_a_missing_or_damaged_graph_is_an_error(tmp_path):
+def test_a_missing_graph_is_an_error(tmp_path):
     with pytest.raises(SourceError, match="no graph in"):
-        load_graph(tmp_path)
-    write(tmp_path, make_result(make_map()))
-    (tmp_path / "graph.txt").write_text("22 serialization::archive 17 0 0")
-    with pytest.raises(SourceError, match="damaged"):
         load_graph(tmp_path)
 
 
@@ -172,13 +168,6 @@ def test_the_ply_holds_each_landmark_with_its_colour(tmp_path):
     np.testing.assert_array_equal(vertices["rgb"], map_.colors)
 
 
-def test_two_equal_runs_give_the_same_bytes(tmp_path):
-    for name in "ab":
-        write(tmp_path / name, make_result(make_map()))
-    for name in FILES_WITH_MAP:
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
-
-
 @pytest.mark.parametrize("below", ["", "sub/folder"])
 def test_a_path_that_is_a_file_is_an_error_and_the_file_is_not_changed(tmp_path, below):
     file = tmp_path / "taken"
@@ -208,7 +197,7 @@ def damaged(data, kind, name):
 def test_a_damaged_graph_is_told_in_one_line_and_ends_no_process(kind, name, tmp_path):
     make_map().save(tmp_path)
     (tmp_path / name).write_bytes(damaged((tmp_path / name).read_bytes(), kind, name))
-    with pytest.raises(SourceError) as told:
+    with pytest.raises(SourceError, match="damaged") as told:
         load_graph(tmp_path)
     assert "\n" not in str(told.value)
 
