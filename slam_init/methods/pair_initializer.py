@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -11,12 +10,14 @@ import numpy as np
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.problem import BundleProblem, BundleSolution
 from slam_init.config import Config
-from slam_init.decision.attempt_log import AttemptLog, focal_notes
+from slam_init.decision.attempt_log import AttemptLog
+from slam_init.decision.maps_so_far import MapsSoFar
+from slam_init.decision.outcome import Outcome
 from slam_init.decision.refusal import refused, with_gates
 from slam_init.errors import SlamInitError
 from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.tracks import Tracker, common_tracks
-from slam_init.mapping.map_building import initial_map
+from slam_init.mapping.map_building import map_with_views
 from slam_init.methods.two_view import TwoViewMethod, TwoViewOutcome, undistorted_pixels
 from slam_init.recording.recorder import Recorder
 from slam_init.types.arrays import Image, Ints
@@ -27,8 +28,7 @@ from slam_init.types.gates import Gate, GateName, at_least
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
-from slam_init.types.result import Attempt, Result, Segment
-from slam_init.types.segments import MAX_SEGMENTS
+from slam_init.types.result import Attempt, Result
 from slam_init.types.status import Status, frame_of
 from slam_init.types.stopwatch import Stopwatch
 
@@ -47,10 +47,8 @@ class PairInitializer:
     * ``camera``: The calibration of the images.
     * ``config``: Options of the tracker and of bundle adjustment; the method has its own constants.
     * ``recorder``: Receives a report of each frame, attempt and map.
-    * ``map``: The accepted map.
     * ``status``: The status after the last frame. Its progress stays 0 until there is a map, because the rules of other
       systems have no measure of progress.
-    * ``frames_read``: Number of frames that the initializer was given.
     * ``tracker``: Follows the tracks; it can be used after the initialization.
     * ``history``: The observations of the last frames.
     """
@@ -66,20 +64,27 @@ class PairInitializer:
         self.history = self.tracker.history
         self._clock = FrameClock(self.history)
         self.stopwatch = Stopwatch()
-        self.map: InitialMap | None = None
         self.status = Status()
-        self.frames_read = 0
-        self._next_index = 0
-        self._first_index: int | None = None
-        self._segments: deque[Segment] = deque(maxlen=MAX_SEGMENTS)
         self._reference: int | None = None
         self._attempts = AttemptLog()
+        # A map of two views is handed over at once.
+        self._maps = MapsSoFar(self.recorder, replace(self.config, refine_frames=0))
+
+    @property
+    def map(self) -> InitialMap | None:
+        """The accepted map; None without one."""
+        return self._maps.accepted
+
+    @property
+    def frames_read(self) -> int:
+        """Number of frames that the initializer was given."""
+        return self._maps.frames
 
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
         """Process the next image (H, W); see :meth:`slam_init.initializer.Initializer.process`."""
         if self.map is not None:
             return self.status
-        frame = frame_of(image, timestamp_s, self._next_index, self.camera)
+        frame = frame_of(image, timestamp_s, self.history.newest + 1, self.camera)
         own_seconds = timestamp_s is None or isinstance(image, Frame)
         frame = self._clock.stamped(frame, in_seconds_by_type=own_seconds)
         with self.stopwatch("track"):
@@ -98,21 +103,18 @@ class PairInitializer:
         """Process the tracks of the next frame, whose time is checked."""
         self.history.add(current, revised)
         self._clock.took(current)
-        self.frames_read += 1
-        self._next_index = current.frame + 1
-        self._first_index = current.frame if self._first_index is None else self._first_index
+        self._maps.count(current.frame)
         attempt = None
         self._replace_distant_reference(current.frame)
         if self._reference is not None and current.frame - self._reference >= self.method.pair_rule.min_gap:
-            attempt = self._try(self.history[self._reference], current)
+            outcome = self._try(self.history[self._reference], current)
+            attempt = outcome.attempt
             self.recorder.attempt(attempt)
             self._attempts.add(attempt)
+            self._maps.keep(outcome)
         if self._reference is None or (attempt is not None and attempt.verdict in _NEW_REFERENCE):
             enough = len(current) >= self.method.pair_rule.min_features
             self._reference = current.frame if enough else None
-        if attempt is not None and attempt.verdict == Verdict.ACCEPTED and self.map is not None:
-            views = [self.history[keyframe.frame] for keyframe in self.map.keyframes]
-            self.recorder.initialized(self.map, views)
         self._attempts.forget_progress(keep=())  # none of these methods has a measure of progress
         self.history.forget(keep=() if self._reference is None else (self._reference,))
         self.status = self.status.after(attempt, 0.0) if self.map is None else Status.initialized(attempt)
@@ -134,56 +136,36 @@ class PairInitializer:
     @property
     def result(self) -> Result:
         """The result up to now: the map, or the reason why there is none."""
-        reason = None if self.map is not None else self._attempts.prevailing_reason()
-        if reason == Verdict.TOO_FEW_FRAMES and self.frames_read > 1:
-            reason = Verdict.TOO_FEW_FEATURES  # no frame had enough features to become a reference
-        return Result(
-            map=self.map,
-            reason=reason,
-            frames_read=self.frames_read,
-            frames_to_init=self.frames_read if self.map is not None else None,
-            attempts=self._attempts.kept,
-            timing_ms=self.stopwatch.summary(),
-            notes=(*self._clock.notes, *self._attempts.notes(), *focal_notes(self.map, self.config.map)),
-            advice="" if reason is None else self._attempts.advice(reason),
-            hypotheses=() if self.map is None else (self.map,),
-            segments=(*self._segments, *self._current_segment()) if self._segments else (),
-            camera=self.camera,
-            method=self.config.method,
-            seed=self.config.seed,
-        )
+        result = self._maps.result(self._attempts, self.camera, self._clock.notes, self.stopwatch.summary())
+        if result.reason == Verdict.TOO_FEW_FRAMES and self.frames_read > 1:
+            # No frame had enough features to become a reference.
+            return replace(result, reason=Verdict.TOO_FEW_FEATURES, advice=Verdict.TOO_FEW_FEATURES.advice)
+        return result
 
     def reset(self, since: int | None = None) -> None:
         """Start anew; see :meth:`slam_init.initializer.Initializer.reset`.
 
         * ``since``: Absolute index of the first frame whose tracks the next map may use; by default the newest one.
         """
-        self._segments.extend(self._current_segment())
-        known = list(self.history)
-        newest = known[-1].frame if known else 0
+        newest = max(self.history.newest, 0)
         self.history.start_at(newest if since is None else min(since, newest))
         known = list(self.history)
         enough = bool(known) and len(known[0]) >= self.method.pair_rule.min_features
         self._reference = known[0].frame if enough else None
-        self._attempts, self.map, self.status = AttemptLog(), None, Status()
-        self.frames_read, self._first_index = len(known), known[0].frame if known else None
+        self._attempts, self.status = AttemptLog(), Status()
+        self._maps.restart()
         for observed in known:
+            self._maps.count(observed.frame)
             self._clock.took(observed)
         self.recorder.restarted()
 
-    def _current_segment(self) -> tuple[Segment, ...]:
-        """The accepted map as a segment; empty without one."""
-        if self.map is None or self._first_index is None:
-            return ()
-        return (Segment(self.map, self._first_index, self.frames_read),)
-
-    def _try(self, reference: Observations, current: Observations) -> Attempt:
-        """Run the method on a pair, and set the map if the pair is accepted."""
+    def _try(self, reference: Observations, current: Observations) -> Outcome:
+        """Run the method on a pair, and build the map if the pair is accepted."""
         i, j = _matches_ahead(reference, current)
         gates = self._tracks_gates(len(current), len(i))
         attempt = with_gates(Attempt((reference.frame, current.frame), Verdict.ACCEPTED), gates)
         if attempt.failed_gates:
-            return refused(attempt, attempt.failed_gates[0].reason)
+            return Outcome(refused(attempt, attempt.failed_gates[0].reason))
         m, n = reference.bearings[i], current.bearings[j]
         with self.stopwatch("two_view"):
             outcome = self.method.bootstrap(
@@ -203,7 +185,7 @@ class PairInitializer:
             inliers=outcome.landmarks,
         )
         if outcome.cam2_from_cam1 is None:
-            return refused(attempt, outcome.verdict)
+            return Outcome(refused(attempt, outcome.verdict))
         if problem := outcome.cam2_from_cam1.problem():
             raise SlamInitError(f"method {self.config.method}: the pose of frames {attempt.frames} {problem}")
         with self.stopwatch("map"):
@@ -219,8 +201,8 @@ class PairInitializer:
 
     def _adjusted(
         self, attempt: Attempt, outcome: TwoViewOutcome, pose: Pose, reference: Observations, current: Observations
-    ) -> Attempt:
-        """Adjust the accepted pair and set the map. If this fails, drop the reference, as the other systems do."""
+    ) -> Outcome:
+        """Adjust the accepted pair and build the map. If this fails, drop the reference, as the other systems do."""
         i, j = _matches_ahead(reference, current)
         kept = np.flatnonzero(outcome.landmarks)
         count = len(kept)
@@ -236,7 +218,8 @@ class PairInitializer:
         bundle = adjust(self.camera, problem, replace(self.config.map, max_depth_sigma=_ANY_DEPTH_SIGMA))
         if not isinstance(bundle, BundleSolution):
             self._reference = None
-            return refused(replace(attempt, map=MapEvidence(failure=bundle.cause)), Verdict.BUNDLE_ADJUSTMENT_FAILED)
+            failed = replace(attempt, map=MapEvidence(failure=bundle.cause))
+            return Outcome(refused(failed, Verdict.BUNDLE_ADJUSTMENT_FAILED))
         landmarks = at_least(
             GateName.LANDMARKS,
             len(bundle.problem.points),
@@ -246,9 +229,8 @@ class PairInitializer:
         attempt = replace(with_gates(attempt, (landmarks,)), map=MapEvidence(reprojection_rmse_px=bundle.rmse_px))
         if not landmarks.passes():
             self._reference = None
-            return refused(attempt, Verdict.TOO_FEW_LANDMARKS)
-        self.map = initial_map(bundle, (reference, current), "planar" if outcome.planar else "general")
-        return attempt
+            return Outcome(refused(attempt, Verdict.TOO_FEW_LANDMARKS))
+        return Outcome(attempt, map_with_views(self.history, bundle, "planar" if outcome.planar else "general"))
 
 
 def _matches_ahead(reference: Observations, current: Observations) -> tuple[Ints, Ints]:
