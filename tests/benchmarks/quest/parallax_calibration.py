@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 from quest.geometry.epipolar import depths_from_pose, sampson_error
 from quest.geometry.quaternion import rotation_from_vector
 from quest.geometry.refine import refine_pose, tangent_basis
+from quest.robust import kernels
 from quest.robust.rotation import refine_rotation
-from quest.uncertainty.parallax import ParallaxStatement, parallax_statement
+from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS, ParallaxStatement, parallax_statement
 from slam_init.output.tables import markdown_table
 from tests.benchmarks.options import positive, run_on_one_thread, save
-from tests.support.reference_parallax import typical_ratios
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -132,8 +132,9 @@ def fitted_motion(views: Views, rng: np.random.Generator, *, from_truth: bool = 
 def true_ratio(views: Views, R: Floats, t: Floats, kept: Bools) -> float:
     """The true weighted mean of |t|/depth, over those matches in the mean of the statement that are no outliers."""
     sine2 = 1 - (views.n @ t) ** 2
-    taken = np.flatnonzero(kept)[typical_ratios(R, t, views.m[kept], views.n[kept])]
-    taken = taken[views.correct[taken]]
+    typical = kept.copy()
+    kernels.mark_typical(views.m, views.n, R, t, RATIO_MADS, LEAST_SINE2, typical)
+    taken = typical & views.correct
     return float(sine2[taken] @ views.ratios[taken] / sine2[taken].sum())
 
 
