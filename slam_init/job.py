@@ -35,6 +35,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, Source, length_of, notes_of
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
+from slam_init.types.reasons import in_words
 from slam_init.types.result import GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
 from slam_init.types.segments import MAX_SEGMENTS
@@ -364,7 +365,7 @@ def live_text(status: Status) -> str:
     """What a person who waits wants to know: why there is no map yet, and how far it is."""
     if status:
         return "initialized"
-    waits = "reading" if status.reason is None else str(status.reason).replace("_", " ")
+    waits = "reading" if status.reason is None else in_words(status.reason)
     return waits if status.risk is None else f"{waits}, risk {status.risk:.2g}"
 
 

@@ -19,6 +19,7 @@ from slam_init.errors import SlamInitError
 from slam_init.methods.external_command import method_label
 from slam_init.recording.images import bgr, reduced
 from slam_init.types.arrays import Image
+from slam_init.types.reasons import in_words
 
 if TYPE_CHECKING:
     from slam_init.compare.plan import Plan
@@ -91,7 +92,7 @@ def _waiting(table: TrialTable) -> Iterator[_Case]:
     starts, limits = (table[name].astype(int) for name in ("start", "frames_limit"))
     for row in waiting[np.argsort(-limits[waiting], kind="stable")].tolist():
         first, last = int(starts[row]), int(starts[row] + limits[row] - 1)
-        reason = escape(table["reason"][row].replace("_", " ")) or "no reason"
+        reason = escape(in_words(table["reason"][row])) or "no reason"
         yield _Case(row, (first, last), reason, f"frames {first} to {last}")
 
 

@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from slam_init.evaluation.metrics import align_truth, compare_with_groundtruth, positions_between
+from slam_init.evaluation.metrics import compare_with_groundtruth, true_path
 from slam_init.methods.external_command import method_label
 from slam_init.output.folder import output_error
 from slam_init.output.names import UNFINISHED, folder_name
@@ -146,7 +146,7 @@ def save_snapshot(path: str | os.PathLike[str], result: Result, start: int, trut
         poses=poses,
         points=np.zeros((0, 3)) if map_ is None else map_.points,
         colors=np.zeros((0, 3), np.uint8) if map_ is None else map_.colors,
-        truth=_true_path(result, truth),
+        truth=true_path(keyframes, truth),
     )
     np.savez(path, **vars(snapshot))
 
@@ -156,13 +156,3 @@ def load_snapshot(path: str | os.PathLike[str]) -> MapSnapshot:
     with np.load(path) as stored:
         fields = {name: stored[name] for name in stored.files}
     return MapSnapshot(**fields | {"reason": str(fields["reason"]), "last_frame": int(fields["last_frame"])})
-
-
-def _true_path(result: Result, truth: Trajectory | None) -> Floats:
-    if result.map is None or truth is None:
-        return np.zeros((0, 3))
-    keyframes = result.map.keyframes
-    world_from_gt = align_truth(keyframes, truth)
-    if world_from_gt is None:
-        return np.zeros((0, 3))
-    return world_from_gt.apply(positions_between(truth, keyframes[0].timestamp_s, keyframes[-1].timestamp_s))

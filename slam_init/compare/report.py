@@ -33,6 +33,7 @@ from slam_init.compare.trial_table import LEVELS, PARTS, TrialTable
 from slam_init.methods import METHODS
 from slam_init.methods.external_command import method_label
 from slam_init.types.arrays import Floats
+from slam_init.types.reasons import in_words
 
 if TYPE_CHECKING:
     from slam_init.compare.plan import Plan
@@ -183,7 +184,7 @@ def _reasons(figures: Mapping[str, Figures]) -> str:
         rest = sum(f.reasons.get(name, 0) for name in names[_COLORS - 1 :])
         rows.append((method_label(method), [*pieces, ("r9", 100 * rest / max(f.trials, 1))]))
     most = max((sum(length for _, length in pieces) for _, pieces in rows), default=0.0)
-    legend = [(f"r{i}", name.replace("_", " ")) for i, name in enumerate(shown)]
+    legend = [(f"r{i}", in_words(name)) for i, name in enumerate(shown)]
     if names[_COLORS - 1 :]:
         legend.append(("r9", "other"))
     chart = stacked_chart("reasons", rows, Axis("% of the trials", 0, 100 * _above(most / 100)))

@@ -18,6 +18,7 @@ from slam_init.recording.images import jpeg, reduced
 from slam_init.recording.layout import ESTIMATE_COLOR, GREEN, RED, TRUTH_COLOR, YELLOW, name_parts
 from slam_init.recording.recording_file import RecordingFile, open_stream
 from slam_init.types.frame import Frame, Observations
+from slam_init.types.reasons import in_words
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -84,19 +85,15 @@ def _log_frame(
             said = f"{outcome} at frame {frame}: {len(snapshot.poses)} keyframes, {len(snapshot.points)} landmarks"
             color, advice = GREEN if outcome == "correct" else RED, ""
         else:
-            said, advice = f"no map: {_words(snapshot.reason)}", _advice(snapshot, snapshot.reason)
+            said, advice = f"no map: {in_words(plain_line(snapshot.reason))}", _advice(snapshot, snapshot.reason)
     else:
         attempts = [(verdict, advice) for at, verdict, advice in snapshot.verdicts.tolist() if int(at) == frame]
         if not attempts:
             return
-        said, advice = _words(attempts[-1][0]), attempts[-1][1]
+        said, advice = in_words(plain_line(attempts[-1][0])), attempts[-1][1]
     text = f"**{said}**\n\n{plain_line(advice)}" if advice else f"**{said}**"
     rec.log(f"{entity}/verdict", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
     rec.log("log", rr.TextLog(f"{method}: {said}", color=color))
-
-
-def _words(verdict: str) -> str:
-    return plain_line(verdict).replace("_", " ")
 
 
 def _advice(snapshot: MapSnapshot, reason: str) -> str:
@@ -168,8 +165,6 @@ def write_side_by_side(
     * Returns: The recording. None if there are no snapshots, because all trials ended in errors or ran without
       recordings.
     """
-    from slam_init.compare.side_by_side import record_side_by_side
-
     folder = recording_folder(str(settings.recordings), source.label, start)
     files = {method: folder / snapshot_name(method) for method in outcomes}
     snapshots = {method: load_snapshot(path) for method, path in files.items() if path.is_file()}

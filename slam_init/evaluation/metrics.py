@@ -108,6 +108,17 @@ def positions_between(trajectory: Trajectory, first_s: float, last_s: float) -> 
     return np.array([pose.t for pose in trajectory.world_from_cam[first : last + 1]]).reshape(-1, 3)
 
 
+def true_path(keyframes: Sequence[Keyframe], truth: Trajectory | None) -> Floats:
+    """Return the true positions (N, 3) from the first keyframe to the last one, in the frame of the map.
+
+    * Returns: Empty if there is no ground truth, or if it cannot be aligned.
+    """
+    world_from_gt = None if truth is None else align_truth(keyframes, truth)
+    if truth is None or world_from_gt is None:
+        return np.zeros((0, 3))
+    return world_from_gt.apply(positions_between(truth, keyframes[0].timestamp_s, keyframes[-1].timestamp_s))
+
+
 def ate_rmse(estimated: Floats, truth: Floats) -> float:
     """Compute the absolute trajectory error (ATE) after alignment by a similarity.
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.evaluation.metrics import align_truth, positions_between
+from slam_init.evaluation.metrics import true_path
 from slam_init.output.summary import Summary
 from slam_init.pictures.map_panels import ABOVE, SIDE, draw_cameras, draw_map
 from slam_init.pictures.panels import draw_decision, draw_frame, draw_pair
@@ -18,16 +18,15 @@ from slam_init.pictures.style import (
     VERDICT_COLORS,
     canvas,
     gate_words,
-    in_words,
     png_of,
     wrapped,
     write,
 )
-from slam_init.types.arrays import Floats, evenly_spaced
+from slam_init.types.arrays import evenly_spaced
 from slam_init.types.gates import Gate, GateName
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Trajectory
-from slam_init.types.reasons import Verdict
+from slam_init.types.reasons import Verdict, in_words
 from slam_init.types.result import Attempt, Result
 
 if TYPE_CHECKING:
@@ -150,7 +149,7 @@ def _draw_frames(figure: Figure, result: Result, summary: Summary, story: Story)
 
 def _draw_map(figure: Figure, map_: InitialMap, truth: Trajectory | None) -> None:
     """The map from above and from the side, and its cameras alone."""
-    path = _true_path(map_, truth)
+    path = true_path(map_.keyframes, truth)
     left, bottom, width, height = _MAP
     gap = 0.01
     large = 0.36 * width
@@ -241,12 +240,3 @@ def _held(result: Result, reason: Verdict) -> list[tuple[Attempt, Gate]]:
     refused = (one for one in reversed(result.attempts) if one.verdict == reason and len(one.frames) > 1)
     last = next((one for one in refused if one.failed_gates), None)
     return [] if last is None else [(last, gate) for gate in last.failed_gates]
-
-
-def _true_path(map_: InitialMap, truth: Trajectory | None) -> Floats | None:
-    """The true positions of the keyframes and between them, in the frame of the map."""
-    world_from_gt = None if truth is None else align_truth(map_.keyframes, truth)
-    if truth is None or world_from_gt is None:
-        return None
-    first_s, last_s = (map_.keyframes[k].timestamp_s for k in (0, -1))
-    return world_from_gt.apply(positions_between(truth, first_s, last_s))

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam_init.pictures.story import MatchedImages, ShownFrame
-from slam_init.pictures.style import FAINT, INK, INLIER, MOVING, OUTLIER, TRACK, VERDICT_COLORS, in_words, rgb
+from slam_init.pictures.style import FAINT, INK, INLIER, MOVING, OUTLIER, TRACK, VERDICT_COLORS, rgb
 from slam_init.types.arrays import Bools, Floats, Image
 from slam_init.types.gates import GateName
-from slam_init.types.reasons import Verdict
+from slam_init.types.reasons import Verdict, in_words
 from slam_init.types.result import Attempt
 
 if TYPE_CHECKING:

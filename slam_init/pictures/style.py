@@ -118,11 +118,6 @@ def wrapped(text: str, columns: int, most_lines: int = 4) -> str:
     return "\n".join(textwrap.wrap(plain_line(text), columns, max_lines=most_lines, placeholder=" ..."))
 
 
-def in_words(verdict: Verdict) -> str:
-    """Write a verdict in words."""
-    return str(verdict).replace("_", " ")
-
-
 def gate_words(gate: Gate) -> str:
     """Write what a gate compares."""
     unit = f" {gate.unit}" if gate.unit else ""

@@ -20,8 +20,9 @@ from slam_init.types.scale import Scale
 _DASHES = 30
 #: The better one of two undecided maps, and its rival.
 CONJUGATE_NAMES = ("a", "b")
-#: Size of a frustum in units of the map, whose median depth is 1.
-_FRUSTUM = 0.08
+#: Size of the frustum of the camera in units of the map, whose median depth is 1. On a short path the frusta of the
+#: keyframes would hide the path. Their size is then a tenth of the path, so that five of them do not overlap.
+FRUSTUM, _SMALLEST_FRUSTUM, _FRUSTUM_OF_PATH = 0.08, 0.005, 0.1
 _CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 #: Colours of the better one of two undecided maps, and of its rival.
 _COLORS: tuple[Color, ...] = ((190, 120, 255), (130, 110, 150))
@@ -76,8 +77,8 @@ def log_conjugate_maps(rec: Any, maps: Sequence[InitialMap]) -> None:
 def _frustum(map_: InitialMap, world_from_cam: Pose) -> list[Floats]:
     """The outline of the image and the edges from the centre to its corners, as line strips."""
     camera = map_.camera
-    x, y = _FRUSTUM * camera.width / (2 * camera.fx), _FRUSTUM * camera.height / (2 * camera.fy)
-    corners = world_from_cam.apply(np.array([[sx * x, sy * y, _FRUSTUM] for sx, sy in _CORNERS]))
+    x, y = FRUSTUM * camera.width / (2 * camera.fx), FRUSTUM * camera.height / (2 * camera.fy)
+    corners = world_from_cam.apply(np.array([[sx * x, sy * y, FRUSTUM] for sx, sy in _CORNERS]))
     centre = world_from_cam.t
     return [corners[[0, 1, 2, 3, 0]], *(np.stack([centre, corner]) for corner in corners)]
 
@@ -114,11 +115,6 @@ def log_scale_bar(rec: Any, scale: Scale) -> None:
             [[(0.0, 0.0, 0.0), (end, 0.0, 0.0)]], colors=[_COLOR], radii=rr.Radius.ui_points(2.5), labels=[label]
         ),
     )
-
-
-#: Size of the frustum of the camera in units of the map, whose median depth is 1. On a short path the frusta of the
-#: keyframes would hide the path. Their size is then a tenth of the path, so that five of them do not overlap.
-FRUSTUM, _SMALLEST_FRUSTUM, _FRUSTUM_OF_PATH = 0.08, 0.005, 0.1
 
 
 class MapView:

@@ -10,7 +10,7 @@ from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.summary import Summary
 from slam_init.types.evidence import WindowEvidence
 from slam_init.types.gates import Direction, Gate, GateName
-from slam_init.types.reasons import Verdict
+from slam_init.types.reasons import Verdict, in_words
 from slam_init.types.result import Attempt
 
 #: Fields of the summary that have one line each.
@@ -38,7 +38,7 @@ def attempt_line(attempt: Attempt) -> str:
     * Returns: The verdict comes first, because the view of the log cuts long lines.
     """
     advice = f": {attempt.advice}" if attempt.advice else ""
-    return f"{_words(attempt.verdict)}, frames {_frames(attempt)}{advice}"
+    return f"{in_words(attempt.verdict)}, frames {_frames(attempt)}{advice}"
 
 
 def attempt_markdown(attempt: Attempt) -> str:
@@ -47,7 +47,7 @@ def attempt_markdown(attempt: Attempt) -> str:
     * Returns: In Markdown, without headings: those of the viewer are large.
     """
     accepted = attempt.verdict == Verdict.ACCEPTED
-    verdict = "accepted" if accepted else f"refused: {_words(attempt.verdict)}"
+    verdict = "accepted" if accepted else f"refused: {in_words(attempt.verdict)}"
     lines = [f"**{verdict}**, frames {_frames(attempt)}", ""]
     if attempt.advice:
         lines += [attempt.advice, ""]
@@ -114,9 +114,8 @@ def advice_markdown(summary: Summary) -> str:
     if summary.reason is None:
         return f"# Initialized after {summary.frames_to_init} frames"
     said, _, advice = summary.advice.partition(": ")
-    return "\n".join(
-        [f"# No map after {summary.frames_read} frames: {_words(summary.reason)}", "", said, "", f"# {advice or said}"]
-    )
+    title = f"# No map after {summary.frames_read} frames: {in_words(summary.reason)}"
+    return "\n".join([title, "", said, "", f"# {advice or said}"])
 
 
 def summary_markdown(summary: Summary) -> str:
@@ -135,10 +134,6 @@ def summary_markdown(summary: Summary) -> str:
     if counts:
         lines += ["", *_table("attempts", counts)]
     return "\n".join([*lines, "", *(f"- {plain_line(note)}" for note in summary.notes)])
-
-
-def _words(verdict: Verdict) -> str:
-    return str(verdict).replace("_", " ")
 
 
 def _frames(attempt: Attempt) -> str:

@@ -63,5 +63,10 @@ class Verdict(StrEnum):
     ACCEPTED = "accepted", ""
 
 
+def in_words(verdict: str) -> str:
+    """Write a verdict in words."""
+    return verdict.replace("_", " ")
+
+
 #: Every verdict but ``accepted``.
 REASONS: tuple[Verdict, ...] = tuple(verdict for verdict in Verdict if verdict is not Verdict.ACCEPTED)

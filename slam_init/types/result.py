@@ -25,7 +25,7 @@ from slam_init.types.evidence import (
 from slam_init.types.frame import Observations
 from slam_init.types.gates import Gate, Stage
 from slam_init.types.initial_map import InitialMap, Keyframe
-from slam_init.types.reasons import Verdict
+from slam_init.types.reasons import Verdict, in_words
 from slam_init.types.savable import Savable
 from slam_init.types.scale import Scale
 from slam_init.types.stopwatch import StageTimes
@@ -265,7 +265,7 @@ class Result(Described, Savable):
         return "initialized" if self.map is not None else "not_initialized"
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
-        verdicts = Counter(str(attempt.verdict).replace("_", " ") for attempt in self.attempts)
+        verdicts = Counter(in_words(attempt.verdict) for attempt in self.attempts)
         counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common(4))
         attempts = [("attempts", f"{len(self.attempts)} ({counts})" if counts else "0")]
         notes = [("note", note) for note in self.notes[:1]]
