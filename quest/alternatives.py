@@ -82,7 +82,8 @@ def has_larger_residuals(
     r2[behind] = np.inf
     difference = (np.minimum(r2[0], gate_rad**2) - np.minimum(r2[1], gate_rad**2)) / noise_rad**2
     larger = float(difference.sum())
-    if larger <= least:
+    # The scatter over regions is at least that over matches, and takes longer to compute.
+    if larger <= max(least, deviations * float(np.sqrt(np.sum(difference**2)))):
         return False
     differs = difference != 0
     return larger > deviations * scatter_of_sum(difference[differs], directions_of(problem.m[differs]))
@@ -127,10 +128,10 @@ def equivalent_motions(
     alternatives: list[Hypothesis] = []
     where = directions_of(problem.m)
     for model in candidates:
-        explained = problem.explained(model, gate_rad)
         known = [best, *(np.concatenate([h.q_wxyz, h.t]) for h in alternatives)]
         if any(same_mode(model, other) for other in known):
             continue
+        explained = problem.explained(model, gate_rad)
         if _has_more_inliers(inliers, explained, where):
             continue
         if noise_rad is not None and has_larger_residuals(problem, model, best, gate_rad, noise_rad, RIVAL_LEVEL):
@@ -143,8 +144,8 @@ def _has_more_inliers(inliers: Bools, explained: Bools, where: Floats) -> bool:
     """Whether significantly more matches at given places (N, 2) are inliers than are explained by another motion."""
     for_best, against = inliers & ~explained, explained & ~inliers
     counts = int(for_best.sum()), int(against.sum()), int(inliers.sum())
-    # The scatter raises the bound, so that it is computed only where the votes decide without it.
-    if not decides(*counts, 0.0):
+    # Scatter raises the bound, so that it is computed only where independent votes decide.
+    if not decides(*counts):
         return False
     # The regions divide the part of the view that either motion explains: a poster that fills a part of the view has as
     # many regions as a wall that fills all of it.

@@ -32,7 +32,7 @@ from quest.covariance import planar_pose_covariance, plane_of_pose, pose_covaria
 from quest.errors import InputError, as_floats, as_index, as_positive
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import quaternion_from_matrix
-from quest.noise import GATE_SIGMAS, LOSSES, best_of_modes, refine_with_noise
+from quest.noise import GATE_SIGMAS, LOSSES, MOST_COMPARED, best_of_modes, refine_with_noise
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
 from quest.robust.lo_ransac import PROPOSALS, lo_ransac
 from quest.robust.plane import PlaneFit, fit_plane, off_line_rad
@@ -412,7 +412,9 @@ def _pose_with_alternatives(
 def _rivals(problem: PoseProblem, others: list[Floats], motion: _Motion, plane: PlaneFit) -> list[Floats]:
     """Other motions of a scene that is no plane, each refined to its optimum on all matches."""
     far = spread_out(others, motion.model)
-    return [refine_with_noise(problem, model)[0] for model in (*plane.poses[1:], *far)]
+    # Of few matches, the choice between the modes has refined all others on all matches.
+    refined = far if len(problem) <= MOST_COMPARED else []
+    return [refine_with_noise(problem, model)[0] for model in (*plane.poses[1:], *far[len(refined) :])] + refined
 
 
 def _unobserved_motions(problem: PoseProblem, motion: _Motion) -> tuple[Hypothesis, ...]:

@@ -30,7 +30,7 @@ _SCALES, _OUTLIERS = (0.01, 1 / 3), 0.05
 #: Steps of the table of the likelihood: four in the smallest deviation.
 _TABLE = 400
 #: Largest number of other modes of the search that are compared with the best, and of matches that compare them.
-_MODES, _MOST_COMPARED = 4, 500
+_MODES, MOST_COMPARED = 4, 500
 #: Largest number of steps of a refinement.
 _STEPS = 6
 #: Scale of the losses beside "mixture" in thresholds, as PoseLib has it; number of their steps; the last
@@ -58,8 +58,8 @@ def best_of_modes(
     """
     near = np.flatnonzero(report.costs[1:] - report.costs[0] < 0.5 * inliers * problem.threshold_rad**2)
     some = problem
-    if len(near) > 0 and len(problem) > _MOST_COMPARED:
-        rows = rng.permutation(len(problem))[:_MOST_COMPARED]
+    if len(near) > 0 and len(problem) > MOST_COMPARED:
+        rows = rng.permutation(len(problem))[:MOST_COMPARED]
         some = PoseProblem(problem.m[rows], problem.n[rows], problem.threshold_rad, problem.loss)
     models = [report.models[0]]
     for k in near[:_MODES].tolist():

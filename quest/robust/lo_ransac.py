@@ -43,8 +43,9 @@ class Proposals(NamedTuple):
 #: solutions of QuEst 5, 0.1 to 0.55 for Newton's method on five matches, and 0.2 to 0.9 for QuEst 6; refinement raises
 #: those of the first two.
 PROPOSALS = {"quest5": Proposals(5, 0.55, 0), "quest6": Proposals(6, 0.5, 0), "five": Proposals(5, 0.35, 2)}
-#: The chunks grow: easy data stop after the first chunk, hard data need few calls.
-_FIRST_CHUNK, _LARGEST_CHUNK = 48, 1024
+#: The chunks grow: easy data stop after the first chunk, hard data need few calls. With 48 in place of 24 the AUC of
+#: 400 real pairs is the same (differences of .1 +- .3 %), and an estimate takes .15 ms longer.
+_FIRST_CHUNK, _LARGEST_CHUNK = 24, 1024
 #: Number of modes in the pool: at most three alternatives are reported, and several modes may be refined into one.
 #: Number of the best modes, and of the refits, that are refined in the end: each takes one to two tenths of a
 #: millisecond.

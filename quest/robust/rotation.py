@@ -9,9 +9,9 @@ Floats = NDArray[np.float64]
 
 #: From this number of matches the share of inliers of a hypothesis is known to 4 %.
 _TEST_MATCHES = 150
-#: Where a fifth of the matches are inliers, 200 pairs hold a pair of two inliers with a probability of 99.97 %.
-_PAIRS = 200
-
+#: Where a quarter of the matches are inliers, the least share of a rotation that counts, 128 pairs hold a pair of two
+#: inliers with a probability of 99.97 %.
+_PAIRS = 128
 #: Two rays that are nearer to each other, or to opposite directions, determine no rotation: the frame that they span is
 #: orthonormal to 1e-16 divided by this angle.
 _LEAST_ANGLE_RAD = 1e-6

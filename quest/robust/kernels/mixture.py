@@ -44,7 +44,8 @@ _SHUFFLED = 600
 _UNKNOWNS = 5
 #: The deviation of the less exact matches, in s. One exponential gives both densities: the ninth power is the other.
 _WIDE = 3.0
-#: A round selects the matches and their groups. Steps of a round; updates of s and of the shares before the first.
+#: A round selects the matches and their groups, until these stay the same. Steps of a round; updates of s and of the
+#: shares before the first.
 _ROUNDS, _STEPS, _UPDATES = 3, 6, 3
 #: A round ends where a step would move the motion by less than a hundredth of its standard deviation.
 _SETTLED = 1e-4
@@ -62,7 +63,7 @@ def refine_mixture(
     * Returns: The shares of each group, and s.
     """
     total, limit = len(m), threshold_rad * threshold_rad
-    use, values = np.empty(total, np.bool_), np.empty(total)
+    use, values, group_before = np.empty(total, np.bool_), np.empty(total), np.full(total, -1)
     shares, prior, s = np.empty((len(_BOUNDS) + 1, 3)), np.empty((len(_BOUNDS) + 1, 3)), threshold_rad / 3
     for g in range(len(shares)):
         for k in range(3):
@@ -86,17 +87,22 @@ def refine_mixture(
             for i in range(total):
                 use[i] = distances[i] <= _BOUNDS[1]
                 count += use[i]
-        rays, group, at = np.empty((6, count)), np.empty(count, np.int64), 0
+        rays, group, at, changed = np.empty((6, count)), np.empty(count, np.int64), 0, False
         for i in range(total):
+            group_now = _group_of(distances[i]) if use[i] else -1
+            changed |= group_now != group_before[i]
+            group_before[i] = group_now
             if not use[i]:
                 continue
             for k in range(3):
                 rays[k, at], rays[3 + k, at] = m[i, k], n[i, k]
-            group[at] = _group_of(distances[i])
+            group[at] = group_now
             at += 1
             if distances[i] <= _BOUNDS[1]:
                 values[typical] = values[i]
                 typical += 1
+        if not changed:
+            break
         if turn_number == 0 and typical > 0:
             s = 1.4826 * np.sqrt(median_in_place(values[:typical]))
         s = _maximize(
