@@ -78,9 +78,8 @@ def has_larger_residuals(
     Shapes: ``model, other`` (7,), ``level`` (float, float).
     """
     least, deviations = level
-    r2, behind = problem.residuals(np.stack([model, other]))
-    r2[behind] = np.inf
-    difference = (np.minimum(r2[0], gate_rad**2) - np.minimum(r2[1], gate_rad**2)) / noise_rad**2
+    costs = [np.minimum(problem.residuals(one), gate_rad**2) for one in (model, other)]
+    difference = (costs[0] - costs[1]) / noise_rad**2
     larger = float(difference.sum())
     # The scatter over regions is at least that over matches, and takes longer to compute.
     if larger <= max(least, deviations * float(np.sqrt(np.sum(difference**2)))):

@@ -37,6 +37,7 @@ Ints = NDArray[np.int64]
 
 #: Gates of the test: the threshold times these shares. The least is the least noise, see quest.noise.refine_with_noise.
 _GATES = 0.5 ** np.arange(10.0)
+_GATES2 = _GATES**2
 #: Matches that fix a motion, and the mean number of motions with all five random points in front of both cameras.
 _OF_MOTION, _MOTIONS = 5, 2
 #: Matches that fix a rotation, matches outside a patch that fix the turn about the patch, and those that fix this turn
@@ -82,8 +83,7 @@ def chance_of_motion(problem: PoseProblem, model: Floats, gate_rad: float, rng: 
     order = rng.permutation(total)
     m, n = problem.m[order], problem.n[order]
     explained, loosely = kernels.chance_inliers(m, n, model, threshold_rad, gate_rad, trials)
-    r2, behind = kernels.residuals_of_model(problem.m, problem.n, model, threshold_rad)
-    counts = _counts(r2[~behind], threshold_rad)
+    counts = _counts(problem.residuals(model), threshold_rad)
     tests = log(len(_GATES) * _MOTIONS) + log_binomial(total, _OF_MOTION)
     share = np.asarray(_upper_share(loosely, trials) * _GATES)
     return Chance(max(explained, 0.5) * total / trials, _false_alarms(counts, total, _OF_MOTION, tests, share), share)
@@ -96,13 +96,11 @@ def false_alarms_beside_rotation(problem: PoseProblem, model: Floats, turned_r2:
 
     * ``turned_r2``: Squared residuals of the rotation. What it explains may be a patch, or the far points of a scene.
     """
-    from quest.robust import kernels
-
-    r2, behind = kernels.residuals_of_model(problem.m, problem.n, model, problem.threshold_rad)
+    r2 = problem.residuals(model)
     rest = turned_r2 >= 2 * problem.threshold_rad**2
     count = int(np.count_nonzero(rest))
     tests = log(len(_GATES) * _MOTIONS) + log_binomial(count, _OF_DIRECTION)
-    return _false_alarms(_counts(r2[rest & ~behind], problem.threshold_rad), count, _OF_DIRECTION, tests, shares)
+    return _false_alarms(_counts(r2[rest], problem.threshold_rad), count, _OF_DIRECTION, tests, shares)
 
 
 def _trials(total: int) -> int:
@@ -129,7 +127,7 @@ def false_alarms_of_rotation(
     for shuffle in range(1, shuffles + 1):
         wrong = half * np.sum((problem.n[np.roll(order, shuffle)] - turned[order]) ** 2, axis=1)
         explained += int(np.count_nonzero(wrong < (_WIDE * threshold_rad) ** 2))
-    share = np.asarray(_upper_share(explained, shuffles * total) / _WIDE**2 * _GATES**2)
+    share = np.asarray(_upper_share(explained, shuffles * total) / _WIDE**2 * _GATES2)
     tests = log(len(_GATES)) + log_binomial(total, _OF_ROTATION)
     everywhere = _false_alarms(_counts(r2, threshold_rad), total, _OF_ROTATION, tests, share)
     outside = ~_largest_patch(directions_of(problem.m), inliers)
@@ -145,7 +143,7 @@ def log_binomial(n: int, k: int) -> float:
 
 def _counts(r2: Floats, threshold_rad: float) -> Ints:
     """Number of squared residuals within each gate."""
-    return np.searchsorted(np.sort(r2), (_GATES * threshold_rad) ** 2)
+    return np.sort(r2).searchsorted(threshold_rad**2 * _GATES2)
 
 
 def _upper_share(explained: int, trials: int) -> float:

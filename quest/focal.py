@@ -149,7 +149,7 @@ def _sigma_of_log(
 
     def squares(value: float) -> float:
         at, noise_rad = problem(float(np.exp(value))), noise_px / float(np.exp(value))
-        r2 = at.residuals(at.refine(model, pose.inliers, GATE_SIGMAS * noise_rad)[None])[0][0]
+        r2 = at.residuals(at.refine(model, pose.inliers, GATE_SIGMAS * noise_rad))
         return float(np.sum(np.minimum(r2[pose.inliers] / noise_rad**2, GATE_SIGMAS**2)))
 
     curvature = (squares(log_focal + _DIFFERENCE) + squares(log_focal - _DIFFERENCE) - 2 * squares(log_focal)) / 2

@@ -8,7 +8,6 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.geometry.quaternion import quaternion_from_matrix
 from quest.robust.pose_modes import same_mode
 from quest.robust.pose_problem import PoseProblem
 from quest.robust.samples import RansacReport
@@ -31,8 +30,9 @@ _SCALES, _OUTLIERS = (0.01, 1 / 3), 0.05
 _TABLE = 400
 #: Largest number of other modes of the search that are compared with the best, and of matches that compare them.
 _MODES, MOST_COMPARED = 4, 500
-#: Largest number of steps of a refinement.
-_STEPS = 6
+#: Stages of the refinement of another mode: the largest Sampson error and the scale of the kernel, in thresholds;
+#: largest number of steps of each.
+_STAGES, _STEPS = np.array([(2.0, 0.5), (1.0, 0.5)]), 6
 #: Scale of the losses beside "mixture" in thresholds, as PoseLib has it; number of their steps; the last
 #: step.
 _LOSS_SCALE, _LOSS_STEPS, _LOSS_SETTLED_RAD = 0.5, 25, 1e-7
@@ -63,7 +63,9 @@ def best_of_modes(
         some = PoseProblem(problem.m[rows], problem.n[rows], problem.threshold_rad, problem.loss)
     models = [report.models[0]]
     for k in near[:_MODES].tolist():
-        model = _polished(some, report.models[1 + k])
+        model = report.models[1 + k]
+        if 1 + k >= report.refined:
+            model = _polished(some, model)
         # Most raw models lead to the optimum that is known.
         if not any(same_mode(model, other) for other in models):
             models.append(model)
@@ -80,8 +82,7 @@ def log_likelihood(problem: PoseProblem, model: Floats) -> float:
     """Logarithm of the likelihood of a motion (q_wxyz, t) without a scale, less that of outliers alone."""
     from quest.robust import kernels
 
-    R, table = kernels.rotation_of_model(model), _log_likelihoods()
-    return kernels.log_likelihood(problem.m, problem.n, R, model[4:], problem.threshold_rad, table)
+    return kernels.log_likelihood(problem.m, problem.n, model, problem.threshold_rad, _log_likelihoods())
 
 
 @cache
@@ -106,30 +107,29 @@ def refine_with_noise(problem: PoseProblem, model: Floats) -> tuple[Floats, floa
     """
     from quest.robust import kernels
 
-    m, n, threshold_rad = problem.m, problem.n, problem.threshold_rad
-    R, t = kernels.rotation_of_model(model), model[4:].copy()
-    least_rad, use = 1e-3 * threshold_rad, np.zeros(len(problem), bool)
-    if problem.loss == "mixture":
-        kernels.refine_mixture(m, n, R, t, threshold_rad, least_rad, LEAST_SINE2)
-    else:
-        _refine_with_loss(problem, R, t)
-    count, _, median_rad = kernels.typical_inliers(m, n, R, t, threshold_rad, RATIO_MADS, LEAST_SINE2, use)
+    threshold_rad, mixture = problem.threshold_rad, problem.loss == "mixture"
+    if not mixture:
+        model = _refined_with_loss(problem, model)
+    least_rad = 1e-3 * threshold_rad
+    model, count, median_rad = kernels.refine_with_noise(
+        problem.m, problem.n, model, mixture, threshold_rad, least_rad, RATIO_MADS, LEAST_SINE2
+    )
     if count < _UNKNOWNS + 1:
-        return kernels.model_of_pose(R, t), threshold_rad / GATE_SIGMAS
+        return model, threshold_rad / GATE_SIGMAS
     # 1.4826 times the median absolute deviation is the deviation of a Gaussian. The lower bound keeps the gates of
     # exact data open.
-    return kernels.model_of_pose(R, t), max(1.4826 * _few_matches(count) * median_rad, least_rad)
+    return model, max(1.4826 * _few_matches(count) * median_rad, least_rad)
 
 
-def _refine_with_loss(problem: PoseProblem, R: Floats, t: Floats) -> None:
-    """Refine a pose in place by re-weighted least squares over the matches within twice the threshold."""
-    from quest.robust.kernels import rays_by_row, refinement
+def _refined_with_loss(problem: PoseProblem, model: Floats) -> Floats:
+    """Refine a motion (q_wxyz, t) by re-weighted least squares over the matches within twice the threshold."""
+    from quest.robust.kernels import model_of_pose, rays_by_row, refinement, rotation_of_model
 
     m, n, threshold_rad, weight_of = problem.m, problem.n, problem.threshold_rad, LOSSES[problem.loss]
-    model = np.concatenate([quaternion_from_matrix(R), t])
     use = problem.explained(model, 2 * threshold_rad)
     if use.sum() <= _UNKNOWNS:
-        return
+        return model
+    R, t = rotation_of_model(model), model[4:].copy()
     rays, rows = rays_by_row(m[use], n[use]), np.empty((7, int(use.sum())))
     A, g, damped, step = np.empty((5, 5)), np.empty(5), np.empty((5, 5)), np.empty(5)
     for _ in range(_LOSS_STEPS):
@@ -138,10 +138,11 @@ def _refine_with_loss(problem: PoseProblem, R: Floats, t: Floats) -> None:
         rows[6] = np.sqrt(weight_of((rows[5] / (_LOSS_SCALE * threshold_rad)) ** 2))
         refinement.sums_of(rows, A, g)
         if not refinement.damped_step(A, g, 1e-9, damped, step):
-            return
+            break
         refinement.move(R.copy(), t.copy(), step, R, t)
         if np.abs(step).max() < _LOSS_SETTLED_RAD:
-            return
+            break
+    return model_of_pose(R, t)
 
 
 def _few_matches(count: int) -> float:
@@ -156,7 +157,6 @@ def _polished(problem: PoseProblem, model: Floats) -> Floats:
     """
     from quest.robust import kernels
 
-    R, t, threshold_rad = kernels.rotation_of_model(model), model[4:].copy(), problem.threshold_rad
-    stages = np.array([(2 * threshold_rad, 0.5 * threshold_rad), (threshold_rad, 0.5 * threshold_rad)])
-    kernels.climb(problem.m, problem.n, R, t, threshold_rad, stages, len(problem), _STEPS)
-    return kernels.model_of_pose(R, t)
+    threshold_rad = problem.threshold_rad
+    stages = threshold_rad * _STAGES
+    return kernels.climb(problem.m, problem.n, model, threshold_rad, stages, len(problem), _STEPS)[0]

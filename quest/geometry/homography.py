@@ -92,9 +92,9 @@ def decompose_homography(H: Floats, m: Floats) -> list[tuple[Floats, Floats, Flo
         k = _cross(v2, u)
         frame1, frame2 = np.array([v2, u, k]), np.array([Hv, Hu, _cross(Hv, Hu)])
         R = frame2.T @ frame1
-        # H is known to a few digits: bring R back to a rotation exactly.
-        A, _, Bt = np.linalg.svd(R)
-        R = (A * [1.0, 1.0, _determinant(A @ Bt)]) @ Bt
+        # R is a rotation up to rounding: two steps of Newton's method for the nearest one.
+        for _ in range(2):
+            R = 1.5 * R - 0.5 * (R @ R.T @ R)
         t = (H - R) @ k
         if 2 * np.count_nonzero(m @ k < 0) > len(m):
             k, t = -k, -t

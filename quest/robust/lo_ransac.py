@@ -47,8 +47,7 @@ PROPOSALS = {"quest5": Proposals(5, 0.55, 0), "quest6": Proposals(6, 0.5, 0), "f
 #: 400 real pairs is the same (differences of .1 +- .3 %), and an estimate takes .15 ms longer.
 _FIRST_CHUNK, _LARGEST_CHUNK = 24, 1024
 #: Number of modes in the pool: at most three alternatives are reported, and several modes may be refined into one.
-#: Number of the best modes, and of the refits, that are refined in the end: each takes one to two tenths of a
-#: millisecond.
+#: Number of modes beside the best one, and of refits, that are refined in the end.
 _POOL, _RUNNERS_UP = 8, 2
 #: Number of subsets of the inliers that the result is refitted to in the end, and their size. Fourteen matches
 #: determine the five unknowns better than five matches do, and leave out the matches that hold the result in a local
@@ -59,7 +58,10 @@ _REFITS, _REFIT_SIZE = 20, 14
 _MOST_NEAR = 500
 #: Number of matches by which the refits are compared: a difference of a few inliers among them decides nothing.
 _MOST_COMPARED = 1000
-#: Largest number of steps of a refinement in the search; the result is refined to the end afterwards.
+#: Stages of a refinement in the search: the largest Sampson error and the scale of the kernel, in thresholds. A model
+#: from few noisy matches misses many of its own inliers by a little, so the first gate is twice the threshold.
+_STAGES = np.array([(2.0, 1.0), (1.0, 0.5)])
+#: Largest number of steps of each stage; the result is refined to the end afterwards.
 _STEPS = 6
 #: Smallest number of inliers among the best-scored matches that is no chance: those of the sample, and four or five
 #: others.
@@ -67,10 +69,9 @@ _LEAST_DRAWN_INLIERS = 10
 
 
 class _Refined(NamedTuple):
-    """A refined motion, its truncated cost on all matches, and its number of inliers."""
+    """A refined motion (q_wxyz, t), its truncated cost on all matches, and its number of inliers."""
 
-    R: Floats
-    t: Floats
+    model: Floats
     cost: float
     inliers: int
 
@@ -115,53 +116,28 @@ class _Pool:
     inliers: Ints = field(default_factory=lambda: np.zeros(_POOL, np.int64))
     chance: Floats = field(default_factory=lambda: np.zeros(2))
 
-    def try_samples(self, matches: _Matches, samples: Ints, rotations: Floats, directions: Floats) -> None:
+    def try_samples(self, solver: str, matches: _Matches, samples: Ints, rotation: Floats, directions: Floats) -> None:
+        """Enter the solutions of some samples."""
+        pool = (matches.threshold_rad, self.R, self.t, self.costs, self.inliers, self.chance)
+        if solver == "quest5":
+            from quest.robust.kernels.quest_five import try_samples_of_five
+
+            try_samples_of_five(matches.m, matches.n, samples, *pool)
+        elif solver == "quest6":
+            from quest.robust.kernels.six_point import try_samples_of_six  # compiled by such searches only
+
+            try_samples_of_six(matches.m, matches.n, samples, *pool)
+        else:
+            from quest.robust.kernels.samples import try_samples
+
+            try_samples(matches.m, matches.n, samples, np.stack([np.eye(3), rotation]), directions, *pool)
+
+    def models(self) -> Floats:
+        """The models (k, 7), as rows (q_wxyz, t)."""
         from quest.robust import kernels
 
-        kernels.try_samples(
-            matches.m,
-            matches.n,
-            samples,
-            rotations,
-            directions,
-            matches.threshold_rad,
-            self.R,
-            self.t,
-            self.costs,
-            self.inliers,
-            self.chance,
-        )
-
-    def try_samples_of_five(self, matches: _Matches, samples: Ints) -> None:
-        from quest.robust.kernels import quest_five
-
-        quest_five.try_samples_of_five(
-            matches.m,
-            matches.n,
-            samples,
-            matches.threshold_rad,
-            self.R,
-            self.t,
-            self.costs,
-            self.inliers,
-            self.chance,
-        )
-
-    def try_samples_of_six(self, matches: _Matches, samples: Ints) -> None:
-        from quest.robust.kernels import six_point  # compiled by searches over samples of six only
-
-        six_point.try_samples_of_six(
-            matches.m,
-            matches.n,
-            samples,
-            matches.threshold_rad,
-            six_point.STEPS,
-            self.R,
-            self.t,
-            self.costs,
-            self.inliers,
-            self.chance,
-        )
+        found = int(np.isfinite(self.costs).sum())
+        return kernels.models_of_poses(self.R[:found], self.t[:found])
 
 
 def lo_ransac(
@@ -192,34 +168,29 @@ def lo_ransac(
       :func:`quest.robust.kernels.quest_five.solve_five`. "quest6": those of six,
       :func:`quest.robust.kernels.six_point.solve_six`. "five": :func:`quest.robust.kernels.newton_five`.
     * ``start``: A pose (R, t) to begin with: samples are drawn until a better one would have been found.
-    * Returns: The models are rows (q_wxyz, t): the refined best model, then the best raw model of each other mode. None
-      where no sample has a solution.
+    * Returns: The models are rows (q_wxyz, t): the refined best model, then the best model of each mode, refined where
+      it is near the best. None where no sample has a solution.
     """
     from quest.robust import kernels
 
     matches = _Matches.shuffled(m, n, threshold_rad, scores, rng)
-    rotations = np.stack([np.eye(3), rotation])
     sample_size, sample_yield, starts = PROPOSALS[solver]
     pool = _Pool()
-    best: _Refined | None = None if start is None else _polish(matches, *start)
+    best: _Refined | None = None if start is None else _polish(matches, kernels.model_of_pose(*start))
+    leader: _Refined | None = None
     leading_cost = math.inf
     drawn, chunk = 0, _FIRST_CHUNK
     while drawn < max_samples:
         chunk = min(chunk, max_samples - drawn)
         samples, directions = matches.draw(rng, sample_size, drawn, chunk, starts)
-        if solver == "quest5":
-            pool.try_samples_of_five(matches, samples)
-        elif solver == "quest6":
-            pool.try_samples_of_six(matches, samples)
-        else:
-            pool.try_samples(matches, samples, rotations, directions)
+        pool.try_samples(solver, matches, samples, rotation, directions)
         drawn += chunk
         # A raw model from few noisy matches is worse than the same model refined, so each new leader is refined.
         if pool.costs[0] < leading_cost:
             leading_cost = pool.costs[0]
-            refined = _polish(matches, pool.R[0], pool.t[0])
-            if refined.cost < (math.inf if best is None else best.cost):
-                best = refined
+            leader = _polish(matches, kernels.model_of_pose(pool.R[0], pool.t[0]))
+            if best is None or leader.cost < best.cost:
+                best = leader
         share = 0.0 if best is None else best.inliers / len(m)
         if matches.by_score is not None and best is not None:
             # The samples so far came from the best-scored matches, and the share of inliers is higher among those.
@@ -231,56 +202,47 @@ def lo_ransac(
         chunk = min(2 * chunk, _LARGEST_CHUNK, max(_FIRST_CHUNK, math.ceil(min(needed, max_samples)) - drawn))
     if best is None:
         return None
-    best = _best_of_neighbours(matches, pool, best, rng)
-    found = np.isfinite(pool.costs)
-    poses = [(best.R, best.t), *zip(pool.R[found], pool.t[found], strict=True)]
-    costs = np.concatenate([[best.cost], pool.costs[found]])
-    return RansacReport(np.array([kernels.model_of_pose(R, t) for R, t in poses]), costs, drawn)
-
-
-def _best_of_neighbours(matches: _Matches, pool: _Pool, best: _Refined, rng: np.random.Generator) -> _Refined:
-    """The best of the refined motion, other modes near its cost, and refits to subsets of its inliers.
-
-    The noise of a sample may lead to a model beside the best optimum, which refinement takes to a local one.
-    """
+    models, costs = pool.models(), pool.costs
+    refined = 0
+    if leader is not None:
+        models[0], refined = leader.model, 1
     # A mode whose raw model misses half of the inliers is not beside the best optimum.
-    near = np.isfinite(pool.costs) & (pool.costs < pool.costs[0] + 0.5 * best.inliers * matches.threshold_rad**2)
-    others = list(zip(pool.R[near], pool.t[near], strict=True))[1 : 1 + _RUNNERS_UP]
-    for R, t in [*others, *_refits(matches, best, rng)]:
-        refined = _polish(matches, R, t)
-        if refined.cost < best.cost:
-            best = refined
-    return best
+    near = int((costs[: len(models)] < costs[0] + 0.5 * best.inliers * threshold_rad**2).sum())
+    # The noise of a sample may lead to a model beside the best optimum, which refinement takes to a local one.
+    for k in range(1, min(near, 1 + _RUNNERS_UP)):
+        other = _polish(matches, models[k])
+        models[k], refined = other.model, k + 1
+        if other.cost < best.cost:
+            best = other
+    for model in _refits(matches, best, rng):
+        refit = _polish(matches, model)
+        if refit.cost < best.cost:
+            best = refit
+    models = np.concatenate([best.model[None], models])
+    return RansacReport(models, np.concatenate([[best.cost], costs[: len(models) - 1]]), drawn, 1 + refined)
 
 
 def _share_of_rows(matches: _Matches, motion: _Refined, rows: Ints) -> float:
     """Share of inliers among the matches of given rows; zero where a wrong motion has as many inliers by chance."""
     from quest.robust import kernels
 
-    threshold_rad = matches.threshold_rad
-    r2, behind = kernels.residuals(matches.m[rows], matches.n[rows], motion.R, motion.t, threshold_rad)
-    inliers = int(((r2 < threshold_rad**2) & ~behind).sum())
+    r2 = kernels.residuals_of_model(matches.m[rows], matches.n[rows], motion.model, matches.threshold_rad)
+    inliers = int((r2 < matches.threshold_rad**2).sum())
     return inliers / len(rows) if inliers >= _LEAST_DRAWN_INLIERS else 0.0
 
 
-def _refits(matches: _Matches, motion: _Refined, rng: np.random.Generator) -> list[tuple[Floats, Floats]]:
-    """The best two of the models that are fitted to random subsets of the inliers."""
+def _refits(matches: _Matches, motion: _Refined, rng: np.random.Generator) -> Floats:
+    """The best two of the models (2, 7) that are fitted to random subsets of the inliers."""
     from quest.robust import kernels
 
-    R, t = np.empty((_RUNNERS_UP, 3, 3)), np.empty((_RUNNERS_UP, 3))
     uniform = rng.random((_REFITS, _REFIT_SIZE))
     m, n, threshold_rad = matches.m, matches.n, matches.threshold_rad
-    count = kernels.refit(m, n, motion.R, motion.t, threshold_rad, uniform, _MOST_COMPARED, _STEPS, R, t)
-    return [(R[k], t[k]) for k in range(count)]
+    return kernels.refit(m, n, motion.model, threshold_rad, uniform, _MOST_COMPARED, _STEPS, _RUNNERS_UP)
 
 
-def _polish(matches: _Matches, R: Floats, t: Floats) -> _Refined:
+def _polish(matches: _Matches, model: Floats) -> _Refined:
     """Refine a model on the matches near it."""
     from quest.robust import kernels
 
-    R, t = R.copy(), t.copy()
-    threshold_rad = matches.threshold_rad
-    # First twice the threshold: a model from few noisy matches misses many of its own inliers by a little.
-    stages = np.array([[2 * threshold_rad, threshold_rad], [threshold_rad, 0.5 * threshold_rad]])
-    cost, inliers = kernels.climb(matches.m, matches.n, R, t, threshold_rad, stages, _MOST_NEAR, _STEPS)
-    return _Refined(R, t, cost, inliers)
+    stages = matches.threshold_rad * _STAGES
+    return _Refined(*kernels.climb(matches.m, matches.n, model, matches.threshold_rad, stages, _MOST_NEAR, _STEPS))

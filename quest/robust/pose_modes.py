@@ -23,8 +23,9 @@ _CLEARLY_ELSEWHERE_RAD = np.deg2rad(15.0)
 
 def _distances(a: Floats, b: Floats) -> tuple[float, float]:
     """Angle between the rotations and angle between the directions of two models, radians."""
-    rotation = 2 * acos(min(1.0, abs(float(a[:4] @ b[:4]))))
-    return rotation, acos(max(-1.0, min(1.0, float(a[4:] @ b[4:]))))
+    # numpy takes three times as long for seven products.
+    w, x, y, z, i, j, k = (a * b).tolist()
+    return 2 * acos(min(1.0, abs(w + x + y + z))), acos(max(-1.0, min(1.0, i + j + k)))
 
 
 def same_mode(a: Floats, b: Floats) -> bool:

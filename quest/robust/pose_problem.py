@@ -28,21 +28,18 @@ class PoseProblem:
     def __len__(self) -> int:
         return len(self.m)
 
-    def residuals(self, models: Floats) -> tuple[Floats, Bools]:
-        """Residuals of all matches under each model.
+    def residuals(self, model: Floats) -> Floats:
+        """Squared residuals of all matches; infinite for a match behind a camera.
 
-        Shapes: ``models`` (H, 7), returns ``r2`` (H, N), returns ``behind`` (H, N).
+        Shapes: ``model`` (7,), returns (N,).
         """
         from quest.robust import kernels
 
-        each = [kernels.residuals_of_model(self.m, self.n, model, self.threshold_rad) for model in models]
-        return np.array([r2 for r2, _ in each]), np.array([behind for _, behind in each])
+        return kernels.residuals_of_model(self.m, self.n, model, self.threshold_rad)
 
     def costs(self, models: Floats) -> tuple[Floats, Ints]:
         """Truncated sums of squared Sampson errors (H,), rad^2, and numbers of inliers (H,), of models (H, 7)."""
-        r2, behind = self.residuals(models)
-        limit = self.threshold_rad**2
-        r2[behind] = limit
+        r2, limit = np.array([self.residuals(model) for model in models]), self.threshold_rad**2
         return np.minimum(r2, limit).sum(axis=1), (r2 < limit).sum(axis=1)
 
     def explained(self, model: Floats, gate_rad: float) -> Bools:
@@ -50,10 +47,7 @@ class PoseProblem:
 
         Shapes: ``model`` (7,), returns (N,).
         """
-        from quest.robust import kernels
-
-        r2, behind = kernels.residuals_of_model(self.m, self.n, model, self.threshold_rad)
-        return np.asarray((r2 < gate_rad**2) & ~behind)
+        return np.asarray(self.residuals(model) < gate_rad**2)
 
     def refine(self, model: Floats, use: Bools, scale_rad: float) -> Floats:
         """Refine a model on given matches, see :func:`quest.geometry.refine.refine_pose`.

@@ -16,12 +16,14 @@ Ints = NDArray[np.int64]
 class RansacReport:
     """The models that the loop found."""
 
-    #: (k, P) The best refined model first, then the best raw models of other samples, by cost.
+    #: (k, P) The best refined model first, then the best models of other samples, by cost.
     models: Floats
-    #: (k,) Cost of each model.
+    #: (k,) Cost of each model, before it was refined but for the best one.
     costs: Floats
     #: Number of samples drawn.
     samples: int
+    #: Number of models, from the first, that are refined; the others are raw.
+    refined: int = 1
 
 
 def samples_needed(inlier_share: float, sample_size: int, confidence: float, yield_per_sample: float) -> float:

@@ -26,7 +26,7 @@ def test_the_likelihood_of_a_motion_is_the_sum_over_its_matches():
     near = np.sqrt(r2[(r2 < THRESHOLD_RAD**2) & ~behind]) / THRESHOLD_RAD
     table = _log_likelihoods()
     expected = np.interp(near, np.linspace(0, 1, len(table)), table).sum()
-    assert kernels.log_likelihood(m, n, R, t, THRESHOLD_RAD, table) == pytest.approx(expected)
+    assert kernels.log_likelihood(m, n, as_model(R, t), THRESHOLD_RAD, table) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("count", [40, 900])

@@ -13,8 +13,8 @@ Poses are ``R, t = cam2_from_cam1`` with |t| = 1, bearings have unit norm, and `
 
 from quest.robust.kernels.five_point import newton_five
 from quest.robust.kernels.local_optimization import climb, draw_starts, refit
-from quest.robust.kernels.mixture import log_likelihood, refine_mixture
-from quest.robust.kernels.noise import chance_inliers, mark_typical, typical_inliers
+from quest.robust.kernels.mixture import log_likelihood, refine_with_noise
+from quest.robust.kernels.noise import chance_inliers, mark_typical
 from quest.robust.kernels.parallax import (
     anisotropy_sums,
     depths_and_parallax,
@@ -27,7 +27,13 @@ from quest.robust.kernels.refinement import refine, refine_rotation
 from quest.robust.kernels.rotations import best_rotation
 from quest.robust.kernels.samples import try_samples
 from quest.robust.kernels.scoring import rays_by_row, residuals, residuals_of_model, score
-from quest.robust.kernels.small_algebra import eigen_in_place, model_of_pose, rotation_of_model, unit_rows
+from quest.robust.kernels.small_algebra import (
+    eigen_in_place,
+    model_of_pose,
+    models_of_poses,
+    rotation_of_model,
+    unit_rows,
+)
 
 __all__ = [
     "anisotropy_sums",
@@ -42,6 +48,7 @@ __all__ = [
     "log_likelihood",
     "mark_typical",
     "model_of_pose",
+    "models_of_poses",
     "newton_five",
     "off_line",
     "planar_information",
@@ -49,8 +56,8 @@ __all__ = [
     "ratio_sums",
     "rays_by_row",
     "refine",
-    "refine_mixture",
     "refine_rotation",
+    "refine_with_noise",
     "refit",
     "residuals",
     "residuals_of_model",
@@ -58,6 +65,5 @@ __all__ = [
     "rotation_of_model",
     "score",
     "try_samples",
-    "typical_inliers",
     "unit_rows",
 ]

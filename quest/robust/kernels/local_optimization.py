@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from quest.robust.kernels.compiler import compiled
 from quest.robust.kernels.refinement import refine
 from quest.robust.kernels.scoring import match_residual, rays_by_row, score_or_refute
-from quest.robust.kernels.small_algebra import copy_pose
+from quest.robust.kernels.small_algebra import copy_pose, copy_row, model_of_pose, rotation_of_model
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -54,18 +54,18 @@ def draw_starts(uniform: Floats, count: int, samples: Ints, directions: Floats) 
 
 @compiled
 def climb(
-    m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, stages: Floats, most: int, iterations: int
-) -> tuple[float, int]:
-    """Refine a model in place in stages, each on the matches near it, and score it on all matches.
+    m: Floats, n: Floats, model: Floats, threshold_rad: float, stages: Floats, most: int, iterations: int
+) -> tuple[Floats, float, int]:
+    """Refine a model in stages, each on the matches near it, and score it on all matches.
 
-    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), ``stages`` (S, 2).
+    Shapes: ``m, n`` (N, 3), ``model`` (7,), ``stages`` (S, 2), returns ``model`` (7,).
 
     * ``m, n``: Unit bearings in camera 1 and camera 2, in random order where there are more than ``most``.
     * ``stages``: For each stage the largest Sampson error of a match that is near, and the scale of the Geman-McClure
       kernel.
     * Returns ``cost``: Truncated sum of squared Sampson errors, rad^2, of all matches.
     """
-    near = np.empty(len(m), np.bool_)
+    R, t, near = rotation_of_model(model), model[4:].copy(), np.empty(len(m), np.bool_)
     for k in range(len(stages)):
         gate2, count = stages[k, 0] * stages[k, 0], 0
         for i in range(len(m)):
@@ -79,32 +79,25 @@ def climb(
             break
         refine(m, n, near, R, t, stages[k, 1], iterations)
     cost, inliers, _ = score_or_refute(rays_by_row(m, n), R, t, threshold_rad, np.inf, 0.0, 0.0)
-    return cost, inliers
+    return model_of_pose(R, t), cost, inliers
 
 
 @compiled
 def refit(
-    m: Floats,
-    n: Floats,
-    R: Floats,
-    t: Floats,
-    threshold_rad: float,
-    uniform: Floats,
-    most: int,
-    iterations: int,
-    R_out: Floats,
-    t_out: Floats,
-) -> int:
+    m: Floats, n: Floats, model: Floats, threshold_rad: float, uniform: Floats, most: int, iterations: int, places: int
+) -> Floats:
     """Fit a pose to random subsets of its inliers, and keep the fits of least cost.
 
-    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), ``uniform`` (S, K), ``R_out, t_out`` (P, 3, 3).
+    Shapes: ``m, n`` (N, 3), ``model`` (7,), ``uniform`` (S, K), returns (P, 7).
 
     * ``m, n``: Unit bearings in camera 1 and camera 2, in random order where there are more than ``most``.
     * ``uniform``: Uniform random numbers from 0 to below 1: S subsets of K inliers.
     * ``most``: Number of matches, from the first, by which the fits are made and compared.
-    * Returns: Number of fits in ``R_out`` and ``t_out``; zero where there are no more than K inliers.
+    * ``places``: Number of fits, S or less.
+    * Returns: The fits by cost; none where there are no more than K inliers.
     """
-    limit, size, places, total = threshold_rad * threshold_rad, uniform.shape[1], len(R_out), min(most, len(m))
+    limit, size, total = threshold_rad * threshold_rad, uniform.shape[1], min(most, len(m))
+    R, t, fits = rotation_of_model(model), model[4:], np.empty((places, 7))
     inliers, count = np.empty(total, np.int64), 0
     for i in range(total):
         r2, behind = match_residual(m, i, n, i, R, t, 2 * limit)
@@ -113,7 +106,7 @@ def refit(
             count += 1
     inliers = inliers[:count]
     if count <= size:
-        return 0
+        return fits[:0]
     rays = rays_by_row(m[:total], n[:total])
     costs, subset, every = np.empty(places), np.empty(size, np.int64), np.empty(size, np.bool_)
     some_m, some_n, R_fit, t_fit = np.empty((size, 3)), np.empty((size, 3)), np.empty((3, 3)), np.empty(3)
@@ -132,9 +125,9 @@ def refit(
             continue
         at = places - 1
         while at > 0 and cost < costs[at - 1]:
-            copy_pose(R_out[at - 1], t_out[at - 1], R_out[at], t_out[at])
+            copy_row(fits[at - 1], fits[at])
             costs[at] = costs[at - 1]
             at -= 1
-        copy_pose(R_fit, t_fit, R_out[at], t_out[at])
+        copy_row(model_of_pose(R_fit, t_fit), fits[at])
         costs[at] = cost
-    return min(places, len(uniform))
+    return fits

@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.robust.kernels.compiler import compiled
-from quest.robust.kernels.noise import distance_from_typical, distances_from_typical, ratio_of_depth
+from quest.robust.kernels.noise import distance_from_typical, distances_from_typical, ratio_of_depth, typical_noise
 from quest.robust.kernels.refinement import damped_step, derivatives, move, sums_of
 from quest.robust.kernels.scoring import match_residual
-from quest.robust.kernels.small_algebra import copy_pose, median_in_place
+from quest.robust.kernels.small_algebra import copy_pose, median_in_place, model_of_pose, rotation_of_model
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -49,6 +49,24 @@ _WIDE = 3.0
 _ROUNDS, _STEPS, _UPDATES = 3, 6, 3
 #: A round ends where a step would move the motion by less than a hundredth of its standard deviation.
 _SETTLED = 1e-4
+
+
+@compiled
+def refine_with_noise(
+    m: Floats, n: Floats, model: Floats, mixture: bool, threshold_rad: float, least_rad: float, mads: float,
+    least_sine2: float,
+) -> tuple[Floats, int, float]:  # fmt: skip
+    """Refine a pose in a row by maximum likelihood, or leave it as it is, and measure its noise.
+
+    Shapes: ``m, n`` (N, 3), ``model`` (7,), returns ``model`` (7,).
+
+    * Returns: The pose, and its number and median of :func:`quest.robust.kernels.noise.typical_noise`.
+    """
+    R, t = rotation_of_model(model), model[4:].copy()
+    if mixture:
+        refine_mixture(m, n, R, t, threshold_rad, least_rad, least_sine2)
+    count, median_rad = typical_noise(m, n, R, t, threshold_rad, mads, least_sine2)
+    return model_of_pose(R, t), count, median_rad
 
 
 @compiled
@@ -223,14 +241,15 @@ def _expect(
 
 
 @compiled
-def log_likelihood(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, table: Floats) -> float:
+def log_likelihood(m: Floats, n: Floats, model: Floats, threshold_rad: float, table: Floats) -> float:
     """Logarithm of the likelihood of a pose without a scale, less that of outliers alone.
 
-    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), ``table`` (K,).
+    Shapes: ``m, n`` (N, 3), ``model`` (7,), ``table`` (K,).
 
     * ``table``: Logarithm of the likelihood of a match, less that of an outlier, for residuals from zero to the
       threshold in equal steps.
     """
+    R, t = rotation_of_model(model), model[4:]
     limit, last, total = threshold_rad * threshold_rad, len(table) - 1, 0.0
     for i in range(len(m)):
         r2, behind = match_residual(m, i, n, i, R, t, 2 * limit)

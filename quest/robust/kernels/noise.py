@@ -83,37 +83,25 @@ def mark_typical(m: Floats, n: Floats, R: Floats, t: Floats, mads: float, least_
 
 
 @compiled
-def typical_inliers(
-    m: Floats,
-    n: Floats,
-    R: Floats,
-    t: Floats,
-    threshold_rad: float,
-    mads: float,
-    least_sine2: float,
-    use: Bools,
-) -> tuple[int, int, float]:
-    """Mark the inliers of typical depth, and find the median of their residuals.
+def typical_noise(
+    m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, mads: float, least_sine2: float
+) -> tuple[int, float]:
+    """Number of inliers of typical depth, and the median of their absolute Sampson errors; 0 without such a match.
 
-    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), ``use`` (N,).
-
-    * Returns ``median``: Median absolute Sampson error of these matches, radians; 0 without such a match.
+    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3).
     """
     limit, total = threshold_rad * threshold_rad, len(m)
-    r2, values, before = np.empty(total), np.empty(total), np.empty(total, np.bool_)
+    r2, values, use = np.empty(total), np.empty(total), np.empty(total, np.bool_)
     for i in range(total):
-        before[i] = use[i]
         r2[i], behind = match_residual(m, i, n, i, R, t, 2 * limit)
         use[i] = r2[i] < limit and not behind
     mark_typical(m, n, R, t, mads, least_sine2, use)
-    count, changed = 0, 0
+    count = 0
     for i in range(total):
         if use[i]:
             values[count] = r2[i]
             count += 1
-        if use[i] != before[i]:
-            changed += 1
-    return count, changed, np.sqrt(median_in_place(values[:count])) if count > 0 else 0.0
+    return count, np.sqrt(median_in_place(values[:count])) if count > 0 else 0.0
 
 
 @compiled

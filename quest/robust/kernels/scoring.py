@@ -61,13 +61,16 @@ def residuals(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float) 
 
 
 @compiled
-def residuals_of_model(m: Floats, n: Floats, model: Floats, threshold_rad: float) -> tuple[Floats, Bools]:
-    """Residuals as :func:`residuals`, of a pose in one row.
+def residuals_of_model(m: Floats, n: Floats, model: Floats, threshold_rad: float) -> Floats:
+    """Residuals as :func:`residuals`, of a pose in one row; infinite for a match behind a camera.
 
-    Shapes: ``m, n`` (N, 3), ``model`` (7,), returns ``r2`` (N,), returns ``behind`` (N,).
+    Shapes: ``m, n`` (N, 3), ``model`` (7,), returns (N,).
     """
     r2, behind = residuals(m, n, rotation_of_model(model), model[4:], threshold_rad)
-    return r2, behind
+    for i in range(len(m)):
+        if behind[i]:
+            r2[i] = np.inf
+    return r2
 
 
 @compiled

@@ -386,7 +386,6 @@ def try_samples_of_six(
     n: Floats,
     samples: Ints,
     threshold_rad: float,
-    iterations: int,
     pool_R: Floats,
     pool_t: Floats,
     pool_costs: Floats,
@@ -406,7 +405,7 @@ def try_samples_of_six(
     """
     rays, found_R, found_t = rays_by_row(m, n), np.empty((MOST_POSES, 3, 3)), np.empty((MOST_POSES, 3))
     for i in range(len(samples)):
-        for k in range(solve_six(m, n, samples[i], threshold_rad, iterations, found_R, found_t)):
+        for k in range(solve_six(m, n, samples[i], threshold_rad, STEPS, found_R, found_t)):
             enter_if_better(
                 rays, found_R[k], found_t[k], threshold_rad, pool_R, pool_t, pool_costs, pool_inliers, chance
             )

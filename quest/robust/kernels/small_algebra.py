@@ -179,6 +179,25 @@ def model_of_pose(R: Floats, t: Floats) -> Floats:
 
 
 @compiled
+def copy_row(row: Floats, to: Floats) -> None:
+    """Copy a row of numbers; an assignment of numba takes long to compile."""
+    for i in range(len(row)):
+        to[i] = row[i]
+
+
+@compiled
+def models_of_poses(R: Floats, t: Floats) -> Floats:
+    """Rows of many poses.
+
+    Shapes: ``R, t`` (K, 3, 3), returns (K, 7).
+    """
+    models = np.empty((len(R), 7))
+    for k in range(len(R)):
+        copy_row(model_of_pose(R[k], t[k]), models[k])
+    return models
+
+
+@compiled
 def eigen_in_place(A: Floats, V: Floats) -> int:
     """Eigenvalues and eigenvectors of a symmetric matrix, by Jacobi's rotations.
 

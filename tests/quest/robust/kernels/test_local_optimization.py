@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from make_pose_matches import THRESHOLD_RAD, disturbed, pose_and_matches
+from make_pose_matches import THRESHOLD_RAD, as_model, disturbed, pose_and_matches
 
 from quest.robust import kernels
 from quest.robust.kernels.local_optimization import draw_subset
+from quest.robust.pose_problem import PoseProblem
 
 SEEDS = st.integers(0, 2**32 - 1)
 #: The first call compiles, so there is no deadline.
@@ -56,21 +57,22 @@ def test_directions_are_uniform_on_the_sphere():
 def test_the_score_of_a_climb_is_that_of_its_pose(seed, most):
     R, t, m, n = pose_and_matches(seed, wrong=20)
     R, t = disturbed(R, t, seed, 1e-3)
-    before = R.copy()
+    start = as_model(R, t)
     stages = np.array([[2 * THRESHOLD_RAD, THRESHOLD_RAD], [THRESHOLD_RAD, 0.5 * THRESHOLD_RAD]])
-    score = kernels.climb(m, n, R, t, THRESHOLD_RAD, stages, most, 6)
-    assert score == kernels.score(m, n, R, t, THRESHOLD_RAD, np.inf)
-    assert (before == R).all() == (most < 6)
+    model, *score = kernels.climb(m, n, start, THRESHOLD_RAD, stages, most, 6)
+    R, t = kernels.rotation_of_model(model), model[4:]
+    assert score == pytest.approx(kernels.score(m, n, R, t, THRESHOLD_RAD, np.inf), rel=1e-9)
+    assert (np.abs(model - start).max() < 1e-14) == (most < 6)
 
 
 @laws
 @given(seed=SEEDS)
 def test_refits_come_in_order_of_cost(seed):
     R, t, m, n = pose_and_matches(seed, wrong=20)
-    R_out, t_out = np.empty((3, 3, 3)), np.empty((3, 3))
     uniform = np.random.default_rng(seed).random((20, 14))
-    assert kernels.refit(m, n, R, t, THRESHOLD_RAD, uniform, len(m), 6, R_out, t_out) == 3
-    costs = [kernels.score(m, n, *pose, THRESHOLD_RAD, np.inf)[0] for pose in zip(R_out, t_out, strict=True)]
+    fits = kernels.refit(m, n, as_model(R, t), THRESHOLD_RAD, uniform, len(m), 6, 3)
+    costs = PoseProblem(m, n, THRESHOLD_RAD).costs(fits)[0].tolist()
+    assert len(costs) == 3
     assert costs == sorted(costs)
     # The noise of 14 matches moves a fit by a few standard deviations.
     assert costs[0] < 2 * kernels.score(m, n, R, t, THRESHOLD_RAD, np.inf)[0]
@@ -79,4 +81,4 @@ def test_refits_come_in_order_of_cost(seed):
 def test_too_few_inliers_give_no_refit():
     R, t, m, n = pose_and_matches(0, 14, noise_rad=0.0)
     uniform = np.random.default_rng(0).random((20, 14))
-    assert kernels.refit(m, n, R, t, THRESHOLD_RAD, uniform, 14, 6, np.empty((2, 3, 3)), np.empty((2, 3))) == 0
+    assert len(kernels.refit(m, n, as_model(R, t), THRESHOLD_RAD, uniform, 14, 6, 2)) == 0
