@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from quest.geometry.quaternion import canonical
 from quest.relative_pose import Hypothesis
+from quest.robust import kernels
 from quest.robust.plane import PlaneFit
 from quest.robust.pose_modes import same_mode
 from quest.robust.pose_problem import PoseProblem
@@ -157,7 +158,5 @@ def as_hypothesis(model: Floats, inliers: Bools) -> Hypothesis:
 
     Shapes: ``model`` (7,), ``inliers`` (N,).
     """
-    from quest.robust import kernels
-
     q = canonical(model[:4]) if model[0] <= 0 else model[:4]
     return Hypothesis(q, kernels.rotation_of_model(model), model[4:], inliers)

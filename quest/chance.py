@@ -23,12 +23,14 @@ References
 
 from __future__ import annotations
 
+from itertools import repeat
 from math import exp, lgamma, log, log1p, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from quest.robust import kernels
 from quest.robust.pose_problem import PoseProblem
 from quest.robust.spatial_blocks import directions_of, percentiles
 
@@ -76,8 +78,6 @@ def chance_of_motion(problem: PoseProblem, model: Floats, gate_rad: float, rng: 
 
     Shapes: ``model`` (7,).
     """
-    from quest.robust import kernels
-
     total, threshold_rad = len(problem), problem.threshold_rad
     trials = _trials(total)
     order = rng.permutation(total)
@@ -156,7 +156,7 @@ def _false_alarms(counts: Ints, total: int, fitted: int, tests: float, share: Fl
     others = total - fitted
     if others <= 0:
         return float("inf")
-    least = min(_log_tail(int(count) - fitted, others, p) for count, p in zip(counts, share.tolist(), strict=True))
+    least = min(map(_log_tail, (counts - fitted).tolist(), repeat(others), share.tolist()))
     return exp(min(tests + least, 700.0))
 
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from quest.noise import GATE_SIGMAS, KERNEL_SIGMAS
 from quest.relative_pose import Hypothesis
+from quest.robust import kernels
 from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS
 
 Floats = NDArray[np.float64]
@@ -40,8 +41,6 @@ def pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: flo
 
     P. J. Huber, E. M. Ronchetti, "Robust Statistics", 2009, section 7.6: the correction K.
     """
-    from quest.robust import kernels
-
     R, t = hypothesis.R, hypothesis.t
     typical = np.ones(len(m), bool)
     kernels.mark_typical(m, n, R, t, RATIO_MADS, LEAST_SINE2, typical)
@@ -87,8 +86,6 @@ def _without_noise(information: Floats, by_noise: Floats) -> Floats:
 
 
 def _least_eigenvalue(information: Floats) -> float:
-    from quest.robust import kernels
-
     values = information.copy()
     kernels.eigen_in_place(values, np.empty_like(values))
     return float(values.diagonal().min())
@@ -124,8 +121,6 @@ def planar_pose_covariance(
     The unknowns are the five of the pose and the three of k. A match has two residuals then, those of the homography
     ``R + t k^T``, so that the pose is better known than from epipolar lines alone.
     """
-    from quest.robust import kernels
-
     scale_rad = KERNEL_SIGMAS * noise_rad
     information, psi2, slope = kernels.planar_information(m, n, hypothesis.R, hypothesis.t, scale_rad)
     residuals = 2 * len(m)
@@ -135,8 +130,6 @@ def planar_pose_covariance(
 
 def _pseudo_inverse(information: Floats) -> Floats:
     """The pseudo-inverse of a symmetric matrix (N, N), which is overwritten; numpy takes 50 us for it."""
-    from quest.robust import kernels
-
     vectors = np.empty_like(information)
     kernels.eigen_in_place(information, vectors)
     values = information.diagonal()

@@ -27,6 +27,8 @@ def as_floats(values: ArrayLike, name: str) -> Floats:
       masked entries are arrays.
     * Returns: Not checked for NaN and infinity. A number too large for a double becomes infinity.
     """
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        return values
     if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
         raise InputError(f"{name} has masked entries: remove those rows")
     try:

@@ -14,7 +14,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +33,7 @@ from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import quaternion_from_matrix
 from quest.noise import GATE_SIGMAS, LOSSES, MOST_COMPARED, best_of_modes, refine_with_noise
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
+from quest.robust import kernels
 from quest.robust.lo_ransac import PROPOSALS, lo_ransac
 from quest.robust.plane import PlaneFit, fit_plane, off_line_rad
 from quest.robust.pose_modes import same_mode, spread_out
@@ -217,7 +217,7 @@ def estimate_relative_pose(
     if count < _MIN_MATCHES or chance.false_alarms > LARGEST_OF_MOTION:
         return _rotation_or_no_pose(_rotation_of(problem, rotation, rng), evidence)
     parallax = _tested_parallax(problem, motion, chance.inliers, rotation)
-    evidence = replace(evidence, parallax_z=parallax.test_value, parallax_p=parallax.p_value)
+    evidence = evidence.extended(parallax_z=parallax.test_value, parallax_p=parallax.p_value)
     if not parallax.observable(_ERROR_RATE):
         turned = _rotation_of(problem, rotation, rng)
         # Where a rotation explains no more than chance would, the camera does not only rotate. Where it explains only a
@@ -227,9 +227,10 @@ def estimate_relative_pose(
             and false_alarms_beside_rotation(problem, best, turned.r2, chance.shares) > LARGEST_OF_MOTION
         ):
             return _rotation_or_no_pose(turned, evidence, parallax, _unobserved_motions(problem, motion))
-    spread = max(off_line_rad(motion.m), off_line_rad(motion.n))
-    if spread < _LINE_SIGMAS * noise_rad:
-        return NoPose("no_consistent_motion", replace(evidence, off_line_rad=spread))
+    if off_line_rad(motion.m) < _LINE_SIGMAS * noise_rad:
+        spread = max(off_line_rad(motion.m), off_line_rad(motion.n))
+        if spread < _LINE_SIGMAS * noise_rad:
+            return NoPose("no_consistent_motion", evidence.extended(off_line_rad=spread))
     return _pose_with_alternatives(problem, others, motion, evidence, parallax)
 
 
@@ -283,8 +284,6 @@ def _checked_pose(initial_pose: tuple[ArrayLike, ArrayLike]) -> tuple[Floats, Fl
 
 def as_unit_bearings(bearings1: ArrayLike, bearings2: ArrayLike) -> tuple[Floats, Floats]:
     """Check matched rays, and scale copies of them (N, 3) to unit norm."""
-    from quest.robust import kernels
-
     rays1, rays2 = as_floats(bearings1, "bearings"), as_floats(bearings2, "bearings")
     if rays1.shape == rays2.shape and rays1.ndim == 2 and rays1.shape[1] == 3:
         # Copies, so that the compiled loop meets one kind of array: writable, with contiguous rows.
@@ -338,8 +337,6 @@ def _distinct(m: Floats, n: Floats) -> int:
 
 def _tested_parallax(problem: PoseProblem, motion: _Motion, chance: float, rotation: Floats) -> ParallaxStatement:
     """Test whether the translation of a motion is observable on its inliers."""
-    from quest.robust import kernels
-
     least_noise_rad = _LEAST_NOISE * problem.threshold_rad
     return statement_of_inliers(
         kernels.rotation_of_model(motion.model),
@@ -362,11 +359,9 @@ def _pose_with_alternatives(
     parallax: ParallaxStatement,
 ) -> RelativePose | NoPose:
     """The pose of a motion with observable translation, its kind, and the motions that explain the matches as well."""
-    from quest.robust import kernels
-
     gate_rad, noise_rad, best, inliers = motion.gate_rad, motion.noise_rad, motion.model, motion.inliers
     plane = fit_plane(best, motion.m, motion.n, noise_rad)
-    evidence = replace(evidence, on_plane=plane.on, off_plane=plane.off)
+    evidence = evidence.extended(on_plane=plane.on, off_plane=plane.off)
     planar = explained_by_plane(problem, plane, best, len(motion.m), gate_rad, noise_rad)
     if planar:
         # The two poses of the homography: with the constraint of the plane they are several times more accurate than
@@ -452,7 +447,7 @@ def _rotation_or_no_pose(
     """The pose of kind "rotation" if a rotation explains many matches, outside a patch too; otherwise no pose."""
     inliers, total = rotation.inliers, len(rotation.inliers)
     count = int(inliers.sum())
-    evidence = replace(evidence, rotation_inliers=count)
+    evidence = evidence.extended(rotation_inliers=count)
     false_alarms = max(rotation.false_alarms, rotation.false_alarms_off_patch)
     if not rotation.counts:
         return NoPose("no_consistent_motion", evidence)
@@ -471,6 +466,6 @@ def _rotation_or_no_pose(
         parallax_rad=0.0,
         parallax=parallax,
         covariance=np.full((5, 5), np.nan),
-        evidence=replace(evidence, false_alarms=false_alarms),
+        evidence=evidence.extended(false_alarms=false_alarms),
         H=rotation.R,
     )

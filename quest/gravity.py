@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from quest.errors import as_index, as_positive
 from quest.estimate import as_unit_bearings, refine_relative_pose
 from quest.relative_pose import NoPose, PoseEvidence, RelativePose
+from quest.robust import kernels
 from quest.robust.samples import draw_samples, samples_needed
 from quest.uncertainty.parallax import as_direction
 
@@ -113,8 +114,6 @@ def _search(
     m: Floats, n: Floats, threshold_rad: float, rng: np.random.Generator, confidence: float, max_samples: int
 ) -> tuple[Floats, Floats] | None:
     """The pose of least truncated cost."""
-    from quest.robust import kernels
-
     order = rng.permutation(len(m))
     m, n = np.ascontiguousarray(m[order]), np.ascontiguousarray(n[order])
     best: tuple[Floats, Floats] | None = None

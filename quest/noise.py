@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from quest.robust import kernels
 from quest.robust.pose_modes import same_mode
 from quest.robust.pose_problem import PoseProblem
 from quest.robust.samples import RansacReport
@@ -80,8 +81,6 @@ def best_of_modes(
 
 def log_likelihood(problem: PoseProblem, model: Floats) -> float:
     """Logarithm of the likelihood of a motion (q_wxyz, t) without a scale, less that of outliers alone."""
-    from quest.robust import kernels
-
     return kernels.log_likelihood(problem.m, problem.n, model, problem.threshold_rad, _log_likelihoods())
 
 
@@ -105,8 +104,6 @@ def refine_with_noise(problem: PoseProblem, model: Floats) -> tuple[Floats, floa
     P. J. Rousseeuw and A. M. Leroy, "Robust Regression and Outlier Detection", 1987, section 5.1: the factor for small
     samples.
     """
-    from quest.robust import kernels
-
     threshold_rad, mixture = problem.threshold_rad, problem.loss == "mixture"
     if not mixture:
         model = _refined_with_loss(problem, model)
@@ -123,14 +120,14 @@ def refine_with_noise(problem: PoseProblem, model: Floats) -> tuple[Floats, floa
 
 def _refined_with_loss(problem: PoseProblem, model: Floats) -> Floats:
     """Refine a motion (q_wxyz, t) by re-weighted least squares over the matches within twice the threshold."""
-    from quest.robust.kernels import model_of_pose, rays_by_row, refinement, rotation_of_model
+    from quest.robust.kernels import refinement
 
     m, n, threshold_rad, weight_of = problem.m, problem.n, problem.threshold_rad, LOSSES[problem.loss]
     use = problem.explained(model, 2 * threshold_rad)
     if use.sum() <= _UNKNOWNS:
         return model
-    R, t = rotation_of_model(model), model[4:].copy()
-    rays, rows = rays_by_row(m[use], n[use]), np.empty((7, int(use.sum())))
+    R, t = kernels.rotation_of_model(model), model[4:].copy()
+    rays, rows = kernels.rays_by_row(m[use], n[use]), np.empty((7, int(use.sum())))
     A, g, damped, step = np.empty((5, 5)), np.empty(5), np.empty((5, 5)), np.empty(5)
     for _ in range(_LOSS_STEPS):
         refinement.derivatives(rays, R, t, 1.0, rows)
@@ -142,7 +139,7 @@ def _refined_with_loss(problem: PoseProblem, model: Floats) -> Floats:
         refinement.move(R.copy(), t.copy(), step, R, t)
         if np.abs(step).max() < _LOSS_SETTLED_RAD:
             break
-    return model_of_pose(R, t)
+    return kernels.model_of_pose(R, t)
 
 
 def _few_matches(count: int) -> float:
@@ -155,8 +152,6 @@ def _polished(problem: PoseProblem, model: Floats) -> Floats:
 
     The motion stays as it is where fewer than six matches are inliers.
     """
-    from quest.robust import kernels
-
     threshold_rad = problem.threshold_rad
     stages = threshold_rad * _STAGES
     return kernels.climb(problem.m, problem.n, model, threshold_rad, stages, len(problem), _STEPS)[0]

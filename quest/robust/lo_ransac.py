@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from quest.robust import kernels
 from quest.robust.prosac import progressive_samples, subset_size
 from quest.robust.samples import RansacReport, samples_needed
 
@@ -96,8 +97,6 @@ class _Matches:
 
     def draw(self, rng: np.random.Generator, size: int, drawn: int, batch: int, starts: int) -> tuple[Ints, Floats]:
         """Samples (batch, size), and a direction for each start of a sample (batch, starts, 3)."""
-        from quest.robust import kernels
-
         samples, directions = np.empty((batch, size), np.int64), np.empty((batch, starts, 3))
         if self.by_score is not None:
             samples[:] = self.by_score[progressive_samples(rng, len(self.m), size, drawn, batch)]
@@ -120,22 +119,14 @@ class _Pool:
         """Enter the solutions of some samples."""
         pool = (matches.threshold_rad, self.R, self.t, self.costs, self.inliers, self.chance)
         if solver == "quest5":
-            from quest.robust.kernels.quest_five import try_samples_of_five
-
-            try_samples_of_five(matches.m, matches.n, samples, *pool)
+            kernels.try_samples_of_five(matches.m, matches.n, samples, *pool)
         elif solver == "quest6":
-            from quest.robust.kernels.six_point import try_samples_of_six  # compiled by such searches only
-
-            try_samples_of_six(matches.m, matches.n, samples, *pool)
+            kernels.try_samples_of_six(matches.m, matches.n, samples, *pool)
         else:
-            from quest.robust.kernels.samples import try_samples
-
-            try_samples(matches.m, matches.n, samples, np.stack([np.eye(3), rotation]), directions, *pool)
+            kernels.try_samples(matches.m, matches.n, samples, np.stack([np.eye(3), rotation]), directions, *pool)
 
     def models(self) -> Floats:
         """The models (k, 7), as rows (q_wxyz, t)."""
-        from quest.robust import kernels
-
         found = int(np.isfinite(self.costs).sum())
         return kernels.models_of_poses(self.R[:found], self.t[:found])
 
@@ -171,8 +162,6 @@ def lo_ransac(
     * Returns: The models are rows (q_wxyz, t): the refined best model, then the best model of each mode, refined where
       it is near the best. None where no sample has a solution.
     """
-    from quest.robust import kernels
-
     matches = _Matches.shuffled(m, n, threshold_rad, scores, rng)
     sample_size, sample_yield, starts = PROPOSALS[solver]
     pool = _Pool()
@@ -224,8 +213,6 @@ def lo_ransac(
 
 def _share_of_rows(matches: _Matches, motion: _Refined, rows: Ints) -> float:
     """Share of inliers among the matches of given rows; zero where a wrong motion has as many inliers by chance."""
-    from quest.robust import kernels
-
     r2 = kernels.residuals_of_model(matches.m[rows], matches.n[rows], motion.model, matches.threshold_rad)
     inliers = int((r2 < matches.threshold_rad**2).sum())
     return inliers / len(rows) if inliers >= _LEAST_DRAWN_INLIERS else 0.0
@@ -233,8 +220,6 @@ def _share_of_rows(matches: _Matches, motion: _Refined, rows: Ints) -> float:
 
 def _refits(matches: _Matches, motion: _Refined, rng: np.random.Generator) -> Floats:
     """The best two of the models (2, 7) that are fitted to random subsets of the inliers."""
-    from quest.robust import kernels
-
     uniform = rng.random((_REFITS, _REFIT_SIZE))
     m, n, threshold_rad = matches.m, matches.n, matches.threshold_rad
     return kernels.refit(m, n, motion.model, threshold_rad, uniform, _MOST_COMPARED, _STEPS, _RUNNERS_UP)
@@ -242,7 +227,5 @@ def _refits(matches: _Matches, motion: _Refined, rng: np.random.Generator) -> Fl
 
 def _polish(matches: _Matches, model: Floats) -> _Refined:
     """Refine a model on the matches near it."""
-    from quest.robust import kernels
-
     stages = matches.threshold_rad * _STAGES
     return _Refined(*kernels.climb(matches.m, matches.n, model, matches.threshold_rad, stages, _MOST_NEAR, _STEPS))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.geometry.homography import decompose_homography
+from quest.robust import kernels
 
 Floats = NDArray[np.float64]
 
@@ -43,8 +44,6 @@ def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit
     It has no poses where less than half of the matches lie on a plane, or fewer than eight: most points off the plane
     refute its other motion.
     """
-    from quest.robust import kernels
-
     R, t, k = kernels.rotation_of_model(model), model[4:].copy(), np.empty(3)
     if len(m) < _LEAST_ON_PLANE or not kernels.best_plane(m, n, R, t, _GATE_SIGMAS * noise_rad, _samples(), k):
         return PlaneFit(0, len(m), np.inf, np.inf, [])
@@ -62,8 +61,6 @@ def _samples() -> Floats:
 
 def _poses_of_plane(H: Floats, m: Floats, model: Floats) -> list[Floats]:
     """The motions (q_wxyz, t) of a homography of points m (N, 3), the one nearest to the given motion first."""
-    from quest.robust import kernels
-
     motions = decompose_homography(H, m)
     poses = [kernels.model_of_pose(R_i, t_i / np.linalg.norm(t_i)) for R_i, t_i, _ in motions if t_i.any()]
     # One of the two is the motion itself, up to noise; the other is its twin.
@@ -77,6 +74,4 @@ def off_line_rad(rays: Floats) -> float:
     The weight of a ray falls with its distance, so that a few rays off the line do not tilt it. It is zero for points
     on a line.
     """
-    from quest.robust import kernels
-
     return kernels.off_line(rays, _GATE_SIGMAS)

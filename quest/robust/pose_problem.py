@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from quest.robust import kernels
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -33,8 +35,6 @@ class PoseProblem:
 
         Shapes: ``model`` (7,), returns (N,).
         """
-        from quest.robust import kernels
-
         return kernels.residuals_of_model(self.m, self.n, model, self.threshold_rad)
 
     def costs(self, models: Floats) -> tuple[Floats, Ints]:
@@ -54,8 +54,6 @@ class PoseProblem:
 
         Shapes: ``model`` (7,), ``use`` (N,), returns (7,).
         """
-        from quest.robust import kernels
-
         R, t = kernels.rotation_of_model(model), model[4:].copy()
         kernels.refine(self.m, self.n, use, R, t, scale_rad, 12)
         return kernels.model_of_pose(R, t)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from quest.robust import kernels
+
 Floats = NDArray[np.float64]
 
 #: From this number of matches the share of inliers of a hypothesis is known to 4 %.
@@ -24,8 +26,6 @@ def propose_rotation(m: Floats, n: Floats, threshold_rad: float, rng: np.random.
 
     * ``threshold_rad``: Residual above which a match has little weight, as in :func:`quest.estimate_relative_pose`.
     """
-    from quest.robust import kernels
-
     # Some hundred matches decide which rotation is best.
     if len(m) > _TEST_MATCHES:
         some = rng.permutation(len(m))[:_TEST_MATCHES]
@@ -65,8 +65,6 @@ def refine_rotation(R: Floats, m: Floats, n: Floats, scale_rad: float, iteration
 
     Shapes: ``R`` (3, 3), ``m, n`` (N, 3), returns (3, 3).
     """
-    from quest.robust import kernels
-
     R = R.copy()
     kernels.refine_rotation(np.ascontiguousarray(m), np.ascontiguousarray(n), R, scale_rad, iterations)
     return R

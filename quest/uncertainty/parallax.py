@@ -55,6 +55,7 @@ from numpy.typing import ArrayLike, NDArray
 from quest.errors import InputError, as_floats, as_index, as_positive
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import matrix_from_quaternion
+from quest.robust import kernels
 from quest.uncertainty.tails import gaussian_tail, poisson_tail
 
 Floats = NDArray[np.float64]
@@ -223,8 +224,6 @@ def statement_of_inliers(
 
     Shapes: ``R`` (3, 3), ``t`` (3,), ``m, n`` (N, 3), ``rotation`` (3, 3).
     """
-    from quest.robust import kernels
-
     information, squares, *_ = kernels.pose_information(m, n, R, t, 1.0)
     noise = noise_rad if noise_rad is not None else max(sqrt(squares / (len(m) - 5)), _LEAST_NOISE_RAD)
     limit = _upper_noise(squares, len(m))
@@ -301,8 +300,6 @@ def _anisotropy_of_sums(sums: Floats, count: int) -> float:
 
 def _eigen(A: Floats) -> tuple[Floats, Floats]:
     """Eigenvalues (N,) and eigenvectors (N, N), as columns, of a small symmetric matrix; numpy takes 20 us a call."""
-    from quest.robust import kernels
-
     A, vectors = A.copy(), np.empty_like(A)
     kernels.eigen_in_place(A, vectors)
     return A.diagonal(), vectors
