@@ -82,6 +82,7 @@ def refine_mixture(
     """
     total, limit = len(m), threshold_rad * threshold_rad
     use, values, group_before = np.empty(total, np.bool_), np.empty(total), np.full(total, -1)
+    settled = False
     shares, prior, s = np.empty((len(_BOUNDS) + 1, 3)), np.empty((len(_BOUNDS) + 1, 3)), threshold_rad / 3
     for g in range(len(shares)):
         for k in range(3):
@@ -119,11 +120,11 @@ def refine_mixture(
             if distances[i] <= _BOUNDS[1]:
                 values[typical] = values[i]
                 typical += 1
-        if not changed:
+        if settled and not changed:
             break
         if turn_number == 0 and typical > 0:
             s = 1.4826 * np.sqrt(median_in_place(values[:typical]))
-        s = _maximize(
+        s, settled = _maximize(
             rays, group, R, t, threshold_rad, least_rad, prior, shares, s, _UPDATES if turn_number == 0 else 1
         )
     return shares, s
@@ -162,8 +163,11 @@ def _add_chance(
 def _maximize(
     rays: Floats, group: Ints, R: Floats, t: Floats, threshold_rad: float, least_rad: float, prior: Floats,
     shares: Floats, s: float, updates: int,
-) -> float:  # fmt: skip
-    """Maximize the likelihood over the pose, the shares and s, for given matches and groups; return s."""
+) -> tuple[float, bool]:  # fmt: skip
+    """Maximize the likelihood over the pose, the shares and s, for given matches and groups.
+
+    * Returns: s, and whether the pose is at the maximum.
+    """
     count = rays.shape[1]
     rows, rows_new, weights = np.empty((7, count)), np.empty((7, count)), np.empty(count)
     A, g, damped, step = np.empty((5, 5)), np.empty(5), np.empty((5, 5)), np.empty(5)
@@ -180,7 +184,7 @@ def _maximize(
         for j in range(5):
             gain -= g[j] * step[j]
         if gain < _SETTLED * s * s:
-            break
+            return s, True
         move(R, t, step, R_new, t_new)
         derivatives(rays, R_new, t_new, 1.0, rows_new)
         if _weigh(rows_new, weights) <= cost:
@@ -194,7 +198,7 @@ def _maximize(
             damping *= 10
             if damping > 1e4:
                 break
-    return s
+    return s, False
 
 
 @compiled
