@@ -171,16 +171,10 @@ def _parse_yaml(text: str) -> object:
     try:
         _check_structure(yaml.scan(body, Loader=Loader))
         return yaml.load(body, Loader=Loader)
-    except yaml.constructor.ConstructorError as error:
-        mark = error.problem_mark
-        raise CalibrationError(
-            f"refused YAML in line {mark.line + 1 if mark else '?'}: {_one_line(error.problem)}"
-        ) from None
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark
-        raise CalibrationError(
-            f"broken YAML in line {mark.line + 1 if mark else '?'}: {_one_line(error.problem)}"
-        ) from None
+        what = "refused" if isinstance(error, yaml.constructor.ConstructorError) else "broken"
+        line = error.problem_mark.line + 1 if error.problem_mark else "?"
+        raise CalibrationError(f"{what} YAML in line {line}: {_one_line(error.problem)}") from None
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise CalibrationError(f"broken YAML: {_one_line(error)}") from None
 

@@ -15,7 +15,7 @@ from slam_init.compare.sources import ComparedSource, open_compared
 from slam_init.compare.trials import Settings
 from slam_init.errors import plain_line
 from slam_init.recording.images import jpeg, reduced
-from slam_init.recording.layout import ESTIMATE_COLOR, GREEN, RED, TRUTH_COLOR, YELLOW, name_parts
+from slam_init.recording.layout import ESTIMATE_COLOR, GREEN, RED, TRUTH_COLOR, YELLOW, behind_first_camera, name_parts
 from slam_init.recording.recording_file import RecordingFile, open_stream
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.reasons import in_words
@@ -128,10 +128,9 @@ def _blueprint(entities: Mapping[str, str], with_map: Set[str]) -> rrb.Blueprint
     """
     import rerun.blueprint as rrb
 
-    eye = rrb.EyeControls3D(position=(-0.4, -0.45, -0.65), look_target=(0.0, 0.0, 0.8), eye_up=(0, -1, 0))
     cells = [
         rrb.Vertical(
-            rrb.Spatial3DView(origin=f"{entity}/map", name=method, line_grid=False, eye_controls=eye),
+            rrb.Spatial3DView(origin=f"{entity}/map", name=method, line_grid=False, eye_controls=behind_first_camera()),
             rrb.TextDocumentView(origin=f"{entity}/verdict", name=f"verdict of {method}"),
             row_shares=[3, 1],
         )

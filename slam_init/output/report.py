@@ -9,6 +9,7 @@ from pathlib import Path
 from slam_init.errors import plain_line
 from slam_init.output.records import SegmentRecord
 from slam_init.output.summary import Summary
+from slam_init.types.reasons import in_words
 
 
 def report_text(summary: Summary, out: str | os.PathLike[str]) -> str:
@@ -17,7 +18,7 @@ def report_text(summary: Summary, out: str | os.PathLike[str]) -> str:
     if summary.reason is None:
         title, facts = f"initialized after {summary.frames_to_init} frames", _map_facts(summary)
     else:
-        title = f"not initialized: {summary.reason.replace('_', ' ')}"
+        title = f"not initialized: {in_words(summary.reason)}"
         facts = [("advice", summary.advice), ("frames read", str(summary.frames_read)), *_kept_facts(summary)]
     facts += [("attempts", _attempts(summary)), *(("note", note) for note in summary.notes)]
     facts.append(("results", f"{out}/ (look at it: slam-init view {out})"))
@@ -116,6 +117,6 @@ def _landmark_facts(summary: Summary) -> list[tuple[str, str]]:
 
 def _attempts(summary: Summary) -> str:
     """Return the number of attempts, in total and by verdict."""
-    verdicts = Counter(str(attempt.verdict) for attempt in summary.attempts)
-    counts = ", ".join(f"{count} {verdict.replace('_', ' ')}" for verdict, count in verdicts.most_common())
+    verdicts = Counter(attempt.verdict for attempt in summary.attempts)
+    counts = ", ".join(f"{count} {in_words(verdict)}" for verdict, count in verdicts.most_common())
     return f"{len(summary.attempts)}" + (f" ({counts})" if counts else "")

@@ -18,6 +18,7 @@ from slam_init.errors import SourceError, plain_line
 from slam_init.output.folder.marker import read_marker
 from slam_init.output.names import RECORDING, RUN_FILES
 from slam_init.system.regular_file import check_inside, read_regular
+from slam_init.types.reasons import in_words
 
 _SUMMARY = "summary.json"
 #: A thousand attempts with their gates and evidence have 4 MB.
@@ -128,7 +129,7 @@ def describe_result_text(info: ResultDescription) -> str:
         more = ", ..." if len(info.keyframes) > _SHOWN_KEYFRAMES else ""
         facts = [("keyframes", f"{len(info.keyframes)} (frames {frames}{more})"), ("landmarks", str(info.landmarks))]
     else:
-        title = f"not initialized after {info.frames_read} frames: {info.reason.replace('_', ' ')}"
+        title = f"not initialized after {info.frames_read} frames: {in_words(info.reason)}"
         facts = [("advice", info.advice)]
         if info.hypotheses:
             facts.append(("kept", f"{info.hypotheses} maps, one of them is right"))

@@ -241,7 +241,7 @@ def _space_views() -> tuple[Any, Any]:
         name="map: estimate blue, truth orange, newest frame yellow",
         defaults=no_axes,
         line_grid=False,
-        eye_controls=_eye(),
+        eye_controls=behind_first_camera(),
     )
     # Without eye controls the viewer fits the view to its content, also if the path is short.
     keyframes = rrb.Spatial3DView(
@@ -254,7 +254,7 @@ def _space_views() -> tuple[Any, Any]:
     return space, keyframes
 
 
-def _eye() -> Any:
+def behind_first_camera() -> Any:
     """Look from behind, above and beside the first camera; the unit is the median depth of the landmarks."""
     import rerun.blueprint as rrb
 

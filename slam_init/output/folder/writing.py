@@ -104,7 +104,6 @@ class OutputFolder:
     * ``command``: ``run``, ``compare`` or ``synth``.
     * ``targets``: Files that the command may write, as relative paths with slashes. An existing file of such a name
       that is not on the list of the marker is refused on entry.
-    * ``path``: The folder.
     * ``staging``: Empty folder on the same file system, for new results.
     """
 
