@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from make_two_views import NO_TRANSLATION, NOISE_RAD, R_TRUE, T_TRUE, box, views
+from make_two_views import NO_TRANSLATION, NOISE_RAD, R_TRUE, T_TRUE, box, plane, views
 from make_views import unit
 
 from quest import InputError, estimate_relative_pose
@@ -30,14 +30,7 @@ THRESHOLD_RAD = 2e-3
 
 def scene(seed: int, count: int = 200, *, outliers: float = 0.0, planar: bool = False, noise_rad: float = NOISE_RAD):
     """Bearings of a box or of a plane in both views; the first matches are the outliers."""
-    rng = np.random.default_rng(seed)
-    X = rng.uniform([-1.6, -1.2, 3], [1.6, 1.2, 6], (count, 3))
-    if planar:
-        X[:, 2] = 4.5 + 0.3 * X[:, 0] - 0.6 * X[:, 1]
-    m, n = (unit(unit(rays) + noise_rad * rng.normal(size=X.shape)) for rays in (X, X @ R_TRUE.T + T_TRUE))
-    wrong = int(outliers * count)
-    n[:wrong] = unit(rng.uniform([-0.5, -0.4, 1], [0.5, 0.4, 1], (wrong, 3)))
-    return m, n
+    return views((plane if planar else box)(seed, count), noise_rad=noise_rad, outliers=outliers, seed=seed)
 
 
 def errors_deg(R, t, R_other=R_TRUE, t_other=T_TRUE) -> tuple[float, float]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from make_two_views import NO_TRANSLATION, NOISE_RAD, R_TRUE, T_TRUE, box, views
 from make_views import unit
 
 from quest import estimate_relative_pose
@@ -21,23 +22,15 @@ from quest.relative_pose import Hypothesis
 from quest.robust.plane import fit_plane, off_line_rad
 
 SEEDS = st.integers(0, 2**32 - 1)
-NOISE_RAD = 5e-4
-R_TRUE = rotation_from_vector([0.05, -0.15, 0.08])
-T_TRUE = np.array([0.6, -0.1, 0.2])
 MODEL = np.concatenate([quaternion_from_matrix(R_TRUE), T_TRUE / np.linalg.norm(T_TRUE)])
 laws = settings(deadline=None, max_examples=25)
 
 
 def points(seed: int, count: int = 200, *, on_plane: float) -> np.ndarray:
     """Points of a box of depths 3 to 6; the first of them are moved along their rays to a tilted plane."""
-    X = np.random.default_rng(seed).uniform([-1.6, -1.2, 3], [1.6, 1.2, 6], (count, 3))
+    X = box(seed, count)
     X[: int(on_plane * count)] *= (4.5 / (X @ [-0.3, 0.6, 1]))[: int(on_plane * count), None]
     return X
-
-
-def views(X, *, noise_rad: float = NOISE_RAD, t=T_TRUE, seed: int = 0):
-    rng = np.random.default_rng([seed, 1])
-    return tuple(unit(unit(rays) + noise_rad * rng.normal(size=X.shape)) for rays in (X, X @ R_TRUE.T + t))
 
 
 # --- fit_plane ---
@@ -46,7 +39,7 @@ def views(X, *, noise_rad: float = NOISE_RAD, t=T_TRUE, seed: int = 0):
 @laws
 @given(seed=SEEDS)
 def test_all_points_of_a_plane_lie_on_it_and_its_poses_are_the_motion_and_the_twin(seed):
-    m, n = views(points(seed, on_plane=1.0), seed=seed)
+    m, n = views(points(seed, on_plane=1.0), noise_rad=NOISE_RAD, seed=seed)
     plane = fit_plane(MODEL, m, n, NOISE_RAD)
     assert plane.on + plane.off == 200
     assert plane.off <= 8  # three deviations of each component are exceeded once in a hundred or less
@@ -61,7 +54,7 @@ def test_all_points_of_a_plane_lie_on_it_and_its_poses_are_the_motion_and_the_tw
 
 
 def test_an_exact_plane_gives_the_exact_motion():
-    plane = fit_plane(MODEL, *views(points(0, on_plane=1.0), noise_rad=0.0), NOISE_RAD)
+    plane = fit_plane(MODEL, *views(points(0, on_plane=1.0)), NOISE_RAD)
     assert (plane.on, plane.off) == (200, 0)
     assert plane.along_rad < 1e-9
     assert abs(plane.poses[0][:4] @ MODEL[:4]) == pytest.approx(1, abs=1e-12)
@@ -71,7 +64,7 @@ def test_an_exact_plane_gives_the_exact_motion():
 @laws
 @given(seed=SEEDS)
 def test_points_off_a_plane_are_counted(seed):
-    m, n = views(points(seed, on_plane=0.7), seed=seed)
+    m, n = views(points(seed, on_plane=0.7), noise_rad=NOISE_RAD, seed=seed)
     plane = fit_plane(MODEL, m, n, NOISE_RAD)
     # A few points of the box lie within three deviations of the plane.
     assert 130 <= plane.on <= 155
@@ -82,14 +75,14 @@ def test_points_off_a_plane_are_counted(seed):
 @laws
 @given(seed=SEEDS, on_plane=st.floats(0, 0.3))
 def test_a_minority_of_points_on_a_plane_gives_no_plane(seed, on_plane):
-    plane = fit_plane(MODEL, *views(points(seed, on_plane=on_plane), seed=seed), NOISE_RAD)
+    plane = fit_plane(MODEL, *views(points(seed, on_plane=on_plane), noise_rad=NOISE_RAD, seed=seed), NOISE_RAD)
     assert plane.poses == []
     assert plane.along_rad == np.inf
     assert plane.on < plane.off
 
 
 def test_seven_points_and_equal_points_give_no_plane():
-    m, n = views(points(0, 7, on_plane=1.0))
+    m, n = views(points(0, 7, on_plane=1.0), noise_rad=NOISE_RAD)
     plane = fit_plane(MODEL, m, n, NOISE_RAD)
     assert (plane.on, plane.off, plane.poses) == (0, 7, [])
     assert fit_plane(MODEL, *(np.repeat(rays[:1], 20, axis=0) for rays in (m, n)), NOISE_RAD).poses == []
@@ -97,7 +90,7 @@ def test_seven_points_and_equal_points_give_no_plane():
 
 def test_points_on_a_line_give_finite_poses():
     X = np.array([-0.8, 0.2, 4.0]) + np.linspace(0, 1, 50)[:, None] * [1.6, 0.3, 1.0]
-    plane = fit_plane(MODEL, *views(X, noise_rad=0.0), NOISE_RAD)
+    plane = fit_plane(MODEL, *views(X), NOISE_RAD)
     assert plane.on + plane.off == 50
     assert all(np.isfinite(pose).all() for pose in plane.poses)
 
@@ -105,7 +98,7 @@ def test_points_on_a_line_give_finite_poses():
 @laws
 @given(seed=SEEDS)
 def test_rotating_the_second_camera_rotates_the_motions_of_a_plane(seed):
-    m, n = views(points(1, on_plane=1.0))
+    m, n = views(points(1, on_plane=1.0), noise_rad=NOISE_RAD)
     Q = rotation_from_vector(np.random.default_rng(seed).uniform(-2, 2, 3))
     turned_model = np.concatenate([quaternion_from_matrix(Q @ R_TRUE), Q @ MODEL[4:]])
     plane, turned = fit_plane(MODEL, m, n, NOISE_RAD), fit_plane(turned_model, m, n @ Q.T, NOISE_RAD)
@@ -118,7 +111,7 @@ def test_rotating_the_second_camera_rotates_the_motions_of_a_plane(seed):
 
 
 def test_the_same_matches_give_the_same_plane_and_are_not_changed():
-    m, n = views(points(2, on_plane=0.8))
+    m, n = views(points(2, on_plane=0.8), noise_rad=NOISE_RAD)
     before = m.tobytes(), n.tobytes()
     first, second = fit_plane(MODEL, m, n, NOISE_RAD), fit_plane(MODEL, m, n, NOISE_RAD)
     assert np.array(first.poses).tobytes() == np.array(second.poses).tobytes()
@@ -178,7 +171,7 @@ def test_rays_of_a_whole_image_have_a_large_width():
 @given(seed=SEEDS, on_plane=st.sampled_from([0.0, 1.0]))
 def test_a_translation_is_observable_and_measured(seed, on_plane):
     X = points(seed, on_plane=on_plane)
-    pose = estimate_relative_pose(*views(X, seed=seed))
+    pose = estimate_relative_pose(*views(X, noise_rad=NOISE_RAD, seed=seed))
     assert pose.kind == ("planar" if on_plane else "general")
     assert pose.parallax.observable(1e-9)
     true = np.linalg.norm(T_TRUE) / np.linalg.norm(X, axis=1)
@@ -189,7 +182,7 @@ def test_a_translation_is_observable_and_measured(seed, on_plane):
 @settings(deadline=None, max_examples=10)
 @given(seed=SEEDS, noise_rad=st.sampled_from([0.0, NOISE_RAD]))
 def test_a_rotation_only_camera_has_no_observable_translation(seed, noise_rad):
-    pose = estimate_relative_pose(*views(points(seed, on_plane=0.0), noise_rad=noise_rad, t=np.zeros(3), seed=seed))
+    pose = estimate_relative_pose(*views(points(seed, on_plane=0.0), t=NO_TRANSLATION, noise_rad=noise_rad, seed=seed))
     assert pose.kind == "rotation"
     assert pose.parallax is None or not pose.parallax.observable(1e-4)
 
@@ -210,7 +203,7 @@ def test_the_same_translation_is_observable_with_less_noise_only():
 @laws
 @given(seed=SEEDS)
 def test_where_the_parallax_is_large_the_covariance_is_that_of_least_squares(seed):
-    m, n = views(points(seed, on_plane=0.0), seed=seed)
+    m, n = views(points(seed, on_plane=0.0), noise_rad=NOISE_RAD, seed=seed)
     every = Hypothesis(MODEL[:4], R_TRUE, MODEL[4:], np.ones(len(m), bool))
     _, J = sampson_jacobian(R_TRUE, MODEL[4:], m, n)
     plain = NOISE_RAD * np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
